@@ -1,0 +1,62 @@
+"""Errors for bad input. Expected failures of the search are values (`types.Verdict`)."""
+
+from __future__ import annotations
+
+
+class PlacementPlannerError(Exception):
+    """Root of every error this package raises for bad input.
+
+    Args:
+        field: what was wrong, as the user names it (a parameter, a link, a message field).
+        value: the offending value, shown in the message in short form.
+        remedy: what to do about it, a sentence.
+    """
+
+    code = "BAD_PARAMETER"
+
+    def __init__(self, field: str, value: object, remedy: str) -> None:
+        self.field = field
+        self.value = value
+        self.remedy = remedy
+        shown = repr(value)
+        if len(shown) > 120:
+            shown = shown[:117] + "..."
+        super().__init__(f"{field} = {shown}: {remedy}")
+
+
+class ParameterError(PlacementPlannerError):
+    """A setting is out of range or of the wrong form."""
+
+
+class RobotError(PlacementPlannerError):
+    """The robot description, an arm or a gripper is unusable."""
+
+
+class GraspError(PlacementPlannerError):
+    """A grasp (pose of the object in the tip frame) is unusable."""
+
+    code = "BAD_GRASP"
+
+
+class ObjectError(PlacementPlannerError):
+    """The grasped object's geometry is unusable."""
+
+    code = "BAD_OBJECT"
+
+
+class VolumeError(PlacementPlannerError):
+    """The target volume is empty, inverted or not finite."""
+
+    code = "BAD_VOLUME"
+
+
+class CloudError(PlacementPlannerError):
+    """A point cloud is malformed."""
+
+    code = "NO_CLOUD"
+
+
+class JointStateError(PlacementPlannerError):
+    """Joint values are missing, not finite or beyond their limits."""
+
+    code = "JOINTS_MISSING"

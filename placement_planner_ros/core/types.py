@@ -1,0 +1,177 @@
+"""Values shared by every stage: V, goals, paths, timed curves and placements.
+
+Metres, radians, seconds. Arrays are float64, copied and made read-only at construction.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from placement_planner_ros.core.errors import VolumeError
+
+Array = npt.NDArray[np.float64]
+
+
+def frozen_array(values: npt.ArrayLike, shape: tuple[int, ...] | None = None) -> Array:
+    """Copy `values` to a read-only float64 array; -1 in `shape` matches any length.
+
+    Raises:
+        ValueError: the shape differs.
+    """
+    array = np.array(values, dtype=np.float64)
+    if shape is not None and (
+        array.ndim != len(shape)
+        or any(s not in (-1, d) for s, d in zip(shape, array.shape, strict=True))
+    ):
+        raise ValueError(f"expected shape {shape}, got {array.shape}")
+    array.setflags(write=False)
+    return array
+
+
+class Verdict(enum.IntEnum):
+    """What a sample's first failed check was, in the order of the checks (cheap first)."""
+
+    OUTSIDE_VOLUME = 0
+    """Reference contact point or centre of mass outside V."""
+    UNSTABLE = 1
+    """s(x) = 0: a vertex of v(f) has no support."""
+    COLLIDING = 2
+    """c_f(x) = 0: the object meets obstacles at rest or on its way down."""
+    NOT_BETTER = 3
+    """ξ(x) ≤ ξ_best."""
+    NO_IK = 4
+    """No arm configuration within the joint limits reaches the pose."""
+    ARM_COLLIDING = 5
+    """Arm, hand or held object collide in every configuration found."""
+    NO_APPROACH = 6
+    """No certified straight approach ends in the pose."""
+    FEASIBLE = 7
+    """Every constraint holds: a goal."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TargetVolume:
+    """V, an axis-aligned box in the planning frame.
+
+    Attributes:
+        lower, upper: (3,) corners, metres.
+    """
+
+    lower: Array
+    upper: Array
+
+    def __post_init__(self) -> None:
+        corners = np.array([self.lower, self.upper], dtype=np.float64)
+        if corners.shape != (2, 3) or not np.isfinite(corners).all():
+            raise VolumeError("target_volume", corners.tolist(), "give six finite numbers")
+        if not (corners[1] > corners[0]).all():
+            raise VolumeError(
+                "target_volume",
+                corners.ravel().tolist(),
+                "give the minimum corner first; every side must be longer than zero",
+            )
+        object.__setattr__(self, "lower", frozen_array(corners[0]))
+        object.__setattr__(self, "upper", frozen_array(corners[1]))
+
+    def contains(self, points: Array) -> npt.NDArray[np.bool_]:
+        """Which of the (n, 3) points lie in V."""
+        inside = (points >= self.lower) & (points <= self.upper)
+        return np.asarray(inside.all(axis=-1))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trajectory:
+    """A timed joint curve: quintic between its points, as a joint_trajectory_controller plays it.
+
+    Attributes:
+        joints: names, in column order.
+        times: (n,) seconds, strictly increasing from 0.
+        positions, velocities, accelerations: (n, len(joints)).
+    """
+
+    joints: tuple[str, ...]
+    times: Array
+    positions: Array
+    velocities: Array
+    accelerations: Array
+
+    def __post_init__(self) -> None:
+        shape = (len(self.times), len(self.joints))
+        object.__setattr__(self, "times", frozen_array(self.times, (-1,)))
+        for name in ("positions", "velocities", "accelerations"):
+            object.__setattr__(self, name, frozen_array(getattr(self, name), shape))
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the first to the last point."""
+        return float(self.times[-1])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Goal:
+    """A goal (q, a): a verified placement x = O(q) with its straight approach.
+
+    Attributes:
+        arm: name of the arm a.
+        grasp: index into the arm's grasps.
+        face: index into the body's placement faces.
+        T_world_object: x, the placement pose.
+        contact_height: z of the contact plane.
+        approach: (k, dof) joint waypoints from the raised pre-placement to contact; the last is q.
+        objective: ξ(x).
+    """
+
+    arm: str
+    grasp: int
+    face: int
+    T_world_object: pin.SE3
+    contact_height: float
+    approach: Array
+    objective: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "approach", frozen_array(self.approach, (-1, -1)))
+
+    @property
+    def q(self) -> Array:
+        """(dof,) configuration at contact."""
+        return np.asarray(self.approach[-1])
+
+    @property
+    def q_raised(self) -> Array:
+        """(dof,) configuration at the raised pre-placement, where transit ends."""
+        return np.asarray(self.approach[0])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Placement:
+    """A published solution: where, how, with which arm and grasp, along which motion.
+
+    Attributes:
+        goal: the placement reached.
+        trajectory: from q_0 through transit and approach to contact.
+        approach_start: seconds into the trajectory at which the approach begins.
+        search_time: seconds from the start of the run until it was found.
+        samples: goal samples tried until then.
+    """
+
+    goal: Goal
+    trajectory: Trajectory
+    approach_start: float
+    search_time: float
+    samples: int
+
+    @property
+    def T_world_object(self) -> pin.SE3:
+        """The placement pose x."""
+        return self.goal.T_world_object
+
+    @property
+    def objective(self) -> float:
+        """ξ(x)."""
+        return self.goal.objective
