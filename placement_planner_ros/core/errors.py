@@ -60,3 +60,9 @@ class JointStateError(PlacementPlannerError):
     """Joint values are missing, not finite or beyond their limits."""
 
     code = "JOINTS_MISSING"
+
+
+class StartError(PlacementPlannerError):
+    """The robot's start configuration is not free with the object in hand."""
+
+    code = "BAD_START"

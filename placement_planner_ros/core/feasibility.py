@@ -1,0 +1,80 @@
+"""Constraints on object poses: x in V, s(x), c_f(x), cheapest first."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pinocchio as pin
+
+from placement_planner_ros.core.body import Body, PlacementFace
+from placement_planner_ros.core.robot.object_collision import ObjectCollision
+from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.types import Array, TargetVolume, Verdict
+
+
+def placement_pose(face: PlacementFace, contact: Array, angle: float) -> pin.SE3:
+    """T(R_z(θ), (x, y, z_r)) · fT_o, a pose of Ŝ(r, f).
+
+    Args:
+        contact: (3,) position of the face's reference vertex.
+        angle: θ, rad.
+    """
+    cos, sin = math.cos(angle), math.sin(angle)
+    rotation = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    return pin.SE3(rotation, np.asarray(contact)) * face.T_face_object
+
+
+class PoseConstraints:
+    """V, s(x) and c_f(x) of one body in one environment.
+
+    Args:
+        contact_tolerance: how far below a vertex of v(f) its support may lie, metres.
+        raise_height: the least height from which the body must come straight down, metres.
+    """
+
+    def __init__(
+        self,
+        body: Body,
+        environment: Environment,
+        volume: TargetVolume,
+        collision: ObjectCollision,
+        contact_tolerance: float,
+        raise_height: float,
+    ) -> None:
+        self._body = body
+        self._environment = environment
+        self._volume = volume
+        self._collision = collision
+        self._tolerance = contact_tolerance
+        self._raise_height = raise_height
+
+    def in_volume(self, T_world_object: pin.SE3, face: int) -> bool:
+        """Whether the reference contact point lies in V, and horizontally the centre of mass."""
+        reference = T_world_object.act(self._body.faces[face].vertices[0])
+        center = T_world_object.act(self._body.center_of_mass)
+        center[2] = reference[2]
+        return bool(self._volume.contains(np.array([reference, center])).all())
+
+    def stable(self, T_world_object: pin.SE3, face: int) -> bool:
+        """s(x): every vertex of v(f) has a support within the contact tolerance."""
+        vertices = self._body.faces[face].vertices @ T_world_object.rotation.T
+        vertices += T_world_object.translation
+        return bool(self._environment.support.supported(vertices, self._tolerance).all())
+
+    def free(
+        self, T_world_object: pin.SE3, contact_height: float, raise_height: float | None = None
+    ) -> bool:
+        """c_f(x), on the whole way straight down from `raise_height` above."""
+        height = self._raise_height if raise_height is None else raise_height
+        return self._collision.free(T_world_object.homogeneous, contact_height, height)
+
+    def verdict(self, T_world_object: pin.SE3, face: int, contact_height: float) -> Verdict:
+        """The first constraint that fails, or FEASIBLE."""
+        if not self.in_volume(T_world_object, face):
+            return Verdict.OUTSIDE_VOLUME
+        if not self.stable(T_world_object, face):
+            return Verdict.UNSTABLE
+        if not self.free(T_world_object, contact_height):
+            return Verdict.COLLIDING
+        return Verdict.FEASIBLE

@@ -1,0 +1,245 @@
+"""The anytime placement planner (Algorithm 1)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from placement_planner_ros.core.body import Body
+from placement_planner_ros.core.errors import ParameterError, RobotError, StartError
+from placement_planner_ros.core.execution import ExecutionSettings, TrajectoryMaker
+from placement_planner_ros.core.feasibility import PoseConstraints
+from placement_planner_ros.core.goals import GoalFinder
+from placement_planner_ros.core.motion.birrt import RRTSettings
+from placement_planner_ros.core.objective import Objective
+from placement_planner_ros.core.reach import ApproachSettings, Reach
+from placement_planner_ros.core.refine import LocalOptimizer, Refined, RefineSettings
+from placement_planner_ros.core.robot.collision import CollisionSettings
+from placement_planner_ros.core.robot.ik import IKSettings
+from placement_planner_ros.core.robot.model import Arm, Robot
+from placement_planner_ros.core.robot.object_collision import ObjectCollision
+from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.search.hierarchy import AfrHierarchy, HierarchySettings
+from placement_planner_ros.core.search.sampler import (
+    GoalSampler,
+    MctsSampler,
+    SamplerSettings,
+    UniformSampler,
+)
+from placement_planner_ros.core.statistics import Statistics
+from placement_planner_ros.core.transit import MotionPlanner
+from placement_planner_ros.core.types import Array, Goal, Placement, TargetVolume
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Problem:
+    """One placement task.
+
+    Attributes:
+        arms: 𝒜, the arms that could be holding the object, each with its grasps.
+        q_start: (nq,) q_0, every joint of the robot.
+        body: the object o.
+        volume: V.
+        environment: the obstacle set, R and their support.
+    """
+
+    robot: Robot
+    arms: tuple[Arm, ...]
+    q_start: Array
+    body: Body
+    volume: TargetVolume
+    environment: Environment
+
+    def __post_init__(self) -> None:
+        if not any(arm.grasps for arm in self.arms):
+            raise RobotError(
+                "arms", [arm.name for arm in self.arms], "give at least one arm with a grasp"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class PlannerSettings:
+    """How to search. Budgets count samples and iterations, so a seed fixes the result.
+
+    Attributes:
+        sampler: `mcts`, or `uniform` for the ablation.
+        local_optimization: False for the ablation without OptimizeLocally.
+        motion_iterations: m_max, RRT iterations per tree in one iteration of Algorithm 1.
+        ik_seeds: random IK seeds per sampled pose.
+        min_improvement: ξ counts as better from this much.
+    """
+
+    sampler: Literal["mcts", "uniform"] = "mcts"
+    local_optimization: bool = True
+    motion_iterations: int = 50
+    ik_seeds: int = 7
+    min_improvement: float = 1e-4
+    hierarchy: HierarchySettings = field(default_factory=HierarchySettings)
+    sampling: SamplerSettings = field(default_factory=SamplerSettings)
+    ik: IKSettings = field(default_factory=IKSettings)
+    collision: CollisionSettings = field(default_factory=CollisionSettings)
+    approach: ApproachSettings = field(default_factory=ApproachSettings)
+    rrt: RRTSettings = field(default_factory=RRTSettings)
+    refine: RefineSettings = field(default_factory=RefineSettings)
+    execution: ExecutionSettings = field(default_factory=ExecutionSettings)
+
+    def __post_init__(self) -> None:
+        if self.sampler not in ("mcts", "uniform"):
+            raise ParameterError("sampler", self.sampler, "choose mcts or uniform")
+        for name in ("motion_iterations", "ik_seeds"):
+            if getattr(self, name) < 1:
+                raise ParameterError(name, getattr(self, name), "must be at least 1")
+        if not self.min_improvement >= 0.0:
+            raise ParameterError("min_improvement", self.min_improvement, "must not be negative")
+
+
+class PlacementPlanner:
+    """Algorithm 1: sample goals, plan motions, optimise locally, publish, repeat.
+
+    Args:
+        objective: ξ.
+        rng: every random choice of the run is drawn from it.
+
+    Attributes:
+        statistics: live counters, safe to read from other threads.
+        exhausted: why there is nothing to search, or '' while there is.
+
+    Raises:
+        StartError: q_0 is not free for any arm and grasp.
+        PlacementPlannerError: robot, object or settings are unusable.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        objective: Objective,
+        settings: PlannerSettings,
+        rng: np.random.Generator,
+    ) -> None:
+        self._settings = settings
+        rng_sampler, rng_ik, rng_motion, rng_paths = rng.spawn(4)
+        environment, body = problem.environment, problem.body
+        poses = PoseConstraints(
+            body,
+            environment,
+            problem.volume,
+            ObjectCollision(body, environment.obstacles, settings.collision),
+            settings.collision.contact_tolerance,
+            settings.approach.approach_minimum,
+        )
+        reaches = _usable_reaches(problem, settings)
+        self._reach = {(r.arm.name, r.grasp): r for of_arm in reaches for r in of_arm}
+        finder = GoalFinder(
+            body, poses, reaches, objective, settings.ik_seeds, settings.min_improvement, rng_ik
+        )
+        hierarchy = AfrHierarchy(
+            [len(of_arm) for of_arm in reaches],
+            len(body.faces),
+            environment.regions,
+            settings.hierarchy,
+        )
+        self.exhausted = _nothing_to_search(hierarchy)
+        Sampler = MctsSampler if settings.sampler == "mcts" else UniformSampler
+        self._sampler: GoalSampler = Sampler(hierarchy, finder, settings.sampling, rng_sampler)
+        self._motion = MotionPlanner(list(self._reach.values()), settings.rrt, rng_motion)
+        self._optimizer = LocalOptimizer(
+            poses, objective, settings.min_improvement, settings.refine
+        )
+        self._trajectories = TrajectoryMaker(settings.execution, rng_paths)
+        self.statistics = Statistics(self._sampler.count)
+
+    def run(self, should_stop: Callable[[], bool]) -> Iterator[Placement]:
+        """Yield each placement strictly better than the one before until told to stop."""
+        started = time.monotonic()
+        best = -np.inf
+        while not (self.exhausted or should_stop()):
+            for goal in self._sampler.sample_goals(best, should_stop):
+                self._motion.add(goal)
+                self.statistics.goals += 1
+            if self._motion.goals == 0:
+                continue
+            found = self._motion.plan(self._settings.motion_iterations, should_stop)
+            self.statistics.motion_iterations = self._motion.iterations
+            if found is None:
+                continue
+            placement = self._complete(*found, started, should_stop)
+            if placement is None:
+                continue
+            best = placement.objective
+            self._motion.retire(
+                lambda g, bound=best + self._settings.min_improvement: g.objective <= bound
+            )
+            self.statistics.best = best
+            self.statistics.solutions += 1
+            yield placement
+
+    def _complete(
+        self, goal: Goal, path: Array, started: float, should_stop: Callable[[], bool]
+    ) -> Placement | None:
+        """Optimise locally, shorten and time a transit path; None if nothing could be certified."""
+        reach = self._reach[goal.arm, goal.grasp]
+        refined = Refined(goal, path[-1:])
+        if self._settings.local_optimization:
+            refined = self._optimizer.optimize(goal, reach, should_stop)
+        path = np.vstack([path, refined.slide[1:]])
+        made = self._trajectories.make(path, refined.goal, reach, should_stop)
+        self._motion.retire(lambda g: g is goal)
+        if made is None:
+            self.statistics.unreached += 1
+            return None
+        trajectory, approach_start = made
+        return Placement(
+            refined.goal,
+            trajectory,
+            approach_start,
+            time.monotonic() - started,
+            self.statistics.samples,
+        )
+
+
+def _usable_reaches(problem: Problem, settings: PlannerSettings) -> list[list[Reach]]:
+    """Per arm, its grasps for which q_0 is free."""
+    reaches: list[list[Reach]] = []
+    reasons: list[str] = []
+    for arm in problem.arms:
+        of_arm = []
+        for grasp in range(len(arm.grasps)):
+            reach = Reach(
+                problem.robot,
+                arm,
+                grasp,
+                problem.body,
+                problem.environment.obstacles,
+                problem.q_start,
+                settings.collision,
+                settings.ik,
+                settings.approach,
+            )
+            reason = reach.collision.explain(reach.q_start)
+            if reason:
+                reasons.append(f"{arm.name} with grasp {grasp}: {reason}")
+            else:
+                of_arm.append(reach)
+        reaches.append(of_arm)
+    if not any(reaches):
+        raise StartError(
+            "joint_states",
+            "; ".join(reasons),
+            "the start configuration must keep collision_margin with the object in hand",
+        )
+    return reaches
+
+
+def _nothing_to_search(hierarchy: AfrHierarchy) -> str:
+    if not hierarchy.regions:
+        return (
+            "no placement region: the clouds show no level surface inside target_volume; "
+            "check the volume's corners and the clouds' frame"
+        )
+    if hierarchy.faces == 0:
+        return "no placement face: the object can stand on none of its sides"
+    return ""

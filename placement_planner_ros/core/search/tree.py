@@ -1,0 +1,244 @@
+"""Monte-Carlo tree over a hierarchy given by a function: UCB1 with child addition (Algorithm 3).
+
+The tree knows nothing of what its nodes stand for. Its numbers v(n), r(n) and its links live in
+flat arrays, so that one descent is one compiled call; children are asked for only once, when the
+first of them is to be added.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+from collections.abc import Callable, Sequence
+from typing import Generic, TypeVar
+
+import numpy as np
+from numba import njit
+
+from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.types import Array
+
+N = TypeVar("N")
+
+_SAMPLE = 0  # the descent ends here: sample this node
+_ADD = 1  # the descent ends here: add a child to this node
+_UNKNOWN = -1  # the number of children is not known yet
+
+
+@njit(cache=True)
+def _descend(
+    node: int,
+    depth: int,
+    min_depth: int,
+    c: float,
+    may_add: bool,
+    first_child: np.ndarray,
+    next_sibling: np.ndarray,
+    added: np.ndarray,
+    total: np.ndarray,
+    visits: np.ndarray,
+    rewards: np.ndarray,
+) -> tuple[int, int, int]:
+    """Follow SelectChild from `node` until a node is to be sampled or a child to be added."""
+    while True:
+        if depth >= min_depth and (visits[node] == 0 or total[node] == 0):
+            return node, depth, _SAMPLE
+        if total[node] == _UNKNOWN or added[node] == 0:
+            if depth >= min_depth and not may_add:
+                return node, depth, _SAMPLE
+            return node, depth, _ADD
+        log_visits = np.log(visits[node])
+        best, best_child, mean_sum = -np.inf, -1, 0.0
+        child = first_child[node]
+        while child >= 0:
+            mean = rewards[child] / visits[child]
+            u = mean + c * np.sqrt(2.0 * log_visits / visits[child])
+            mean_sum += mean
+            if u > best:
+                best, best_child = u, child
+            child = next_sibling[child]
+        if added[node] < total[node] and may_add:
+            j = added[node]
+            u_new = mean_sum / j + c * np.sqrt(2.0 * log_visits / j)
+            if u_new > best:
+                return node, depth, _ADD
+        node = best_child
+        depth += 1
+
+
+@njit(cache=True)
+def _propagate(
+    node: int, visit: int, reward: float, parent: np.ndarray, visits: np.ndarray, rewards: np.ndarray
+) -> None:
+    while node >= 0:
+        visits[node] += visit
+        rewards[node] += reward
+        node = parent[node]
+
+
+class SearchTree(Generic[N]):
+    """G_s: the part of a hierarchy that has been visited, with v(n), r(n) and Ch(n, G_s).
+
+    Args:
+        root: the hierarchy's root.
+        children: Ch(n), the children of a node; an empty sequence marks a leaf.
+        min_depth: depth from which nodes can be sampled (the root has depth 0).
+        exploration: c of UCB1, ≥ 0.
+        max_nodes: once reached, no further child is added below `min_depth`.
+        rng: chooses which child is added next.
+
+    Raises:
+        ParameterError: `exploration` is negative or `max_nodes` too small.
+    """
+
+    def __init__(
+        self,
+        root: N,
+        children: Callable[[N], Sequence[N]],
+        min_depth: int,
+        exploration: float,
+        max_nodes: int,
+        rng: np.random.Generator,
+    ) -> None:
+        if not exploration >= 0.0:
+            raise ParameterError("exploration", exploration, "must be zero or larger")
+        if max_nodes < 2:
+            raise ParameterError("max_nodes", max_nodes, "must be at least 2")
+        self._children = children
+        self._min_depth = min_depth
+        self._exploration = exploration
+        self._max_nodes = max_nodes
+        self._rng = rng
+        self._payload: list[N] = []
+        self._waiting: dict[int, list[N]] = {}
+        self._allocate(1024)
+        self._new_node(root, -1)
+        self._threshold = -np.inf
+        self._records: list[tuple[float, int, int, float]] = []
+        self._record_count = itertools.count()
+
+    def __len__(self) -> int:
+        return len(self._payload)
+
+    def __getitem__(self, node: int) -> N:
+        return self._payload[node]
+
+    def visits(self, node: int) -> int:
+        """v(n)."""
+        return int(self._visits[node])
+
+    def reward(self, node: int) -> float:
+        """r(n)."""
+        return float(self._rewards[node])
+
+    def added_children(self, node: int) -> list[int]:
+        """Ch(n, G_s)."""
+        found = []
+        child = int(self._first_child[node])
+        while child >= 0:
+            found.append(child)
+            child = int(self._next_sibling[child])
+        return found
+
+    def is_leaf(self, node: int) -> bool:
+        """Whether the hierarchy has no children below this node."""
+        if self._total[node] == _UNKNOWN:
+            children = list(self._children(self._payload[node]))
+            self._rng.shuffle(children)  # type: ignore[arg-type]
+            self._total[node] = len(children)
+            if children:
+                self._waiting[node] = children
+        return bool(self._total[node] == 0)
+
+    def select(self) -> int:
+        """SelectAfrNode: the node to sample next.
+
+        Raises:
+            ParameterError: the hierarchy ends above `min_depth`.
+        """
+        node, depth = 0, 0
+        while True:
+            node, depth, action = _descend(
+                node,
+                depth,
+                self._min_depth,
+                self._exploration,
+                len(self._payload) < self._max_nodes,
+                self._first_child,
+                self._next_sibling,
+                self._added,
+                self._total,
+                self._visits,
+                self._rewards,
+            )
+            if action == _SAMPLE:
+                return node
+            if self.is_leaf(node):
+                if depth < self._min_depth:
+                    raise ParameterError(
+                        "hierarchy", self._payload[node], "has no children to choose from"
+                    )
+                return node
+            if self._added[node] == 0 or self._waiting.get(node):
+                node = self._add_child(node)
+                depth += 1
+
+    def update(self, node: int, reward: float, value: float, demoted: float) -> None:
+        """Update: one more sample of `node`, propagated to its ancestors.
+
+        Args:
+            reward: Δr(n).
+            value: ξ of the sample where it beat the threshold, else -inf.
+            demoted: what the reward becomes once the threshold has risen to `value` or above.
+        """
+        if value <= self._threshold:
+            value = -np.inf
+        _propagate(node, 1, reward, self._parent, self._visits, self._rewards)
+        if value > -np.inf and reward != demoted:
+            record = (value, next(self._record_count), node, demoted - reward)
+            heapq.heappush(self._records, record)
+            if len(self._records) > self._max_nodes:
+                self._demote(heapq.heappop(self._records))
+
+    def raise_threshold(self, value: float) -> None:
+        """ξ_best rose: samples that no longer beat it count as what they now are."""
+        self._threshold = max(self._threshold, value)
+        while self._records and self._records[0][0] <= value:
+            self._demote(heapq.heappop(self._records))
+
+    def _demote(self, record: tuple[float, int, int, float]) -> None:
+        _propagate(record[2], 0, record[3], self._parent, self._visits, self._rewards)
+
+    def _add_child(self, node: int) -> int:
+        waiting = self._waiting[node]
+        child = self._new_node(waiting.pop(), node)
+        if not waiting:
+            del self._waiting[node]
+        self._next_sibling[child] = self._first_child[node]
+        self._first_child[node] = child
+        self._added[node] += 1
+        return child
+
+    def _new_node(self, payload: N, parent: int) -> int:
+        node = len(self._payload)
+        if node == len(self._parent):
+            self._allocate(2 * node)
+        self._payload.append(payload)
+        self._parent[node] = parent
+        return node
+
+    def _allocate(self, size: int) -> None:
+        def grown(name: str, fill: float, dtype: type) -> np.ndarray:
+            array = np.full(size, fill, dtype=dtype)
+            old: Array | None = getattr(self, name, None)
+            if old is not None:
+                array[: len(old)] = old
+            return array
+
+        self._parent = grown("_parent", -1, np.int32)
+        self._first_child = grown("_first_child", -1, np.int32)
+        self._next_sibling = grown("_next_sibling", -1, np.int32)
+        self._added = grown("_added", 0, np.int32)
+        self._total = grown("_total", _UNKNOWN, np.int32)
+        self._visits = grown("_visits", 0, np.int64)
+        self._rewards = grown("_rewards", 0.0, np.float64)
