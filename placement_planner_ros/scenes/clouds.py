@@ -1,0 +1,278 @@
+"""Point clouds of a scene: its complete surface, or what depth cameras see of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.types import Array
+from placement_planner_ros.scenes.primitives import ConvexPrimitive
+from placement_planner_ros.scenes.scenes import Scene
+
+_OUTWARD = 1e-5
+"""Metres a surface point is moved outwards to see whether another solid is pressed against it."""
+_STRICT = 1e-7
+"""Metres below a surface from which on a point counts as inside."""
+
+
+def complete_cloud(
+    scene: Scene,
+    spacing: float = 0.005,
+    bounds: tuple[Array, Array] | None = None,
+) -> Array:
+    """Points on the whole surface of the union of the scene's parts, the same at every call.
+
+    Exact corner and edge points included. Points inside a part, or on a face that another part
+    is pressed against (the deck beneath a standing box), are not on that surface and left out.
+
+    Args:
+        spacing: largest distance between neighbouring points along each face's axes, metres.
+        bounds: (3,) corners; only points within are returned.
+
+    Returns:
+        (n, 3) points in the world frame.
+
+    Raises:
+        ParameterError: `spacing` is not a positive number.
+    """
+    if not (np.isfinite(spacing) and spacing > 0):
+        raise ParameterError("spacing", spacing, "give a positive distance in metres")
+    kept = []
+    for part in scene.parts:
+        others = [other for other in scene.parts if other is not part and _near(part, other)]
+        for face in range(len(part.normals)):
+            points = _polygon_points(part.polygon(face), part.normals[face], spacing)
+            if bounds is not None:
+                points = points[((points >= bounds[0]) & (points <= bounds[1])).all(axis=1)]
+            moved = points + _OUTWARD * part.normals[face]
+            covered = np.zeros(len(points), dtype=bool)
+            for other in others:
+                covered |= other.depth(moved) > _STRICT
+            kept.append(points[~covered])
+    cloud = np.vstack(kept)
+    _, first = np.unique(np.round(cloud, 9), axis=0, return_index=True)
+    return np.asarray(cloud[np.sort(first)])
+
+
+def _near(a: ConvexPrimitive, b: ConvexPrimitive) -> bool:
+    gap = np.maximum(
+        a.vertices.min(axis=0) - b.vertices.max(axis=0),
+        b.vertices.min(axis=0) - a.vertices.max(axis=0),
+    )
+    return bool(gap.max() <= 2 * _OUTWARD)
+
+
+def _polygon_points(corners: Array, normal: Array, spacing: float) -> Array:
+    """A lattice along the longest edge over a convex polygon, its corners and edges included."""
+    following = np.roll(corners, -1, axis=0)
+    lengths = np.linalg.norm(following - corners, axis=1)
+    u = (following - corners)[np.argmax(lengths)] / lengths.max()
+    axes = np.column_stack([u, np.cross(normal, u)])
+    flat = (corners - corners[0]) @ axes
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    ticks = [
+        np.linspace(low[i], high[i], int(np.ceil((high[i] - low[i]) / spacing - 1e-9)) + 1)
+        for i in range(2)
+    ]
+    lattice = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, 2)
+    edges = np.roll(flat, -1, axis=0) - flat
+    relative = lattice[:, None] - flat
+    cross = edges[:, 0] * relative[..., 1] - edges[:, 1] * relative[..., 0]
+    inner = lattice[(cross > _STRICT * np.linalg.norm(edges, axis=1)).all(axis=1)]
+    rim = [
+        a + np.linspace(0, 1, int(np.ceil(length / spacing - 1e-9)) + 1)[:-1, None] * (b - a)
+        for a, b, length in zip(corners, following, lengths, strict=True)
+    ]
+    return np.vstack([*rim, corners[0] + inner @ axes.T])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DepthCamera:
+    """A pinhole depth camera.
+
+    Attributes:
+        name: name of its optical frame.
+        T_world_camera: pose of the optical frame (z along the view, x right, y down in the image).
+        width, height: pixels.
+        focal_length: pixels, the same in both directions; the principal point is the centre.
+    """
+
+    name: str
+    T_world_camera: pin.SE3
+    width: int = 640
+    height: int = 480
+    focal_length: float = 340.0
+
+    @classmethod
+    def looking_at(
+        cls, name: str, position: Sequence[float], target: Sequence[float]
+    ) -> DepthCamera:
+        """A camera at `position` that has `target` in the middle and the world's z upwards."""
+        forward = np.subtract(target, position).astype(np.float64)
+        forward /= np.linalg.norm(forward)
+        right = np.cross(forward, [0.0, 0.0, 1.0])
+        right /= np.linalg.norm(right)
+        rotation = np.column_stack([right, np.cross(forward, right), forward])
+        return cls(name, pin.SE3(rotation, np.array(position, dtype=np.float64)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraCloud:
+    """An organised cloud as a depth camera delivers it.
+
+    Attributes:
+        camera: where it was taken from.
+        points: (height, width, 3) float32 in the camera's optical frame, metres; NaN where
+            nothing was seen.
+    """
+
+    camera: DepthCamera
+    points: npt.NDArray[np.float32]
+
+    def world_points(self) -> Array:
+        """(n, 3) finite points in the world frame."""
+        flat = self.points.reshape(-1, 3).astype(np.float64)
+        flat = flat[np.isfinite(flat).all(axis=1)]
+        T = self.camera.T_world_camera
+        return np.asarray(flat @ T.rotation.T + T.translation)
+
+
+@dataclass(frozen=True, slots=True)
+class CameraNoise:
+    """What a depth camera adds to the truth.
+
+    Attributes:
+        range_deviation: standard deviation along each ray, metres.
+        flying_share: share of the pixels on a depth discontinuity that land between its sides.
+        discontinuity: depth step between neighbouring pixels that counts as one, metres.
+    """
+
+    range_deviation: float = 0.002
+    flying_share: float = 0.05
+    discontinuity: float = 0.03
+
+
+def scene_cameras(scene: Scene) -> tuple[DepthCamera, DepthCamera]:
+    """Two cameras above the robot's left and right shoulder, looking at the middle of V.
+
+    They look under the cabinet's top, whose front edge hides the upper part of its back wall.
+    """
+    target = (scene.volume.lower + scene.volume.upper) / 2
+    return (
+        DepthCamera.looking_at("camera_left_optical_frame", (0.0, 0.35, 0.65), target),
+        DepthCamera.looking_at("camera_right_optical_frame", (0.0, -0.35, 0.65), target),
+    )
+
+
+def camera_clouds(
+    scene: Scene,
+    rng: np.random.Generator,
+    *,
+    extra: Sequence[ConvexPrimitive] = (),
+    cameras: Sequence[DepthCamera] | None = None,
+    noise: CameraNoise | None = None,
+) -> tuple[CameraCloud, ...]:
+    """What depth cameras see of a scene: occlusion, range noise, NaN and flying pixels.
+
+    Args:
+        extra: further solids in view, in the world frame: the robot, the object in its hand.
+        cameras: `scene_cameras` unless given.
+        noise: `CameraNoise()` unless given.
+    """
+    noise = CameraNoise() if noise is None else noise
+    cameras = scene_cameras(scene) if cameras is None else cameras
+    parts = [*scene.parts, *extra]
+    return tuple(_render(camera, parts, noise, rng) for camera in cameras)
+
+
+def _render(
+    camera: DepthCamera,
+    parts: Sequence[ConvexPrimitive],
+    noise: CameraNoise,
+    rng: np.random.Generator,
+) -> CameraCloud:
+    T_camera_world = camera.T_world_camera.inverse()
+    f, cx, cy = camera.focal_length, (camera.width - 1) / 2, (camera.height - 1) / 2
+    normals = [part.normals @ T_camera_world.rotation.T for part in parts]
+    offsets = [
+        part.offsets + n @ T_camera_world.translation
+        for part, n in zip(parts, normals, strict=True)
+    ]
+    first = np.concatenate([[0], np.cumsum([len(n) for n in normals])]).astype(np.int64)
+    windows = np.empty((len(parts), 4), dtype=np.int64)
+    size = np.array([camera.width, camera.height])
+    for row, part in enumerate(parts):
+        seen = part.vertices @ T_camera_world.rotation.T + T_camera_world.translation
+        if (seen[:, 2] < 1e-3).any():
+            windows[row] = 0, camera.width, 0, camera.height
+            continue
+        pixels = seen[:, :2] / seen[:, 2:] * f + (cx, cy)
+        low = np.clip(np.floor(pixels.min(axis=0)), 0, size)
+        high = np.clip(np.ceil(pixels.max(axis=0)) + 1, 0, size)
+        windows[row] = low[0], high[0], low[1], high[1]
+    depth = np.full((camera.height, camera.width), np.inf)
+    _cast(np.vstack(normals), np.concatenate(offsets), first, windows, f, cx, cy, depth)
+
+    seen_depth = _with_flying_pixels(depth, noise, rng)
+    seen_depth[~np.isfinite(seen_depth)] = np.nan
+    u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+    rays = np.stack([(u - cx) / f, (v - cy) / f, np.ones_like(u, dtype=np.float64)], axis=-1)
+    error = rng.normal(0.0, noise.range_deviation, depth.shape) if noise.range_deviation else 0.0
+    scaled = seen_depth + error / np.linalg.norm(rays, axis=-1)
+    return CameraCloud(camera, (rays * scaled[..., None]).astype(np.float32))
+
+
+def _with_flying_pixels(depth: Array, noise: CameraNoise, rng: np.random.Generator) -> Array:
+    result = depth.copy()
+    for axis in (0, 1):
+        ahead = np.roll(depth, -1, axis=axis)
+        with np.errstate(invalid="ignore"):
+            step = ahead - depth
+        edge = np.isfinite(step) & (np.abs(step) > noise.discontinuity)
+        edge[(-1, slice(None)) if axis == 0 else (slice(None), -1)] = False
+        flying = edge & (rng.random(depth.shape) < noise.flying_share)
+        result[flying] += rng.random(int(flying.sum())) * step[flying]
+    return result
+
+
+@numba.njit(cache=True, fastmath=False)
+def _cast(
+    normals: Array,
+    offsets: Array,
+    first: npt.NDArray[np.int64],
+    windows: npt.NDArray[np.int64],
+    f: float,
+    cx: float,
+    cy: float,
+    depth: Array,
+) -> None:
+    """Smallest depth at which each pixel's ray enters a solid, into `depth` (height, width).
+
+    Solid k is `normals[i] @ x <= offsets[i]` for i in first[k] … first[k + 1] − 1, in the camera
+    frame; only pixels of its window (u from, u to, v from, v to) can see it.
+    """
+    for k in range(len(windows)):
+        for v in range(windows[k, 2], windows[k, 3]):
+            dy = (v - cy) / f
+            for u in range(windows[k, 0], windows[k, 1]):
+                dx = (u - cx) / f
+                enter = 1e-3
+                leave = depth[v, u]
+                for i in range(first[k], first[k + 1]):
+                    along = normals[i, 0] * dx + normals[i, 1] * dy + normals[i, 2]
+                    if along < 0.0:
+                        enter = max(enter, offsets[i] / along)
+                    elif along > 0.0:
+                        leave = min(leave, offsets[i] / along)
+                    elif offsets[i] < 0.0:
+                        leave = -1.0
+                    if enter >= leave:
+                        break
+                if enter < leave:
+                    depth[v, u] = enter

@@ -1,0 +1,169 @@
+"""Convex primitives: solids from which the bundled scenes and objects are built.
+
+Every solid is the convex hull of its vertices, exactly: a "cylinder" is the prism over a regular
+polygon with its corners on the circle (at 48 sides the flats lie 0.2 % of the radius inside).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import ConvexHull
+
+from placement_planner_ros.core.types import Array, frozen_array
+
+Colour = tuple[float, float, float]
+
+_COPLANAR = 1e-7
+"""Metres and (for unit normals) radians below which hull facets are one face."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ConvexPrimitive:
+    """A named convex solid.
+
+    Attributes:
+        name: what it is; the pieces of one thing are named `thing/piece`.
+        vertices: (n, 3) corners of the hull, metres, in the world (or object) frame.
+        colour: red, green, blue in 0…1.
+        triangles: (t, 3) indices into `vertices`, counter-clockwise seen from outside.
+        normals, offsets: (p, 3) and (p,), one per flat face; inside is `normals @ x <= offsets`.
+    """
+
+    name: str
+    vertices: Array
+    colour: Colour = (0.7, 0.7, 0.7)
+    triangles: npt.NDArray[np.int64] = field(init=False)
+    normals: Array = field(init=False)
+    offsets: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        points = np.asarray(self.vertices, dtype=np.float64)
+        points = points[np.sort(ConvexHull(points).vertices)]
+        hull = ConvexHull(points)
+        triangles = hull.simplices.astype(np.int64)
+        a, b, c = (points[triangles[:, i]] for i in range(3))
+        inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0
+        triangles[inward] = triangles[inward][:, ::-1]
+        planes: list[npt.NDArray[np.float64]] = []
+        for plane in hull.equations:
+            if not any(np.abs(plane - other).max() < _COPLANAR for other in planes):
+                planes.append(plane)
+        triangles.setflags(write=False)
+        object.__setattr__(self, "vertices", frozen_array(points, (-1, 3)))
+        object.__setattr__(self, "triangles", triangles)
+        object.__setattr__(self, "normals", frozen_array(np.array(planes)[:, :3]))
+        object.__setattr__(self, "offsets", frozen_array(-np.array(planes)[:, 3]))
+
+    @property
+    def thing(self) -> str:
+        """The thing this piece belongs to: the name up to the first slash."""
+        return self.name.split("/")[0]
+
+    def polygon(self, face: int) -> Array:
+        """(k, 3) corners of one flat face, counter-clockwise seen from outside."""
+        normal = self.normals[face]
+        on_plane = np.abs(self.vertices @ normal - self.offsets[face]) < 1e-6
+        corners = self.vertices[on_plane]
+        u = corners[1] - corners[0]
+        u /= np.linalg.norm(u)
+        flat = (corners - corners.mean(axis=0)) @ np.column_stack([u, np.cross(normal, u)])
+        return np.asarray(corners[np.argsort(np.arctan2(flat[:, 1], flat[:, 0]))])
+
+    def depth(self, points: Array) -> Array:
+        """How deep each of the (n, 3) points lies inside: (n,), metres, negative outside.
+
+        Inside it is the distance to the nearest face; outside, a lower bound of the (negated)
+        distance.
+        """
+        return np.asarray((self.offsets - points @ self.normals.T).min(axis=1))
+
+
+def box(
+    name: str, lower: Sequence[float], upper: Sequence[float], colour: Colour
+) -> ConvexPrimitive:
+    """Axis-aligned box between two corners."""
+    corners = [
+        [x, y, z]
+        for x in (lower[0], upper[0])
+        for y in (lower[1], upper[1])
+        for z in (lower[2], upper[2])
+    ]
+    return ConvexPrimitive(name, np.array(corners, dtype=np.float64), colour)
+
+
+def standing_box(
+    name: str,
+    size: Sequence[float],
+    centre: Sequence[float],
+    yaw: float,
+    bottom: float,
+    colour: Colour,
+) -> ConvexPrimitive:
+    """Box of `size` (length, width, height) on the plane z = `bottom`.
+
+    Args:
+        centre: (2,) x and y of its footprint's centre.
+        yaw: radians from the x axis to the box's length, about z.
+    """
+    c, s = np.cos(yaw), np.sin(yaw)
+    half = np.array(size, dtype=np.float64) / 2
+    corners = [
+        [centre[0] + c * x - s * y, centre[1] + s * x + c * y, z]
+        for x in (-half[0], half[0])
+        for y in (-half[1], half[1])
+        for z in (bottom, bottom + size[2])
+    ]
+    return ConvexPrimitive(name, np.array(corners), colour)
+
+
+def circle(radius: float, z: float, sides: int, centre: Sequence[float] = (0.0, 0.0)) -> Array:
+    """(sides, 3) corners on a horizontal circle, the first in direction +x."""
+    angles = np.arange(sides) * 2 * np.pi / sides
+    return np.column_stack(
+        [
+            centre[0] + radius * np.cos(angles),
+            centre[1] + radius * np.sin(angles),
+            np.full(sides, z),
+        ]
+    )
+
+
+def frustum(
+    name: str,
+    radius_bottom: float,
+    radius_top: float,
+    bottom: float,
+    top: float,
+    colour: Colour,
+    centre: Sequence[float] = (0.0, 0.0),
+    sides: int = 48,
+) -> ConvexPrimitive:
+    """Upright frustum (a cylinder where the radii are equal) about the axis through `centre`."""
+    rings = [circle(radius_bottom, bottom, sides, centre), circle(radius_top, top, sides, centre)]
+    return ConvexPrimitive(name, np.vstack(rings), colour)
+
+
+def bowl(
+    name: str,
+    diameter: float,
+    height: float,
+    centre: Sequence[float],
+    bottom: float,
+    colour: Colour,
+    wall: float = 0.004,
+    sides: int = 24,
+) -> tuple[ConvexPrimitive, ...]:
+    """Round bowl open above: a floor disk and a ring of convex wall segments, `wall` thick."""
+    outer, inner = diameter / 2, diameter / 2 - wall
+    pieces = [frustum(f"{name}/floor", outer, outer, bottom, bottom + wall, colour, centre, sides)]
+    low, high = bottom + wall, bottom + height
+    rings = [circle(r, z, sides, centre) for r in (inner, outer) for z in (low, high)]
+    for i in range(sides):
+        j = (i + 1) % sides
+        corners = np.array([ring[k] for ring in rings for k in (i, j)])
+        pieces.append(ConvexPrimitive(f"{name}/wall_{i}", corners, colour))
+    return tuple(pieces)

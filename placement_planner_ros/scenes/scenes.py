@@ -1,0 +1,157 @@
+"""The three bundled scenes: a cabinet with little and with much clutter, and a full table.
+
+World = the YuMi's body frame: x forward, y left, z up, metres. All sizes follow the paper's
+experiments.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.types import TargetVolume
+from placement_planner_ros.scenes.primitives import (
+    Colour,
+    ConvexPrimitive,
+    bowl,
+    box,
+    frustum,
+    standing_box,
+)
+
+_WOOD: Colour = (0.80, 0.68, 0.50)
+_SHELF: Colour = (0.72, 0.58, 0.40)
+_BAR: Colour = (0.55, 0.33, 0.22)
+_TIN: Colour = (0.55, 0.60, 0.68)
+_BOTTLE: Colour = (0.30, 0.55, 0.42)
+_BOX: Colour = (0.82, 0.62, 0.25)
+_BOWL: Colour = (0.86, 0.86, 0.90)
+_CAN: Colour = (0.75, 0.30, 0.30)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """A planning scene: what stands there and where the object shall go.
+
+    Attributes:
+        name: as on the command line.
+        volume: the target volume V.
+        parts: convex solids in the world frame whose union is the environment.
+    """
+
+    name: str
+    volume: TargetVolume
+    parts: tuple[ConvexPrimitive, ...]
+
+    @property
+    def things(self) -> tuple[str, ...]:
+        """Names of the things in the scene, each once (a bowl's pieces are one thing)."""
+        return tuple(dict.fromkeys(part.thing for part in self.parts))
+
+
+def _volume(*corners: float) -> TargetVolume:
+    return TargetVolume(np.array(corners[:3]), np.array(corners[3:]))
+
+
+def _cabinet() -> tuple[ConvexPrimitive, ...]:
+    left, right = -0.489, 0.412  # y range; open towards −x
+    return (
+        box("drawers", (0.366, left, -0.560), (0.810, right, 0.176), _WOOD),
+        box("left_wall", (0.366, 0.392, 0.176), (0.810, right, 0.508), _WOOD),
+        box("right_wall", (0.366, left, 0.176), (0.810, -0.469, 0.508), _WOOD),
+        box("back", (0.794, left, 0.177), (0.814, right, 0.517), _WOOD),
+        box("top", (0.442, left, 0.496), (0.810, right, 0.516), _WOOD),
+        box("divider", (0.498, 0.124, 0.176), (0.792, 0.137, 0.496), _SHELF),
+        box("lower_shelf", (0.498, 0.137, 0.250), (0.792, 0.392, 0.263), _SHELF),
+        box("upper_shelf", (0.498, 0.137, 0.378), (0.792, 0.392, 0.391), _SHELF),
+    )
+
+
+_DECK, _LOWER_SHELF, _TABLE = 0.176, 0.263, 0.0
+
+
+def _bar(x: float, y: float, degrees: float, z: float, height: float = 0.033) -> ConvexPrimitive:
+    return standing_box("bar", (0.202, 0.036, height), (x, y), np.deg2rad(degrees), z, _BAR)
+
+
+def _tin(x: float, y: float, degrees: float, z: float) -> ConvexPrimitive:
+    return standing_box("tin", (0.102, 0.057, 0.084), (x, y), np.deg2rad(degrees), z, _TIN)
+
+
+def _big_box(x: float, y: float, degrees: float, z: float) -> ConvexPrimitive:
+    return standing_box("box", (0.217, 0.072, 0.167), (x, y), np.deg2rad(degrees), z, _BOX)
+
+
+def _flat_bottle(x: float, y: float, degrees: float, z: float) -> ConvexPrimitive:
+    size = (0.096, 0.059, 0.191)
+    return standing_box("flat_bottle", size, (x, y), np.deg2rad(degrees), z, _BOTTLE)
+
+
+def _round(
+    name: str, diameter: float, height: float, x: float, y: float, z: float, colour: Colour
+) -> ConvexPrimitive:
+    return frustum(name, diameter / 2, diameter / 2, z, z + height, colour, (x, y))
+
+
+def _cabinet_low_clutter() -> Scene:
+    clutter = (
+        _bar(0.588, -0.369, 3, _DECK),
+        _tin(0.560, 0.223, -1, _LOWER_SHELF),
+        _round("bottle", 0.068, 0.227, 0.507, -0.177, _DECK, _BOTTLE),
+    )
+    volume = _volume(0.33, -0.53, 0.15, 0.75, 0.40, 0.44)
+    return Scene("cabinet_low_clutter", volume, _cabinet() + clutter)
+
+
+def _cabinet_high_clutter() -> Scene:
+    clutter = (
+        _big_box(0.630, -0.332, -1, _DECK),
+        *bowl("bowl", 0.160, 0.055, (0.677, -0.078), _DECK, _BOWL),
+        _flat_bottle(0.499, -0.162, 170, _DECK),
+        _round("can", 0.068, 0.102, 0.454, 0.269, _DECK, _CAN),
+        _round("low_can", 0.085, 0.034, 0.549, 0.197, _LOWER_SHELF, _CAN),
+        _bar(0.488, 0.023, 134, _DECK),
+    )
+    volume = _volume(0.33, -0.53, 0.15, 0.75, 0.40, 0.44)
+    return Scene("cabinet_high_clutter", volume, _cabinet() + clutter)
+
+
+def _table() -> Scene:
+    parts = (
+        box("table", (0.139, -0.426, -0.500), (0.695, 0.474, 0.0), _WOOD),
+        _bar(0.321, -0.330, 2, _TABLE, height=0.034),
+        _tin(0.467, 0.223, -1, _TABLE),
+        _round("bottle", 0.068, 0.227, 0.507, -0.167, _TABLE, _BOTTLE),
+        _big_box(0.300, -0.082, 142, _TABLE),
+        *bowl("bowl", 0.160, 0.055, (0.475, 0.072), _TABLE, _BOWL),
+        _flat_bottle(0.591, -0.305, 170, _TABLE),
+        _round("can", 0.068, 0.102, 0.440, 0.343, _TABLE, _CAN),
+        _round("low_can", 0.085, 0.034, 0.599, 0.272, _TABLE, _CAN),
+        standing_box(
+            "small_box", (0.094, 0.048, 0.176), (0.267, 0.252), np.deg2rad(102), _TABLE, _BOX
+        ),
+    )
+    return Scene("table", _volume(0.17, -0.40, -0.10, 0.66, 0.40, 0.10), parts)
+
+
+_SCENES: dict[str, Callable[[], Scene]] = {
+    "cabinet_low_clutter": _cabinet_low_clutter,
+    "cabinet_high_clutter": _cabinet_high_clutter,
+    "table": _table,
+}
+
+SCENE_NAMES: tuple[str, ...] = tuple(_SCENES)
+
+
+def scene_by_name(name: str) -> Scene:
+    """Build a bundled scene.
+
+    Raises:
+        ParameterError: no such scene; the message lists those there are.
+    """
+    if name not in _SCENES:
+        raise ParameterError("scene", name, f"choose one of {', '.join(SCENE_NAMES)}")
+    return _SCENES[name]()
