@@ -1,0 +1,79 @@
+"""Installs under pip and under colcon alike; see docs/design.md, "Package"."""
+
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+PACKAGE = "placement_planner_ros"
+
+EXECUTABLES = {
+    "placement_planner": "placement_planner_ros.node",
+    "placement_demo": "placement_planner_ros.demo",
+    "placement_scene": "placement_planner_ros.scene_publisher",
+    "placement_benchmark": "placement_planner_ros.experiments.benchmark",
+}
+
+CORE = [
+    "coal>=3.0,<4",
+    "matplotlib>=3.8,<4",
+    "numba>=0.60,<0.70",
+    "numpy>=1.26,<3",
+    "ompl>=2.0,<3",
+    "pin>=3.4,<5",
+    "scipy>=1.12,<2",
+    "toppra>=0.6,<0.7",
+    "trimesh>=4.4,<6",
+]
+
+# ROS 2 Jazzy as wheels, which exist for x86-64 only. Elsewhere, and wherever a Jazzy is sourced,
+# rclpy and the messages come from there.
+ROS = [
+    "ros-jazzy-common-interfaces>=5.3,<6",
+    "ros-jazzy-rclpy>=7.1.6,<7.2",
+    "ros-rclpy[fastrtps]>=7.1.6,<7.2",
+]
+ROS_WHEELS = [f'{name} ; platform_machine == "x86_64"' for name in ROS]
+
+TEST = [
+    "colcon-common-extensions>=0.3",
+    "hypothesis>=6",
+    "mujoco>=3",
+    "mypy>=1.10",
+    "pytest>=8",
+    "ruff>=0.5",
+]
+
+
+def data_files():
+    """Index marker, manifest, wrappers for `ros2 run`, and everything under share."""
+    share = Path("share") / PACKAGE
+    files = {
+        Path("share/ament_index/resource_index/packages"): [f"resource/{PACKAGE}"],
+        share: ["package.xml"],
+        Path("lib") / PACKAGE: [f"resource/executables/{name}" for name in EXECUTABLES],
+    }
+    for folder in ("config", "launch", "urdf"):
+        for path in sorted(Path(folder).rglob("*")):
+            if path.is_file() and "__pycache__" not in path.parts:
+                files.setdefault(share / path.parent, []).append(str(path))
+    return [(str(target), sources) for target, sources in files.items()]
+
+
+setup(
+    name=PACKAGE,
+    version="0.1.0",
+    description="Anytime placement of a grasped object in clutter, with a certified arm motion",
+    license="MIT",
+    python_requires=">=3.11",
+    packages=find_packages(include=[f"{PACKAGE}*"]),
+    data_files=data_files(),
+    install_requires=CORE + ROS_WHEELS,
+    extras_require={"test": TEST},
+    entry_points={
+        "console_scripts": [f"{name} = {module}:main" for name, module in EXECUTABLES.items()],
+        "placement_planner_ros.objectives": [
+            "toward_front = placement_planner_ros.objectives_example:TowardFront",
+        ],
+    },
+    zip_safe=False,
+)
