@@ -1,0 +1,154 @@
+"""Link pairs that self-collision checks leave out: from an SRDF, or derived from the URDF."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from itertools import combinations
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from placement_planner_ros.core.errors import RobotError
+from placement_planner_ros.core.robot.description import Description
+
+Pair = tuple[str, str]
+"""Two link names, sorted."""
+
+SAMPLES = 200
+"""Random configurations for the derived pairs."""
+
+ALWAYS = 0.95
+"""A pair that collides in this share of them or more is left out, as MoveIt's assistant does."""
+
+
+def pair(a: str, b: str) -> Pair:
+    """The two links in sorted order."""
+    return (a, b) if a <= b else (b, a)
+
+
+def read_srdf(text: str, links: tuple[str, ...]) -> tuple[frozenset[Pair], tuple[str, ...]]:
+    """Disabled pairs of an SRDF, and warnings on the links it names that the robot has not.
+
+    Understands <disable_collisions>, <disable_default_collisions> and <enable_collisions>.
+
+    Raises:
+        RobotError: not an SRDF.
+    """
+    try:
+        root = ET.fromstring(text)
+    except ET.ParseError as error:
+        raise RobotError(
+            "robot_description_semantic", text[:60], f"is not XML ({error})"
+        ) from error
+    if root.tag != "robot":
+        raise RobotError(
+            "robot_description_semantic", f"<{root.tag}>", "give an SRDF: its root is <robot>"
+        )
+
+    def pairs(tag: str) -> set[Pair]:
+        return {pair(e.get("link1", ""), e.get("link2", "")) for e in root.findall(tag)}
+
+    silent = {e.get("link", "") for e in root.findall("disable_default_collisions")}
+    disabled = {pair(a, b) for a in silent for b in links}
+    disabled = (disabled - pairs("enable_collisions")) | pairs("disable_collisions")
+    unknown = sorted({link for p in disabled for link in p} - set(links))
+    warnings = tuple(f"the SRDF names link {link!r}, which the URDF has not" for link in unknown)
+    return frozenset(p for p in disabled if not set(p) & set(unknown)), warnings
+
+
+def derive(
+    description: Description,
+    model: pin.Model,
+    geometry: pin.GeometryModel,
+    geometry_links: tuple[str, ...],
+) -> frozenset[Pair]:
+    """Pairs to leave out where no SRDF says so.
+
+    Neighbours (one joint between them; links without geometry are looked through), the two sides
+    of a mimic joint (fingers that meet when closed), and pairs that collide in at least the share
+    `ALWAYS` of `SAMPLES` random configurations. The configurations are the same at each call.
+    """
+    links = sorted(set(geometry_links))
+    allowed = _neighbours(description, links) | _mimic_sides(description, links)
+    undecided = {
+        p
+        for p in combinations(links, 2)
+        if p not in allowed and _joint_of(model, p[0]) != _joint_of(model, p[1])
+    }
+    return frozenset(
+        allowed | _always_colliding(description, model, geometry, geometry_links, undecided)
+    )
+
+
+def _joint_of(model: pin.Model, link: str) -> int:
+    return int(model.frames[model.getFrameId(link, pin.FrameType.BODY)].parentJoint)
+
+
+def _neighbours(description: Description, links: list[str]) -> set[Pair]:
+    above = {
+        str(j.find("child").get("link")): str(j.find("parent").get("link"))  # type: ignore[union-attr]
+        for j in description.root.findall("joint")
+    }
+    found = set()
+    for link in links:
+        parent = above.get(link)
+        while parent is not None and parent not in links:
+            parent = above.get(parent)
+        if parent is not None:
+            found.add(pair(link, parent))
+    return found
+
+
+def _mimic_sides(description: Description, links: list[str]) -> set[Pair]:
+    child = {
+        str(j.get("name")): str(j.find("child").get("link"))  # type: ignore[union-attr]
+        for j in description.root.findall("joint")
+    }
+    sides = (
+        pair(child[joint.name], child[joint.mimic.master])
+        for joint in description.joints.values()
+        if joint.mimic is not None
+    )
+    return {p for p in sides if p[0] in links and p[1] in links}
+
+
+def _always_colliding(
+    description: Description,
+    model: pin.Model,
+    geometry: pin.GeometryModel,
+    geometry_links: tuple[str, ...],
+    undecided: set[Pair],
+) -> set[Pair]:
+    rng = np.random.default_rng(0)
+    data, geometry_data = model.createData(), geometry.createData()
+    objects: dict[str, list[int]] = {}
+    for index, link in enumerate(geometry_links):
+        objects.setdefault(link, []).append(index)
+    free = dict.fromkeys(sorted(undecided), 0)
+    lower = np.array([description.joints[name].lower for name in model.names[1:]])
+    upper = np.array([description.joints[name].upper for name in model.names[1:]])
+    request = coal.CollisionRequest()
+    for _ in range(SAMPLES):
+        q = rng.uniform(lower, upper)
+        pin.updateGeometryPlacements(model, data, geometry, geometry_data, q)
+        placements = [coal.Transform3s(T.rotation, T.translation) for T in geometry_data.oMg]
+        for a, b in list(free):
+            collides = any(
+                coal.collide(
+                    geometry.geometryObjects[i].geometry,
+                    placements[i],
+                    geometry.geometryObjects[j].geometry,
+                    placements[j],
+                    request,
+                    coal.CollisionResult(),
+                )
+                for i in objects[a]
+                for j in objects[b]
+            )
+            free[a, b] += not collides
+            if free[a, b] > (1.0 - ALWAYS) * SAMPLES:
+                del free[a, b]
+        if not free:
+            break
+    return set(free)

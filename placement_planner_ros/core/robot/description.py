@@ -1,0 +1,209 @@
+"""URDF text: read, checked, and brought to one coordinate per movable joint.
+
+What a description leaves open or states badly is decided here, once, and said in `warnings`:
+a continuous joint gets the range ±2π, a missing or useless velocity limit a cautious default.
+"""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+
+from placement_planner_ros.core.errors import RobotError
+
+DEFAULT_ANGULAR_VELOCITY = 1.0
+"""rad/s, for a revolute joint whose URDF states no usable velocity limit."""
+
+DEFAULT_LINEAR_VELOCITY = 0.1
+"""m/s, the same for a prismatic joint."""
+
+MAX_VELOCITY = 100.0
+"""Velocity limits above this (rad/s or m/s) are read as "not stated"."""
+
+CONTINUOUS_RANGE = 2.0 * math.pi
+"""rad to either side of zero, for joints without an end stop."""
+
+MOVABLE = ("revolute", "continuous", "prismatic")
+
+
+@dataclass(frozen=True, slots=True)
+class Mimic:
+    """value = multiplier · master + offset; the master is itself no mimic."""
+
+    master: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True, slots=True)
+class Joint:
+    """A movable joint: its range (rad or m), velocity limit (rad/s or m/s), what it mimics."""
+
+    name: str
+    lower: float
+    upper: float
+    velocity: float
+    mimic: Mimic | None
+
+
+@dataclass(frozen=True, slots=True)
+class Description:
+    """A URDF that is known to be sound.
+
+    Attributes:
+        root: the normalised XML tree; every movable joint is revolute or prismatic with limits.
+        joints: movable joints by name.
+        warnings: sentences on what was decided where the URDF was silent.
+    """
+
+    root: ET.Element
+    joints: dict[str, Joint]
+    warnings: tuple[str, ...]
+
+    @property
+    def text(self) -> str:
+        """The normalised URDF."""
+        return ET.tostring(self.root, encoding="unicode")
+
+
+def read_urdf(text: str) -> Description:
+    """Read URDF `text`.
+
+    Raises:
+        RobotError: not XML, not a tree of links, a joint of a kind or with a range that planning
+            cannot use.
+    """
+    try:
+        root = ET.fromstring(text)
+    except ET.ParseError as error:
+        raise RobotError("robot_description", text[:60], f"is not XML ({error})") from error
+    if root.tag != "robot":
+        raise RobotError(
+            "robot_description", f"<{root.tag}>", "give a URDF: its root element is <robot>"
+        )
+    _check_tree(root)
+    warnings: list[str] = []
+    elements = {_name(e): e for e in root.findall("joint")}
+    joints = {}
+    for name, element in elements.items():
+        kind = element.get("type", "")
+        if kind in MOVABLE:
+            joints[name] = _read_joint(name, element, elements, warnings)
+        elif kind != "fixed":
+            raise RobotError(
+                f"joint {name}",
+                kind,
+                "only fixed, revolute, continuous and prismatic joints have one coordinate;"
+                " fix this joint or replace it by a chain of those",
+            )
+    return Description(root, joints, tuple(warnings))
+
+
+def _name(element: ET.Element) -> str:
+    name = element.get("name")
+    if not name:
+        raise RobotError("robot_description", f"<{element.tag}>", "give the element a name")
+    return name
+
+
+def _check_tree(root: ET.Element) -> None:
+    links = [_name(e) for e in root.findall("link")]
+    if not links:
+        raise RobotError("robot_description", root.get("name"), "has no links")
+    parents: dict[str, str] = {}
+    for names in (links, [_name(e) for e in root.findall("joint")]):
+        for name in names:
+            if names.count(name) > 1:
+                raise RobotError("robot_description", name, "occurs twice; names are unique")
+    for joint in root.findall("joint"):
+        ends = {}
+        for end in ("parent", "child"):
+            element = joint.find(end)
+            link = element.get("link") if element is not None else None
+            if link not in links:
+                raise RobotError(
+                    f"joint {_name(joint)}: {end}", link, "name a link of this description"
+                )
+            ends[end] = str(link)
+        if ends["child"] in parents:
+            raise RobotError(
+                f"link {ends['child']}", _name(joint), "a link is the child of one joint only"
+            )
+        parents[ends["child"]] = ends["parent"]
+    roots = [link for link in links if link not in parents]
+    if len(roots) != 1:
+        raise RobotError(
+            "robot_description", roots, "the links must form one tree with one root link"
+        )
+    for link in links:
+        above = link
+        for _ in links:
+            above = parents.get(above, roots[0])
+        if above != roots[0]:
+            raise RobotError(f"link {link}", above, "the joints above it form a loop")
+
+
+def _number(element: ET.Element | None, attribute: str, default: float, field: str) -> float:
+    text = element.get(attribute) if element is not None else None
+    if text is None:
+        return default
+    try:
+        return float(text)
+    except ValueError as error:
+        raise RobotError(f"{field}: {attribute}", text, "give a number") from error
+
+
+def _read_joint(
+    name: str, element: ET.Element, elements: dict[str, ET.Element], warnings: list[str]
+) -> Joint:
+    field = f"joint {name}"
+    kind = element.get("type")
+    limit = element.find("limit")
+    if limit is None and kind != "continuous":
+        raise RobotError(field, kind, "give it a <limit> with lower and upper")
+    lower = _number(limit, "lower", 0.0, field)
+    upper = _number(limit, "upper", 0.0, field)
+    velocity = _number(limit, "velocity", math.nan, field)
+    if math.isnan(lower) or math.isnan(upper) or lower > upper:
+        raise RobotError(field, (lower, upper), "give lower <= upper")
+    endless = kind == "continuous" or (kind == "revolute" and math.isinf(upper - lower))
+    if endless:
+        lower, upper = -CONTINUOUS_RANGE, CONTINUOUS_RANGE
+        warnings.append(f"{field} has no end stops: planned within ±2π")
+    elif math.isinf(upper - lower):
+        raise RobotError(field, (lower, upper), "give a prismatic joint finite limits in metres")
+    elif lower == upper:
+        warnings.append(f"{field} has the empty range [{lower:g}, {upper:g}]: it cannot move")
+    if not 0.0 < velocity <= MAX_VELOCITY:
+        angular = kind != "prismatic"
+        default = DEFAULT_ANGULAR_VELOCITY if angular else DEFAULT_LINEAR_VELOCITY
+        unit = "rad/s" if angular else "m/s"
+        warnings.append(f"{field} has no usable velocity limit: planned with {default:g} {unit}")
+        velocity = default
+
+    element.set("type", "prismatic" if kind == "prismatic" else "revolute")
+    if limit is None:
+        limit = ET.SubElement(element, "limit")
+    limit.attrib.update(lower=repr(lower), upper=repr(upper), velocity=repr(velocity))
+    limit.attrib.setdefault("effort", "0")
+    return Joint(name, lower, upper, velocity, _read_mimic(name, elements))
+
+
+def _read_mimic(name: str, elements: dict[str, ET.Element]) -> Mimic | None:
+    """The mimic of a joint, followed to a joint that mimics none."""
+    multiplier, offset, current = 1.0, 0.0, name
+    seen = [name]
+    while (mimic := elements[current].find("mimic")) is not None:
+        field = f"joint {current}: mimic"
+        offset += multiplier * _number(mimic, "offset", 0.0, field)
+        multiplier *= _number(mimic, "multiplier", 1.0, field)
+        current = mimic.get("joint", "")
+        if current not in elements or elements[current].get("type") not in MOVABLE:
+            raise RobotError(field, current, "name a movable joint of this description")
+        if current in seen:
+            raise RobotError(field, current, "joints mimic each other in a circle")
+        if not math.isfinite(multiplier) or not math.isfinite(offset):
+            raise RobotError(field, (multiplier, offset), "give finite multiplier and offset")
+        seen.append(current)
+    return None if current == name else Mimic(current, multiplier, offset)

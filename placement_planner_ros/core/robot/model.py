@@ -1,0 +1,352 @@
+"""Any URDF as one immutable value: kinematics, limits, collision geometry, arms."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from placement_planner_ros.core.errors import GraspError, JointStateError, RobotError
+from placement_planner_ros.core.robot import allowed_pairs as pairs
+from placement_planner_ros.core.robot.arm import Arm
+from placement_planner_ros.core.robot.description import Mimic, read_urdf
+from placement_planner_ros.core.robot.geometry import PackageDirs, build_geometry
+from placement_planner_ros.core.types import Array, frozen_array
+
+LIMIT_TOLERANCE = 1e-6
+"""rad or m by which a measured joint may exceed its limit before `limit_violations` says so."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Robot:
+    """A robot read from its URDF; never modified after construction.
+
+    A configuration q is (nq,): one coordinate per movable joint, in the order of `joint_names`.
+
+    Attributes:
+        name: of the robot.
+        model: pinocchio model, nq == nv == len(joint_names).
+        geometry: collision geometry; its collision pairs are those self-collision checks need.
+        geometry_links: link of each of geometry.geometryObjects.
+        joint_names: (nq) movable joints, mimicking ones included.
+        lower, upper: (nq,) joint limits, rad or m; ±2π for joints without end stops.
+        velocity_limits: (nq,) rad/s or m/s.
+        mimics: joints that follow another.
+        allowed_pairs: sorted link pairs that self-collision checks leave out.
+        warnings: what was decided where the description was silent.
+    """
+
+    name: str
+    model: pin.Model
+    geometry: pin.GeometryModel
+    geometry_links: tuple[str, ...]
+    joint_names: tuple[str, ...]
+    lower: Array
+    upper: Array
+    velocity_limits: Array
+    mimics: Mapping[str, Mimic]
+    allowed_pairs: frozenset[pairs.Pair]
+    warnings: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        for name in ("lower", "upper", "velocity_limits"):
+            array = frozen_array(getattr(self, name), (len(self.joint_names),))
+            object.__setattr__(self, name, array)
+
+    @classmethod
+    def from_urdf(
+        cls, urdf_text: str, package_dirs: PackageDirs = (), srdf: str | None = None
+    ) -> Robot:
+        """Read a robot.
+
+        Args:
+            urdf_text: the URDF itself, not a path.
+            package_dirs: where `package://` URIs lead: package name -> share folder, or folders
+                that hold packages (or that mesh paths are relative to).
+            srdf: text that lists disabled collisions; without it they are derived
+                (`allowed_pairs.derive`).
+
+        Raises:
+            RobotError: the description or its geometry is unusable; the message names the part.
+        """
+        description = read_urdf(urdf_text)
+        try:
+            model = pin.buildModelFromXML(description.text)
+        except (ValueError, RuntimeError) as error:
+            raise RobotError(
+                "robot_description", description.root.get("name"), f"is refused: {error}"
+            ) from error
+        joints = [description.joints[name] for name in model.names[1:]]
+        geometry, geometry_links = build_geometry(description.root, model, package_dirs)
+        links = tuple(f.name for f in model.frames if f.type == pin.FrameType.BODY)
+        warnings = list(description.warnings)
+        if srdf is None:
+            allowed = pairs.derive(description, model, geometry, geometry_links)
+            warnings.append(
+                f"no SRDF: {len(allowed)} link pairs left out of self-collision checks"
+                " by adjacency and sampling"
+            )
+        else:
+            allowed, notes = pairs.read_srdf(srdf, links)
+            warnings.extend(notes)
+        _add_collision_pairs(geometry, geometry_links, allowed)
+        return cls(
+            name=str(description.root.get("name")),
+            model=model,
+            geometry=geometry,
+            geometry_links=geometry_links,
+            joint_names=tuple(joint.name for joint in joints),
+            lower=np.array([joint.lower for joint in joints]),
+            upper=np.array([joint.upper for joint in joints]),
+            velocity_limits=np.array([joint.velocity for joint in joints]),
+            mimics={joint.name: joint.mimic for joint in joints if joint.mimic is not None},
+            allowed_pairs=allowed,
+            warnings=tuple(warnings),
+        )
+
+    @property
+    def root_link(self) -> str:
+        """The link that nothing carries: the default planning frame."""
+        return str(next(f.name for f in self.model.frames if f.type == pin.FrameType.BODY))
+
+    def index(self, joint: str) -> int:
+        """Coordinate of a joint in q.
+
+        Raises:
+            RobotError: no movable joint of that name.
+        """
+        if joint not in self.joint_names:
+            raise RobotError("joint", joint, f"name one of {list(self.joint_names)}")
+        return self.joint_names.index(joint)
+
+    def configuration(self, positions: Mapping[str, float]) -> Array:
+        """q (nq,) from joint values; other names are ignored, mimicking joints follow.
+
+        Values beyond the limits are taken as they are: see `limit_violations`.
+
+        Raises:
+            JointStateError: a joint is missing or not finite; the message names every one.
+        """
+        wanted = [name for name in self.joint_names if name not in self.mimics]
+        missing = [name for name in wanted if name not in positions]
+        if missing:
+            raise JointStateError("joint_states: missing", missing, "publish these joints too")
+        return self._filled(np.zeros(len(self.joint_names)), {n: positions[n] for n in wanted})
+
+    def with_positions(self, q: Array, positions: Mapping[str, float]) -> Array:
+        """A copy of q (nq,) with some joints set, mimicking joints following their masters.
+
+        Raises:
+            RobotError: no movable joint of that name, or it mimics another.
+            JointStateError: a value is not finite.
+        """
+        for name in positions:
+            self.index(name)
+            if name in self.mimics:
+                raise RobotError("joint", name, f"follows {self.mimics[name].master}; set that one")
+        return self._filled(np.array(q, dtype=np.float64), positions)
+
+    def with_open_hand(self, q: Array, arm: Arm) -> Array:
+        """A copy of q (nq,) with the arm's gripper open."""
+        return self.with_positions(q, dict(zip(arm.gripper_joints, arm.gripper_open, strict=True)))
+
+    def limit_violations(self, q: Array) -> list[str]:
+        """One sentence per joint of q (nq,) that is beyond its limits."""
+        return [
+            f"joint {name} = {value:.6g} is beyond its limits [{low:.6g}, {high:.6g}]"
+            for name, value, low, high in zip(
+                self.joint_names, q, self.lower, self.upper, strict=True
+            )
+            if not low - LIMIT_TOLERANCE <= value <= high + LIMIT_TOLERANCE
+        ]
+
+    def frame_id(self, link: str) -> int:
+        """Index of a link in model.frames.
+
+        Raises:
+            RobotError: no such link.
+        """
+        if not self.model.existFrame(link, pin.FrameType.BODY):
+            raise RobotError("link", link, f"name a link of the robot {self.name!r}")
+        return int(self.model.getFrameId(link, pin.FrameType.BODY))
+
+    def link_pose(self, q: Array, link: str) -> pin.SE3:
+        """T_world_link at q (nq,), in the root link's frame.
+
+        Raises:
+            RobotError: no such link.
+        """
+        data = self.model.createData()
+        pin.framesForwardKinematics(self.model, data, q)
+        return pin.SE3(data.oMf[self.frame_id(link)])
+
+    def arm(
+        self,
+        name: str,
+        tip_frame: str,
+        joints: Sequence[str] | None = None,
+        grasps: Iterable[pin.SE3] = (),
+        touch_links: Sequence[str] | None = None,
+        gripper_joints: Sequence[str] = (),
+        gripper_open: Sequence[float] = (),
+    ) -> Arm:
+        """An arm of this robot; what is None is derived.
+
+        Args:
+            name: for messages and results.
+            tip_frame: link the grasps refer to.
+            joints: root to tip; None: every movable joint between the root and the tip.
+            grasps: T_tip_object.
+            touch_links: links that may touch the held object; None: the hand, that is, the tip
+                link and all links it carries, or where these have no geometry, the next link
+                towards the root that does, with all it carries.
+            gripper_joints, gripper_open: joints that open the hand, and their values when open.
+
+        Raises:
+            RobotError: unknown names, joints that do not lead to the tip, a chain with mimicking
+                joints, values beyond limits.
+            GraspError: a grasp is not a rigid transform.
+        """
+        where = f"arm {name}"
+        if not self.model.existFrame(tip_frame, pin.FrameType.BODY):
+            raise RobotError(
+                f"{where}: tip_frame", tip_frame, f"name a link of the robot {self.name!r}"
+            )
+        chain = self._chain_joints(tip_frame)
+        joints = chain if joints is None else tuple(joints)
+        if not joints:
+            raise RobotError(f"{where}: joints", [], f"no movable joint leads to {tip_frame}")
+        for joint in joints:
+            if joint not in chain:
+                raise RobotError(
+                    f"{where}: joints", joint, f"is not on the way to {tip_frame}: {list(chain)}"
+                )
+        if list(joints) != [joint for joint in chain if joint in joints]:
+            ordered = [joint for joint in chain if joint in joints]
+            raise RobotError(
+                f"{where}: joints", list(joints), f"list each once, root to tip: {ordered}"
+            )
+        for follower, mimic in self.mimics.items():
+            if follower in chain or mimic.master in joints:
+                raise RobotError(
+                    f"{where}: joints",
+                    follower,
+                    f"mimics {mimic.master}; coupled joints in an arm cannot be planned",
+                )
+        if touch_links is None:
+            touch_links = self._hand_links(tip_frame)
+        for link in touch_links:
+            if not self.model.existFrame(link, pin.FrameType.BODY):
+                raise RobotError(f"{where}: touch_links", link, "name a link of the robot")
+        index = [self.index(joint) for joint in joints]
+        return Arm(
+            name=name,
+            tip_frame=tip_frame,
+            joints=joints,
+            grasps=tuple(_checked_grasp(g, f"{where}: grasps[{i}]") for i, g in enumerate(grasps)),
+            touch_links=tuple(touch_links),
+            gripper_joints=tuple(gripper_joints),
+            gripper_open=self._checked_gripper(where, joints, gripper_joints, gripper_open),
+            q_index=np.array(index),
+            lower=self.lower[index],
+            upper=self.upper[index],
+            velocity=self.velocity_limits[index],
+        )
+
+    def _filled(self, q: Array, positions: Mapping[str, float]) -> Array:
+        bad = [f"{n} = {v}" for n, v in positions.items() if not math.isfinite(v)]
+        if bad:
+            raise JointStateError("joint_states: values", bad, "must be finite")
+        for name, value in positions.items():
+            q[self.index(name)] = value
+        for name, mimic in self.mimics.items():
+            q[self.index(name)] = mimic.multiplier * q[self.index(mimic.master)] + mimic.offset
+        return q
+
+    def _chain_joints(self, link: str) -> tuple[str, ...]:
+        joint = self.model.frames[self.frame_id(link)].parentJoint
+        names = []
+        while joint != 0:
+            names.append(str(self.model.names[joint]))
+            joint = self.model.parents[joint]
+        return tuple(reversed(names))
+
+    def _carried_links(self, frame_id: int) -> tuple[str, ...]:
+        """The link of a frame and every link it carries."""
+        carried = {frame_id}
+        for index, frame in enumerate(self.model.frames):
+            if frame.parentFrame in carried and index != 0:
+                carried.add(index)
+        return tuple(
+            str(self.model.frames[i].name)
+            for i in sorted(carried)
+            if self.model.frames[i].type == pin.FrameType.BODY
+        )
+
+    def _hand_links(self, tip_frame: str) -> tuple[str, ...]:
+        frame_id = self.frame_id(tip_frame)
+        joint = self.model.frames[frame_id].parentJoint
+        while True:
+            links = self._carried_links(frame_id)
+            above = self.model.frames[frame_id].parentFrame
+            if set(links) & set(self.geometry_links) or (
+                self.model.frames[above].parentJoint != joint
+            ):
+                return links
+            frame_id = above
+
+    def _checked_gripper(
+        self,
+        where: str,
+        joints: Sequence[str],
+        gripper_joints: Sequence[str],
+        gripper_open: Sequence[float],
+    ) -> tuple[float, ...]:
+        if len(gripper_joints) != len(gripper_open):
+            raise RobotError(
+                f"{where}: gripper_open",
+                list(gripper_open),
+                f"give one value for each of gripper_joints {list(gripper_joints)}",
+            )
+        for joint, value in zip(gripper_joints, gripper_open, strict=True):
+            field = f"{where}: gripper_joints"
+            if joint not in self.joint_names:
+                raise RobotError(field, joint, "name a movable joint of the robot")
+            if joint in joints:
+                raise RobotError(field, joint, "is a joint of the arm itself")
+            if joint in self.mimics:
+                raise RobotError(field, joint, f"follows {self.mimics[joint].master}; list that")
+            low, high = self.lower[self.index(joint)], self.upper[self.index(joint)]
+            if not low <= value <= high:
+                raise RobotError(
+                    f"{where}: gripper_open", value, f"must lie in {joint}'s [{low:g}, {high:g}]"
+                )
+        return tuple(float(v) for v in gripper_open)
+
+
+def _add_collision_pairs(
+    geometry: pin.GeometryModel,
+    geometry_links: tuple[str, ...],
+    allowed: frozenset[pairs.Pair],
+) -> None:
+    """Pairs of objects on links that can move against each other and are not allowed to touch."""
+    objects = geometry.geometryObjects
+    for i in range(len(objects)):
+        for j in range(i + 1, len(objects)):
+            if (
+                objects[i].parentJoint != objects[j].parentJoint
+                and pairs.pair(geometry_links[i], geometry_links[j]) not in allowed
+            ):
+                geometry.addCollisionPair(pin.CollisionPair(i, j))
+
+
+def _checked_grasp(grasp: pin.SE3, field: str) -> pin.SE3:
+    R = grasp.rotation
+    if not np.isfinite(grasp.homogeneous).all():
+        raise GraspError(field, grasp.homogeneous.tolist(), "every number must be finite")
+    if np.abs(R.T @ R - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0.0:
+        raise GraspError(field, R.tolist(), "is not a rotation; normalise the quaternion")
+    return pin.SE3(grasp)
