@@ -68,17 +68,21 @@ def _near(a: ConvexPrimitive, b: ConvexPrimitive) -> bool:
     return bool(gap.max() <= 2 * _OUTWARD)
 
 
+def _intervals(length: float, spacing: float) -> int:
+    """Least number of equal steps no longer than `spacing`."""
+    return int(np.ceil(length / spacing - 1e-9))
+
+
 def _polygon_points(corners: Array, normal: Array, spacing: float) -> Array:
     """A lattice along the longest edge over a convex polygon, its corners and edges included."""
     following = np.roll(corners, -1, axis=0)
     lengths = np.linalg.norm(following - corners, axis=1)
-    u = (following - corners)[np.argmax(lengths)] / lengths.max()
+    u = ((following - corners) / lengths[:, None])[np.argmax(lengths)]
     axes = np.column_stack([u, np.cross(normal, u)])
     flat = (corners - corners[0]) @ axes
     low, high = flat.min(axis=0), flat.max(axis=0)
     ticks = [
-        np.linspace(low[i], high[i], int(np.ceil((high[i] - low[i]) / spacing - 1e-9)) + 1)
-        for i in range(2)
+        np.linspace(low[i], high[i], _intervals(high[i] - low[i], spacing) + 1) for i in range(2)
     ]
     lattice = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, 2)
     edges = np.roll(flat, -1, axis=0) - flat
@@ -86,7 +90,7 @@ def _polygon_points(corners: Array, normal: Array, spacing: float) -> Array:
     cross = edges[:, 0] * relative[..., 1] - edges[:, 1] * relative[..., 0]
     inner = lattice[(cross > _STRICT * np.linalg.norm(edges, axis=1)).all(axis=1)]
     rim = [
-        a + np.linspace(0, 1, int(np.ceil(length / spacing - 1e-9)) + 1)[:-1, None] * (b - a)
+        a + np.linspace(0, 1, _intervals(length, spacing) + 1)[:-1, None] * (b - a)
         for a, b, length in zip(corners, following, lengths, strict=True)
     ]
     return np.vstack([*rim, corners[0] + inner @ axes.T])
@@ -110,9 +114,7 @@ class DepthCamera:
     focal_length: float = 340.0
 
     @classmethod
-    def looking_at(
-        cls, name: str, position: Sequence[float], target: Sequence[float]
-    ) -> DepthCamera:
+    def looking_at(cls, name: str, position: npt.ArrayLike, target: npt.ArrayLike) -> DepthCamera:
         """A camera at `position` that has `target` in the middle and the world's z upwards."""
         forward = np.subtract(target, position).astype(np.float64)
         forward /= np.linalg.norm(forward)

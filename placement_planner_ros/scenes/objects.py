@@ -1,0 +1,186 @@
+"""The four bundled objects, made of convex solids, and how the YuMi's hands hold them.
+
+A grasp is `T_tip_object`, the object's pose in the gripper base frame: the palm ends at
+z = 0.0936, the finger pads (21 mm wide along y) reach to z = 0.1359 and close along x.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.types import Array, frozen_array
+from placement_planner_ros.scenes.primitives import Colour, ConvexPrimitive, box, frustum
+
+_GREEN: Colour = (0.35, 0.75, 0.35)
+_PALM = 0.098
+"""Depth in the tip frame at which a held object begins: 4 mm in front of the palm."""
+_STEM = 0.126
+"""Depth at which the fingers hold a stem or leg across: in the front half of the pads."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GraspedObject:
+    """An object and its grasps.
+
+    Attributes:
+        name: as on the command line.
+        vertices: (n, 3) metres, in the object frame.
+        triangles: (t, 3) indices, outward; every connected component is a closed convex solid.
+        center_of_mass: (3,) in the object frame.
+        grasps: per arm, the poses T_tip_object in which its hand can hold the object.
+        finger_opening: value of each finger joint at which the fingers touch the object, metres;
+            the same for all grasps.
+        parts: the convex solids themselves.
+    """
+
+    name: str
+    vertices: Array
+    triangles: npt.NDArray[np.int64]
+    center_of_mass: Array
+    grasps: Mapping[str, tuple[pin.SE3, ...]]
+    finger_opening: float
+    parts: tuple[ConvexPrimitive, ...]
+
+
+def _grasp(
+    closing: Sequence[float], approach: Sequence[float], point: Sequence[float], depth: float
+) -> pin.SE3:
+    """T_tip_object of a hand that closes along `closing` and points along `approach`.
+
+    Args:
+        closing, approach: directions of the tip frame's x and z, in the object frame.
+        point: a point of the object on the hand's axis.
+        depth: its z in the tip frame, metres.
+    """
+    x, z = (np.array(v, dtype=np.float64) / np.linalg.norm(v) for v in (closing, approach))
+    rotation = np.column_stack([x, np.cross(z, x), z])
+    return pin.SE3(rotation, np.array(point, dtype=np.float64) - depth * z).inverse()
+
+
+def _tilted(degrees: float) -> tuple[float, float, float]:
+    """Direction +x, turned down by an angle."""
+    angle = np.deg2rad(degrees)
+    return float(np.cos(angle)), 0.0, -float(np.sin(angle))
+
+
+def _assemble(
+    name: str,
+    parts: Sequence[ConvexPrimitive],
+    center_of_mass: Sequence[float],
+    grasps: Sequence[pin.SE3],
+    finger_opening: float,
+) -> GraspedObject:
+    counts = np.cumsum([0] + [len(part.vertices) for part in parts])
+    triangles = np.vstack(
+        [part.triangles + count for part, count in zip(parts, counts, strict=False)]
+    )
+    triangles.setflags(write=False)
+    return GraspedObject(
+        name=name,
+        vertices=frozen_array(np.vstack([part.vertices for part in parts])),
+        triangles=triangles,
+        center_of_mass=frozen_array(center_of_mass, (3,)),
+        grasps={"left": tuple(grasps), "right": tuple(grasps)},
+        finger_opening=finger_opening,
+        parts=tuple(parts),
+    )
+
+
+def _large_crayons_box() -> GraspedObject:
+    """144 × 124 × 36 mm, held across its thickness: over either edge or over a corner."""
+    x, y, z = 0.072, 0.062, 0.018
+    grasps = (
+        _grasp((0, 0, 1), (1, 0, 0), (-x, 0, 0), _PALM),
+        _grasp((0, 0, 1), (0, 1, 0), (0, -y, 0), _PALM),
+        _grasp((0, 0, 1), (1, 1, 0), (-x, -y, 0), _PALM),
+    )
+    parts = (box("large_crayons_box", (-x, -y, -z), (x, y, z), _GREEN),)
+    return _assemble("large_crayons_box", parts, (0, 0, 0), grasps, z)
+
+
+def _small_crayons_box() -> GraspedObject:
+    """94 × 21 × 71 mm, held across its thickness: over either edge or over a corner."""
+    x, y, z = 0.047, 0.0105, 0.0355
+    grasps = (
+        _grasp((0, 1, 0), (1, 0, 0), (-x, 0, 0), _PALM),
+        _grasp((0, 1, 0), (0, 0, -1), (0, 0, z), _PALM),
+        _grasp((0, 1, 0), (1, 0, -1), (-x, 0, z), _PALM),
+    )
+    parts = (box("small_crayons_box", (-x, -y, -z), (x, y, z), _GREEN),)
+    return _assemble("small_crayons_box", parts, (0, 0, 0), grasps, y)
+
+
+def _wine_glass() -> GraspedObject:
+    """145 mm high, foot on the plane z = 0, held by its stem from the side.
+
+    Being round, it can be turned about its axis by the placement; the grasps differ in height
+    and in how far the hand points down (or, for standing on the rim, up).
+    """
+    rings = (  # height, radius
+        (0.000, 0.0285),
+        (0.003, 0.0285),
+        (0.012, 0.0040),
+        (0.075, 0.0040),
+        (0.120, 0.0420),
+        (0.145, 0.0285),
+    )
+    parts = tuple(
+        frustum(f"wine_glass/{name}", r0, r1, z0, z1, _GREEN, sides=32)
+        for name, (z0, r0), (z1, r1) in zip(
+            ("foot", "foot_top", "stem", "bowl_bottom", "bowl_top"), rings, rings[1:], strict=False
+        )
+    )
+    grasps = (
+        _grasp((0, 1, 0), _tilted(0), (0, 0, 0.052), _STEM),
+        _grasp((0, 1, 0), _tilted(30), (0, 0, 0.034), _STEM),
+        _grasp((0, 1, 0), _tilted(-30), (0, 0, 0.060), _STEM),
+    )
+    return _assemble("wine_glass", parts, (0, 0, 0.050), grasps, 0.004)
+
+
+def _toy_table() -> GraspedObject:
+    """Plate 110 × 70 × 6 mm on four legs 6 mm thick, 73 mm high, feet on the plane z = 0.
+
+    Held by its plate from a long or a short side (to stand on its feet or a side), or by a leg
+    from below (to stand on its plate or a side).
+    """
+    top, plate, leg = 0.073, 0.006, 0.006
+    parts = [box("toy_table/plate", (-0.055, -0.035, top - plate), (0.055, 0.035, top), _GREEN)]
+    for i, (sx, sy) in enumerate(((-1, -1), (-1, 1), (1, -1), (1, 1))):
+        x, y = sx * (0.051 - leg / 2), sy * (0.030 - leg / 2)
+        low, high = (x - leg / 2, y - leg / 2, 0.0), (x + leg / 2, y + leg / 2, top - plate)
+        parts.append(box(f"toy_table/leg_{i}", low, high, _GREEN))
+    middle = top - plate / 2
+    grasps = (
+        _grasp((0, 0, 1), (0, 1, 0), (0, -0.035, middle), _PALM),
+        _grasp((0, 0, 1), (1, 0, 0), (-0.055, 0, middle), _PALM),
+        _grasp((1, 0, 0), (0, 0, 1), (0.048, 0.027, 0), _PALM),
+    )
+    return _assemble("toy_table", parts, (0, 0, 0.044), grasps, plate / 2)
+
+
+_OBJECTS: dict[str, Callable[[], GraspedObject]] = {
+    "large_crayons_box": _large_crayons_box,
+    "small_crayons_box": _small_crayons_box,
+    "wine_glass": _wine_glass,
+    "toy_table": _toy_table,
+}
+
+OBJECT_NAMES: tuple[str, ...] = tuple(_OBJECTS)
+
+
+def object_by_name(name: str) -> GraspedObject:
+    """Build a bundled object.
+
+    Raises:
+        ParameterError: no such object; the message lists those there are.
+    """
+    if name not in _OBJECTS:
+        raise ParameterError("object", name, f"choose one of {', '.join(OBJECT_NAMES)}")
+    return _OBJECTS[name]()
