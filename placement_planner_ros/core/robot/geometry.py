@@ -18,8 +18,9 @@ from scipy.spatial import ConvexHull, QhullError
 from placement_planner_ros.core.errors import RobotError
 from placement_planner_ros.core.types import Array
 
-CONVEX_TOLERANCE = 1e-4
-"""m; a mesh counts as convex when no vertex lies further outside any of its triangles."""
+CONVEX_TOLERANCE = 1e-3
+"""m (and 1 % of the mesh's size): a mesh whose triangles lie this close beneath the facets of its
+hull counts as convex; its hull, which stands in for it, is nowhere further outside."""
 
 MAX_EXTENT = 10.0
 """m; a mesh larger than this is taken to be in millimetres."""
@@ -173,37 +174,34 @@ def load_mesh(path: Path, scale: Array, field: str) -> coal.CollisionGeometry:
         raise RobotError(f"{field}: mesh", str(path), "is empty")
     if not np.isfinite(vertices).all():
         raise RobotError(f"{field}: mesh", str(path), "has vertices that are not finite")
-    extent = np.ptp(vertices, axis=0)
-    if extent.max() > MAX_EXTENT:
+    extent = float(np.max(np.ptp(vertices, axis=0)))
+    if extent > MAX_EXTENT:
         raise RobotError(
             f"{field}: mesh",
             str(path),
-            f"is {extent.max():.0f} m long; if it is in millimetres, give scale 0.001 0.001 0.001",
+            f"is {extent:.0f} m long; if it is in millimetres, give scale 0.001 0.001 0.001",
         )
     corners = vertices[triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area = 0.5 * np.linalg.norm(normals, axis=1)
-    if extent.max() <= 0.0 or area.sum() <= 0.0:
+    area = 0.5 * float(np.linalg.norm(normals, axis=1).sum())
+    if not area > 0.0:
         raise RobotError(f"{field}: mesh", str(path), "has no surface; check its scale")
-    hull = _hull_if_convex(vertices, corners, normals, area)
+    hull = _hull_if_convex(corners, area, extent)
     return _bvh(vertices, triangles) if hull is None else convex(hull)
 
 
-def _hull_if_convex(
-    vertices: Array, corners: Array, normals: Array, area: Array
-) -> ConvexHull | None:
-    """The hull, where every triangle lies on it and together they cover it; else None."""
+def _hull_if_convex(corners: Array, area: float, extent: float) -> ConvexHull | None:
+    """The hull, where every triangle lies on one of its planes and together they cover it."""
     try:
-        hull = ConvexHull(vertices)
+        hull = ConvexHull(corners.reshape(-1, 3))
     except QhullError:  # flat
         return None
-    if abs(area.sum() - hull.area) > 1e-3 * hull.area:
+    if abs(area - hull.area) > 1e-3 * hull.area:
         return None
-    solid = area > 1e-9 * hull.area
-    unit = normals[solid] / np.linalg.norm(normals[solid], axis=1)[:, None]
-    height = vertices[hull.vertices] @ unit.T - (corners[solid, 0] * unit).sum(axis=1)
-    outside = np.minimum(height.max(axis=0), -height.min(axis=0))
-    return hull if outside.max() <= CONVEX_TOLERANCE else None
+    planes = np.unique(hull.equations.round(9), axis=0)
+    depth = -(corners @ planes[:, :3].T + planes[:, 3])  # (triangles, corners, planes)
+    beneath = depth.max(axis=1).min(axis=1)
+    return hull if beneath.max() <= min(CONVEX_TOLERANCE, 0.01 * extent) else None
 
 
 def convex(hull: ConvexHull) -> coal.Convex:
