@@ -1,0 +1,432 @@
+"""Goal-set bidirectional RRT: one forward tree, one backward tree per goal (section "Motion").
+
+RRT-Connect (Kuffner and LaValle, 2000) for a set of goals that changes between calls. Nothing is
+forgotten when it does: the forward tree stays, and so do the trees of retired goals, which are
+merged into the forward tree when it meets them, without that counting as success.
+
+All trees live in one pool of nodes with one label per node (0 = forward). Merging reverses the
+parents between the meeting node and the goal and relabels the tree; no node is copied.
+
+`ompl_planner.GoalSetPlanner` offers the same search as an `ompl.base.Planner`.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.types import Array
+
+_FORWARD = 0
+_ANY_BACKWARD = -1
+_BLOCK = 256
+
+
+@dataclass(frozen=True, slots=True)
+class GoalSetRRTSettings:
+    """How the trees grow.
+
+    Attributes:
+        max_step: longest edge, in the weighted metric (radians with unit weights).
+        max_nodes: nodes kept in all trees together; beyond it they are cut back, see `GoalSetRRT`.
+        weights: (dof,) scale of each coordinate in the metric, such as how far a joint moves the
+            hand per radian; None = all one.
+    """
+
+    max_step: float = 0.5
+    max_nodes: int = 20_000
+    weights: tuple[float, ...] | None = None
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.max_step) and self.max_step > 0.0):
+            raise ParameterError("max_step", self.max_step, "give a finite length above zero")
+        if self.max_nodes < 2:
+            raise ParameterError("max_nodes", self.max_nodes, "give at least 2")
+        if self.weights is not None:
+            weights = np.asarray(self.weights, dtype=np.float64)
+            if weights.ndim != 1 or not (np.isfinite(weights) & (weights > 0.0)).all():
+                raise ParameterError("weights", self.weights, "give finite numbers above zero")
+
+
+@dataclass(slots=True)
+class _Goal:
+    """A goal, active or retired; `root` is its node, `tried` whether directly from the start."""
+
+    q: Array
+    root: int
+    active: bool = True
+    tried: bool = False
+
+
+@njit(cache=True, fastmath=False)
+def _nearest(
+    nodes: Array, labels: npt.NDArray[np.int32], count: int, q: Array, scale: Array, label: int
+) -> int:
+    """Index of the node closest to `q` among those with `label` (-1: any backward tree), or -1.
+
+    Args:
+        nodes: (dof, capacity), one column per node, so that the inner loops vectorise.
+        scale: (dof,) squared weights.
+    """
+    distances = np.empty(_BLOCK)
+    best = np.inf
+    arg = -1
+    for low in range(0, count, _BLOCK):
+        size = min(_BLOCK, count - low)
+        d2 = distances[:size]
+        d2[:] = 0.0
+        block_labels = labels[low : low + size]
+        for j in range(nodes.shape[0]):
+            row = nodes[j, low : low + size]
+            x = q[j]
+            w = scale[j]
+            for i in range(size):
+                d = row[i] - x
+                d2[i] += w * d * d
+        for i in range(size):
+            if d2[i] < best:
+                of_interest = block_labels[i] == label or (label < 0 and block_labels[i] > 0)
+                if of_interest:
+                    best = d2[i]
+                    arg = low + i
+    return arg
+
+
+class GoalSetRRT:
+    """Bidirectional RRT from one start to whichever of many goals it reaches first.
+
+    Goals are added, retired and re-activated in any order between calls of `solve`; all state is
+    kept. A goal that is re-activated after its tree was merged is reported at once.
+
+    Each iteration grows one tree by a step towards a uniform sample, then another tree from its
+    nearest node towards the new one in steps of at most `max_step`, keeping every step that is
+    free. Forward and backward turns alternate; a backward turn grows the trees of the active goals
+    in rotation, and every other forward turn aims at the next active goal in rotation instead of
+    at the nearest backward node, so that of n active goals each gets at least 1/n of three
+    quarters of the iterations, however the others resist. Trees of retired goals do not grow by
+    themselves. A new goal is first tried directly from the nearest forward node.
+
+    Memory: when `max_nodes` is reached the trees are cut back to the start, the active goals'
+    roots and the forward branches to goals; retired goals that were never connected are forgotten.
+    Where that frees less than half, retired goals are forgotten altogether. Active goals are never
+    dropped: where they alone need more than half of `max_nodes`, the limit grows.
+
+    Attributes:
+        iterations: iterations done since construction, direct attempts included.
+        edges_checked: calls of `edge_is_free` since construction.
+    """
+
+    def __init__(
+        self,
+        lower: Array,
+        upper: Array,
+        start: Array,
+        edge_is_free: Callable[[Array, Array], bool],
+        settings: GoalSetRRTSettings,
+        rng: np.random.Generator,
+    ) -> None:
+        """Plant the forward tree.
+
+        Args:
+            lower, upper: (dof,) finite bounds of the configurations.
+            start: (dof,) root of the forward tree, known to be free.
+            edge_is_free: whether the whole straight motion between two configurations is free;
+                symmetric in its arguments.
+            settings: how the trees grow.
+            rng: the only source of randomness.
+
+        Raises:
+            ParameterError: bounds, start or weights do not fit each other.
+        """
+        self._lower = np.array(lower, dtype=np.float64)
+        self._upper = np.array(upper, dtype=np.float64)
+        bounds = (self._lower, self._upper)
+        if self._lower.ndim != 1 or self._lower.shape != self._upper.shape:
+            raise ParameterError("bounds", bounds, "give lower and upper of the same length")
+        if not (np.isfinite(bounds).all() and (self._lower <= self._upper).all()):
+            raise ParameterError("bounds", bounds, "give finite numbers, lower not above upper")
+        weights = settings.weights if settings.weights is not None else (1.0,) * len(self._lower)
+        if len(weights) != len(self._lower):
+            raise ParameterError("weights", weights, f"give {len(self._lower)}, one per joint")
+        self._scale = np.array(weights, dtype=np.float64) ** 2
+        self._settings = settings
+        self._edge_is_free = edge_is_free
+        self._rng = rng
+        self.iterations = 0
+        self.edges_checked = 0
+
+        self._max_nodes = settings.max_nodes
+        self._goals: dict[int, _Goal] = {}
+        self._unreached: list[int] = []  # keys of active goals outside the forward tree
+        self._untried: deque[int] = deque()  # those among them to be tried directly
+        self._connected: deque[int] = deque()  # keys of active goals to report
+        self._labels_used = 0
+        self._turn = 0
+        self._count = 0
+        self._nodes = np.empty((len(self._lower), 0))
+        self._parents = np.empty(0, dtype=np.int32)
+        self._labels = np.empty(0, dtype=np.int32)
+        self._reserve(256)
+        self._append(self._checked("start", start), -1, _FORWARD)
+
+    # ---------------------------------------------------------------- goals
+
+    @property
+    def goals(self) -> tuple[int, ...]:
+        """Keys of the active goals, in the order they became known."""
+        return tuple(key for key, goal in self._goals.items() if goal.active)
+
+    @property
+    def node_count(self) -> int:
+        """Nodes in all trees."""
+        return self._count
+
+    def add_goal(self, key: int, q: Array) -> None:
+        """Make the configuration `q` (dof,) a goal, or re-activate the retired goal `key`.
+
+        Adding an active goal again changes nothing.
+
+        Raises:
+            ParameterError: `q` is out of bounds, or `key` is known with another configuration.
+        """
+        q = self._checked(f"goal {key}", q)
+        goal = self._goals.get(key)
+        if goal is None:
+            self._labels_used += 1
+            self._goals[key] = _Goal(q, self._append(q, -1, self._labels_used))
+        elif not np.array_equal(goal.q, q):
+            raise ParameterError(f"goal {key}", q.tolist(), "use a new key for another goal")
+        elif goal.active:
+            return
+        else:
+            goal.active = True
+        if self._in_forward_tree(self._goals[key]):
+            self._connected.append(key)
+            return
+        self._unreached.append(key)
+        if not self._goals[key].tried:
+            self._untried.append(key)
+
+    def retire_goal(self, key: int) -> None:
+        """Stop aiming at a goal; its tree stays. Retiring a retired goal changes nothing.
+
+        Raises:
+            ParameterError: no goal of that key was ever added.
+        """
+        if key not in self._goals:
+            raise ParameterError("goal", key, "add it before retiring it")
+        self._goals[key].active = False
+        for queue in (self._unreached, self._untried, self._connected):
+            if key in queue:
+                queue.remove(key)
+
+    # ---------------------------------------------------------------- search
+
+    def solve(
+        self, max_iterations: int, should_stop: Callable[[], bool] = lambda: False
+    ) -> tuple[int, Array] | None:
+        """Search until an active goal is reached that was not reported since its activation.
+
+        Args:
+            max_iterations: iterations to spend at most in this call.
+            should_stop: asked before every edge; True ends the call.
+
+        Returns:
+            The goal's key and the path (n, dof) from start to goal, every edge of it free, or
+            None: nothing reached within the limits, or no goal is left to reach.
+        """
+        for _ in range(max_iterations):
+            if self._connected or not self._unreached or should_stop():
+                break
+            if self._count + 1 > self._max_nodes:
+                self._cut_back()
+            self.iterations += 1
+            self._iterate(should_stop)
+        if not self._connected:
+            return None
+        key = self._connected.popleft()
+        return key, self._path_to(self._goals[key].root)
+
+    def clear(self) -> None:
+        """Forget all goals and trees, and keep the start."""
+        self._goals.clear()
+        self._unreached.clear()
+        self._untried.clear()
+        self._connected.clear()
+        self._count = 1
+        self._labels_used = 0
+        self._turn = 0
+
+    def edges(self) -> Iterator[tuple[Array, Array, int]]:
+        """Every tree edge as (configuration, its parent's configuration, label); 0 = forward."""
+        for node in range(self._count):
+            parent = int(self._parents[node])
+            if parent >= 0:
+                yield self._q(node), self._q(parent), int(self._labels[node])
+
+    def _iterate(self, should_stop: Callable[[], bool]) -> None:
+        if self._untried:
+            goal = self._goals[self._untried.popleft()]
+            goal.tried = True
+            self._connect(_FORWARD, goal.root, should_stop)
+            return
+        self._turn += 1
+        sample = self._rng.uniform(self._lower, self._upper)
+        if self._turn % 2 == 0:
+            new = self._extend(self._label_in_rotation(self._turn // 2), sample)
+            if new >= 0:
+                self._connect(_FORWARD, new, should_stop)
+        else:
+            new = self._extend(_FORWARD, sample)
+            if new >= 0:
+                in_rotation = self._turn % 4 == 3
+                label = self._label_in_rotation(self._turn // 4) if in_rotation else _ANY_BACKWARD
+                self._connect(label, new, should_stop)
+
+    def _label_in_rotation(self, turn: int) -> int:
+        """Label of the tree of the unreached active goal whose turn it is."""
+        key = self._unreached[turn % len(self._unreached)]
+        return int(self._labels[self._goals[key].root])
+
+    def _extend(self, label: int, target: Array) -> int:
+        """Grow a tree by one step towards `target` (dof,); the new node, or -1 where blocked."""
+        near = self._nearest(target, label)
+        q, _ = self._step(near, target)
+        if np.array_equal(q, self._q(near)) or not self._is_free(near, q):
+            return -1
+        return self._append(q, near, int(self._labels[near]))
+
+    def _connect(self, label: int, target: int, should_stop: Callable[[], bool]) -> None:
+        """Grow a tree from its node nearest to node `target` until there or blocked; merge."""
+        q_target = self._q(target)
+        near = self._nearest(q_target, label)
+        while not should_stop():
+            q, arrived = self._step(near, q_target)
+            if not self._is_free(near, q):
+                return
+            if arrived:
+                if self._labels[near] == _FORWARD:
+                    self._merge(near, target)
+                else:
+                    self._merge(target, near)
+                return
+            if self._count >= self._max_nodes:
+                return
+            near = self._append(q, near, int(self._labels[near]))
+
+    def _step(self, node: int, target: Array) -> tuple[Array, bool]:
+        """At most `max_step` from a node towards `target`; whether that is the target itself."""
+        q = self._q(node)
+        difference = target - q
+        distance = float(np.sqrt(np.dot(self._scale, difference * difference)))
+        if distance <= self._settings.max_step:
+            return target, True
+        return q + (self._settings.max_step / distance) * difference, False
+
+    def _is_free(self, node: int, q: Array) -> bool:
+        origin = self._q(node)
+        if np.array_equal(origin, q):
+            return True
+        self.edges_checked += 1
+        return bool(self._edge_is_free(origin, q))
+
+    def _merge(self, forward: int, backward: int) -> None:
+        """Hang the tree of node `backward` under node `forward` of the forward tree."""
+        label = self._labels[backward]
+        parent = forward
+        node = backward
+        while node >= 0:
+            following = int(self._parents[node])
+            self._parents[node] = parent
+            parent, node = node, following
+        labels = self._labels[: self._count]
+        labels[labels == label] = _FORWARD
+        for key in [k for k in self._unreached if self._in_forward_tree(self._goals[k])]:
+            self._unreached.remove(key)
+            if key in self._untried:
+                self._untried.remove(key)
+            self._connected.append(key)
+
+    # ---------------------------------------------------------------- pool of nodes
+
+    def _checked(self, name: str, q: Array) -> Array:
+        q = np.array(q, dtype=np.float64)
+        if q.shape != self._lower.shape or not np.isfinite(q).all():
+            raise ParameterError(name, q.tolist(), f"give {len(self._lower)} finite numbers")
+        if (q < self._lower).any() or (q > self._upper).any():
+            raise ParameterError(name, q.tolist(), "must lie within the bounds")
+        return q
+
+    def _q(self, node: int) -> Array:
+        return self._nodes[:, node].copy()
+
+    def _nearest(self, q: Array, label: int) -> int:
+        return int(_nearest(self._nodes, self._labels, self._count, q, self._scale, label))
+
+    def _in_forward_tree(self, goal: _Goal) -> bool:
+        return bool(self._labels[goal.root] == _FORWARD)
+
+    def _reserve(self, capacity: int) -> None:
+        n = self._count
+        nodes = np.zeros((len(self._lower), capacity))
+        nodes[:, :n] = self._nodes[:, :n]
+        parents = np.full(capacity, -1, dtype=np.int32)
+        parents[:n] = self._parents[:n]
+        labels = np.zeros(capacity, dtype=np.int32)
+        labels[:n] = self._labels[:n]
+        self._nodes, self._parents, self._labels = nodes, parents, labels
+
+    def _append(self, q: Array, parent: int, label: int) -> int:
+        if self._count == len(self._parents):
+            self._reserve(2 * self._count)
+        node = self._count
+        self._nodes[:, node] = q
+        self._parents[node] = parent
+        self._labels[node] = label
+        self._count += 1
+        return node
+
+    def _branch(self, node: int) -> list[int]:
+        """The nodes from `node` to its tree's root."""
+        branch = []
+        while node >= 0:
+            branch.append(node)
+            node = int(self._parents[node])
+        return branch
+
+    def _path_to(self, node: int) -> Array:
+        path = self._nodes[:, self._branch(node)[::-1]].T
+        moved = np.ones(len(path), dtype=bool)
+        moved[1:] = (np.diff(path, axis=0) != 0.0).any(axis=1)
+        return np.ascontiguousarray(path[moved])
+
+    def _cut_back(self) -> None:
+        """Free at least half of the pool, see the class description."""
+        for keep_retired in (True, False):
+            for key, goal in list(self._goals.items()):
+                if not goal.active and not (keep_retired and self._in_forward_tree(goal)):
+                    del self._goals[key]
+            kept = {0}
+            for goal in self._goals.values():
+                if self._in_forward_tree(goal):
+                    kept.update(self._branch(goal.root))
+                else:
+                    kept.add(goal.root)
+            if 2 * len(kept) <= self._max_nodes:
+                break
+        self._max_nodes = max(self._max_nodes, 2 * len(kept))
+        old = np.array(sorted(kept))
+        new_index = np.full(self._count + 1, -1, dtype=np.int32)  # the last stands for "no parent"
+        new_index[old] = np.arange(len(old), dtype=np.int32)
+        self._count = len(old)
+        self._nodes[:, : len(old)] = self._nodes[:, old]
+        self._parents[: len(old)] = new_index[self._parents[old]]
+        self._labels[: len(old)] = self._labels[old]
+        for goal in self._goals.values():
+            goal.root = int(new_index[goal.root])

@@ -1,0 +1,78 @@
+"""Random shortcutting of a certified path."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from placement_planner_ros.core.types import Array
+
+
+def shorten(
+    path: Array,
+    edge_is_free: Callable[[Array, Array], bool],
+    rng: np.random.Generator,
+    attempts: int = 100,
+    should_stop: Callable[[], bool] = lambda: False,
+) -> Array:
+    """Shorten a path by straight shortcuts between points on it, never making it longer.
+
+    First vertices are skipped greedily (from each vertex to the furthest one a free edge reaches,
+    trying at distances that halve), then `attempts` shortcuts between two random points of the
+    path are tried, wherever they lie on their edges. Both ends stay exactly as they are. Every
+    edge of the result is either part of an edge of `path` or was certified by `edge_is_free`;
+    the part of a free edge is free.
+
+    Args:
+        path: (n, dof) waypoints, n ≥ 1, whose edges are free.
+        edge_is_free: whether the whole straight motion between two configurations is free.
+        rng: the only source of randomness.
+        attempts: random shortcuts to try.
+        should_stop: asked before every edge; True returns what is reached so far.
+
+    Returns:
+        (m, dof) waypoints.
+    """
+    path = np.array(path, dtype=np.float64)
+    points = _skip_vertices(list(_without_repetition(path)), edge_is_free, should_stop)
+    for _ in range(attempts):
+        if len(points) < 3 or should_stop():
+            break
+        lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        reached = np.concatenate(([0.0], np.cumsum(lengths)))
+        low, high = np.sort(rng.uniform(0.0, reached[-1], 2))
+        i = min(int(np.searchsorted(reached, low, side="right")) - 1, len(lengths) - 1)
+        j = min(int(np.searchsorted(reached, high, side="right")) - 1, len(lengths) - 1)
+        if i == j:
+            continue
+        a = points[i] + (low - reached[i]) / lengths[i] * (points[i + 1] - points[i])
+        b = points[j] + (high - reached[j]) / lengths[j] * (points[j + 1] - points[j])
+        straight_already = np.linalg.norm(b - a) >= (high - low) * (1.0 - 1e-9)
+        if not straight_already and edge_is_free(a, b):
+            points = [*points[: i + 1], a, b, *points[j + 1 :]]
+    return _without_repetition(np.array(points))
+
+
+def _without_repetition(points: Array) -> Array:
+    """The (n, dof) points less those equal to their predecessor."""
+    moved = np.ones(len(points), dtype=bool)
+    moved[1:] = (np.diff(points, axis=0) != 0.0).any(axis=1)
+    return np.asarray(points[moved])
+
+
+def _skip_vertices(
+    points: list[Array],
+    edge_is_free: Callable[[Array, Array], bool],
+    should_stop: Callable[[], bool],
+) -> list[Array]:
+    """Replace runs of edges by single free edges, longest first."""
+    kept = [points[0]]
+    i = 0
+    while i < len(points) - 1:
+        reach = len(points) - 1 - i
+        while reach > 1 and (should_stop() or not edge_is_free(points[i], points[i + reach])):
+            reach //= 2
+        i += max(reach, 1)
+        kept.append(points[i])
+    return kept

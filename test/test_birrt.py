@@ -1,0 +1,366 @@
+"""The goal-set bidirectional RRT on two-dimensional toys."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.motion.birrt import GoalSetRRT, GoalSetRRTSettings
+
+LOWER = np.zeros(2)
+UPPER = np.full(2, 10.0)
+START = np.array([1.0, 1.0])
+
+
+class Rectangles:
+    """Closed rectangles (n, 4) xmin ymin xmax ymax in the plane; counts the edges asked for."""
+
+    def __init__(self, *rectangles):
+        self.rectangles = np.array(rectangles, dtype=float).reshape(-1, 4)
+        self.asked = 0
+
+    def edge_is_free(self, a, b):
+        """Exact: clips the segment against every rectangle (slab test)."""
+        self.asked += 1
+        a, d = np.asarray(a), np.asarray(b) - np.asarray(a)
+        for r in self.rectangles:
+            enter, leave = 0.0, 1.0
+            for j in range(2):
+                if d[j] == 0.0:
+                    if not r[j] <= a[j] <= r[j + 2]:
+                        leave = -1.0
+                    continue
+                t = np.sort([(r[j] - a[j]) / d[j], (r[j + 2] - a[j]) / d[j]])
+                enter, leave = max(enter, t[0]), min(leave, t[1])
+            if enter <= leave:
+                return False
+        return True
+
+
+OPEN = ()
+# two walls that overlap, each open on one side
+MAZE = ((3.0, 0.0, 3.4, 8.0), (6.0, 2.0, 6.4, 10.0))
+# a closed box around (8.5, 8.5)
+CLOSED = ((7.0, 7.0, 10.0, 7.3), (7.0, 7.0, 7.3, 10.0))
+
+
+def make(rectangles=MAZE, seed=0, **settings):
+    world = Rectangles(*rectangles)
+    rrt = GoalSetRRT(
+        LOWER,
+        UPPER,
+        START,
+        world.edge_is_free,
+        GoalSetRRTSettings(max_step=1.0, **settings),
+        np.random.default_rng(seed),
+    )
+    return rrt, world
+
+
+def assert_sound(rrt, world, solution, goals):
+    key, path = solution
+    np.testing.assert_array_equal(path[0], START)
+    np.testing.assert_array_equal(path[-1], goals[key])
+    assert len(path) == 1 or (np.linalg.norm(np.diff(path, axis=0), axis=1) <= 1.0 + 1e-9).all()
+    assert all(world.edge_is_free(a, b) for a, b in pairwise(path))
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_solves_a_maze_with_free_edges(seed):
+    rrt, world = make(seed=seed)
+    goals = {4: np.array([9.0, 9.0])}
+    rrt.add_goal(4, goals[4])
+    solution = rrt.solve(5000)
+    assert solution is not None
+    assert_sound(rrt, world, solution, goals)
+
+
+def test_every_tree_edge_is_free():
+    rrt, world = make()
+    for key, q in enumerate(([9.0, 9.0], [4.5, 5.0], [8.0, 1.0])):
+        rrt.add_goal(key, np.array(q))
+    rrt.solve(60)
+    edges = list(rrt.edges())
+    assert len(edges) > 20
+    assert all(world.edge_is_free(a, b) for a, b, _ in edges)
+
+
+def test_in_the_open_the_first_attempt_is_straight():
+    rrt, world = make(OPEN)
+    rrt.add_goal(0, np.array([9.0, 9.0]))
+    key, path = rrt.solve(1)
+    assert key == 0
+    assert rrt.iterations == 1
+    length = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
+    assert length == pytest.approx(np.hypot(8.0, 8.0))
+    assert rrt.edges_checked == world.asked == 12
+
+
+def test_goal_at_the_start():
+    rrt, _ = make()
+    rrt.add_goal(0, START)
+    key, path = rrt.solve(10)
+    assert key == 0
+    np.testing.assert_array_equal(path, [START])
+    assert rrt.edges_checked == 0
+
+
+def test_same_seed_same_result():
+    runs = []
+    for _ in range(2):
+        rrt, _ = make(seed=7)
+        rrt.add_goal(1, np.array([9.0, 9.0]))
+        rrt.add_goal(2, np.array([9.0, 1.0]))
+        first = rrt.solve(5000)
+        rrt.retire_goal(first[0])
+        runs.append((first, rrt.solve(5000), rrt.iterations, rrt.edges_checked))
+    (a, b, *counts), (c, d, *other_counts) = runs
+    assert counts == other_counts
+    for one, two in ((a, c), (b, d)):
+        assert one[0] == two[0]
+        np.testing.assert_array_equal(one[1], two[1])
+
+
+def test_a_goal_is_reported_once_and_again_after_reactivation():
+    rrt, _ = make()
+    rrt.add_goal(0, np.array([9.0, 9.0]))
+    _, path = rrt.solve(5000)
+    iterations = rrt.iterations
+    assert rrt.solve(5000) is None
+    rrt.retire_goal(0)
+    assert rrt.solve(5000) is None
+    rrt.add_goal(0, np.array([9.0, 9.0]))
+    key, again = rrt.solve(1)
+    assert key == 0
+    np.testing.assert_array_equal(again, path)
+    assert rrt.iterations == iterations, "a connected goal costs no search"
+
+
+def test_state_is_kept_between_calls():
+    rrt, _ = make()
+    rrt.add_goal(0, np.array([9.0, 9.0]))
+    calls = 0
+    solution = None
+    while solution is None and calls < 5000:
+        solution = rrt.solve(1)
+        calls += 1
+    other, _ = make()
+    other.add_goal(0, np.array([9.0, 9.0]))
+    _, path = other.solve(5000)
+    assert calls == other.iterations
+    np.testing.assert_array_equal(solution[1], path)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_second_goal_near_the_first_needs_few_iterations(seed):
+    rrt, _ = make(seed=seed)
+    rrt.add_goal(0, np.array([9.0, 9.0]))
+    assert rrt.solve(5000) is not None
+    before = rrt.iterations
+    rrt.retire_goal(0)
+    rrt.add_goal(1, np.array([9.2, 8.8]))
+    assert rrt.solve(5000)[0] == 1
+    assert before > 10
+    assert rrt.iterations - before <= 2
+
+
+def test_a_retired_tree_is_merged_without_success():
+    """The goal behind the maze is retired, its tree in the open part grows into the forward one."""
+    rrt, world = make(MAZE)
+    goals = {0: np.array([4.7, 9.0]), 1: np.array([9.0, 9.0])}
+    rrt.add_goal(0, goals[0])
+    rrt.solve(4)  # some nodes for the tree of goal 0
+    assert any(label != 0 for *_, label in rrt.edges())
+    rrt.retire_goal(0)
+    rrt.add_goal(1, goals[1])
+    solution = rrt.solve(5000)
+    assert solution[0] == 1, "only the active goal counts as success"
+    rrt.add_goal(0, goals[0])
+    edges_before = rrt.edges_checked
+    solution = rrt.solve(1)
+    assert solution is not None, "merged while it was retired"
+    assert rrt.edges_checked == edges_before
+    assert_sound(rrt, world, solution, goals)
+
+
+def test_an_unreachable_goal_gives_none_and_does_not_starve_others():
+    sealed = np.array([8.5, 8.5])
+    rrt, _ = make(CLOSED)
+    rrt.add_goal(0, sealed)
+    assert rrt.solve(300) is None
+    assert rrt.iterations == 300
+
+    needed = {}
+    for with_sealed in (False, True):
+        counts = []
+        for seed in range(10):
+            rrt, _ = make((*CLOSED, *((3.0, 0.0, 3.4, 8.0),)), seed=seed)
+            if with_sealed:
+                for key in range(5):
+                    rrt.add_goal(key, sealed + 0.2 * key)
+            rrt.add_goal(9, np.array([9.0, 1.0]))
+            assert rrt.solve(3000)[0] == 9
+            counts.append(rrt.iterations)
+        needed[with_sealed] = np.median(counts)
+    assert needed[True] <= 10 * needed[False] + 10
+
+
+def test_should_stop_is_honoured():
+    rrt, world = make(CLOSED)
+    rrt.add_goal(0, np.array([8.5, 8.5]))
+    assert rrt.solve(1000, lambda: True) is None
+    assert rrt.iterations == world.asked == 0
+    assert rrt.solve(10**9, lambda: world.asked >= 50) is None
+    assert world.asked <= 51
+
+
+def test_random_order_of_adding_retiring_and_reactivating():
+    """Whatever the order, reported goals are active, paths are free and nothing is lost."""
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        rrt, world = make(seed=seed)
+        goals = {}
+        while len(goals) < 12:
+            q = rng.uniform(LOWER, UPPER)
+            if world.edge_is_free(q, q + 1e-6):
+                goals[len(goals)] = q
+        active, reported = set(), set()
+        for _ in range(150):
+            key = int(rng.integers(len(goals)))
+            action = rng.integers(3)
+            if action == 0:
+                rrt.add_goal(key, goals[key])
+                if key not in active:
+                    reported.discard(key)
+                active.add(key)
+            elif action == 1 and key in active:
+                rrt.retire_goal(key)
+                active.discard(key)
+            else:
+                solution = rrt.solve(int(rng.integers(1, 20)))
+                if solution is not None:
+                    assert solution[0] in active - reported
+                    assert_sound(rrt, world, solution, goals)
+                    reported.add(solution[0])
+            assert set(rrt.goals) == active
+        for key in set(goals) - active:
+            rrt.add_goal(key, goals[key])
+            reported.discard(key)
+        while (solution := rrt.solve(5000)) is not None:
+            assert_sound(rrt, world, solution, goals)
+            assert solution[0] not in reported
+            reported.add(solution[0])
+        assert reported == set(goals)
+
+
+def test_nodes_are_bounded_and_search_goes_on():
+    rrt, world = make(MAZE, max_nodes=60)
+    goals = {k: np.array(q) for k, q in enumerate(([9.0, 9.0], [9.0, 1.0], [4.6, 9.0]))}
+    goals[3] = np.array([6.2, 9.0])  # inside a wall
+    for key, q in goals.items():
+        rrt.add_goal(key, q)
+    rrt.retire_goal(2)
+    found = set()
+    for _ in range(100):
+        solution = rrt.solve(100)
+        assert rrt.node_count <= 60
+        if solution is not None:
+            assert_sound(rrt, world, solution, goals)
+            found.add(solution[0])
+        if found == {0, 1}:
+            break
+    assert found == {0, 1}
+    rrt.add_goal(2, goals[2])  # forgotten or not, it is a goal like any other
+    for _ in range(100):
+        solution = rrt.solve(100)
+        if solution is not None:
+            break
+    assert solution[0] == 2
+    assert_sound(rrt, world, solution, goals)
+
+
+def test_more_goals_than_nodes_are_all_kept():
+    rrt, world = make(OPEN, max_nodes=20)
+    goals = {k: np.array([2.0 + 0.1 * k, 9.0]) for k in range(60)}
+    for key, q in goals.items():
+        rrt.add_goal(key, q)
+    found = set()
+    while (solution := rrt.solve(1000)) is not None:
+        assert_sound(rrt, world, solution, goals)
+        found.add(solution[0])
+    assert found == set(goals)
+
+
+def test_weights_change_the_metric():
+    world = Rectangles()
+    settings = GoalSetRRTSettings(max_step=1.0, weights=(10.0, 0.1))
+    rrt = GoalSetRRT(LOWER, UPPER, START, world.edge_is_free, settings, np.random.default_rng(0))
+    rrt.add_goal(0, np.array([1.0, 9.0]))
+    _, path = rrt.solve(1)
+    assert len(path) == 2
+    rrt.add_goal(1, np.array([2.0, 1.0]))
+    _, path = rrt.solve(1)
+    assert len(path) == 11
+
+
+def test_nearest_node_is_the_nearest():
+    """Against a plain search, with several trees and more nodes than one block."""
+    from placement_planner_ros.core.motion.birrt import _nearest
+
+    rng = np.random.default_rng(3)
+    nodes = rng.normal(size=(5, 1024))
+    labels = rng.integers(0, 4, 1024).astype(np.int32)
+    scale = rng.uniform(0.5, 2.0, 5)
+    for count in (1, 255, 256, 257, 1000):
+        for label in (0, 2, -1):
+            q = rng.normal(size=5)
+            d2 = (scale[:, None] * (nodes - q[:, None]) ** 2).sum(axis=0)
+            wanted = (labels == label) if label >= 0 else (labels > 0)
+            wanted &= np.arange(1024) < count
+            expected = np.flatnonzero(wanted)[np.argmin(d2[wanted])] if wanted.any() else -1
+            assert _nearest(nodes, labels, count, q, scale, label) == expected
+
+
+def test_clear_keeps_only_the_start():
+    rrt, _ = make()
+    rrt.add_goal(0, np.array([9.0, 9.0]))
+    rrt.solve(5000)
+    rrt.clear()
+    assert rrt.goals == ()
+    assert rrt.node_count == 1
+    rrt.add_goal(0, np.array([9.0, 1.0]))
+    key, path = rrt.solve(5000)
+    assert key == 0
+    np.testing.assert_array_equal(path[-1], [9.0, 1.0])
+
+
+def test_bad_input_is_named():
+    rng = np.random.default_rng(0)
+    settings = GoalSetRRTSettings()
+
+    def build(lower=LOWER, upper=UPPER, start=START, settings=settings):
+        return GoalSetRRT(lower, upper, start, lambda a, b: True, settings, rng)
+
+    with pytest.raises(ParameterError, match="start"):
+        build(start=np.array([1.0, 11.0]))
+    with pytest.raises(ParameterError, match="bounds"):
+        build(upper=np.array([np.inf, 1.0]))
+    with pytest.raises(ParameterError, match="bounds"):
+        build(lower=UPPER + 1)
+    with pytest.raises(ParameterError, match="weights"):
+        build(settings=GoalSetRRTSettings(weights=(1.0,)))
+    with pytest.raises(ParameterError, match="weights"):
+        GoalSetRRTSettings(weights=(1.0, 0.0))
+    with pytest.raises(ParameterError, match="max_step"):
+        GoalSetRRTSettings(max_step=0.0)
+    with pytest.raises(ParameterError, match="max_nodes"):
+        GoalSetRRTSettings(max_nodes=1)
+    rrt = build()
+    rrt.add_goal(3, np.array([2.0, 2.0]))
+    with pytest.raises(ParameterError, match="goal 3"):
+        rrt.add_goal(3, np.array([2.0, 3.0]))
+    with pytest.raises(ParameterError, match="goal 5"):
+        rrt.add_goal(5, np.array([2.0, np.nan]))
+    with pytest.raises(ParameterError, match="add it before"):
+        rrt.retire_goal(8)
