@@ -16,8 +16,8 @@ def outside_disc(a, b):
     return bool(np.linalg.norm(a + t * d - center) >= 3.0)
 
 
-def length(path, weights=1.0):
-    return np.linalg.norm(np.diff(path, axis=0) * weights, axis=1).sum()
+def length(path):
+    return np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
 
 
 def wandering_path(rng, points=40):
@@ -37,9 +37,8 @@ def test_shorter_with_the_same_ends_and_free(seed):
     result = shorten(path, outside_disc, rng, 100)
     np.testing.assert_array_equal(path, copy)
     np.testing.assert_array_equal(result[[0, -1]], path[[0, -1]])
-    assert all(
-        outside_disc(a + 1e-9 * (a - 5.0), b + 1e-9 * (b - 5.0)) for a, b in pairwise(result)
-    )
+    outward = 5.0 + (result - 5.0) * (1.0 + 1e-9)  # parts of edges that graze are rounded
+    assert all(outside_disc(a, b) for a, b in pairwise(outward))
     assert (np.diff(result, axis=0) != 0.0).any(axis=1).all()
     # the shortest way: two tangents and an arc
     r = np.linalg.norm(path[[0, -1]] - 5.0, axis=1)
@@ -78,18 +77,6 @@ def test_every_new_edge_was_asked_for():
 
     for a, b in pairwise(shorten(path, record, np.random.default_rng(0), 60)):
         assert any(on(a, *edge) and on(b, *edge) for edge in certified)
-
-
-def test_weights_decide_what_is_long():
-    """A detour that is long in radians but short in the weighted length is kept."""
-    path = np.array([[0.0, 0.0], [0.0, 5.0], [1.0, 5.0], [1.0, 0.0]])
-    weights = np.array([100.0, 0.1])
-
-    def allowed(a, b):
-        return bool(abs(b - a)[0] < 0.5 or abs(b - a)[1] > 1e-9)
-
-    result = shorten(path, allowed, np.random.default_rng(0), 50, weights=weights)
-    assert length(result, weights) <= length(path, weights)
 
 
 def test_stop_ends_it_with_a_whole_path():
