@@ -1,0 +1,661 @@
+"""The independent checker: is a published solution right, judged by the scene's true solids?
+
+It shares no code with the planner's own checks. Robot, scene and object are rebuilt from the URDF
+text and from meshes; the motion is the quintic a joint_trajectory_controller plays.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+import coal
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import ConvexHull
+
+Array = npt.NDArray[np.float64]
+
+WORLD = "environment"
+"""Link name of everything that does not move."""
+
+
+class Solid(Protocol):
+    """A convex solid: the hull of its vertices (n, 3), world frame."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def vertices(self) -> Array: ...
+
+
+class Curve(Protocol):
+    """A trajectory: times (n,), positions, velocities, accelerations (n, len(joints))."""
+
+    joints: tuple[str, ...]
+    times: Array
+    positions: Array
+    velocities: Array
+    accelerations: Array
+
+
+@dataclass(frozen=True)
+class Task:
+    """What was asked.
+
+    Attributes:
+        solids: the environment's true convex solids.
+        volume_lower, volume_upper: (3,) corners of V.
+        object_vertices, object_triangles, center_of_mass: the object, its connected components
+            convex, in its own frame.
+        urdf, srdf: texts; `package://<name>/` leads to package_dirs[name].
+        q_start: joint name -> value of every joint that mimics no other.
+        objective: `maximize_clearance`, `minimize_clearance`, or anything else for "do not check".
+    """
+
+    solids: Sequence[Solid]
+    volume_lower: Array
+    volume_upper: Array
+    object_vertices: Array
+    object_triangles: npt.NDArray[np.int64]
+    center_of_mass: Array
+    urdf: str
+    srdf: str
+    package_dirs: Mapping[str, str | Path]
+    q_start: Mapping[str, float]
+    objective: str
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What was published, with the grasp it refers to."""
+
+    trajectory: Curve
+    approach_start: float
+    placement_pose: Array  # (4, 4) T_world_object
+    objective: float
+    tip_frame: str
+    T_tip_object: Array  # (4, 4)
+    touch_links: Sequence[str]
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """Metres, radians, seconds.
+
+    Attributes:
+        contact: the contact tolerance of the planner.
+        step: no point of the robot moves further than this between two checked states.
+        acceleration_limit: per joint of the trajectory, or one for all.
+        limit: relative excess over a limit that is forgiven.
+        penetration: numerical slack of the collision library.
+        flatness: vertices this close to the lowest are those it stands on.
+        objective: between the published ξ and the one recomputed from the true solids.
+        improvement: by which ξ must exceed the previous one.
+    """
+
+    contact: float = 0.003
+    step: float = 0.002
+    acceleration_limit: float | Mapping[str, float] = np.inf
+    velocity_scaling: float = 1.0
+    limit: float = 1e-3
+    penetration: float = 2e-5
+    flatness: float = 1e-3
+    height: float = 5e-4
+    edge: float = 1e-3
+    position: float = 5e-4
+    angle: float = np.deg2rad(0.2)
+    objective: float = 0.01
+    improvement: float = 0.0
+
+
+def check_solution(
+    task: Task,
+    solution: Solution,
+    previous_objective: float | None = None,
+    tolerances: Tolerances | None = None,
+) -> list[str]:
+    """Everything that is wrong with a solution, one sentence each; empty where it is right."""
+    return SolutionChecker(task, tolerances).check(solution, previous_objective)
+
+
+class SolutionChecker:
+    """Checks any number of solutions to one task."""
+
+    def __init__(self, task: Task, tolerances: Tolerances | None = None) -> None:
+        self.task = task
+        self.tolerances = Tolerances() if tolerances is None else tolerances
+        self.robot = _Robot.read(task.urdf, task.srdf, task.package_dirs)
+        self.components = convex_components(task.object_vertices, task.object_triangles)
+        self._samples = voxel_centres(self.components)
+
+    def check(self, solution: Solution, previous_objective: float | None = None) -> list[str]:
+        """Violations of one solution."""
+        shape = self._check_shape(solution)
+        if shape:
+            return shape
+        states, times = self._states(solution.trajectory)
+        return [
+            *self._check_start(solution),
+            *self._check_limits(solution.trajectory),
+            *self._check_end(solution, states[-1]),
+            *self._check_collisions(solution, states, times),
+            *self._check_stance(solution.placement_pose),
+            *self._check_objective(solution, previous_objective),
+        ]
+
+    def clearance(self, T_world_object: Array) -> float:
+        """C: mean distance of the object's voxel centres sideways and upwards, metres."""
+        points = self._samples @ T_world_object[:3, :3].T + T_world_object[:3, 3]
+        lowest = self._world_vertices(T_world_object)[:, 2].min()
+        best = np.full(len(points), 0.5)
+        for solid in self.task.solids:
+            if solid.vertices[:, 2].max() <= lowest + self.tolerances.contact:
+                continue
+            for outline, low, high in upright_prisms(solid.vertices):
+                _lower_distance(
+                    best, points, outline, low, high, self.task.volume_lower, self.task.volume_upper
+                )
+        return float(best.mean())
+
+    def _world_vertices(self, T_world_object: Array) -> Array:
+        vertices = np.asarray(self.task.object_vertices)
+        return np.asarray(vertices @ T_world_object[:3, :3].T + T_world_object[:3, 3])
+
+    def _check_shape(self, solution: Solution) -> list[str]:
+        curve = solution.trajectory
+        found = []
+        times = np.asarray(curve.times)
+        values = [curve.positions, curve.velocities, curve.accelerations]
+        if any(np.shape(v) != (len(times), len(curve.joints)) for v in values):
+            return ["trajectory: positions, velocities, accelerations differ in shape"]
+        if len(times) < 2:
+            return ["trajectory: fewer than two points"]
+        if not all(np.isfinite(v).all() for v in [times, *values]):
+            return ["trajectory: not finite"]
+        unknown = [name for name in curve.joints if name not in self.robot.index]
+        if unknown:
+            return [f"trajectory: unknown joints {unknown}"]
+        if not (np.diff(times) > 0).all():
+            found.append("trajectory: times do not increase strictly")
+        if times[0] < 0:
+            found.append("trajectory: begins before 0")
+        if not 0 <= solution.approach_start <= times[-1]:
+            found.append("approach_start: outside the trajectory")
+        return found
+
+    def _check_start(self, solution: Solution) -> list[str]:
+        curve = solution.trajectory
+        q0 = np.array([self.task.q_start[name] for name in curve.joints])
+        error = np.abs(curve.positions[0] - q0).max()
+        found = [f"start: {error:.2g} from q_0"] if error > 1e-6 else []
+        if np.abs(curve.velocities[0]).max() > 1e-6:
+            found.append("start: moving")
+        return found
+
+    def _states(self, curve: Curve) -> tuple[Array, Array]:
+        """(k, nq) states along the curve, no point moving more than `step` between two; times."""
+        columns = [self.robot.index[name] for name in curve.joints]
+        reach = self.robot.reach(self.task.object_vertices)[columns]
+        rows, times = [], []
+        for segment, duration in enumerate(np.diff(curve.times)):
+            coarse = _quintic(curve, segment, np.linspace(0, duration, 41))[0]
+            travelled = np.concatenate([[0], np.cumsum(np.abs(np.diff(coarse, axis=0)) @ reach)])
+            count = max(int(np.ceil(1.05 * travelled[-1] / self.tolerances.step)), 1)
+            wanted = np.arange(count) / count * travelled[-1]
+            rising = travelled + np.linspace(0, 1e-12, len(travelled))
+            t = np.interp(wanted, rising, np.linspace(0, duration, 41))
+            rows.append(_quintic(curve, segment, t)[0])
+            times.append(curve.times[segment] + t)
+        moving = np.vstack([*rows, curve.positions[-1:]])
+        states = np.tile(self.robot.configuration(self.task.q_start), (len(moving), 1))
+        states[:, columns] = moving
+        self.robot.fill_mimics(states)
+        return states, np.concatenate([*times, curve.times[-1:]])
+
+    def _check_limits(self, curve: Curve) -> list[str]:
+        found = []
+        columns = [self.robot.index[name] for name in curve.joints]
+        lower, upper = self.robot.model.lowerPositionLimit, self.robot.model.upperPositionLimit
+        speed = self.robot.model.velocityLimit[columns] * self.tolerances.velocity_scaling
+        limit = self.tolerances.acceleration_limit
+        strength = np.array(
+            [limit[n] if isinstance(limit, Mapping) else limit for n in curve.joints]
+        )
+        parts = [
+            _quintic(curve, i, np.linspace(0, duration, 33))
+            for i, duration in enumerate(np.diff(curve.times))
+        ]
+        q, v, a = (np.vstack([part[k] for part in parts]) for k in range(3))
+        slack = self.tolerances.limit
+        for k, (name, column) in enumerate(zip(curve.joints, columns, strict=True)):
+            margin = 1e-6 + slack * 1e-2
+            if q[:, k].min() < lower[column] - margin or q[:, k].max() > upper[column] + margin:
+                found.append(f"limits: {name} leaves its range")
+            top = np.abs(v[:, k]).max()
+            if top > speed[k] * (1 + slack) + 1e-6:
+                found.append(f"limits: {name} turns at {top:.4g}, allowed {speed[k]:.4g}")
+            top = np.abs(a[:, k]).max()
+            if top > strength[k] * (1 + slack) + 1e-6:
+                found.append(f"limits: {name} accelerates at {top:.4g}, allowed {strength[k]:.4g}")
+        return found
+
+    def _check_end(self, solution: Solution, q_end: Array) -> list[str]:
+        found = []
+        if np.abs(solution.trajectory.velocities[-1]).max() > 1e-6:
+            found.append("end: not at rest")
+        T = self.robot.frame_pose(q_end, solution.tip_frame) @ solution.T_tip_object
+        published = np.asarray(solution.placement_pose)
+        offset = float(np.linalg.norm(T[:3, 3] - published[:3, 3]))
+        angle = float(np.linalg.norm(pin.log3(T[:3, :3].T @ published[:3, :3])))
+        if offset > self.tolerances.position:
+            found.append(f"end: object {1000 * offset:.2f} mm from the published pose")
+        if angle > self.tolerances.angle:
+            found.append(f"end: object turned by {np.rad2deg(angle):.2f}° from the published pose")
+        return found
+
+    def _check_collisions(self, solution: Solution, states: Array, times: Array) -> list[str]:
+        lowest = float(self._world_vertices(np.asarray(solution.placement_pose))[:, 2].min())
+        support = {
+            solid.name
+            for solid in self.task.solids
+            if abs(float(solid.vertices[:, 2].max()) - lowest) <= self.tolerances.contact + 1e-9
+        }
+        world = _World.build(self.robot, self.task, self.components, solution)
+        return world.sweep(states, times, solution.approach_start, support, self.tolerances)
+
+    def _check_stance(self, T_world_object: Array) -> list[str]:
+        T = np.asarray(T_world_object)
+        tolerances = self.tolerances
+        found = []
+        vertices = self._world_vertices(T)
+        lowest = vertices[:, 2].min()
+        feet = np.unique(vertices[vertices[:, 2] <= lowest + tolerances.flatness], axis=0)
+        com = T[:3, :3] @ self.task.center_of_mass + T[:3, 3]
+        if len(feet) < 3 or np.linalg.matrix_rank(feet[1:, :2] - feet[0, :2], tol=1e-4) < 2:
+            found.append("stance: stands on an edge or a corner")
+        else:
+            hull = ConvexHull(feet[:, :2])
+            if (hull.equations[:, :2] @ com[:2] + hull.equations[:, 2]).max() > 0:
+                found.append("stance: centre of mass beyond the face it stands on")
+        gaps = np.array([self._gap(foot) for foot in feet])
+        if gaps.max() > tolerances.contact + tolerances.height:
+            where = feet[np.argmax(gaps)].round(4).tolist()
+            found.append(f"stance: nothing under the vertex at {where}")
+        low, high = self.task.volume_lower, self.task.volume_upper
+        slack = np.array([1e-6, 1e-6, tolerances.contact])
+        if not ((feet >= low - slack) & (feet <= high + slack)).all(axis=1).any():
+            found.append("volume: no contact point in V")
+        if not ((com >= low - 1e-6) & (com <= high + 1e-6))[:2].all():
+            found.append("volume: centre of mass not over V")
+        return found
+
+    def _gap(self, point: Array) -> float:
+        """Vertical distance between a point and the horizontal top surface nearest in height."""
+        best = np.inf
+        for solid in self.task.solids:
+            top = solid.vertices[:, 2].max()
+            corners = solid.vertices[solid.vertices[:, 2] > top - 1e-6]
+            if len(corners) >= 3 and abs(point[2] - top) < best:
+                hull = ConvexHull(corners[:, :2])
+                outside = (hull.equations[:, :2] @ point[:2] + hull.equations[:, 2]).max()
+                if outside <= self.tolerances.edge:
+                    best = abs(float(point[2] - top))
+        return best
+
+    def _check_objective(self, solution: Solution, previous: float | None) -> list[str]:
+        found = []
+        sign = {"maximize_clearance": 1.0, "minimize_clearance": -1.0}.get(self.task.objective)
+        if sign is not None:
+            own = sign * self.clearance(np.asarray(solution.placement_pose))
+            if abs(own - solution.objective) > self.tolerances.objective:
+                found.append(f"objective: published {solution.objective:.4f}, is {own:.4f}")
+        if previous is not None and solution.objective <= previous + self.tolerances.improvement:
+            found.append(f"objective: {solution.objective:.6g} after {previous:.6g}")
+        return found
+
+
+@dataclass(frozen=True)
+class _Robot:
+    model: pin.Model
+    geometry: pin.GeometryModel
+    index: dict[str, int]
+    mimics: dict[str, tuple[str, float, float]]
+    disabled: frozenset[frozenset[str]]
+
+    @classmethod
+    def read(cls, urdf: str, srdf: str, package_dirs: Mapping[str, str | Path]) -> _Robot:
+        root = ElementTree.fromstring(urdf)
+        mimics = {}
+        for joint in root.iter("joint"):
+            name = str(joint.get("name"))
+            if joint.get("type") == "continuous":  # one coordinate, as everywhere
+                joint.set("type", "revolute")
+                limit = joint.find("limit")
+                limit = ElementTree.SubElement(joint, "limit") if limit is None else limit
+                for key, value in {"lower": "-1e9", "upper": "1e9"}.items():
+                    limit.set(key, value)
+                for key in ("velocity", "effort"):
+                    limit.set(key, limit.get(key) or "1e9")
+            mimic = joint.find("mimic")
+            if mimic is not None:
+                factor = float(mimic.get("multiplier", "1"))
+                mimics[name] = (str(mimic.get("joint")), factor, float(mimic.get("offset", "0")))
+        for mesh in root.iter("mesh"):
+            file = str(mesh.get("filename"))
+            for package, folder in package_dirs.items():
+                file = file.replace(f"package://{package}/", f"{folder}/")
+            mesh.set("filename", file)
+        text = ElementTree.tostring(root, encoding="unicode")
+        model = pin.buildModelFromXML(text)
+        geometry = pin.buildGeomFromUrdfString(model, text, pin.COLLISION)
+        for thing in geometry.geometryObjects:
+            thing.geometry = _as_convex(thing.geometry)
+        pairs = ElementTree.fromstring(srdf).iter("disable_collisions") if srdf else ()
+        disabled = frozenset(frozenset({str(p.get("link1")), str(p.get("link2"))}) for p in pairs)
+        index = {name: int(model.joints[i + 1].idx_q) for i, name in enumerate(model.names[1:])}
+        return cls(model, geometry, index, mimics, disabled)
+
+    def fill_mimics(self, states: Array) -> None:
+        for name, (master, factor, offset) in self.mimics.items():
+            states[:, self.index[name]] = factor * states[:, self.index[master]] + offset
+
+    def configuration(self, positions: Mapping[str, float]) -> Array:
+        q = np.zeros((1, self.model.nq))
+        for name, column in self.index.items():
+            if name not in self.mimics:
+                q[0, column] = positions[name]
+        self.fill_mimics(q)
+        return np.asarray(q[0])
+
+    def frame_pose(self, q: Array, frame: str) -> Array:
+        data = self.model.createData()
+        pin.framesForwardKinematics(self.model, data, q)
+        return np.array(data.oMf[self.model.getFrameId(frame)].homogeneous)
+
+    def reach(self, object_vertices: Array) -> Array:
+        """(nq,) most metres any point (the held object's included) moves per unit of a joint."""
+        held = 2 * float(np.linalg.norm(object_vertices, axis=1).max()) + 0.2
+        extent = np.full(self.model.njoints, held)
+        for thing in self.geometry.geometryObjects:
+            shape = thing.geometry
+            shape.computeLocalAABB()
+            centre = thing.placement.act(np.asarray(shape.aabb_center))
+            size = float(np.linalg.norm(centre)) + float(shape.aabb_radius)
+            extent[thing.parentJoint] = max(extent[thing.parentJoint], size)
+        result = np.ones(self.model.nq)
+        for joint in range(self.model.njoints - 1, 0, -1):
+            parent = self.model.parents[joint]
+            sliding = self.model.joints[joint].shortname().startswith("JointModelP")
+            column = self.model.joints[joint].idx_q
+            far = extent[joint]
+            if sliding:
+                far += abs(self.model.upperPositionLimit[column])
+            else:
+                result[column] = extent[joint]
+            offset = float(np.linalg.norm(self.model.jointPlacements[joint].translation))
+            extent[parent] = max(extent[parent], offset + far)
+        return result
+
+
+@dataclass(frozen=True)
+class _World:
+    """Robot, held object and environment as one pinocchio geometry model."""
+
+    robot: _Robot
+    geometry: pin.GeometryModel
+    links: list[str] = field(default_factory=list)
+
+    @classmethod
+    def build(
+        cls, robot: _Robot, task: Task, components: Sequence[Array], solution: Solution
+    ) -> _World:
+        geometry = pin.GeometryModel(robot.geometry)
+        geometry.removeAllCollisionPairs()
+        links = [str(robot.model.frames[g.parentFrame].name) for g in geometry.geometryObjects]
+        tip = robot.model.frames[robot.model.getFrameId(solution.tip_frame)]
+        T_joint_object = tip.placement * pin.SE3(np.asarray(solution.T_tip_object))
+        held = []
+        for i, vertices in enumerate(components):
+            held.append(
+                geometry.addGeometryObject(
+                    pin.GeometryObject(
+                        f"object/{i}", tip.parentJoint, T_joint_object, convex(vertices)
+                    )
+                )
+            )
+            links.append("object")
+        for i, solid in enumerate(task.solids):
+            geometry.addGeometryObject(
+                pin.GeometryObject(
+                    f"{WORLD}/{i}/{solid.name}",
+                    0,
+                    pin.SE3.Identity(),
+                    convex(np.asarray(solid.vertices)),
+                )
+            )
+            links.append(WORLD)
+        for i in range(len(links)):
+            for j in range(i):
+                pair = frozenset({links[i], links[j]})
+                fixed = all(
+                    geometry.geometryObjects[k].parentJoint == 0 for k in (i, j)
+                )  # the base stands on what it stands on
+                touching = "object" in pair and bool(pair & set(solution.touch_links))
+                if len(pair) == 2 and not (fixed or touching or pair in robot.disabled):
+                    geometry.addCollisionPair(pin.CollisionPair(j, i))
+        return cls(robot, geometry, links)
+
+    def sweep(
+        self,
+        states: Array,
+        times: Array,
+        approach_start: float,
+        support: set[str],
+        tolerances: Tolerances,
+        block: int = 20,
+    ) -> list[str]:
+        """Collisions at the states, one sentence per pair of links and solids.
+
+        Distances at a block's first state tell which pairs can meet within the block at all.
+        """
+        model, geometry = self.robot.model, self.geometry
+        data, shapes = model.createData(), geometry.createData()
+        pairs = [(p.first, p.second) for p in geometry.collisionPairs]
+        for request in shapes.distanceRequests:
+            request.enable_signed_distance = True
+        on_support = np.array(
+            [
+                self.links[i] == "object"
+                and self.links[j] == WORLD
+                and geometry.geometryObjects[j].name.split("/", 2)[2] in support
+                for i, j in pairs
+            ]
+        )
+        found: dict[tuple[str, str], str] = {}
+        reachable = 2 * (block * tolerances.step) + tolerances.penetration
+        for begin in range(0, len(states), block):
+            pin.computeDistances(model, data, geometry, shapes, states[begin])
+            gaps = [result.min_distance for result in shapes.distanceResults]
+            close = [k for k, gap in enumerate(gaps) if gap <= reachable]
+            for row in range(begin, min(begin + block, len(states))):
+                pin.updateGeometryPlacements(model, data, geometry, shapes, states[row])
+                for k in close:
+                    gap = pin.computeDistance(geometry, shapes, k).min_distance
+                    allowed = tolerances.penetration
+                    if on_support[k] and times[row] >= approach_start - 1e-9:
+                        allowed += tolerances.contact
+                    if gap < -allowed:
+                        names = tuple(self._name(n) for n in pairs[k])
+                        found.setdefault(
+                            (names[0], names[1]),
+                            f"collision: {names[0]} with {names[1]} at {times[row]:.3f} s,"
+                            f" {-1000 * gap:.2f} mm deep",
+                        )
+        return list(found.values())
+
+    def _name(self, index: int) -> str:
+        if self.links[index] == WORLD:
+            return str(self.geometry.geometryObjects[index].name.split("/", 2)[2])
+        return self.links[index]
+
+
+def _quintic(curve: Curve, segment: int, t: Array) -> tuple[Array, Array, Array]:
+    """Position, velocity, acceleration (k, joints), t seconds into a segment."""
+    h = curve.times[segment + 1] - curve.times[segment]
+    p0, p1 = curve.positions[segment : segment + 2]
+    v0, v1 = curve.velocities[segment : segment + 2]
+    a0, a1 = curve.accelerations[segment : segment + 2]
+    d = p1 - p0 - v0 * h - a0 * h**2 / 2
+    e = (v1 - v0 - a0 * h) * h
+    f = (a1 - a0) * h**2
+    c3 = (10 * d - 4 * e + f / 2) / h**3
+    c4 = (-15 * d + 7 * e - f) / h**4
+    c5 = (6 * d - 3 * e + f / 2) / h**5
+    s = np.asarray(t)[:, None]
+    return (
+        p0 + v0 * s + a0 * s**2 / 2 + c3 * s**3 + c4 * s**4 + c5 * s**5,
+        v0 + a0 * s + 3 * c3 * s**2 + 4 * c4 * s**3 + 5 * c5 * s**4,
+        a0 + 6 * c3 * s + 12 * c4 * s**2 + 20 * c5 * s**3,
+    )
+
+
+def convex(vertices: Array) -> coal.CollisionGeometry:
+    """The convex hull of (n, 3) points."""
+    hull = ConvexHull(vertices)
+    used, triangles = np.unique(hull.simplices, return_inverse=True)
+    mesh = coal.BVHModelOBBRSS()
+    mesh.beginModel(len(hull.simplices), len(used))
+    mesh.addVertices(np.asarray(vertices)[used])
+    for triangle in triangles.reshape(-1, 3):
+        mesh.addTriangle(*vertices[used][triangle])
+    mesh.endModel()
+    mesh.buildConvexHull(True, "Qt")
+    return mesh.convex
+
+
+def _as_convex(shape: coal.CollisionGeometry) -> coal.CollisionGeometry:
+    """A convex mesh as a solid; any other shape as it is."""
+    if not isinstance(shape, coal.BVHModelBase):
+        return shape
+    vertices = np.array(shape.vertices())
+    hull = ConvexHull(vertices)
+    corners = np.array([[*shape.tri_indices(i)] for i in range(shape.num_tris)])
+    middles = vertices[corners].mean(axis=1)
+    inside = -(middles @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1)
+    return convex(vertices) if inside.max() < 1e-5 else shape
+
+
+def convex_components(vertices: Array, triangles: npt.NDArray[np.int64]) -> list[Array]:
+    """Vertices (k, 3) of each connected component of a mesh.
+
+    Raises:
+        ValueError: a component is not convex.
+    """
+    edges = np.vstack([triangles[:, [0, 1]], triangles[:, [1, 2]]])
+    graph = coo_matrix((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), (len(vertices),) * 2)
+    count, label = connected_components(graph, directed=False)
+    result = []
+    for k in range(count):
+        points = np.asarray(vertices)[label == k]
+        hull = ConvexHull(points)
+        depth = -(points @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1)
+        if depth.max() > 1e-6:
+            raise ValueError(f"component {k} of the object is not convex")
+        result.append(points)
+    return result
+
+
+def voxel_centres(components: Sequence[Array], size: float = 0.005) -> Array:
+    """(n, 3) centres of the voxels of a lattice, from the bounding box's corner, inside a solid."""
+    everything = np.vstack(components)
+    low, high = everything.min(axis=0), everything.max(axis=0)
+    ticks = [np.arange(low[i] + size / 2, high[i], size) for i in range(3)]
+    lattice = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, 3)
+    inside = np.zeros(len(lattice), dtype=bool)
+    for points in components:
+        hull = ConvexHull(points)
+        inside |= (lattice @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1) < 1e-9
+    return np.asarray(lattice[inside])
+
+
+def upright_prisms(vertices: Array, thickness: float = 0.002) -> list[tuple[Array, float, float]]:
+    """A convex solid as upright prisms: outline (k, 2) counter-clockwise, bottom, top.
+
+    Exact where it is one; else slices, each as wide as its wider end.
+    """
+    z = vertices[:, 2]
+    low, high = float(z.min()), float(z.max())
+    bottom, top = vertices[z < low + 1e-9], vertices[z > high - 1e-9]
+    if len(bottom) + len(top) == len(vertices) and len(bottom) == len(top) >= 3:
+        outlines = [c[ConvexHull(c[:, :2]).vertices, :2] for c in (bottom, top)]
+        if all(np.linalg.norm(outlines[1] - p, axis=1).min() < 1e-9 for p in outlines[0]):
+            return [(outlines[0], low, high)]
+    levels = np.linspace(low, high, int(np.ceil((high - low) / thickness)) + 1)
+    a, b = (index.ravel() for index in np.meshgrid(*[np.arange(len(vertices))] * 2))
+    rising = z[b] - z[a] > 1e-12
+    a, b = a[rising], b[rising]
+    cuts = []
+    for level in levels:
+        crossing = (z[a] <= level) & (z[b] >= level)
+        p, r = vertices[a[crossing]], vertices[b[crossing]]
+        share = ((level - p[:, 2]) / (r[:, 2] - p[:, 2]))[:, None]
+        cuts.append((p + share * (r - p))[:, :2])
+    result = []
+    for i in range(len(levels) - 1):
+        both = np.vstack([cuts[i], cuts[i + 1]])
+        result.append((both[ConvexHull(both).vertices], float(levels[i]), float(levels[i + 1])))
+    return result
+
+
+def _clip(outline: Array, lower: Array, upper: Array) -> Array:
+    """A convex polygon's part within a rectangle (Sutherland–Hodgman); (0, 2) where none is."""
+    for axis in (0, 1):
+        for sign, bound in ((1.0, upper[axis]), (-1.0, -lower[axis])):
+            kept: list[Array] = []
+            for p, r in zip(outline, np.roll(outline, -1, axis=0), strict=True):
+                dp, dr = sign * p[axis] - bound, sign * r[axis] - bound
+                if dp <= 0:
+                    kept.append(p)
+                if dp * dr < 0:
+                    kept.append(p + dp / (dp - dr) * (r - p))
+            if not kept:
+                return np.empty((0, 2))
+            outline = np.array(kept)
+    return outline
+
+
+def _lower_distance(
+    best: Array,
+    points: Array,
+    outline: Array,
+    low: float,
+    high: float,
+    volume_lower: Array,
+    volume_upper: Array,
+) -> None:
+    """Lower `best` (n,) to the distance sideways and upwards to a prism's part in V."""
+    low, high = max(low, volume_lower[2]), min(high, volume_upper[2])
+    outline = _clip(outline, volume_lower, volume_upper)
+    if low >= high or len(outline) < 3:
+        return
+    rise = np.maximum(low - points[:, 2], 0.0)
+    box = np.maximum(outline.min(axis=0) - points[:, :2], points[:, :2] - outline.max(axis=0))
+    rows = np.flatnonzero(
+        (points[:, 2] <= high) & (np.hypot(np.hypot(*np.maximum(box, 0).T), rise) < best)
+    )
+    xy = points[rows, :2]
+    edges = np.roll(outline, -1, axis=0) - outline
+    relative = xy[:, None] - outline
+    inside = (edges[:, 0] * relative[..., 1] - edges[:, 1] * relative[..., 0] >= 0).all(axis=1)
+    length = np.maximum((edges**2).sum(axis=1), 1e-18)
+    along = np.clip((relative * edges).sum(axis=2) / length, 0, 1)
+    sideways = np.linalg.norm(relative - along[..., None] * edges, axis=2).min(axis=1)
+    distance = np.hypot(np.where(inside, 0.0, sideways), rise[rows])
+    best[rows] = np.minimum(best[rows], distance)
