@@ -9,9 +9,12 @@ import numpy as np
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.motion.shortcut import shorten
-from placement_planner_ros.core.motion.timing import concatenate, parameterize
+from placement_planner_ros.core.motion.timing import concatenate, evaluate, parameterize
 from placement_planner_ros.core.reach import Reach
 from placement_planner_ros.core.types import Array, Goal, Trajectory
+
+_APPROACH_SAMPLES = 200
+"""Instants at which the timed approach is compared with the straight line it is to follow."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,8 +70,9 @@ class TrajectoryMaker:
             could not be certified.
         """
         settings = self._settings
-        check = reach.collision.edge_free
-        path = shorten(path, check, self._rng, settings.shortcut_attempts, should_stop)
+        path = shorten(
+            path, reach.transit_free, self._rng, settings.shortcut_attempts, should_stop
+        )
         velocity = reach.arm.velocity * settings.velocity_scaling
         limits = np.array(settings.acceleration_limits)
         if limits.size not in (1, len(velocity)):
@@ -80,10 +84,10 @@ class TrajectoryMaker:
         acceleration = np.broadcast_to(limits, velocity.shape) * settings.acceleration_scaling
 
         def transit_free(a: Array, b: Array, deviation: Array) -> bool:
-            return check(a, b, deviation=deviation)
+            return reach.collision.edge_free(a, b, deviation=deviation)
 
         def approach_free(a: Array, b: Array, deviation: Array) -> bool:
-            return check(a, b, contact=True, deviation=deviation)
+            return reach.collision.edge_free(a, b, contact=True, deviation=deviation)
 
         joints = reach.arm.joints
         transit = parameterize(path, joints, velocity, acceleration, transit_free)
@@ -94,5 +98,8 @@ class TrajectoryMaker:
             goal.approach, joints, slow * velocity, slow * acceleration, approach_free
         )
         if approach is None:
+            return None
+        times = np.linspace(0.0, approach.duration, _APPROACH_SAMPLES)
+        if not reach.comes_straight_down(evaluate(approach, times)[0], goal.T_world_object):
             return None
         return concatenate(transit, approach), transit.duration

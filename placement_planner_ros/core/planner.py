@@ -14,7 +14,7 @@ from placement_planner_ros.core.errors import ParameterError, RobotError, StartE
 from placement_planner_ros.core.execution import ExecutionSettings, TrajectoryMaker
 from placement_planner_ros.core.feasibility import PoseConstraints
 from placement_planner_ros.core.goals import GoalFinder
-from placement_planner_ros.core.motion.birrt import RRTSettings
+from placement_planner_ros.core.motion.birrt import GoalSetRRTSettings
 from placement_planner_ros.core.objective import Objective
 from placement_planner_ros.core.reach import ApproachSettings, Reach
 from placement_planner_ros.core.refine import LocalOptimizer, Refined, RefineSettings
@@ -83,7 +83,7 @@ class PlannerSettings:
     ik: IKSettings = field(default_factory=IKSettings)
     collision: CollisionSettings = field(default_factory=CollisionSettings)
     approach: ApproachSettings = field(default_factory=ApproachSettings)
-    rrt: RRTSettings = field(default_factory=RRTSettings)
+    rrt: GoalSetRRTSettings = field(default_factory=GoalSetRRTSettings)
     refine: RefineSettings = field(default_factory=RefineSettings)
     execution: ExecutionSettings = field(default_factory=ExecutionSettings)
 

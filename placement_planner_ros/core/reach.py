@@ -11,11 +11,14 @@ from placement_planner_ros.core.body import Body
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.feasibility import PoseConstraints
 from placement_planner_ros.core.robot.collision import ArmCollision, CollisionSettings
-from placement_planner_ros.core.robot.ik import InverseKinematics, IKSettings
+from placement_planner_ros.core.robot.ik import IKSettings, InverseKinematics
 from placement_planner_ros.core.robot.kinematics import Chain
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.scene.grid import ObstacleSet
-from placement_planner_ros.core.types import Array, Verdict
+from placement_planner_ros.core.types import Array, TargetVolume, Verdict
+
+_HAND_LENGTH = 0.3
+"""m, how far a hand is taken to extend beyond its tip frame in `workspace`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +74,8 @@ class Reach:
         self._ik = InverseKinematics(self.chain, ik)
         self._T_object_tip = arm.grasps[grasp].inverse()
         self._settings = approach
+        self._reserve = collision.planning_reserve
+        self._vertices = body.vertices
 
     def tip_pose(self, T_world_object: pin.SE3) -> Array:
         """(4, 4) T_world_tip that brings the object to that pose."""
@@ -95,7 +100,25 @@ class Reach:
 
     def free_at_contact(self, q: Array) -> bool:
         """q ∈ C_free with the object resting on its support."""
-        return self.collision.edge_free(q, q, contact=True)
+        return self.collision.free(q, self._reserve, contact=True)
+
+    def transit_free(self, a: Array, b: Array) -> bool:
+        """Whether a whole straight joint motion is free, with what planning keeps in reserve."""
+        return self.collision.edge_free(a, b, reserve=self._reserve)
+
+    def comes_straight_down(self, Q: Array, T_world_object: pin.SE3) -> bool:
+        """Whether at each of Q (n, dof) the object is where the swept object of c_f(x) was.
+
+        It may stray from the vertical line above its placement by what planning keeps in reserve.
+        """
+        T_tip_object = self.arm.grasps[self.grasp].homogeneous
+        T = self.chain.forward_batch(Q) @ T_tip_object
+        placed = self._vertices @ T_world_object.rotation.T + T_world_object.translation
+        moving = self._vertices @ T[:, :3, :3].transpose(0, 2, 1) + T[:, None, :3, 3]
+        strayed = moving - placed
+        height = T[:, 2, 3] - T_world_object.translation[2]
+        strayed[..., 2] -= np.maximum(height, 0.0)[:, None]
+        return bool((np.linalg.norm(strayed, axis=-1) <= self._reserve).all())
 
     def approach(
         self, q: Array, T_world_object: pin.SE3, contact_height: float, poses: PoseConstraints
@@ -118,12 +141,31 @@ class Reach:
             q_next = self.follow(above, upward[-1])
             if q_next is None or not poses.free(T_world_object, contact_height, float(height)):
                 break
-            if not self.collision.edge_free(upward[-1], q_next, contact=True):
+            if not self.collision.edge_free(
+                upward[-1], q_next, contact=True, reserve=self._reserve
+            ):
                 break
             upward.append(q_next)
             enough = height >= settings.approach_minimum - 1e-9
-            if enough and self.collision.free(q_next):
+            if enough and self.collision.free(q_next, self._reserve):
                 raised = list(upward)
         if not raised:
             return Verdict.NO_APPROACH
         return np.array(raised[::-1])
+
+
+def workspace(
+    robot: Robot, arms: tuple[Arm, ...], q_robot: Array, body: Body, volume: TargetVolume
+) -> tuple[Array, Array]:
+    """Box (lower (3,), upper (3,)) that holds V and whatever arm, hand and object can touch."""
+    size = float(np.linalg.norm(np.ptp(body.vertices, axis=0)))
+    lower, upper = volume.lower - size, volume.upper + size
+    for arm in arms:
+        chain = Chain.from_robot(robot, arm, q_robot)
+        lengths = np.linalg.norm(chain.fixed[1:, :3, 3], axis=1).sum()
+        slides = np.abs([chain.lower, chain.upper]).max(axis=0)[chain.prismatic].sum()
+        held = max((float(np.linalg.norm(g.translation)) for g in arm.grasps), default=0.0)
+        radius = lengths + slides + held + size + _HAND_LENGTH
+        base = chain.fixed[0, :3, 3]
+        lower, upper = np.minimum(lower, base - radius), np.maximum(upper, base + radius)
+    return lower, upper

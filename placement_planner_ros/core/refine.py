@@ -126,11 +126,9 @@ class LocalOptimizer:
         approach = reach.approach(q, x, goal.contact_height, self._poses)
         if isinstance(approach, Verdict):
             return None
-        if not reach.collision.edge_free(goal.q_raised, approach[0]):
+        if not reach.transit_free(goal.q_raised, approach[0]):
             return None
-        return Goal(
-            goal.arm, goal.grasp, goal.face, x, goal.contact_height, approach, value
-        )
+        return Goal(goal.arm, goal.grasp, goal.face, x, goal.contact_height, approach, value)
 
     def _step(self, goal: Goal, reach: Reach, x: pin.SE3, change: Array) -> Array | None:
         """q + μΔq with Δq = J† v, brought exactly to pose x."""

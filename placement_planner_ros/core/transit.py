@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from placement_planner_ros.core.motion.birrt import GoalSetRRT, RRTSettings
+from placement_planner_ros.core.motion.birrt import GoalSetRRT, GoalSetRRTSettings
 from placement_planner_ros.core.reach import Reach
 from placement_planner_ros.core.types import Array, Goal
 
@@ -20,7 +20,7 @@ class MotionPlanner:
     """
 
     def __init__(
-        self, reaches: list[Reach], settings: RRTSettings, rng: np.random.Generator
+        self, reaches: list[Reach], settings: GoalSetRRTSettings, rng: np.random.Generator
     ) -> None:
         self._trees: dict[tuple[str, int], GoalSetRRT] = {}
         self._goals: dict[tuple[str, int], dict[int, Goal]] = {}
@@ -30,7 +30,7 @@ class MotionPlanner:
                 reach.arm.lower,
                 reach.arm.upper,
                 reach.q_start,
-                reach.collision.edge_free,
+                reach.transit_free,
                 settings,
                 child,
             )
@@ -61,7 +61,9 @@ class MotionPlanner:
                 self._trees[tree].retire_goal(key)
                 del goals[key]
 
-    def plan(self, max_iterations: int, should_stop: Callable[[], bool]) -> tuple[Goal, Array] | None:
+    def plan(
+        self, max_iterations: int, should_stop: Callable[[], bool]
+    ) -> tuple[Goal, Array] | None:
         """Spend up to m_max iterations on each tree that has goals, the least used tree first.
 
         Returns:

@@ -7,6 +7,7 @@ intervals of the angle.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -118,5 +119,5 @@ class AfrHierarchy:
         return [
             replace(node, region=part, angle_min=float(low), angle_max=float(high))
             for part in regions
-            for low, high in zip(bounds[:-1], bounds[1:], strict=True)
+            for low, high in itertools.pairwise(bounds)
         ]

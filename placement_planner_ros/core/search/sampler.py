@@ -85,9 +85,7 @@ class SampleCount:
     """
 
     samples: int = 0
-    verdicts: Counter[Verdict] = field(
-        default_factory=lambda: Counter(dict.fromkeys(Verdict, 0))
-    )
+    verdicts: Counter[Verdict] = field(default_factory=lambda: Counter(dict.fromkeys(Verdict, 0)))
 
     def add(self, verdict: Verdict) -> None:
         """Count one sample."""
@@ -214,5 +212,3 @@ class UniformSampler:
             if sample.goal is not None:
                 goals.append(sample.goal)
         return goals
-
-

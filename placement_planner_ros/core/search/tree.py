@@ -68,7 +68,12 @@ def _descend(
 
 @njit(cache=True)
 def _propagate(
-    node: int, visit: int, reward: float, parent: np.ndarray, visits: np.ndarray, rewards: np.ndarray
+    node: int,
+    visit: int,
+    reward: float,
+    parent: np.ndarray,
+    visits: np.ndarray,
+    rewards: np.ndarray,
 ) -> None:
     while node >= 0:
         visits[node] += visit

@@ -1,0 +1,99 @@
+"""`placement_benchmark`: run the paper's cases and record what came of them."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from placement_planner_ros.core.errors import PlacementPlannerError
+from placement_planner_ros.core.planner import PlannerSettings
+from placement_planner_ros.experiments.cases import OBJECTIVES, Case, all_cases
+from placement_planner_ros.experiments.record import Record, run_case
+from placement_planner_ros.scenes.objects import OBJECT_NAMES
+from placement_planner_ros.scenes.scenes import SCENE_NAMES
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="placement_benchmark", description=__doc__)
+    commands = parser.add_subparsers(dest="command", required=True)
+    cases = commands.add_parser("cases", help="run the 24 cases and record every solution")
+    cases.add_argument("--seeds", type=int, default=3, help="runs per case (default %(default)s)")
+    cases.add_argument("--first-seed", type=int, default=0)
+    cases.add_argument("--seconds", type=float, default=30.0, help="time limit of a run")
+    cases.add_argument("--cloud", choices=("complete", "cameras"), default="complete")
+    cases.add_argument("--scene", choices=SCENE_NAMES, action="append")
+    cases.add_argument("--object", choices=OBJECT_NAMES, action="append")
+    cases.add_argument("--objective", choices=OBJECTIVES, action="append")
+    cases.add_argument("--sampler", choices=("mcts", "uniform"), default="mcts")
+    cases.add_argument("--no-local-optimization", action="store_true")
+    cases.add_argument("--output", type=Path, default=Path("results/cases"))
+    return parser
+
+
+def _wanted(case: Case, arguments: argparse.Namespace) -> bool:
+    return (
+        (not arguments.scene or case.scene in arguments.scene)
+        and (not arguments.object or case.object in arguments.object)
+        and (not arguments.objective or case.objective in arguments.objective)
+    )
+
+
+def describe(record: Record) -> str:
+    """One line for the terminal."""
+    head = f"{record.case!s:<66} seed {record.seed}"
+    if not record.solutions:
+        return f"{head}  FAILED: {record.failure.strip().splitlines()[-1]}"
+    first, last = record.solutions[0], record.solutions[-1]
+    return (
+        f"{head}  first {first.time:5.2f} s  {len(record.solutions):2d} solutions  "
+        f"objective {first.objective:+.4f} -> {last.objective:+.4f}  "
+        f"{record.samples / record.time_limit:6.0f} samples/s"
+    )
+
+
+def run_cases(arguments: argparse.Namespace) -> int:
+    """Run the wanted cases one after the other; one JSON line each in `runs.jsonl`."""
+    settings = replace(
+        PlannerSettings(),
+        sampler=arguments.sampler,
+        local_optimization=not arguments.no_local_optimization,
+    )
+    jobs = [
+        (case, seed)
+        for case in all_cases(arguments.cloud)
+        if _wanted(case, arguments)
+        for seed in range(arguments.first_seed, arguments.first_seed + arguments.seeds)
+    ]
+    arguments.output.mkdir(parents=True, exist_ok=True)
+    failed = 0
+    started = time.monotonic()
+    with (arguments.output / "runs.jsonl").open("a", encoding="utf-8") as lines:
+        for done, (case, seed) in enumerate(jobs, start=1):
+            record = run_case(
+                case, seed, arguments.seconds, settings, arguments.output / "solutions"
+            )
+            failed += not record.solutions
+            lines.write(record.to_json() + "\n")
+            lines.flush()
+            left = (time.monotonic() - started) / done * (len(jobs) - done)
+            print(f"[{done}/{len(jobs)}, {left / 60:.0f} min left] {describe(record)}", flush=True)
+    print(f"{len(jobs) - failed} of {len(jobs)} runs solved; recorded in {arguments.output}")
+    return 1 if failed else 0
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point."""
+    parsed = _parser().parse_args(arguments)
+    try:
+        return run_cases(parsed)
+    except PlacementPlannerError as error:
+        print(f"placement_benchmark: {error}", file=sys.stderr)
+        return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,97 @@
+"""The paper's 24 cases: three scenes, four objects, clearance maximised and minimised."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from placement_planner_ros.core.body import Body
+from placement_planner_ros.core.objective import Objective, ObjectiveContext, make_objective
+from placement_planner_ros.core.planner import Problem
+from placement_planner_ros.core.reach import workspace
+from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.scene.grid import GridSettings
+from placement_planner_ros.core.scene.regions import RegionSettings
+from placement_planner_ros.core.types import Array
+from placement_planner_ros.scenes.clouds import camera_clouds, complete_cloud
+from placement_planner_ros.scenes.objects import OBJECT_NAMES, object_by_name
+from placement_planner_ros.scenes.scenes import SCENE_NAMES, scene_by_name
+from placement_planner_ros.scenes.yumi import (
+    GRIPPER_JOINTS,
+    START_CONFIGURATION,
+    load_yumi,
+    yumi_arm,
+)
+
+OBJECTIVES = ("maximize_clearance", "minimize_clearance")
+Cloud = Literal["complete", "cameras"]
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One of the paper's test cases, with the kind of cloud it is seen through."""
+
+    scene: str
+    object: str
+    objective: str
+    cloud: Cloud = "complete"
+
+    def __str__(self) -> str:
+        return f"{self.scene}/{self.object}/{self.objective}/{self.cloud}"
+
+
+def all_cases(cloud: Cloud = "complete") -> list[Case]:
+    """The 24 cases, scene by scene."""
+    return [
+        Case(scene, name, objective, cloud)
+        for scene, name, objective in itertools.product(SCENE_NAMES, OBJECT_NAMES, OBJECTIVES)
+    ]
+
+
+def start_configuration(object_name: str, arm: str | None = None) -> dict[str, float]:
+    """q_0 of the experiments with the fingers closed on the object, in one hand or in both.
+
+    Args:
+        arm: the arm that holds the object; None leaves it open and closes both hands on it.
+    """
+    positions = dict(START_CONFIGURATION)
+    opening = object_by_name(object_name).finger_opening
+    for name, joint in GRIPPER_JOINTS.items():
+        if arm in (None, name):
+            positions[joint] = opening
+    return positions
+
+
+def scene_points(case: Case, rng: np.random.Generator) -> Array:
+    """(n, 3) points of the case's cloud in the world frame; NaN where a camera saw nothing."""
+    scene = scene_by_name(case.scene)
+    if case.cloud == "complete":
+        return complete_cloud(scene)
+    return np.vstack([cloud.world_points().reshape(-1, 3) for cloud in camera_clouds(scene, rng)])
+
+
+def make_problem(case: Case, rng: np.random.Generator) -> tuple[Problem, Objective]:
+    """Build a case from its cloud, as the node would.
+
+    Args:
+        rng: noise of the camera clouds.
+    """
+    robot = load_yumi()
+    held = object_by_name(case.object)
+    arms = tuple(yumi_arm(robot, name, grasps) for name, grasps in held.grasps.items())
+    body = Body.from_mesh(held.vertices, held.triangles, held.center_of_mass)
+    volume = scene_by_name(case.scene).volume
+    q_start = robot.configuration(start_configuration(case.object))
+    environment = Environment.from_points(
+        scene_points(case, rng),
+        volume,
+        GridSettings(),
+        RegionSettings(),
+        workspace(robot, arms, q_start, body, volume),
+    )
+    problem = Problem(robot, arms, q_start, body, volume, environment)
+    objective = make_objective(case.objective, ObjectiveContext(environment, volume, body))
+    return problem, objective

@@ -1,0 +1,173 @@
+"""SampleGoals on a plane with a known valid part: rewards, budgets, ablation, concentration."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.scene.regions import Region
+from placement_planner_ros.core.search.hierarchy import (
+    FULL_TURN,
+    AfrHierarchy,
+    AfrNode,
+    HierarchySettings,
+)
+from placement_planner_ros.core.search.sampler import (
+    MctsSampler,
+    Sample,
+    SamplerSettings,
+    UniformSampler,
+    demoted_reward,
+    heuristic_reward,
+)
+from placement_planner_ros.core.types import Goal, Verdict
+
+
+def never() -> bool:
+    return False
+
+
+class CornerChecker:
+    """Valid where x, y < 0.1 and θ < π/2 for arm 1 only; ξ = -x."""
+
+    def __init__(self) -> None:
+        self.contacts: list[np.ndarray] = []
+
+    def check(self, node: AfrNode, contact, angle, best) -> Sample:
+        self.contacts.append(np.array([*contact[:2], angle, node.arm]))
+        if contact[0] > 0.1 or contact[1] > 0.1:
+            return Sample(Verdict.COLLIDING)
+        value = -float(contact[0])
+        if value <= best:
+            return Sample(Verdict.NOT_BETTER)
+        if node.arm != 1 or angle > np.pi / 2:
+            return Sample(Verdict.NO_IK, value)
+        goal = Goal("b", 0, 0, pin.SE3.Identity(), 0.0, np.zeros((1, 7)), value)
+        return Sample(Verdict.FEASIBLE, value, goal)
+
+    def check_all(self, node, contact, angle, best) -> Sample:
+        sample = self.check(node, contact, angle, best)
+        reached = sample.verdict is Verdict.FEASIBLE
+        return Sample(sample.verdict, sample.value, sample.goal, (reached, reached, True, True))
+
+
+def hierarchy(**settings) -> AfrHierarchy:
+    square = Region(np.array([[0.0, 0.0, 0.4, 0.4]]), 0.0)
+    strip = Region(np.array([[1.0, 0.0, 1.1, 0.1]]), 0.0)
+    return AfrHierarchy([2, 1], 2, [square, strip], HierarchySettings(**settings))
+
+
+def sampler(kind=MctsSampler, seed=0, **settings):
+    checker = CornerChecker()
+    made = kind(hierarchy(), checker, SamplerSettings(**settings), np.random.default_rng(seed))
+    return made, checker
+
+
+def test_levels_are_arm_grasp_face_region_then_cells():
+    afr = hierarchy(angle_intervals=4)
+    arms = afr.children(afr.root)
+    grasps = afr.children(arms[0])
+    faces = afr.children(grasps[0])
+    regions = afr.children(faces[0])
+    cells = afr.children(regions[0])
+    assert [len(level) for level in (arms, grasps, faces, regions, cells)] == [2, 2, 2, 2, 16]
+    assert sum(cell.region.area for cell in cells) / 4 == pytest.approx(regions[0].region.area)
+    assert {(c.angle_min, c.angle_max) for c in cells} == {
+        (k * FULL_TURN / 4, (k + 1) * FULL_TURN / 4) for k in range(4)
+    }
+
+
+def test_division_ends_at_the_minimal_area_and_angle():
+    afr = hierarchy(min_area=1e-3, min_angle=FULL_TURN / 16)
+    level = [afr.children(afr.children(afr.children(afr.root)[0])[0])[0]]
+    leaves = 0
+    while level:
+        node = level.pop()
+        children = afr.children(node)
+        if not children:
+            leaves += 1
+            assert node.region.area <= 1e-3
+            assert node.angle_max - node.angle_min <= FULL_TURN / 16 * (1 + 1e-9)
+        level.extend(children)
+    assert leaves > 100
+
+
+@pytest.mark.parametrize("kind", [MctsSampler, UniformSampler])
+def test_a_call_ends_at_its_budgets(kind):
+    made, _ = sampler(kind, samples_per_call=30, goals_per_call=1000)
+    made.sample_goals(-np.inf, never)
+    assert made.count.samples == 30
+    made, _ = sampler(kind, samples_per_call=100_000, goals_per_call=2)
+    assert len(made.sample_goals(-np.inf, never)) == 2
+    before = made.count.samples
+    made.sample_goals(-np.inf, lambda: True)
+    assert made.count.samples == before
+
+
+def test_tree_search_finds_more_goals_than_uniform_sampling():
+    found = {}
+    for kind in (MctsSampler, UniformSampler):
+        made, _ = sampler(kind, samples_per_call=3000, goals_per_call=10_000)
+        found[kind] = len(made.sample_goals(-np.inf, never))
+    assert found[MctsSampler] > 3 * found[UniformSampler]
+
+
+def test_goals_beat_the_best_value_and_the_counts_add_up():
+    made, _ = sampler(samples_per_call=2000, goals_per_call=10_000)
+    goals = made.sample_goals(-0.05, never)
+    assert goals
+    assert all(goal.objective > -0.05 for goal in goals)
+    assert sum(made.count.verdicts.values()) == made.count.samples == 2000
+    assert made.count.verdicts[Verdict.FEASIBLE] == len(goals)
+
+
+def test_uniform_sampling_is_uniform_over_the_regions_by_area():
+    made, checker = sampler(UniformSampler, samples_per_call=4000, goals_per_call=10_000)
+    made.sample_goals(-np.inf, never)
+    contacts = np.array(checker.contacts)
+    in_strip = (contacts[:, 0] > 0.5).mean()
+    assert in_strip == pytest.approx(0.01 / 0.17, abs=0.015)
+    square = contacts[contacts[:, 0] < 0.5]
+    assert np.allclose(square[:, :2].mean(axis=0), 0.2, atol=0.01)
+    assert square[:, 2].mean() == pytest.approx(np.pi, abs=0.1)
+
+
+def test_the_same_seed_gives_the_same_goals():
+    def run(seed):
+        made, _ = sampler(seed=seed, samples_per_call=500, goals_per_call=10_000)
+        return [goal.objective for goal in made.sample_goals(-np.inf, never)]
+
+    assert run(1) == run(1)
+    assert run(1) != run(2)
+
+
+def test_reward_is_the_share_of_checks_passed_and_falls_to_not_better():
+    assert heuristic_reward(Sample(Verdict.FEASIBLE, 1.0)) == 1.0
+    assert heuristic_reward(Sample(Verdict.OUTSIDE_VOLUME)) == 0.0
+    rewards = [heuristic_reward(Sample(v)) for v in Verdict]
+    assert rewards == sorted(rewards)
+    assert demoted_reward(Sample(Verdict.FEASIBLE, 1.0)) == heuristic_reward(
+        Sample(Verdict.NOT_BETTER)
+    )
+    assert demoted_reward(Sample(Verdict.UNSTABLE)) == heuristic_reward(Sample(Verdict.UNSTABLE))
+
+
+def test_four_term_reward_is_the_authors_form():
+    valid = Sample(Verdict.FEASIBLE, 1.0, None, (True, True, True, True))
+    assert heuristic_reward(valid) == 1.0
+    assert demoted_reward(valid) == 0.75
+    no_ik = Sample(Verdict.NO_IK, 1.0, None, (False, False, True, True))
+    assert heuristic_reward(no_ik) == 0.0
+    unstable = Sample(Verdict.UNSTABLE, 1.0, None, (True, True, True, False))
+    assert heuristic_reward(unstable) == 0.5
+    made, _ = sampler(samples_per_call=300, goals_per_call=1000, reward="four_term")
+    assert made.sample_goals(-np.inf, never)
+
+
+def test_wrong_settings_are_refused():
+    with pytest.raises(ParameterError, match="samples_per_call"):
+        SamplerSettings(samples_per_call=0)
+    with pytest.raises(ParameterError, match="reward"):
+        SamplerSettings(reward="best")
+    with pytest.raises(ParameterError, match="angle_intervals"):
+        HierarchySettings(angle_intervals=1)
