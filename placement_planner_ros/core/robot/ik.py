@@ -472,7 +472,7 @@ class InverseKinematics:
             chain.lower,
             chain.upper,
             T,
-            np.array(q0, dtype=np.float64),
+            np.clip(np.asarray(q0, dtype=np.float64), chain.lower, chain.upper),
             settings.position_tolerance,
             settings.rotation_tolerance,
             settings.max_joint_step,
