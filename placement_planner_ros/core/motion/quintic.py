@@ -1,0 +1,176 @@
+"""The curve a controller plays between timed points: one quintic per interval and joint.
+
+A joint_trajectory_controller given positions, velocities and accelerations interpolates each
+interval by the quintic that meets all three at both ends. Every bound here is taken on its Bézier
+control points: the curve lies in their convex hull, so the bounds hold for the whole interval and
+not only at samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.types import Array, Trajectory
+
+ROUNDING = 1e-9
+"""Radians added to every deviation, far above what floating point loses."""
+
+
+def control_points(
+    times: Array, positions: Array, velocities: Array, accelerations: Array
+) -> Array:
+    """Bézier control points (n-1, 6, dof) of the quintics between n timed points."""
+    h = np.diff(times)[:, None]
+    p, q = positions[:-1], positions[1:]
+    v, w = 0.2 * h * velocities[:-1], 0.2 * h * velocities[1:]
+    a, b = 0.05 * h**2 * accelerations[:-1], 0.05 * h**2 * accelerations[1:]
+    return np.stack([p, p + v, p + 2.0 * v + a, q - 2.0 * w + b, q - w, q], axis=1)
+
+
+def evaluate(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:
+    """Positions, velocities and accelerations, each (k, dof), at times t (k,).
+
+    Before the first and after the last point the curve stands still there.
+    """
+    t = np.asarray(t, dtype=np.float64)
+    times = trajectory.times
+    if len(times) == 1:
+        still = np.zeros((len(t), len(trajectory.joints)))
+        return still + trajectory.positions[0], still, still.copy()
+    inside = np.clip(t, times[0], times[-1])
+    piece = np.clip(np.searchsorted(times, inside, side="right") - 1, 0, len(times) - 2)
+    points = control_points(
+        times, trajectory.positions, trajectory.velocities, trajectory.accelerations
+    )[piece]
+    h = np.diff(times)[piece][:, None]
+    x = ((inside - times[piece])[:, None]) / h
+    first = 5.0 * np.diff(points, axis=1) / h[:, None]
+    second = 4.0 * np.diff(first, axis=1) / h[:, None]
+    outside = (t < times[0]) | (t > times[-1])
+    velocities, accelerations = _de_casteljau(first, x), _de_casteljau(second, x)
+    velocities[outside] = 0.0
+    accelerations[outside] = 0.0
+    return _de_casteljau(points, x), velocities, accelerations
+
+
+def concatenate(first: Trajectory, second: Trajectory) -> Trajectory:
+    """`first`, then `second`, which starts where and as fast as `first` ends.
+
+    The acceleration may jump there; the joint point keeps that of `first`, so it should be zero on
+    both sides, as it is where `parameterize` starts and ends.
+
+    Raises:
+        ParameterError: the joints differ, or the ends do not meet.
+    """
+    if first.joints != second.joints:
+        raise ParameterError("joints", second.joints, f"must be those of the first {first.joints}")
+    for name in ("positions", "velocities", "accelerations"):
+        end, start = getattr(first, name)[-1], getattr(second, name)[0]
+        if not np.allclose(end, start, rtol=0.0, atol=ROUNDING):
+            raise ParameterError(name, start.tolist(), f"must start at {end.tolist()}")
+    return Trajectory(
+        first.joints,
+        np.concatenate([first.times, first.times[-1] + second.times[1:]]),
+        np.concatenate([first.positions, second.positions[1:]]),
+        np.concatenate([first.velocities, second.velocities[1:]]),
+        np.concatenate([first.accelerations, second.accelerations[1:]]),
+    )
+
+
+def limit_ratio(points: Array, durations: Array, velocity: Array, acceleration: Array) -> float:
+    """By what factor time must be stretched for both limits to hold on the whole curve.
+
+    An upper bound within a few percent; below one where there is room.
+
+    Args:
+        points: (m, 6, dof) control points.
+        durations: (m,) seconds.
+        velocity, acceleration: (dof,) limits.
+    """
+    h = np.repeat(durations, 4)[:, None, None] / 4.0
+    points = halved(halved(points))
+    first = 5.0 * np.diff(points, axis=1) / h
+    second = 4.0 * np.diff(first, axis=1) / h
+    fastest = float(np.max(np.abs(first) / velocity))
+    hardest = float(np.max(np.abs(second) / acceleration))
+    return max(fastest, float(np.sqrt(hardest)))
+
+
+def halved(points: Array) -> Array:
+    """Both halves of each Bézier piece: (m, 6, dof) to (2 m, 6, dof) control points."""
+    left, right = [points[:, 0]], [points[:, -1]]
+    while points.shape[1] > 1:
+        points = 0.5 * (points[:, :-1] + points[:, 1:])
+        left.append(points[:, 0])
+        right.append(points[:, -1])
+    both = np.stack([np.stack(left, axis=1), np.stack(right[::-1], axis=1)], axis=1)
+    return both.reshape(-1, len(left), both.shape[-1])
+
+
+def chord_deviation(points: Array) -> tuple[Array, int]:
+    """How far, joint by joint, a run of pieces strays from the chord between its ends.
+
+    Args:
+        points: (m, 6, dof) control points of consecutive pieces.
+
+    Returns:
+        (dof,) bound: every point of the curve is within it of some point of the chord; and the
+        piece in which the furthest control point lies.
+    """
+    flat = points.reshape(-1, points.shape[-1]) - points[0, 0]
+    chord = flat[-1]
+    squared = float(chord @ chord)
+    along = np.clip(flat @ chord / squared, 0.0, 1.0) if squared > 0.0 else np.zeros(len(flat))
+    away = np.abs(flat - along[:, None] * chord)
+    return away.max(axis=0) + ROUNDING, int(away.max(axis=1).argmax()) // points.shape[1]
+
+
+def first_uncertified(
+    points: Array,
+    edge_free: Callable[[Array, Array, Array], bool],
+    tolerance: float,
+    finest: float = 1e-6,
+) -> int | None:
+    """Certify a curve by chords with slack.
+
+    Runs of pieces within `tolerance` of their chord are asked for as one; where that is refused,
+    the run is divided, which lessens the slack, until it is below `finest`.
+
+    Args:
+        points: (m, 6, dof) control points of consecutive pieces.
+        edge_free: (a, b, deviation) -> whether every motion that stays within `deviation` (dof,),
+            joint by joint, of the straight motion from a to b is free.
+        tolerance, finest: radians.
+
+    Returns:
+        None where the whole curve is certified, else the first piece that is not.
+    """
+    stack = [(0, points)]
+    while stack:
+        index, run = stack.pop()
+        deviation, furthest = chord_deviation(run)
+        largest = float(np.max(deviation))
+        if largest <= tolerance and edge_free(run[0, 0], run[-1, -1], deviation):
+            continue
+        if largest <= finest:
+            return index
+        if len(run) > 1:
+            middle = min(max(furthest, 1), len(run) - 1)
+            stack.append((index + middle, run[middle:]))
+            stack.append((index, run[:middle]))
+        else:
+            halves = halved(run)
+            stack.append((index, halves[1:]))
+            stack.append((index, halves[:1]))
+    return None
+
+
+def _de_casteljau(points: Array, x: Array) -> Array:
+    """Bézier curves (k, degree + 1, dof) at x (k, 1) in [0, 1]."""
+    weight = x[:, None]
+    while points.shape[1] > 1:
+        points = (1.0 - weight) * points[:, :-1] + weight * points[:, 1:]
+    return points[:, 0]
