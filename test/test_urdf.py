@@ -1,0 +1,238 @@
+"""The bundled YuMi against its measured figures, read by pinocchio and coal alone."""
+
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from placement_planner_ros.scenes.yumi import HOME, START_CONFIGURATION
+from placement_planner_ros.share import share_path
+
+URDF = share_path("urdf", "yumi.urdf")
+SRDF = share_path("urdf", "yumi.srdf")
+ARM = (1, 2, 7, 3, 4, 5, 6)
+
+# joint angles in degrees (order 1 2 7 3 4 5 6), position of the gripper base, quaternion x y z w
+FORWARD = [
+    (
+        "l",
+        (0, 0, 0, 0, 0, 0, 0),
+        (0.56860, -0.00497, 0.41362),
+        (-0.06774, 0.87516, -0.37552, 0.29748),
+    ),
+    (
+        "r",
+        (0, 0, 0, 0, 0, 0, 0),
+        (0.56846, 0.00587, 0.41462),
+        (0.06720, 0.87438, 0.37727, 0.29767),
+    ),
+    (
+        "l",
+        (0, -130, 135, 30, 0, 40, 0),
+        (-0.01031, 0.18302, 0.19749),
+        (0.84284, -0.11124, 0.52255, 0.06476),
+    ),
+    (
+        "r",
+        (0, -130, -135, 30, 0, 40, 0),
+        (-0.00980, -0.18241, 0.19704),
+        (-0.84225, -0.11116, -0.52329, 0.06652),
+    ),
+    (
+        "l",
+        (-40, -60, 90, 20, 100, 45, -70),
+        (0.29363, 0.37049, 0.19104),
+        (0.39331, -0.90414, -0.10874, 0.12656),
+    ),
+    (
+        "r",
+        (70, -20, -50, -30, -120, 80, 150),
+        (0.66379, -0.22439, 0.49937),
+        (0.81106, 0.40472, 0.02733, 0.42146),
+    ),
+    ("l", (-44.503, 27.662, 108.756, 29.213, -87.193, 23.729, -88.346), (0.4, 0.2, 0.25), None),
+    ("r", (-112.126, -3.429, 61.346, 29.779, 190.89, 0.067, -30.277), (0.4, -0.2, 0.25), None),
+]
+TOP_DOWN = (1.0, 0.0, 0.0, 0.0)
+
+
+@pytest.fixture(scope="module")
+def text() -> str:
+    prefix = "package://placement_planner_ros"
+    return URDF.read_text(encoding="utf-8").replace(prefix, str(URDF.parent.parent))
+
+
+@pytest.fixture(scope="module")
+def model(text: str) -> pin.Model:
+    return pin.buildModelFromXML(text)
+
+
+@pytest.fixture(scope="module")
+def geometry(text: str, model: pin.Model) -> pin.GeometryModel:
+    geometry = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION)
+    for item in geometry.geometryObjects:
+        item.geometry.buildConvexHull(True, "Qt")
+        item.geometry = item.geometry.convex
+    geometry.addAllCollisionPairs()
+    return geometry
+
+
+def configuration(model: pin.Model, positions: dict[str, float]) -> np.ndarray:
+    q = pin.neutral(model)
+    for name, value in positions.items():
+        q[model.joints[model.getJointId(name)].idx_q] = value
+    for side in "lr":
+        master = model.joints[model.getJointId(f"gripper_{side}_joint")].idx_q
+        q[model.joints[model.getJointId(f"gripper_{side}_joint_m")].idx_q] = q[master]
+    return q
+
+
+def collides(model: pin.Model, geometry: pin.GeometryModel, q: np.ndarray) -> set[tuple[str, str]]:
+    data, geometry_data = model.createData(), geometry.createData()
+    pin.computeCollisions(model, data, geometry, geometry_data, q, False)
+    link = [model.frames[item.parentFrame].name for item in geometry.geometryObjects]
+    return {
+        tuple(sorted((link[pair.first], link[pair.second])))
+        for pair, result in zip(
+            geometry.collisionPairs, geometry_data.collisionResults, strict=True
+        )
+        if result.isCollision()
+    }
+
+
+@pytest.mark.parametrize(("side", "degrees", "xyz", "xyzw"), FORWARD)
+def test_forward_kinematics_table(model, side, degrees, xyz, xyzw):
+    q = configuration(
+        model,
+        {f"yumi_joint_{n}_{side}": np.radians(d) for n, d in zip(ARM, degrees, strict=True)},
+    )
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    T = data.oMf[model.getFrameId(f"gripper_{side}_base", pin.FrameType.BODY)]
+    assert np.abs(T.translation - xyz).max() < 1e-4
+    wanted = pin.Quaternion(np.array(TOP_DOWN if xyzw is None else xyzw))
+    assert np.abs(T.rotation - wanted.normalized().matrix()).max() < 1e-4
+
+
+def test_joint_order_and_limits(model):
+    root = ET.parse(URDF).getroot()
+    degrees = {
+        1: (-168.5, 168.5, 180),
+        2: (-143.5, 43.5, 180),
+        7: (-168.5, 168.5, 180),
+        3: (-123.5, 80, 180),
+        4: (-290, 290, 400),
+        5: (-88, 138, 400),
+        6: (-229, 229, 400),
+    }
+    for side in "lr":
+        names = [n for n in model.names if n.startswith("yumi_joint") and n.endswith(side)]
+        assert names == [f"yumi_joint_{n}_{side}" for n in ARM]
+        for n, wanted in degrees.items():
+            limit = root.find(f"joint[@name='yumi_joint_{n}_{side}']/limit")
+            stated = [float(limit.get(a)) for a in ("lower", "upper", "velocity")]
+            assert np.degrees(stated) == pytest.approx(wanted, abs=1e-3)
+        finger = root.find(f"joint[@name='gripper_{side}_joint']/limit")
+        assert (finger.get("lower"), finger.get("upper")) == ("0", "0.025")
+        mimic = root.find(f"joint[@name='gripper_{side}_joint_m']/mimic")
+        assert mimic.get("joint") == f"gripper_{side}_joint"
+
+
+def test_fingers_face_each_other(model):
+    """Closed, the finger faces meet at x = 0 of the gripper base; open, they are 50 mm apart."""
+    for value, gap in ((0.0, 0.0), (0.025, 0.05)):
+        q = configuration(model, {"gripper_l_joint": value})
+        data = model.createData()
+        pin.framesForwardKinematics(model, data, q)
+        base, a, b = (
+            data.oMf[model.getFrameId(f"gripper_l_{n}", pin.FrameType.BODY)]
+            for n in ("base", "finger_r", "finger_l")
+        )
+        between = base.rotation.T @ (b.translation - a.translation)
+        assert between == pytest.approx([gap, 0.013, 0.0], abs=1e-9)
+
+
+@pytest.mark.parametrize("positions", [HOME, START_CONFIGURATION], ids=["home", "start"])
+def test_used_configurations_are_free(model, geometry, positions):
+    geometry = geometry.copy()
+    pin.removeCollisionPairs(model, geometry, str(SRDF), False)
+    q = configuration(model, positions)
+    assert collides(model, geometry, q) == set()
+    assert (q >= model.lowerPositionLimit).all()
+    assert (q <= model.upperPositionLimit).all()
+
+
+def test_all_zero_collides(model, geometry):
+    geometry = geometry.copy()
+    pin.removeCollisionPairs(model, geometry, str(SRDF), False)
+    assert ("gripper_l_base", "gripper_r_base") in collides(model, geometry, pin.neutral(model))
+
+
+def disabled_pairs() -> dict[tuple[str, str], str]:
+    return {
+        tuple(sorted((e.get("link1"), e.get("link2")))): e.get("reason")
+        for e in ET.parse(SRDF).getroot().iter("disable_collisions")
+    }
+
+
+def side_of(link: str) -> str:
+    return link.split("_")[1] if link.startswith("gripper") else link[-1]
+
+
+def test_pairs_that_must_be_checked(model):
+    disabled = disabled_pairs()
+    for side in "lr":
+        assert tuple(sorted((f"yumi_link_5_{side}", f"yumi_link_7_{side}"))) not in disabled
+        assert tuple(sorted((f"yumi_link_5_{side}", f"gripper_{side}_base"))) not in disabled
+    for pair in disabled:
+        assert all(model.existFrame(link, pin.FrameType.BODY) for link in pair)
+        if "yumi_body" in pair:
+            assert pair in {("yumi_body", f"yumi_link_1_{side}") for side in "lr"}
+        if {side_of(link) for link in pair} == {"l", "r"}:
+            assert pair == ("yumi_link_1_l", "yumi_link_1_r")
+
+
+def test_pairs_disabled_as_never_do_not_meet(model, geometry):
+    """Hits among random configurations: none for Never, each for Adjacent."""
+    disabled = disabled_pairs()
+    for side in "lr":  # one rigid body, which coal is not asked about
+        assert disabled.pop((f"gripper_{side}_base", f"yumi_link_7_{side}")) == "Adjacent"
+    rng = np.random.default_rng(5)
+    hits = dict.fromkeys(disabled, 0)
+    count = 60
+    for _ in range(count):
+        drawn = rng.uniform(model.lowerPositionLimit, model.upperPositionLimit)
+        q = configuration(model, dict(zip(model.names[1:], drawn, strict=True)))
+        for pair in collides(model, geometry, q) & set(disabled):
+            hits[pair] += 1
+    for pair, reason in disabled.items():
+        if reason == "Never":
+            assert hits[pair] == 0, pair
+        elif reason == "Adjacent":
+            assert hits[pair] == count, pair
+        else:
+            assert reason == "User", pair
+
+
+def test_link_extents(model, geometry):
+    """The covers reach as far as the measured links, and at most 1 cm further."""
+    measured = {
+        "yumi_body": ((-0.3607, -0.1997, -0.1000), (0.1349, 0.1997, 0.4709)),
+        "yumi_link_2_l": ((-0.0849, -0.0483, -0.0780), (0.0483, 0.1728, 0.0536)),
+        "yumi_link_5_r": ((-0.0590, -0.0704, 0.0), (0.0415, 0.0415, 0.1323)),
+        "gripper_r_base": ((-0.0416, -0.0345, 0.0), (0.0416, 0.0345, 0.0931)),
+        "gripper_l_finger_l": ((-0.0109, -0.0045, 0.0), (0.0, 0.0167, 0.0522)),
+    }
+    for link, (lower, upper) in measured.items():
+        frame = model.getFrameId(link, pin.FrameType.BODY)
+        points = np.concatenate(
+            [
+                np.asarray(item.geometry.points())
+                for item in geometry.geometryObjects
+                if item.parentFrame == frame
+            ]
+        )
+        for excess in (lower - points.min(axis=0), points.max(axis=0) - upper):
+            assert excess.min() >= -2e-4, link
+            assert excess.max() <= 0.01, link
