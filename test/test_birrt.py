@@ -81,9 +81,12 @@ def test_every_tree_edge_is_free():
     for key, q in enumerate(([9.0, 9.0], [4.5, 5.0], [8.0, 1.0])):
         rrt.add_goal(key, np.array(q))
     rrt.solve(60)
-    edges = list(rrt.edges())
-    assert len(edges) > 20
-    assert all(world.edge_is_free(a, b) for a, b, _ in edges)
+    nodes, parents, labels = rrt.trees()
+    children = np.flatnonzero(parents >= 0)
+    assert len(children) > 20
+    assert all(world.edge_is_free(nodes[i], nodes[parents[i]]) for i in children)
+    assert (labels[children] == labels[parents[children]]).all()
+    assert (parents < 0).sum() == len(set(labels)), "one root for each tree"
 
 
 def test_in_the_open_the_first_attempt_is_straight():
@@ -171,7 +174,7 @@ def test_a_retired_tree_is_merged_without_success():
     goals = {0: np.array([4.7, 9.0]), 1: np.array([9.0, 9.0])}
     rrt.add_goal(0, goals[0])
     rrt.solve(4)  # some nodes for the tree of goal 0
-    assert any(label != 0 for *_, label in rrt.edges())
+    assert (rrt.trees()[2] != 0).any()
     rrt.retire_goal(0)
     rrt.add_goal(1, goals[1])
     solution = rrt.solve(5000)

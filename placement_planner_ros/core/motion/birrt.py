@@ -13,7 +13,7 @@ parents between the meeting node and the goal and relabels the tree; no node is 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -263,12 +263,13 @@ class GoalSetRRT:
         self._labels_used = 0
         self._turn = 0
 
-    def edges(self) -> Iterator[tuple[Array, Array, int]]:
-        """Every tree edge as (configuration, its parent's configuration, label); 0 = forward."""
-        for node in range(self._count):
-            parent = int(self._parents[node])
-            if parent >= 0:
-                yield self._q(node), self._q(parent), int(self._labels[node])
+    def trees(self) -> tuple[Array, npt.NDArray[np.int32], npt.NDArray[np.int32]]:
+        """A copy of all trees: nodes (n, dof), parents (n,) or -1 at roots, labels (n,).
+
+        Label 0 is the forward tree; node 0 is the start.
+        """
+        n = self._count
+        return self._nodes[:, :n].T.copy(), self._parents[:n].copy(), self._labels[:n].copy()
 
     def _iterate(self, should_stop: Callable[[], bool]) -> None:
         if self._untried:
