@@ -1,0 +1,110 @@
+"""Sorting points into the cells of a grid."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from placement_planner_ros.core.types import Array
+
+
+class Bins(NamedTuple):
+    """Points sorted by cell.
+
+    Attributes:
+        points: (n, 3), those of one cell next to each other.
+        start: (m + 1,) first point of each occupied cell, and n.
+        cells: (m, 3) int32 occupied cells in lexicographic order.
+        index: (nx, ny, nz) int32, cell to its row in `cells`, or -1.
+    """
+
+    points: Array
+    start: npt.NDArray[np.int64]
+    cells: npt.NDArray[np.int32]
+    index: npt.NDArray[np.int32]
+
+
+def sort_into_cells(
+    points: Array,
+    origin: Array,
+    cell_size: float,
+    shape: tuple[int, int, int],
+    lower: Array,
+    upper: Array,
+) -> Bins:
+    """Sort the (n, 3) points that are finite and within the bounds (both ends included)."""
+    return Bins(*_sort_into_cells(points, origin, cell_size, *shape, lower, upper))
+
+
+@njit(cache=True)
+def _sort_into_cells(
+    points: Array,
+    origin: Array,
+    cell_size: float,
+    nx: int,
+    ny: int,
+    nz: int,
+    lower: Array,
+    upper: Array,
+) -> tuple[Array, npt.NDArray[np.int64], npt.NDArray[np.int32], npt.NDArray[np.int32]]:
+    n = len(points)
+    cell_of = np.empty(n, np.int32)
+    index = np.full((nx, ny, nz), -1, np.int32)
+    flat = index.reshape(-1)
+    occupied = 0
+    kept = 0
+    for i in range(n):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        inside = (
+            x >= lower[0]
+            and x <= upper[0]
+            and y >= lower[1]
+            and y <= upper[1]
+            and z >= lower[2]
+            and z <= upper[2]
+        )
+        if not inside:  # also where a coordinate is NaN
+            cell_of[i] = -1
+            continue
+        ix = min(int((x - origin[0]) / cell_size), nx - 1)
+        iy = min(int((y - origin[1]) / cell_size), ny - 1)
+        iz = min(int((z - origin[2]) / cell_size), nz - 1)
+        cell = (ix * ny + iy) * nz + iz
+        cell_of[i] = cell
+        kept += 1
+        if flat[cell] < 0:
+            flat[cell] = 0
+            occupied += 1
+        flat[cell] += 1
+    cells = np.empty((occupied, 3), np.int32)
+    start = np.empty(occupied + 1, np.int64)
+    row = 0
+    total = 0
+    for ix in range(nx):
+        for iy in range(ny):
+            for iz in range(nz):
+                count = index[ix, iy, iz]
+                if count < 0:
+                    continue
+                cells[row, 0] = ix
+                cells[row, 1] = iy
+                cells[row, 2] = iz
+                start[row] = total
+                index[ix, iy, iz] = row
+                total += count
+                row += 1
+    start[occupied] = total
+    fill = start[:-1].copy()
+    kept_points = np.empty((kept, 3))
+    for i in range(n):
+        if cell_of[i] < 0:
+            continue
+        row = flat[cell_of[i]]
+        at = fill[row]
+        fill[row] = at + 1
+        for a in range(3):
+            kept_points[at, a] = points[i, a]
+    return kept_points, start, cells, index

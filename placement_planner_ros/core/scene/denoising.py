@@ -1,0 +1,355 @@
+"""Flying pixels, the noise of a cloud, and projecting noisy points onto their surfaces.
+
+The plane of a neighbourhood comes from the first and second moments of the points in its 3×3×3
+cells, summed cell by cell: the mean, and the eigenvector of the covariance's smallest eigenvalue.
+Where surfaces meet and no single plane fits, points go to the nearest plane found beside them.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from placement_planner_ros.core.scene.binning import Bins
+from placement_planner_ros.core.types import Array
+
+Index = npt.NDArray[np.int32]
+
+_SAMPLED_CELLS = 4000
+"""Neighbourhoods looked at to estimate the noise."""
+_MIN_PLANE_POINTS = 8
+_PLANE_SCATTER = 2.0
+"""A neighbourhood is a plane if its points scatter by less than this times the noise."""
+_MORE_SCATTER = 1.4
+"""... nor by more than this times what points nearby do."""
+_REACH = 5.0
+"""Points further from every plane than this times the noise are not of it."""
+
+
+@njit(cache=True)
+def connected(
+    cells: Index, counts: npt.NDArray[np.int64], index: Index, min_points: int
+) -> npt.NDArray[np.bool_]:
+    """(m,) False for cells in pieces of at most two cells with fewer than `min_points` points."""
+    m = len(cells)
+    nx, ny, nz = index.shape
+    keep = np.ones(m, np.bool_)
+    for r in range(m):
+        if counts[r] >= min_points:
+            continue
+        neighbour = -1
+        neighbours = 0
+        for _pass in range(2):
+            # first around the cell, then around its only neighbour
+            center = r if _pass == 0 else neighbour
+            for i in range(max(cells[center, 0] - 1, 0), min(cells[center, 0] + 2, nx)):
+                for j in range(max(cells[center, 1] - 1, 0), min(cells[center, 1] + 2, ny)):
+                    for k in range(max(cells[center, 2] - 1, 0), min(cells[center, 2] + 2, nz)):
+                        other = index[i, j, k]
+                        if other >= 0 and other != r and other != neighbour:
+                            neighbour = other if _pass == 0 else neighbour
+                            neighbours += 1
+            if neighbours != 1:
+                break
+        total = counts[r] + (counts[neighbour] if neighbour >= 0 else 0)
+        keep[r] = neighbours > 1 or total >= min_points
+    return keep
+
+
+@njit(cache=True)
+def _cell_moments(
+    points: Array, start: npt.NDArray[np.int64], cells: Index, origin: Array, size: float
+) -> Array:
+    """(m, 10) number, sum and second moments (xx, yy, zz, xy, xz, yz) about each cell's centre."""
+    m = len(cells)
+    moments = np.zeros((m, 10))
+    for r in range(m):
+        cx = origin[0] + (cells[r, 0] + 0.5) * size
+        cy = origin[1] + (cells[r, 1] + 0.5) * size
+        cz = origin[2] + (cells[r, 2] + 0.5) * size
+        for p in range(start[r], start[r + 1]):
+            x, y, z = points[p, 0] - cx, points[p, 1] - cy, points[p, 2] - cz
+            moments[r, 0] += 1.0
+            moments[r, 1] += x
+            moments[r, 2] += y
+            moments[r, 3] += z
+            moments[r, 4] += x * x
+            moments[r, 5] += y * y
+            moments[r, 6] += z * z
+            moments[r, 7] += x * y
+            moments[r, 8] += x * z
+            moments[r, 9] += y * z
+    return moments
+
+
+@njit(cache=True)
+def _plane(moments: Array, cells: Index, index: Index, size: float, r: int, plane: Array) -> float:
+    """Fit the 3×3×3 cells around cell r; returns the number of points.
+
+    `plane` (8,) receives the mean relative to the cell's centre, the unit normal, and the standard
+    deviations along the normal and along the next axis.
+    """
+    nx, ny, nz = index.shape
+    n = sx = sy = sz = xx = yy = zz = xy = xz = yz = 0.0
+    for i in range(max(cells[r, 0] - 1, 0), min(cells[r, 0] + 2, nx)):
+        ox = (i - cells[r, 0]) * size
+        for j in range(max(cells[r, 1] - 1, 0), min(cells[r, 1] + 2, ny)):
+            oy = (j - cells[r, 1]) * size
+            for k in range(max(cells[r, 2] - 1, 0), min(cells[r, 2] + 2, nz)):
+                q = index[i, j, k]
+                if q < 0:
+                    continue
+                oz = (k - cells[r, 2]) * size
+                c, x, y, z = moments[q, 0], moments[q, 1], moments[q, 2], moments[q, 3]
+                n += c
+                sx += x + c * ox
+                sy += y + c * oy
+                sz += z + c * oz
+                xx += moments[q, 4] + 2.0 * x * ox + c * ox * ox
+                yy += moments[q, 5] + 2.0 * y * oy + c * oy * oy
+                zz += moments[q, 6] + 2.0 * z * oz + c * oz * oz
+                xy += moments[q, 7] + x * oy + y * ox + c * ox * oy
+                xz += moments[q, 8] + x * oz + z * ox + c * ox * oz
+                yz += moments[q, 9] + y * oz + z * oy + c * oy * oz
+    sx, sy, sz = sx / n, sy / n, sz / n
+    a, b, c = xx / n - sx * sx, yy / n - sy * sy, zz / n - sz * sz
+    d, e, f = xy / n - sx * sy, xz / n - sx * sz, yz / n - sy * sz
+    # eigenvalues of the symmetric [[a, d, e], [d, b, f], [e, f, c]], in closed form
+    mean = (a + b + c) / 3.0
+    spread = math.sqrt(
+        ((a - mean) ** 2 + (b - mean) ** 2 + (c - mean) ** 2 + 2.0 * (d * d + e * e + f * f)) / 6.0
+    )
+    plane[0], plane[1], plane[2] = sx, sy, sz
+    plane[3], plane[4], plane[5] = 0.0, 0.0, 0.0
+    plane[6], plane[7] = 0.0, 0.0
+    if spread <= 0.0:
+        return n
+    p, q2, s = (a - mean) / spread, (b - mean) / spread, (c - mean) / spread
+    d2, e2, f2 = d / spread, e / spread, f / spread
+    half = 0.5 * (p * (q2 * s - f2 * f2) - d2 * (d2 * s - f2 * e2) + e2 * (d2 * f2 - q2 * e2))
+    angle = math.acos(min(1.0, max(-1.0, half))) / 3.0
+    largest = mean + 2.0 * spread * math.cos(angle)
+    smallest = mean + 2.0 * spread * math.cos(angle + 2.0 * math.pi / 3.0)
+    middle = 3.0 * mean - largest - smallest
+    # the normal is orthogonal to every row of the covariance less its smallest eigenvalue
+    a, b, c = a - smallest, b - smallest, c - smallest
+    ux, uy, uz = d * f - e * b, e * d - a * f, a * b - d * d
+    vx, vy, vz = d * c - e * f, e * e - a * c, a * f - d * e
+    wx, wy, wz = b * c - f * f, f * e - d * c, d * f - b * e
+    u, v, w = ux * ux + uy * uy + uz * uz, vx * vx + vy * vy + vz * vz, wx * wx + wy * wy + wz * wz
+    if v > u and v >= w:
+        ux, uy, uz, u = vx, vy, vz, v
+    elif w > u:
+        ux, uy, uz, u = wx, wy, wz, w
+    if u > 0.0:
+        u = math.sqrt(u)
+        plane[3], plane[4], plane[5] = ux / u, uy / u, uz / u
+    plane[6] = math.sqrt(max(smallest, 0.0))
+    plane[7] = math.sqrt(max(middle, 0.0))
+    return n
+
+
+@njit(cache=True)
+def _scatter(moments: Array, cells: Index, index: Index, size: float, stride: int) -> Array:
+    """Standard deviations about the planes of those sampled neighbourhoods that are surfaces."""
+    found = np.empty(len(cells) // stride + 1)
+    plane = np.empty(8)
+    n = 0
+    for r in range(0, len(cells), stride):
+        if _plane(moments, cells, index, size, r, plane) < _MIN_PLANE_POINTS:
+            continue
+        if plane[7] > 0.3 * size and plane[6] < 0.6 * plane[7]:
+            found[n] = plane[6]
+            n += 1
+    return found[:n]
+
+
+def estimate_noise(bins: Bins, origin: Array, size: float) -> float:
+    """Standard deviation of the points about their surfaces, metres; 0 where it cannot be told.
+
+    The median over neighbourhoods that look like surfaces. Where a quarter of them are flat (to a
+    tenth of that), the others are curved, not noisy, and it is the lower quartile.
+    """
+    stride = max(1, len(bins.cells) // _SAMPLED_CELLS)
+    moments = _cell_moments(bins.points, bins.start, bins.cells, origin, size)
+    scatter = _scatter(moments, bins.cells, bins.index, size, stride)
+    if len(scatter) == 0:
+        return 0.0
+    quartile, median = np.quantile(scatter, (0.25, 0.5))
+    return float(quartile if quartile < 0.1 * median else median)
+
+
+@njit(cache=True)
+def _fit_planes(
+    moments: Array, cells: Index, index: Index, size: float, origin: Array, noise: float
+) -> tuple[Array, npt.NDArray[np.bool_]]:
+    """(m, 6) mean and normal of each cell's neighbourhood; (m,) whether it is a plane.
+
+    It is not where the points scatter more than they do two cells further: across a corner too, a
+    plane fits to within a few times the noise.
+    """
+    m = len(cells)
+    nx, ny, nz = index.shape
+    planes = np.empty((m, 6))
+    scatter = np.full(m, np.inf)
+    plane = np.empty(8)
+    for r in range(m):
+        n = _plane(moments, cells, index, size, r, plane)
+        for a in range(3):
+            planes[r, a] = plane[a] + origin[a] + (cells[r, a] + 0.5) * size
+            planes[r, 3 + a] = plane[3 + a]
+        if (
+            n >= _MIN_PLANE_POINTS
+            and plane[6] <= _PLANE_SCATTER * noise
+            and plane[7] > 0.3 * size
+            and plane[6] < 0.6 * plane[7]
+        ):
+            scatter[r] = plane[6]
+    flat = np.zeros(m, np.bool_)
+    for r in range(m):
+        if scatter[r] == np.inf:
+            continue
+        least = scatter[r]
+        for i in range(cells[r, 0] - 2, cells[r, 0] + 3, 2):
+            for j in range(cells[r, 1] - 2, cells[r, 1] + 3, 2):
+                for k in range(cells[r, 2] - 2, cells[r, 2] + 3, 2):
+                    if 0 <= i < nx and 0 <= j < ny and 0 <= k < nz and index[i, j, k] >= 0:
+                        least = min(least, scatter[index[i, j, k]])
+        flat[r] = scatter[r] <= max(_MORE_SCATTER * least, 0.5 * noise)
+    return planes, flat
+
+
+@njit(cache=True)
+def _residual(planes: Array, q: int, x: float, y: float, z: float) -> float:
+    return (
+        planes[q, 3] * (x - planes[q, 0])
+        + planes[q, 4] * (y - planes[q, 1])
+        + planes[q, 5] * (z - planes[q, 2])
+    )
+
+
+@njit(cache=True)
+def _gather(
+    cells: Index,
+    index: Index,
+    flat: npt.NDArray[np.bool_],
+    r: int,
+    ring: int,
+    candidates: npt.NDArray[np.int64],
+    count: int,
+) -> int:
+    """Append the plane cells at Chebyshev distance `ring` of cell r; returns the new count."""
+    nx, ny, nz = index.shape
+    for i in range(-ring, ring + 1):
+        for j in range(-ring, ring + 1):
+            step = 1 if abs(i) == ring or abs(j) == ring else 2 * ring
+            for k in range(-ring, ring + 1, step):
+                x, y, z = cells[r, 0] + i, cells[r, 1] + j, cells[r, 2] + k
+                if 0 <= x < nx and 0 <= y < ny and 0 <= z < nz:
+                    q = index[x, y, z]
+                    if q >= 0 and flat[q]:
+                        candidates[count] = q
+                        count += 1
+    return count
+
+
+@njit(cache=True)
+def _project(
+    points: Array,
+    start: npt.NDArray[np.int64],
+    cells: Index,
+    index: Index,
+    planes: Array,
+    flat: npt.NDArray[np.bool_],
+    reach: float,
+) -> tuple[Array, npt.NDArray[np.bool_]]:
+    """Project each point onto its cell's plane, else the nearest plane within two cells."""
+    m = len(cells)
+    moved = points.copy()
+    explained = np.zeros(len(points), np.bool_)
+    candidates = np.empty(125, np.int64)
+    for r in range(m):
+        near = far = -1  # candidates are gathered when the first point asks for them
+        for p in range(start[r], start[r + 1]):
+            x, y, z = points[p, 0], points[p, 1], points[p, 2]
+            best = -1
+            distance = reach
+            if flat[r]:
+                d = _residual(planes, r, x, y, z)
+                if abs(d) <= reach:
+                    best = r
+                    distance = d
+            if best < 0:
+                if near < 0:
+                    near = _gather(cells, index, flat, r, 1, candidates, 0)
+                for c in range(near):
+                    d = _residual(planes, candidates[c], x, y, z)
+                    if abs(d) < abs(distance):
+                        best = candidates[c]
+                        distance = d
+            if best < 0 or abs(distance) > 0.4 * reach:
+                if near < 0:
+                    near = _gather(cells, index, flat, r, 1, candidates, 0)
+                if far < 0:
+                    far = _gather(cells, index, flat, r, 2, candidates, near)
+                for c in range(near, far):
+                    d = _residual(planes, candidates[c], x, y, z)
+                    if abs(d) < abs(distance):
+                        best = candidates[c]
+                        distance = d
+            if best >= 0:
+                explained[p] = True
+                for a in range(3):
+                    moved[p, a] -= distance * planes[best, 3 + a]
+    return moved, explained
+
+
+@njit(cache=True)
+def _strays(
+    start: npt.NDArray[np.int64],
+    cells: Index,
+    index: Index,
+    explained: npt.NDArray[np.bool_],
+    min_points: int,
+) -> npt.NDArray[np.bool_]:
+    """Points of no plane, with fewer than `min_points` such points in the cells around."""
+    m = len(cells)
+    nx, ny, nz = index.shape
+    left = np.zeros(m, np.int64)
+    for r in range(m):
+        for p in range(start[r], start[r + 1]):
+            if not explained[p]:
+                left[r] += 1
+    stray = np.zeros(len(explained), np.bool_)
+    for r in range(m):
+        if left[r] == 0 or left[r] >= min_points:
+            continue
+        total = 0
+        for i in range(max(cells[r, 0] - 1, 0), min(cells[r, 0] + 2, nx)):
+            for j in range(max(cells[r, 1] - 1, 0), min(cells[r, 1] + 2, ny)):
+                for k in range(max(cells[r, 2] - 1, 0), min(cells[r, 2] + 2, nz)):
+                    q = index[i, j, k]
+                    if q >= 0:
+                        total += left[q]
+        if total < min_points:
+            for p in range(start[r], start[r + 1]):
+                stray[p] = not explained[p]
+    return stray
+
+
+def project(bins: Bins, origin: Array, size: float, noise: float, min_points: int) -> Array:
+    """Points of a noisy cloud, projected onto their surfaces; lone points off them are dropped.
+
+    Returns:
+        (k, 3), k ≤ n. Points of no plane (thin or strongly curved things) stay where they are.
+    """
+    moments = _cell_moments(bins.points, bins.start, bins.cells, origin, size)
+    planes, flat = _fit_planes(moments, bins.cells, bins.index, size, origin, noise)
+    moved, explained = _project(
+        bins.points, bins.start, bins.cells, bins.index, planes, flat, _REACH * noise
+    )
+    stray = _strays(bins.start, bins.cells, bins.index, explained, min_points)
+    return moved[~stray] if stray.any() else moved

@@ -1,0 +1,249 @@
+"""The one obstacle set: points of a cloud, as tight boxes in the cells of a grid.
+
+A cell's box is the tight axis-aligned box around the points measured in it, so a level surface
+stays level to the millimetre instead of growing by half a cell. A cell in which a surface meets
+another (floor and wall) holds one box per surface. Boxes of one surface are closed over the gap to
+the neighbouring cell, up to the face the two cells share; nothing grows where no neighbour is.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from placement_planner_ros.core.errors import CloudError, ParameterError
+from placement_planner_ros.core.scene import denoising, tight_boxes
+from placement_planner_ros.core.scene.binning import Bins, sort_into_cells
+from placement_planner_ros.core.types import Array, frozen_array
+
+_AnyArray = TypeVar("_AnyArray", bound=npt.NDArray)
+
+_ORIGIN_SHIFT = 0.03
+"""Cells begin this share of a cell before the bounds, so that a surface at a round height does not
+fall onto a face between two layers, where rounding would scatter its points over both."""
+
+
+@dataclass(frozen=True, slots=True)
+class GridSettings:
+    """How points become the obstacle set.
+
+    Attributes:
+        cell_size: edge of a cell, metres; about twice the spacing of the points, or more.
+        noise_floor: clouds whose surfaces scatter by less than this (standard deviation, metres)
+            are clean: their points are used exactly as they are.
+        min_points: pieces of at most two cells with fewer points than this, surrounded by free
+            space, are flying pixels. Sparse clouds (median below 4 points per cell) are spared.
+        max_boxes_per_cell: into how many boxes a cell may be cut where surfaces meet.
+        max_cells: a grid with more cells than this is refused (4 bytes each).
+    """
+
+    cell_size: float = 0.01
+    noise_floor: float = 0.0003
+    min_points: int = 3
+    max_boxes_per_cell: int = 4
+    max_cells: int = 30_000_000
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.cell_size) and 0.001 <= self.cell_size <= 0.5):
+            raise ParameterError("cloud.cell_size", self.cell_size, "give 0.001 to 0.5 m")
+        if not (math.isfinite(self.noise_floor) and self.noise_floor >= 0.0):
+            raise ParameterError("noise_floor", self.noise_floor, "give a length of at least 0 m")
+        if self.min_points < 0:
+            raise ParameterError("min_points", self.min_points, "give 0 (off) or more")
+        if not 1 <= self.max_boxes_per_cell <= 4:
+            raise ParameterError("max_boxes_per_cell", self.max_boxes_per_cell, "give 1 to 4")
+        if self.max_cells < 1:
+            raise ParameterError("max_cells", self.max_cells, "give at least 1")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ObstacleSet:
+    """The environment: m tight boxes in the cells of a grid.
+
+    Attributes:
+        origin: (3,) lower corner of the grid, metres.
+        cell_size: edge of a cell, metres.
+        shape: number of cells along x, y, z.
+        cells: (m, 3) int32, the cell each box lies in, in lexicographic order; boxes of the same
+            cell are consecutive.
+        lower, upper: (m, 3) corners of the boxes.
+        index: (nx, ny, nz) int32, cell to its first box, or -1.
+        next: (m,) int32, another box of the same cell, or -1.
+        surface_height: (m,) z of the surface on top of each box, the mean over its points.
+        surface_extent: (m, 8) where that surface was measured: minimum and maximum of x, y,
+            x + y and x - y over its points.
+        noise: standard deviation of the points about their surfaces, estimated, metres.
+    """
+
+    origin: Array
+    cell_size: float
+    shape: tuple[int, int, int]
+    cells: npt.NDArray[np.int32]
+    lower: Array
+    upper: Array
+    index: npt.NDArray[np.int32]
+    next: npt.NDArray[np.int32]
+    surface_height: Array
+    surface_extent: Array
+    noise: float
+
+    def __len__(self) -> int:
+        return len(self.cells)
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Lower and upper corner (3,) of the grid, metres."""
+        return self.origin, self.origin + self.cell_size * np.array(self.shape)
+
+    @property
+    def surface_tolerance(self) -> float:
+        """How far points of one level surface may differ in height after de-noising, metres."""
+        return surface_tolerance(self.noise)
+
+    @classmethod
+    def from_points(
+        cls,
+        points: npt.ArrayLike,
+        settings: GridSettings | None = None,
+        bounds: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
+    ) -> ObstacleSet:
+        """Build the obstacle set from surface points in the planning frame.
+
+        Points that are not finite or lie outside `bounds` are left out. Flying pixels are dropped.
+        Points of a noisy cloud are projected onto the plane of their neighbourhood.
+
+        Args:
+            points: (n, 3), metres; NaN where nothing was seen.
+            settings: GridSettings() unless given.
+            bounds: lower and upper corner of the workspace; around the points unless given.
+
+        Raises:
+            CloudError: not (n, 3), no finite point among those given, no points and no bounds, or
+                a grid of more than `max_cells`.
+        """
+        settings = settings or GridSettings()
+        cloud = _checked(points)
+        lower, upper = _checked_bounds(cloud, bounds)
+        origin = lower - _ORIGIN_SHIFT * settings.cell_size
+        shape = _grid_shape(origin, upper, settings)
+        bins = sort_into_cells(cloud, origin, settings.cell_size, shape, lower, upper)
+        noise = 0.0
+        if len(bins.cells):
+            bins, noise = _cleaned(bins, origin, settings, shape, lower, upper)
+        skin = surface_tolerance(noise)
+        boxes = tight_boxes.tight_boxes(
+            bins.points,
+            bins.start,
+            bins.cells,
+            bins.index,
+            origin,
+            settings.cell_size,
+            skin,
+            settings.max_boxes_per_cell,
+        )
+        box_lower, box_upper = tight_boxes.close_gaps(
+            boxes.cells,
+            boxes.lower,
+            boxes.upper,
+            bins.index,
+            boxes.next,
+            origin,
+            settings.cell_size,
+            skin,
+        )
+        return cls(
+            origin=frozen_array(origin, (3,)),
+            cell_size=settings.cell_size,
+            shape=shape,
+            cells=_read_only(boxes.cells),
+            lower=_read_only(box_lower),
+            upper=_read_only(box_upper),
+            index=_read_only(bins.index),
+            next=_read_only(boxes.next),
+            surface_height=_read_only(boxes.surface_height),
+            surface_extent=_read_only(boxes.surface_extent),
+            noise=noise,
+        )
+
+
+def surface_tolerance(noise: float) -> float:
+    """Height differences within one level surface, metres: 0.5 mm, more on noisy clouds."""
+    return max(0.0005, min(0.5 * noise, 0.002))
+
+
+def _read_only(array: _AnyArray) -> _AnyArray:
+    array.setflags(write=False)
+    return array
+
+
+def _checked(points: npt.ArrayLike) -> Array:
+    try:
+        cloud = np.ascontiguousarray(points, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise CloudError("points", type(points).__name__, "give numbers of shape (n, 3)") from error
+    if cloud.size == 0:
+        return np.zeros((0, 3))
+    if cloud.ndim != 2 or cloud.shape[1] != 3:
+        raise CloudError("points.shape", cloud.shape, "give points of shape (n, 3)")
+    if not np.isfinite(cloud.sum()) and not np.isfinite(cloud).all(axis=1).any():
+        raise CloudError("points", f"{len(cloud)} points", "none is finite; check the sensor")
+    return cloud
+
+
+def _checked_bounds(
+    cloud: Array, bounds: tuple[npt.ArrayLike, npt.ArrayLike] | None
+) -> tuple[Array, Array]:
+    if bounds is None:
+        finite = cloud[np.isfinite(cloud).all(axis=1)]
+        if len(finite) == 0:
+            raise CloudError("points", "0 points", "give points, or the bounds of the workspace")
+        return finite.min(axis=0), finite.max(axis=0)
+    corners = np.array(bounds, dtype=np.float64)
+    if corners.shape != (2, 3) or not np.isfinite(corners).all():
+        raise CloudError("bounds", corners.tolist(), "give two corners of three finite numbers")
+    if not (corners[1] > corners[0]).all():
+        raise CloudError("bounds", corners.tolist(), "give the lower corner first")
+    return corners[0], corners[1]
+
+
+def _grid_shape(origin: Array, upper: Array, settings: GridSettings) -> tuple[int, int, int]:
+    sides = np.floor((upper - origin) / settings.cell_size) + 1.0
+    if not np.isfinite(sides).all() or sides.prod() > settings.max_cells:
+        shown = " x ".join(f"{side * settings.cell_size:.4g}" for side in sides)
+        raise CloudError(
+            "workspace",
+            f"{shown} m",
+            f"is more than {settings.max_cells} cells of {settings.cell_size} m; "
+            "set bounds around the workspace or a larger cell size",
+        )
+    return int(sides[0]), int(sides[1]), int(sides[2])
+
+
+def _cleaned(
+    bins: Bins,
+    origin: Array,
+    settings: GridSettings,
+    shape: tuple[int, int, int],
+    lower: Array,
+    upper: Array,
+) -> tuple[Bins, float]:
+    """Drop flying pixels and, in a noisy cloud, project the points; return the noise too."""
+    size = settings.cell_size
+    counts = np.diff(bins.start)
+    if settings.min_points > 1 and np.median(counts) >= 4:
+        keep = denoising.connected(bins.cells, counts, bins.index, settings.min_points)
+        if not keep.all():
+            points = bins.points[np.repeat(keep, counts)]
+            bins = sort_into_cells(points, origin, size, shape, lower, upper)
+    noise = denoising.estimate_noise(bins, origin, size)
+    if noise <= settings.noise_floor:
+        return bins, 0.0
+    for _ in range(2):  # the second time from planes that the first has made sharper
+        points = denoising.project(bins, origin, size, noise, settings.min_points)
+        np.clip(points, lower, upper, out=points)
+        bins = sort_into_cells(points, origin, size, shape, lower, upper)
+    return bins, noise

@@ -1,0 +1,406 @@
+"""R, the placement regions: contiguous level surface at one height; and what supports s(x)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.scene.grid import ObstacleSet
+from placement_planner_ros.core.scene.surfaces import level_surfaces
+from placement_planner_ros.core.types import Array, TargetVolume, frozen_array
+
+_EPSILON = 1e-7
+_ATTEMPTS = 100
+_SMALLEST = 1e-12
+"""Parts of a region with less area than this are left out, m²."""
+
+
+@dataclass(frozen=True, slots=True)
+class RegionSettings:
+    """What counts as a placement region.
+
+    Attributes:
+        headroom: free height above a surface for it to support anything, metres.
+        max_tilt: slope up to which a surface is level, rad.
+        height_tolerance: heights in one region differ from its mean by no more, metres.
+        max_side: larger regions are cut into tiles of at most this side, metres.
+        min_area: smaller regions are left out, m².
+        max_regions: only so many are kept, the largest.
+    """
+
+    headroom: float = 0.03
+    max_tilt: float = 0.06
+    height_tolerance: float = 0.002
+    max_side: float = 0.3
+    min_area: float = 1e-4
+    max_regions: int = 200
+
+    def __post_init__(self) -> None:
+        for name in ("headroom", "max_tilt", "height_tolerance", "max_side"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise ParameterError(name, value, "give a finite number above 0")
+        if not (math.isfinite(self.min_area) and self.min_area >= 0.0):
+            raise ParameterError("min_area", self.min_area, "give an area of at least 0 m²")
+        if self.max_regions < 1:
+            raise ParameterError("max_regions", self.max_regions, "give at least 1")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Region:
+    """r: measured level surface at height z, as disjoint rectangles.
+
+    Attributes:
+        rectangles: (k, 4) xmin, ymin, xmax, ymax.
+        z: z_r, metres.
+        diagonals: (k, 4) minimum and maximum of x + y and of x - y on each rectangle's surface:
+            slanted edges cut corners off the rectangle. Not bounded unless given.
+        areas: (k,) of the rectangles with their corners cut off, m².
+    """
+
+    rectangles: Array
+    z: float
+    diagonals: Array | None = None
+    areas: Array = field(init=False)
+    _share: Array = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        rectangles = frozen_array(self.rectangles, (-1, 4))
+        diagonals = self.diagonals
+        if diagonals is None:
+            diagonals = np.tile((-np.inf, np.inf), (len(rectangles), 2))
+        object.__setattr__(self, "rectangles", rectangles)
+        object.__setattr__(self, "diagonals", frozen_array(diagonals, (len(rectangles), 4)))
+        areas, share = _areas(rectangles, self.diagonals)
+        object.__setattr__(self, "areas", frozen_array(areas))
+        object.__setattr__(self, "_share", frozen_array(share))
+
+    @property
+    def area(self) -> float:
+        """Surface, m²."""
+        return float(self.areas.sum())
+
+    def clipped(self, lower: Array, upper: Array) -> Region | None:
+        """The part within lower..upper, (2,) corners, or None where nothing is left."""
+        rectangles, diagonals = _clip(
+            self.rectangles,
+            self.diagonals,
+            np.asarray(lower, dtype=np.float64),
+            np.asarray(upper, dtype=np.float64),
+        )
+        return Region(rectangles, self.z, diagonals) if len(rectangles) else None
+
+    def split(self) -> tuple[Region, ...]:
+        """Up to four regions, cut at the area-weighted mean x and y (the paper's children of r).
+
+        The parts cover this region exactly and may be split further, down to any size.
+        """
+        mean = (self.areas / self.areas.sum()) @ (
+            0.5 * (self.rectangles[:, :2] + self.rectangles[:, 2:])
+        )
+        parts = []
+        for right in (False, True):
+            for back in (False, True):
+                lower = np.where((right, back), mean, -np.inf)
+                upper = np.where((right, back), np.inf, mean)
+                part = self.clipped(lower, upper)
+                if part is not None:
+                    parts.append(part)
+        return tuple(parts)
+
+    def sample(self, rng: np.random.Generator) -> Array:
+        """(3,) a point on the region, uniform by area.
+
+        Draws in cut-off corners are refused; after 100 refusals the last stands, and s(x) decides.
+        """
+        assert self.diagonals is not None
+        share, last = self._share, len(self._share) - 1
+        for _ in range(_ATTEMPTS):
+            pick, across, along = rng.random(3)
+            k = min(int(share.searchsorted(pick * share[last], side="right")), last)
+            x0, y0, x1, y1 = self.rectangles[k]
+            x, y = x0 + across * (x1 - x0), y0 + along * (y1 - y0)
+            low_plus, high_plus, low_minus, high_minus = self.diagonals[k]
+            if low_plus <= x + y <= high_plus and low_minus <= x - y <= high_minus:
+                break
+        return np.array((x, y, self.z))
+
+
+@njit(cache=True)
+def _half_square(length: float) -> float:
+    return 0.5 * length * length if length > 0.0 else 0.0
+
+
+@njit(cache=True)
+def _area(rectangle: Array, diagonal: Array) -> float:
+    """Area of a rectangle less the corners that the diagonals cut off."""
+    x0, y0, x1, y1 = rectangle
+    width, depth = x1 - x0, y1 - y0
+    if width <= 0.0 or depth <= 0.0:
+        return 0.0
+    area = width * depth
+    for corner in range(4):
+        if corner == 0:
+            reach = diagonal[0] - (x0 + y0)
+        elif corner == 1:
+            reach = (x1 + y1) - diagonal[1]
+        elif corner == 2:
+            reach = diagonal[2] - (x0 - y1)
+        else:
+            reach = (x1 - y0) - diagonal[3]
+        if reach > 0.0:  # the corner's triangle, less what of it lies outside the rectangle
+            area -= _half_square(reach) + _half_square(reach - width - depth)
+            area += _half_square(reach - width) + _half_square(reach - depth)
+    return max(area, 0.0)
+
+
+@njit(cache=True)
+def _areas(rectangles: Array, diagonals: Array) -> tuple[Array, Array]:
+    """(k,) surface of each rectangle, and (k,) running sum of the whole rectangles' areas."""
+    areas = np.empty(len(rectangles))
+    share = np.empty(len(rectangles))
+    total = 0.0
+    for k in range(len(rectangles)):
+        areas[k] = _area(rectangles[k], diagonals[k])
+        total += (rectangles[k, 2] - rectangles[k, 0]) * (rectangles[k, 3] - rectangles[k, 1])
+        share[k] = total
+    return areas, share
+
+
+@njit(cache=True)
+def _clip(rectangles: Array, diagonals: Array, lower: Array, upper: Array) -> tuple[Array, Array]:
+    inside = np.empty_like(rectangles)
+    bounds = np.empty_like(rectangles)
+    n = 0
+    for k in range(len(rectangles)):
+        inside[n, 0] = max(rectangles[k, 0], lower[0])
+        inside[n, 1] = max(rectangles[k, 1], lower[1])
+        inside[n, 2] = min(rectangles[k, 2], upper[0])
+        inside[n, 3] = min(rectangles[k, 3], upper[1])
+        bounds[n] = diagonals[k]
+        if _area(inside[n], bounds[n]) > _SMALLEST:
+            n += 1
+    return inside[:n].copy(), bounds[:n].copy()
+
+
+class SupportMap:
+    """Every level surface of the obstacle set, in V or not: what a placement face may rest on.
+
+    Attributes:
+        start: (nx * ny + 1,) first surface of each column of the grid, and their number.
+        height: (s,) z of each surface.
+        rectangle: (s, 4) xmin, ymin, xmax, ymax.
+        diagonal: (s, 4) minimum and maximum of x + y and of x - y.
+    """
+
+    def __init__(
+        self,
+        origin: Array,
+        cell_size: float,
+        columns: tuple[int, int],
+        start: npt.NDArray[np.int64],
+        height: Array,
+        rectangle: Array,
+        diagonal: Array,
+    ) -> None:
+        self.origin = origin
+        self.cell_size = cell_size
+        self.columns = columns
+        self.start = start
+        self.height = height
+        self.rectangle = rectangle
+        self.diagonal = diagonal
+
+    def supported(self, points: Array, tolerance: float) -> npt.NDArray[np.bool_]:
+        """s(x) for each point: is there level surface under it, within `tolerance` of its height?
+
+        Args:
+            points: (n, 3), metres.
+            tolerance: metres, above or below.
+
+        Returns:
+            (n,)
+        """
+        return np.asarray(
+            _supported(
+                np.ascontiguousarray(points, dtype=np.float64),
+                tolerance,
+                self.origin,
+                self.cell_size,
+                self.columns[0],
+                self.columns[1],
+                self.start,
+                self.height,
+                self.rectangle,
+                self.diagonal,
+            )
+        )
+
+
+@njit(cache=True)
+def _supported(
+    points: Array,
+    tolerance: float,
+    origin: Array,
+    cell_size: float,
+    nx: int,
+    ny: int,
+    start: npt.NDArray[np.int64],
+    height: Array,
+    rectangle: Array,
+    diagonal: Array,
+) -> npt.NDArray[np.bool_]:
+    result = np.zeros(len(points), np.bool_)
+    for p in range(len(points)):
+        x, y, z = points[p, 0], points[p, 1], points[p, 2]
+        # a point on the face between two columns belongs to both
+        i0 = max(math.floor((x - _EPSILON - origin[0]) / cell_size), 0)
+        i1 = min(math.floor((x + _EPSILON - origin[0]) / cell_size), nx - 1)
+        j0 = max(math.floor((y - _EPSILON - origin[1]) / cell_size), 0)
+        j1 = min(math.floor((y + _EPSILON - origin[1]) / cell_size), ny - 1)
+        for i in range(i0, i1 + 1):
+            for j in range(j0, j1 + 1):
+                for s in range(start[i * ny + j], start[i * ny + j + 1]):
+                    if (
+                        abs(z - height[s]) <= tolerance
+                        and x >= rectangle[s, 0] - _EPSILON
+                        and y >= rectangle[s, 1] - _EPSILON
+                        and x <= rectangle[s, 2] + _EPSILON
+                        and y <= rectangle[s, 3] + _EPSILON
+                        and x + y >= diagonal[s, 0] - _EPSILON
+                        and x + y <= diagonal[s, 1] + _EPSILON
+                        and x - y >= diagonal[s, 2] - _EPSILON
+                        and x - y <= diagonal[s, 3] + _EPSILON
+                    ):
+                        result[p] = True
+    return result
+
+
+def find_regions(
+    obstacles: ObstacleSet, volume: TargetVolume, settings: RegionSettings | None = None
+) -> tuple[tuple[Region, ...], SupportMap]:
+    """R within V, larger first, and the support of the whole obstacle set.
+
+    A region is a set of 8-connected columns of level surface with `headroom` above, all within
+    `height_tolerance` of their mean, cut into tiles of `max_side` and clipped to V. Its z is the
+    area-weighted median of the heights of its surfaces.
+    """
+    settings = settings or RegionSettings()
+    size = obstacles.cell_size
+    nx, ny, _ = obstacles.shape
+    surfaces = level_surfaces(obstacles, settings.headroom, settings.max_tilt)
+    start = surfaces.start
+    support = SupportMap(
+        obstacles.origin,
+        size,
+        (nx, ny),
+        start,
+        surfaces.height,
+        surfaces.rectangle,
+        surfaces.diagonal,
+    )
+    in_volume = (
+        (surfaces.height >= volume.lower[2] - settings.height_tolerance)
+        & (surfaces.height <= volume.upper[2] + settings.height_tolerance)
+        & (surfaces.rectangle[:, 2:] > volume.lower[:2]).all(axis=1)
+        & (surfaces.rectangle[:, :2] < volume.upper[:2]).all(axis=1)
+    )
+    label = np.where(in_volume, 0, -1)
+    cells = surfaces.cells.astype(np.int64)
+    label = _connect(cells, start, surfaces.height, label, ny, nx, settings.height_tolerance)
+    label = _tile(cells, label, size, settings.max_side)
+    label = _connect(cells, start, surfaces.height, label, ny, nx, settings.height_tolerance)
+    order = np.argsort(label, kind="stable")
+    order = order[label[order] >= 0]
+    regions = []
+    for rows in np.split(order, np.flatnonzero(np.diff(label[order])) + 1):
+        if len(rows) == 0:
+            continue
+        whole = Region(surfaces.rectangle[rows], 0.0, surfaces.diagonal[rows])
+        if whole.area < settings.min_area:
+            continue
+        z = _weighted_median(surfaces.height[rows], whole.areas)
+        if not volume.lower[2] <= z <= volume.upper[2]:
+            continue
+        region = replace(whole, z=z).clipped(volume.lower[:2], volume.upper[:2])
+        if region is not None and region.area >= settings.min_area:
+            regions.append(region)
+    regions.sort(key=lambda region: -region.area)
+    return tuple(regions[: settings.max_regions]), support
+
+
+def _weighted_median(values: Array, weights: Array) -> float:
+    order = np.argsort(values, kind="stable")
+    total = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(total, 0.5 * total[-1])])
+
+
+def _tile(
+    cells: npt.NDArray[np.int64], label: npt.NDArray[np.int64], size: float, max_side: float
+) -> npt.NDArray[np.int64]:
+    """Labels cut further so that none spans more than `max_side` in x or y."""
+    rows = np.flatnonzero(label >= 0)
+    if len(rows) == 0:
+        return label
+    groups = label[rows]
+    count = int(groups.max()) + 1
+    key = groups.copy()
+    for axis in range(2):
+        position = cells[rows, axis]
+        low = np.full(count, np.iinfo(np.int64).max)
+        high = np.full(count, np.iinfo(np.int64).min)
+        np.minimum.at(low, groups, position)
+        np.maximum.at(high, groups, position)
+        span = (high - low + 1)[groups]
+        per_tile = max(1, int(max_side / size + 1e-9))
+        tiles = -(-span // per_tile)
+        key = key * (int(tiles.max()) + 1) + (position - low[groups]) * tiles // span
+    result = label.copy()
+    result[rows] = np.unique(key, return_inverse=True)[1]
+    return result
+
+
+@njit(cache=True)
+def _connect(
+    cells: npt.NDArray[np.int64],
+    start: npt.NDArray[np.int64],
+    height: Array,
+    group: npt.NDArray[np.int64],
+    ny: int,
+    nx: int,
+    tolerance: float,
+) -> npt.NDArray[np.int64]:
+    """(s,) connected pieces of each group (group -1 is left out), level within the tolerance."""
+    label = np.full(len(cells), -1, np.int64)
+    queue = np.empty(len(cells), np.int64)
+    count = 0
+    for seed in range(len(cells)):
+        if group[seed] < 0 or label[seed] >= 0:
+            continue
+        label[seed] = count
+        queue[0] = seed
+        head, tail = 0, 1
+        total = height[seed]
+        while head < tail:
+            s = queue[head]
+            head += 1
+            for i in range(max(cells[s, 0] - 1, 0), min(cells[s, 0] + 2, nx)):
+                for j in range(max(cells[s, 1] - 1, 0), min(cells[s, 1] + 2, ny)):
+                    for t in range(start[i * ny + j], start[i * ny + j + 1]):
+                        if (
+                            label[t] < 0
+                            and group[t] == group[seed]
+                            and abs(height[t] - height[s]) <= tolerance
+                            and abs(height[t] - total / tail) <= tolerance
+                        ):
+                            label[t] = count
+                            total += height[t]
+                            queue[tail] = t
+                            tail += 1
+        count += 1
+    return label

@@ -1,0 +1,326 @@
+"""Tight boxes around the points of each cell, one per surface, closed over gaps between cells."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from placement_planner_ros.core.types import Array
+
+Index = npt.NDArray[np.int32]
+
+_WORTH_CUTTING = 0.6
+"""A cell is cut where its boxes fill less than this share of the single box around its points."""
+
+
+class TightBoxes(NamedTuple):
+    """m boxes; see `ObstacleSet` for the fields. `index` of the cells is rewritten in place."""
+
+    cells: Index
+    lower: Array
+    upper: Array
+    next: Index
+    surface_height: Array
+    surface_extent: Array
+
+
+def tight_boxes(
+    points: Array,
+    start: npt.NDArray[np.int64],
+    cells: Index,
+    index: Index,
+    origin: Array,
+    cell_size: float,
+    skin: float,
+    max_boxes: int,
+) -> TightBoxes:
+    """Box the points of each cell.
+
+    Where the box around all points of a cell is thick in every direction, the side of it that
+    holds most points within `skin` is cut off as a box of its own, and so on with the rest, at
+    most `max_boxes` in all. The cut is used if it leaves out a good part of the volume: floor and
+    wall become two boxes, a slope or a blob stays one.
+
+    Args:
+        points, start, cells, index: as in `binning.Bins`; `index` is rewritten to box rows.
+        skin: thickness of one level surface, metres.
+    """
+    thick = _count_thick(points, start, skin)
+    return TightBoxes(
+        *_tight_boxes(points, start, cells, index, skin, max_boxes, thick * (max_boxes - 1))
+    )
+
+
+@njit(cache=True)
+def _count_thick(points: Array, start: npt.NDArray[np.int64], skin: float) -> int:
+    """How many cells hold points that spread by more than `skin` along every axis."""
+    thick = 0
+    for r in range(len(start) - 1):
+        flat = False
+        for a in range(3):
+            low, high = np.inf, -np.inf
+            for p in range(start[r], start[r + 1]):
+                low, high = min(low, points[p, a]), max(high, points[p, a])
+            flat = flat or high - low <= skin
+        thick += not flat
+    return thick
+
+
+@njit(cache=True)
+def _bound(points: Array, rows: npt.NDArray[np.int64], count: int, box: Array) -> None:
+    """`box` (2, 3): the tight box around points[rows[:count]]."""
+    for a in range(3):
+        box[0, a], box[1, a] = np.inf, -np.inf
+    for i in range(count):
+        for a in range(3):
+            value = points[rows[i], a]
+            box[0, a] = min(box[0, a], value)
+            box[1, a] = max(box[1, a], value)
+
+
+@njit(cache=True)
+def _volume(box: Array, skin: float) -> float:
+    """Volume, each side counted as at least `skin`."""
+    volume = 1.0
+    for a in range(3):
+        volume *= max(box[1, a] - box[0, a], skin)
+    return volume
+
+
+@njit(cache=True)
+def _fullest_side(
+    points: Array, rows: npt.NDArray[np.int64], count: int, box: Array, skin: float
+) -> tuple[int, int]:
+    """The side (axis, 0 low or 1 high) of the box with most points within `skin` of it."""
+    hits = np.zeros((3, 2), np.int64)
+    for i in range(count):
+        for a in range(3):
+            value = points[rows[i], a]
+            if value <= box[0, a] + skin:
+                hits[a, 0] += 1
+            if value >= box[1, a] - skin:
+                hits[a, 1] += 1
+    axis, side = 2, 0
+    for a in range(3):
+        for s in range(2):
+            if hits[a, s] > hits[axis, side]:
+                axis, side = a, s
+    return axis, side
+
+
+@njit(cache=True)
+def _is_flat(box: Array, skin: float) -> bool:
+    return (
+        box[1, 0] - box[0, 0] <= skin
+        or box[1, 1] - box[0, 1] <= skin
+        or box[1, 2] - box[0, 2] <= skin
+    )
+
+
+@njit(cache=True)
+def _measure_surface(
+    points: Array, rows: npt.NDArray[np.int64], count: int, top: float, skin: float, extent: Array
+) -> float:
+    """Mean height of the points within `skin` of the top; `extent` (8,) bounds them."""
+    for a in range(0, 8, 2):
+        extent[a], extent[a + 1] = np.inf, -np.inf
+    total, number = 0.0, 0
+    for i in range(count):
+        x, y, z = points[rows[i], 0], points[rows[i], 1], points[rows[i], 2]
+        if z < top - skin:
+            continue
+        total += z - top
+        number += 1
+        extent[0], extent[1] = min(extent[0], x), max(extent[1], x)
+        extent[2], extent[3] = min(extent[2], y), max(extent[3], y)
+        extent[4], extent[5] = min(extent[4], x + y), max(extent[5], x + y)
+        extent[6], extent[7] = min(extent[6], x - y), max(extent[7], x - y)
+    return top + total / number
+
+
+@njit(cache=True)
+def _tight_boxes(
+    points: Array,
+    start: npt.NDArray[np.int64],
+    cells: Index,
+    index: Index,
+    skin: float,
+    max_boxes: int,
+    spare: int,
+) -> tuple[Index, Array, Array, Index, Array, Array]:
+    room = len(cells) + spare
+    box_cells = np.empty((room, 3), np.int32)
+    lower = np.empty((room, 3))
+    upper = np.empty((room, 3))
+    following = np.full(room, -1, np.int32)
+    height = np.empty(room)
+    extent = np.empty((room, 8))
+    longest = 0
+    for r in range(len(cells)):
+        longest = max(longest, start[r + 1] - start[r])
+    ordered = np.empty(longest, np.int64)
+    spill = np.empty(longest, np.int64)
+    whole = np.empty((2, 3))
+    boxes = np.empty((4, 2, 3))
+    ends = np.empty(5, np.int64)
+    m = 0
+    for r in range(len(cells)):
+        count = start[r + 1] - start[r]
+        for i in range(count):
+            ordered[i] = start[r] + i
+        _bound(points, ordered, count, whole)
+        number = 1
+        boxes[0] = whole
+        ends[0], ends[1] = 0, count
+        if max_boxes > 1 and not _is_flat(whole, skin):
+            # points of the parts cut off so far stand first in `ordered`, part by part
+            number = 0
+            volume = 0.0
+            rest = whole.copy()
+            while True:
+                first = ends[number]
+                left = count - first
+                if number + 1 == max_boxes or _is_flat(rest, skin):
+                    boxes[number] = rest
+                    ends[number + 1] = count
+                    volume += _volume(rest, skin)
+                    number += 1
+                    break
+                axis, side = _fullest_side(points, ordered[first:], left, rest, skin)
+                taken = 0
+                spilled = 0
+                for i in range(first, count):
+                    value = points[ordered[i], axis]
+                    if (side == 0 and value <= rest[0, axis] + skin) or (
+                        side == 1 and value >= rest[1, axis] - skin
+                    ):
+                        ordered[first + taken] = ordered[i]
+                        taken += 1
+                    else:
+                        spill[spilled] = ordered[i]
+                        spilled += 1
+                for i in range(spilled):
+                    ordered[first + taken + i] = spill[i]
+                _bound(points, ordered[first:], taken, boxes[number])
+                volume += _volume(boxes[number], skin)
+                number += 1
+                ends[number] = first + taken
+                if spilled == 0:
+                    break
+                _bound(points, ordered[first + taken :], spilled, rest)
+            if volume > _WORTH_CUTTING * _volume(whole, skin):
+                number = 1
+                boxes[0] = whole
+                ends[1] = count
+        index[cells[r, 0], cells[r, 1], cells[r, 2]] = m
+        for part in range(number):
+            box_cells[m] = cells[r]
+            lower[m] = boxes[part, 0]
+            upper[m] = boxes[part, 1]
+            if part + 1 < number:
+                following[m] = m + 1
+            first, last = ends[part], ends[part + 1]
+            height[m] = _measure_surface(
+                points, ordered[first:], last - first, upper[m, 2], skin, extent[m]
+            )
+            m += 1
+    return (
+        box_cells[:m].copy(),
+        lower[:m].copy(),
+        upper[:m].copy(),
+        following[:m].copy(),
+        height[:m].copy(),
+        extent[:m].copy(),
+    )
+
+
+@njit(cache=True)
+def _gap(lower: Array, upper: Array, p: int, q: int, axis: int) -> float:
+    return max(lower[p, axis] - upper[q, axis], lower[q, axis] - upper[p, axis])
+
+
+@njit(cache=True)
+def _one_surface(
+    lower: Array, upper: Array, p: int, q: int, axis: int, skin: float, cell_size: float
+) -> bool:
+    """Whether boxes p and q, neighbours along `axis`, belong to one surface that p goes on along.
+
+    Either both are flat in the same other direction and at one level, or both overlap (nearly) in
+    both other directions and p is no thin sheet across `axis`.
+    """
+    b, c = (axis + 1) % 3, (axis + 2) % 3
+    if axis == 0:
+        b, c = 1, 2
+    gap_b, gap_c = _gap(lower, upper, p, q, b), _gap(lower, upper, p, q, c)
+    wide = 0.5 * cell_size
+    for flat in (b, c):
+        level, along = (gap_b, gap_c) if flat == b else (gap_c, gap_b)
+        if (
+            level <= skin
+            and along <= wide
+            and upper[p, flat] - lower[p, flat] <= 2.0 * skin
+            and upper[q, flat] - lower[q, flat] <= 2.0 * skin
+        ):
+            return True
+    if upper[p, axis] - lower[p, axis] <= 0.2 * cell_size:
+        return False
+    for other in (b, c):
+        gap = gap_b if other == b else gap_c
+        size_p = upper[p, other] - lower[p, other]
+        size_q = upper[q, other] - lower[q, other]
+        if gap > max(skin, 0.25 * min(size_p, size_q)):
+            return False
+    return True
+
+
+@njit(cache=True)
+def close_gaps(
+    cells: Index,
+    lower: Array,
+    upper: Array,
+    index: Index,
+    following: Index,
+    origin: Array,
+    cell_size: float,
+    skin: float,
+) -> tuple[Array, Array]:
+    """Extend boxes of one surface in neighbouring cells to the face between these cells.
+
+    Returns:
+        (m, 3), (m, 3) new lower and upper corners. A side without neighbour is left as measured.
+    """
+    m = len(cells)
+    shape = index.shape
+    new_lower = lower.copy()
+    new_upper = upper.copy()
+    cell = np.empty(3, np.int64)
+    for p in range(m):
+        for axis in range(3):
+            b, c = (axis + 1) % 3, (axis + 2) % 3
+            for side in range(-1, 2, 2):
+                cell[axis] = cells[p, axis] + side
+                if cell[axis] < 0 or cell[axis] >= shape[axis]:
+                    continue
+                closed = False
+                # straight ahead first, then the cells beside it
+                for turn in range(9):
+                    cell[b] = cells[p, b] + (0, 1, -1)[turn % 3]
+                    cell[c] = cells[p, c] + (0, 1, -1)[turn // 3]
+                    if cell[b] < 0 or cell[b] >= shape[b] or cell[c] < 0 or cell[c] >= shape[c]:
+                        continue
+                    q = index[cell[0], cell[1], cell[2]]
+                    while q >= 0 and not closed:
+                        closed = _one_surface(lower, upper, p, q, axis, skin, cell_size)
+                        q = following[q]
+                    if closed:
+                        break
+                if closed:
+                    face = origin[axis] + (cells[p, axis] + (1 if side > 0 else 0)) * cell_size
+                    if side > 0:
+                        new_upper[p, axis] = max(face, upper[p, axis])
+                    else:
+                        new_lower[p, axis] = min(face, lower[p, axis])
+    return new_lower, new_upper
