@@ -134,14 +134,16 @@ def _read_shape(
 
 def _resolve(uri: str, field: str, package_dirs: PackageDirs) -> Path:
     """The file a mesh URI names: package://, file://, absolute, or relative to a package folder."""
-    named = dict(package_dirs) if isinstance(package_dirs, Mapping) else {}
-    folders = [Path(d) for d in (named.values() if named else package_dirs)]
     parts = urlparse(uri)
+    if isinstance(package_dirs, Mapping):
+        folders = [Path(folder) for folder in package_dirs.values()]
+        packages = [Path(package_dirs[parts.netloc])] if parts.netloc in package_dirs else []
+    else:
+        folders = [Path(folder) for folder in package_dirs]
+        packages = [folder / parts.netloc for folder in folders]
+        packages += [folder for folder in folders if folder.name == parts.netloc]
     if parts.scheme == "package":
-        inside = unquote(parts.path).lstrip("/")
-        candidates = [Path(named[parts.netloc]) / inside] if parts.netloc in named else []
-        candidates += [folder / parts.netloc / inside for folder in folders]
-        candidates += [folder / inside for folder in folders if folder.name == parts.netloc]
+        candidates = [package / unquote(parts.path).lstrip("/") for package in packages]
     elif parts.scheme == "file":
         candidates = [Path(unquote(parts.path))]
     elif parts.scheme:
