@@ -8,6 +8,7 @@ import pinocchio as pin
 import pytest
 
 from placement_planner_ros.core.errors import RobotError
+from placement_planner_ros.core.robot import kinematics
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.kinematics import Chain
 from placement_planner_ros.core.robot.model import Robot
@@ -96,6 +97,17 @@ def test_single_and_batch_agree():
     assert np.array_equal(chain.forward(Q[2]), chain.forward_batch(Q)[2])
     assert np.array_equal(chain.joint_frames(Q[2]), chain.joint_frames_batch(Q)[2])
     assert np.array_equal(chain.jacobian(Q[2], T), chain.jacobian_batch(Q, T)[2])
+
+
+def test_read_only_input_compiles_nothing_new():
+    robot, arm, q_rest = case("gantry")
+    chain = Chain.from_robot(robot, arm, q_rest)
+    Q = np.zeros((2, 4))
+    writable = chain.forward_batch(Q)
+    compiled = len(kinematics._forward_batch.signatures)
+    Q.setflags(write=False)
+    assert np.array_equal(chain.forward_batch(Q), writable)
+    assert len(kinematics._forward_batch.signatures) == compiled
 
 
 def test_jacobian_is_the_derivative():

@@ -25,6 +25,14 @@ hull counts as convex; its hull, which stands in for it, is nowhere further outs
 MAX_EXTENT = 10.0
 """m; a mesh larger than this is taken to be in millimetres."""
 
+PRIMITIVES = {
+    "box": (coal.Box, {"size": 3}),
+    "sphere": (coal.Sphere, {"radius": 1}),
+    "cylinder": (coal.Cylinder, {"radius": 1, "length": 1}),
+    "capsule": (coal.Capsule, {"radius": 1, "length": 1}),
+}
+"""URDF shape -> coal shape, and its attributes with how many numbers each holds."""
+
 PackageDirs = Mapping[str, str | Path] | Sequence[str | Path]
 """Package name -> its share folder, or folders that hold packages or relative mesh paths."""
 
@@ -105,31 +113,16 @@ def _read_shape(
         if key not in loaded:
             loaded[key] = load_mesh(path, scale, field)
         return loaded[key]
-    sizes = {
-        "box": ("size",),
-        "sphere": ("radius",),
-        "cylinder": ("radius", "length"),
-        "capsule": ("radius", "length"),
-    }
-    if shape.tag not in sizes:
-        raise RobotError(field, shape.tag, "use box, sphere, cylinder, capsule or mesh")
-    values = np.concatenate(
-        [
-            _floats(shape.get(a, ""), 3 if a == "size" else 1, f"{field}: {a}")
-            for a in sizes[shape.tag]
-        ]
-    )
+    if shape.tag not in PRIMITIVES:
+        raise RobotError(field, shape.tag, f"use mesh or one of {list(PRIMITIVES)}")
+    make, counts = PRIMITIVES[shape.tag]
+    sizes = [_floats(shape.get(a, ""), n, f"{field}: {a}") for a, n in counts.items()]
+    values = np.concatenate(sizes)
     if not (values > 0.0).all():
         raise RobotError(f"{field}: {shape.tag}", values.tolist(), "every size must be positive")
-    make = {
-        "box": coal.Box,
-        "sphere": coal.Sphere,
-        "cylinder": coal.Cylinder,
-        "capsule": coal.Capsule,
-    }[shape.tag]
-    result = make(*values.tolist())
-    result.computeLocalAABB()
-    return result
+    primitive = make(*values.tolist())
+    primitive.computeLocalAABB()
+    return primitive
 
 
 def _resolve(uri: str, field: str, package_dirs: PackageDirs) -> Path:

@@ -24,6 +24,7 @@ from placement_planner_ros.core.robot.kinematics import (
     Flags,
     chain_frames,
     frames_jacobian,
+    kernel_input,
 )
 from placement_planner_ros.core.types import Array
 
@@ -421,8 +422,8 @@ class InverseKinematics:
             rest is NaN).
         """
         chain, settings = self.chain, self.settings
-        T = np.ascontiguousarray(T_world_tip, dtype=np.float64)
-        Q = np.ascontiguousarray(seeds, dtype=np.float64)
+        T = kernel_input(T_world_tip)
+        Q = kernel_input(seeds)
         solutions = np.full((len(T), settings.max_solutions, chain.dof), np.nan)
         counts = np.zeros(len(T), dtype=np.int64)
         _solve_batch(
@@ -464,7 +465,7 @@ class InverseKinematics:
             settings.line_tolerance (then denser poses may succeed).
         """
         chain, settings = self.chain, self.settings
-        T = np.ascontiguousarray(T_world_tip, dtype=np.float64)
+        T = kernel_input(T_world_tip)
         path = np.empty((len(T), chain.dof))
         tracked = _track(
             chain.fixed,

@@ -141,6 +141,11 @@ def _jacobian_batch(
         frames_jacobian(frames, prismatic, point, out[k])
 
 
+def kernel_input(values: npt.ArrayLike) -> Array:
+    """Contiguous writable float64, so that a kernel compiles once and not for read-only anew."""
+    return np.require(values, np.float64, ["C", "W"])
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Chain:
     """The serial chain of one arm; the robot's other joints stand at q_rest.
@@ -216,7 +221,7 @@ class Chain:
 
     def forward_batch(self, Q: Array) -> Array:
         """T_world_tip (n, 4, 4) at Q (n, dof)."""
-        Q = np.ascontiguousarray(Q, dtype=np.float64)
+        Q = kernel_input(Q)
         tips = np.zeros((len(Q), 4, 4))
         _forward_batch(self.fixed, self.prismatic, Q, tips)
         return tips
@@ -227,7 +232,7 @@ class Chain:
 
     def joint_frames_batch(self, Q: Array) -> Array:
         """T_world_joint (n, dof, 4, 4) at Q (n, dof)."""
-        Q = np.ascontiguousarray(Q, dtype=np.float64)
+        Q = kernel_input(Q)
         out = np.zeros((len(Q), self.dof, 4, 4))
         _joint_frames_batch(self.fixed, self.prismatic, self.aligned, Q, out)
         return out
@@ -241,8 +246,8 @@ class Chain:
 
     def jacobian_batch(self, Q: Array, T_tip_object: Array) -> Array:
         """J (n, 6, dof) at Q (n, dof), as `jacobian`."""
-        Q = np.ascontiguousarray(Q, dtype=np.float64)
-        T = np.ascontiguousarray(T_tip_object, dtype=np.float64)
+        Q = kernel_input(Q)
+        T = kernel_input(T_tip_object)
         out = np.empty((len(Q), 6, self.dof))
         _jacobian_batch(self.fixed, self.prismatic, T, Q, out)
         return out
