@@ -1,0 +1,39 @@
+"""Answers of the services: a machine-readable first line, then plain words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from placement_planner_ros.core.errors import PlacementPlannerError
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What a service says.
+
+    Attributes:
+        success: as the service type has it.
+        text: the first line, `code=OK run=17`, and the words after it.
+    """
+
+    success: bool
+    text: str
+
+
+def answer(code: str, words: str = "", *, success: bool | None = None, **values: object) -> Answer:
+    """An answer; it is a success where the code is OK unless said otherwise."""
+    first = " ".join([f"code={code}", *(f"{k}={_shown(v)}" for k, v in values.items())])
+    return Answer(
+        code == "OK" if success is None else success, f"{first}\n{words}" if words else first
+    )
+
+
+def refusal(faults: Sequence[PlacementPlannerError]) -> Answer:
+    """Every fault on a line of its own; the first line carries the first one's code."""
+    lines = [f"{fault.code}: {' '.join(str(fault).split())}" for fault in faults]
+    return answer(faults[0].code, "\n".join(lines))
+
+
+def _shown(value: object) -> str:
+    return repr(value) if isinstance(value, float) else str(value)

@@ -1,0 +1,134 @@
+"""What is known of the environment: the clouds so far and the objects confirmed as placed."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from placement_planner_ros.core.errors import CloudError, PlacementPlannerError
+from placement_planner_ros.core.types import Array
+
+MERGE_FRACTION = 4
+"""Merged clouds keep one point per cube of this fraction of a cell's edge."""
+
+
+class CloudStaleError(PlacementPlannerError):
+    """Clouds are older than cloud.max_age."""
+
+    code = "CLOUD_STALE"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoredCloud:
+    """A cloud in the planning frame.
+
+    Attributes:
+        points: (n, 3) metres.
+        time: when it was taken, seconds of the steady clock.
+    """
+
+    points: Array
+    time: float
+
+
+class CloudStore:
+    """Clouds by topic. Safe to use from several threads; what it hands out is never modified.
+
+    Args:
+        required: topics of which a cloud is needed.
+    """
+
+    def __init__(self, required: Sequence[str]) -> None:
+        self._required = tuple(required)
+        self._lock = threading.Lock()
+        self._latest: dict[str, StoredCloud] = {}
+        self._merged = np.empty((0, 3))
+        self._confirmed: list[Array] = []
+        self._refused: dict[str, PlacementPlannerError] = {}
+        self.updates = 0
+
+    def add(self, topic: str, cloud: StoredCloud) -> None:
+        """Take a cloud as the newest of its topic."""
+        with self._lock:
+            self._latest[topic] = cloud
+            self._refused.pop(topic, None)
+            self.updates += 1
+
+    def merge(self, points: Array, cell_size: float) -> None:
+        """Add points (n, 3) to those accumulated, thinned to a fraction of a cell."""
+        with self._lock:
+            before = self._merged
+        edge = cell_size / MERGE_FRACTION
+        together = np.vstack([before, points])
+        _, kept = np.unique(np.floor(together / edge).astype(np.int32), axis=0, return_index=True)
+        with self._lock:
+            if self._merged is before:
+                self._merged = together[np.sort(kept)]
+
+    def refuse(self, topic: str, error: PlacementPlannerError) -> bool:
+        """Note that a topic's newest cloud was unusable; True where that is news."""
+        with self._lock:
+            known = self._refused.get(topic)
+            self._refused[topic] = error
+            return known is None or str(known) != str(error)
+
+    def confirm(self, points: Array) -> None:
+        """Surface points (n, 3) of an object that now stands there."""
+        with self._lock:
+            self._confirmed.append(points)
+
+    def clear(self) -> None:
+        """Forget accumulated points and confirmed objects."""
+        with self._lock:
+            self._merged = np.empty((0, 3))
+            self._confirmed.clear()
+
+    def ages(self, now: float) -> dict[str, float]:
+        """Seconds since each topic's newest cloud was taken."""
+        with self._lock:
+            return {topic: now - cloud.time for topic, cloud in self._latest.items()}
+
+    def latest_points(self) -> tuple[Array, ...]:
+        """The newest cloud of each topic."""
+        with self._lock:
+            return tuple(cloud.points for cloud in self._latest.values())
+
+    def snapshot(self, mode: str, max_age: float, now: float) -> tuple[Array, ...]:
+        """Every point set that makes up the environment, each (n, 3).
+
+        Args:
+            mode: `latest` or `merge`.
+            max_age: seconds, for `latest`; 0 for any age.
+
+        Raises:
+            CloudError: a required topic has no cloud, or there is no point in any.
+            CloudStaleError: a topic's newest cloud is too old.
+            PlacementPlannerError: a topic's newest cloud was refused; the reason it was refused.
+        """
+        with self._lock:
+            for error in self._refused.values():
+                raise error
+            missing = [topic for topic in self._required if topic not in self._latest]
+            if missing:
+                raise CloudError("clouds", missing, "no cloud has arrived on this topic yet")
+            stale = {
+                topic: f"{now - cloud.time:.1f} s"
+                for topic, cloud in self._latest.items()
+                if 0.0 < max_age < now - cloud.time
+            }
+            if mode == "latest" and stale:
+                raise CloudStaleError(
+                    "clouds: ages",
+                    stale,
+                    f"older than cloud.max_age = {max_age:g} s; publish them again, or set it to 0",
+                )
+            clouds = [cloud.points for cloud in self._latest.values()]
+            if mode == "merge":
+                clouds.append(self._merged)
+            parts = tuple(part for part in (*clouds, *self._confirmed) if len(part))
+        if not parts:
+            raise CloudError("clouds", 0, "no finite point within reach of the robot")
+        return parts

@@ -1,0 +1,63 @@
+"""Subscriptions to cloud topics whose reliability follows the publishers.
+
+Large best-effort clouds are lost between processes, and a reliable subscription hears nothing of a
+best-effort publisher: so ask for reliable exactly where every publisher offers it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.node import Node
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
+from sensor_msgs.msg import PointCloud2
+
+PERIOD = 0.5
+"""Seconds between looks at what the publishers offer."""
+
+OnCloud = Callable[[str, PointCloud2], None]
+
+
+class CloudSubscriptions:
+    """Subscribes to each topic and calls `on_cloud(topic, message)`."""
+
+    def __init__(self, node: Node, topics: Sequence[str], on_cloud: OnCloud) -> None:
+        self._node = node
+        self._on_cloud = on_cloud
+        self._group = MutuallyExclusiveCallbackGroup()
+        self._subscriptions: dict[str, tuple[ReliabilityPolicy, Subscription]] = {}
+        for topic in topics:
+            self._subscribe(topic, ReliabilityPolicy.RELIABLE)
+        node.create_timer(PERIOD, self.follow, callback_group=MutuallyExclusiveCallbackGroup())
+
+    def reliability(self, topic: str) -> ReliabilityPolicy:
+        """What the subscription to that topic asks for now."""
+        return self._subscriptions[topic][0]
+
+    def follow(self) -> None:
+        """Subscribe anew where the publishers offer something else than before."""
+        for topic, (reliability, subscription) in list(self._subscriptions.items()):
+            publishers = self._node.get_publishers_info_by_topic(subscription.topic_name)
+            if not publishers:
+                continue
+            offered = {p.qos_profile.reliability for p in publishers}
+            wanted = (
+                ReliabilityPolicy.RELIABLE
+                if offered == {ReliabilityPolicy.RELIABLE}
+                else ReliabilityPolicy.BEST_EFFORT
+            )
+            if wanted is not reliability:
+                self._node.destroy_subscription(subscription)
+                self._subscribe(topic, wanted)
+
+    def _subscribe(self, topic: str, reliability: ReliabilityPolicy) -> None:
+        def received(message: PointCloud2) -> None:
+            self._on_cloud(topic, message)
+
+        profile = QoSProfile(depth=1, history=HistoryPolicy.KEEP_LAST, reliability=reliability)
+        subscription = self._node.create_subscription(
+            PointCloud2, topic, received, profile, callback_group=self._group
+        )
+        self._subscriptions[topic] = (reliability, subscription)

@@ -1,0 +1,107 @@
+"""Core types to messages and back. Pure functions."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+from builtin_interfaces.msg import Duration, Time
+from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
+from shape_msgs.msg import Mesh, MeshTriangle
+from std_msgs.msg import Header
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.core.types import Array, Trajectory
+
+_NANOSECONDS = 1_000_000_000
+
+
+def time_message(nanoseconds: int) -> Time:
+    """A time from nanoseconds since the epoch."""
+    return Time(sec=nanoseconds // _NANOSECONDS, nanosec=nanoseconds % _NANOSECONDS)
+
+
+def duration_message(seconds: float) -> Duration:
+    """A duration, rounded to nanoseconds."""
+    nanoseconds = round(seconds * _NANOSECONDS)
+    return Duration(sec=nanoseconds // _NANOSECONDS, nanosec=nanoseconds % _NANOSECONDS)
+
+
+def trajectory_message(trajectory: Trajectory | None, key: str) -> JointTrajectory:
+    """A trajectory to start at once (stamp 0); `key` goes into frame_id. Empty for None."""
+    message = JointTrajectory(header=Header(frame_id=key))
+    if trajectory is None:
+        return message
+    message.joint_names = list(trajectory.joints)
+    message.points = [
+        JointTrajectoryPoint(
+            positions=positions.tolist(),
+            velocities=velocities.tolist(),
+            accelerations=accelerations.tolist(),
+            time_from_start=duration_message(float(time)),
+        )
+        for time, positions, velocities, accelerations in zip(
+            trajectory.times,
+            trajectory.positions,
+            trajectory.velocities,
+            trajectory.accelerations,
+            strict=True,
+        )
+    ]
+    return message
+
+
+def with_all_joints(trajectory: Trajectory, robot: Robot, q_start: Array) -> Trajectory:
+    """The same motion naming every joint that does not mimic another, the others held at q_start.
+
+    Args:
+        q_start: (nq,) configuration at which the other joints stay.
+    """
+    joints = tuple(name for name in robot.joint_names if name not in robot.mimics)
+    column = {name: i for i, name in enumerate(trajectory.joints)}
+    shape = (len(trajectory.times), len(joints))
+    positions, velocities, accelerations = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+    for i, name in enumerate(joints):
+        if name in column:
+            positions[:, i] = trajectory.positions[:, column[name]]
+            velocities[:, i] = trajectory.velocities[:, column[name]]
+            accelerations[:, i] = trajectory.accelerations[:, column[name]]
+        else:
+            positions[:, i] = q_start[robot.index(name)]
+    return Trajectory(joints, trajectory.times, positions, velocities, accelerations)
+
+
+def pose_message(T: pin.SE3) -> Pose:
+    """A pose, its quaternion of unit length."""
+    x, y, z, w = pin.Quaternion(T.rotation).normalized().coeffs()
+    return Pose(
+        position=point_message(T.translation),
+        orientation=Quaternion(x=float(x), y=float(y), z=float(z), w=float(w)),
+    )
+
+
+def stamped_pose(T: pin.SE3, frame: str, stamp: Time) -> PoseStamped:
+    """A pose in a frame."""
+    return PoseStamped(header=Header(frame_id=frame, stamp=stamp), pose=pose_message(T))
+
+
+def point_message(point: npt.ArrayLike) -> Point:
+    """A point from (3,) metres."""
+    x, y, z = (float(v) for v in np.asarray(point))
+    return Point(x=x, y=y, z=z)
+
+
+def mesh_from_message(message: Mesh) -> tuple[Array, npt.NDArray[np.int64]]:
+    """Vertices (n, 3) and triangles (t, 3)."""
+    vertices = np.array([[p.x, p.y, p.z] for p in message.vertices], dtype=np.float64)
+    triangles = np.array([t.vertex_indices for t in message.triangles], dtype=np.int64)
+    return vertices.reshape(-1, 3), triangles.reshape(-1, 3)
+
+
+def mesh_message(vertices: Array, triangles: npt.NDArray[np.int64]) -> Mesh:
+    """A mesh from vertices (n, 3) and triangles (t, 3)."""
+    return Mesh(
+        vertices=[point_message(v) for v in vertices],
+        triangles=[MeshTriangle(vertex_indices=t.astype(np.uint32)) for t in triangles],
+    )

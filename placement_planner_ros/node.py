@@ -1,0 +1,320 @@
+"""The node `placement_planner`: services, one worker at a time, results as they come."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+from collections.abc import Callable, Sequence
+
+import rclpy
+from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from rclpy.exceptions import ParameterException
+from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState, PointCloud2
+from shape_msgs.msg import Mesh
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from placement_planner_ros.answers import Answer, answer, refusal
+from placement_planner_ros.cloud_subscriptions import CloudSubscriptions
+from placement_planner_ros.conversions import mesh_from_message
+from placement_planner_ros.core.errors import JointStateError, PlacementPlannerError
+from placement_planner_ros.core.types import Placement
+from placement_planner_ros.inputs import Inputs
+from placement_planner_ros.parameter_server import ParameterServer
+from placement_planner_ros.planning import Prepare, Prepared, prepare
+from placement_planner_ros.publishing import LATCHED, Outputs
+from placement_planner_ros.reporting import Reporter
+from placement_planner_ros.robot_input import RobotInput
+from placement_planner_ros.run import Run, State
+from placement_planner_ros.transforms import Transforms
+
+STOP_PATIENCE = 1.0
+"""Seconds that stop waits for the worker before it answers STOPPING."""
+
+THREADS = 6
+SWITCH_INTERVAL = 0.001
+"""Seconds after which the planner's thread yields the interpreter to a waiting service."""
+
+
+class PlacementPlannerNode(Node):
+    """ROS around the planner.
+
+    Args:
+        prepare: makes the planner of a run.
+        overrides: parameter values, as given on the command line.
+
+    Raises:
+        PlacementPlannerError: a parameter or the robot description is bad at start-up.
+    """
+
+    def __init__(self, prepare: Prepare = prepare, overrides: Sequence[Parameter] = ()) -> None:
+        super().__init__("placement_planner", parameter_overrides=list(overrides))
+        self._prepare = prepare
+        self._commands = threading.Lock()
+        self._run: Run | None = None
+        self._prepared: Prepared | None = None
+        self._said: set[str] = set()
+        self._settings = ParameterServer(self)
+        transforms = Transforms(self)
+        robot = RobotInput(self._settings.current, transforms.pose)
+        extra = self._settings.current["cloud_topics"]
+        self._inputs = Inputs(
+            robot, self._settings.current, extra or ["points"], transforms, self.get_clock()
+        )
+        self._outputs = Outputs(self)
+        self._reporter = Reporter(self, self._outputs, self._inputs, self._settings)
+        self._settings.notify(self._inputs.object.parameters_changed)
+        self._subscribe(robot, list(dict.fromkeys(["points", *extra])))
+        self._serve()
+        for warning in robot.robot.warnings:
+            self.get_logger().info(f"robot: {warning}")
+        self.get_logger().info(
+            f"ready for robot {robot.robot.name!r}, planning frame {robot.planning_frame!r}"
+        )
+
+    # --- inputs ---------------------------------------------------------------------------------
+
+    def _subscribe(self, robot: RobotInput, topics: Sequence[str]) -> None:
+        self._clouds = CloudSubscriptions(self, topics, self._on_cloud)
+        self.create_subscription(
+            JointState,
+            "joint_states",
+            self._on_joint_state,
+            QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT),
+            callback_group=MutuallyExclusiveCallbackGroup(),
+        )
+        descriptions = MutuallyExclusiveCallbackGroup()
+        if robot.follows_topic:
+            self.create_subscription(
+                String,
+                "robot_description",
+                lambda message: self._on_description(message, semantic=False),
+                LATCHED,
+                callback_group=descriptions,
+            )
+        if robot.follows_semantic_topic:
+            self.create_subscription(
+                String,
+                "robot_description_semantic",
+                lambda message: self._on_description(message, semantic=True),
+                LATCHED,
+                callback_group=descriptions,
+            )
+        self.create_subscription(
+            Mesh,
+            "~/object",
+            lambda message: self._inputs.object.set_mesh(*mesh_from_message(message)),
+            LATCHED,
+            callback_group=descriptions,
+        )
+
+    def _on_cloud(self, topic: str, message: PointCloud2) -> None:
+        try:
+            self._inputs.take_cloud(topic, message, self._settings.current)
+        except PlacementPlannerError as error:
+            if self._inputs.clouds.refuse(topic, error):
+                self.get_logger().warning(f"cloud on {topic} refused: {error}")
+
+    def _on_joint_state(self, message: JointState) -> None:
+        try:
+            self._inputs.take_joint_state(message)
+        except JointStateError as error:
+            self._say_once(f"joint state refused: {error}")
+            return
+        run = self._run
+        if run is not None and self._reporter.has_left_start(run):
+            run.end(State.ROBOT_MOVED)
+
+    def _on_description(self, message: String, *, semantic: bool) -> None:
+        source = self._inputs.robot
+        try:
+            robot = (source.set_semantic if semantic else source.set_description)(message.data)
+        except PlacementPlannerError as error:
+            self.get_logger().error(f"robot description refused: {error}")
+            return
+        if robot is not None:
+            self.get_logger().info(f"took robot {robot.name!r} from its description topic")
+
+    def _say_once(self, text: str) -> None:
+        if text not in self._said:
+            self._said.add(text)
+            self.get_logger().warning(text)
+
+    # --- services -------------------------------------------------------------------------------
+
+    def _serve(self) -> None:
+        group = ReentrantCallbackGroup()
+
+        def trigger(name: str, act: Callable[[], Answer]) -> None:
+            def respond(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+                said = act()
+                response.success, response.message = said.success, said.text
+                return response
+
+            self.create_service(Trigger, name, respond, callback_group=group)
+
+        def with_parameters(name: str, act: Callable[[Sequence[Parameter]], Answer]) -> None:
+            def respond(
+                request: SetParametersAtomically.Request,
+                response: SetParametersAtomically.Response,
+            ) -> SetParametersAtomically.Response:
+                given = [Parameter.from_parameter_msg(p) for p in request.parameters]
+                said = act(given)
+                response.result.successful, response.result.reason = said.success, said.text
+                return response
+
+            self.create_service(SetParametersAtomically, name, respond, callback_group=group)
+
+        trigger("~/start", lambda: self.start([]))
+        with_parameters("~/start_with", self.start)
+        trigger("~/stop", self.stop)
+        with_parameters("~/stop_with", self.stop_with)
+        trigger("~/confirm_placed", self.confirm_placed)
+        trigger("~/clear_environment", self.clear_environment)
+
+    def start(self, changes: Sequence[Parameter]) -> Answer:
+        """Check all inputs and begin a run, with some parameters changed for it alone."""
+        with self._commands:
+            busy = self._busy()
+            if busy is not None:
+                return busy
+            try:
+                parameters = self._settings.with_changes(changes)
+            except PlacementPlannerError as error:
+                return refusal([error])
+            snapshot = self._inputs.snapshot(parameters, [p.name for p in changes])
+            if isinstance(snapshot, list):
+                return refusal(snapshot)
+            number = 1 if self._run is None else self._run.number + 1
+            self._run = Run(number, snapshot, self._prepare, self)
+            self._outputs.clear(number, snapshot.frame)
+            self._reporter.follow(self._run)
+            self._run.start()
+        words = f"planning for {' or '.join(arm.name for arm in snapshot.arms)}"
+        over = snapshot.robot.limit_violations(snapshot.q_start)
+        return answer("OK", "\n".join([words, *over]), run=number)
+
+    def stop(self) -> Answer:
+        """End the run; answers once its worker is idle."""
+        run = self._run
+        if run is None:
+            return answer("NOT_RUNNING", "no run was started", success=True)
+        if not run.active:
+            return self._outcome("NOT_RUNNING", run)
+        run.end(State.STOPPED)
+        if not run.wait(STOP_PATIENCE):
+            return answer(
+                "STOPPING",
+                f"the worker has not ended within {STOP_PATIENCE:g} s; it publishes nothing more",
+                run=run.number,
+            )
+        return self._outcome("OK", run)
+
+    def stop_with(self, parameters: Sequence[Parameter]) -> Answer:
+        """End one run only."""
+        wanted = {p.name: p.value for p in parameters}
+        if set(wanted) != {"run"} or not isinstance(wanted["run"], int):
+            return answer("BAD_PARAMETER", "give one integer parameter, run: the run to stop")
+        run = self._run
+        if run is None or run.number != wanted["run"]:
+            known = "no run was started" if run is None else f"the last run is {run.number}"
+            return answer("WRONG_RUN", known, run=wanted["run"])
+        return self.stop()
+
+    def confirm_placed(self) -> Answer:
+        """The best placement was carried out: the object is part of the environment now."""
+        with self._commands:
+            busy = self._busy()
+            if busy is not None:
+                return busy
+            run = self._run
+            if run is None or run.best is None:
+                return answer("NO_OBJECT", "there is no placement that could have been carried out")
+            self._inputs.confirm(run.best, run.snapshot.body)
+        return answer("OK", "the object is obstacle and support now", run=run.number)
+
+    def clear_environment(self) -> Answer:
+        """Forget accumulated points and confirmed objects."""
+        with self._commands:
+            busy = self._busy()
+            if busy is not None:
+                return busy
+            self._inputs.clouds.clear()
+        return answer("OK", "accumulated points and confirmed objects are forgotten")
+
+    def _busy(self) -> Answer | None:
+        run = self._run
+        if run is None or not run.active:
+            return None
+        if run.state is State.STOPPING:
+            return answer("STOPPING", "the last run has not ended yet", run=run.number)
+        return answer("ALREADY_RUNNING", f"state {run.state}", run=run.number)
+
+    def _outcome(self, code: str, run: Run) -> Answer:
+        values: dict[str, object] = {"run": run.number, "solution": run.solutions}
+        if run.best is not None:
+            values["objective"] = float(run.best.objective)
+        return answer(code, f"{run.state}: {run.summary()}", success=True, **values)
+
+    # --- the run's observer, called in its worker thread ------------------------------------------
+
+    def prepared(self, run: Run, prepared: Prepared) -> None:
+        """The search begins."""
+        self._prepared = prepared
+        self._outputs.environment(run.snapshot, prepared.environment)
+        self._reporter.environment_known(run, prepared.environment)
+        self._reporter.report()
+
+    def placed(self, run: Run, placement: Placement) -> None:
+        """A better placement."""
+        if self._prepared is not None:
+            self._outputs.solution(
+                run.number, run.solutions, placement, run.snapshot, self._prepared.environment
+            )
+
+    def changed(self, run: Run) -> None:
+        """Another state."""
+        if run.state is State.FAILED:
+            self.get_logger().error(f"run {run.number} failed: {run.reason}")
+        self._reporter.report()
+
+    def close(self) -> None:
+        """End the run, if there is one."""
+        run = self._run
+        if run is not None and run.active:
+            run.end(State.STOPPED)
+            run.wait(STOP_PATIENCE)
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the node until interrupted."""
+    sys.setswitchinterval(SWITCH_INTERVAL)
+    rclpy.init(args=args)
+    node: PlacementPlannerNode | None = None
+    try:
+        node = PlacementPlannerNode()
+        executor = MultiThreadedExecutor(num_threads=THREADS)
+        executor.add_node(node)
+        executor.spin()
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except (PlacementPlannerError, ParameterException) as error:
+        sys.exit(f"placement_planner: {error}")
+    finally:
+        # A terminal's Ctrl-C comes twice, from the terminal and from the parent; the second must
+        # not cut the teardown short.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        if node is not None:
+            node.close()
+            node.destroy_node()
+        rclpy.try_shutdown()
+
+
+if __name__ == "__main__":
+    main()

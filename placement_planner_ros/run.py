@@ -1,0 +1,148 @@
+"""One run of the planner in a worker thread."""
+
+from __future__ import annotations
+
+import enum
+import threading
+import time
+from typing import Protocol
+
+from placement_planner_ros.core.errors import PlacementPlannerError
+from placement_planner_ros.core.types import Placement
+from placement_planner_ros.planning import Planner, Prepare, Prepared, Snapshot
+
+
+class State(enum.StrEnum):
+    """Where a run is, as `~/status` says it."""
+
+    IDLE = "idle"
+    PREPARING = "preparing"
+    SEARCHING = "searching"
+    STOPPING = "stopping"
+    STOPPED = "stopped"
+    TIME_LIMIT = "time_limit"
+    EXHAUSTED = "exhausted"
+    ROBOT_MOVED = "robot_moved"
+    FAILED = "failed"
+
+
+class RunObserver(Protocol):
+    """Hears of a run's progress, in its worker thread."""
+
+    def prepared(self, run: Run, prepared: Prepared) -> None:
+        """The environment is ready; the search begins."""
+        ...
+
+    def placed(self, run: Run, placement: Placement) -> None:
+        """A placement better than the one before."""
+        ...
+
+    def changed(self, run: Run) -> None:
+        """The run's state changed."""
+        ...
+
+
+class Run:
+    """Plans from one snapshot until told to stop, out of time, or done.
+
+    Args:
+        number: the run's, increasing over the node's life.
+        prepare: makes the planner.
+        observer: told of everything that happens.
+
+    Attributes:
+        state, code, reason: where it is; the code and the reason of a failure.
+        solutions: placements published.
+        best: the last of them.
+    """
+
+    def __init__(
+        self, number: int, snapshot: Snapshot, prepare: Prepare, observer: RunObserver
+    ) -> None:
+        self.number = number
+        self.snapshot = snapshot
+        self.state = State.PREPARING
+        self.code = "OK"
+        self.reason = ""
+        self.solutions = 0
+        self.best: Placement | None = None
+        self.planner: Planner | None = None
+        limit = snapshot.parameters["time_limit"]
+        self._deadline = time.monotonic() + limit if limit > 0.0 else float("inf")
+        self._prepare = prepare
+        self._observer = observer
+        self._ending: State | None = None
+        self._publishing = threading.Lock()
+        # A daemon, so that an objective that hangs does not keep the process alive.
+        self._thread = threading.Thread(target=self._work, name=f"run {number}", daemon=True)
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    @property
+    def active(self) -> bool:
+        """Whether the worker is at work."""
+        return self._thread.is_alive()
+
+    def end(self, outcome: State) -> None:
+        """Ask the worker to end with that outcome; once this returns nothing more is published."""
+        with self._publishing:
+            if self._ending is not None or not self._thread.is_alive():
+                return
+            self._ending = outcome
+            self.state = State.STOPPING
+        self._observer.changed(self)
+
+    def wait(self, timeout: float) -> bool:
+        """Whether the worker is idle, after at most that many seconds."""
+        self._thread.join(timeout)
+        return not self._thread.is_alive()
+
+    def should_stop(self) -> bool:
+        """Whether the search must end now."""
+        return self._ending is not None or time.monotonic() >= self._deadline
+
+    def summary(self) -> str:
+        """In words, what was found, or why nothing was."""
+        if self.best is not None:
+            return f"{self.solutions} solutions, the best by arm {self.best.goal.arm}"
+        if self.reason:
+            return f"no solution: {self.reason}"
+        if self.planner is None:
+            return "no solution: the run ended before the search began"
+        return f"no solution: {self.planner.statistics.why_nothing()}"
+
+    def _work(self) -> None:
+        try:
+            outcome = self._search()
+        except PlacementPlannerError as error:
+            outcome, self.code, self.reason = State.FAILED, error.code, str(error)
+        except Exception as error:
+            # The thread's outermost frame: an objective plug-in may raise anything, and whatever
+            # it is must end this run only.
+            outcome = State.FAILED
+            self.code, self.reason = "BAD_PARAMETER", f"{type(error).__name__}: {error}"
+        self.state = self._ending or outcome
+        self._observer.changed(self)
+
+    def _search(self) -> State:
+        prepared = self._prepare(self.snapshot)
+        self.planner = prepared.planner
+        with self._publishing:
+            if self._ending is None:
+                self.state = State.SEARCHING
+        self._observer.prepared(self, prepared)
+        for placement in prepared.planner.run(self.should_stop):
+            with self._publishing:
+                if self._ending is not None:
+                    break
+                self.solutions += 1
+                self.best = placement
+                self._observer.placed(self, placement)
+            if self.should_stop():
+                break
+        if self.should_stop():
+            return State.TIME_LIMIT
+        self.reason = prepared.planner.exhausted
+        return State.EXHAUSTED

@@ -1,0 +1,85 @@
+"""Whether the best placement still holds, now that newer clouds have come."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from placement_planner_ros.core.robot.collision import ArmCollision
+from placement_planner_ros.core.scene.grid import ObstacleSet
+from placement_planner_ros.core.types import Array, Placement
+from placement_planner_ros.planning import Snapshot
+from placement_planner_ros.self_filter import outside_robot
+
+STEP = 0.02
+"""rad or m, the largest joint step between checked configurations."""
+
+FEWEST = 5
+"""New points below this number are taken for noise."""
+
+
+def unknown_points(points: Array, obstacles: ObstacleSet) -> Array:
+    """Those of (n, 3) points that lie neither in an occupied cell nor in a neighbour of one."""
+    cells = np.floor((points - obstacles.origin) / obstacles.cell_size).astype(np.int64)
+    known = np.zeros(len(points), dtype=bool)
+    shape = np.array(obstacles.shape)
+    for offset in itertools.product((-1, 0, 1), repeat=3):
+        at = cells + np.array(offset)
+        inside = ((at >= 0) & (at < shape)).all(axis=1)
+        x, y, z = at[inside].T
+        known[inside] |= obstacles.index[x, y, z] >= 0
+    return np.asarray(points[~known])
+
+
+def blocked_by(
+    points: Array,
+    obstacles: ObstacleSet,
+    placement: Placement,
+    snapshot: Snapshot,
+    q: Array,
+) -> str:
+    """What new points of a cloud stand in the placement's way, in words; '' where nothing does.
+
+    Args:
+        points: (n, 3) of the newer cloud, planning frame.
+        obstacles: what the placement was planned with.
+        q: (nq,) the robot's configuration when the cloud was taken.
+    """
+    new = unknown_points(points, obstacles)
+    if len(new):
+        kept = outside_robot(
+            new,
+            snapshot.robot,
+            q,
+            snapshot.arms,
+            snapshot.body,
+            snapshot.parameters["self_filter.padding"],
+        )
+        new = new[kept]
+    if len(new) < FEWEST:
+        return ""
+    settings = snapshot.parameters.planner_settings.collision
+    arm = next(a for a in snapshot.arms if a.name == placement.goal.arm)
+    collision = ArmCollision(
+        snapshot.robot,
+        arm,
+        placement.goal.grasp,
+        snapshot.body,
+        ObstacleSet.from_points(new, snapshot.parameters.grid_settings, None),
+        snapshot.q_start,
+        settings,
+    )
+    for configuration in _dense(placement.trajectory.positions):
+        if not collision.free(configuration):
+            return f"a newer cloud cuts through it: {collision.explain(configuration)}"
+    return ""
+
+
+def _dense(positions: Array) -> Array:
+    """Configurations along the polyline (n, dof), at most `STEP` apart per joint."""
+    rows = [positions[:1]]
+    for a, b in itertools.pairwise(positions):
+        count = max(1, int(np.ceil(np.abs(b - a).max() / STEP)))
+        rows.append(a + np.linspace(0.0, 1.0, count + 1)[1:, None] * (b - a))
+    return np.vstack(rows)
