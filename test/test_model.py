@@ -7,6 +7,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+import trimesh
 
 from placement_planner_ros.core.errors import GraspError, JointStateError, RobotError
 from placement_planner_ros.core.robot.geometry import package_names
@@ -117,6 +118,11 @@ def test_one_coordinate_per_joint():
         (
             urdf(link("a"), link("b"), joint("j", "a", "b", limit='<limit lower="1" upper="0"/>')),
             "joint j.*lower <= upper",
+        ),
+        (urdf(link("a"), link("b"), joint("j", "a", "b", xyz="0 nan 0")), "joint j: origin xyz"),
+        (
+            urdf(link("a"), link("b"), joint("j", "a", "b").replace("0 1 0", "0 0 0")),
+            "joint j: axis.*zero",
         ),
         (
             urdf(link("a"), link("b"), joint("j", "a", "b", limit='<limit upper="x"/>')),
@@ -374,6 +380,20 @@ def test_only_convex_meshes_become_convex(tmp_path, lid, kind):
         coal.CollisionResult(),
     )
     assert bool(inside) == lid  # an open box is hollow
+
+
+def test_fine_convex_mesh(tmp_path):
+    """A sphere of 5,120 triangles, and the same with a dent of 5 mm."""
+    ball = trimesh.creation.icosphere(subdivisions=4, radius=0.1)
+    ball.export(tmp_path / "ball.stl")
+    ball.vertices[np.argmax(ball.vertices[:, 2])] *= 0.95
+    ball.export(tmp_path / "dented.stl")
+    kinds = []
+    for name in ("ball", "dented"):
+        text = with_geometry(f'<mesh filename="{name}.stl"/>')
+        robot = Robot.from_urdf(text, package_dirs=[tmp_path])
+        kinds.append(type(robot.geometry.geometryObjects[0].geometry))
+    assert kinds == [coal.Convex, coal.BVHModelOBBRSS]
 
 
 def test_placements_go_through_fixed_joints():

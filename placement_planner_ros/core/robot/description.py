@@ -10,7 +10,11 @@ import math
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 
+import numpy as np
+import pinocchio as pin
+
 from placement_planner_ros.core.errors import RobotError
+from placement_planner_ros.core.types import Array
 
 DEFAULT_ANGULAR_VELOCITY = 1.0
 """rad/s, for a revolute joint whose URDF states no usable velocity limit."""
@@ -87,6 +91,7 @@ def read_urdf(text: str) -> Description:
     elements = {_name(e): e for e in root.findall("joint")}
     joints = {}
     for name, element in elements.items():
+        read_origin(element, f"joint {name}")
         kind = element.get("type", "")
         if kind in MOVABLE:
             joints[name] = _read_joint(name, element, elements, warnings)
@@ -98,6 +103,35 @@ def read_urdf(text: str) -> Description:
                 " fix this joint or replace it by a chain of those",
             )
     return Description(root, joints, tuple(warnings))
+
+
+def read_floats(text: str, count: int, field: str) -> Array:
+    """`count` finite numbers separated by spaces.
+
+    Raises:
+        RobotError: anything else.
+    """
+    try:
+        values = np.array([float(word) for word in text.split()])
+    except ValueError as error:
+        raise RobotError(field, text, f"give {count} numbers") from error
+    if values.shape != (count,) or not np.isfinite(values).all():
+        raise RobotError(field, text, f"give {count} finite numbers")
+    return values
+
+
+def read_origin(element: ET.Element, field: str) -> pin.SE3:
+    """The <origin> of a joint or collision element, identity where there is none.
+
+    Raises:
+        RobotError: not three finite numbers each for xyz and rpy.
+    """
+    origin = element.find("origin")
+    if origin is None:
+        return pin.SE3.Identity()
+    xyz = read_floats(origin.get("xyz", "0 0 0"), 3, f"{field}: origin xyz")
+    rpy = read_floats(origin.get("rpy", "0 0 0"), 3, f"{field}: origin rpy")
+    return pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
 
 
 def _name(element: ET.Element) -> str:
@@ -159,6 +193,9 @@ def _read_joint(
 ) -> Joint:
     field = f"joint {name}"
     kind = element.get("type")
+    axis = element.find("axis")
+    if axis is not None and not read_floats(axis.get("xyz", ""), 3, f"{field}: axis").any():
+        raise RobotError(f"{field}: axis", axis.get("xyz"), "must not be zero")
     limit = element.find("limit")
     if limit is None and kind != "continuous":
         raise RobotError(field, kind, "give it a <limit> with lower and upper")

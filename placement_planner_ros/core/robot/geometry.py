@@ -16,6 +16,7 @@ import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
 from placement_planner_ros.core.errors import RobotError
+from placement_planner_ros.core.robot.description import read_floats, read_origin
 from placement_planner_ros.core.types import Array
 
 CONVEX_TOLERANCE = 1e-3
@@ -63,7 +64,7 @@ def build_geometry(
         for index, element in enumerate(link.findall("collision")):
             field = f"link {name}, collision {index}"
             shape = _read_shape(element, field, package_dirs, loaded)
-            T_link_shape = _read_origin(element.find("origin"), field)
+            T_link_shape = read_origin(element, field)
             geometry.addGeometryObject(
                 pin.GeometryObject(
                     f"{name}_{index}",
@@ -75,24 +76,6 @@ def build_geometry(
             )
             links.append(name)
     return geometry, tuple(links)
-
-
-def _floats(text: str, count: int, field: str) -> Array:
-    try:
-        values = np.array([float(word) for word in text.split()])
-    except ValueError as error:
-        raise RobotError(field, text, f"give {count} numbers") from error
-    if values.shape != (count,) or not np.isfinite(values).all():
-        raise RobotError(field, text, f"give {count} finite numbers")
-    return values
-
-
-def _read_origin(element: ET.Element | None, field: str) -> pin.SE3:
-    if element is None:
-        return pin.SE3.Identity()
-    xyz = _floats(element.get("xyz", "0 0 0"), 3, f"{field}: origin xyz")
-    rpy = _floats(element.get("rpy", "0 0 0"), 3, f"{field}: origin rpy")
-    return pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
 
 
 def _read_shape(
@@ -107,7 +90,7 @@ def _read_shape(
         raise RobotError(field, [s.tag for s in shapes], "give it exactly one shape")
     shape = shapes[0]
     if shape.tag == "mesh":
-        scale = _floats(shape.get("scale", "1 1 1"), 3, f"{field}: scale")
+        scale = read_floats(shape.get("scale", "1 1 1"), 3, f"{field}: scale")
         path = _resolve(shape.get("filename", ""), field, package_dirs)
         key = (path, tuple(scale))
         if key not in loaded:
@@ -116,7 +99,7 @@ def _read_shape(
     if shape.tag not in PRIMITIVES:
         raise RobotError(field, shape.tag, f"use mesh or one of {list(PRIMITIVES)}")
     make, counts = PRIMITIVES[shape.tag]
-    sizes = [_floats(shape.get(a, ""), n, f"{field}: {a}") for a, n in counts.items()]
+    sizes = [read_floats(shape.get(a, ""), n, f"{field}: {a}") for a, n in counts.items()]
     values = np.concatenate(sizes)
     if not (values > 0.0).all():
         raise RobotError(f"{field}: {shape.tag}", values.tolist(), "every size must be positive")
@@ -194,9 +177,14 @@ def _hull_if_convex(corners: Array, area: float, extent: float) -> ConvexHull | 
     if abs(area - hull.area) > 1e-3 * hull.area:
         return None
     planes = np.unique(hull.equations.round(9), axis=0)
-    depth = -(corners @ planes[:, :3].T + planes[:, 3])  # (triangles, corners, planes)
-    beneath = depth.max(axis=1).min(axis=1)
-    return hull if beneath.max() <= min(CONVEX_TOLERANCE, 0.01 * extent) else None
+    tolerance = min(CONVEX_TOLERANCE, 0.01 * extent)
+    chunk = max(1, 1_000_000 // (3 * len(planes)))
+    for start in range(0, len(corners), chunk):
+        part = corners[start : start + chunk]
+        depth = -(part @ planes[:, :3].T + planes[:, 3])  # (triangles, corners, planes)
+        if depth.max(axis=1).min(axis=1).max() > tolerance:
+            return None
+    return hull
 
 
 def convex(hull: ConvexHull) -> coal.Convex:
