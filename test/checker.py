@@ -131,7 +131,7 @@ class SolutionChecker:
     def __init__(self, task: Task, tolerances: Tolerances | None = None) -> None:
         self.task = task
         self.tolerances = Tolerances() if tolerances is None else tolerances
-        self.robot = _Robot.read(task.urdf, task.srdf, task.package_dirs)
+        self.robot = RobotModel.read(task.urdf, task.srdf, task.package_dirs)
         self.components = convex_components(task.object_vertices, task.object_triangles)
         self._samples = voxel_centres(self.components)
 
@@ -146,14 +146,14 @@ class SolutionChecker:
             *self._check_limits(solution.trajectory),
             *self._check_end(solution, states[-1]),
             *self._check_collisions(solution, states, times),
-            *self._check_stance(solution.placement_pose),
+            *check_stance(self.task, np.asarray(solution.placement_pose), self.tolerances),
             *self._check_objective(solution, previous_objective),
         ]
 
     def clearance(self, T_world_object: Array) -> float:
         """C: mean distance of the object's voxel centres sideways and upwards, metres."""
         points = self._samples @ T_world_object[:3, :3].T + T_world_object[:3, 3]
-        lowest = self._world_vertices(T_world_object)[:, 2].min()
+        lowest = _world_vertices(self.task, T_world_object)[:, 2].min()
         best = np.full(len(points), 0.5)
         for solid in self.task.solids:
             if solid.vertices[:, 2].max() <= lowest + self.tolerances.contact:
@@ -163,10 +163,6 @@ class SolutionChecker:
                     best, points, outline, low, high, self.task.volume_lower, self.task.volume_upper
                 )
         return float(best.mean())
-
-    def _world_vertices(self, T_world_object: Array) -> Array:
-        vertices = np.asarray(self.task.object_vertices)
-        return np.asarray(vertices @ T_world_object[:3, :3].T + T_world_object[:3, 3])
 
     def _check_shape(self, solution: Solution) -> list[str]:
         curve = solution.trajectory
@@ -261,53 +257,14 @@ class SolutionChecker:
         return found
 
     def _check_collisions(self, solution: Solution, states: Array, times: Array) -> list[str]:
-        lowest = float(self._world_vertices(np.asarray(solution.placement_pose))[:, 2].min())
+        lowest = float(_world_vertices(self.task, np.asarray(solution.placement_pose))[:, 2].min())
         support = {
             solid.name
             for solid in self.task.solids
             if abs(float(solid.vertices[:, 2].max()) - lowest) <= self.tolerances.contact + 1e-9
         }
-        world = _World.build(self.robot, self.task, self.components, solution)
+        world = World.build(self.robot, self.task, self.components, solution)
         return world.sweep(states, times, solution.approach_start, support, self.tolerances)
-
-    def _check_stance(self, T_world_object: Array) -> list[str]:
-        T = np.asarray(T_world_object)
-        tolerances = self.tolerances
-        found = []
-        vertices = self._world_vertices(T)
-        lowest = vertices[:, 2].min()
-        feet = np.unique(vertices[vertices[:, 2] <= lowest + tolerances.flatness], axis=0)
-        com = T[:3, :3] @ self.task.center_of_mass + T[:3, 3]
-        if len(feet) < 3 or np.linalg.matrix_rank(feet[1:, :2] - feet[0, :2], tol=1e-4) < 2:
-            found.append("stance: stands on an edge or a corner")
-        else:
-            hull = ConvexHull(feet[:, :2])
-            if (hull.equations[:, :2] @ com[:2] + hull.equations[:, 2]).max() > 0:
-                found.append("stance: centre of mass beyond the face it stands on")
-        gaps = np.array([self._gap(foot) for foot in feet])
-        if gaps.max() > tolerances.contact + tolerances.height:
-            where = feet[np.argmax(gaps)].round(4).tolist()
-            found.append(f"stance: nothing under the vertex at {where}")
-        low, high = self.task.volume_lower, self.task.volume_upper
-        slack = np.array([1e-6, 1e-6, tolerances.contact])
-        if not ((feet >= low - slack) & (feet <= high + slack)).all(axis=1).any():
-            found.append("volume: no contact point in V")
-        if not ((com >= low - 1e-6) & (com <= high + 1e-6))[:2].all():
-            found.append("volume: centre of mass not over V")
-        return found
-
-    def _gap(self, point: Array) -> float:
-        """Vertical distance between a point and the horizontal top surface nearest in height."""
-        best = np.inf
-        for solid in self.task.solids:
-            top = solid.vertices[:, 2].max()
-            corners = solid.vertices[solid.vertices[:, 2] > top - 1e-6]
-            if len(corners) >= 3 and abs(point[2] - top) < best:
-                hull = ConvexHull(corners[:, :2])
-                outside = (hull.equations[:, :2] @ point[:2] + hull.equations[:, 2]).max()
-                if outside <= self.tolerances.edge:
-                    best = abs(float(point[2] - top))
-        return best
 
     def _check_objective(self, solution: Solution, previous: float | None) -> list[str]:
         found = []
@@ -321,8 +278,54 @@ class SolutionChecker:
         return found
 
 
+def _world_vertices(task: Task, T_world_object: Array) -> Array:
+    vertices = np.asarray(task.object_vertices)
+    return np.asarray(vertices @ T_world_object[:3, :3].T + T_world_object[:3, 3])
+
+
+def check_stance(task: Task, T_world_object: Array, tolerances: Tolerances) -> list[str]:
+    """What is wrong with an object left at a pose (4, 4): standing on its face, within V."""
+    T, found = T_world_object, []
+    vertices = _world_vertices(task, T)
+    lowest = vertices[:, 2].min()
+    feet = np.unique(vertices[vertices[:, 2] <= lowest + tolerances.flatness], axis=0)
+    com = T[:3, :3] @ task.center_of_mass + T[:3, 3]
+    if len(feet) < 3 or np.linalg.matrix_rank(feet[1:, :2] - feet[0, :2], tol=1e-4) < 2:
+        found.append("stance: stands on an edge or a corner")
+    else:
+        hull = ConvexHull(feet[:, :2])
+        if (hull.equations[:, :2] @ com[:2] + hull.equations[:, 2]).max() > 0:
+            found.append("stance: centre of mass beyond the face it stands on")
+    gaps = np.array([_gap(task.solids, foot, tolerances.edge) for foot in feet])
+    if gaps.max() > tolerances.contact + tolerances.height:
+        where = feet[np.argmax(gaps)].round(4).tolist()
+        found.append(f"stance: nothing under the vertex at {where}")
+    low, high = task.volume_lower, task.volume_upper
+    slack = np.array([1e-6, 1e-6, tolerances.contact])
+    if not ((feet >= low - slack) & (feet <= high + slack)).all(axis=1).any():
+        found.append("volume: no contact point in V")
+    if not ((com >= low - 1e-6) & (com <= high + 1e-6))[:2].all():
+        found.append("volume: centre of mass not over V")
+    return found
+
+
+def _gap(solids: Sequence[Solid], point: Array, edge: float) -> float:
+    """Vertical distance between a point and the horizontal top surface nearest in height."""
+    best = np.inf
+    for solid in solids:
+        top = float(solid.vertices[:, 2].max())
+        corners = solid.vertices[solid.vertices[:, 2] > top - 1e-6]
+        if len(corners) >= 3 and abs(float(point[2]) - top) < best:
+            hull = ConvexHull(corners[:, :2])
+            if (hull.equations[:, :2] @ point[:2] + hull.equations[:, 2]).max() <= edge:
+                best = abs(float(point[2]) - top)
+    return best
+
+
 @dataclass(frozen=True)
-class _Robot:
+class RobotModel:
+    """The robot rebuilt from its URDF text."""
+
     model: pin.Model
     geometry: pin.GeometryModel
     index: dict[str, int]
@@ -330,7 +333,7 @@ class _Robot:
     disabled: frozenset[frozenset[str]]
 
     @classmethod
-    def read(cls, urdf: str, srdf: str, package_dirs: Mapping[str, str | Path]) -> _Robot:
+    def read(cls, urdf: str, srdf: str, package_dirs: Mapping[str, str | Path]) -> RobotModel:
         root = ElementTree.fromstring(urdf)
         mimics = {}
         for joint in root.iter("joint"):
@@ -405,17 +408,17 @@ class _Robot:
 
 
 @dataclass(frozen=True)
-class _World:
+class World:
     """Robot, held object and environment as one pinocchio geometry model."""
 
-    robot: _Robot
+    robot: RobotModel
     geometry: pin.GeometryModel
     links: list[str] = field(default_factory=list)
 
     @classmethod
     def build(
-        cls, robot: _Robot, task: Task, components: Sequence[Array], solution: Solution
-    ) -> _World:
+        cls, robot: RobotModel, task: Task, components: Sequence[Array], solution: Solution
+    ) -> World:
         geometry = pin.GeometryModel(robot.geometry)
         geometry.removeAllCollisionPairs()
         links = [str(robot.model.frames[g.parentFrame].name) for g in geometry.geometryObjects]
@@ -546,7 +549,9 @@ def _as_convex(shape: coal.CollisionGeometry) -> coal.CollisionGeometry:
         return shape
     vertices = np.array(shape.vertices())
     hull = ConvexHull(vertices)
-    corners = np.array([[*shape.tri_indices(i)] for i in range(shape.num_tris)])
+    corners = np.array(
+        [[shape.tri_indices(i)[k] for k in range(3)] for i in range(shape.num_tris)], dtype=int
+    )
     middles = vertices[corners].mean(axis=1)
     inside = -(middles @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1)
     return convex(vertices) if inside.max() < 1e-5 else shape

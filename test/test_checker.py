@@ -1,0 +1,297 @@
+"""The checker accepts a right solution, made by hand, and refuses each kind of wrong one."""
+
+import ast
+from dataclasses import replace
+from pathlib import Path
+
+import checker
+import numpy as np
+import pinocchio as pin
+import pytest
+from checker import Solution, SolutionChecker, Task, Tolerances
+
+from placement_planner_ros.core.types import Trajectory
+from placement_planner_ros.scenes.objects import object_by_name
+from placement_planner_ros.scenes.primitives import box, frustum
+from placement_planner_ros.scenes.scenes import scene_by_name
+
+ROOT = Path(__file__).resolve().parent.parent
+JOINTS = tuple(f"yumi_joint_{n}_l" for n in (1, 2, 7, 3, 4, 5, 6))
+Q_START = {
+    **dict(zip(JOINTS, (-0.93, -1.55, 0.0, 0.0, 0.0, 0.0, 0.0), strict=True)),
+    **{
+        f"yumi_joint_{n}_r": value
+        for n, value in zip((1, 2, 7, 3, 4, 5, 6), (0.69, -1.95, 0, 0, 0, 0, 0), strict=True)
+    },
+    "gripper_l_joint": 0.0105,
+    "gripper_r_joint": 0.0105,
+}
+WAYPOINTS = np.array(
+    [  # q_0, 6 cm above the table, then straight down onto it
+        [-0.93, -1.55, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [-0.099495, 0.258764, 0.633102, 0.952818, -0.451185, -0.649064, -0.365126],
+        [-0.073817, 0.299082, 0.625083, 0.917691, -0.418125, -0.640275, -0.403074],
+        [-0.047856, 0.338104, 0.615706, 0.881582, -0.388449, -0.631946, -0.437511],
+        [-0.021953, 0.375918, 0.605449, 0.844518, -0.361951, -0.623805, -0.468549],
+        [0.003641, 0.412636, 0.59469, 0.806518, -0.338377, -0.615613, -0.496398],
+        [0.028753, 0.448382, 0.583714, 0.767591, -0.317453, -0.607171, -0.521316],
+        [0.053277, 0.483283, 0.57272, 0.727744, -0.298901, -0.598326, -0.543588],
+    ]
+)
+TIMES = np.array([0.0, 4.0, 4.5, 5.0, 5.5, 6.0, 6.5, 7.0])
+STILL = np.zeros_like(WAYPOINTS)
+OBJECTIVE = 0.06474
+TOLERANCES = Tolerances(acceleration_limit=10.0)
+RED = (1.0, 0.0, 0.0)
+
+
+def make_task() -> Task:
+    scene, thing = scene_by_name("table"), object_by_name("small_crayons_box")
+    return Task(
+        solids=scene.parts,
+        volume_lower=scene.volume.lower,
+        volume_upper=scene.volume.upper,
+        object_vertices=thing.vertices,
+        object_triangles=thing.triangles,
+        center_of_mass=thing.center_of_mass,
+        urdf=(ROOT / "urdf/yumi.urdf").read_text(),
+        srdf=(ROOT / "urdf/yumi.srdf").read_text(),
+        package_dirs={"placement_planner_ros": ROOT},
+        q_start=Q_START,
+        objective="maximize_clearance",
+    )
+
+
+TASK = make_task()
+CHECKER = SolutionChecker(TASK, TOLERANCES)
+
+
+def make_solution() -> Solution:
+    robot = CHECKER.robot
+    q = robot.configuration({**Q_START, **dict(zip(JOINTS, WAYPOINTS[-1], strict=True))})
+    T_tip_object = object_by_name("small_crayons_box").grasps["left"][0].homogeneous
+    return Solution(
+        trajectory=Trajectory(JOINTS, TIMES, WAYPOINTS, STILL, STILL),
+        approach_start=4.0,
+        placement_pose=robot.frame_pose(q, "gripper_l_base") @ T_tip_object,
+        objective=OBJECTIVE,
+        tip_frame="gripper_l_base",
+        T_tip_object=T_tip_object,
+        touch_links=("gripper_l_base", "gripper_l_finger_l", "gripper_l_finger_r"),
+    )
+
+
+GOOD = make_solution()
+
+
+def with_curve(
+    times: np.ndarray = TIMES,
+    positions: np.ndarray = WAYPOINTS,
+    velocities: np.ndarray = STILL,
+    accelerations: np.ndarray = STILL,
+) -> Solution:
+    return replace(GOOD, trajectory=Trajectory(JOINTS, times, positions, velocities, accelerations))
+
+
+def moved(array: np.ndarray, where: tuple[int, int], value: float) -> np.ndarray:
+    copy = array.copy()
+    copy[where] = value
+    return copy
+
+
+def check(task: Task = TASK, solution: Solution = GOOD, tolerances: Tolerances = TOLERANCES):
+    return SolutionChecker(task, tolerances).check(solution)
+
+
+def raised_table(height: float) -> Task:
+    parts = [part for part in TASK.solids if part.name == "table"]
+    lower, upper = parts[0].vertices.min(axis=0), parts[0].vertices.max(axis=0)
+    return replace(TASK, solids=[box("table", lower, [*upper[:2], height], RED)], objective="none")
+
+
+def assert_only(violations: list[str], *kinds: str) -> None:
+    assert {violation.split(":")[0] for violation in violations} == set(kinds), violations
+
+
+def test_accepts_the_right_solution() -> None:
+    assert CHECKER.check(GOOD) == []
+    assert CHECKER.check(GOOD, previous_objective=OBJECTIVE - 0.001) == []
+
+
+def test_knows_nothing_of_the_planner() -> None:
+    tree = ast.parse(Path(checker.__file__).read_text())
+    imported = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+    imported |= {a.name for n in ast.walk(tree) if isinstance(n, ast.Import) for a in n.names}
+    assert not [name for name in imported if name and name.startswith("placement_planner_ros")]
+
+
+def test_refuses_another_start() -> None:
+    assert_only(check(solution=with_curve(positions=moved(WAYPOINTS, (0, 6), 1e-4))), "start")
+    assert_only(check(solution=with_curve(velocities=moved(STILL, (0, 6), 1e-3))), "start")
+
+
+def test_refuses_times_that_do_not_increase() -> None:
+    times = TIMES.copy()
+    times[3] = times[2]
+    assert check(solution=with_curve(times=times)) == ["trajectory: times do not increase strictly"]
+
+
+@pytest.mark.parametrize("values", [TIMES, WAYPOINTS])
+def test_refuses_what_is_not_finite(values: np.ndarray) -> None:
+    bad = values.copy()
+    bad.flat[-1] = np.nan
+    name = "times" if values is TIMES else "positions"
+    assert check(solution=with_curve(**{name: bad})) == ["trajectory: not finite"]
+
+
+def test_refuses_speed_and_acceleration_between_the_points() -> None:
+    hurried = replace(with_curve(times=TIMES * 0.2), approach_start=0.8)
+    found = check(solution=hurried, tolerances=Tolerances())
+    assert_only(found, "limits")
+    assert all("turns at" in violation for violation in found)
+    found = check(tolerances=Tolerances(acceleration_limit=0.5))
+    assert_only(found, "limits")
+    assert all("accelerates at" in violation for violation in found)
+
+
+def test_refuses_a_range_left_between_the_points() -> None:
+    positions = moved(WAYPOINTS, (1, 1), 0.70)  # at most 0.759
+    through = check(solution=with_curve(positions=positions, velocities=moved(STILL, (1, 1), 1.5)))
+    assert "limits: yumi_joint_2_l leaves its range" in through
+    resting = check(solution=with_curve(positions=positions))
+    assert "limits: yumi_joint_2_l leaves its range" not in resting
+
+
+def test_refuses_an_approach_outside_the_trajectory() -> None:
+    assert_only(check(solution=replace(GOOD, approach_start=7.1)), "approach_start")
+
+
+def test_refuses_an_end_in_motion() -> None:
+    assert_only(check(solution=with_curve(velocities=moved(STILL, (-1, 6), 1e-3))), "end")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        pin.SE3(np.eye(3), np.array([0.0008, 0, 0])),
+        pin.SE3(pin.utils.rotate("z", np.deg2rad(0.4)), np.zeros(3)),
+    ],
+)
+def test_refuses_a_pose_the_arm_does_not_reach(change: pin.SE3) -> None:
+    pose = GOOD.placement_pose.copy()
+    pose[:3, 3] += change.translation
+    pose[:3, :3] = change.rotation @ pose[:3, :3]
+    assert_only(check(solution=replace(GOOD, placement_pose=pose)), "end")
+
+
+def test_refuses_self_collision() -> None:
+    folded = WAYPOINTS.copy()
+    folded[1, 5] = 2.3  # link_7 bent back onto link_5
+    found = check(solution=with_curve(positions=folded))
+    assert any("yumi_link_5_l with yumi_link_7_l" in v or "gripper_l_base" in v for v in found)
+
+
+def test_refuses_the_other_arm_in_the_way() -> None:
+    q = {**Q_START, **{n.replace("_l", "_r"): 0.0 for n in JOINTS}}
+    positions = WAYPOINTS.copy()
+    positions[1] = 0.0  # both arms at zero meet on the centre line
+    found = check(replace(TASK, q_start=q), with_curve(positions=positions))
+    assert any("_l" in v and "_r" in v for v in found if v.startswith("collision"))
+
+
+def test_refuses_a_thin_wall_in_the_way() -> None:
+    """1 mm thick, across the hand's way from the start to the place above the table."""
+    q = CHECKER._states(GOOD.trajectory)[0]
+    tip = CHECKER.robot.frame_pose(q[len(q) // 3], "gripper_l_base")[:3, 3]
+    half = np.array([0.0005, 0.1, 0.1])
+    wall = box("wall", tip - half, tip + half, RED)
+    assert_only(check(replace(TASK, solids=[*TASK.solids, wall], objective="none")), "collision")
+
+
+def test_allows_contact_with_the_support_within_its_tolerance_and_only_in_the_approach() -> None:
+    assert check(raised_table(0.002)) == []
+    late = replace(GOOD, approach_start=7.0)
+    assert_only(check(raised_table(0.002), late), "collision")
+    assert_only(check(raised_table(0.004)), "collision", "stance")
+
+
+def test_allows_no_contact_with_anything_else() -> None:
+    """A post as high as 2 mm above the table's surface is support; one of 10 mm is not."""
+    x, y = GOOD.placement_pose[:2, 3]
+    for height, kinds in ((0.002, ()), (0.010, ("collision",))):
+        post = box("post", [x - 0.005, y - 0.005, -0.01], [x + 0.005, y + 0.005, height], RED)
+        task = replace(TASK, solids=[*TASK.solids, post], objective="none")
+        assert_only(check(task), *kinds)
+
+
+def test_refuses_to_stand_on_nothing() -> None:
+    assert_only(check(raised_table(-0.005)), "stance")
+    x, y = GOOD.placement_pose[:2, 3]
+    post = box("post", [x - 0.01, y - 0.01, -0.1], [x + 0.01, y + 0.01, 0.0], RED)
+    assert_only(check(replace(TASK, solids=[post], objective="none")), "stance")
+
+
+def test_refuses_to_stand_on_an_edge_or_with_its_weight_beyond() -> None:
+    tilted = GOOD.placement_pose.copy()
+    tilted[:3, :3] = pin.utils.rotate("x", 0.2) @ tilted[:3, :3]
+    assert "stance: stands on an edge or a corner" in check(
+        solution=replace(GOOD, placement_pose=tilted)
+    )
+    heavy = replace(TASK, center_of_mass=np.array([0.0, 0.0, 0.04]))
+    assert "stance: centre of mass beyond the face it stands on" in check(heavy)
+
+
+def test_refuses_a_place_outside_the_volume() -> None:
+    far = replace(TASK, volume_upper=np.array([0.25, 0.4, 0.1]), objective="none")
+    assert_only(check(far), "volume")
+    high = replace(TASK, volume_lower=np.array([0.17, -0.4, 0.02]), objective="none")
+    assert check(high) == ["volume: no contact point in V"]
+
+
+def test_refuses_a_wrong_or_no_better_objective() -> None:
+    assert_only(check(solution=replace(GOOD, objective=OBJECTIVE + 0.011)), "objective")
+    assert CHECKER.check(GOOD, previous_objective=OBJECTIVE) == ["objective: 0.06474 after 0.06474"]
+    minimise = replace(TASK, objective="minimize_clearance")
+    assert check(minimise, replace(GOOD, objective=-OBJECTIVE)) == []
+
+
+def clearance_of_cube(solids: list) -> float:
+    """C of a 10 cm cube standing at the origin, V reaching 1 m."""
+    cube = box("cube", [-0.05, -0.05, 0], [0.05, 0.05, 0.1], RED)
+    task = replace(
+        TASK,
+        solids=solids,
+        volume_lower=-np.ones(3),
+        volume_upper=np.ones(3),
+        object_vertices=cube.vertices,
+        object_triangles=cube.triangles,
+    )
+    return SolutionChecker(task).clearance(np.eye(4))
+
+
+def test_clearance_is_measured_sideways_and_upwards() -> None:
+    ground = box("ground", [-2, -2, -1], [2, 2, 0], RED)
+    wall = box("wall", [0.1, -2, 0], [0.2, 2, 1], RED)
+    roof = box("roof", [-2, -2, 0.15], [2, 2, 0.2], RED)
+    low = box("low", [0.06, -2, 0], [0.07, 2, 0.05], RED)
+    assert clearance_of_cube([ground]) == 0.5
+    assert clearance_of_cube([ground, wall]) == pytest.approx(0.1, abs=1e-9)
+    assert clearance_of_cube([ground, roof]) == pytest.approx(0.1, abs=1e-9)
+    # only the lower half of the cube has it beside itself
+    assert clearance_of_cube([low]) == pytest.approx((0.06 + 0.5) / 2, abs=1e-9)
+    beyond = box("beyond", [1.05, -2, 0], [1.1, 2, 1], RED)
+    assert clearance_of_cube([beyond]) == 0.5
+
+
+def test_slices_of_a_cone_enclose_it_closely() -> None:
+    cone = frustum("cone", 0.05, 0.02, 0.0, 0.06, RED)
+    slices = checker.upright_prisms(cone.vertices)
+    assert len(slices) == 30
+    assert slices[0][1] == 0.0
+    assert slices[-1][2] == pytest.approx(0.06)
+    for outline, low, high in slices:
+        widest = 0.05 - 0.5 * low
+        assert np.linalg.norm(outline, axis=1).max() == pytest.approx(widest, abs=1e-9)
+        assert high - low == pytest.approx(0.002)
+    cylinder = frustum("cylinder", 0.05, 0.05, 0.0, 0.06, RED)
+    assert len(checker.upright_prisms(cylinder.vertices)) == 1
