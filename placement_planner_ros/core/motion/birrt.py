@@ -39,7 +39,7 @@ class GoalSetRRTSettings:
             hand per radian; None = all one.
     """
 
-    max_step: float = 0.5
+    max_step: float = 1.0
     max_nodes: int = 20_000
     weights: tuple[float, ...] | None = None
 
@@ -56,9 +56,13 @@ class GoalSetRRTSettings:
 
 @dataclass(slots=True)
 class _Goal:
-    """A goal, active or retired; `root` is its node, `tried` whether directly from the start."""
+    """A goal, active or retired.
+
+    `label` is that of its tree until merged, `root` its node; `tried` = directly connected or not.
+    """
 
     q: Array
+    label: int
     root: int
     active: bool = True
     tried: bool = False
@@ -106,11 +110,13 @@ class GoalSetRRT:
 
     Each iteration grows one tree by a step towards a uniform sample, then another tree from its
     nearest node towards the new one in steps of at most `max_step`, keeping every step that is
-    free. Forward and backward turns alternate; a backward turn grows the trees of the active goals
-    in rotation, and every other forward turn aims at the next active goal in rotation instead of
-    at the nearest backward node, so that of n active goals each gets at least 1/n of three
-    quarters of the iterations, however the others resist. Trees of retired goals do not grow by
-    themselves. A new goal is first tried directly from the nearest forward node.
+    free. It is the turn of the forward tree while it has fewer nodes than the active goals' trees
+    together, else of theirs; every fourth turn the other way round, lest a tree that cannot grow
+    is waited for. A backward turn grows the active goals' trees in rotation; every other forward
+    turn aims at the next active goal in rotation, the rest at the nearest backward node. So of n
+    active goals each gets at least 1/(4n) of the iterations, however the others resist. Trees of
+    retired goals do not grow by samples. A new goal is first tried directly from the nearest
+    forward node.
 
     Memory: when `max_nodes` is reached the trees are cut back to the start, the active goals'
     roots and the forward branches to goals; retired goals that were never connected are forgotten.
@@ -166,8 +172,8 @@ class GoalSetRRT:
         self._unreached: list[int] = []  # keys of active goals outside the forward tree
         self._untried: deque[int] = deque()  # those among them to be tried directly
         self._connected: deque[int] = deque()  # keys of active goals to report
-        self._labels_used = 0
-        self._turn = 0
+        self._sizes = [0]  # nodes by label
+        self._turns = self._forward_turns = 0
         self._count = 0
         self._nodes = np.empty((len(self._lower), 0))
         self._parents = np.empty(0, dtype=np.int32)
@@ -198,8 +204,9 @@ class GoalSetRRT:
         q = self._checked(f"goal {key}", q)
         goal = self._goals.get(key)
         if goal is None:
-            self._labels_used += 1
-            self._goals[key] = _Goal(q, self._append(q, -1, self._labels_used))
+            label = len(self._sizes)
+            self._sizes.append(0)
+            self._goals[key] = _Goal(q, label, self._append(q, -1, label))
         elif not np.array_equal(goal.q, q):
             raise ParameterError(f"goal {key}", q.tolist(), "use a new key for another goal")
         elif goal.active:
@@ -259,9 +266,9 @@ class GoalSetRRT:
         self._unreached.clear()
         self._untried.clear()
         self._connected.clear()
+        self._sizes = [1]
+        self._turns = self._forward_turns = 0
         self._count = 1
-        self._labels_used = 0
-        self._turn = 0
 
     def trees(self) -> tuple[Array, npt.NDArray[np.int32], npt.NDArray[np.int32]]:
         """A copy of all trees: nodes (n, dof), parents (n,) or -1 at roots, labels (n,).
@@ -277,23 +284,26 @@ class GoalSetRRT:
             goal.tried = True
             self._connect(_FORWARD, goal.root, should_stop)
             return
-        self._turn += 1
+        self._turns += 1
+        backward = sum(self._sizes[self._goals[key].label] for key in self._unreached)
+        forward_turn = (self._sizes[_FORWARD] <= backward) != (self._turns % 4 == 0)
         sample = self._rng.uniform(self._lower, self._upper)
-        if self._turn % 2 == 0:
-            new = self._extend(self._label_in_rotation(self._turn // 2), sample)
-            if new >= 0:
-                self._connect(_FORWARD, new, should_stop)
-        else:
+        if forward_turn:
+            self._forward_turns += 1
             new = self._extend(_FORWARD, sample)
             if new >= 0:
-                in_rotation = self._turn % 4 == 3
-                label = self._label_in_rotation(self._turn // 4) if in_rotation else _ANY_BACKWARD
+                turn, at_nearest = divmod(self._forward_turns, 2)
+                label = _ANY_BACKWARD if at_nearest else self._label_in_rotation(turn)
                 self._connect(label, new, should_stop)
+        else:
+            turn = self._turns - self._forward_turns
+            new = self._extend(self._label_in_rotation(turn), sample)
+            if new >= 0:
+                self._connect(_FORWARD, new, should_stop)
 
     def _label_in_rotation(self, turn: int) -> int:
         """Label of the tree of the unreached active goal whose turn it is."""
-        key = self._unreached[turn % len(self._unreached)]
-        return int(self._labels[self._goals[key].root])
+        return self._goals[self._unreached[turn % len(self._unreached)]].label
 
     def _extend(self, label: int, target: Array) -> int:
         """Grow a tree by one step towards `target` (dof,); the new node, or -1 where blocked."""
@@ -339,7 +349,7 @@ class GoalSetRRT:
 
     def _merge(self, forward: int, backward: int) -> None:
         """Hang the tree of node `backward` under node `forward` of the forward tree."""
-        label = self._labels[backward]
+        label = int(self._labels[backward])
         parent = forward
         node = backward
         while node >= 0:
@@ -348,6 +358,8 @@ class GoalSetRRT:
             parent, node = node, following
         labels = self._labels[: self._count]
         labels[labels == label] = _FORWARD
+        self._sizes[_FORWARD] += self._sizes[label]
+        self._sizes[label] = 0
         for key in [k for k in self._unreached if self._in_forward_tree(self._goals[k])]:
             self._unreached.remove(key)
             if key in self._untried:
@@ -390,6 +402,7 @@ class GoalSetRRT:
         self._nodes[:, node] = q
         self._parents[node] = parent
         self._labels[node] = label
+        self._sizes[label] += 1
         self._count += 1
         return node
 
@@ -429,5 +442,6 @@ class GoalSetRRT:
         self._nodes[:, : len(old)] = self._nodes[:, old]
         self._parents[: len(old)] = new_index[self._parents[old]]
         self._labels[: len(old)] = self._labels[old]
+        self._sizes = np.bincount(self._labels[: self._count], minlength=len(self._sizes)).tolist()
         for goal in self._goals.values():
             goal.root = int(new_index[goal.root])
