@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.robot.ik import ROTATION_SCALE
+from placement_planner_ros.core.robot.ik_kernels import ROTATION_SCALE
 from placement_planner_ros.core.robot.kinematics import Chain
 from placement_planner_ros.core.types import Array, frozen_array
 

@@ -1,0 +1,63 @@
+"""How far an arm reaches at most: a bound that no configuration exceeds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import minimize
+
+from placement_planner_ros.core.robot.kinematics import Chain
+from placement_planner_ros.core.types import Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reach:
+    """No configuration takes `wrist` further than `length` from `shoulder`.
+
+    A point on a joint's axis stays where it is when the joint turns, so the distance from a point
+    on the first axis to one on the last is at most the sum of the distances between the points
+    chosen on consecutive axes. They are chosen to make that sum small. A sliding joint counts
+    from the middle of its range and adds half of it.
+
+    Attributes:
+        shoulder: (3,) point on the first axis, in the world.
+        wrist: (3,) point on the last axis, in the tip frame.
+        length: m.
+    """
+
+    shoulder: Array
+    wrist: Array
+    length: float
+
+    @classmethod
+    def of(cls, chain: Chain) -> Reach:
+        middle = np.where(chain.prismatic, 0.5 * (chain.lower + chain.upper), 0.0)
+        half = np.where(chain.prismatic, 0.5 * (chain.upper - chain.lower), 0.0)
+
+        def gaps(along: Array) -> Array:
+            """(dof - 1, 3) vectors between points at `along` on consecutive axes."""
+            links = chain.fixed[1:-1]
+            ahead = links[:, :3, 3] + links[:, :3, 2] * (along + middle)[1:, None]
+            behind = np.zeros_like(ahead)
+            behind[:, 2] = along[:-1]
+            return ahead - behind
+
+        def total(along: Array) -> float:
+            return float(np.linalg.norm(gaps(along), axis=1).sum())
+
+        along = np.asarray(minimize(total, np.zeros(chain.dof), method="Powell").x).reshape(-1)
+        T_last_tip = chain.fixed[-1]
+        on_last = np.array([0.0, 0.0, along[-1]])
+        on_first = np.array([0.0, 0.0, along[0] + middle[0], 1.0])
+        return cls(
+            shoulder=(chain.fixed[0] @ on_first)[:3],
+            wrist=T_last_tip[:3, :3].T @ (on_last - T_last_tip[:3, 3]),
+            length=total(along) + float(half.sum()) + 1e-9,
+        )
+
+    def within(self, T_world_tip: Array, slack: float) -> npt.NDArray[np.bool_]:
+        """Which of the (n, 4, 4) poses are no further than `slack` m beyond `length`."""
+        wrist = T_world_tip[:, :3, :3] @ self.wrist + T_world_tip[:, :3, 3]
+        return np.asarray(np.linalg.norm(wrist - self.shoulder, axis=1) <= self.length + slack)
