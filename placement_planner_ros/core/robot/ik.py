@@ -17,7 +17,7 @@ import numpy.typing as npt
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.robot import ik_kernels
 from placement_planner_ros.core.robot.kinematics import Chain, kernel_input
-from placement_planner_ros.core.robot.reach import Reach
+from placement_planner_ros.core.robot.reach_bound import ReachBound
 from placement_planner_ros.core.types import Array
 
 
@@ -73,7 +73,7 @@ class InverseKinematics:
     def __init__(self, chain: Chain, settings: IKSettings | None = None) -> None:
         self.chain = chain
         self.settings = settings or IKSettings()
-        self._reach = Reach.of(chain)
+        self._reach = ReachBound.of(chain)
 
     def random_seeds(self, rng: np.random.Generator, shape: int | tuple[int, ...]) -> Array:
         """(*shape, dof) configurations, uniform within the limits."""

@@ -13,7 +13,7 @@ from placement_planner_ros.core.types import Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Reach:
+class ReachBound:
     """No configuration takes `wrist` further than `length` from `shoulder`.
 
     A point on a joint's axis stays where it is when the joint turns, so the distance from a point
@@ -32,7 +32,7 @@ class Reach:
     length: float
 
     @classmethod
-    def of(cls, chain: Chain) -> Reach:
+    def of(cls, chain: Chain) -> ReachBound:
         middle = np.where(chain.prismatic, 0.5 * (chain.lower + chain.upper), 0.0)
         half = np.where(chain.prismatic, 0.5 * (chain.upper - chain.lower), 0.0)
 
