@@ -55,7 +55,7 @@ def optimize(poses=None, reach=None, objective=None, should_stop=lambda: False, 
     start = pin.SE3.Identity()
     goal = Goal("a", 0, 0, start, 0.0, np.zeros((2, 3)), objective(start))
     optimizer = LocalOptimizer(poses, objective, 1e-9, RefineSettings(**settings))
-    return optimizer.optimize(goal, reach or PlanarReach(), should_stop)
+    return optimizer.optimize(goal, holding or PlanarReach(), should_stop)
 
 
 def test_climbs_to_the_optimum():

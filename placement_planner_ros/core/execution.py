@@ -10,7 +10,7 @@ import numpy as np
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.motion.shortcut import shorten
 from placement_planner_ros.core.motion.timing import concatenate, evaluate, parameterize
-from placement_planner_ros.core.reach import Reach
+from placement_planner_ros.core.holding import Holding
 from placement_planner_ros.core.types import Array, Goal, Trajectory
 
 _APPROACH_SAMPLES = 200
@@ -58,7 +58,7 @@ class TrajectoryMaker:
         self._rng = rng
 
     def make(
-        self, path: Array, goal: Goal, reach: Reach, should_stop: Callable[[], bool]
+        self, path: Array, goal: Goal, holding: Holding, should_stop: Callable[[], bool]
     ) -> tuple[Trajectory, float] | None:
         """Time transit and approach, at rest between them.
 
@@ -71,25 +71,25 @@ class TrajectoryMaker:
         """
         settings = self._settings
         path = shorten(
-            path, reach.transit_free, self._rng, settings.shortcut_attempts, should_stop
+            path, holding.transit_free, self._rng, settings.shortcut_attempts, should_stop
         )
-        velocity = reach.arm.velocity * settings.velocity_scaling
+        velocity = holding.arm.velocity * settings.velocity_scaling
         limits = np.array(settings.acceleration_limits)
         if limits.size not in (1, len(velocity)):
             raise ParameterError(
                 "acceleration_limits",
                 settings.acceleration_limits,
-                f"give one value, or {len(velocity)} for arm {reach.arm.name}",
+                f"give one value, or {len(velocity)} for arm {holding.arm.name}",
             )
         acceleration = np.broadcast_to(limits, velocity.shape) * settings.acceleration_scaling
 
         def transit_free(a: Array, b: Array, deviation: Array) -> bool:
-            return reach.collision.edge_free(a, b, deviation=deviation)
+            return holding.collision.edge_free(a, b, deviation=deviation)
 
         def approach_free(a: Array, b: Array, deviation: Array) -> bool:
-            return reach.collision.edge_free(a, b, contact=True, deviation=deviation)
+            return holding.collision.edge_free(a, b, contact=True, deviation=deviation)
 
-        joints = reach.arm.joints
+        joints = holding.arm.joints
         transit = parameterize(path, joints, velocity, acceleration, transit_free)
         if transit is None:
             return None
@@ -100,6 +100,6 @@ class TrajectoryMaker:
         if approach is None:
             return None
         times = np.linspace(0.0, approach.duration, _APPROACH_SAMPLES)
-        if not reach.comes_straight_down(evaluate(approach, times)[0], goal.T_world_object):
+        if not holding.comes_straight_down(evaluate(approach, times)[0], goal.T_world_object):
             return None
         return concatenate(transit, approach), transit.duration

@@ -11,7 +11,7 @@ import pinocchio as pin
 from placement_planner_ros.core.body import Body
 from placement_planner_ros.core.feasibility import PoseConstraints, placement_pose
 from placement_planner_ros.core.objective import Objective, evaluate
-from placement_planner_ros.core.reach import Reach
+from placement_planner_ros.core.holding import Holding
 from placement_planner_ros.core.search.hierarchy import AfrNode
 from placement_planner_ros.core.search.sampler import Sample
 from placement_planner_ros.core.types import Array, Goal, Verdict
@@ -21,7 +21,7 @@ class GoalFinder:
     """Checks s(x), c_f(x), ξ(x) > ξ_best, then IK, q ∈ C_free and the approach.
 
     Args:
-        reaches: per arm, per grasp.
+        holdings: per arm, per grasp.
         ik_seeds: random seeds given to the IK for each pose, beside q_0.
         min_improvement: ξ must exceed ξ_best by this much.
         rng: draws the IK seeds.
@@ -31,7 +31,7 @@ class GoalFinder:
         self,
         body: Body,
         poses: PoseConstraints,
-        reaches: Sequence[Sequence[Reach]],
+        holdings: Sequence[Sequence[Holding]],
         objective: Objective,
         ik_seeds: int,
         min_improvement: float,
@@ -39,7 +39,7 @@ class GoalFinder:
     ) -> None:
         self._body = body
         self._poses = poses
-        self._reaches = reaches
+        self._holdings = holdings
         self._objective = objective
         self._ik_seeds = ik_seeds
         self._min_improvement = min_improvement
@@ -47,7 +47,7 @@ class GoalFinder:
 
     def check(self, node: AfrNode, contact: Array, angle: float, best: float) -> Sample:
         """Stops at the first constraint that fails."""
-        face, reach = self._choices(node)
+        face, holding = self._choices(node)
         x = placement_pose(self._body.faces[face], contact, angle)
         verdict = self._poses.verdict(x, face, contact[2])
         if verdict is not Verdict.FEASIBLE:
@@ -55,14 +55,14 @@ class GoalFinder:
         value = evaluate(self._objective, x)
         if not value > best + self._min_improvement:
             return Sample(Verdict.NOT_BETTER)
-        goal = self._reach_goal(reach, x, face, contact[2], value)
+        goal = self._reach_goal(holding, x, face, contact[2], value)
         if isinstance(goal, Verdict):
             return Sample(goal, value)
         return Sample(Verdict.FEASIBLE, value, goal)
 
     def check_all(self, node: AfrNode, contact: Array, angle: float, best: float) -> Sample:
         """Makes every check, as the authors' four-term reward needs."""
-        face, reach = self._choices(node)
+        face, holding = self._choices(node)
         x = placement_pose(self._body.faces[face], contact, angle)
         verdict = self._poses.verdict(x, face, contact[2])
         stable = self._poses.stable(x, face)
@@ -71,7 +71,7 @@ class GoalFinder:
         if not value > best + self._min_improvement:
             value = -np.inf
             verdict = Verdict.NOT_BETTER if verdict is Verdict.FEASIBLE else verdict
-        goal = self._reach_goal(reach, x, face, contact[2], value)
+        goal = self._reach_goal(holding, x, face, contact[2], value)
         reached = goal is not Verdict.NO_IK
         arm_free = reached and goal is not Verdict.ARM_COLLIDING
         terms = (reached, arm_free, free, stable)
@@ -81,27 +81,27 @@ class GoalFinder:
             return Sample(goal, value, None, terms)
         return Sample(Verdict.FEASIBLE, value, goal, terms)
 
-    def _choices(self, node: AfrNode) -> tuple[int, Reach]:
+    def _choices(self, node: AfrNode) -> tuple[int, Holding]:
         assert node.arm is not None
         assert node.grasp is not None
         assert node.face is not None
-        return node.face, self._reaches[node.arm][node.grasp]
+        return node.face, self._holdings[node.arm][node.grasp]
 
     def _reach_goal(
-        self, reach: Reach, x: pin.SE3, face: int, contact_height: float, value: float
+        self, holding: Holding, x: pin.SE3, face: int, contact_height: float, value: float
     ) -> Goal | Verdict:
-        lower, upper = reach.arm.lower, reach.arm.upper
+        lower, upper = holding.arm.lower, holding.arm.upper
         random = self._rng.uniform(lower, upper, (self._ik_seeds, len(lower)))
-        found = reach.configurations(x, np.vstack([reach.q_start, random]))
+        found = holding.configurations(x, np.vstack([holding.q_start, random]))
         if len(found) == 0:
             return Verdict.NO_IK
-        free = list(itertools.islice((q for q in found if reach.free_at_contact(q)), 2))
+        free = list(itertools.islice((q for q in found if holding.free_at_contact(q)), 2))
         if not free:
             return Verdict.ARM_COLLIDING
         for q in free:
-            approach = reach.approach(q, x, contact_height, self._poses)
+            approach = holding.approach(q, x, contact_height, self._poses)
             if not isinstance(approach, Verdict):
                 return Goal(
-                    reach.arm.name, reach.grasp, face, x, float(contact_height), approach, value
+                    holding.arm.name, holding.grasp, face, x, float(contact_height), approach, value
                 )
         return Verdict.NO_APPROACH

@@ -16,7 +16,7 @@ from placement_planner_ros.core.feasibility import PoseConstraints
 from placement_planner_ros.core.goals import GoalFinder
 from placement_planner_ros.core.motion.birrt import GoalSetRRTSettings
 from placement_planner_ros.core.objective import Objective
-from placement_planner_ros.core.reach import ApproachSettings, Reach
+from placement_planner_ros.core.holding import ApproachSettings, Holding
 from placement_planner_ros.core.refine import LocalOptimizer, Refined, RefineSettings
 from placement_planner_ros.core.robot.collision import CollisionSettings
 from placement_planner_ros.core.robot.ik import IKSettings
@@ -131,13 +131,13 @@ class PlacementPlanner:
             settings.collision.contact_tolerance,
             settings.approach.approach_minimum,
         )
-        reaches = _usable_reaches(problem, settings)
-        self._reach = {(r.arm.name, r.grasp): r for of_arm in reaches for r in of_arm}
+        holdings = _usable_holdings(problem, settings)
+        self._holding = {(r.arm.name, r.grasp): r for of_arm in holdings for r in of_arm}
         finder = GoalFinder(
-            body, poses, reaches, objective, settings.ik_seeds, settings.min_improvement, rng_ik
+            body, poses, holdings, objective, settings.ik_seeds, settings.min_improvement, rng_ik
         )
         hierarchy = AfrHierarchy(
-            [len(of_arm) for of_arm in reaches],
+            [len(of_arm) for of_arm in holdings],
             len(body.faces),
             environment.regions,
             settings.hierarchy,
@@ -145,7 +145,7 @@ class PlacementPlanner:
         self.exhausted = _nothing_to_search(hierarchy)
         Sampler = MctsSampler if settings.sampler == "mcts" else UniformSampler
         self._sampler: GoalSampler = Sampler(hierarchy, finder, settings.sampling, rng_sampler)
-        self._motion = MotionPlanner(list(self._reach.values()), settings.rrt, rng_motion)
+        self._motion = MotionPlanner(list(self._holding.values()), settings.rrt, rng_motion)
         self._optimizer = LocalOptimizer(
             poses, objective, settings.min_improvement, settings.refine
         )
@@ -181,12 +181,12 @@ class PlacementPlanner:
         self, goal: Goal, path: Array, started: float, should_stop: Callable[[], bool]
     ) -> Placement | None:
         """Optimise locally, shorten and time a transit path; None if nothing could be certified."""
-        reach = self._reach[goal.arm, goal.grasp]
+        holding = self._holding[goal.arm, goal.grasp]
         refined = Refined(goal, path[-1:])
         if self._settings.local_optimization:
-            refined = self._optimizer.optimize(goal, reach, should_stop)
+            refined = self._optimizer.optimize(goal, holding, should_stop)
         path = np.vstack([path, refined.slide[1:]])
-        made = self._trajectories.make(path, refined.goal, reach, should_stop)
+        made = self._trajectories.make(path, refined.goal, holding, should_stop)
         self._motion.retire(lambda g: g is goal)
         if made is None:
             self.statistics.unreached += 1
@@ -201,14 +201,14 @@ class PlacementPlanner:
         )
 
 
-def _usable_reaches(problem: Problem, settings: PlannerSettings) -> list[list[Reach]]:
+def _usable_holdings(problem: Problem, settings: PlannerSettings) -> list[list[Holding]]:
     """Per arm, its grasps for which q_0 is free."""
-    reaches: list[list[Reach]] = []
+    holdings: list[list[Holding]] = []
     reasons: list[str] = []
     for arm in problem.arms:
         of_arm = []
         for grasp in range(len(arm.grasps)):
-            reach = Reach(
+            holding = Holding(
                 problem.robot,
                 arm,
                 grasp,
@@ -219,19 +219,19 @@ def _usable_reaches(problem: Problem, settings: PlannerSettings) -> list[list[Re
                 settings.ik,
                 settings.approach,
             )
-            reason = reach.collision.explain(reach.q_start)
+            reason = holding.collision.explain(holding.q_start)
             if reason:
                 reasons.append(f"{arm.name} with grasp {grasp}: {reason}")
             else:
-                of_arm.append(reach)
-        reaches.append(of_arm)
-    if not any(reaches):
+                of_arm.append(holding)
+        holdings.append(of_arm)
+    if not any(holdings):
         raise StartError(
             "joint_states",
             "; ".join(reasons),
             "the start configuration must keep collision_margin with the object in hand",
         )
-    return reaches
+    return holdings
 
 
 def _nothing_to_search(hierarchy: AfrHierarchy) -> str:

@@ -11,7 +11,7 @@ import pinocchio as pin
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.feasibility import PoseConstraints
 from placement_planner_ros.core.objective import Objective, evaluate, gradient, moved
-from placement_planner_ros.core.reach import Reach
+from placement_planner_ros.core.holding import Holding
 from placement_planner_ros.core.types import Array, Goal, Verdict
 
 
@@ -71,7 +71,7 @@ class LocalOptimizer:
         self._min_improvement = min_improvement
         self._settings = settings
 
-    def optimize(self, goal: Goal, reach: Reach, should_stop: Callable[[], bool]) -> Refined:
+    def optimize(self, goal: Goal, holding: Holding, should_stop: Callable[[], bool]) -> Refined:
         """Improve a goal locally: Δq ← J†(q) v(∂ξ/∂(x, y, e_z)), q ← q + μΔq.
 
         The step is then corrected by IK to the pose x + μ ∂ξ exactly, so the object neither tilts
@@ -91,7 +91,7 @@ class LocalOptimizer:
                     break
                 directions = self._directions(goal.T_world_object)
                 continue
-            better = self._try(goal, reach, step * direction)
+            better = self._try(goal, holding, step * direction)
             if better is None:
                 continue
             goal = better
@@ -113,27 +113,27 @@ class LocalOptimizer:
             if length > 1e-9:
                 yield masked / length * scale
 
-    def _try(self, goal: Goal, reach: Reach, change: Array) -> Goal | None:
+    def _try(self, goal: Goal, holding: Holding, change: Array) -> Goal | None:
         x = moved(goal.T_world_object, change)
         value = evaluate(self._objective, x)
         if not value > goal.objective + self._min_improvement:
             return None
         if self._poses.verdict(x, goal.face, goal.contact_height) is not Verdict.FEASIBLE:
             return None
-        q = self._step(goal, reach, x, change)
-        if q is None or not reach.free_at_contact(q):
+        q = self._step(goal, holding, x, change)
+        if q is None or not holding.free_at_contact(q):
             return None
-        approach = reach.approach(q, x, goal.contact_height, self._poses)
+        approach = holding.approach(q, x, goal.contact_height, self._poses)
         if isinstance(approach, Verdict):
             return None
-        if not reach.transit_free(goal.q_raised, approach[0]):
+        if not holding.transit_free(goal.q_raised, approach[0]):
             return None
         return Goal(goal.arm, goal.grasp, goal.face, x, goal.contact_height, approach, value)
 
-    def _step(self, goal: Goal, reach: Reach, x: pin.SE3, change: Array) -> Array | None:
+    def _step(self, goal: Goal, holding: Holding, x: pin.SE3, change: Array) -> Array | None:
         """q + μΔq with Δq = J† v, brought exactly to pose x."""
-        J = reach.chain.jacobian(goal.q, reach.arm.grasps[goal.grasp].homogeneous)
+        J = holding.chain.jacobian(goal.q, holding.arm.grasps[goal.grasp].homogeneous)
         v = np.array([change[0], change[1], 0.0, 0.0, 0.0, change[2]])
         predicted = goal.q + np.linalg.pinv(J, rcond=1e-3) @ v
-        predicted = np.clip(predicted, reach.arm.lower, reach.arm.upper)
-        return reach.follow(x, predicted)
+        predicted = np.clip(predicted, holding.arm.lower, holding.arm.upper)
+        return holding.follow(x, predicted)

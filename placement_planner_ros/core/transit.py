@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from placement_planner_ros.core.motion.birrt import GoalSetRRT, GoalSetRRTSettings
-from placement_planner_ros.core.reach import Reach
+from placement_planner_ros.core.holding import Holding
 from placement_planner_ros.core.types import Array, Goal
 
 
@@ -15,22 +15,22 @@ class MotionPlanner:
     """Trees that persist over a run, and the goals they may connect to.
 
     Args:
-        reaches: every usable arm with each of its grasps.
+        holdings: every usable arm with each of its grasps.
         rng: split among the trees.
     """
 
     def __init__(
-        self, reaches: list[Reach], settings: GoalSetRRTSettings, rng: np.random.Generator
+        self, holdings: list[Holding], settings: GoalSetRRTSettings, rng: np.random.Generator
     ) -> None:
         self._trees: dict[tuple[str, int], GoalSetRRT] = {}
         self._goals: dict[tuple[str, int], dict[int, Goal]] = {}
-        for reach, child in zip(reaches, rng.spawn(len(reaches)), strict=True):
-            tree = (reach.arm.name, reach.grasp)
+        for holding, child in zip(holdings, rng.spawn(len(holdings)), strict=True):
+            tree = (holding.arm.name, holding.grasp)
             self._trees[tree] = GoalSetRRT(
-                reach.arm.lower,
-                reach.arm.upper,
-                reach.q_start,
-                reach.transit_free,
+                holding.arm.lower,
+                holding.arm.upper,
+                holding.q_start,
+                holding.transit_free,
                 settings,
                 child,
             )

@@ -46,7 +46,7 @@ class ApproachSettings:
             raise ParameterError("approach_step", self.approach_step, "must be above zero")
 
 
-class Reach:
+class Holding:
     """One arm a holding the object in one grasp g, the rest of the robot at rest.
 
     Attributes:
