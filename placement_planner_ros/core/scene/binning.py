@@ -18,13 +18,13 @@ class Bins(NamedTuple):
         points: (n, 3), those of one cell next to each other.
         start: (m + 1,) first point of each occupied cell, and n.
         cells: (m, 3) int32 occupied cells in lexicographic order.
-        index: (nx, ny, nz) int32, cell to its row in `cells`, or -1.
+        row_of: (nx, ny, nz) int32, cell to its row in `cells`, or -1.
     """
 
     points: Array
     start: npt.NDArray[np.int64]
     cells: npt.NDArray[np.int32]
-    index: npt.NDArray[np.int32]
+    row_of: npt.NDArray[np.int32]
 
 
 def sort_into_cells(

@@ -175,7 +175,7 @@ def estimate_noise(bins: Bins, origin: Array, size: float) -> float:
     """
     stride = max(1, len(bins.cells) // _SAMPLED_CELLS)
     moments = _cell_moments(bins.points, bins.start, bins.cells, origin, size)
-    scatter = _scatter(moments, bins.cells, bins.index, size, stride)
+    scatter = _scatter(moments, bins.cells, bins.row_of, size, stride)
     if len(scatter) == 0:
         return 0.0
     quartile, median = np.quantile(scatter, (0.25, 0.5))
@@ -347,9 +347,9 @@ def project(bins: Bins, origin: Array, size: float, noise: float, min_points: in
         (k, 3), k ≤ n. Points of no plane (thin or strongly curved things) stay where they are.
     """
     moments = _cell_moments(bins.points, bins.start, bins.cells, origin, size)
-    planes, flat = _fit_planes(moments, bins.cells, bins.index, size, origin, noise)
+    planes, flat = _fit_planes(moments, bins.cells, bins.row_of, size, origin, noise)
     moved, explained = _project(
-        bins.points, bins.start, bins.cells, bins.index, planes, flat, _REACH * noise
+        bins.points, bins.start, bins.cells, bins.row_of, planes, flat, _REACH * noise
     )
-    stray = _strays(bins.start, bins.cells, bins.index, explained, min_points)
+    stray = _strays(bins.start, bins.cells, bins.row_of, explained, min_points)
     return moved[~stray] if stray.any() else moved

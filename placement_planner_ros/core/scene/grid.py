@@ -139,7 +139,7 @@ class ObstacleSet:
             bins.points,
             bins.start,
             bins.cells,
-            bins.index,
+            bins.row_of,
             origin,
             settings.cell_size,
             skin,
@@ -149,7 +149,7 @@ class ObstacleSet:
             boxes.cells,
             boxes.lower,
             boxes.upper,
-            bins.index,
+            bins.row_of,
             boxes.next,
             origin,
             settings.cell_size,
@@ -162,7 +162,7 @@ class ObstacleSet:
             cells=_read_only(boxes.cells),
             lower=_read_only(box_lower),
             upper=_read_only(box_upper),
-            index=_read_only(bins.index),
+            index=_read_only(bins.row_of),
             next=_read_only(boxes.next),
             surface_height=_read_only(boxes.surface_height),
             surface_extent=_read_only(boxes.surface_extent),
@@ -235,7 +235,7 @@ def _cleaned(
     size = settings.cell_size
     counts = np.diff(bins.start)
     if settings.min_points > 1 and np.median(counts) >= 4:
-        keep = denoising.connected(bins.cells, counts, bins.index, settings.min_points)
+        keep = denoising.connected(bins.cells, counts, bins.row_of, settings.min_points)
         if not keep.all():
             points = bins.points[np.repeat(keep, counts)]
             bins = sort_into_cells(points, origin, size, shape, lower, upper)

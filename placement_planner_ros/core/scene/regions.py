@@ -65,14 +65,14 @@ class Region:
 
     rectangles: Array
     z: float
-    diagonals: Array | None = None
+    diagonals: Array = field(default_factory=lambda: np.zeros((0, 4)))
     areas: Array = field(init=False)
     _share: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         rectangles = frozen_array(self.rectangles, (-1, 4))
         diagonals = self.diagonals
-        if diagonals is None:
+        if len(diagonals) == 0:
             diagonals = np.tile((-np.inf, np.inf), (len(rectangles), 2))
         object.__setattr__(self, "rectangles", rectangles)
         object.__setattr__(self, "diagonals", frozen_array(diagonals, (len(rectangles), 4)))
@@ -118,7 +118,6 @@ class Region:
 
         Draws in cut-off corners are refused; after 100 refusals the last stands, and s(x) decides.
         """
-        assert self.diagonals is not None
         share, last = self._share, len(self._share) - 1
         for _ in range(_ATTEMPTS):
             pick, across, along = rng.random(3)
@@ -348,7 +347,7 @@ def _tile(
     if len(rows) == 0:
         return label
     groups = label[rows]
-    count = int(groups.max()) + 1
+    count = int(np.max(groups)) + 1
     key = groups.copy()
     for axis in range(2):
         position = cells[rows, axis]
@@ -359,7 +358,7 @@ def _tile(
         span = (high - low + 1)[groups]
         per_tile = max(1, int(max_side / size + 1e-9))
         tiles = -(-span // per_tile)
-        key = key * (int(tiles.max()) + 1) + (position - low[groups]) * tiles // span
+        key = key * (int(np.max(tiles)) + 1) + (position - low[groups]) * tiles // span
     result = label.copy()
     result[rows] = np.unique(key, return_inverse=True)[1]
     return result

@@ -45,7 +45,8 @@ def tight_boxes(
     wall become two boxes, a slope or a blob stays one.
 
     Args:
-        points, start, cells, index: as in `binning.Bins`; `index` is rewritten to box rows.
+        points, start, cells: as in `binning.Bins`.
+        index: `row_of` of the cells, rewritten to the first box of each.
         skin: thickness of one level surface, metres.
     """
     thick = _count_thick(points, start, skin)
