@@ -39,7 +39,7 @@ __all__ = ["TimingSettings", "concatenate", "evaluate", "parameterize"]
 EdgeFree = Callable[[Array, Array, Array], bool]
 
 _SAME = 1e-9  # waypoints closer than this (radians) are one
-_ROUNDS = 6  # timed curves tried, each with smaller blends than the one before
+_ROUNDS = 12  # timed curves tried, each with smaller blends than the one before, the last with none
 _BLEND_SIZES = 5  # sizes a blend is tried at, each half of the one before
 
 # toppra logs each numerical retry as a warning; failures are handled here
@@ -97,7 +97,7 @@ def parameterize(
         edge_free: (a, b, deviation) -> whether every motion that stays within `deviation` (dof,),
             joint by joint, of the straight motion from a to b is free.
         settings: how finely.
-        should_stop: asked between steps of some 10 ms.
+        should_stop: asked before every edge and every timing, which takes some 10 ms.
 
     Returns:
         The trajectory; of a path that does not move, its one point. None where no timed curve
@@ -121,30 +121,32 @@ def parameterize(
         still = np.zeros_like(waypoints)
         return Trajectory(tuple(joints), np.zeros(1), waypoints, still, still)
 
+    def free_until_stopped(a: Array, b: Array, deviation: Array) -> bool:
+        return not should_stop() and edge_free(a, b, deviation)
+
     cuts = largest_cuts(waypoints, settings.blend_deviation)
-    for corner in np.flatnonzero(cuts):
-        if should_stop():
-            return None
-        cuts[corner] = _certified_cut(waypoints, cuts, int(corner), edge_free, settings)
+    refused = np.zeros(len(cuts), dtype=bool)
     for round_ in range(_ROUNDS):
-        if should_stop():
-            return None
-        timed = _timed_curve(waypoints, cuts, limits, settings)
+        if round_ == 1:
+            cuts = _certified_cuts(waypoints, cuts, free_until_stopped, settings)
+        elif round_ == _ROUNDS - 1:
+            cuts = np.zeros_like(cuts)
+        timed = None if should_stop() else _timed_curve(waypoints, cuts, limits, settings)
         if timed is None:
             return None
         points = control_points(*timed)
-        failed = first_uncertified(points, edge_free, settings.chord_tolerance)
+        failed = first_uncertified(points, free_until_stopped, settings.chord_tolerance)
         if failed is None:
             return Trajectory(tuple(joints), *timed)
-        if not cuts.any():
-            return None
-        if round_ >= _ROUNDS - 2:
-            cuts[:] = 0.0
-        else:
-            middle = points[failed].mean(axis=0)
-            distance = np.linalg.norm(waypoints - middle, axis=1)
-            distance[cuts == 0.0] = np.inf
-            cuts[distance.argmin()] *= 0.5
+        distance = np.linalg.norm(waypoints - points[failed].mean(axis=0), axis=1)
+        distance[cuts == 0.0] = np.inf
+        corner = int(distance.argmin())
+        length = float(np.linalg.norm(points[failed, -1] - points[failed, 0]))
+        if distance[corner] > 2.0 * (cuts[corner] + length):
+            return None  # a straight part: no smaller blend would help
+        if round_ > 0:  # halve the blend once, then stop there
+            cuts[corner] = 0.0 if refused[corner] else 0.5 * cuts[corner]
+            refused[corner] = True
     return None
 
 
@@ -159,17 +161,20 @@ def _distinct(path: Array) -> Array:
     return np.array(kept)
 
 
-def _certified_cut(
-    waypoints: Array, cuts: Array, corner: int, edge_free: EdgeFree, settings: TimingSettings
-) -> float:
-    """The largest of a few halvings of a cut whose blend is free; 0 where none is."""
-    cuts = cuts.copy()
-    for _ in range(_BLEND_SIZES):
-        blend = blend_control_points(waypoints, cuts, corner)[None]
-        if first_uncertified(blend, edge_free, settings.chord_tolerance) is None:
-            return float(cuts[corner])
-        cuts[corner] *= 0.5
-    return 0.0
+def _certified_cuts(
+    waypoints: Array, cuts: Array, edge_free: EdgeFree, settings: TimingSettings
+) -> Array:
+    """Per corner the largest of a few halvings of its cut whose blend is free; 0 where none is."""
+    certified = cuts.copy()
+    for corner in np.flatnonzero(cuts):
+        for _ in range(_BLEND_SIZES):
+            blend = blend_control_points(waypoints, certified, int(corner))[None]
+            if first_uncertified(blend, edge_free, settings.chord_tolerance) is None:
+                break
+            certified[corner] *= 0.5
+        else:
+            certified[corner] = 0.0
+    return certified
 
 
 def _timed_curve(
