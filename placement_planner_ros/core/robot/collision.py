@@ -27,7 +27,6 @@ from placement_planner_ros.core.robot.collision_boxes import box_arrays
 from placement_planner_ros.core.robot.collision_kernels import (
     OVERFLOW,
     check_edge,
-    check_state,
     check_states,
 )
 from placement_planner_ros.core.robot.collision_shapes import ConvexSet, Shape, shape_of
@@ -147,6 +146,7 @@ class ArmCollision:
         arrays = self._flat.arrays
         self._queue = np.zeros((_QUEUE, 2))
         self._settled = np.zeros((_QUEUE, arrays.moving + len(arrays.pairs)), dtype=np.bool_)
+        self._answer = np.zeros(1, dtype=np.int64)
         self._no_deviation = np.zeros(self._dof)
 
     def free(self, q: Array, reserve: float = 0.0, contact: bool = False) -> bool:
@@ -254,13 +254,21 @@ class ArmCollision:
 
     def _collision(self, q: Array, reserve: float, contact: bool) -> tuple[int, int, int] | None:
         """(kind, set, box or set) of a collision at q."""
-        q = np.ascontiguousarray(q, dtype=np.float64)
+        q = np.ascontiguousarray(q, dtype=np.float64).reshape(1, self._dof)
         margin, self_margin = self._margins(reserve)
         while True:
             scratch = self._scratch
-            answer = check_state(
-                self._flat.arrays, self._boxes, scratch, q, margin, self_margin, contact
+            check_states(
+                self._flat.arrays,
+                self._boxes,
+                scratch,
+                q,
+                margin,
+                self_margin,
+                contact,
+                self._answer,
             )
+            answer = self._answer[0]
             if answer == FREE:
                 return None
             if answer == COLLIDING:
@@ -279,8 +287,7 @@ class ArmCollision:
         """coal's answer for one pair, at the configuration the scratch holds."""
         geometry, transform = self._part(s)
         if kind == 0:
-            lower, upper = self._boxes.lower[other], self._boxes.upper[other]
-            return meets(geometry, transform, *coal_box(lower, upper), margin)
+            return meets(geometry, transform, *coal_box(self._boxes.corners[other]), margin)
         return meets(geometry, transform, *self._part(other), margin)
 
     def _part(self, s: int) -> tuple[coal.CollisionGeometry, coal.Transform3s]:
@@ -299,8 +306,9 @@ class ArmCollision:
         return np.asarray((result.getNearestPoint1() + result.getNearestPoint2()) / 2)
 
 
-def coal_box(lower: Array, upper: Array) -> tuple[coal.Box, coal.Transform3s]:
-    """An axis-aligned box (3,), (3,) for coal, with its placement."""
+def coal_box(corners: Array) -> tuple[coal.Box, coal.Transform3s]:
+    """An axis-aligned box (6,), lower corner then upper, for coal, with its placement."""
+    lower, upper = corners[:3], corners[3:]
     return coal.Box(upper - lower), coal.Transform3s(np.eye(3), (lower + upper) / 2)
 
 

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from placement_planner_ros.core.robot.collision_shapes import ConvexSet, Shape
+from placement_planner_ros.core.robot.collision_shapes import Shape
 from placement_planner_ros.core.robot.kinematics import Chain
 from placement_planner_ros.core.robot.spheres import SphereTree, bounding_sphere, sphere_tree
 from placement_planner_ros.core.types import Array
@@ -25,74 +25,76 @@ from placement_planner_ros.core.types import Array
 Indices = npt.NDArray[np.int64]
 
 
+BODY_JOINT, BODY_FIRST_PART = 0, 1
+PART_FIRST_NODE, PART_FIRST_SET, PART_SOLID = 0, 1, 2
+NODE_SKIP, NODE_FIRST, NODE_LAST = 0, 1, 2
+SET_FIRST_VERTEX, SET_FIRST_PLANE, SET_JOINT, SET_EXACT = 0, 1, 2, 3
+PAIR_INNER, PAIR_OUTER, PAIR_SLOT, PAIR_OUTWARD = 0, 1, 2, 3
+"""Columns of the tables of `ArmArrays`."""
+
+
 class ArmArrays(NamedTuple):
-    """What the kernels read; b bodies, p parts, k spheres, s sets, n joints."""
+    """What the kernels read: n joints, b bodies, p parts, k spheres, s sets, c pairs.
+
+    A range belonging to row i of a table runs from its `FIRST` column to that of row i + 1. Spheres
+    are centre and radius. Joint n + 1 stands for the world.
+    """
 
     fixed: Array
     """(n + 1, 4, 4) and `prismatic` (n,): of `kinematics.Chain`."""
     prismatic: npt.NDArray[np.bool_]
     moving: int
-    """The first bodies, which the arm moves."""
+    """How many of the bodies, the first, the arm moves."""
     held: int
     """The held object's body, -1 without one."""
-    body_joint: Indices
-    """(b,) joint index, -1 for the world."""
-    body_center: Array
-    """(b, 3) and `body_radius` (b,): bounding sphere in the joint's frame."""
-    body_radius: Array
-    body_parts: Indices
-    """(b + 1,) first part of each body."""
-    part_center: Array
-    part_radius: Array
-    part_solid: npt.NDArray[np.bool_]
-    """(p,) one convex set, or a surface of many."""
-    part_nodes: Indices
-    """(p + 1,) first sphere of each part."""
-    part_sets: Indices
-    """(p + 1,) first set of each part."""
-    node_center: Array
-    node_radius: Array
-    node_skip: Indices
-    node_first: Indices
-    node_last: Indices
-    set_joint: Indices
-    set_vertices: Indices
-    """(s + 1,) first vertex of each set."""
-    set_planes: Indices
-    """(s + 1,) first plane of each set."""
-    set_radius: Array
-    set_exact: npt.NDArray[np.bool_]
+    bodies: Indices
+    """(b + 1, 2) joint, first part."""
+    body_spheres: Array
+    """(b, 4) bounding spheres in the joint's frame."""
+    parts: Indices
+    """(p + 1, 3) first node, first set, whether one solid set (1) or a surface of many (0)."""
+    part_spheres: Array
+    """(p, 4)."""
+    nodes: Indices
+    """(k, 3) next node not below, range of sets of a leaf (-1 above leaves)."""
+    node_spheres: Array
+    """(k, 4)."""
+    sets: Indices
+    """(s + 1, 4) first vertex, first plane, joint, whether exact."""
+    radius: Array
+    """(s,) that each set is dilated by."""
     vertices: Array
-    normals: Array
-    offsets: Array
+    planes: Array
+    """(f, 4) normal and offset."""
     pairs: Indices
-    """(c, 2) bodies to keep apart; the first is the nearer to the root."""
-    pair_slot: Indices
-    """(c,) where the pair's remembered directions start."""
+    """(c, 4) inner body, outer body, first remembered direction, first joint between them."""
 
 
 class ArmScratch(NamedTuple):
     """Work space of one checker; not shared between threads."""
 
     frames: Array
-    """(n + 1, 4, 4) T_world_joint with the axis along z, then the tip."""
+    """(n + 2, 4, 4) T_world_joint with the axis along z, the tip, the world."""
+    body_spheres: Array
+    """(b, 4) in the world, as all that follow."""
+    part_spheres: Array
     vertices: Array
-    """(v, 3) world."""
-    normals: Array
-    offsets: Array
+    planes: Array
     bounds: Array
-    """(s, 6) world box of each set, lower then upper."""
+    """(s, 6) box around each set, lower then upper."""
     set_stamp: Indices
+    """(s,) configuration at which a set was last placed in the world."""
     box_stamp: Indices
+    """(m,) visit in which an obstacle was last looked at."""
     counters: Indices
     """Configuration, visit, number of undecided pairs."""
     work: Array
     direction: Array
-    """Last separating direction of each pair of solid parts."""
+    """(., 3) last separating direction of each pair of parts."""
     undecided: Indices
-    """(256, 3) kind (0 box, 1 set), set, box or set."""
+    """(., 3) kind (0 box, 1 set), set, box or set."""
     hit: Indices
-    """(3,) the like for the first certain collision."""
+    """(3,) the like of the collision found."""
     bound: Array
     """(b, n + 1) motion bounds, and `bound_straight` without the deviation."""
     bound_straight: Array
@@ -128,12 +130,14 @@ class FlatArm:
 
     Attributes:
         arrays: for the kernels.
+        directions: how many to remember.
         bodies: in the order of the arrays.
         set_body, set_part: (s,) body of each set, and its part among the body's.
         joint_frames: T_world_joint with all joints at zero, axis along z.
     """
 
     arrays: ArmArrays
+    directions: int
     bodies: tuple[CollisionBody, ...]
     set_body: Indices
     set_part: Indices
@@ -168,7 +172,7 @@ def flatten(
         for j, part in enumerate(body.parts):
             tree = sphere_tree(part.shape, excess if body.joint >= 0 else 10 * excess)
             trees.append(tree)
-            flat.add(tree, part.shape.solid, T_joint_world * part.T_world_part, body.joint, i, j)
+            flat.add(tree, part.shape.solid, T_joint_world * part.T_world_part, i, j)
         flat.end_body()
     between = []
     for a, b in pairs:
@@ -179,20 +183,28 @@ def flatten(
             between.append((first, second))
     # Outer links first: they collide most often.
     between.sort(key=lambda p: (-ordered[p[1]].joint, ordered[p[0]].joint))
-    parts = np.diff(flat.body_parts)
+    parts = np.diff(flat.first_part)
     sizes = [int(parts[a] * parts[b]) for a, b in between]
+    world = chain.dof + 1
     arrays = ArmArrays(
         fixed=np.array(chain.fixed),
         prismatic=np.array(chain.prismatic),
         moving=sum(body.joint >= 0 for body in ordered),
         held=number[held] if held is not None else -1,
-        body_joint=np.array([body.joint for body in ordered], dtype=np.int64),
-        pairs=np.array(between, dtype=np.int64).reshape(-1, 2),
-        pair_slot=np.cumsum([0, *sizes], dtype=np.int64),
-        **flat.arrays(),
+        pairs=np.array(
+            [
+                (a, b, slot, ordered[a].joint + 1)
+                for (a, b), slot in zip(
+                    between, itertools.accumulate(sizes, initial=0), strict=False
+                )
+            ],
+            dtype=np.int64,
+        ).reshape(-1, 4),
+        **flat.arrays([body.joint if body.joint >= 0 else world for body in ordered]),
     )
     return FlatArm(
         arrays,
+        sum(sizes),
         tuple(ordered),
         np.array(flat.set_body, dtype=np.int64),
         np.array(flat.set_part, dtype=np.int64),
@@ -203,127 +215,94 @@ def flatten(
 def scratch_for(flat: FlatArm, boxes: int) -> ArmScratch:
     """Work space for `flat` against `boxes` obstacles; fixed bodies are placed for good."""
     a = flat.arrays
-    sets, joints = len(a.set_radius), len(a.prismatic)
+    joints, sets = len(a.prismatic), len(a.radius)
+    frames = np.zeros((joints + 2, 4, 4))
+    frames[-1] = np.eye(4)
     bounds = np.zeros((sets, 6))
     for s in range(sets):
-        corners = a.vertices[a.set_vertices[s] : a.set_vertices[s + 1]]
-        bounds[s] = (
-            *(corners.min(axis=0) - a.set_radius[s]),
-            *(corners.max(axis=0) + a.set_radius[s]),
-        )
-    fixed = a.set_joint < 0
+        corners = a.vertices[a.sets[s, SET_FIRST_VERTEX] : a.sets[s + 1, SET_FIRST_VERTEX]]
+        bounds[s, :3] = corners.min(axis=0) - a.radius[s]
+        bounds[s, 3:] = corners.max(axis=0) + a.radius[s]
+    fixed = a.sets[:-1, SET_JOINT] == joints + 1
     return ArmScratch(
-        frames=np.zeros((joints + 1, 4, 4)),
+        frames=frames,
+        body_spheres=a.body_spheres.copy(),
+        part_spheres=a.part_spheres.copy(),
         vertices=a.vertices.copy(),
-        normals=a.normals.copy(),
-        offsets=a.offsets.copy(),
+        planes=a.planes.copy(),
         bounds=bounds,
         set_stamp=np.where(fixed, np.iinfo(np.int64).max, 0),
         box_stamp=np.zeros(boxes, dtype=np.int64),
         counters=np.zeros(3, dtype=np.int64),
         work=np.zeros((6, 4)),
-        direction=np.zeros((int(a.pair_slot[-1]), 3)),
+        direction=np.zeros((flat.directions, 3)),
         undecided=np.zeros((256, 3), dtype=np.int64),
         hit=np.zeros(3, dtype=np.int64),
-        bound=np.zeros((len(flat.bodies), joints + 1)),
-        bound_straight=np.zeros((len(flat.bodies), joints + 1)),
+        bound=np.zeros((a.moving, joints + 1)),
+        bound_straight=np.zeros((a.moving, joints + 1)),
     )
 
 
 class _Rows:
-    """Rows of the geometry arrays as they grow."""
+    """Rows of the tables as they grow."""
 
     def __init__(self) -> None:
-        self.body_parts = [0]
-        self.part_nodes = [0]
-        self.part_sets = [0]
-        self.part_solid: list[bool] = []
-        self.part_sphere: list[Array] = []
-        self.body_sphere: list[tuple[Array, float]] = []
-        self.nodes: list[tuple[Array, Array, Indices, Indices, Indices]] = []
-        self.set_vertices = [0]
-        self.set_planes = [0]
-        self.set_joint: list[int] = []
+        self.first_part = [0]
+        self.parts: list[tuple[int, int, int]] = []
+        self.part_spheres: list[Array] = []
+        self.body_spheres: list[tuple[float, float, float, float]] = []
+        self.nodes: list[Indices] = []
+        self.node_spheres: list[Array] = []
+        self.sets: list[tuple[int, int, int, int]] = []
         self.set_body: list[int] = []
         self.set_part: list[int] = []
-        self.set_radius: list[float] = []
-        self.set_exact: list[bool] = []
+        self.radius: list[float] = []
         self.vertices: list[Array] = []
-        self.normals: list[Array] = []
-        self.offsets: list[Array] = []
+        self.planes: list[Array] = []
+        self.ends = np.zeros(4, dtype=np.int64)
+        """Nodes, sets, vertices, planes so far."""
 
-    def add(
-        self, tree: SphereTree, solid: bool, T: pin.SE3, joint: int, body: int, part: int
-    ) -> None:
-        node, first_set = self.part_nodes[-1], self.part_sets[-1]
-        centers = tree.centers @ T.rotation.T + T.translation
-        leaf = tree.first >= 0
-        self.nodes.append(
-            (
-                centers,
-                tree.radii,
-                tree.skip + node,
-                np.where(leaf, tree.first + first_set, -1),
-                np.where(leaf, tree.last + first_set, -1),
-            )
-        )
-        self.part_nodes.append(node + len(centers))
-        self.part_sets.append(first_set + len(tree.sets))
-        self.part_solid.append(solid)
-        self.part_sphere.append(np.array([*centers[0], tree.radii[0]]))
+    def add(self, tree: SphereTree, solid: bool, T: pin.SE3, body: int, part: int) -> None:
+        nodes, sets, _, _ = self.ends.tolist()
+        spheres = np.column_stack([tree.centers @ T.rotation.T + T.translation, tree.radii])
+        below = np.column_stack([tree.first, tree.last])
+        below[tree.first >= 0] += sets
+        self.parts.append((nodes, sets, int(solid)))
+        self.part_spheres.append(spheres[0])
+        self.nodes.append(np.column_stack([tree.skip + nodes, below]))
+        self.node_spheres.append(spheres)
         for convex in tree.sets:
-            self._add_set(convex, T)
-            self.set_joint.append(joint)
+            self.sets.append((int(self.ends[2]), int(self.ends[3]), body, int(convex.exact)))
+            normals = convex.normals @ T.rotation.T
+            self.vertices.append(convex.vertices @ T.rotation.T + T.translation)
+            self.planes.append(np.column_stack([normals, convex.offsets + normals @ T.translation]))
+            self.radius.append(convex.radius)
             self.set_body.append(body)
             self.set_part.append(part)
-
-    def _add_set(self, convex: ConvexSet, T: pin.SE3) -> None:
-        normals = convex.normals @ T.rotation.T
-        self.vertices.append(convex.vertices @ T.rotation.T + T.translation)
-        self.normals.append(normals)
-        self.offsets.append(convex.offsets + normals @ T.translation)
-        self.set_vertices.append(self.set_vertices[-1] + len(convex.vertices))
-        self.set_planes.append(self.set_planes[-1] + len(convex.offsets))
-        self.set_radius.append(convex.radius)
-        self.set_exact.append(convex.exact)
+            self.ends += (0, 1, len(convex.vertices), len(convex.offsets))
+        self.ends[0] += len(spheres)
 
     def end_body(self) -> None:
-        first, last = self.body_parts[-1], len(self.part_solid)
-        self.body_parts.append(last)
-        sets = range(self.part_sets[first], self.part_sets[last])
-        corners = np.ascontiguousarray(np.vstack([self.vertices[s] for s in sets]))
+        first = self.parts[self.first_part[-1]][1]
+        self.first_part.append(len(self.parts))
+        corners = np.ascontiguousarray(np.vstack(self.vertices[first:]))
         center, radius = bounding_sphere(corners)
-        radius += max(self.set_radius[s] for s in sets) + 1e-9
-        self.body_sphere.append((center, radius))
+        radius += max(self.radius[first:]) + 1e-9
+        self.body_spheres.append((*center.tolist(), radius))
 
-    def arrays(self) -> dict[str, Any]:
-        def stack(rows: list[Array], width: int) -> Array:
-            return np.ascontiguousarray(np.vstack([np.zeros((0, width)), *rows]))
-
-        spheres = np.array(self.part_sphere).reshape(-1, 4)
-        center, radius, skip, first, last = (
-            np.concatenate(column) for column in zip(*self.nodes, strict=True)
-        )
+    def arrays(self, joints: list[int]) -> dict[str, Any]:
+        """The tables, given the joint of each body."""
+        nodes, sets, vertices, planes = self.ends.tolist()
+        rows = [(*ends, joints[body], exact) for *ends, body, exact in self.sets]
         return {
-            "body_center": np.array([c for c, _ in self.body_sphere]),
-            "body_radius": np.array([r for _, r in self.body_sphere]),
-            "body_parts": np.array(self.body_parts, dtype=np.int64),
-            "part_center": np.ascontiguousarray(spheres[:, :3]),
-            "part_radius": np.ascontiguousarray(spheres[:, 3]),
-            "part_solid": np.array(self.part_solid, dtype=np.bool_),
-            "part_nodes": np.array(self.part_nodes, dtype=np.int64),
-            "part_sets": np.array(self.part_sets, dtype=np.int64),
-            "node_center": np.ascontiguousarray(center),
-            "node_radius": np.ascontiguousarray(radius),
-            "node_skip": skip,
-            "node_first": first,
-            "node_last": last,
-            "set_joint": np.array(self.set_joint, dtype=np.int64),
-            "set_vertices": np.array(self.set_vertices, dtype=np.int64),
-            "set_planes": np.array(self.set_planes, dtype=np.int64),
-            "set_radius": np.array(self.set_radius),
-            "set_exact": np.array(self.set_exact, dtype=np.bool_),
-            "vertices": stack(self.vertices, 3),
-            "normals": stack(self.normals, 3),
-            "offsets": np.concatenate(self.offsets),
+            "bodies": np.column_stack([[*joints, 0], self.first_part]).astype(np.int64),
+            "body_spheres": np.array(self.body_spheres),
+            "parts": np.array([*self.parts, (nodes, sets, 0)], dtype=np.int64),
+            "part_spheres": np.array(self.part_spheres),
+            "nodes": np.vstack(self.nodes),
+            "node_spheres": np.vstack(self.node_spheres),
+            "sets": np.array([*rows, (vertices, planes, 0, 0)], dtype=np.int64),
+            "radius": np.array(self.radius),
+            "vertices": np.vstack(self.vertices),
+            "planes": np.vstack(self.planes),
         }

@@ -24,32 +24,30 @@ def box_arrays(obstacles: ObstacleSet) -> BoxArrays:
 
 
 def _make(obstacles: ObstacleSet) -> BoxArrays:
-    origin = np.ascontiguousarray(obstacles.origin, dtype=np.float64)
+    number = len(obstacles.lower)
     size = float(obstacles.cell_size)
-    lower = np.ascontiguousarray(obstacles.lower, dtype=np.float64).reshape(-1, 3)
-    upper = np.ascontiguousarray(obstacles.upper, dtype=np.float64).reshape(-1, 3)
-    number = len(lower)
-    index = np.ascontiguousarray(obstacles.index, dtype=np.int32)
-    if number:
-        extent = np.concatenate([lower.min(axis=0), upper.max(axis=0)])
-        distance = distance_transform_edt(index < 0) * size
-        # Both centres may be half a diagonal from the points that matter; a box fills its cell at
-        # most, and the query's own half is taken off where the field is read.
-        field = np.maximum(distance - 0.5 * np.sqrt(3.0) * size, 0.0).astype(np.float32) - 1e-6
-    else:
-        extent = np.zeros(6)
-        index = np.full((1, 1, 1), -1, dtype=np.int32)
-        field = np.zeros((1, 1, 1))
+    grid = np.array([*obstacles.origin, size])
+    if not number:
+        return BoxArrays(
+            number=0,
+            rows=np.full((1, 1, 1), -1, dtype=np.int32),
+            next=np.zeros(0, dtype=np.int32),
+            corners=np.zeros((0, 6)),
+            grid=grid,
+            field_grid=np.array([*grid, *np.zeros(6)]),
+            field=np.zeros((1, 1, 1), dtype=np.float32),
+        )
+    corners = np.hstack([obstacles.lower, obstacles.upper])
+    # Both centres may be half a diagonal from the points that matter; a box fills its cell at
+    # most, and the query's own half is taken off where the field is read.
+    distance = distance_transform_edt(np.asarray(obstacles.index) < 0) * size
+    field = np.maximum(distance - 0.5 * np.sqrt(3.0) * size, 0.0).astype(np.float32) - 1e-6
     return BoxArrays(
         number=number,
-        origin=origin,
-        cell_size=size,
-        rows=index,
-        lower=lower,
-        upper=upper,
-        next=np.ascontiguousarray(obstacles.next, dtype=np.int32),
-        extent=extent,
-        field_origin=origin,
-        field_cell=size,
+        rows=np.array(obstacles.index, dtype=np.int32, order="C"),
+        next=np.array(obstacles.next, dtype=np.int32),
+        corners=corners,
+        grid=grid,
+        field_grid=np.concatenate([grid, corners[:, :3].min(axis=0), corners[:, 3:].max(axis=0)]),
         field=np.ascontiguousarray(field, dtype=np.float32),
     )

@@ -18,11 +18,32 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from placement_planner_ros.core.robot.collision_arrays import ArmArrays, ArmScratch
+from placement_planner_ros.core.robot.collision_arrays import (
+    BODY_FIRST_PART,
+    BODY_JOINT,
+    NODE_FIRST,
+    NODE_LAST,
+    NODE_SKIP,
+    PAIR_INNER,
+    PAIR_OUTER,
+    PAIR_OUTWARD,
+    PAIR_SLOT,
+    PART_FIRST_NODE,
+    PART_FIRST_SET,
+    PART_SOLID,
+    SET_EXACT,
+    SET_FIRST_PLANE,
+    SET_FIRST_VERTEX,
+    SET_JOINT,
+    ArmArrays,
+    ArmScratch,
+    Indices,
+)
 from placement_planner_ros.core.robot.kinematics import chain_frames
 from placement_planner_ros.core.robot.separation import (
     COLLIDING,
     FREE,
+    TOLERANCE,
     UNDECIDED,
     separate_box,
     separate_hulls,
@@ -32,207 +53,207 @@ from placement_planner_ros.core.types import Array
 OVERFLOW = 3
 """An edge needs more intervals than the queue holds: cut it in two."""
 
-TOLERANCE = 1e-6
-
 
 class BoxArrays(NamedTuple):
     """The obstacle set for the kernels: m boxes, each within its cell."""
 
     number: int
-    origin: Array
-    cell_size: float
     rows: npt.NDArray[np.int32]
-    lower: Array
-    upper: Array
+    """(nx, ny, nz) cell to its first box, or -1."""
     next: npt.NDArray[np.int32]
     """(m,) another box of the same cell, or -1."""
-    extent: Array
-    """(6,) box around all boxes, lower then upper."""
-    field_origin: Array
-    field_cell: float
+    corners: Array
+    """(m, 6) lower then upper."""
+    grid: Array
+    """(4,) lower corner of the grid, and its cell size."""
+    field_grid: Array
+    """(10,) the like of the field, then the box around all boxes, lower and upper."""
     field: npt.NDArray[np.float32]
     """Lower bound of the distance at each cell's centre."""
 
 
 @njit(cache=True)
-def distance_bound(boxes: BoxArrays, x: float, y: float, z: float) -> float:
-    """A lower bound of the distance of a point to all boxes; negative where none is known."""
-    dx = max(boxes.extent[0] - x, 0.0, x - boxes.extent[3])
-    dy = max(boxes.extent[1] - y, 0.0, y - boxes.extent[4])
-    dz = max(boxes.extent[2] - z, 0.0, z - boxes.extent[5])
-    outside = np.sqrt(dx * dx + dy * dy + dz * dz)
-    size = boxes.field_cell
-    fx = (x - boxes.field_origin[0]) / size
-    fy = (y - boxes.field_origin[1]) / size
-    fz = (z - boxes.field_origin[2]) / size
-    i = min(max(int(np.floor(fx)), 0), boxes.field.shape[0] - 1)
-    j = min(max(int(np.floor(fy)), 0), boxes.field.shape[1] - 1)
-    k = min(max(int(np.floor(fz)), 0), boxes.field.shape[2] - 1)
-    fx -= i + 0.5
-    fy -= j + 0.5
-    fz -= k + 0.5
-    bound = boxes.field[i, j, k] - size * np.sqrt(fx * fx + fy * fy + fz * fz)
-    return max(outside, bound)
+def distance_bound(
+    grid: Array, field: npt.NDArray[np.float32], x: float, y: float, z: float
+) -> float:
+    """A lower bound of the distance of a point to all boxes (`field_grid`, `field`)."""
+    size = grid[3]
+    fx = (x - grid[0]) / size
+    fy = (y - grid[1]) / size
+    fz = (z - grid[2]) / size
+    i = int(np.floor(fx))
+    j = int(np.floor(fy))
+    k = int(np.floor(fz))
+    if 0 <= i < field.shape[0] and 0 <= j < field.shape[1] and 0 <= k < field.shape[2]:
+        fx -= i + 0.5
+        fy -= j + 0.5
+        fz -= k + 0.5
+        return field[i, j, k] - size * np.sqrt(fx * fx + fy * fy + fz * fz)
+    dx = max(grid[4] - x, 0.0, x - grid[7])
+    dy = max(grid[5] - y, 0.0, y - grid[8])
+    dz = max(grid[6] - z, 0.0, z - grid[9])
+    return np.sqrt(dx * dx + dy * dy + dz * dz)
 
 
 @njit(cache=True)
-def place_joints(arm: ArmArrays, scratch: ArmScratch, q: Array) -> None:
-    """Forward kinematics: world frames of the joints at q (n,); ends what was known before."""
-    scratch.counters[0] += 1
-    chain_frames(arm.fixed, arm.prismatic, q, scratch.frames)
-
-
-@njit(cache=True)
-def _to_world(scratch: ArmScratch, joint: int, v: Array) -> tuple[float, float, float]:
-    if joint < 0:
-        return v[0], v[1], v[2]
-    T = scratch.frames[joint]
+def _to_world(
+    frames: Array, joint: int, x: float, y: float, z: float
+) -> tuple[float, float, float]:
     return (
-        T[0, 3] + T[0, 0] * v[0] + T[0, 1] * v[1] + T[0, 2] * v[2],
-        T[1, 3] + T[1, 0] * v[0] + T[1, 1] * v[1] + T[1, 2] * v[2],
-        T[2, 3] + T[2, 0] * v[0] + T[2, 1] * v[1] + T[2, 2] * v[2],
+        frames[joint, 0, 3]
+        + frames[joint, 0, 0] * x
+        + frames[joint, 0, 1] * y
+        + frames[joint, 0, 2] * z,
+        frames[joint, 1, 3]
+        + frames[joint, 1, 0] * x
+        + frames[joint, 1, 1] * y
+        + frames[joint, 1, 2] * z,
+        frames[joint, 2, 3]
+        + frames[joint, 2, 0] * x
+        + frames[joint, 2, 1] * y
+        + frames[joint, 2, 2] * z,
     )
 
 
 @njit(cache=True)
-def place_set(arm: ArmArrays, scratch: ArmScratch, s: int) -> None:
-    """Vertices, planes and box of convex set s in the world, once per configuration."""
-    if scratch.set_stamp[s] >= scratch.counters[0]:
-        return
-    scratch.set_stamp[s] = scratch.counters[0]
-    T = scratch.frames[arm.set_joint[s]]
-    radius = arm.set_radius[s]
-    bounds = scratch.bounds[s]
-    for i in range(3):
-        bounds[i] = np.inf
-        bounds[i + 3] = -np.inf
-    for v in range(arm.set_vertices[s], arm.set_vertices[s + 1]):
-        x, y, z = arm.vertices[v, 0], arm.vertices[v, 1], arm.vertices[v, 2]
-        for i in range(3):
-            w = T[i, 3] + T[i, 0] * x + T[i, 1] * y + T[i, 2] * z
-            scratch.vertices[v, i] = w
-            bounds[i] = min(bounds[i], w - radius)
-            bounds[i + 3] = max(bounds[i + 3], w + radius)
-    for v in range(arm.set_planes[s], arm.set_planes[s + 1]):
-        x, y, z = arm.normals[v, 0], arm.normals[v, 1], arm.normals[v, 2]
-        offset = arm.offsets[v]
-        for i in range(3):
-            n = T[i, 0] * x + T[i, 1] * y + T[i, 2] * z
-            scratch.normals[v, i] = n
-            offset += n * T[i, 3]
-        scratch.offsets[v] = offset
+def place_arm(arm: ArmArrays, scratch: ArmScratch, q: Array) -> None:
+    """Forward kinematics at q (n,): joint frames, bounding spheres of moving bodies and parts.
+
+    Whatever was placed in the world before counts as outdated.
+    """
+    scratch.counters[0] += 1
+    frames = scratch.frames
+    chain_frames(arm.fixed, arm.prismatic, q, frames)
+    bodies = arm.bodies
+    local, world = arm.body_spheres, scratch.body_spheres
+    part_local, part_world = arm.part_spheres, scratch.part_spheres
+    for body in range(arm.moving):
+        joint = bodies[body, BODY_JOINT]
+        world[body, 0], world[body, 1], world[body, 2] = _to_world(
+            frames, joint, local[body, 0], local[body, 1], local[body, 2]
+        )
+        for part in range(bodies[body, BODY_FIRST_PART], bodies[body + 1, BODY_FIRST_PART]):
+            part_world[part, 0], part_world[part, 1], part_world[part, 2] = _to_world(
+                frames, joint, part_local[part, 0], part_local[part, 1], part_local[part, 2]
+            )
 
 
 @njit(cache=True)
-def set_meets_box(
-    arm: ArmArrays,
-    scratch: ArmScratch,
-    s: int,
-    lower: Array,
-    upper: Array,
+def _place_set(arm: ArmArrays, scratch: ArmScratch, s: int) -> None:
+    """Vertices, planes and box of convex set s in the world."""
+    frames = scratch.frames
+    sets = arm.sets
+    local, world = arm.vertices, scratch.vertices
+    bounds = scratch.bounds
+    joint = sets[s, SET_JOINT]
+    radius = arm.radius[s]
+    for i in range(3):
+        low = np.inf
+        high = -np.inf
+        r0, r1, r2 = frames[joint, i, 0], frames[joint, i, 1], frames[joint, i, 2]
+        p = frames[joint, i, 3]
+        for v in range(sets[s, SET_FIRST_VERTEX], sets[s + 1, SET_FIRST_VERTEX]):
+            w = p + r0 * local[v, 0] + r1 * local[v, 1] + r2 * local[v, 2]
+            world[v, i] = w
+            low = min(low, w)
+            high = max(high, w)
+        bounds[s, i] = low - radius
+        bounds[s, i + 3] = high + radius
+    planes, moved = arm.planes, scratch.planes
+    for v in range(sets[s, SET_FIRST_PLANE], sets[s + 1, SET_FIRST_PLANE]):
+        offset = planes[v, 3]
+        for i in range(3):
+            n = (
+                frames[joint, i, 0] * planes[v, 0]
+                + frames[joint, i, 1] * planes[v, 1]
+                + frames[joint, i, 2] * planes[v, 2]
+            )
+            moved[v, i] = n
+            offset += n * frames[joint, i, 3]
+        moved[v, 3] = offset
+
+
+@njit(cache=True)
+def polytope_meets_box(
+    vertices: Array,
+    first_vertex: int,
+    last_vertex: int,
+    planes: Array,
+    first_plane: int,
+    last_plane: int,
+    closed: bool,
+    bounds: Array,
+    row: int,
+    radius: float,
+    corners: Array,
+    box: int,
     need: float,
     hit: float,
+    work: Array,
 ) -> int:
-    """Convex set s against one box: FREE from distance `need` on, COLLIDING below `hit`."""
-    bounds = scratch.bounds[s]
+    """A convex set in the world against one box: FREE from distance `need`, COLLIDING below `hit`.
+
+    Args:
+        vertices, planes: (v, 3), (p, 4) of which the set's rows are the ranges given.
+        closed: whether the planes enclose the set and nothing more.
+        bounds: (s, 6), of which `row` is the box around the set, its radius included.
+        corners: (m, 6), of which `box` is the box.
+    """
+    far = need + TOLERANCE
     for i in range(3):
-        if lower[i] - bounds[i + 3] >= need + TOLERANCE or (
-            bounds[i] - upper[i] >= need + TOLERANCE
+        if (
+            corners[box, i] - bounds[row, i + 3] >= far
+            or bounds[row, i] - corners[box, i + 3] >= far
         ):
             return FREE
-    cx = 0.5 * (lower[0] + upper[0])
-    cy = 0.5 * (lower[1] + upper[1])
-    cz = 0.5 * (lower[2] + upper[2])
-    hx = upper[0] - cx
-    hy = upper[1] - cy
-    hz = upper[2] - cz
-    radius = arm.set_radius[s]
-    first, last = arm.set_planes[s], arm.set_planes[s + 1]
+    cx = 0.5 * (corners[box, 0] + corners[box, 3])
+    cy = 0.5 * (corners[box, 1] + corners[box, 4])
+    cz = 0.5 * (corners[box, 2] + corners[box, 5])
+    hx = corners[box, 3] - cx
+    hy = corners[box, 4] - cy
+    hz = corners[box, 5] - cz
+    far += radius
     deepest = -np.inf
     best = -np.inf
     axis = -1
-    for v in range(first, last):
-        nx, ny, nz = scratch.normals[v, 0], scratch.normals[v, 1], scratch.normals[v, 2]
-        middle = nx * cx + ny * cy + nz * cz - scratch.offsets[v]
+    for v in range(first_plane, last_plane):
+        nx, ny, nz = planes[v, 0], planes[v, 1], planes[v, 2]
+        middle = nx * cx + ny * cy + nz * cz - planes[v, 3]
         gap = middle - abs(nx) * hx - abs(ny) * hy - abs(nz) * hz
-        if gap - radius >= need + TOLERANCE:
+        if gap >= far:
             return FREE
         deepest = max(deepest, middle)
         if gap > best:
             best = gap
             axis = v
-    if last > first and deepest < -TOLERANCE:
-        return COLLIDING if arm.set_exact[s] else UNDECIDED
-    direction = scratch.work[5]
     if axis >= 0:
-        for i in range(3):
-            direction[i] = -scratch.normals[axis, i]
+        if closed and deepest < -TOLERANCE:
+            return COLLIDING
+        work[5, 0], work[5, 1], work[5, 2] = -planes[axis, 0], -planes[axis, 1], -planes[axis, 2]
     else:
-        direction[0] = bounds[0] + bounds[3] - 2 * cx
-        direction[1] = bounds[1] + bounds[4] - 2 * cy
-        direction[2] = bounds[2] + bounds[5] - 2 * cz
-    answer = separate_box(
-        scratch.vertices,
-        arm.set_vertices[s],
-        arm.set_vertices[s + 1],
-        lower,
-        upper,
+        work[5, 0] = bounds[row, 0] + bounds[row, 3] - 2 * cx
+        work[5, 1] = bounds[row, 1] + bounds[row, 4] - 2 * cy
+        work[5, 2] = bounds[row, 2] + bounds[row, 5] - 2 * cz
+    return separate_box(
+        vertices,
+        first_vertex,
+        last_vertex,
+        corners,
+        box,
         need + radius,
         hit + radius,
-        direction,
-        scratch.work,
+        work,
     )
-    if answer == COLLIDING and not arm.set_exact[s]:
-        return UNDECIDED
-    return answer
 
 
 @njit(cache=True)
-def _note(scratch: ArmScratch, kind: int, a: int, b: int) -> None:
-    n = scratch.counters[2]
-    if n < scratch.undecided.shape[0]:
-        scratch.undecided[n, 0] = kind
-        scratch.undecided[n, 1] = a
-        scratch.undecided[n, 2] = b
-    scratch.counters[2] = n + 1
-
-
-@njit(cache=True)
-def _leaf_meets_box(
-    arm: ArmArrays,
-    boxes: BoxArrays,
-    scratch: ArmScratch,
-    node: int,
-    box: int,
-    x: float,
-    y: float,
-    z: float,
-    reach: float,
-    need: float,
-    hit: float,
-) -> int:
-    """The sets under a leaf at (x, y, z) against one box, if it is within `reach` of the leaf."""
-    lower = boxes.lower[box]
-    upper = boxes.upper[box]
-    dx = max(lower[0] - x, 0.0, x - upper[0])
-    dy = max(lower[1] - y, 0.0, y - upper[1])
-    dz = max(lower[2] - z, 0.0, z - upper[2])
-    if dx * dx + dy * dy + dz * dz > reach * reach:
-        return FREE
-    scratch.box_stamp[box] = scratch.counters[1]
-    result = FREE
-    for s in range(arm.node_first[node], arm.node_last[node]):
-        place_set(arm, scratch, s)
-        answer = set_meets_box(arm, scratch, s, lower, upper, need, hit)
-        if answer == COLLIDING:
-            scratch.hit[0] = 0
-            scratch.hit[1] = s
-            scratch.hit[2] = box
-            return COLLIDING
-        if answer == UNDECIDED:
-            result = UNDECIDED
-            _note(scratch, 0, s, box)
-    return result
+def _note(undecided: Indices, counters: Indices, kind: int, a: int, b: int) -> None:
+    n = counters[2]
+    if n < undecided.shape[0]:
+        undecided[n, 0] = kind
+        undecided[n, 1] = a
+        undecided[n, 2] = b
+    counters[2] = n + 1
 
 
 @njit(cache=True)
@@ -243,65 +264,102 @@ def body_meets_boxes(
 
     Where `need` is far above `hit`, or cannot be kept any more, only collisions are looked for.
     """
-    joint = arm.body_joint[body]
-    x, y, z = _to_world(scratch, joint, arm.body_center[body])
-    if distance_bound(boxes, x, y, z) >= arm.body_radius[body] + need + TOLERANCE:
-        return FREE
+    field, field_grid = boxes.field, boxes.field_grid
+    rows, corners, following = boxes.rows, boxes.corners, boxes.next
+    nodes, spheres, frames = arm.nodes, arm.node_spheres, scratch.frames
+    parts, sets = arm.parts, arm.sets
+    set_stamp, box_stamp, counters = scratch.set_stamp, scratch.box_stamp, scratch.counters
+    vertices, planes, bounds, work = (
+        scratch.vertices,
+        scratch.planes,
+        scratch.bounds,
+        scratch.work,
+    )
+    joint = arm.bodies[body, BODY_JOINT]
+    ox, oy, oz, size = boxes.grid[0], boxes.grid[1], boxes.grid[2], boxes.grid[3]
+    nx, ny, nz = rows.shape
+    now = counters[0]
     near = need
     result = FREE
-    if need - hit > 2.0 * boxes.cell_size:
+    if need - hit > 2.0 * size:
         near = hit
-    size = boxes.cell_size
-    nx, ny, nz = boxes.rows.shape
-    for part in range(arm.body_parts[body], arm.body_parts[body + 1]):
-        node = arm.part_nodes[part]
-        end = arm.part_nodes[part + 1]
-        if arm.part_solid[part]:
-            scratch.counters[1] += 1
+    for part in range(arm.bodies[body, BODY_FIRST_PART], arm.bodies[body + 1, BODY_FIRST_PART]):
+        solid = parts[part, PART_SOLID] != 0
+        if solid:
+            counters[1] += 1
+        node = parts[part, PART_FIRST_NODE]
+        end = parts[part + 1, PART_FIRST_NODE]
         while node < end:
-            x, y, z = _to_world(scratch, joint, arm.node_center[node])
-            radius = arm.node_radius[node]
-            bound = distance_bound(boxes, x, y, z) - radius - TOLERANCE
-            if bound >= need:
-                node = arm.node_skip[node]
+            x, y, z = _to_world(frames, joint, spheres[node, 0], spheres[node, 1], spheres[node, 2])
+            radius = spheres[node, 3]
+            bound = distance_bound(field_grid, field, x, y, z) - radius - TOLERANCE
+            if bound >= need or (result == UNDECIDED and bound >= near):
+                node = nodes[node, NODE_SKIP]
                 continue
-            if result == UNDECIDED and bound >= near:
-                node = arm.node_skip[node]
-                continue
-            if arm.node_first[node] < 0:
+            if nodes[node, NODE_FIRST] < 0:
                 node += 1
                 continue
             if near < need:
                 result = UNDECIDED
                 if bound >= near:
-                    node = arm.node_skip[node]
+                    node = nodes[node, NODE_SKIP]
                     continue
-            if not arm.part_solid[part]:
-                scratch.counters[1] += 1
+            if not solid:
+                counters[1] += 1
+            visit = counters[1]
             reach = radius + near + TOLERANCE
-            i0 = max(int(np.floor((x - reach - boxes.origin[0]) / size)), 0)
-            j0 = max(int(np.floor((y - reach - boxes.origin[1]) / size)), 0)
-            k0 = max(int(np.floor((z - reach - boxes.origin[2]) / size)), 0)
-            i1 = min(int(np.floor((x + reach - boxes.origin[0]) / size)) + 1, nx)
-            j1 = min(int(np.floor((y + reach - boxes.origin[1]) / size)) + 1, ny)
-            k1 = min(int(np.floor((z + reach - boxes.origin[2]) / size)) + 1, nz)
+            i0 = max(int(np.floor((x - reach - ox) / size)), 0)
+            j0 = max(int(np.floor((y - reach - oy) / size)), 0)
+            k0 = max(int(np.floor((z - reach - oz) / size)), 0)
+            i1 = min(int(np.floor((x + reach - ox) / size)) + 1, nx)
+            j1 = min(int(np.floor((y + reach - oy) / size)) + 1, ny)
+            k1 = min(int(np.floor((z + reach - oz) / size)) + 1, nz)
             for i in range(i0, i1):
                 for j in range(j0, j1):
                     for k in range(k0, k1):
-                        box = boxes.rows[i, j, k]
+                        box = rows[i, j, k]
                         while box >= 0:
-                            answer = FREE
-                            if scratch.box_stamp[box] != scratch.counters[1]:
-                                answer = _leaf_meets_box(
-                                    arm, boxes, scratch, node, box, x, y, z, reach, near, hit
+                            this = box
+                            box = following[box]
+                            if box_stamp[this] == visit:
+                                continue
+                            dx = max(corners[this, 0] - x, 0.0, x - corners[this, 3])
+                            dy = max(corners[this, 1] - y, 0.0, y - corners[this, 4])
+                            dz = max(corners[this, 2] - z, 0.0, z - corners[this, 5])
+                            if dx * dx + dy * dy + dz * dz > reach * reach:
+                                continue
+                            box_stamp[this] = visit
+                            for s in range(nodes[node, NODE_FIRST], nodes[node, NODE_LAST]):
+                                if set_stamp[s] < now:
+                                    set_stamp[s] = now
+                                    _place_set(arm, scratch, s)
+                                answer = polytope_meets_box(
+                                    vertices,
+                                    sets[s, SET_FIRST_VERTEX],
+                                    sets[s + 1, SET_FIRST_VERTEX],
+                                    planes,
+                                    sets[s, SET_FIRST_PLANE],
+                                    sets[s + 1, SET_FIRST_PLANE],
+                                    True,
+                                    bounds,
+                                    s,
+                                    arm.radius[s],
+                                    corners,
+                                    this,
+                                    near,
+                                    hit,
+                                    work,
                                 )
-                            if answer == COLLIDING:
-                                return COLLIDING
-                            if answer == UNDECIDED:
-                                result = UNDECIDED
-                                near = hit
-                            box = boxes.next[box]
-            node = arm.node_skip[node]
+                                if answer == COLLIDING and sets[s, SET_EXACT] != 0:
+                                    scratch.hit[0] = 0
+                                    scratch.hit[1] = s
+                                    scratch.hit[2] = this
+                                    return COLLIDING
+                                if answer != FREE:
+                                    result = UNDECIDED
+                                    near = hit
+                                    _note(scratch.undecided, counters, 0, s, this)
+            node = nodes[node, NODE_SKIP]
     return result
 
 
@@ -314,79 +372,120 @@ def _sets_meet(
     need: float,
     hit: float,
     direction: Array,
+    row: int,
 ) -> int:
-    place_set(arm, scratch, a)
-    place_set(arm, scratch, b)
-    if direction[0] == 0.0 and direction[1] == 0.0 and direction[2] == 0.0:
+    """Two convex sets; direction[row] is where to start, and where it ended."""
+    now = scratch.counters[0]
+    bounds = scratch.bounds
+    for s in (a, b):
+        if scratch.set_stamp[s] < now:
+            scratch.set_stamp[s] = now
+            _place_set(arm, scratch, s)
+    if direction[row, 0] == 0.0 and direction[row, 1] == 0.0 and direction[row, 2] == 0.0:
         for i in range(3):
-            direction[i] = (
-                scratch.bounds[a, i]
-                + scratch.bounds[a, i + 3]
-                - scratch.bounds[b, i]
-                - scratch.bounds[b, i + 3]
-            )
-    radius = arm.set_radius[a] + arm.set_radius[b]
+            direction[row, i] = bounds[a, i] + bounds[a, i + 3] - bounds[b, i] - bounds[b, i + 3]
+    sets = arm.sets
+    radius = arm.radius[a] + arm.radius[b]
     answer = separate_hulls(
         scratch.vertices,
-        arm.set_vertices[a],
-        arm.set_vertices[a + 1],
-        arm.set_vertices[b],
-        arm.set_vertices[b + 1],
+        sets[a, SET_FIRST_VERTEX],
+        sets[a + 1, SET_FIRST_VERTEX],
+        sets[b, SET_FIRST_VERTEX],
+        sets[b + 1, SET_FIRST_VERTEX],
         need + radius,
         hit + radius,
         direction,
+        row,
         scratch.work,
     )
-    if answer == COLLIDING:
-        if not (arm.set_exact[a] and arm.set_exact[b]):
-            answer = UNDECIDED
-        else:
-            scratch.hit[0] = 1
-            scratch.hit[1] = a
-            scratch.hit[2] = b
-            return COLLIDING
-    if answer == UNDECIDED:
-        _note(scratch, 1, a, b)
-    return answer
+    if answer == COLLIDING and sets[a, SET_EXACT] != 0 and sets[b, SET_EXACT] != 0:
+        scratch.hit[0] = 1
+        scratch.hit[1] = a
+        scratch.hit[2] = b
+        return COLLIDING
+    if answer != FREE:
+        _note(scratch.undecided, scratch.counters, 1, a, b)
+        return UNDECIDED
+    return FREE
+
+
+@njit(cache=True)
+def _support_gap(
+    vertices: Array,
+    frames: Array,
+    sets: Indices,
+    a: int,
+    b: int,
+    dx: float,
+    dy: float,
+    dz: float,
+) -> float:
+    """How far apart the hulls of sets a and b lie along a world direction, at least (times |d|)."""
+    gap = 0.0
+    for side in range(2):
+        s = a if side == 0 else b
+        sign = 1.0 - 2.0 * side
+        joint = sets[s, SET_JOINT]
+        lx = sign * (frames[joint, 0, 0] * dx + frames[joint, 1, 0] * dy + frames[joint, 2, 0] * dz)
+        ly = sign * (frames[joint, 0, 1] * dx + frames[joint, 1, 1] * dy + frames[joint, 2, 1] * dz)
+        lz = sign * (frames[joint, 0, 2] * dx + frames[joint, 1, 2] * dy + frames[joint, 2, 2] * dz)
+        lowest = np.inf
+        for v in range(sets[s, SET_FIRST_VERTEX], sets[s + 1, SET_FIRST_VERTEX]):
+            lowest = min(lowest, lx * vertices[v, 0] + ly * vertices[v, 1] + lz * vertices[v, 2])
+        gap += lowest + sign * (
+            frames[joint, 0, 3] * dx + frames[joint, 1, 3] * dy + frames[joint, 2, 3] * dz
+        )
+    return gap
 
 
 @njit(cache=True)
 def bodies_meet(arm: ArmArrays, scratch: ArmScratch, pair: int, need: float, hit: float) -> int:
     """One pair of bodies; what is left UNDECIDED is noted in the scratch."""
-    a, b = arm.pairs[pair, 0], arm.pairs[pair, 1]
-    joint_a, joint_b = arm.body_joint[a], arm.body_joint[b]
-    xa, ya, za = _to_world(scratch, joint_a, arm.body_center[a])
-    xb, yb, zb = _to_world(scratch, joint_b, arm.body_center[b])
-    reach = arm.body_radius[a] + arm.body_radius[b] + need + TOLERANCE
-    if (xa - xb) ** 2 + (ya - yb) ** 2 + (za - zb) ** 2 > reach * reach:
-        return FREE
+    bodies, parts, sets, radius = arm.bodies, arm.parts, arm.sets, arm.radius
+    vertices, frames = arm.vertices, scratch.frames
+    body_spheres, spheres = scratch.body_spheres, scratch.part_spheres
+    direction, bounds = scratch.direction, scratch.bounds
+    a, b = arm.pairs[pair, PAIR_INNER], arm.pairs[pair, PAIR_OUTER]
+    fixed = a >= arm.moving
+    slot = arm.pairs[pair, PAIR_SLOT]
+    first_b, last_b = bodies[b, BODY_FIRST_PART], bodies[b + 1, BODY_FIRST_PART]
     result = FREE
-    slot = arm.pair_slot[pair]
-    for part_a in range(arm.body_parts[a], arm.body_parts[a + 1]):
-        xa, ya, za = _to_world(scratch, joint_a, arm.part_center[part_a])
-        near_b = arm.part_radius[part_a] + need + TOLERANCE
-        reach = near_b + arm.body_radius[b]
-        if (xa - xb) ** 2 + (ya - yb) ** 2 + (za - zb) ** 2 > reach * reach:
-            slot += arm.body_parts[b + 1] - arm.body_parts[b]
+    for p in range(bodies[a, BODY_FIRST_PART], bodies[a + 1, BODY_FIRST_PART]):
+        slot += last_b - first_b
+        x, y, z = spheres[p, 0], spheres[p, 1], spheres[p, 2]
+        near = spheres[p, 3] + need + TOLERANCE
+        dx, dy, dz = x - body_spheres[b, 0], y - body_spheres[b, 1], z - body_spheres[b, 2]
+        reach = near + body_spheres[b, 3]
+        if dx * dx + dy * dy + dz * dz > reach * reach:
             continue
-        for part_b in range(arm.body_parts[b], arm.body_parts[b + 1]):
-            slot += 1
-            x, y, z = _to_world(scratch, joint_b, arm.part_center[part_b])
-            reach = near_b + arm.part_radius[part_b]
-            if (xa - x) ** 2 + (ya - y) ** 2 + (za - z) ** 2 > reach * reach:
+        s = parts[p, PART_FIRST_SET]
+        solid = parts[p, PART_SOLID] != 0
+        for o in range(first_b, last_b):
+            dx, dy, dz = x - spheres[o, 0], y - spheres[o, 1], z - spheres[o, 2]
+            reach = near + spheres[o, 3]
+            if dx * dx + dy * dy + dz * dz > reach * reach:
                 continue
-            if arm.part_solid[part_a] and arm.part_solid[part_b]:
-                answer = _sets_meet(
-                    arm,
-                    scratch,
-                    arm.part_sets[part_a],
-                    arm.part_sets[part_b],
-                    need,
-                    hit,
-                    scratch.direction[slot - 1],
-                )
+            if not solid or parts[o, PART_SOLID] == 0:
+                answer = _surfaces_meet(arm, scratch, p, o, need, hit)
             else:
-                answer = _trees_meet(arm, scratch, part_a, part_b, joint_a, joint_b, need, hit)
+                if fixed:
+                    # The box around a fixed set is known for good, and tighter than its ball.
+                    dx = max(bounds[s, 0] - spheres[o, 0], 0.0, spheres[o, 0] - bounds[s, 3])
+                    dy = max(bounds[s, 1] - spheres[o, 1], 0.0, spheres[o, 1] - bounds[s, 4])
+                    dz = max(bounds[s, 2] - spheres[o, 2], 0.0, spheres[o, 2] - bounds[s, 5])
+                    reach = spheres[o, 3] + need + TOLERANCE
+                    if dx * dx + dy * dy + dz * dz > reach * reach:
+                        continue
+                t = parts[o, PART_FIRST_SET]
+                row = slot - last_b + o
+                dx, dy, dz = direction[row, 0], direction[row, 1], direction[row, 2]
+                length = np.sqrt(dx * dx + dy * dy + dz * dz)
+                far = need + radius[s] + radius[t] + TOLERANCE
+                if length > 0.0 and (
+                    _support_gap(vertices, frames, sets, s, t, dx, dy, dz) >= far * length
+                ):
+                    continue
+                answer = _sets_meet(arm, scratch, s, t, need, hit, direction, row)
             if answer == COLLIDING:
                 return COLLIDING
             if answer == UNDECIDED:
@@ -395,95 +494,59 @@ def bodies_meet(arm: ArmArrays, scratch: ArmScratch, pair: int, need: float, hit
 
 
 @njit(cache=True)
-def _trees_meet(
-    arm: ArmArrays,
-    scratch: ArmScratch,
-    part_a: int,
-    part_b: int,
-    joint_a: int,
-    joint_b: int,
-    need: float,
-    hit: float,
+def _surfaces_meet(
+    arm: ArmArrays, scratch: ArmScratch, p: int, o: int, need: float, hit: float
 ) -> int:
-    """Two parts of which one at least is a surface: leaves of a against leaves of b."""
-    xb, yb, zb = _to_world(scratch, joint_b, arm.part_center[part_b])
+    """Two parts of which one at least is a surface: leaves of p against leaves of o."""
+    parts, nodes, local, frames = arm.parts, arm.nodes, arm.node_spheres, scratch.frames
+    joint_p = arm.sets[parts[p, PART_FIRST_SET], SET_JOINT]
+    joint_o = arm.sets[parts[o, PART_FIRST_SET], SET_JOINT]
+    whole = scratch.part_spheres
     result = FREE
-    a = arm.part_nodes[part_a]
-    while a < arm.part_nodes[part_a + 1]:
-        xa, ya, za = _to_world(scratch, joint_a, arm.node_center[a])
-        near = arm.node_radius[a] + need + TOLERANCE
-        reach = near + arm.part_radius[part_b]
-        if (xa - xb) ** 2 + (ya - yb) ** 2 + (za - zb) ** 2 > reach * reach:
-            a = arm.node_skip[a]
+    # Of a solid part only the set counts, so its root stands for all of its tree.
+    end_a = parts[p + 1, PART_FIRST_NODE]
+    end_b = parts[o + 1, PART_FIRST_NODE]
+    a = parts[p, PART_FIRST_NODE]
+    while a < end_a:
+        x, y, z = _to_world(frames, joint_p, local[a, 0], local[a, 1], local[a, 2])
+        near = local[a, 3] + need + TOLERANCE
+        dx, dy, dz = x - whole[o, 0], y - whole[o, 1], z - whole[o, 2]
+        reach = near + whole[o, 3]
+        if dx * dx + dy * dy + dz * dz > reach * reach:
+            a = nodes[a, NODE_SKIP]
             continue
-        if arm.node_first[a] < 0 and not arm.part_solid[part_a]:
+        first_a, last_a = nodes[a, NODE_FIRST], nodes[a, NODE_LAST]
+        if parts[p, PART_SOLID] != 0:
+            first_a = parts[p, PART_FIRST_SET]
+            last_a = first_a + 1
+        elif first_a < 0:
             a += 1
             continue
-        b = arm.part_nodes[part_b]
-        while b < arm.part_nodes[part_b + 1]:
-            x, y, z = _to_world(scratch, joint_b, arm.node_center[b])
-            reach = near + arm.node_radius[b]
-            if (xa - x) ** 2 + (ya - y) ** 2 + (za - z) ** 2 > reach * reach:
-                b = arm.node_skip[b]
+        b = parts[o, PART_FIRST_NODE]
+        while b < end_b:
+            u, v, w = _to_world(frames, joint_o, local[b, 0], local[b, 1], local[b, 2])
+            dx, dy, dz = x - u, y - v, z - w
+            reach = near + local[b, 3]
+            if dx * dx + dy * dy + dz * dz > reach * reach:
+                b = nodes[b, NODE_SKIP]
                 continue
-            if arm.node_first[b] < 0 and not arm.part_solid[part_b]:
+            first_b, last_b = nodes[b, NODE_FIRST], nodes[b, NODE_LAST]
+            if parts[o, PART_SOLID] != 0:
+                first_b = parts[o, PART_FIRST_SET]
+                last_b = first_b + 1
+            elif first_b < 0:
                 b += 1
                 continue
-            first_a, last_a = arm.node_first[a], arm.node_last[a]
-            if arm.part_solid[part_a]:
-                first_a = arm.part_sets[part_a]
-                last_a = first_a + 1
-            first_b, last_b = arm.node_first[b], arm.node_last[b]
-            if arm.part_solid[part_b]:
-                first_b = arm.part_sets[part_b]
-                last_b = first_b + 1
             for s in range(first_a, last_a):
                 for t in range(first_b, last_b):
-                    direction = scratch.work[5, :3]
-                    direction[:] = 0.0
-                    answer = _sets_meet(arm, scratch, s, t, need, hit, direction)
+                    scratch.work[5, :3] = 0.0
+                    answer = _sets_meet(arm, scratch, s, t, need, hit, scratch.work, 5)
                     if answer == COLLIDING:
                         return COLLIDING
                     if answer == UNDECIDED:
                         result = UNDECIDED
-            b = arm.node_skip[b]
-            if arm.part_solid[part_b]:
-                break
-        a = arm.node_skip[a]
-        if arm.part_solid[part_a]:
-            break
-    return result
-
-
-@njit(cache=True)
-def check_state(
-    arm: ArmArrays,
-    boxes: BoxArrays,
-    scratch: ArmScratch,
-    q: Array,
-    margin: float,
-    self_margin: float,
-    contact: bool,
-) -> int:
-    """One configuration q (n,); pairs left UNDECIDED are noted in the scratch."""
-    place_joints(arm, scratch, q)
-    scratch.counters[2] = 0
-    result = FREE
-    if boxes.number > 0:
-        for body in range(arm.moving):
-            if contact and body == arm.held:
-                continue
-            answer = body_meets_boxes(arm, boxes, scratch, body, margin, margin)
-            if answer == COLLIDING:
-                return COLLIDING
-            if answer == UNDECIDED:
-                result = UNDECIDED
-    for pair in range(arm.pairs.shape[0]):
-        answer = bodies_meet(arm, scratch, pair, self_margin, self_margin)
-        if answer == COLLIDING:
-            return COLLIDING
-        if answer == UNDECIDED:
-            result = UNDECIDED
+            b = nodes[b, NODE_SKIP]
+        a = nodes[a, NODE_SKIP]
     return result
 
 
@@ -496,31 +559,70 @@ def check_states(
     margin: float,
     self_margin: float,
     contact: bool,
-    answers: npt.NDArray[np.int64],
+    answers: Indices,
 ) -> None:
-    """Configurations Q (m, n); answers (m,)."""
+    """Configurations Q (m, n), answers (m,); what the last leaves UNDECIDED is in the scratch."""
+    field, field_grid = boxes.field, boxes.field_grid
+    spheres, pairs = scratch.body_spheres, arm.pairs
+    near = self_margin + TOLERANCE
     for i in range(Q.shape[0]):
-        answers[i] = check_state(arm, boxes, scratch, Q[i], margin, self_margin, contact)
+        place_arm(arm, scratch, Q[i])
+        scratch.counters[2] = 0
+        result = FREE
+        for body in range(arm.moving if boxes.number > 0 else 0):
+            if contact and body == arm.held:
+                continue
+            bound = distance_bound(
+                field_grid, field, spheres[body, 0], spheres[body, 1], spheres[body, 2]
+            )
+            if bound >= spheres[body, 3] + margin + TOLERANCE:
+                continue
+            answer = body_meets_boxes(arm, boxes, scratch, body, margin, margin)
+            if answer == COLLIDING:
+                result = COLLIDING
+                break
+            if answer == UNDECIDED:
+                result = UNDECIDED
+        if result != COLLIDING:
+            for pair in range(pairs.shape[0]):
+                a, b = pairs[pair, PAIR_INNER], pairs[pair, PAIR_OUTER]
+                dx = spheres[a, 0] - spheres[b, 0]
+                dy = spheres[a, 1] - spheres[b, 1]
+                dz = spheres[a, 2] - spheres[b, 2]
+                reach = spheres[a, 3] + spheres[b, 3] + near
+                if dx * dx + dy * dy + dz * dz > reach * reach:
+                    continue
+                answer = bodies_meet(arm, scratch, pair, self_margin, self_margin)
+                if answer == COLLIDING:
+                    result = COLLIDING
+                    break
+                if answer == UNDECIDED:
+                    result = UNDECIDED
+        answers[i] = result
 
 
 @njit(cache=True)
 def bound_motion(arm: ArmArrays, scratch: ArmScratch, delta: Array, bound: Array) -> None:
     """bound[b, k]: how far joints k and outward move any point of moving body b (this module)."""
+    frames, spheres, prismatic = scratch.frames, scratch.body_spheres, arm.prismatic
     for body in range(arm.moving):
-        joint = arm.body_joint[body]
-        x, y, z = _to_world(scratch, joint, arm.body_center[body])
-        radius = arm.body_radius[body]
+        joint = arm.bodies[body, BODY_JOINT]
+        x, y, z, radius = (
+            spheres[body, 0],
+            spheres[body, 1],
+            spheres[body, 2],
+            spheres[body, 3],
+        )
         m = 0.0
         bound[body, joint + 1] = 0.0
         for k in range(joint, -1, -1):
-            if arm.prismatic[k]:
+            if prismatic[k]:
                 m += delta[k]
             else:
-                T = scratch.frames[k]
-                dx = x - T[0, 3]
-                dy = y - T[1, 3]
-                dz = z - T[2, 3]
-                along = dx * T[0, 2] + dy * T[1, 2] + dz * T[2, 2]
+                dx = x - frames[k, 0, 3]
+                dy = y - frames[k, 1, 3]
+                dz = z - frames[k, 2, 3]
+                along = dx * frames[k, 0, 2] + dy * frames[k, 1, 2] + dz * frames[k, 2, 2]
                 across = np.sqrt(max(dx * dx + dy * dy + dz * dz - along * along, 0.0))
                 m += delta[k] * (across + radius + m)
             bound[body, k] = m
@@ -559,57 +661,69 @@ def check_edge(
     """
     n = a.shape[0]
     size = queue.shape[0]
-    pairs = arm.pairs.shape[0]
+    pairs = arm.pairs
+    items = arm.moving + pairs.shape[0]
+    field, field_grid = boxes.field, boxes.field_grid
+    spheres, bound = scratch.body_spheres, scratch.bound
     delta = np.empty(n)
     straight = np.empty(n)
     q = np.empty(n)
     strays = False
     for j in range(n):
         strays = strays or deviation[j] > 0.0
+    exact = scratch.bound_straight if strays else scratch.bound
     head = 0
     waiting = 1
     queue[0, 0] = 0.5
     queue[0, 1] = 0.5
-    for item in range(arm.moving + pairs):
-        settled[0, item] = False
+    settled[0, :] = False
     for body in range(arm.moving):
         if boxes.number == 0 or (contact and body == arm.held):
             settled[0, body] = True
     while waiting > 0:
         middle, half = queue[head, 0], queue[head, 1]
-        done = settled[head]
         for j in range(n):
             q[j] = a[j] + middle * (b[j] - a[j])
             straight[j] = half * abs(b[j] - a[j])
             delta[j] = straight[j] + deviation[j]
-        place_joints(arm, scratch, q)
-        bound_motion(arm, scratch, delta, scratch.bound)
+        place_arm(arm, scratch, q)
+        bound_motion(arm, scratch, delta, bound)
         if strays:
-            bound_motion(arm, scratch, straight, scratch.bound_straight)
-        exact = scratch.bound_straight if strays else scratch.bound
+            bound_motion(arm, scratch, straight, exact)
         open_items = False
-        for item in range(arm.moving + pairs):
-            if done[item]:
+        for item in range(items):
+            if settled[head, item]:
                 continue
             scratch.counters[2] = 0
             if item < arm.moving:
-                answer = body_meets_boxes(
-                    arm, boxes, scratch, item, margin + scratch.bound[item, 0], margin
+                need = margin + bound[item, 0]
+                clear = distance_bound(
+                    field_grid, field, spheres[item, 0], spheres[item, 1], spheres[item, 2]
                 )
-                motion = exact[item, 0]
+                if clear >= spheres[item, 3] + need + TOLERANCE:
+                    settled[head, item] = True
+                    continue
+                answer = body_meets_boxes(arm, boxes, scratch, item, need, margin)
+                small = exact[item, 0] <= resolution
             else:
                 pair = item - arm.moving
-                outer = arm.pairs[pair, 1]
-                inner = arm.body_joint[arm.pairs[pair, 0]]
-                motion = exact[outer, inner + 1]
-                answer = bodies_meet(
-                    arm, scratch, pair, self_margin + scratch.bound[outer, inner + 1], self_margin
-                )
+                inner, outer = pairs[pair, PAIR_INNER], pairs[pair, PAIR_OUTER]
+                first = pairs[pair, PAIR_OUTWARD]
+                need = self_margin + bound[outer, first]
+                dx = spheres[inner, 0] - spheres[outer, 0]
+                dy = spheres[inner, 1] - spheres[outer, 1]
+                dz = spheres[inner, 2] - spheres[outer, 2]
+                reach = spheres[inner, 3] + spheres[outer, 3] + need + TOLERANCE
+                if dx * dx + dy * dy + dz * dz > reach * reach:
+                    settled[head, item] = True
+                    continue
+                answer = bodies_meet(arm, scratch, pair, need, self_margin)
+                small = exact[outer, first] <= self_resolution
             if answer == COLLIDING:
                 return COLLIDING
             if answer == FREE:
-                done[item] = True
-            elif motion <= (resolution if item < arm.moving else self_resolution):
+                settled[head, item] = True
+            elif small:
                 return UNDECIDED
             else:
                 open_items = True
@@ -620,8 +734,8 @@ def check_edge(
                 place = (head + waiting + side) % size
                 queue[place, 0] = middle + (side - 0.5) * half
                 queue[place, 1] = 0.5 * half
-                for item in range(arm.moving + pairs):
-                    settled[place, item] = done[item]
+                for item in range(items):
+                    settled[place, item] = settled[head, item]
             waiting += 2
         head = (head + 1) % size
         waiting -= 1

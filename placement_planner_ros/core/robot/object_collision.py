@@ -111,11 +111,10 @@ class ObjectCollision:
         T = self._one_pose[0]
         transform = coal.Transform3s(T[:3, :3], T[:3, 3])
         for part, box in self._scratch.undecided[: self._scratch.counters[0]].tolist():
-            lower, upper = self._boxes.lower[box], self._boxes.upper[box]
             if meets(
                 self._swept(part, T, raise_height),
                 transform,
-                *coal_box(lower, upper),
+                *coal_box(self._boxes.corners[box]),
                 self.settings.collision_margin,
             ):
                 return False

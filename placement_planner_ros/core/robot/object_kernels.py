@@ -14,13 +14,16 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from placement_planner_ros.core.robot.collision_kernels import BoxArrays, distance_bound
+from placement_planner_ros.core.robot.collision_kernels import (
+    BoxArrays,
+    distance_bound,
+    polytope_meets_box,
+)
 from placement_planner_ros.core.robot.separation import (
     COLLIDING,
     FREE,
     TOLERANCE,
     UNDECIDED,
-    separate_box,
 )
 from placement_planner_ros.core.robot.spheres import bounding_sphere
 from placement_planner_ros.core.types import Array
@@ -39,8 +42,8 @@ class ObjectArrays(NamedTuple):
     spheres: Array
     """(p + 1, 4) bounding ball (centre, radius) of each part, then of the object."""
     vertices: Array
-    normals: Array
-    offsets: Array
+    planes: Array
+    """(f, 4) normal and offset."""
 
     @classmethod
     def of(cls, parts: Sequence[ConvexPart]) -> ObjectArrays:
@@ -53,8 +56,7 @@ class ObjectArrays(NamedTuple):
             part_planes=np.cumsum([0, *(len(p.offsets) for p in parts)], dtype=np.int64),
             spheres=np.array([[*center, radius + 1e-9] for center, radius in balls]),
             vertices=every,
-            normals=np.ascontiguousarray(np.vstack([p.normals for p in parts]), dtype=np.float64),
-            offsets=np.concatenate([p.offsets for p in parts]).astype(np.float64),
+            planes=np.vstack([np.column_stack([p.normals, p.offsets]) for p in parts]),
         )
 
 
@@ -63,9 +65,10 @@ class ObjectScratch(NamedTuple):
 
     vertices: Array
     """(2 v, 3) of each part in the world, at rest then raised."""
-    normals: Array
-    offsets: Array
-    """(planes,) of the swept part."""
+    planes: Array
+    """(f, 4) of the swept parts."""
+    bounds: Array
+    """(1, 6) box around the swept part."""
     counters: npt.NDArray[np.int64]
     """(1,) number of undecided pairs."""
     work: Array
@@ -77,8 +80,8 @@ class ObjectScratch(NamedTuple):
         """Work space with room for `rows` undecided pairs."""
         return cls(
             vertices=np.zeros((2 * len(arrays.vertices), 3)),
-            normals=np.zeros((len(arrays.normals), 3)),
-            offsets=np.zeros(len(arrays.offsets)),
+            planes=np.zeros((len(arrays.planes), 4)),
+            bounds=np.zeros((1, 6)),
             counters=np.zeros(1, dtype=np.int64),
             work=np.zeros((6, 4)),
             undecided=np.zeros((rows, 2), dtype=np.int64),
@@ -87,80 +90,35 @@ class ObjectScratch(NamedTuple):
 
 @njit(cache=True)
 def _place_part(
-    thing: ObjectArrays, scratch: ObjectScratch, part: int, T: Array, raised: float, bounds: Array
+    thing: ObjectArrays, scratch: ObjectScratch, part: int, T: Array, raised: float
 ) -> None:
-    """Vertices of both copies, planes and box (6,) of a swept part in the world."""
+    """Vertices of both copies, planes and box of a swept part in the world."""
     first = thing.part_vertices[part]
     count = thing.part_vertices[part + 1] - first
+    vertices, planes, bounds = scratch.vertices, scratch.planes, scratch.bounds
     for i in range(3):
-        bounds[i] = np.inf
-        bounds[i + 3] = -np.inf
-    for v in range(count):
-        x, y, z = thing.vertices[first + v]
-        for i in range(3):
-            w = T[i, 3] + T[i, 0] * x + T[i, 1] * y + T[i, 2] * z
-            scratch.vertices[2 * first + v, i] = w
-            scratch.vertices[2 * first + count + v, i] = w + (raised if i == 2 else 0.0)
-            bounds[i] = min(bounds[i], w)
-            bounds[i + 3] = max(bounds[i + 3], w)
-    bounds[5] += raised
+        up = raised if i == 2 else 0.0
+        low = np.inf
+        high = -np.inf
+        for v in range(count):
+            w = T[i, 3]
+            for j in range(3):
+                w += T[i, j] * thing.vertices[first + v, j]
+            vertices[2 * first + v, i] = w
+            vertices[2 * first + count + v, i] = w + up
+            low = min(low, w)
+            high = max(high, w + up)
+        bounds[0, i] = low
+        bounds[0, i + 3] = high
     for v in range(thing.part_planes[part], thing.part_planes[part + 1]):
-        x, y, z = thing.normals[v]
-        offset = thing.offsets[v]
+        offset = thing.planes[v, 3]
         for i in range(3):
-            n = T[i, 0] * x + T[i, 1] * y + T[i, 2] * z
-            scratch.normals[v, i] = n
+            n = 0.0
+            for j in range(3):
+                n += T[i, j] * thing.planes[v, j]
+            planes[v, i] = n
             offset += n * T[i, 3]
-        scratch.offsets[v] = offset + max(scratch.normals[v, 2], 0.0) * raised
-
-
-@njit(cache=True)
-def _swept_meets_box(
-    thing: ObjectArrays,
-    scratch: ObjectScratch,
-    part: int,
-    bounds: Array,
-    lower: Array,
-    upper: Array,
-    margin: float,
-) -> int:
-    for i in range(3):
-        if lower[i] - bounds[i + 3] >= margin + TOLERANCE or (
-            bounds[i] - upper[i] >= margin + TOLERANCE
-        ):
-            return FREE
-    cx = 0.5 * (lower[0] + upper[0])
-    cy = 0.5 * (lower[1] + upper[1])
-    cz = 0.5 * (lower[2] + upper[2])
-    hx = upper[0] - cx
-    hy = upper[1] - cy
-    hz = upper[2] - cz
-    best = -np.inf
-    axis = -1
-    for v in range(thing.part_planes[part], thing.part_planes[part + 1]):
-        nx, ny, nz = scratch.normals[v, 0], scratch.normals[v, 1], scratch.normals[v, 2]
-        gap = nx * cx + ny * cy + nz * cz - scratch.offsets[v]
-        gap -= abs(nx) * hx + abs(ny) * hy + abs(nz) * hz
-        if gap >= margin + TOLERANCE:
-            return FREE
-        if gap > best:
-            best = gap
-            axis = v
-    direction = scratch.work[5]
-    for i in range(3):
-        direction[i] = -scratch.normals[axis, i]
-    first = 2 * thing.part_vertices[part]
-    return separate_box(
-        scratch.vertices,
-        first,
-        2 * thing.part_vertices[part + 1],
-        lower,
-        upper,
-        margin,
-        margin,
-        direction,
-        scratch.work,
-    )
+        planes[v, 3] = offset + max(planes[v, 2], 0.0) * raised
 
 
 @njit(cache=True)
@@ -180,48 +138,51 @@ def check_pose(
         return FREE
     parts = thing.part_vertices.shape[0] - 1
     result = FREE
-    bounds = np.empty(6)
-    size = boxes.cell_size
+    rows, corners, grid, bounds = boxes.rows, boxes.corners, boxes.grid, scratch.bounds
+    size = grid[3]
     reach = margin + TOLERANCE
     for part in range(-1, parts):
         ball = thing.spheres[part]
         x = T[0, 3] + T[0, 0] * ball[0] + T[0, 1] * ball[1] + T[0, 2] * ball[2]
         y = T[1, 3] + T[1, 0] * ball[0] + T[1, 1] * ball[1] + T[1, 2] * ball[2]
         z = T[2, 3] + T[2, 0] * ball[0] + T[2, 1] * ball[1] + T[2, 2] * ball[2]
-        clear = distance_bound(boxes, x, y, z + 0.5 * raised) >= ball[3] + 0.5 * raised + reach
+        bound = distance_bound(boxes.field_grid, boxes.field, x, y, z + 0.5 * raised)
+        clear = bound >= ball[3] + 0.5 * raised + reach
         if part < 0:
             if clear:
                 return FREE
             continue
         if clear:
             continue
-        _place_part(thing, scratch, part, T, raised, bounds)
-        i0 = max(int(np.floor((bounds[0] - reach - boxes.origin[0]) / size)), 0)
-        j0 = max(int(np.floor((bounds[1] - reach - boxes.origin[1]) / size)), 0)
-        k0 = max(int(np.floor((bounds[2] - reach - boxes.origin[2]) / size)), 0)
-        i1 = min(
-            int(np.floor((bounds[3] + reach - boxes.origin[0]) / size)) + 1, boxes.rows.shape[0]
-        )
-        j1 = min(
-            int(np.floor((bounds[4] + reach - boxes.origin[1]) / size)) + 1, boxes.rows.shape[1]
-        )
-        k1 = min(
-            int(np.floor((bounds[5] + reach - boxes.origin[2]) / size)) + 1, boxes.rows.shape[2]
-        )
+        _place_part(thing, scratch, part, T, raised)
+        i0 = max(int(np.floor((bounds[0, 0] - reach - grid[0]) / size)), 0)
+        j0 = max(int(np.floor((bounds[0, 1] - reach - grid[1]) / size)), 0)
+        k0 = max(int(np.floor((bounds[0, 2] - reach - grid[2]) / size)), 0)
+        i1 = min(int(np.floor((bounds[0, 3] + reach - grid[0]) / size)) + 1, rows.shape[0])
+        j1 = min(int(np.floor((bounds[0, 4] + reach - grid[1]) / size)) + 1, rows.shape[1])
+        k1 = min(int(np.floor((bounds[0, 5] + reach - grid[2]) / size)) + 1, rows.shape[2])
         for i in range(i0, i1):
             for j in range(j0, j1):
                 for k in range(k0, k1):
-                    box = boxes.rows[i, j, k]
+                    box = rows[i, j, k]
                     while box >= 0:
-                        if abs(boxes.upper[box, 2] - contact) > tolerance:
-                            answer = _swept_meets_box(
-                                thing,
-                                scratch,
-                                part,
+                        if abs(corners[box, 5] - contact) > tolerance:
+                            answer = polytope_meets_box(
+                                scratch.vertices,
+                                2 * thing.part_vertices[part],
+                                2 * thing.part_vertices[part + 1],
+                                scratch.planes,
+                                thing.part_planes[part],
+                                thing.part_planes[part + 1],
+                                raised == 0.0,
                                 bounds,
-                                boxes.lower[box],
-                                boxes.upper[box],
+                                0,
+                                0.0,
+                                corners,
+                                box,
                                 margin,
+                                margin,
+                                scratch.work,
                             )
                             if answer == COLLIDING:
                                 return COLLIDING

@@ -133,27 +133,25 @@ def separate_box(
     vertices: Array,
     first: int,
     last: int,
-    lower: Array,
-    upper: Array,
+    corners: Array,
+    box: int,
     free_at: float,
     hit_below: float,
-    direction: Array,
-    scratch: Array,
+    work: Array,
 ) -> int:
     """Whether the hull of vertices[first:last] and an axis-aligned box keep their distance.
 
     Args:
         vertices: (n, 3) world.
-        lower, upper: (3,) corners of the box.
+        corners: (m, 6) lower and upper corners; the box is row `box`.
         free_at, hit_below: FREE for certain from the one on, COLLIDING for certain below the other.
-        direction: (3,) start, box to hull, any length; the last direction is left in it.
-        scratch: (5, 4) or more, work space.
+        work: (6, 4) work space; work[5, :3] is the start, from box to hull, of any length.
     """
-    simplex = scratch[:3].reshape(4, 3)
-    weights = scratch[3:5].reshape(8)
+    simplex = work[:3].reshape(4, 3)
+    weights = work[3:5].reshape(8)
     free_at += TOLERANCE
     hit_below = max(hit_below - TOLERANCE, 1e-9)
-    vx, vy, vz = direction[0], direction[1], direction[2]
+    vx, vy, vz = work[5, 0], work[5, 1], work[5, 2]
     count = 0
     upper_bound = np.inf
     for _ in range(_ITERATIONS):
@@ -171,12 +169,11 @@ def separate_box(
             if dot < value:
                 value = dot
                 best = i
-        wx = vertices[best, 0] - (upper[0] if vx > 0 else lower[0])
-        wy = vertices[best, 1] - (upper[1] if vy > 0 else lower[1])
-        wz = vertices[best, 2] - (upper[2] if vz > 0 else lower[2])
+        wx = vertices[best, 0] - corners[box, 3 if vx > 0 else 0]
+        wy = vertices[best, 1] - corners[box, 4 if vy > 0 else 1]
+        wz = vertices[best, 2] - corners[box, 5 if vz > 0 else 2]
         bound = (vx * wx + vy * wy + vz * wz) / norm
         if bound >= free_at:
-            direction[0], direction[1], direction[2] = vx, vy, vz
             return FREE
         if upper_bound - bound < 1e-9 or count == 4:
             break
@@ -193,7 +190,6 @@ def separate_box(
         upper_bound = np.sqrt(vx * vx + vy * vy + vz * vz)
         if upper_bound < hit_below:
             return COLLIDING
-    direction[0], direction[1], direction[2] = vx, vy, vz
     return UNDECIDED
 
 
@@ -207,14 +203,21 @@ def separate_hulls(
     free_at: float,
     hit_below: float,
     direction: Array,
-    scratch: Array,
+    row: int,
+    work: Array,
 ) -> int:
-    """`separate_box` for the hulls of vertices[first_a:last_a] and vertices[first_b:last_b]."""
-    simplex = scratch[:3].reshape(4, 3)
-    weights = scratch[3:5].reshape(8)
+    """`separate_box` for the hulls a and b of two ranges of `vertices`.
+
+    Args:
+        direction: (k, 3) or wider, of which `row` is the start, from b to a, of any length; the
+            last direction is left there.
+        work: (5, 4) or more, work space.
+    """
+    simplex = work[:3].reshape(4, 3)
+    weights = work[3:5].reshape(8)
     free_at += TOLERANCE
     hit_below = max(hit_below - TOLERANCE, 1e-9)
-    vx, vy, vz = direction[0], direction[1], direction[2]
+    vx, vy, vz = direction[row, 0], direction[row, 1], direction[row, 2]
     count = 0
     upper_bound = np.inf
     for _ in range(_ITERATIONS):
@@ -244,7 +247,7 @@ def separate_hulls(
         wz = vertices[a, 2] - vertices[b, 2]
         bound = (vx * wx + vy * wy + vz * wz) / norm
         if bound >= free_at:
-            direction[0], direction[1], direction[2] = vx, vy, vz
+            direction[row, 0], direction[row, 1], direction[row, 2] = vx, vy, vz
             return FREE
         if upper_bound - bound < 1e-9 or count == 4:
             break
@@ -261,5 +264,5 @@ def separate_hulls(
         upper_bound = np.sqrt(vx * vx + vy * vy + vz * vz)
         if upper_bound < hit_below:
             return COLLIDING
-    direction[0], direction[1], direction[2] = vx, vy, vz
+    direction[row, 0], direction[row, 1], direction[row, 2] = vx, vy, vz
     return UNDECIDED
