@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -187,6 +187,36 @@ def _clip(rectangles: Array, diagonals: Array, lower: Array, upper: Array) -> tu
     return inside[:n].copy(), bounds[:n].copy()
 
 
+@njit(cache=True)
+def _join_strips(
+    cells: npt.NDArray[np.int64], rectangles: Array, diagonals: Array
+) -> tuple[Array, Array]:
+    """The same surface in fewer rectangles: whole ones next to each other in y joined.
+
+    Args:
+        cells: (k, 3) in lexicographic order.
+    """
+    joined = rectangles.copy()
+    bounds = diagonals.copy()
+    n = 0
+    for k in range(len(cells)):
+        joined[n] = rectangles[k]
+        bounds[n] = diagonals[k]
+        if (
+            n > 0
+            and cells[k, 0] == cells[k - 1, 0]
+            and np.isinf(bounds[n]).all()
+            and np.isinf(bounds[n - 1]).all()
+            and joined[n, 0] == joined[n - 1, 0]
+            and joined[n, 2] == joined[n - 1, 2]
+            and abs(joined[n, 1] - joined[n - 1, 3]) <= _EPSILON
+        ):
+            joined[n - 1, 3] = joined[n, 3]
+        else:
+            n += 1
+    return joined[:n].copy(), bounds[:n].copy()
+
+
 class SupportMap:
     """Every level surface of the obstacle set, in V or not: what a placement face may rest on.
 
@@ -326,7 +356,8 @@ def find_regions(
         z = _weighted_median(surfaces.height[rows], whole.areas)
         if not volume.lower[2] <= z <= volume.upper[2]:
             continue
-        region = replace(whole, z=z).clipped(volume.lower[:2], volume.upper[:2])
+        joined = _join_strips(cells[rows], surfaces.rectangle[rows], surfaces.diagonal[rows])
+        region = Region(joined[0], z, joined[1]).clipped(volume.lower[:2], volume.upper[:2])
         if region is not None and region.area >= settings.min_area:
             regions.append(region)
     regions.sort(key=lambda region: -region.area)

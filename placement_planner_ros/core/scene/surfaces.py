@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +16,8 @@ Index = npt.NDArray[np.int32]
 
 _TOP_SHARE = 0.35
 """The points at the top of a thick box must span this share of it in x and y: a slope's do not."""
+
+_SHEET = 0.001
 
 
 class LevelSurfaces(NamedTuple):
@@ -96,6 +99,7 @@ def level_surfaces(obstacles: ObstacleSet, headroom: float, max_tilt: float) -> 
         obstacles.origin,
         obstacles.cell_size,
         tolerance,
+        2.0 * obstacles.noise,
     )
     return LevelSurfaces(cells, start, height, rectangle, diagonal)
 
@@ -140,11 +144,12 @@ def _tops(
                     and upper[q, 2] > upper[p, 2] + tolerance
                     and lower[q, 2] < upper[p, 2] + headroom
                 ):
-                    shared = max(
-                        0.0, min(extent[p, 1], upper[q, 0]) - max(extent[p, 0], lower[q, 0])
-                    ) * max(0.0, min(extent[p, 3], upper[q, 1]) - max(extent[p, 2], lower[q, 1]))
-                    # a wall beside the surface takes a sliver of it, a thing on it much
-                    blocked = shared > 0.3 * width * depth
+                    # a wall beside the surface takes a sliver of it, a thing on it much; a sheet
+                    # counts as _SHEET thick, for a wall goes on in the cell above
+                    along_x = min(extent[p, 1], upper[q, 0]) - max(extent[p, 0], lower[q, 0])
+                    along_y = min(extent[p, 3], upper[q, 1]) - max(extent[p, 2], lower[q, 1])
+                    shared = max(0.0, along_x + _SHEET) * max(0.0, along_y + _SHEET)
+                    blocked = shared > 0.3 * (width + _SHEET) * (depth + _SHEET)
                 q = following[q]
             if blocked:
                 break
@@ -315,8 +320,12 @@ def _close(
     origin: Array,
     cell_size: float,
     tolerance: float,
+    trim: float,
 ) -> tuple[Array, Array]:
-    """Rectangles closed up to columns in which the surface goes on, and bounds along diagonals."""
+    """Rectangles closed up to columns in which the surface goes on, and bounds along diagonals.
+
+    Edges are moved in by `trim`: the outermost of many noisy points lies beyond the true edge.
+    """
     rectangle = np.empty((len(cells), 4))
     diagonal = np.empty((len(cells), 4))
     goes_on = np.empty((3, 3), np.bool_)
@@ -330,12 +339,13 @@ def _close(
         x0 = origin[0] + cells[s, 0] * cell_size
         y0 = origin[1] + cells[s, 1] * cell_size
         x1, y1 = x0 + cell_size, y0 + cell_size
-        rectangle[s, 0] = min(x0, extent[s, 0]) if goes_on[0, 1] else extent[s, 0]
-        rectangle[s, 1] = min(y0, extent[s, 2]) if goes_on[1, 0] else extent[s, 2]
-        rectangle[s, 2] = max(x1, extent[s, 1]) if goes_on[2, 1] else extent[s, 1]
-        rectangle[s, 3] = max(y1, extent[s, 3]) if goes_on[1, 2] else extent[s, 3]
-        diagonal[s, 0] = -np.inf if goes_on[0, 0] else extent[s, 4]
-        diagonal[s, 1] = np.inf if goes_on[2, 2] else extent[s, 5]
-        diagonal[s, 2] = -np.inf if goes_on[0, 2] else extent[s, 6]
-        diagonal[s, 3] = np.inf if goes_on[2, 0] else extent[s, 7]
+        rectangle[s, 0] = min(x0, extent[s, 0]) if goes_on[0, 1] else extent[s, 0] + trim
+        rectangle[s, 1] = min(y0, extent[s, 2]) if goes_on[1, 0] else extent[s, 2] + trim
+        rectangle[s, 2] = max(x1, extent[s, 1]) if goes_on[2, 1] else extent[s, 1] - trim
+        rectangle[s, 3] = max(y1, extent[s, 3]) if goes_on[1, 2] else extent[s, 3] - trim
+        slanted = math.sqrt(2.0) * trim
+        diagonal[s, 0] = -np.inf if goes_on[0, 0] else extent[s, 4] + slanted
+        diagonal[s, 1] = np.inf if goes_on[2, 2] else extent[s, 5] - slanted
+        diagonal[s, 2] = -np.inf if goes_on[0, 2] else extent[s, 6] + slanted
+        diagonal[s, 3] = np.inf if goes_on[2, 0] else extent[s, 7] - slanted
     return rectangle, diagonal
