@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import coal
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from placement_planner_ros.core.body import Body, ConvexPart
 from placement_planner_ros.core.errors import GraspError, ParameterError
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.collision_arrays import (
@@ -35,9 +35,6 @@ from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.separation import COLLIDING, FREE
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import Array
-
-if TYPE_CHECKING:
-    from placement_planner_ros.core.body import Body
 
 HELD_OBJECT = "the held object"
 PLACED_OBJECT = "the placed object"
@@ -306,6 +303,12 @@ class ArmCollision:
         return np.asarray((result.getNearestPoint1() + result.getNearestPoint2()) / 2)
 
 
+def part_set(part: ConvexPart) -> ConvexSet:
+    """A part of the object; planes that stand for several facets are moved out to hold it."""
+    offsets = (part.vertices @ part.normals.T).max(axis=0)
+    return ConvexSet(part.vertices, part.normals, offsets)
+
+
 def coal_box(corners: Array) -> tuple[coal.Box, coal.Transform3s]:
     """An axis-aligned box (6,), lower corner then upper, for coal, with its placement."""
     lower, upper = corners[:3], corners[3:]
@@ -365,7 +368,7 @@ def _pairs(robot: Robot, links: list[str]) -> list[tuple[str, str]]:
 def _object_parts(body: Body, T_world_object: pin.SE3) -> tuple[Part, ...]:
     return tuple(
         Part(
-            Shape((ConvexSet(part.vertices, part.normals, part.offsets),), solid=True),
+            Shape((part_set(part),), solid=True),
             coal_convex(part.vertices, part.triangles),
             T_world_object,
         )

@@ -90,7 +90,7 @@ class ArmScratch(NamedTuple):
     """Configuration, visit, number of undecided pairs."""
     work: Array
     direction: Array
-    """(., 3) last separating direction of each pair of parts."""
+    """(., 6) direction that last kept a pair of parts apart, in the frames of both."""
     undecided: Indices
     """(., 3) kind (0 box, 1 set), set, box or set."""
     hit: Indices
@@ -235,7 +235,7 @@ def scratch_for(flat: FlatArm, boxes: int) -> ArmScratch:
         box_stamp=np.zeros(boxes, dtype=np.int64),
         counters=np.zeros(3, dtype=np.int64),
         work=np.zeros((6, 4)),
-        direction=np.zeros((flat.directions, 3)),
+        direction=np.zeros((flat.directions, 6)),
         undecided=np.zeros((256, 3), dtype=np.int64),
         hit=np.zeros(3, dtype=np.int64),
         bound=np.zeros((a.moving, joints + 1)),

@@ -5,11 +5,12 @@ from __future__ import annotations
 import weakref
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt
 
 from placement_planner_ros.core.robot.collision_kernels import BoxArrays
+from placement_planner_ros.core.scene.distance import distance_bound_field
 from placement_planner_ros.core.scene.grid import ObstacleSet
 
+_CAP = 0.3
 _made: dict[int, BoxArrays] = {}
 
 
@@ -38,16 +39,20 @@ def _make(obstacles: ObstacleSet) -> BoxArrays:
             field=np.zeros((1, 1, 1), dtype=np.float32),
         )
     corners = np.hstack([obstacles.lower, obstacles.upper])
-    # Both centres may be half a diagonal from the points that matter; a box fills its cell at
-    # most, and the query's own half is taken off where the field is read.
-    distance = distance_transform_edt(np.asarray(obstacles.index) < 0) * size
-    field = np.maximum(distance - 0.5 * np.sqrt(3.0) * size, 0.0).astype(np.float32) - 1e-6
+    field = distance_bound_field(obstacles, _CAP)
     return BoxArrays(
         number=number,
         rows=np.array(obstacles.index, dtype=np.int32, order="C"),
         next=np.array(obstacles.next, dtype=np.int32),
         corners=corners,
         grid=grid,
-        field_grid=np.concatenate([grid, corners[:, :3].min(axis=0), corners[:, 3:].max(axis=0)]),
-        field=np.ascontiguousarray(field, dtype=np.float32),
+        field_grid=np.array(
+            [
+                *field.origin,
+                field.cell_size,
+                *corners[:, :3].min(axis=0),
+                *corners[:, 3:].max(axis=0),
+            ]
+        ),
+        field=np.array(field.values),
     )

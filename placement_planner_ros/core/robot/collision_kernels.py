@@ -371,19 +371,18 @@ def _sets_meet(
     b: int,
     need: float,
     hit: float,
-    direction: Array,
-    row: int,
 ) -> int:
-    """Two convex sets; direction[row] is where to start, and where it ended."""
+    """Two convex sets; work[5, :3] is where to start (zero: anywhere), and where it ended."""
     now = scratch.counters[0]
     bounds = scratch.bounds
     for s in (a, b):
         if scratch.set_stamp[s] < now:
             scratch.set_stamp[s] = now
             _place_set(arm, scratch, s)
-    if direction[row, 0] == 0.0 and direction[row, 1] == 0.0 and direction[row, 2] == 0.0:
+    work = scratch.work
+    if work[5, 0] == 0.0 and work[5, 1] == 0.0 and work[5, 2] == 0.0:
         for i in range(3):
-            direction[row, i] = bounds[a, i] + bounds[a, i + 3] - bounds[b, i] - bounds[b, i + 3]
+            work[5, i] = bounds[a, i] + bounds[a, i + 3] - bounds[b, i] - bounds[b, i + 3]
     sets = arm.sets
     radius = arm.radius[a] + arm.radius[b]
     answer = separate_hulls(
@@ -394,9 +393,7 @@ def _sets_meet(
         sets[b + 1, SET_FIRST_VERTEX],
         need + radius,
         hit + radius,
-        direction,
-        row,
-        scratch.work,
+        work,
     )
     if answer == COLLIDING and sets[a, SET_EXACT] != 0 and sets[b, SET_EXACT] != 0:
         scratch.hit[0] = 1
@@ -439,12 +436,47 @@ def _support_gap(
 
 
 @njit(cache=True)
+def _solids_meet(
+    arm: ArmArrays, scratch: ArmScratch, s: int, t: int, slot: int, need: float, hit: float
+) -> int:
+    """Two solid parts, first along the direction that last kept them apart.
+
+    It is remembered in the frames of both: which of them it rests in depends on what turned.
+    """
+    frames, sets, known, work = scratch.frames, arm.sets, scratch.direction, scratch.work
+    vertices = arm.vertices
+    far = need + arm.radius[s] + arm.radius[t] + TOLERANCE
+    work[5, :3] = 0.0
+    for side in range(2):
+        joint = sets[t if side == 1 else s, SET_JOINT]
+        x, y, z = known[slot, 3 * side], known[slot, 3 * side + 1], known[slot, 3 * side + 2]
+        length = np.sqrt(x * x + y * y + z * z)
+        if length == 0.0:
+            break
+        dx = frames[joint, 0, 0] * x + frames[joint, 0, 1] * y + frames[joint, 0, 2] * z
+        dy = frames[joint, 1, 0] * x + frames[joint, 1, 1] * y + frames[joint, 1, 2] * z
+        dz = frames[joint, 2, 0] * x + frames[joint, 2, 1] * y + frames[joint, 2, 2] * z
+        if _support_gap(vertices, frames, sets, s, t, dx, dy, dz) >= far * length:
+            return FREE
+        work[5, 0], work[5, 1], work[5, 2] = dx, dy, dz
+    answer = _sets_meet(arm, scratch, s, t, need, hit)
+    if answer == FREE:
+        for side in range(2):
+            joint = sets[t if side == 1 else s, SET_JOINT]
+            for i in range(3):
+                known[slot, 3 * side + i] = (
+                    frames[joint, 0, i] * work[5, 0]
+                    + frames[joint, 1, i] * work[5, 1]
+                    + frames[joint, 2, i] * work[5, 2]
+                )
+    return answer
+
+
+@njit(cache=True)
 def bodies_meet(arm: ArmArrays, scratch: ArmScratch, pair: int, need: float, hit: float) -> int:
     """One pair of bodies; what is left UNDECIDED is noted in the scratch."""
-    bodies, parts, sets, radius = arm.bodies, arm.parts, arm.sets, arm.radius
-    vertices, frames = arm.vertices, scratch.frames
+    bodies, parts, bounds = arm.bodies, arm.parts, scratch.bounds
     body_spheres, spheres = scratch.body_spheres, scratch.part_spheres
-    direction, bounds = scratch.direction, scratch.bounds
     a, b = arm.pairs[pair, PAIR_INNER], arm.pairs[pair, PAIR_OUTER]
     fixed = a >= arm.moving
     slot = arm.pairs[pair, PAIR_SLOT]
@@ -477,15 +509,7 @@ def bodies_meet(arm: ArmArrays, scratch: ArmScratch, pair: int, need: float, hit
                     if dx * dx + dy * dy + dz * dz > reach * reach:
                         continue
                 t = parts[o, PART_FIRST_SET]
-                row = slot - last_b + o
-                dx, dy, dz = direction[row, 0], direction[row, 1], direction[row, 2]
-                length = np.sqrt(dx * dx + dy * dy + dz * dz)
-                far = need + radius[s] + radius[t] + TOLERANCE
-                if length > 0.0 and (
-                    _support_gap(vertices, frames, sets, s, t, dx, dy, dz) >= far * length
-                ):
-                    continue
-                answer = _sets_meet(arm, scratch, s, t, need, hit, direction, row)
+                answer = _solids_meet(arm, scratch, s, t, slot - last_b + o, need, hit)
             if answer == COLLIDING:
                 return COLLIDING
             if answer == UNDECIDED:
@@ -540,7 +564,7 @@ def _surfaces_meet(
             for s in range(first_a, last_a):
                 for t in range(first_b, last_b):
                     scratch.work[5, :3] = 0.0
-                    answer = _sets_meet(arm, scratch, s, t, need, hit, scratch.work, 5)
+                    answer = _sets_meet(arm, scratch, s, t, need, hit)
                     if answer == COLLIDING:
                         return COLLIDING
                     if answer == UNDECIDED:

@@ -2,27 +2,24 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import coal
 import numpy as np
 import numpy.typing as npt
 import trimesh
 
+from placement_planner_ros.core.body import Body
 from placement_planner_ros.core.robot.collision import (
     CollisionSettings,
     coal_box,
     coal_convex,
     meets,
+    part_set,
 )
 from placement_planner_ros.core.robot.collision_boxes import box_arrays
 from placement_planner_ros.core.robot.object_kernels import ObjectArrays, ObjectScratch, check_poses
 from placement_planner_ros.core.robot.separation import COLLIDING, FREE
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import Array
-
-if TYPE_CHECKING:
-    from placement_planner_ros.core.body import Body
 
 _UNDECIDED_ROWS = 256
 
@@ -48,7 +45,7 @@ class ObjectCollision:
         self.settings = settings or CollisionSettings()
         self._parts = tuple(body.parts)
         self._boxes = box_arrays(obstacles)
-        self._arrays = ObjectArrays.of(self._parts)
+        self._arrays = ObjectArrays.of([part_set(part) for part in self._parts])
         self._scratch = ObjectScratch.of(self._arrays, _UNDECIDED_ROWS)
         self._one_pose = np.zeros((1, 4, 4))
         self._one = np.zeros((2, 1))

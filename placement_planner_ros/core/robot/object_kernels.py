@@ -8,7 +8,7 @@ by an axis of the box, or by the distance kernel on the vertices of both copies.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +19,7 @@ from placement_planner_ros.core.robot.collision_kernels import (
     distance_bound,
     polytope_meets_box,
 )
+from placement_planner_ros.core.robot.collision_shapes import ConvexSet
 from placement_planner_ros.core.robot.separation import (
     COLLIDING,
     FREE,
@@ -27,9 +28,6 @@ from placement_planner_ros.core.robot.separation import (
 )
 from placement_planner_ros.core.robot.spheres import bounding_sphere
 from placement_planner_ros.core.types import Array
-
-if TYPE_CHECKING:
-    from placement_planner_ros.core.body import ConvexPart
 
 
 class ObjectArrays(NamedTuple):
@@ -46,7 +44,7 @@ class ObjectArrays(NamedTuple):
     """(f, 4) normal and offset."""
 
     @classmethod
-    def of(cls, parts: Sequence[ConvexPart]) -> ObjectArrays:
+    def of(cls, parts: Sequence[ConvexSet]) -> ObjectArrays:
         """Lay out convex parts."""
         corners = [np.ascontiguousarray(part.vertices, dtype=np.float64) for part in parts]
         every = np.ascontiguousarray(np.vstack(corners))

@@ -202,22 +202,19 @@ def separate_hulls(
     last_b: int,
     free_at: float,
     hit_below: float,
-    direction: Array,
-    row: int,
     work: Array,
 ) -> int:
     """`separate_box` for the hulls a and b of two ranges of `vertices`.
 
     Args:
-        direction: (k, 3) or wider, of which `row` is the start, from b to a, of any length; the
-            last direction is left there.
-        work: (5, 4) or more, work space.
+        work: (6, 4) work space; work[5, :3] is the start, from b to a, of any length, and after
+            FREE a direction in which a and b are apart.
     """
     simplex = work[:3].reshape(4, 3)
     weights = work[3:5].reshape(8)
     free_at += TOLERANCE
     hit_below = max(hit_below - TOLERANCE, 1e-9)
-    vx, vy, vz = direction[row, 0], direction[row, 1], direction[row, 2]
+    vx, vy, vz = work[5, 0], work[5, 1], work[5, 2]
     count = 0
     upper_bound = np.inf
     for _ in range(_ITERATIONS):
@@ -247,7 +244,7 @@ def separate_hulls(
         wz = vertices[a, 2] - vertices[b, 2]
         bound = (vx * wx + vy * wy + vz * wz) / norm
         if bound >= free_at:
-            direction[row, 0], direction[row, 1], direction[row, 2] = vx, vy, vz
+            work[5, 0], work[5, 1], work[5, 2] = vx, vy, vz
             return FREE
         if upper_bound - bound < 1e-9 or count == 4:
             break
@@ -264,5 +261,5 @@ def separate_hulls(
         upper_bound = np.sqrt(vx * vx + vy * vy + vz * vz)
         if upper_bound < hit_below:
             return COLLIDING
-    direction[row, 0], direction[row, 1], direction[row, 2] = vx, vy, vz
+    work[5, 0], work[5, 1], work[5, 2] = vx, vy, vz
     return UNDECIDED
