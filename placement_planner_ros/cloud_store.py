@@ -130,5 +130,5 @@ class CloudStore:
                 clouds.append(self._merged)
             parts = tuple(part for part in (*clouds, *self._confirmed) if len(part))
         if not parts:
-            raise CloudError("clouds", 0, "no finite point within reach of the robot")
+            raise CloudError("clouds", 0, "there is no finite point in any")
         return parts

@@ -24,7 +24,7 @@ from placement_planner_ros.object_input import ObjectInput
 from placement_planner_ros.parameters import ParameterSet
 from placement_planner_ros.planning import Snapshot
 from placement_planner_ros.point_cloud import points_from_message
-from placement_planner_ros.robot_input import RobotInput, make_arms, workspace
+from placement_planner_ros.robot_input import RobotInput, make_arms
 from placement_planner_ros.transforms import Transforms
 
 CONFIRMED_SPACING = 0.004
@@ -153,8 +153,6 @@ class Inputs:
         )
         points = points_from_message(message)
         points = points @ T_planning_cloud.rotation.T + T_planning_cloud.translation
-        lower, upper = workspace(robot)
-        points = points[((points >= lower) & (points <= upper)).all(axis=1)]
         self.clouds.add(topic, StoredCloud(points, taken))
         if parameters["cloud.mode"] == "merge":
             self.clouds.merge(points, parameters["cloud.cell_size"])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 import threading
 from collections.abc import Callable, Sequence
@@ -11,10 +10,11 @@ import rclpy
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.exceptions import ParameterException
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState, PointCloud2
 from shape_msgs.msg import Mesh
 from std_msgs.msg import String
@@ -32,6 +32,7 @@ from placement_planner_ros.publishing import LATCHED, Outputs
 from placement_planner_ros.reporting import Reporter
 from placement_planner_ros.robot_input import RobotInput
 from placement_planner_ros.run import Run, State
+from placement_planner_ros.spinning import spin_until_signalled
 from placement_planner_ros.transforms import Transforms
 
 STOP_PATIENCE = 1.0
@@ -197,8 +198,8 @@ class PlacementPlannerNode(Node):
             self._reporter.follow(self._run)
             self._run.start()
         words = f"planning for {' or '.join(arm.name for arm in snapshot.arms)}"
-        over = snapshot.robot.limit_violations(snapshot.q_start)
-        return answer("OK", "\n".join([words, *over]), run=number)
+        notes = [*snapshot.body.warnings, *snapshot.robot.limit_violations(snapshot.q_start)]
+        return answer("OK", "\n".join([words, *notes]), run=number)
 
     def stop(self) -> Answer:
         """End the run; answers once its worker is idle."""
@@ -295,25 +296,18 @@ class PlacementPlannerNode(Node):
 def main(args: list[str] | None = None) -> None:
     """Run the node until interrupted."""
     sys.setswitchinterval(SWITCH_INTERVAL)
-    rclpy.init(args=args)
-    node: PlacementPlannerNode | None = None
+    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     try:
         node = PlacementPlannerNode()
-        executor = MultiThreadedExecutor(num_threads=THREADS)
-        executor.add_node(node)
-        executor.spin()
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
     except (PlacementPlannerError, ParameterException) as error:
         sys.exit(f"placement_planner: {error}")
-    finally:
-        # A terminal's Ctrl-C comes twice, from the terminal and from the parent; the second must
-        # not cut the teardown short.
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-        if node is not None:
-            node.close()
-            node.destroy_node()
-        rclpy.try_shutdown()
+    executor = MultiThreadedExecutor(num_threads=THREADS)
+    executor.add_node(node)
+    spin_until_signalled(executor)
+    node.close()
+    executor.shutdown()
+    node.destroy_node()
+    rclpy.shutdown()
 
 
 if __name__ == "__main__":

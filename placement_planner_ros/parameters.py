@@ -420,8 +420,7 @@ def _changeable() -> list[Spec]:
             "object.center_of_mass",
             "double[]",
             [],
-            "Centre of mass in the object's frame, after scaling; empty: from the mesh.",
-            "m",
+            "Centre of mass in the mesh's frame and unit; empty: from the mesh.",
             check=_center,
         ),
         Spec(

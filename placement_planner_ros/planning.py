@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from placement_planner_ros.core.body import Body
+from placement_planner_ros.core.holding import workspace
 from placement_planner_ros.core.objective import ObjectiveContext, make_objective
 from placement_planner_ros.core.planner import PlacementPlanner, Problem
 from placement_planner_ros.core.robot.model import Arm, Robot
@@ -16,7 +17,6 @@ from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.regions import RegionSettings
 from placement_planner_ros.core.types import Array, Placement
 from placement_planner_ros.parameters import ParameterSet
-from placement_planner_ros.robot_input import workspace
 from placement_planner_ros.self_filter import outside_robot
 
 
@@ -101,7 +101,7 @@ def prepare(snapshot: Snapshot) -> Prepared:
         volume,
         parameters.grid_settings,
         RegionSettings(),
-        workspace(snapshot.robot),
+        workspace(snapshot.robot, snapshot.arms, snapshot.q_start, snapshot.body, volume),
     )
     problem = Problem(
         snapshot.robot, snapshot.arms, snapshot.q_start, snapshot.body, volume, environment

@@ -17,7 +17,7 @@ from placement_planner_ros.inputs import Inputs
 from placement_planner_ros.parameter_server import ParameterServer
 from placement_planner_ros.publishing import Outputs
 from placement_planner_ros.run import Run, State
-from placement_planner_ros.validity import blocked_by
+from placement_planner_ros.validity import KnownSpace, blocked_by
 
 STATUS_PERIOD = 0.5
 """Seconds between status messages while searching."""
@@ -40,7 +40,7 @@ class Reporter:
         self._parameters = parameters
         self._lock = threading.Lock()
         self._run: Run | None = None
-        self._environment: Environment | None = None
+        self._known: KnownSpace | None = None
         self._checked: tuple[int, int] = (0, 0)
         self._blocked = ""
         self._left = False
@@ -54,16 +54,17 @@ class Reporter:
         """From now on report on this run."""
         with self._lock:
             self._run = run
-            self._environment = None
+            self._known = None
             self._blocked, self._left = "", False
             self._checked = (0, self._inputs.clouds.updates)
         self.report()
 
     def environment_known(self, run: Run, environment: Environment) -> None:
         """What the run plans in."""
+        known = KnownSpace(environment.obstacles)
         with self._lock:
             if self._run is run:
-                self._environment = environment
+                self._known = known
 
     def has_left_start(self, run: Run) -> bool:
         """Whether the robot is further from q_0 than the run's start_tolerance."""
@@ -112,16 +113,16 @@ class Reporter:
     def _check_clouds(self, run: Run) -> None:
         """Look whether clouds newer than the run's cut through its best placement."""
         with self._lock:
-            environment, best = self._environment, run.best
+            known, best = self._known, run.best
             now = (run.solutions, self._inputs.clouds.updates)
-            if environment is None or best is None or now == self._checked or self._left:
+            if known is None or best is None or now == self._checked or self._left:
                 return
             self._checked = now
         q = self._configuration(run)
         clouds = self._inputs.clouds.latest_points()
         if q is None or not clouds:
             return
-        blocked = blocked_by(np.vstack(clouds), environment.obstacles, best, run.snapshot, q)
+        blocked = blocked_by(np.vstack(clouds), known, best, run.snapshot, q)
         with self._lock:
             if self._run is run:
                 self._blocked = blocked

@@ -6,12 +6,10 @@ import threading
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 
-import numpy as np
 import pinocchio as pin
 
-from placement_planner_ros.core.errors import PlacementPlannerError, RobotError
+from placement_planner_ros.core.errors import GraspError, PlacementPlannerError, RobotError
 from placement_planner_ros.core.robot.model import Arm, Robot
-from placement_planner_ros.core.types import Array
 from placement_planner_ros.parameters import ParameterSet, poses_from_list
 from placement_planner_ros.resources import description_text, package_dirs
 from placement_planner_ros.share import share_path
@@ -155,8 +153,12 @@ def make_arms(robot: Robot, parameters: ParameterSet) -> tuple[Arm, ...]:
 
     Raises:
         RobotError: an arm does not fit the robot.
-        GraspError: a grasp is bad.
+        GraspError: a grasp is bad, or no arm has one.
     """
+    if not any(parameters[f"{name}.grasps"] for name in parameters["arms"]):
+        raise GraspError(
+            f"{parameters['arms'][0]}.grasps", [], "give at least one grasp of one of the arms"
+        )
     arms = []
     for name in parameters["arms"]:
         tip = parameters[f"{name}.tip_frame"]
@@ -174,35 +176,3 @@ def make_arms(robot: Robot, parameters: ParameterSet) -> tuple[Arm, ...]:
             )
         )
     return tuple(arms)
-
-
-def reach(robot: Robot) -> float:
-    """Metres from the root's origin that no link's origin can leave, plus the links' own size.
-
-    The joints' offsets and strokes, added up along the longest chain.
-    """
-    model = robot.model
-    length = np.zeros(model.njoints)
-    for joint in range(1, model.njoints):
-        index = model.joints[joint].idx_q
-        stroke = 0.0
-        if "P" in model.joints[joint].shortname().removeprefix("JointModel")[:1]:
-            stroke = float(max(abs(robot.lower[index]), abs(robot.upper[index])))
-        offset = float(np.linalg.norm(model.jointPlacements[joint].translation))
-        length[joint] = length[model.parents[joint]] + offset + stroke
-    sizes = [
-        length[g.parentJoint] + np.linalg.norm(g.placement.translation) + _radius(g)
-        for g in robot.geometry.geometryObjects
-    ]
-    return float(max([*length, *sizes]))
-
-
-def _radius(shape: pin.GeometryObject) -> float:
-    shape.geometry.computeLocalAABB()
-    return float(shape.geometry.aabb_radius + np.linalg.norm(shape.geometry.aabb_center))
-
-
-def workspace(robot: Robot, margin: float = 0.5) -> tuple[Array, Array]:
-    """Corners (3,) of a box that holds all the robot and what it carries can touch, metres."""
-    radius = reach(robot) + margin
-    return np.full(3, -radius), np.full(3, radius)

@@ -26,6 +26,9 @@ class State(enum.StrEnum):
     FAILED = "failed"
 
 
+ENDED = (State.STOPPED, State.TIME_LIMIT, State.EXHAUSTED, State.ROBOT_MOVED, State.FAILED)
+
+
 class RunObserver(Protocol):
     """Hears of a run's progress, in its worker thread."""
 
@@ -82,13 +85,13 @@ class Run:
 
     @property
     def active(self) -> bool:
-        """Whether the worker is at work."""
-        return self._thread.is_alive()
+        """Whether the worker has not ended yet."""
+        return self.state not in ENDED
 
     def end(self, outcome: State) -> None:
         """Ask the worker to end with that outcome; once this returns nothing more is published."""
         with self._publishing:
-            if self._ending is not None or not self._thread.is_alive():
+            if self._ending is not None or not self.active:
                 return
             self._ending = outcome
             self.state = State.STOPPING
@@ -96,7 +99,8 @@ class Run:
 
     def wait(self, timeout: float) -> bool:
         """Whether the worker is idle, after at most that many seconds."""
-        self._thread.join(timeout)
+        if self._thread.is_alive():
+            self._thread.join(timeout)
         return not self._thread.is_alive()
 
     def should_stop(self) -> bool:
@@ -123,7 +127,8 @@ class Run:
             # it is must end this run only.
             outcome = State.FAILED
             self.code, self.reason = "BAD_PARAMETER", f"{type(error).__name__}: {error}"
-        self.state = self._ending or outcome
+        with self._publishing:
+            self.state = self._ending or outcome
         self._observer.changed(self)
 
     def _search(self) -> State:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
+from scipy.ndimage import binary_dilation
 
 from placement_planner_ros.core.robot.collision import ArmCollision
 from placement_planner_ros.core.scene.grid import ObstacleSet
@@ -19,22 +20,27 @@ FEWEST = 5
 """New points below this number are taken for noise."""
 
 
-def unknown_points(points: Array, obstacles: ObstacleSet) -> Array:
-    """Those of (n, 3) points that lie neither in an occupied cell nor in a neighbour of one."""
-    cells = np.floor((points - obstacles.origin) / obstacles.cell_size).astype(np.int64)
-    known = np.zeros(len(points), dtype=bool)
-    shape = np.array(obstacles.shape)
-    for offset in itertools.product((-1, 0, 1), repeat=3):
-        at = cells + np.array(offset)
-        inside = ((at >= 0) & (at < shape)).all(axis=1)
-        x, y, z = at[inside].T
-        known[inside] |= obstacles.index[x, y, z] >= 0
-    return np.asarray(points[~known])
+class KnownSpace:
+    """The cells of an obstacle set that are occupied, and their neighbours."""
+
+    def __init__(self, obstacles: ObstacleSet) -> None:
+        self._origin, self._cell_size = obstacles.origin, obstacles.cell_size
+        everywhere = np.ones((3, 3, 3), dtype=bool)
+        self._known = binary_dilation(obstacles.index >= 0, structure=everywhere)
+
+    def unknown(self, points: Array) -> Array:
+        """Those of (n, 3) points that lie in no known cell."""
+        cells = np.floor((points - self._origin) / self._cell_size).astype(np.int64)
+        inside = ((cells >= 0) & (cells < self._known.shape)).all(axis=1)
+        known = np.zeros(len(points), dtype=bool)
+        x, y, z = cells[inside].T
+        known[inside] = self._known[x, y, z]
+        return np.asarray(points[~known])
 
 
 def blocked_by(
     points: Array,
-    obstacles: ObstacleSet,
+    known: KnownSpace,
     placement: Placement,
     snapshot: Snapshot,
     q: Array,
@@ -43,10 +49,10 @@ def blocked_by(
 
     Args:
         points: (n, 3) of the newer cloud, planning frame.
-        obstacles: what the placement was planned with.
+        known: what the placement was planned with.
         q: (nq,) the robot's configuration when the cloud was taken.
     """
-    new = unknown_points(points, obstacles)
+    new = known.unknown(points)
     if len(new):
         kept = outside_robot(
             new,

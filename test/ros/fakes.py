@@ -1,0 +1,228 @@
+"""A planner that does what a test tells it to, and a client of the node."""
+
+import threading
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pinocchio as pin
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
+from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.executors import MultiThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import JointState, PointCloud2
+from std_msgs.msg import Float64, Header
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory
+from visualization_msgs.msg import MarkerArray
+
+from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.types import Goal, Placement, Trajectory
+from placement_planner_ros.node import PlacementPlannerNode
+from placement_planner_ros.planning import Prepared
+from placement_planner_ros.point_cloud import message_from_points
+from placement_planner_ros.publishing import LATCHED
+from placement_planner_ros.scenes.objects import object_by_name
+from placement_planner_ros.scenes.yumi import HOME
+
+FRAME = "yumi_body"
+TABLE = np.array(
+    [[x, y, 0.0] for x in np.arange(0.2, 0.6, 0.005) for y in np.arange(-0.3, 0.3, 0.005)]
+)
+
+
+class FakeStatistics:
+    def __init__(self):
+        self.samples = 0
+        self.rejected = {"unstable": 0}
+
+    def why_nothing(self):
+        return "nothing was tried"
+
+
+def placement(objective, arm="left", q=None):
+    """A placement whose motion is short and whose numbers are easy to recognise."""
+    joints = tuple(f"yumi_joint_{n}_{arm[0]}" for n in (1, 2, 7, 3, 4, 5, 6))
+    start = np.array([HOME[j] for j in joints])
+    positions = np.array([start, start + 0.05])
+    zeros = np.zeros_like(positions)
+    trajectory = Trajectory(joints, np.array([0.0, 1.0]), positions, zeros, zeros)
+    T = pin.SE3(np.eye(3), np.array([0.4, 0.0, 0.1]))
+    goal = Goal(arm, 0, 1, T, 0.0, positions, objective)
+    return Placement(goal, trajectory, 0.5, 0.25, 10)
+
+
+class FakePlanner:
+    """Yields what is put into `offers`; ends when told to stop or when `done` is set."""
+
+    def __init__(self):
+        self.statistics = FakeStatistics()
+        self.exhausted = ""
+        self.offers = []
+        self.error = None
+        self.deaf = False
+        self.done = threading.Event()
+        self.searching = threading.Event()
+
+    def run(self, should_stop):
+        self.searching.set()
+        while not self.done.is_set() and (self.deaf or not should_stop()):
+            self.statistics.samples += 1
+            if self.error is not None:
+                raise self.error
+            if self.offers:
+                yield placement(self.offers.pop(0))
+            time.sleep(0.002)
+
+
+class Bench:
+    """A node with a fake planner, a client that records all it hears, and its sensors."""
+
+    def __init__(self, **parameters):
+        held = object_by_name("small_crayons_box")
+        values = {
+            "object.vertices": held.vertices.ravel().tolist(),
+            "object.triangles": held.triangles.ravel().tolist(),
+            "target_volume": [0.2, -0.3, -0.1, 0.6, 0.3, 0.2],
+            **{
+                f"{arm}.grasps": [v for g in grasps for v in pin.SE3ToXYZQUAT(g)]
+                for arm, grasps in held.grasps.items()
+            },
+            **parameters,
+        }
+        self.planners = []
+        self.snapshots = []
+        self.prepare_delay = 0.0
+        self.node = PlacementPlannerNode(
+            self._prepare, [Parameter(n, value=v) for n, v in values.items() if v is not None]
+        )
+        self.client = Node("client")
+        self.heard = []
+        for topic, kind in {
+            "trajectory": JointTrajectory,
+            "retreat_trajectory": JointTrajectory,
+            "placement_pose": PoseStamped,
+            "objective": Float64,
+            "markers": MarkerArray,
+            "solution": DiagnosticArray,
+            "status": DiagnosticStatus,
+            "occupancy": PointCloud2,
+        }.items():
+            self.client.create_subscription(
+                kind,
+                f"placement_planner/{topic}",
+                lambda message, topic=topic: self.heard.append((topic, message)),
+                LATCHED,
+            )
+        self.client.create_subscription(
+            DiagnosticArray, "/diagnostics", lambda m: self.heard.append(("diagnostics", m)), 10
+        )
+        self._joints = self.client.create_publisher(JointState, "joint_states", 10)
+        self._clouds = self.client.create_publisher(PointCloud2, "points", 1)
+        self._services = {}
+        self.executor = MultiThreadedExecutor(num_threads=8)
+        self.executor.add_node(self.node)
+        self.executor.add_node(self.client)
+        self._thread = threading.Thread(target=self.executor.spin, daemon=True)
+        self._thread.start()
+
+    def close(self):
+        for planner in self.planners:
+            planner.done.set()
+        self.node.close()
+        self.executor.shutdown()
+        self._thread.join(5.0)
+        self.node.destroy_node()
+        self.client.destroy_node()
+
+    def _prepare(self, snapshot):
+        time.sleep(self.prepare_delay)
+        self.snapshots.append(snapshot)
+        planner = FakePlanner()
+        self.planners.append(planner)
+        points = np.vstack(snapshot.clouds)
+        return Prepared(planner, Environment.from_points(points, snapshot.parameters.volume))
+
+    # --- the world around the node
+
+    def joint_state(self, **changes):
+        values = {**HOME, **changes}
+        self._joints.publish(
+            JointState(name=list(values), position=[float(v) for v in values.values()])
+        )
+
+    def cloud(self, points=TABLE, frame=FRAME, stamp=None):
+        message = message_from_points(np.asarray(points), Header(frame_id=frame))
+        if stamp is not None:
+            message.header.stamp = stamp
+        self._clouds.publish(message)
+
+    def feed(self):
+        """Publish inputs until the node has them."""
+        self.cloud()
+        self.wait(lambda: self.node._inputs.clouds.updates > 0, again=self.cloud)
+        self.joint_state()
+        ready = self.node._inputs.joints
+        self.wait(lambda: ready.age(time.monotonic()) < 0.5, again=self.joint_state)
+
+    def wait(self, condition, timeout=10.0, again=None):
+        """Wait until a condition holds, doing something again and again."""
+        end = time.monotonic() + timeout
+        last = time.monotonic()
+        while not condition():
+            assert time.monotonic() < end, "waited in vain"
+            if again is not None and time.monotonic() - last > 0.2:
+                last = time.monotonic()
+                again()
+            time.sleep(0.005)
+
+    # --- what a client does
+
+    def call(self, name, **parameters):
+        """Call a service; `..._with` services take parameters."""
+        with_parameters = name.endswith("_with")
+        kind = SetParametersAtomically if with_parameters else Trigger
+        if name not in self._services:
+            self._services[name] = self.client.create_client(kind, f"placement_planner/{name}")
+        client = self._services[name]
+        assert client.wait_for_service(10.0)
+        request = kind.Request()
+        if with_parameters:
+            request.parameters = [
+                Parameter(n.replace("__", "."), value=v).to_parameter_msg()
+                for n, v in parameters.items()
+            ]
+        future = client.call_async(request)
+        self.wait(future.done)
+        response = future.result()
+        if with_parameters:
+            return said(response.result.successful, response.result.reason)
+        return said(response.success, response.message)
+
+    def messages(self, topic):
+        return [message for name, message in list(self.heard) if name == topic]
+
+    def manifests(self):
+        return [values_of(m.status[0]) for m in self.messages("solution")]
+
+    def status(self):
+        found = self.messages("status")
+        return values_of(found[-1]) if found else {}
+
+
+def said(success, text):
+    """An answer taken apart."""
+    first, _, words = text.partition("\n")
+    values = dict(pair.split("=") for pair in first.split())
+    return SimpleNamespace(success=success, text=text, words=words, **{"run": None, **values})
+
+
+def values_of(status):
+    return {v.key: v.value for v in status.values}
+
+
+def shut_down():
+    rclpy.try_shutdown()

@@ -1,0 +1,384 @@
+"""The node with a planner that does as it is told."""
+
+import time
+
+import numpy as np
+import pytest
+from fakes import FRAME, TABLE, Bench, values_of
+from rclpy.parameter import Parameter
+
+from placement_planner_ros.core.errors import ParameterError
+
+
+@pytest.fixture
+def bench(ros):
+    made = []
+
+    def make(**parameters):
+        made.append(Bench(**parameters))
+        return made[-1]
+
+    yield make
+    for each in made:
+        each.close()
+
+
+def started(bench, **parameters):
+    """Inputs given, run started, planner searching."""
+    bench.feed()
+    answer = bench.call("start_with", **parameters) if parameters else bench.call("start")
+    assert answer.success, answer.text
+    bench.wait(lambda: len(bench.planners) == int(answer.run))
+    bench.wait(bench.planners[-1].searching.is_set)
+    return bench.planners[-1]
+
+
+def test_everything_missing_is_named_at_once(bench):
+    with_nothing = bench(**{"object.vertices": None, "object.triangles": None})
+    answer = with_nothing.call("start")
+    assert not answer.success
+    assert answer.code == "NO_CLOUD"
+    named = [line.split(":")[0] for line in answer.words.splitlines()]
+    assert named == ["NO_CLOUD", "JOINTS_MISSING", "NO_OBJECT"]
+
+
+def test_a_run_from_start_to_stop(bench):
+    b = bench()
+    planner = started(b)
+    planner.offers += [0.1, 0.2]
+    b.wait(lambda: b.manifests() and b.manifests()[-1].get("solution") == "2")
+    answer = b.call("stop")
+    assert answer.success
+    assert (answer.code, answer.run, answer.solution) == ("OK", "1", "2")
+    assert float(answer.objective) == 0.2
+    b.wait(lambda: b.status()["state"] == "stopped")
+    assert b.status()["best_valid"] == "true"
+
+
+def test_parts_come_first_and_carry_the_key(bench):
+    b = bench()
+    planner = started(b)
+    b.heard.clear()
+    planner.offers.append(0.25)
+    b.wait(b.manifests)
+    manifest = b.manifests()[-1]
+    assert manifest["run"] == "1"
+    assert manifest["solution"] == "1"
+    assert float(manifest["objective"]) == 0.25
+    assert (manifest["arm"], manifest["grasp"], manifest["face"]) == ("left", "0", "1")
+    assert float(manifest["approach_start"]) == 0.5
+    assert manifest["has_retreat"] == "false"
+    assert float(manifest["search_time"]) == 0.25
+    b.wait(lambda: b.messages("trajectory") and b.messages("placement_pose"))
+    trajectory, pose = b.messages("trajectory")[-1], b.messages("placement_pose")[-1]
+    assert trajectory.header.frame_id == "1/1"
+    assert (trajectory.header.stamp.sec, trajectory.header.stamp.nanosec) == (0, 0)
+    assert len(trajectory.points) == 2
+    assert b.messages("retreat_trajectory")[-1].header.frame_id == "1/1"
+    assert pose.header.frame_id == FRAME
+    assert pose.header.stamp == b.messages("solution")[-1].header.stamp
+    assert b.messages("objective")[-1].data == 0.25
+    namespaces = {m.ns for m in b.messages("markers")[-1].markers}
+    assert namespaces == {"target_volume", "regions", "object", "path"}
+
+
+def test_all_joints_are_named_where_asked_for(bench):
+    b = bench()
+    planner = started(b, trajectory_joints="all")
+    planner.offers.append(0.25)
+    b.wait(lambda: b.messages("trajectory") and b.messages("trajectory")[-1].points)
+    assert len(b.messages("trajectory")[-1].joint_names) == 16
+
+
+def test_a_new_run_withdraws_the_results_of_the_old(bench):
+    b = bench()
+    planner = started(b)
+    planner.offers.append(0.1)
+    b.wait(lambda: b.manifests()[-1]["solution"] == "1")
+    b.call("stop")
+    started(b)
+    b.wait(lambda: b.manifests()[-1]["run"] == "2")
+    assert b.manifests()[-1]["solution"] == "0"
+    b.wait(lambda: b.messages("trajectory")[-1].header.frame_id == "2/0")
+    assert b.messages("trajectory")[-1].points == []
+    assert b.messages("retreat_trajectory")[-1].header.frame_id == "2/0"
+    stamps = [(m.header.stamp.sec, m.header.stamp.nanosec) for m in b.messages("solution")]
+    assert stamps == sorted(set(stamps))
+
+
+def test_a_second_start_is_told_of_the_first(bench):
+    b = bench()
+    started(b)
+    answer = b.call("start")
+    assert not answer.success
+    assert (answer.code, answer.run) == ("ALREADY_RUNNING", "1")
+
+
+def test_start_answers_while_preparation_takes_its_time(bench):
+    b = bench()
+    b.feed()
+    b.prepare_delay = 1.0
+    before = time.monotonic()
+    assert b.call("start").success
+    assert time.monotonic() - before < 0.8
+    b.wait(lambda: b.status().get("state") == "preparing")
+
+
+def test_stop_without_a_run_succeeds(bench):
+    answer = bench().call("stop")
+    assert answer.success
+    assert answer.code == "NOT_RUNNING"
+
+
+def test_stop_after_the_end_still_tells_what_was_found(bench):
+    b = bench()
+    planner = started(b)
+    planner.offers.append(0.3)
+    b.wait(lambda: b.manifests()[-1]["solution"] == "1")
+    planner.exhausted = "every branch was searched"
+    planner.done.set()
+    b.wait(lambda: b.status()["state"] == "exhausted")
+    answer = b.call("stop")
+    assert answer.success
+    assert (answer.code, answer.run, answer.solution) == ("NOT_RUNNING", "1", "1")
+
+
+def test_where_nothing_was_found_stop_says_why(bench):
+    b = bench()
+    started(b)
+    answer = b.call("stop")
+    assert answer.solution == "0"
+    assert "nothing was tried" in answer.words
+
+
+def test_stop_with_ends_that_run_only(bench):
+    b = bench()
+    started(b)
+    answer = b.call("stop_with", run=7)
+    assert not answer.success
+    assert answer.code == "WRONG_RUN"
+    assert b.node._run.active
+    assert b.call("stop_with", run="1").code == "BAD_PARAMETER"
+    assert b.call("stop_with", run=1).code == "OK"
+    assert b.call("stop_with", run=1).code == "NOT_RUNNING"
+
+
+def test_a_worker_that_hangs_is_reported_and_publishes_nothing_more(bench):
+    b = bench()
+    planner = started(b)
+    planner.deaf = True
+    answer = b.call("stop")
+    assert not answer.success
+    assert answer.code == "STOPPING"
+    assert b.call("start").code == "STOPPING"
+    planner.offers.append(0.5)
+    b.wait(lambda: not planner.offers)
+    planner.done.set()
+    b.wait(lambda: not b.node._run.active)
+    assert b.node._run.solutions == 0
+    assert b.manifests()[-1]["solution"] == "0"
+    b.feed()
+    assert b.call("start").run == "2"
+
+
+def test_a_planner_that_fails_ends_its_run_only(bench):
+    b = bench()
+    started(b).error = ZeroDivisionError("division by zero")
+    b.wait(lambda: b.status()["state"] == "failed")
+    assert "division by zero" in b.messages("status")[-1].message
+    started(b).error = ParameterError("objective", float("nan"), "must be finite")
+    b.wait(lambda: b.status()["run"] == "2" and b.status()["state"] == "failed")
+    assert b.status()["code"] == "BAD_PARAMETER"
+    started(b)
+
+
+def test_the_time_limit_ends_a_run(bench):
+    b = bench()
+    started(b, time_limit=0.3)
+    b.wait(lambda: b.status()["state"] == "time_limit")
+    assert b.node.get_parameter("time_limit").value == 30.0
+
+
+def test_a_robot_that_leaves_its_start_ends_the_run(bench):
+    b = bench()
+    planner = started(b)
+    planner.offers.append(0.1)
+    b.wait(lambda: b.manifests()[-1]["solution"] == "1")
+    b.joint_state(yumi_joint_5_l=0.3)
+    b.wait(lambda: b.status()["state"] == "robot_moved")
+    assert b.status()["best_valid"] == "false"
+    assert "left" in b.status()["best_invalid_reason"]
+
+
+def test_a_twitch_within_the_tolerance_does_not(bench):
+    b = bench()
+    started(b, start_tolerance=0.5)
+    b.joint_state(yumi_joint_5_l=0.3)
+    b.wait(lambda: b.node._inputs.joints.positions()["yumi_joint_5_l"] == 0.3)
+    assert b.node._run.active
+
+
+def test_start_with_changes_parameters_for_one_run(bench):
+    b = bench()
+    started(b, objective="minimize_clearance", collision_margin=0)
+    assert b.snapshots[-1].parameters["objective"] == "minimize_clearance"
+    assert b.snapshots[-1].parameters["collision_margin"] == 0.0
+    b.call("stop")
+    started(b)
+    assert b.snapshots[-1].parameters["objective"] == "maximize_clearance"
+    assert b.node.get_parameter("objective").value == "maximize_clearance"
+
+
+@pytest.mark.parametrize(
+    ("parameters", "code"),
+    [
+        ({"objective": "the_best"}, "BAD_PARAMETER"),
+        ({"no_such": 1}, "BAD_PARAMETER"),
+        ({"planning_frame": "map"}, "BAD_PARAMETER"),
+        ({"target_volume": [1.0, 0.0, 0.0, 0.0, 1.0, 1.0]}, "BAD_VOLUME"),
+        ({"left__grasps": [1.0, 2.0]}, "BAD_GRASP"),
+        ({"left__grasps": [], "right__grasps": []}, "BAD_GRASP"),
+        ({"object__triangles": [0, 1, 99]}, "BAD_OBJECT"),
+        ({"left__tip_frame": "nowhere"}, "BAD_PARAMETER"),
+    ],
+    ids=str,
+)
+def test_bad_parameters_for_a_run_are_refused(bench, parameters, code):
+    b = bench()
+    b.feed()
+    answer = b.call("start_with", **parameters)
+    assert not answer.success
+    assert answer.code == code, answer.text
+    assert b.node._run is None
+
+
+def test_inputs_that_are_wrong_are_told_apart(bench):
+    b = bench()
+    b.feed()
+    b.joint_state(yumi_joint_5_l=0.2)
+    b.wait(lambda: b.node._inputs.joints.positions()["yumi_joint_5_l"] == 0.2)
+    assert b.call("start").code == "ROBOT_MOVING"
+    b.cloud(frame="")
+    b.wait(lambda: b.call("start").code == "CLOUD_FRAME")
+    b.cloud(frame="camera_nobody_knows")
+    b.wait(lambda: "camera_nobody_knows" in b.call("start").text)
+    time.sleep(1.1)
+    assert "JOINTS_STALE" in b.call("start").text
+
+
+def test_an_old_stamp_makes_a_cloud_stale(bench):
+    b = bench()
+    b.feed()
+    stamp = b.node.get_clock().now().to_msg()
+    stamp.sec -= 100
+    updates = b.node._inputs.clouds.updates
+    b.cloud(stamp=stamp)
+    b.wait(lambda: b.node._inputs.clouds.updates > updates)
+    b.joint_state()
+    assert b.call("start").code == "CLOUD_STALE"
+    b.joint_state()
+    assert b.call("start_with", cloud__max_age=0).success
+
+
+def test_a_cloud_is_moved_from_its_sensor_to_the_planning_frame(bench):
+    half = np.sqrt(0.5)
+    b = bench(sensor_frames=["eye"], **{"cloud.max_age": 0})
+    pose = [0.0, 0.0, 0.1, 0.0, 0.0, half, half]
+    b.cloud(TABLE, frame="eye")
+    b.wait(lambda: "eye" in b.call("start").text, again=lambda: b.cloud(TABLE, frame="eye"))
+    # The cloud has waited for the pose of its frame.
+    assert b.node.set_parameters([Parameter("sensor_poses.eye", value=pose)])[0].successful
+    b.joint_state()
+    b.wait(lambda: b.call("start").success, again=b.joint_state)
+    b.wait(lambda: b.snapshots)
+    expected = np.column_stack([-TABLE[:, 1], TABLE[:, 0], TABLE[:, 2] + 0.1])
+    np.testing.assert_allclose(np.vstack(b.snapshots[0].clouds), expected, atol=1e-6)
+
+
+def test_a_cloud_in_the_frame_of_a_link_follows_the_robot(bench):
+    b = bench()
+    b.feed()
+    updates = b.node._inputs.clouds.updates
+    b.cloud([[0.0, 0.0, 0.2]], frame="gripper_l_base")
+    b.wait(lambda: b.node._inputs.clouds.updates > updates)
+    robot = b.node._inputs.robot.robot
+    q = robot.configuration(b.node._inputs.joints.positions())
+    expected = robot.link_pose(q, "gripper_l_base").act(np.array([0.0, 0.0, 0.2]))
+    got = np.vstack(b.node._inputs.clouds.latest_points())
+    np.testing.assert_allclose(got[-1], expected, atol=1e-6)
+
+
+def test_a_newer_cloud_that_cuts_through_the_best_is_told(bench):
+    b = bench()
+    planner = started(b)
+    planner.offers.append(0.1)
+    b.wait(lambda: b.manifests()[-1]["solution"] == "1")
+    b.wait(lambda: b.status().get("best_valid") == "true")
+    robot, snapshot = b.node._inputs.robot.robot, b.snapshots[-1]
+    q = robot.with_positions(
+        snapshot.q_start,
+        dict(
+            zip(
+                b.messages("trajectory")[-1].joint_names,
+                b.messages("trajectory")[-1].points[-1].positions,
+                strict=True,
+            )
+        ),
+    )
+    tip = robot.link_pose(q, "gripper_l_base")
+    held = tip * snapshot.arms[0].grasps[0]
+    # A block around where the object ends, seen only now; where it is held now it is filtered.
+    rng = np.random.default_rng(0)
+    block = np.array([held.act(p) for p in rng.uniform(-0.06, 0.06, (4000, 3))])
+    b.wait(
+        lambda: b.status().get("best_valid") == "false",
+        again=lambda: (b.cloud(np.vstack([TABLE, block])), b.joint_state()),
+    )
+    assert "newer cloud" in b.status()["best_invalid_reason"]
+
+
+def test_confirm_placed_makes_the_object_part_of_the_environment(bench):
+    b = bench()
+    assert b.call("confirm_placed").code == "NO_OBJECT"
+    planner = started(b)
+    assert b.call("confirm_placed").code == "ALREADY_RUNNING"
+    assert b.call("clear_environment").code == "ALREADY_RUNNING"
+    planner.offers.append(0.1)
+    b.wait(lambda: b.manifests()[-1]["solution"] == "1")
+    b.call("stop")
+    assert b.call("confirm_placed").success
+    started(b)
+    added = np.vstack(b.snapshots[-1].clouds)[len(TABLE) :]
+    b.call("stop")
+    # The box's extent at the placement pose, (0.4, 0, 0.1), corners included.
+    np.testing.assert_allclose(added.min(axis=0), [0.353, -0.0105, 0.0645], atol=1e-6)
+    np.testing.assert_allclose(added.max(axis=0), [0.447, 0.0105, 0.1355], atol=1e-6)
+    assert b.call("clear_environment").success
+    started(b)
+    assert len(np.vstack(b.snapshots[-1].clouds)) == len(TABLE)
+
+
+def test_the_object_given_last_wins(bench):
+    b = bench()
+    started(b)
+    assert len(b.snapshots[-1].body.vertices) == 8
+    b.call("stop")
+    tall = [0.0, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 0.3]
+    triangles = [0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3]
+    started(b, object__vertices=tall, object__triangles=triangles)
+    assert np.max(b.snapshots[-1].body.vertices) == pytest.approx(0.3)
+    b.call("stop")
+    started(b)
+    assert len(b.snapshots[-1].body.vertices) == 8
+
+
+def test_diagnostics_tell_the_ages_of_inputs(bench):
+    b = bench()
+    b.feed()
+    b.wait(
+        lambda: (
+            b.messages("diagnostics")
+            and "cloud_age points" in values_of(b.messages("diagnostics")[-1].status[0])
+        )
+    )
+    assert values_of(b.messages("diagnostics")[-1].status[0])["state"] == "idle"
