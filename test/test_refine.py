@@ -49,7 +49,7 @@ class Bowl:
         return float(-((x - 0.3) ** 2) - 4 * (y - 0.2) ** 2 - 0.1 * (yaw(T) - 0.5) ** 2)
 
 
-def optimize(poses=None, reach=None, objective=None, should_stop=lambda: False, **settings):
+def optimize(poses=None, holding=None, objective=None, should_stop=lambda: False, **settings):
     poses = poses or SimpleNamespace(verdict=lambda T, face, z: Verdict.FEASIBLE)
     objective = objective or Bowl()
     start = pin.SE3.Identity()
@@ -88,9 +88,9 @@ def test_slides_along_a_wall_that_blocks_the_gradient():
 
 
 def test_never_leaves_what_the_arm_can_reach_or_cross_a_blocked_edge():
-    refined = optimize(reach=PlanarReach(x_limit=0.15))
+    refined = optimize(holding=PlanarReach(x_limit=0.15))
     assert refined.goal.T_world_object.translation[0] <= 0.15
-    refined = optimize(reach=PlanarReach(blocked=lambda a, b: True))
+    refined = optimize(holding=PlanarReach(blocked=lambda a, b: True))
     assert refined.goal.T_world_object.translation == pytest.approx([0, 0, 0])
     assert len(refined.slide) == 1
 

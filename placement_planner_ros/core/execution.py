@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.holding import Holding
 from placement_planner_ros.core.motion.shortcut import shorten
 from placement_planner_ros.core.motion.timing import concatenate, evaluate, parameterize
-from placement_planner_ros.core.holding import Holding
 from placement_planner_ros.core.types import Array, Goal, Trajectory
 
 _APPROACH_SAMPLES = 200

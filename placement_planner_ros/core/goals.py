@@ -10,8 +10,8 @@ import pinocchio as pin
 
 from placement_planner_ros.core.body import Body
 from placement_planner_ros.core.feasibility import PoseConstraints, placement_pose
-from placement_planner_ros.core.objective import Objective, evaluate
 from placement_planner_ros.core.holding import Holding
+from placement_planner_ros.core.objective import Objective, evaluate
 from placement_planner_ros.core.search.hierarchy import AfrNode
 from placement_planner_ros.core.search.sampler import Sample
 from placement_planner_ros.core.types import Array, Goal, Verdict
@@ -22,9 +22,9 @@ class GoalFinder:
 
     Args:
         holdings: per arm, per grasp.
-        ik_seeds: random seeds given to the IK for each pose, beside q_0.
+        ik_seeds: starts of the inverse kinematics for each pose, beside q_0.
         min_improvement: ξ must exceed ξ_best by this much.
-        rng: draws the IK seeds.
+        rng: chooses them.
     """
 
     def __init__(
@@ -90,9 +90,7 @@ class GoalFinder:
     def _reach_goal(
         self, holding: Holding, x: pin.SE3, face: int, contact_height: float, value: float
     ) -> Goal | Verdict:
-        lower, upper = holding.arm.lower, holding.arm.upper
-        random = self._rng.uniform(lower, upper, (self._ik_seeds, len(lower)))
-        found = holding.configurations(x, np.vstack([holding.q_start, random]))
+        found = holding.configurations(x, self._ik_seeds, self._rng)
         if len(found) == 0:
             return Verdict.NO_IK
         free = list(itertools.islice((q for q in found if holding.free_at_contact(q)), 2))

@@ -14,9 +14,14 @@ from placement_planner_ros.core.robot.collision import ArmCollision, CollisionSe
 from placement_planner_ros.core.robot.ik import IKSettings, InverseKinematics
 from placement_planner_ros.core.robot.kinematics import Chain
 from placement_planner_ros.core.robot.model import Arm, Robot
+from placement_planner_ros.core.robot.seeds import SeedTable
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import Array, TargetVolume, Verdict
 
+_WITHDRAWAL_STEP = 0.03
+"""m, between the waypoints of a withdrawal."""
+_WITHDRAWAL_STEPS = 12
+"""Waypoints of a withdrawal at most."""
 _HAND_LENGTH = 0.3
 """m, how far a hand is taken to extend beyond its tip frame in `workspace`."""
 
@@ -65,6 +70,7 @@ class Holding:
         collision: CollisionSettings,
         ik: IKSettings,
         approach: ApproachSettings,
+        seeds: SeedTable,
     ) -> None:
         self.arm = arm
         self.grasp = grasp
@@ -73,6 +79,7 @@ class Holding:
         self.collision = ArmCollision(robot, arm, grasp, body, obstacles, q_robot, collision)
         self._ik = InverseKinematics(self.chain, ik)
         self._T_object_tip = arm.grasps[grasp].inverse()
+        self._seeds = seeds
         self._settings = approach
         self._reserve = collision.planning_reserve
         self._vertices = body.vertices
@@ -85,12 +92,19 @@ class Holding:
         """O(q)."""
         return pin.SE3(self.chain.forward(q)) * self.arm.grasps[self.grasp]
 
-    def configurations(self, T_world_object: pin.SE3, seeds: Array) -> Array:
-        """(k, dof) distinct configurations with O(q) = x, the nearest to q_0 first."""
+    def configurations(
+        self, T_world_object: pin.SE3, seeds: int, rng: np.random.Generator
+    ) -> Array:
+        """(k, dof) distinct configurations with O(q) = x, the nearest to q_0 first.
+
+        Args:
+            seeds: starts of the inverse kinematics beside q_0.
+        """
         T_world_tip = self.tip_pose(T_world_object)
         if not self._ik.reachable(T_world_tip):
             return np.empty((0, len(self.q_start)))
-        found = self._ik.solve(T_world_tip, seeds)
+        near = self._seeds.near(T_world_tip[None], seeds, rng)[0]
+        found = self._ik.solve(T_world_tip, np.vstack([self.q_start, near]))
         return np.asarray(found[np.argsort(np.abs(found - self.q_start).sum(axis=1))])
 
     def follow(self, T_world_object: pin.SE3, q: Array) -> Array | None:
@@ -105,6 +119,33 @@ class Holding:
     def transit_free(self, a: Array, b: Array) -> bool:
         """Whether a whole straight joint motion is free, with what planning keeps in reserve."""
         return self.collision.edge_free(a, b, reserve=self._reserve)
+
+    def withdrawal(self, q: Array, T_world_object: pin.SE3) -> Array:
+        """(k, dof) the longest free way found that draws the object out straight, from `q` on.
+
+        It leads a backward tree out of a shelf or from between neighbours, where random growth
+        takes long: tried are towards the arm's base, upwards, and against the hand's pointing
+        direction.
+        """
+        tip = self.tip_pose(T_world_object)
+        inwards = self.chain.fixed[0, :3, 3] - T_world_object.translation
+        inwards[2] = 0.0
+        best = q[None]
+        for direction in (inwards, np.array([0.0, 0.0, 1.0]), -tip[:3, 2]):
+            length = float(np.linalg.norm(direction))
+            if length < 1e-6:
+                continue
+            chain = [q]
+            for distance in np.arange(1, _WITHDRAWAL_STEPS + 1) * _WITHDRAWAL_STEP:
+                drawn = pin.SE3(T_world_object)
+                drawn.translation = T_world_object.translation + direction * (distance / length)
+                q_next = self.follow(drawn, chain[-1])
+                if q_next is None or not self.transit_free(chain[-1], q_next):
+                    break
+                chain.append(q_next)
+            if len(chain) > len(best):
+                best = np.array(chain)
+        return best
 
     def comes_straight_down(self, Q: Array, T_world_object: pin.SE3) -> bool:
         """Whether at each of Q (n, dof) the object is where the swept object of c_f(x) was.

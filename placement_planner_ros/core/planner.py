@@ -14,14 +14,15 @@ from placement_planner_ros.core.errors import ParameterError, RobotError, StartE
 from placement_planner_ros.core.execution import ExecutionSettings, TrajectoryMaker
 from placement_planner_ros.core.feasibility import PoseConstraints
 from placement_planner_ros.core.goals import GoalFinder
-from placement_planner_ros.core.motion.birrt import GoalSetRRTSettings
-from placement_planner_ros.core.objective import Objective
 from placement_planner_ros.core.holding import ApproachSettings, Holding
+from placement_planner_ros.core.objective import Objective
 from placement_planner_ros.core.refine import LocalOptimizer, Refined, RefineSettings
 from placement_planner_ros.core.robot.collision import CollisionSettings
 from placement_planner_ros.core.robot.ik import IKSettings
+from placement_planner_ros.core.robot.kinematics import Chain
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.robot.object_collision import ObjectCollision
+from placement_planner_ros.core.robot.seeds import SeedTable
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy, HierarchySettings
 from placement_planner_ros.core.search.sampler import (
@@ -31,7 +32,7 @@ from placement_planner_ros.core.search.sampler import (
     UniformSampler,
 )
 from placement_planner_ros.core.statistics import Statistics
-from placement_planner_ros.core.transit import MotionPlanner
+from placement_planner_ros.core.transit import MotionPlanner, TransitSettings
 from placement_planner_ros.core.types import Array, Goal, Placement, TargetVolume
 
 
@@ -68,8 +69,8 @@ class PlannerSettings:
     Attributes:
         sampler: `mcts`, or `uniform` for the ablation.
         local_optimization: False for the ablation without OptimizeLocally.
-        motion_iterations: m_max, RRT iterations per tree in one iteration of Algorithm 1.
-        ik_seeds: random IK seeds per sampled pose.
+        motion_iterations: m_max, RRT iterations per arm and grasp in one iteration of Algorithm 1.
+        ik_seeds: starts of the inverse kinematics per sampled pose, beside q_0.
         min_improvement: ξ counts as better from this much.
     """
 
@@ -83,7 +84,7 @@ class PlannerSettings:
     ik: IKSettings = field(default_factory=IKSettings)
     collision: CollisionSettings = field(default_factory=CollisionSettings)
     approach: ApproachSettings = field(default_factory=ApproachSettings)
-    rrt: GoalSetRRTSettings = field(default_factory=GoalSetRRTSettings)
+    transit: TransitSettings = field(default_factory=TransitSettings)
     refine: RefineSettings = field(default_factory=RefineSettings)
     execution: ExecutionSettings = field(default_factory=ExecutionSettings)
 
@@ -131,7 +132,7 @@ class PlacementPlanner:
             settings.collision.contact_tolerance,
             settings.approach.approach_minimum,
         )
-        holdings = _usable_holdings(problem, settings)
+        holdings = _usable_holdings(problem, settings, rng_ik)
         self._holding = {(r.arm.name, r.grasp): r for of_arm in holdings for r in of_arm}
         finder = GoalFinder(
             body, poses, holdings, objective, settings.ik_seeds, settings.min_improvement, rng_ik
@@ -145,7 +146,7 @@ class PlacementPlanner:
         self.exhausted = _nothing_to_search(hierarchy)
         Sampler = MctsSampler if settings.sampler == "mcts" else UniformSampler
         self._sampler: GoalSampler = Sampler(hierarchy, finder, settings.sampling, rng_sampler)
-        self._motion = MotionPlanner(list(self._holding.values()), settings.rrt, rng_motion)
+        self._motion = MotionPlanner(list(self._holding.values()), settings.transit, rng_motion)
         self._optimizer = LocalOptimizer(
             poses, objective, settings.min_improvement, settings.refine
         )
@@ -170,9 +171,7 @@ class PlacementPlanner:
             if placement is None:
                 continue
             best = placement.objective
-            self._motion.retire(
-                lambda g, bound=best + self._settings.min_improvement: g.objective <= bound
-            )
+            self._motion.retire_up_to(best + self._settings.min_improvement)
             self.statistics.best = best
             self.statistics.solutions += 1
             yield placement
@@ -187,7 +186,7 @@ class PlacementPlanner:
             refined = self._optimizer.optimize(goal, holding, should_stop)
         path = np.vstack([path, refined.slide[1:]])
         made = self._trajectories.make(path, refined.goal, holding, should_stop)
-        self._motion.retire(lambda g: g is goal)
+        self._motion.retire(goal)
         if made is None:
             self.statistics.unreached += 1
             return None
@@ -201,12 +200,16 @@ class PlacementPlanner:
         )
 
 
-def _usable_holdings(problem: Problem, settings: PlannerSettings) -> list[list[Holding]]:
+def _usable_holdings(
+    problem: Problem, settings: PlannerSettings, rng: np.random.Generator
+) -> list[list[Holding]]:
     """Per arm, its grasps for which q_0 is free."""
     holdings: list[list[Holding]] = []
     reasons: list[str] = []
     for arm in problem.arms:
         of_arm = []
+        chain = Chain.from_robot(problem.robot, arm, problem.q_start)
+        seeds = SeedTable(chain, rng)
         for grasp in range(len(arm.grasps)):
             holding = Holding(
                 problem.robot,
@@ -218,6 +221,7 @@ def _usable_holdings(problem: Problem, settings: PlannerSettings) -> list[list[H
                 settings.collision,
                 settings.ik,
                 settings.approach,
+                seeds,
             )
             reason = holding.collision.explain(holding.q_start)
             if reason:

@@ -10,8 +10,8 @@ import pinocchio as pin
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.feasibility import PoseConstraints
-from placement_planner_ros.core.objective import Objective, evaluate, gradient, moved
 from placement_planner_ros.core.holding import Holding
+from placement_planner_ros.core.objective import Objective, evaluate, gradient, moved
 from placement_planner_ros.core.types import Array, Goal, Verdict
 
 

@@ -3,12 +3,118 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from placement_planner_ros.core.motion.birrt import GoalSetRRT, GoalSetRRTSettings
+from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.holding import Holding
+from placement_planner_ros.core.motion.birrt import GoalSetRRT, GoalSetRRTSettings
 from placement_planner_ros.core.types import Array, Goal
+
+
+@dataclass(frozen=True, slots=True)
+class TransitSettings:
+    """How planning effort is shared among goals.
+
+    Attributes:
+        active_goals: goals of one arm and grasp that are planned for at the same time.
+        patience: iterations after which a goal that resists makes room for one that waits.
+        withdrawal: whether each backward tree begins with the way straight out of its goal.
+        rrt: how the trees grow.
+    """
+
+    active_goals: int = 8
+    patience: int = 400
+    withdrawal: bool = True
+    rrt: GoalSetRRTSettings = field(default_factory=GoalSetRRTSettings)
+
+    def __post_init__(self) -> None:
+        for name in ("active_goals", "patience"):
+            if getattr(self, name) < 1:
+                raise ParameterError(name, getattr(self, name), "must be at least 1")
+
+
+@dataclass(slots=True)
+class _Candidate:
+    """A goal of 𝒢, its key in the RRT and when (in iterations) it was last made active."""
+
+    goal: Goal
+    key: int
+    turns: int = 0
+    activated: int = 0
+
+
+class _Trees:
+    """The RRT of one holding with its active and waiting goals."""
+
+    def __init__(
+        self, holding: Holding, settings: TransitSettings, rng: np.random.Generator
+    ) -> None:
+        self._holding = holding
+        self._settings = settings
+        self._active: dict[int, _Candidate] = {}
+        self._waiting: list[_Candidate] = []
+        self._next_key = 0
+        self.rrt = GoalSetRRT(
+            holding.arm.lower,
+            holding.arm.upper,
+            holding.q_start,
+            holding.transit_free,
+            settings.rrt,
+            rng,
+        )
+
+    @property
+    def goals(self) -> int:
+        """Active and waiting."""
+        return len(self._active) + len(self._waiting)
+
+    def add(self, goal: Goal) -> None:
+        self._waiting.append(_Candidate(goal, self._next_key))
+        self._next_key += 1
+
+    def retire(self, unwanted: Callable[[Goal], bool]) -> None:
+        self._waiting = [c for c in self._waiting if not unwanted(c.goal)]
+        for key, candidate in list(self._active.items()):
+            if unwanted(candidate.goal):
+                self.rrt.retire_goal(key)
+                del self._active[key]
+
+    def plan(
+        self, max_iterations: int, should_stop: Callable[[], bool]
+    ) -> tuple[Goal, Array] | None:
+        self._share()
+        found = self.rrt.solve(max_iterations, should_stop)
+        if found is None:
+            return None
+        key, path = found
+        return self._active[key].goal, path
+
+    def _share(self) -> None:
+        """Let goals that resist wait; activate those that had the fewest turns, best ξ first."""
+        iterations, settings = self.rrt.iterations, self._settings
+        if self._waiting:
+            tired = settings.patience * max(1, len(self._active))
+            for key, candidate in list(self._active.items()):
+                if iterations - candidate.activated >= tired:
+                    self.rrt.retire_goal(key)
+                    candidate.turns += 1
+                    self._waiting.append(self._active.pop(key))
+        room = settings.active_goals - len(self._active)
+        if room <= 0 or not self._waiting:
+            return
+        self._waiting.sort(key=lambda c: (c.turns, -c.goal.objective))
+        for candidate in self._waiting[:room]:
+            candidate.activated = iterations
+            self._active[candidate.key] = candidate
+            self.rrt.add_goal(candidate.key, candidate.goal.q_raised)
+            if settings.withdrawal and candidate.turns == 0:
+                branch = self._holding.withdrawal(
+                    candidate.goal.q_raised, self._holding.object_pose(candidate.goal.q_raised)
+                )
+                self.rrt.add_branch(candidate.key, branch)
+        del self._waiting[:room]
 
 
 class MotionPlanner:
@@ -20,46 +126,35 @@ class MotionPlanner:
     """
 
     def __init__(
-        self, holdings: list[Holding], settings: GoalSetRRTSettings, rng: np.random.Generator
+        self, holdings: list[Holding], settings: TransitSettings, rng: np.random.Generator
     ) -> None:
-        self._trees: dict[tuple[str, int], GoalSetRRT] = {}
-        self._goals: dict[tuple[str, int], dict[int, Goal]] = {}
-        for holding, child in zip(holdings, rng.spawn(len(holdings)), strict=True):
-            tree = (holding.arm.name, holding.grasp)
-            self._trees[tree] = GoalSetRRT(
-                holding.arm.lower,
-                holding.arm.upper,
-                holding.q_start,
-                holding.transit_free,
-                settings,
-                child,
-            )
-            self._goals[tree] = {}
-        self._next_key = 0
+        self._trees = {
+            (holding.arm.name, holding.grasp): _Trees(holding, settings, child)
+            for holding, child in zip(holdings, rng.spawn(len(holdings)), strict=True)
+        }
 
     @property
     def goals(self) -> int:
         """|𝒢|."""
-        return sum(len(goals) for goals in self._goals.values())
+        return sum(trees.goals for trees in self._trees.values())
 
     @property
     def iterations(self) -> int:
         """RRT iterations spent so far."""
-        return sum(tree.iterations for tree in self._trees.values())
+        return sum(trees.rrt.iterations for trees in self._trees.values())
 
     def add(self, goal: Goal) -> None:
         """𝒢 ← 𝒢 ∪ {g}."""
-        tree = (goal.arm, goal.grasp)
-        self._trees[tree].add_goal(self._next_key, goal.q_raised)
-        self._goals[tree][self._next_key] = goal
-        self._next_key += 1
+        self._trees[goal.arm, goal.grasp].add(goal)
 
-    def retire(self, unwanted: Callable[[Goal], bool]) -> None:
-        """𝒢 ← 𝒢 \\ {g | unwanted}; their trees are kept."""
-        for tree, goals in self._goals.items():
-            for key in [key for key, goal in goals.items() if unwanted(goal)]:
-                self._trees[tree].retire_goal(key)
-                del goals[key]
+    def retire(self, goal: Goal) -> None:
+        """𝒢 ← 𝒢 \\ {g}; its tree is kept."""
+        self._trees[goal.arm, goal.grasp].retire(lambda g: g is goal)
+
+    def retire_up_to(self, bound: float) -> None:
+        """𝒢 ← 𝒢 \\ 𝒢_o with 𝒢_o = {g | ξ(g) ≤ bound}; their trees are kept."""
+        for trees in self._trees.values():
+            trees.retire(lambda g: g.objective <= bound)
 
     def plan(
         self, max_iterations: int, should_stop: Callable[[], bool]
@@ -69,11 +164,10 @@ class MotionPlanner:
         Returns:
             A goal reached and the path (n, dof) from q_0 to its raised pre-placement, or None.
         """
-        for tree in sorted(self._trees, key=lambda t: self._trees[t].iterations):
-            if not self._goals[tree] or should_stop():
+        for trees in sorted(self._trees.values(), key=lambda t: t.rrt.iterations):
+            if trees.goals == 0 or should_stop():
                 continue
-            found = self._trees[tree].solve(max_iterations, should_stop)
+            found = trees.plan(max_iterations, should_stop)
             if found is not None:
-                key, path = found
-                return self._goals[tree][key], path
+                return found
         return None

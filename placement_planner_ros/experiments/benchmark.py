@@ -11,10 +11,12 @@ from pathlib import Path
 
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.planner import PlannerSettings
+from placement_planner_ros.core.warmup import warm_up
 from placement_planner_ros.experiments.cases import OBJECTIVES, Case, all_cases
 from placement_planner_ros.experiments.record import Record, run_case
 from placement_planner_ros.scenes.objects import OBJECT_NAMES
 from placement_planner_ros.scenes.scenes import SCENE_NAMES
+from placement_planner_ros.scenes.yumi import START_CONFIGURATION, TIP_FRAMES, load_yumi, yumi_arm
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -69,6 +71,10 @@ def run_cases(arguments: argparse.Namespace) -> int:
         for seed in range(arguments.first_seed, arguments.first_seed + arguments.seeds)
     ]
     arguments.output.mkdir(parents=True, exist_ok=True)
+    print("warming up", flush=True)
+    robot = load_yumi()
+    arms = [yumi_arm(robot, name) for name in TIP_FRAMES]
+    warm_up(robot, arms, robot.configuration(START_CONFIGURATION))
     failed = 0
     started = time.monotonic()
     with (arguments.output / "runs.jsonl").open("a", encoding="utf-8") as lines:

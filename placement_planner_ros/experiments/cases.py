@@ -9,9 +9,9 @@ from typing import Literal
 import numpy as np
 
 from placement_planner_ros.core.body import Body
+from placement_planner_ros.core.holding import workspace
 from placement_planner_ros.core.objective import Objective, ObjectiveContext, make_objective
 from placement_planner_ros.core.planner import Problem
-from placement_planner_ros.core.holding import workspace
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.regions import RegionSettings

@@ -58,12 +58,14 @@ class GoalSetRRTSettings:
 class _Goal:
     """A goal, active or retired.
 
-    `label` is that of its tree until merged, `root` its node; `tried` = directly connected or not.
+    `label` is that of its tree until merged, `root` its node, `tip` the end of the branch given
+    for it (else the root); `tried` = directly connected or not.
     """
 
     q: Array
     label: int
     root: int
+    tip: int
     active: bool = True
     tried: bool = False
 
@@ -206,7 +208,8 @@ class GoalSetRRT:
         if goal is None:
             label = len(self._sizes)
             self._sizes.append(0)
-            self._goals[key] = _Goal(q, label, self._append(q, -1, label))
+            root = self._append(q, -1, label)
+            self._goals[key] = _Goal(q, label, root, root)
         elif not np.array_equal(goal.q, q):
             raise ParameterError(f"goal {key}", q.tolist(), "use a new key for another goal")
         elif goal.active:
@@ -219,6 +222,29 @@ class GoalSetRRT:
         self._unreached.append(key)
         if not self._goals[key].tried:
             self._untried.append(key)
+
+    def add_branch(self, key: int, branch: Array) -> None:
+        """Lengthen a goal's tree by a way out that the caller knows.
+
+        The first attempt to connect the goal then aims at the branch's end.
+
+        Args:
+            key: a goal that was added before.
+            branch: (k, dof) configurations from the goal's on, whose edges are free.
+
+        Raises:
+            ParameterError: the key is unknown, or the branch starts elsewhere or leaves the bounds.
+        """
+        if key not in self._goals:
+            raise ParameterError("goal", key, "add it before its branch")
+        goal = self._goals[key]
+        if not np.array_equal(branch[0], goal.q):
+            raise ParameterError(f"branch of goal {key}", branch[0].tolist(), "start at the goal")
+        node = goal.root
+        for q in branch[1:]:
+            q = self._checked(f"branch of goal {key}", q)
+            node = self._append(q, node, int(self._labels[goal.root]))
+        goal.tip = node
 
     def retire_goal(self, key: int) -> None:
         """Stop aiming at a goal; its tree stays. Retiring a retired goal changes nothing.
@@ -282,7 +308,7 @@ class GoalSetRRT:
         if self._untried:
             goal = self._goals[self._untried.popleft()]
             goal.tried = True
-            self._connect(_FORWARD, goal.root, should_stop)
+            self._connect(_FORWARD, goal.tip, should_stop)
             return
         self._turns += 1
         backward = sum(self._sizes[self._goals[key].label] for key in self._unreached)
@@ -431,7 +457,7 @@ class GoalSetRRT:
                 if self._in_forward_tree(goal):
                     kept.update(self._branch(goal.root))
                 else:
-                    kept.add(goal.root)
+                    kept.update(self._branch(goal.tip))
             if 2 * len(kept) <= self._max_nodes:
                 break
         self._max_nodes = max(self._max_nodes, 2 * len(kept))
@@ -445,3 +471,4 @@ class GoalSetRRT:
         self._sizes = np.bincount(self._labels[: self._count], minlength=len(self._sizes)).tolist()
         for goal in self._goals.values():
             goal.root = int(new_index[goal.root])
+            goal.tip = max(int(new_index[goal.tip]), goal.root)

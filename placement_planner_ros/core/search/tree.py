@@ -149,7 +149,7 @@ class SearchTree(Generic[N]):
         """Whether the hierarchy has no children below this node."""
         if self._total[node] == _UNKNOWN:
             children = list(self._children(self._payload[node]))
-            self._rng.shuffle(children)  # type: ignore[arg-type]
+            self._rng.shuffle(children)
             self._total[node] = len(children)
             if children:
                 self._waiting[node] = children
@@ -234,7 +234,7 @@ class SearchTree(Generic[N]):
 
     def _allocate(self, size: int) -> None:
         def grown(name: str, fill: float, dtype: type) -> np.ndarray:
-            array = np.full(size, fill, dtype=dtype)
+            array: np.ndarray = np.full(size, fill, dtype=dtype)
             old: Array | None = getattr(self, name, None)
             if old is not None:
                 array[: len(old)] = old

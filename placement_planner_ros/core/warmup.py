@@ -1,0 +1,107 @@
+"""Compile (or load from cache) every kernel before the first search needs it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import trimesh
+
+from placement_planner_ros.core.body import Body
+from placement_planner_ros.core.feasibility import PoseConstraints
+from placement_planner_ros.core.holding import Holding
+from placement_planner_ros.core.motion.birrt import GoalSetRRT
+from placement_planner_ros.core.motion.timing import parameterize
+from placement_planner_ros.core.objective import ObjectiveContext, gradient, make_objective
+from placement_planner_ros.core.planner import PlannerSettings
+from placement_planner_ros.core.robot.kinematics import Chain
+from placement_planner_ros.core.robot.model import Arm, Robot
+from placement_planner_ros.core.robot.object_collision import ObjectCollision
+from placement_planner_ros.core.robot.seeds import SeedTable
+from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.scene.grid import GridSettings
+from placement_planner_ros.core.scene.regions import RegionSettings
+from placement_planner_ros.core.search.tree import SearchTree
+from placement_planner_ros.core.types import Array, TargetVolume
+
+
+def warm_up(robot: Robot, arms: Sequence[Arm], q_robot: Array) -> None:
+    """Call each stage once on a cube over a small noisy surface.
+
+    It also fills the caches that depend on the robot alone, such as the spheres over its links.
+
+    Args:
+        q_robot: (nq,) any configuration of the robot.
+    """
+    rng = np.random.default_rng(0)
+    settings = PlannerSettings()
+    cube = trimesh.creation.box((0.01, 0.01, 0.01))
+    body = Body.from_mesh(cube.vertices, cube.faces)
+    for arm in arms:
+        chain = Chain.from_robot(robot, arm, q_robot)
+        q = q_robot[arm.q_index]
+        x = pin.SE3(chain.forward(q))
+        environment, volume = _surface_below(x.translation, rng)
+        poses = PoseConstraints(
+            body,
+            environment,
+            volume,
+            ObjectCollision(body, environment.obstacles, settings.collision),
+            settings.collision.contact_tolerance,
+            settings.approach.approach_minimum,
+        )
+        holding = Holding(
+            robot,
+            replace(
+                arm, grasps=(pin.SE3.Identity(),), touch_links=tuple(set(robot.geometry_links))
+            ),
+            0,
+            body,
+            environment.obstacles,
+            q_robot,
+            settings.collision,
+            settings.ik,
+            settings.approach,
+            SeedTable(chain, rng),
+        )
+        for found in holding.configurations(x, 8, rng)[:1]:
+            holding.free_at_contact(found)
+            holding.approach(found, x, x.translation[2], poses)
+            holding.withdrawal(found, x)
+            chain.jacobian(found, np.eye(4))
+            holding.collision.explain(found)
+            holding.transit_free(found, q)
+        poses.verdict(x, 0, x.translation[2])
+        poses.stable(x, 0)
+        poses.free(x, x.translation[2])
+        context = ObjectiveContext(environment, volume, body)
+        objective = make_objective("maximize_clearance", context)
+        objective(x)
+        gradient(objective, x)
+        parameterize(
+            np.array([q, q + 0.1, q]), arm.joints, arm.velocity, arm.velocity, _always_free
+        )
+    tree = SearchTree(0, lambda n: [n + 1, n + 2] if n < 3 else [], 1, 0.5, 100, rng)
+    for _ in range(10):
+        tree.update(tree.select(), 1.0, 1.0, 0.0)
+    square = (np.zeros(2), np.ones(2))
+    trees = GoalSetRRT(*square, np.zeros(2), _always_free, settings.transit.rrt, rng)
+    trees.add_goal(0, np.ones(2))
+    trees.solve(10)
+
+
+def _surface_below(point: Array, rng: np.random.Generator) -> tuple[Environment, TargetVolume]:
+    """A noisy level patch, 0.2 m wide, 0.2 m below a point, with a step on it."""
+    grid = np.stack(np.meshgrid(*[np.arange(-0.1, 0.1, 0.004)] * 2), axis=-1).reshape(-1, 2)
+    heights = np.where(grid[:, 0] > 0.05, 0.05, 0.0) + rng.normal(0.0, 0.002, len(grid))
+    points = point + np.column_stack([grid, heights - 0.2])
+    volume = TargetVolume(point - 0.3, point + 0.3)
+    bounds = (volume.lower, volume.upper)
+    environment = Environment.from_points(points, volume, GridSettings(), RegionSettings(), bounds)
+    return environment, volume
+
+
+def _always_free(*_: Array) -> bool:
+    return True

@@ -1,0 +1,137 @@
+"""Check every recorded solution of `placement_benchmark cases` and write the table of the runs.
+
+python test/verify_cases.py results/cases --table docs/cases_complete.md
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections import defaultdict
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+from checker import Solution, SolutionChecker, Task, Tolerances
+
+from placement_planner_ros.core.planner import PlannerSettings
+from placement_planner_ros.experiments.cases import start_configuration
+from placement_planner_ros.scenes.objects import object_by_name
+from placement_planner_ros.scenes.scenes import scene_by_name
+from placement_planner_ros.scenes.yumi import TIP_FRAMES, load_yumi, yumi_arm
+from placement_planner_ros.share import PACKAGE, share_path
+
+
+def case_checker(case: dict[str, str], contact: float = 0.003) -> SolutionChecker:
+    """The checker of one case."""
+    scene, held = scene_by_name(case["scene"]), object_by_name(case["object"])
+    urdf = share_path("urdf", "yumi.urdf")
+    task = Task(
+        solids=scene.parts,
+        volume_lower=scene.volume.lower,
+        volume_upper=scene.volume.upper,
+        object_vertices=held.vertices,
+        object_triangles=held.triangles,
+        center_of_mass=held.center_of_mass,
+        urdf=urdf.read_text(encoding="utf-8"),
+        srdf=share_path("urdf", "yumi.srdf").read_text(encoding="utf-8"),
+        package_dirs={PACKAGE: urdf.parent.parent},
+        q_start=start_configuration(case["object"]),
+        objective=case["objective"],
+    )
+    limit = PlannerSettings().execution.acceleration_limits[0]
+    return SolutionChecker(task, Tolerances(contact=contact, acceleration_limit=limit))
+
+
+def load_solution(path: Path, touch_links: dict[str, tuple[str, ...]]) -> tuple[dict, Solution]:
+    """The case a file belongs to, and the solution in it."""
+    with np.load(path) as data:
+        case = json.loads(str(data["case"]))
+        arm = str(data["arm"])
+        names = ("times", "positions", "velocities", "accelerations")
+        trajectory = SimpleNamespace(
+            joints=tuple(str(j) for j in data["joints"]), **{n: data[n] for n in names}
+        )
+        grasp = object_by_name(case["object"]).grasps[arm][int(data["grasp"])]
+        solution = Solution(
+            trajectory=trajectory,
+            approach_start=float(data["approach_start"]),
+            placement_pose=data["T_world_object"],
+            objective=float(data["objective"]),
+            tip_frame=TIP_FRAMES[arm],
+            T_tip_object=grasp.homogeneous,
+            touch_links=touch_links[arm],
+        )
+    return case, solution
+
+
+def verify(folder: Path) -> tuple[list[dict], dict[str, list[str]]]:
+    """Runs recorded in the folder, and the violations found by file name."""
+    runs = [json.loads(line) for line in (folder / "runs.jsonl").read_text().splitlines()]
+    robot = load_yumi()
+    touch = {name: yumi_arm(robot, name).touch_links for name in TIP_FRAMES}
+    checkers: dict[str, SolutionChecker] = {}
+    violations: dict[str, list[str]] = {}
+    for run in runs:
+        case = run["case"]
+        key = "-".join((case["scene"], case["object"], case["objective"], case["cloud"]))
+        if key not in checkers:
+            checkers = {key: case_checker(case)}
+        previous = None
+        run["refused"] = 0
+        for number in range(1, len(run["solutions"]) + 1):
+            path = folder / "solutions" / f"{key}-{run['seed']}-{number}.npz"
+            _, solution = load_solution(path, touch)
+            found = checkers[key].check(solution, previous)
+            previous = solution.objective
+            if found:
+                violations[path.name] = found
+                run["refused"] += 1
+                print(f"{path.name}: {'; '.join(found)}", flush=True)
+    return runs, violations
+
+
+def table(runs: list[dict]) -> str:
+    """Markdown: one row per case over its seeds."""
+    rows = [
+        "| scene | object | objective | runs | first solution, s | solutions | refused "
+        "| objective first → last, m |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    groups = defaultdict(list)
+    for run in runs:
+        groups[tuple(run["case"][k] for k in ("scene", "object", "objective"))].append(run)
+    for (scene, name, objective), group in groups.items():
+        firsts = [f"{r['solutions'][0]['time']:.2f}" if r["solutions"] else "none" for r in group]
+        ends = [
+            f"{r['solutions'][0]['objective']:+.3f} → {r['solutions'][-1]['objective']:+.3f}"
+            for r in group
+            if r["solutions"]
+        ]
+        rows.append(
+            f"| {scene} | {name} | {objective.split('_')[0]} | {len(group)} | "
+            f"{', '.join(firsts)} | {', '.join(str(len(r['solutions'])) for r in group)} | "
+            f"{sum(r['refused'] for r in group)} | {'; '.join(ends)} |"
+        )
+    return "\n".join(rows) + "\n"
+
+
+def main() -> int:
+    """Entry point."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--table", type=Path)
+    arguments = parser.parse_args()
+    runs, violations = verify(arguments.folder)
+    text = table(runs)
+    print(text)
+    solutions = sum(len(run["solutions"]) for run in runs)
+    print(f"{solutions} solutions of {len(runs)} runs, {len(violations)} refused")
+    if arguments.table:
+        arguments.table.write_text(text, encoding="utf-8")
+    return 1 if violations else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
