@@ -34,18 +34,24 @@ class GoalSetRRTSettings:
 
     Attributes:
         max_step: longest edge, in the weighted metric (radians with unit weights).
+        local_share: share of samples drawn around a random node of the tree that grows (normal,
+            half of `max_step` in each coordinate) instead of uniformly within the bounds. Trees
+            confined by obstacles get out of them this way.
         max_nodes: nodes kept in all trees together; beyond it they are cut back, see `GoalSetRRT`.
         weights: (dof,) scale of each coordinate in the metric, such as how far a joint moves the
             hand per radian; None = all one.
     """
 
     max_step: float = 1.0
+    local_share: float = 0.5
     max_nodes: int = 20_000
     weights: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.max_step) and self.max_step > 0.0):
             raise ParameterError("max_step", self.max_step, "give a finite length above zero")
+        if not 0.0 <= self.local_share < 1.0:
+            raise ParameterError("local_share", self.local_share, "give a share from 0 to below 1")
         if self.max_nodes < 2:
             raise ParameterError("max_nodes", self.max_nodes, "give at least 2")
         if self.weights is not None:
@@ -110,7 +116,7 @@ class GoalSetRRT:
     Goals are added, retired and re-activated in any order between calls of `solve`; all state is
     kept. A goal that is re-activated after its tree was merged is reported at once.
 
-    Each iteration grows one tree by a step towards a uniform sample, then another tree from its
+    Each iteration grows one tree by a step towards a sample, then another tree from its
     nearest node towards the new one in steps of at most `max_step`, keeping every step that is
     free. It is the turn of the forward tree while it has fewer nodes than the active goals' trees
     together, else of theirs; every fourth turn the other way round, lest a tree that cannot grow
@@ -313,17 +319,16 @@ class GoalSetRRT:
         self._turns += 1
         backward = sum(self._sizes[self._goals[key].label] for key in self._unreached)
         forward_turn = (self._sizes[_FORWARD] <= backward) != (self._turns % 4 == 0)
-        sample = self._rng.uniform(self._lower, self._upper)
         if forward_turn:
             self._forward_turns += 1
-            new = self._extend(_FORWARD, sample)
+            new = self._extend(_FORWARD)
             if new >= 0:
                 turn, at_nearest = divmod(self._forward_turns, 2)
                 label = _ANY_BACKWARD if at_nearest else self._label_in_rotation(turn)
                 self._connect(label, new, should_stop)
         else:
             turn = self._turns - self._forward_turns
-            new = self._extend(self._label_in_rotation(turn), sample)
+            new = self._extend(self._label_in_rotation(turn))
             if new >= 0:
                 self._connect(_FORWARD, new, should_stop)
 
@@ -331,8 +336,17 @@ class GoalSetRRT:
         """Label of the tree of the unreached active goal whose turn it is."""
         return self._goals[self._unreached[turn % len(self._unreached)]].label
 
-    def _extend(self, label: int, target: Array) -> int:
-        """Grow a tree by one step towards `target` (dof,); the new node, or -1 where blocked."""
+    def _sample(self, label: int) -> Array:
+        """A configuration (dof,) for a tree to grow towards."""
+        if self._rng.random() >= self._settings.local_share:
+            return self._rng.uniform(self._lower, self._upper)
+        node = int(self._rng.choice(np.flatnonzero(self._labels[: self._count] == label)))
+        spread = 0.5 * self._settings.max_step / np.sqrt(self._scale)
+        return np.clip(self._rng.normal(self._q(node), spread), self._lower, self._upper)
+
+    def _extend(self, label: int) -> int:
+        """Grow a tree by one step towards a sample; the new node, or -1 where blocked."""
+        target = self._sample(label)
         near = self._nearest(target, label)
         q, _ = self._step(near, target)
         if np.array_equal(q, self._q(near)) or not self._is_free(near, q):
