@@ -134,7 +134,7 @@ def test_uniform_sampling_is_uniform_over_the_regions_by_area():
 
 def test_the_same_seed_gives_the_same_goals():
     def run(seed):
-        made, _ = sampler(seed=seed, samples_per_call=500, goals_per_call=10_000)
+        made, _ = sampler(seed=seed, samples_per_call=2000, goals_per_call=10_000)
         return [goal.objective for goal in made.sample_goals(-np.inf, never)]
 
     assert run(1) == run(1)

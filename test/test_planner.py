@@ -1,0 +1,141 @@
+"""Algorithm 1 on the bundled robot: every placement it yields is judged by the checker."""
+
+from dataclasses import asdict, replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from verify_cases import case_checker, load_solution
+
+from placement_planner_ros.core.errors import ParameterError, RobotError, StartError
+from placement_planner_ros.core.objective import ObjectiveContext, make_objective
+from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings, Problem
+from placement_planner_ros.core.types import TargetVolume, Verdict
+from placement_planner_ros.experiments.cases import Case, make_problem
+from placement_planner_ros.experiments.record import save_solution
+
+TABLE = Case("table", "small_crayons_box", "maximize_clearance")
+CABINET = Case("cabinet_low_clutter", "wine_glass", "minimize_clearance")
+
+
+def plan(case=TABLE, seed=0, samples=1500, objective=None, **settings):
+    problem, own = make_problem(case, np.random.default_rng(seed))
+    chosen = replace(PlannerSettings(), **settings)
+    planner = PlacementPlanner(problem, objective or own, chosen, np.random.default_rng(seed))
+    budget = lambda: planner.statistics.samples >= samples  # noqa: E731
+    return planner, list(planner.run(budget))
+
+
+@pytest.mark.parametrize("case", [TABLE, CABINET], ids=str)
+def test_every_placement_passes_the_independent_checker(case, tmp_path):
+    planner, placements = plan(case, samples=4000)
+    assert len(placements) >= 2
+    checker = case_checker(asdict(case))
+    arms = {arm.name: arm.touch_links for arm in make_problem(case, np.random.default_rng(0))[0].arms}
+    previous = None
+    for placement in placements:
+        save_solution(tmp_path / "solution.npz", case, 0, placement)
+        _, solution = load_solution(tmp_path / "solution.npz", arms)
+        assert checker.check(solution, previous) == []
+        previous = placement.objective
+    assert planner.statistics.solutions == len(placements)
+    assert planner.statistics.best == placements[-1].objective
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"sampler": "uniform"},
+        {"local_optimization": False},
+        {"sampler": "uniform", "local_optimization": False},
+    ],
+    ids=["uniform", "without local optimisation", "uniform without local optimisation"],
+)
+def test_the_ablations_plan_too(settings):
+    _, placements = plan(**settings)
+    assert placements
+    objectives = [p.objective for p in placements]
+    assert all(b > a for a, b in zip(objectives[:-1], objectives[1:], strict=True))
+
+
+def test_local_optimisation_ends_where_its_trajectory_ends():
+    planner, placements = plan()
+    for placement in placements:
+        holding = planner._holding[placement.goal.arm, placement.goal.grasp]
+        reached = holding.object_pose(placement.trajectory.positions[-1])
+        assert reached.isApprox(placement.T_world_object, 1e-4)
+
+
+def test_the_same_seed_and_budget_give_the_same_placements():
+    first, second = (plan(samples=800)[1] for _ in range(2))
+    assert [p.objective for p in first] == [p.objective for p in second]
+    for a, b in zip(first, second, strict=True):
+        assert np.array_equal(a.trajectory.positions, b.trajectory.positions)
+    other = plan(samples=800, seed=1)[1]
+    assert [p.objective for p in first] != [p.objective for p in other]
+
+
+def test_a_black_box_objective_steers_where_things_go():
+    def to_the_left(T: pin.SE3) -> float:
+        return float(T.translation[1])
+
+    _, placements = plan(objective=to_the_left)
+    assert placements[-1].T_world_object.translation[1] > 0.25
+
+
+def test_it_stops_when_told_before_any_sample():
+    problem, objective = make_problem(TABLE, np.random.default_rng(0))
+    planner = PlacementPlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
+    assert list(planner.run(lambda: True)) == []
+    assert planner.statistics.samples == 0
+    assert "no sample" in planner.statistics.why_nothing()
+
+
+def test_a_volume_without_surfaces_is_exhausted_at_once_and_says_why():
+    problem, _ = make_problem(TABLE, np.random.default_rng(0))
+    above = TargetVolume(problem.volume.lower + [0, 0, 0.5], problem.volume.upper + [0, 0, 0.5])
+    environment = type(problem.environment).from_points(
+        np.zeros((1, 3)), above, bounds=(above.lower, above.upper)
+    )
+    empty = replace(problem, volume=above, environment=environment)
+    objective = make_objective(
+        "maximize_clearance", ObjectiveContext(environment, above, problem.body)
+    )
+    planner = PlacementPlanner(empty, objective, PlannerSettings(), np.random.default_rng(0))
+    assert "no placement region" in planner.exhausted
+    assert list(planner.run(lambda: False)) == []
+
+
+def test_a_start_in_collision_is_refused_with_the_link_and_the_place():
+    problem, objective = make_problem(TABLE, np.random.default_rng(0))
+    q = problem.q_start.copy()
+    for arm in problem.arms:
+        q[arm.q_index] = 0.0
+    with pytest.raises(StartError, match=r"meets .* at \("):
+        PlacementPlanner(
+            replace(problem, q_start=q), objective, PlannerSettings(), np.random.default_rng(0)
+        )
+
+
+def test_without_any_grasp_a_problem_is_refused():
+    problem, _ = make_problem(TABLE, np.random.default_rng(0))
+    arms = tuple(replace(arm, grasps=()) for arm in problem.arms)
+    with pytest.raises(RobotError, match="at least one arm with a grasp"):
+        replace(problem, arms=arms)
+
+
+def test_wrong_settings_are_refused():
+    with pytest.raises(ParameterError, match="sampler"):
+        PlannerSettings(sampler="random")
+    with pytest.raises(ParameterError, match="motion_iterations"):
+        PlannerSettings(motion_iterations=0)
+
+
+def test_statistics_name_the_constraint_that_rejects_most():
+    planner, _ = plan(samples=300)
+    statistics = planner.statistics
+    assert sum(statistics.count.verdicts.values()) == statistics.samples
+    statistics.goals = 0
+    statistics.count.verdicts[Verdict.NO_IK] = 10 * statistics.samples
+    assert "no arm reaches" in statistics.why_nothing()
+    assert statistics.rejected["no_ik"] == 10 * statistics.samples
