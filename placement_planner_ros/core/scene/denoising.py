@@ -86,19 +86,21 @@ def _cell_moments(
 
 
 @njit(cache=True)
-def _plane(moments: Array, cells: Index, index: Index, size: float, r: int, plane: Array) -> float:
-    """Fit the 3×3×3 cells around cell r; returns the number of points.
+def _plane(
+    moments: Array, cells: Index, index: Index, size: float, r: int, reach: int, plane: Array
+) -> float:
+    """Fit cell r and those within `reach` cells of it; returns the number of points.
 
     `plane` (8,) receives the mean relative to the cell's centre, the unit normal, and the standard
     deviations along the normal and along the next axis.
     """
     nx, ny, nz = index.shape
     n = sx = sy = sz = xx = yy = zz = xy = xz = yz = 0.0
-    for i in range(max(cells[r, 0] - 1, 0), min(cells[r, 0] + 2, nx)):
+    for i in range(max(cells[r, 0] - reach, 0), min(cells[r, 0] + reach + 1, nx)):
         ox = (i - cells[r, 0]) * size
-        for j in range(max(cells[r, 1] - 1, 0), min(cells[r, 1] + 2, ny)):
+        for j in range(max(cells[r, 1] - reach, 0), min(cells[r, 1] + reach + 1, ny)):
             oy = (j - cells[r, 1]) * size
-            for k in range(max(cells[r, 2] - 1, 0), min(cells[r, 2] + 2, nz)):
+            for k in range(max(cells[r, 2] - reach, 0), min(cells[r, 2] + reach + 1, nz)):
                 q = index[i, j, k]
                 if q < 0:
                     continue
@@ -153,15 +155,17 @@ def _plane(moments: Array, cells: Index, index: Index, size: float, r: int, plan
 
 
 @njit(cache=True)
-def _scatter(moments: Array, cells: Index, index: Index, size: float, stride: int) -> Array:
+def _scatter(
+    moments: Array, cells: Index, index: Index, size: float, reach: int, stride: int
+) -> Array:
     """Standard deviations about the planes of those sampled neighbourhoods that are surfaces."""
     found = np.empty(len(cells) // stride + 1)
     plane = np.empty(8)
     n = 0
     for r in range(0, len(cells), stride):
-        if _plane(moments, cells, index, size, r, plane) < _MIN_PLANE_POINTS:
+        if _plane(moments, cells, index, size, r, reach, plane) < _MIN_PLANE_POINTS:
             continue
-        if plane[7] > 0.3 * size and plane[6] < 0.6 * plane[7]:
+        if plane[7] > 0.15 * (1 + reach) * size and plane[6] < 0.6 * plane[7]:
             found[n] = plane[6]
             n += 1
     return found[:n]
@@ -170,15 +174,21 @@ def _scatter(moments: Array, cells: Index, index: Index, size: float, stride: in
 def estimate_noise(bins: Bins, origin: Array, size: float) -> float:
     """Standard deviation of the points about their surfaces, metres; 0 where it cannot be told.
 
-    The median over neighbourhoods that look like surfaces. Where a quarter of them are flat (to a
-    tenth of that), the others are curved, not noisy, and it is the lower quartile.
+    The median over neighbourhoods that look like surfaces. Two checks keep curved and thin things
+    from passing for noise: where a quarter of the single cells with enough points are flat, or a
+    quarter of the neighbourhoods (to a tenth of the median), it is that quarter that counts.
     """
     stride = max(1, len(bins.cells) // _SAMPLED_CELLS)
     moments = _cell_moments(bins.points, bins.start, bins.cells, origin, size)
-    scatter = _scatter(moments, bins.cells, bins.row_of, size, stride)
-    if len(scatter) == 0:
+    around = _scatter(moments, bins.cells, bins.row_of, size, 1, stride)
+    if len(around) == 0:
         return 0.0
-    quartile, median = np.quantile(scatter, (0.25, 0.5))
+    quartile, median = np.quantile(around, (0.25, 0.5))
+    alone = _scatter(moments, bins.cells, bins.row_of, size, 0, stride)
+    if len(alone) >= 0.25 * len(around):
+        within = float(np.quantile(alone, 0.25))
+        if within < 0.1 * median:
+            return within
     return float(quartile if quartile < 0.1 * median else median)
 
 
@@ -197,7 +207,7 @@ def _fit_planes(
     scatter = np.full(m, np.inf)
     plane = np.empty(8)
     for r in range(m):
-        n = _plane(moments, cells, index, size, r, plane)
+        n = _plane(moments, cells, index, size, r, 1, plane)
         for a in range(3):
             planes[r, a] = plane[a] + origin[a] + (cells[r, a] + 0.5) * size
             planes[r, 3 + a] = plane[3 + a]

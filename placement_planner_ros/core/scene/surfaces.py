@@ -18,6 +18,8 @@ _TOP_SHARE = 0.35
 """The points at the top of a thick box must span this share of it in x and y: a slope's do not."""
 
 _SHEET = 0.001
+_MOST_CLOSED = 0.3
+"""Bounds along diagonals are moved out by at most so much of a cell where a side is closed."""
 
 
 class LevelSurfaces(NamedTuple):
@@ -45,11 +47,12 @@ def level_surfaces(obstacles: ObstacleSet, headroom: float, max_tilt: float) -> 
     around), and they are not where the workspace ends. Where the surface goes on in the next
     column, the rectangle is closed up to it; slanted edges are bounded along both diagonals.
     """
-    tolerance = obstacles.surface_tolerance + 0.001
-    top = _tops(
+    tolerance = obstacles.surface_tolerance + 0.5 * obstacles.noise
+    free, top = _tops(
         obstacles.cells,
         obstacles.lower,
         obstacles.upper,
+        obstacles.surface_height,
         obstacles.surface_extent,
         obstacles.index,
         obstacles.next,
@@ -60,12 +63,13 @@ def level_surfaces(obstacles: ObstacleSet, headroom: float, max_tilt: float) -> 
     level = _level(
         obstacles.cells,
         obstacles.surface_height,
+        free,
         top,
         obstacles.index,
         obstacles.next,
         obstacles.cell_size,
         max_tilt,
-        tolerance,
+        0.5 * obstacles.noise,
     )
     merged = _merge(
         np.flatnonzero(level),
@@ -115,34 +119,32 @@ def _tops(
     cells: Index,
     lower: Array,
     upper: Array,
+    height: Array,
     extent: Array,
     index: Index,
     following: Index,
     cell_size: float,
     headroom: float,
     tolerance: float,
-) -> npt.NDArray[np.bool_]:
+) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    """(m,) whether a box has free space above; whether its top is also as wide as the box."""
     m = len(cells)
     nz = index.shape[2]
+    free = np.zeros(m, np.bool_)
     top = np.zeros(m, np.bool_)
     layers = int(headroom / cell_size) + 1
     for p in range(m):
         if cells[p, 2] == nz - 1:
             continue  # what lies above was cropped away
         width, depth = extent[p, 1] - extent[p, 0], extent[p, 3] - extent[p, 2]
-        if upper[p, 2] - lower[p, 2] > 2.0 * tolerance and (
-            width < _TOP_SHARE * (upper[p, 0] - lower[p, 0])
-            or depth < _TOP_SHARE * (upper[p, 1] - lower[p, 1])
-        ):
-            continue
         blocked = False
         for k in range(cells[p, 2], min(cells[p, 2] + layers + 1, nz)):
             q = index[cells[p, 0], cells[p, 1], k]
             while q >= 0 and not blocked:
                 if (
                     q != p
-                    and upper[q, 2] > upper[p, 2] + tolerance
-                    and lower[q, 2] < upper[p, 2] + headroom
+                    and upper[q, 2] > height[p] + tolerance
+                    and lower[q, 2] < height[p] + headroom
                 ):
                     # a wall beside the surface takes a sliver of it, a thing on it much; a sheet
                     # counts as _SHEET thick, for a wall goes on in the cell above
@@ -153,31 +155,39 @@ def _tops(
                 q = following[q]
             if blocked:
                 break
-        top[p] = not blocked
-    return top
+        free[p] = not blocked
+        top[p] = not blocked and (
+            upper[p, 2] - lower[p, 2] <= 2.0 * tolerance
+            or (
+                width >= _TOP_SHARE * (upper[p, 0] - lower[p, 0])
+                and depth >= _TOP_SHARE * (upper[p, 1] - lower[p, 1])
+            )
+        )
+    return free, top
 
 
 @njit(cache=True)
 def _level(
     cells: Index,
     height: Array,
+    free: npt.NDArray[np.bool_],
     top: npt.NDArray[np.bool_],
     index: Index,
     following: Index,
     cell_size: float,
     max_tilt: float,
-    tolerance: float,
+    scatter: float,
 ) -> npt.NDArray[np.bool_]:
-    """Tops whose neighbours' heights show no slope. A step to either side is no slope."""
+    """Tops past which the surface does not go on up on one side and down on the other."""
     m = len(cells)
     nx, ny, nz = index.shape
     level = top.copy()
-    reach = 0.6 * cell_size
+    reach = 2.0 * cell_size
     for p in range(m):
         if not top[p]:
             continue
         # on a slope of max_tilt the columns two further differ by this, beyond the scatter
-        rise = 2.0 * cell_size * max_tilt + tolerance
+        rise = 2.0 * cell_size * max_tilt + scatter
         for axis in range(2):
             steps = np.zeros(2)
             found = np.zeros(2, np.bool_)
@@ -187,10 +197,10 @@ def _level(
                 if i < 0 or i >= nx or j < 0 or j >= ny:
                     continue
                 best = np.inf
-                for k in range(max(cells[p, 2] - 1, 0), min(cells[p, 2] + 2, nz)):
+                for k in range(max(cells[p, 2] - 2, 0), min(cells[p, 2] + 3, nz)):
                     q = index[i, j, k]
                     while q >= 0:
-                        if top[q]:
+                        if free[q]:
                             step = height[q] - height[p]
                             if abs(step) <= reach and abs(step) < abs(best):
                                 best = step
@@ -343,9 +353,15 @@ def _close(
         rectangle[s, 1] = min(y0, extent[s, 2]) if goes_on[1, 0] else extent[s, 2] + trim
         rectangle[s, 2] = max(x1, extent[s, 1]) if goes_on[2, 1] else extent[s, 1] - trim
         rectangle[s, 3] = max(y1, extent[s, 3]) if goes_on[1, 2] else extent[s, 3] - trim
+        # an edge cell's points end short of the neighbour by their spacing, which is closed
+        left, front = extent[s, 0] - rectangle[s, 0], extent[s, 2] - rectangle[s, 1]
+        right, back = rectangle[s, 2] - extent[s, 1], rectangle[s, 3] - extent[s, 3]
+        most = _MOST_CLOSED * cell_size
+        left, front = min(max(left, 0.0), most), min(max(front, 0.0), most)
+        right, back = min(max(right, 0.0), most), min(max(back, 0.0), most)
         slanted = math.sqrt(2.0) * trim
-        diagonal[s, 0] = -np.inf if goes_on[0, 0] else extent[s, 4] + slanted
-        diagonal[s, 1] = np.inf if goes_on[2, 2] else extent[s, 5] - slanted
-        diagonal[s, 2] = -np.inf if goes_on[0, 2] else extent[s, 6] + slanted
-        diagonal[s, 3] = np.inf if goes_on[2, 0] else extent[s, 7] - slanted
+        diagonal[s, 0] = -np.inf if goes_on[0, 0] else extent[s, 4] - left - front + slanted
+        diagonal[s, 1] = np.inf if goes_on[2, 2] else extent[s, 5] + right + back - slanted
+        diagonal[s, 2] = -np.inf if goes_on[0, 2] else extent[s, 6] - left - back + slanted
+        diagonal[s, 3] = np.inf if goes_on[2, 0] else extent[s, 7] + right + front - slanted
     return rectangle, diagonal

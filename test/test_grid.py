@@ -1,0 +1,215 @@
+"""Points of a cloud to the obstacle set."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from placement_planner_ros.core.errors import CloudError, ParameterError
+from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
+
+BOUNDS = ((-0.5, -0.5, -0.2), (0.5, 0.5, 0.6))
+
+
+def plane(lower, upper, spacing=0.003):
+    """Grid of points on an axis-aligned rectangle, edges included."""
+    axes = [
+        np.linspace(a, b, max(1, round((b - a) / spacing)) + 1) if b > a else np.array([a])
+        for a, b in zip(lower, upper, strict=True)
+    ]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def floor_and_wall():
+    floor = plane((-0.195, -0.195, 0.0127), (0.195, 0.2033, 0.0127))
+    wall = plane((-0.195, 0.2033, 0.0127), (0.195, 0.2033, 0.3))
+    return np.vstack([floor, wall])
+
+
+def inside_some_box(obstacles, points, slack=1e-9):
+    size = obstacles.cell_size
+    found = np.zeros(len(points), bool)
+    cells = np.floor((points - obstacles.origin) / size).astype(int)
+    for p, cell in enumerate(cells):
+        row = obstacles.index[tuple(cell)]
+        while row >= 0:
+            found[p] |= bool(
+                (points[p] >= obstacles.lower[row] - slack).all()
+                and (points[p] <= obstacles.upper[row] + slack).all()
+            )
+            row = obstacles.next[row]
+    return found
+
+
+def test_clean_points_all_lie_in_the_boxes_of_their_cells():
+    rng = np.random.default_rng(0)
+    points = np.vstack([floor_and_wall(), rng.uniform(0.3, 0.45, (4000, 3))])
+    obstacles = ObstacleSet.from_points(points, bounds=BOUNDS)
+    assert obstacles.noise == 0.0
+    assert inside_some_box(obstacles, points).all()
+
+
+def test_boxes_stay_in_their_cells_and_the_index_finds_each_once():
+    obstacles = ObstacleSet.from_points(floor_and_wall(), bounds=BOUNDS)
+    cell_lower = obstacles.origin + obstacles.cells * obstacles.cell_size
+    assert (obstacles.lower >= cell_lower - 1e-12).all()
+    assert (obstacles.upper <= cell_lower + obstacles.cell_size + 1e-12).all()
+    seen = []
+    for first in obstacles.index[obstacles.index >= 0]:
+        row = first
+        while row >= 0:
+            seen.append(row)
+            assert (obstacles.cells[row] == obstacles.cells[first]).all()
+            row = obstacles.next[row]
+    assert sorted(seen) == list(range(len(obstacles)))
+
+
+def test_level_surface_is_flat_and_has_no_gaps_and_ends_at_its_measured_edge():
+    lower, upper = (-0.2037, -0.1512, 0.0), (0.2111, 0.1644, 0.0)
+    obstacles = ObstacleSet.from_points(plane(lower, upper, 0.004), bounds=BOUNDS)
+    assert (obstacles.lower[:, 2] == 0.0).all()
+    assert (obstacles.upper[:, 2] == 0.0).all()
+    np.testing.assert_allclose(obstacles.lower.min(axis=0), lower, atol=1e-12)
+    np.testing.assert_allclose(obstacles.upper.max(axis=0), upper, atol=1e-12)
+    area = np.prod((obstacles.upper - obstacles.lower)[:, :2], axis=1).sum()
+    assert area == pytest.approx((0.2111 + 0.2037) * (0.1644 + 0.1512), rel=1e-9)
+
+
+def test_a_step_is_not_closed_sideways():
+    low = plane((-0.2, -0.195, 0.0), (0.0, 0.195, 0.0))
+    high = plane((0.0041, -0.195, 0.008), (0.2, 0.195, 0.008))
+    obstacles = ObstacleSet.from_points(np.vstack([low, high]), bounds=BOUNDS)
+    top = obstacles.upper[:, 2] > 0.007
+    assert obstacles.lower[top, 0].min() == pytest.approx(0.0041, abs=1e-9)
+
+
+def test_floor_beside_a_wall_stays_level_up_to_the_wall():
+    obstacles = ObstacleSet.from_points(floor_and_wall(), bounds=BOUNDS)
+    wall = np.abs(obstacles.upper[:, 1] - 0.2033) < 1e-9
+    thin = (obstacles.upper - obstacles.lower)[:, 1] < 1e-9
+    level = np.abs(obstacles.upper[:, 2] - 0.0127) < 0.0006
+    assert level[~(wall & thin)].all()
+    # the wall has not grown away from itself
+    assert (obstacles.lower[~level, 1] == 0.2033).all()
+    # and the floor reaches it, to the spacing of the points
+    assert 0.2 < obstacles.upper[level, 1].max() <= 0.2033
+
+
+def test_one_box_per_cell_when_asked_for():
+    obstacles = ObstacleSet.from_points(
+        floor_and_wall(), GridSettings(max_boxes_per_cell=1), bounds=BOUNDS
+    )
+    assert (obstacles.next == -1).all()
+    assert len(obstacles) == (obstacles.index >= 0).sum()
+
+
+def test_noisy_surface_becomes_level_and_the_corner_stays_usable():
+    rng = np.random.default_rng(3)
+    floor = plane((-0.25, -0.25, 0.0), (0.25, 0.2, 0.0), 0.002)
+    wall = plane((-0.25, 0.2, 0.0), (0.25, 0.2, 0.3), 0.002)
+    points = np.vstack([floor, wall])
+    noisy = points + rng.normal(0.0, 0.002, points.shape)
+    obstacles = ObstacleSet.from_points(noisy, bounds=BOUNDS)
+    assert obstacles.noise == pytest.approx(0.002, rel=0.2)
+    center = 0.5 * (obstacles.lower + obstacles.upper)
+    middle = (np.abs(center[:, 0]) < 0.2) & (center[:, 1] < 0.16) & (center[:, 1] > -0.22)
+    assert np.abs(obstacles.upper[middle, 2]).max() < 0.001
+    assert np.abs(obstacles.lower[middle, 2]).max() < 0.001
+    raw = ObstacleSet.from_points(noisy, GridSettings(noise_floor=1.0), bounds=BOUNDS)
+    assert raw.upper[raw.upper[:, 1] < 0.15, 2].max() > 0.004
+    # a strip of floor 5 to 10 mm off the wall: nothing stands above the contact tolerance
+    beside = (obstacles.upper[:, 1] > 0.19) & (obstacles.lower[:, 1] < 0.195)
+    beside &= (np.abs(center[:, 0]) < 0.2) & (obstacles.lower[:, 2] < 0.02)
+    assert (obstacles.upper[beside, 2] < 0.003).mean() > 0.9
+
+
+def test_denoising_leaves_clean_curved_and_thin_things_alone():
+    angle = np.linspace(0.0, 2.0 * np.pi, 60, endpoint=False)
+    height = np.arange(0.0, 0.3, 0.003)
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    can = np.concatenate([np.c_[0.034 * circle, np.full(60, z)] for z in height])
+    stem = np.concatenate([np.c_[0.004 * circle[::6] + 0.2, np.full(10, z)] for z in height])
+    points = np.vstack([can, stem, plane((-0.3, -0.3, 0.0), (0.3, 0.3, 0.0))])
+    obstacles = ObstacleSet.from_points(points, bounds=BOUNDS)
+    assert obstacles.noise == 0.0
+    assert inside_some_box(obstacles, points).all()
+
+
+def test_a_thin_stem_survives_noise():
+    rng = np.random.default_rng(5)
+    angle = rng.uniform(0.0, 2.0 * np.pi, 900)
+    stem = np.c_[0.004 * np.cos(angle), 0.004 * np.sin(angle), rng.uniform(0.03, 0.2, len(angle))]
+    floor = plane((-0.2, -0.2, 0.0), (0.2, 0.2, 0.0), 0.002)
+    points = np.vstack([floor, stem]) + rng.normal(0.0, 0.002, (len(floor) + 900, 3))
+    obstacles = ObstacleSet.from_points(points, bounds=BOUNDS)
+    near = (np.abs(obstacles.lower[:, :2]) < 0.012).all(axis=1)
+    for z in np.arange(0.04, 0.19, 0.01):
+        assert (near & (obstacles.lower[:, 2] <= z) & (obstacles.upper[:, 2] >= z)).any()
+
+
+def test_flying_pixels_are_dropped_from_dense_clouds_only():
+    floor = plane((-0.2, -0.2, 0.0), (0.2, 0.2, 0.0))
+    flying = np.array([[0.0, 0.0, 0.2], [0.1, 0.1, 0.3], [0.104, 0.1, 0.3]])
+    dense = ObstacleSet.from_points(np.vstack([floor, flying]), bounds=BOUNDS)
+    assert dense.upper[:, 2].max() < 0.01
+    three = np.array([[0.1, 0.1, 0.3], [0.104, 0.1, 0.3], [0.1, 0.104, 0.3]])
+    kept = ObstacleSet.from_points(np.vstack([floor, three]), bounds=BOUNDS)
+    assert kept.upper[:, 2].max() == pytest.approx(0.3)
+    sparse = ObstacleSet.from_points(flying, bounds=BOUNDS)
+    assert inside_some_box(sparse, flying).all()
+
+
+def test_points_outside_and_nan_are_left_out():
+    points = np.array([[0.0, 0.0, 0.0], [9.0, 0.0, 0.0], [np.nan, 0.0, 0.0], [0.0, np.inf, 0.0]])
+    obstacles = ObstacleSet.from_points(points, bounds=BOUNDS)
+    assert len(obstacles) == 1
+    np.testing.assert_array_equal(obstacles.lower[0], np.zeros(3))
+
+
+def test_bounds_are_inclusive_and_far_from_the_origin():
+    shift = np.array([1000.0, -2000.0, 500.0])
+    corners = np.array(list(itertools.product((0.0, 0.4), repeat=3))) + shift
+    obstacles = ObstacleSet.from_points(corners, bounds=(shift, shift + 0.4))
+    assert len(obstacles) == 8
+    assert inside_some_box(obstacles, corners).all()
+
+
+def test_nothing_seen_within_bounds_is_an_empty_set():
+    for points in (np.zeros((0, 3)), np.full((4, 3), 9.0)):
+        obstacles = ObstacleSet.from_points(points, bounds=BOUNDS)
+        assert len(obstacles) == 0
+        assert (obstacles.index == -1).all()
+
+
+@pytest.mark.parametrize(
+    ("points", "bounds"),
+    [
+        (np.full((5, 3), np.nan), BOUNDS),
+        (np.zeros((0, 3)), None),
+        (np.zeros((5, 2)), BOUNDS),
+        (["a"], BOUNDS),
+        (np.zeros((5, 3)), ((0, 0, 0), (1, 1, 0))),
+        (np.zeros((5, 3)), ((0, 0, 0), (1, 1, np.nan))),
+        (np.array([[0.0, 0.0, 0.0], [1e7, 0.0, 1e7]]), None),
+        (np.zeros((5, 3)), ((-50, -50, -50), (50, 50, 50))),
+    ],
+)
+def test_bad_clouds_are_refused(points, bounds):
+    with pytest.raises(CloudError):
+        ObstacleSet.from_points(points, bounds=bounds)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"cell_size": 0.0},
+        {"cell_size": float("nan")},
+        {"noise_floor": -1.0},
+        {"min_points": -1},
+        {"max_boxes_per_cell": 0},
+        {"max_cells": 0},
+    ],
+)
+def test_bad_settings_are_refused(change):
+    with pytest.raises(ParameterError):
+        GridSettings(**change)

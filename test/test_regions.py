@@ -1,0 +1,219 @@
+"""Placement regions, splitting, sampling, and support."""
+
+import numpy as np
+import pytest
+from test_grid import BOUNDS, floor_and_wall, plane
+
+from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.scene.grid import ObstacleSet
+from placement_planner_ros.core.scene.regions import Region, RegionSettings, find_regions
+from placement_planner_ros.core.types import TargetVolume
+
+VOLUME = TargetVolume(np.array([-0.4, -0.4, -0.1]), np.array([0.4, 0.4, 0.5]))
+
+
+def regions_of(points, volume=VOLUME, **settings):
+    obstacles = ObstacleSet.from_points(points, bounds=BOUNDS)
+    return find_regions(obstacles, volume, RegionSettings(**settings))
+
+
+def block(lower, upper):
+    """The five visible sides of a box that stands on something."""
+    (x0, y0, z0), (x1, y1, z1) = lower, upper
+    return np.vstack(
+        [
+            plane((x0, y0, z1), (x1, y1, z1)),
+            plane((x0, y0, z0), (x0, y1, z1)),
+            plane((x1, y0, z0), (x1, y1, z1)),
+            plane((x0, y0, z0), (x1, y0, z1)),
+            plane((x0, y1, z0), (x1, y1, z1)),
+        ]
+    )
+
+
+def turned(points, angle, center=(0.0, 0.0)):
+    c, s = np.cos(angle), np.sin(angle)
+    result = points.copy()
+    result[:, :2] = (points[:, :2] - center) @ np.array([[c, s], [-s, c]]) + center
+    return result
+
+
+def test_regions_on_the_floor_and_on_things_and_on_narrow_ledges():
+    points = np.vstack(
+        [
+            plane((-0.3, -0.3, 0.0127), (0.3, 0.3, 0.0127)),
+            block((-0.2, -0.2, 0.0127), (-0.05, -0.1, 0.1234)),
+            block((0.1, -0.2, 0.0127), (0.113, 0.2, 0.2)),
+        ]
+    )
+    regions, _ = regions_of(points)
+    heights = np.array([r.z for r in regions])
+    for expected, area in ((0.1234, 0.15 * 0.1), (0.2, 0.013 * 0.4)):
+        here = np.abs(heights - expected) < 1e-6
+        assert sum(r.area for r in np.array(regions)[here]) == pytest.approx(area, rel=0.02)
+    assert set(np.round(heights, 6)) == {0.0127, 0.1234, 0.2}
+    floor = sum(r.area for r in regions if r.z < 0.02)
+    assert floor >= 0.36 - 0.015 - 0.0052 - 0.01  # what lies beneath the hollow blocks is floor too
+    assert [r.area for r in regions] == sorted((r.area for r in regions), reverse=True)
+
+
+def test_tiles_are_bounded_and_their_number_too():
+    regions, _ = regions_of(plane((-0.39, -0.39, 0.0), (0.39, 0.39, 0.0), 0.004), max_side=0.2)
+    for region in regions:
+        sides = region.rectangles[:, 2:].max(axis=0) - region.rectangles[:, :2].min(axis=0)
+        assert (sides <= 0.2 + 1e-9).all()
+    assert sum(r.area for r in regions) == pytest.approx(0.78**2, rel=1e-3)
+    few, _ = regions_of(
+        plane((-0.39, -0.39, 0.0), (0.39, 0.39, 0.0), 0.004), max_side=0.2, max_regions=3
+    )
+    assert [r.area for r in few] == [r.area for r in regions[:3]]
+
+
+def test_slopes_and_walls_and_low_gaps_are_no_regions():
+    flat = plane((-0.2, -0.2, 0.0), (0.2, 0.2, 0.0), 0.003)
+    for degrees in (6, 12, 30, 60):
+        tilt = np.radians(degrees)
+        slope = flat.copy()
+        slope[:, 0], slope[:, 2] = flat[:, 0] * np.cos(tilt), 0.2 + flat[:, 0] * np.sin(tilt)
+        regions, _ = regions_of(slope)
+        assert sum(r.area for r in regions) < 0.05 * 0.16 * np.cos(tilt)
+    regions, _ = regions_of(plane((-0.2, 0.1, 0.0), (0.2, 0.1, 0.3)))
+    assert regions == ()
+    lid = flat + np.array([0.0, 0.0, 0.025])
+    regions, _ = regions_of(np.vstack([flat, lid]), headroom=0.03)
+    assert {round(r.z, 4) for r in regions} == {0.025}
+    regions, _ = regions_of(np.vstack([flat, lid]), headroom=0.02)
+    assert {round(r.z, 4) for r in regions} == {0.0, 0.025}
+
+
+def test_regions_are_clipped_to_the_volume_in_all_directions():
+    volume = TargetVolume(np.array([-0.123, -0.07, 0.05]), np.array([0.077, 0.2, 0.25]))
+    points = np.vstack(
+        [plane((-0.3, -0.3, z), (0.3, 0.3, z), 0.004) for z in (0.0, 0.0999, 0.2999)]
+    )
+    regions, support = regions_of(points, volume)
+    assert {round(r.z, 4) for r in regions} == {0.0999}
+    assert sum(r.area for r in regions) == pytest.approx(0.2 * 0.27, rel=1e-9)
+    # support reaches beyond V
+    assert support.supported(np.array([[0.25, 0.25, 0.0], [0.25, 0.25, 0.2999]]), 0.001).all()
+
+
+def test_no_sample_lies_beyond_a_measured_edge_also_where_it_is_slanted():
+    center = (0.013, 0.021)
+    for degrees in (0.0, 3.0, 30.0, 45.0, 142.0):
+        top = turned(
+            plane((-0.07, -0.04, 0.1), (0.1, 0.08, 0.1), 0.002), np.radians(degrees), center
+        )
+        regions, support = regions_of(top)
+        rng = np.random.default_rng(1)
+        samples = np.array([r.sample(rng) for r in regions for _ in range(500)])
+        back = turned(samples, -np.radians(degrees), center)
+        beyond = np.maximum([-0.07, -0.04] - back[:, :2], back[:, :2] - [0.1, 0.08]).max(axis=1)
+        assert beyond.max() < (1e-9 if degrees == 0.0 else 0.004)
+        assert (beyond > 0.001).mean() < 0.01
+        assert support.supported(samples, 0.001).all()
+        assert sum(r.area for r in regions) == pytest.approx(0.17 * 0.12, rel=0.04)
+
+
+def test_heights_on_noisy_clouds_are_right_to_two_millimetres():
+    rng = np.random.default_rng(2)
+    points = np.vstack(
+        [
+            plane((-0.3, -0.3, 0.0), (0.3, 0.3, 0.0), 0.003),
+            block((-0.1, -0.1, 0.0), (0.1, 0.1, 0.15)),
+        ]
+    )
+    regions, support = regions_of(points + rng.normal(0.0, 0.002, points.shape))
+    tops = [r for r in regions if r.z > 0.1]
+    floors = [r for r in regions if r.z < 0.1]
+    assert tops
+    assert floors
+    assert max(abs(r.z - 0.15) for r in tops) < 0.002
+    assert max(abs(r.z) for r in floors if r.area > 0.001) < 0.002
+    spots = np.c_[rng.uniform(-0.28, -0.12, (300, 2)), np.zeros(300)]
+    assert support.supported(spots, 0.003).mean() > 0.99
+
+
+def test_split_covers_exactly_and_goes_on_down_to_nothing():
+    regions, _ = regions_of(turned(plane((-0.1, -0.1, 0.1), (0.1, 0.1, 0.1), 0.003), 0.3))
+    region = regions[0]
+    parts = region.split()
+    assert 2 <= len(parts) <= 4
+    assert sum(p.area for p in parts) == pytest.approx(region.area, rel=1e-9)
+    mean = np.average(
+        0.5 * (region.rectangles[:, :2] + region.rectangles[:, 2:]), axis=0, weights=region.areas
+    )
+    for part in parts:
+        low, high = part.rectangles[:, :2].min(axis=0), part.rectangles[:, 2:].max(axis=0)
+        assert all(
+            h <= m + 1e-12 or a >= m - 1e-12 for a, h, m in zip(low, high, mean, strict=True)
+        )
+    smallest = Region(np.array([[0.0, 0.0, 0.1, 0.2]]), 0.3)
+    for _ in range(20):
+        smallest = smallest.split()[-1] if smallest.split() else smallest
+    assert 0.0 < smallest.area < 1e-11
+
+
+def test_samples_are_uniform_by_area():
+    region = Region(np.array([[0.0, 0.0, 0.3, 0.1], [1.0, 0.0, 1.1, 0.1]]), 0.25)
+    rng = np.random.default_rng(0)
+    samples = np.array([region.sample(rng) for _ in range(4000)])
+    assert (samples[:, 2] == 0.25).all()
+    assert (samples[:, 0] < 0.5).mean() == pytest.approx(0.75, abs=0.03)
+    first = samples[samples[:, 0] < 0.5]
+    np.testing.assert_allclose(first.mean(axis=0), [0.15, 0.05, 0.25], atol=0.006)
+
+
+def test_cut_corners_count_in_the_area():
+    diagonals = np.array([[0.5, np.inf, -np.inf, np.inf]])
+    region = Region(np.array([[0.0, 0.0, 1.0, 1.0]]), 0.0, diagonals)
+    assert region.area == pytest.approx(1.0 - 0.125)
+    diagonals = np.array([[-np.inf, 0.4, -np.inf, np.inf]])
+    assert Region(np.array([[0.0, 0.0, 1.0, 1.0]]), 0.0, diagonals).area == pytest.approx(0.08)
+
+
+def test_support_needs_surface_under_the_point_at_its_height():
+    _, support = regions_of(np.vstack([floor_and_wall()]))
+    points = np.array(
+        [
+            [0.0, 0.0, 0.0127],
+            [0.0, 0.0, 0.0127 + 0.0029],
+            [0.0, 0.0, 0.0127 - 0.0029],
+            [0.0, 0.0, 0.0127 + 0.0031],
+            [0.195, -0.195, 0.0127],
+            [0.1951, 0.0, 0.0127],
+            [0.0, 0.2, 0.0127],
+            [0.0, 0.204, 0.0127],
+            [5.0, 5.0, 0.0127],
+        ]
+    )
+    expected = [True, True, True, False, True, False, True, False, False]
+    assert support.supported(points, 0.003).tolist() == expected
+
+
+def test_thinly_sampled_surface_has_no_holes_but_a_slot_stays():
+    rng = np.random.default_rng(4)
+    points = np.c_[rng.uniform(-0.3, 0.3, (20_000, 2)), np.zeros(20_000)]
+    _, support = regions_of(points)
+    spots = np.c_[rng.uniform(-0.28, 0.28, (4000, 2)), np.zeros(4000)]
+    assert support.supported(spots, 0.001).mean() > 0.995
+    dense = plane((-0.3, -0.3, 0.0), (0.3, 0.3, 0.0), 0.002)
+    slotted = dense[np.abs(dense[:, 0]) > 0.015]
+    _, support = regions_of(slotted)
+    assert not support.supported(np.array([[0.0, 0.0, 0.0]]), 0.003).any()
+
+
+def test_empty_environment_has_no_regions():
+    environment = Environment.from_points(np.zeros((0, 3)), VOLUME, bounds=BOUNDS)
+    assert environment.regions == ()
+    assert not environment.support.supported(np.zeros((3, 3)), 0.003).any()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"headroom": 0.0}, {"max_tilt": float("nan")}, {"min_area": -1.0}, {"max_regions": 0}],
+)
+def test_bad_settings_are_refused(change):
+    with pytest.raises(ParameterError):
+        RegionSettings(**change)
