@@ -53,6 +53,9 @@ from placement_planner_ros.core.types import Array
 OVERFLOW = 3
 """An edge needs more intervals than the queue holds: cut it in two."""
 
+_COARSE = 0.02
+"""Metres of motion above which an interval is searched for collisions rather than certified."""
+
 
 class BoxArrays(NamedTuple):
     """The obstacle set for the kernels: m boxes, each within its cell."""
@@ -281,7 +284,7 @@ def body_meets_boxes(
     now = counters[0]
     near = need
     result = FREE
-    if need - hit > 2.0 * size:
+    if need - hit > _COARSE:
         near = hit
     for part in range(arm.bodies[body, BODY_FIRST_PART], arm.bodies[body + 1, BODY_FIRST_PART]):
         solid = parts[part, PART_SOLID] != 0
@@ -442,6 +445,7 @@ def _solids_meet(
     """Two solid parts, first along the direction that last kept them apart.
 
     It is remembered in the frames of both: which of them it rests in depends on what turned.
+    Where `need` is far above `hit`, being apart is enough to leave the rest to shorter intervals.
     """
     frames, sets, known, work = scratch.frames, arm.sets, scratch.direction, scratch.work
     vertices = arm.vertices
@@ -456,8 +460,11 @@ def _solids_meet(
         dx = frames[joint, 0, 0] * x + frames[joint, 0, 1] * y + frames[joint, 0, 2] * z
         dy = frames[joint, 1, 0] * x + frames[joint, 1, 1] * y + frames[joint, 1, 2] * z
         dz = frames[joint, 2, 0] * x + frames[joint, 2, 1] * y + frames[joint, 2, 2] * z
-        if _support_gap(vertices, frames, sets, s, t, dx, dy, dz) >= far * length:
+        gap = _support_gap(vertices, frames, sets, s, t, dx, dy, dz)
+        if gap >= far * length:
             return FREE
+        if need - hit > _COARSE and gap >= (far - need + hit) * length:
+            return UNDECIDED
         work[5, 0], work[5, 1], work[5, 2] = dx, dy, dz
     answer = _sets_meet(arm, scratch, s, t, need, hit)
     if answer == FREE:
@@ -474,7 +481,10 @@ def _solids_meet(
 
 @njit(cache=True)
 def bodies_meet(arm: ArmArrays, scratch: ArmScratch, pair: int, need: float, hit: float) -> int:
-    """One pair of bodies; what is left UNDECIDED is noted in the scratch."""
+    """One pair of bodies; what is left UNDECIDED is noted in the scratch.
+
+    Once `need` cannot be kept any more, only collisions are looked for.
+    """
     bodies, parts, bounds = arm.bodies, arm.parts, scratch.bounds
     body_spheres, spheres = scratch.body_spheres, scratch.part_spheres
     a, b = arm.pairs[pair, PAIR_INNER], arm.pairs[pair, PAIR_OUTER]
@@ -495,8 +505,17 @@ def bodies_meet(arm: ArmArrays, scratch: ArmScratch, pair: int, need: float, hit
         for o in range(first_b, last_b):
             dx, dy, dz = x - spheres[o, 0], y - spheres[o, 1], z - spheres[o, 2]
             reach = near + spheres[o, 3]
-            if dx * dx + dy * dy + dz * dz > reach * reach:
+            square = dx * dx + dy * dy + dz * dz
+            if square > reach * reach:
                 continue
+            if need > hit and square < need * need:
+                # Centres lie inside: `need` cannot be kept. Look for a collision, if there can be.
+                result = UNDECIDED
+                need = hit
+                near = spheres[p, 3] + need + TOLERANCE
+                reach = near + spheres[o, 3]
+                if square > reach * reach:
+                    continue
             if not solid or parts[o, PART_SOLID] == 0:
                 answer = _surfaces_meet(arm, scratch, p, o, need, hit)
             else:
@@ -514,6 +533,8 @@ def bodies_meet(arm: ArmArrays, scratch: ArmScratch, pair: int, need: float, hit
                 return COLLIDING
             if answer == UNDECIDED:
                 result = UNDECIDED
+                need = hit
+                near = spheres[p, 3] + need + TOLERANCE
     return result
 
 

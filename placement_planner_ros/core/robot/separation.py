@@ -144,7 +144,8 @@ def separate_box(
     Args:
         vertices: (n, 3) world.
         corners: (m, 6) lower and upper corners; the box is row `box`.
-        free_at, hit_below: FREE for certain from the one on, COLLIDING for certain below the other.
+        free_at, hit_below: FREE for certain from the one on, COLLIDING for certain below the other,
+            UNDECIDED in between.
         work: (6, 4) work space; work[5, :3] is the start, from box to hull, of any length.
     """
     simplex = work[:3].reshape(4, 3)
@@ -154,6 +155,7 @@ def separate_box(
     vx, vy, vz = work[5, 0], work[5, 1], work[5, 2]
     count = 0
     upper_bound = np.inf
+    lower_bound = -np.inf
     for _ in range(_ITERATIONS):
         norm = np.sqrt(vx * vx + vy * vy + vz * vz)
         if norm < 1e-12:
@@ -175,7 +177,10 @@ def separate_box(
         bound = (vx * wx + vy * wy + vz * wz) / norm
         if bound >= free_at:
             return FREE
+        lower_bound = max(lower_bound, bound)
         if upper_bound - bound < 1e-9 or count == 4:
+            break
+        if upper_bound < free_at and lower_bound >= hit_below:
             break
         simplex[count, 0], simplex[count, 1], simplex[count, 2] = wx, wy, wz
         weights[count] = 0.0 if count > 0 else 1.0
@@ -217,6 +222,7 @@ def separate_hulls(
     vx, vy, vz = work[5, 0], work[5, 1], work[5, 2]
     count = 0
     upper_bound = np.inf
+    lower_bound = -np.inf
     for _ in range(_ITERATIONS):
         norm = np.sqrt(vx * vx + vy * vy + vz * vz)
         if norm < 1e-12:
@@ -246,7 +252,10 @@ def separate_hulls(
         if bound >= free_at:
             work[5, 0], work[5, 1], work[5, 2] = vx, vy, vz
             return FREE
+        lower_bound = max(lower_bound, bound)
         if upper_bound - bound < 1e-9 or count == 4:
+            break
+        if upper_bound < free_at and lower_bound >= hit_below:
             break
         simplex[count, 0], simplex[count, 1], simplex[count, 2] = wx, wy, wz
         weights[count] = 0.0 if count > 0 else 1.0
