@@ -20,10 +20,11 @@ Index = npt.NDArray[np.int32]
 class ClearanceField:
     """d_S: distance sideways and upwards to obstacles inside V, capped.
 
-    Sampled on the grid lines of the obstacle set in x and y and on the lower face of each layer.
-    A query takes the first such face at or above the point, so that nothing below it counts, and
-    interpolates linearly in x and y: where the layer decides nothing, within 0.71 cells of the
-    exact distance; within 1.71 cells where the point lies below a face that cuts through things.
+    Sampled on the grid lines of the obstacle set in x and y and on the lower face of each layer,
+    exact there but for half a cell where several boxes of one row compete. A query takes the first
+    such face at or above the point, so that nothing below it counts, and interpolates linearly in
+    x and y: within 1.2 cells of the exact distance at that face. Things that end between the point
+    and that face are missed, which for the mean over a body concerns one layer of it.
 
     Args:
         obstacles: those of its boxes that touch V count.

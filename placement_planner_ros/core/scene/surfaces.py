@@ -156,11 +156,12 @@ def _tops(
             if blocked:
                 break
         free[p] = not blocked
+        slack = 0.2 * cell_size  # boxes are closed up to their neighbours
         top[p] = not blocked and (
             upper[p, 2] - lower[p, 2] <= 2.0 * tolerance
             or (
-                width >= _TOP_SHARE * (upper[p, 0] - lower[p, 0])
-                and depth >= _TOP_SHARE * (upper[p, 1] - lower[p, 1])
+                width + slack >= _TOP_SHARE * (upper[p, 0] - lower[p, 0])
+                and depth + slack >= _TOP_SHARE * (upper[p, 1] - lower[p, 1])
             )
         )
     return free, top
