@@ -40,7 +40,7 @@ WAYPOINTS = np.array(
 )
 TIMES = np.array([0.0, 4.0, 4.5, 5.0, 5.5, 6.0, 6.5, 7.0])
 STILL = np.zeros_like(WAYPOINTS)
-OBJECTIVE = 0.06474
+OBJECTIVE = 0.06466
 TOLERANCES = Tolerances(acceleration_limit=10.0)
 RED = (1.0, 0.0, 0.0)
 
@@ -249,8 +249,10 @@ def test_refuses_a_place_outside_the_volume() -> None:
 
 
 def test_refuses_a_wrong_or_no_better_objective() -> None:
-    assert_only(check(solution=replace(GOOD, objective=OBJECTIVE + 0.011)), "objective")
-    assert CHECKER.check(GOOD, previous_objective=OBJECTIVE) == ["objective: 0.06474 after 0.06474"]
+    low, high = CHECKER.clearance_bounds(GOOD.placement_pose)
+    for wrong in (low - 0.011, high + 0.011):
+        assert_only(CHECKER.check(replace(GOOD, objective=wrong)), "objective")
+    assert CHECKER.check(GOOD, previous_objective=OBJECTIVE) == ["objective: 0.06466 after 0.06466"]
     minimise = replace(TASK, objective="minimize_clearance")
     assert check(minimise, replace(GOOD, objective=-OBJECTIVE)) == []
 
@@ -281,6 +283,24 @@ def test_clearance_is_measured_sideways_and_upwards() -> None:
     assert clearance_of_cube([low]) == pytest.approx((0.06 + 0.5) / 2, abs=1e-9)
     beyond = box("beyond", [1.05, -2, 0], [1.1, 2, 1], RED)
     assert clearance_of_cube([beyond]) == 0.5
+
+
+def test_clearance_is_bounded_where_a_layer_decides() -> None:
+    """What ends 4 mm above some voxel centres may count for them, or not."""
+    low = box("low", [0.06, -2, 0], [0.07, 2, 0.0565], RED)
+    cube = box("cube", [-0.05, -0.05, 0], [0.05, 0.05, 0.1], RED)
+    task = replace(
+        TASK,
+        solids=[low],
+        volume_lower=-np.ones(3),
+        volume_upper=np.ones(3),
+        object_vertices=cube.vertices,
+        object_triangles=cube.triangles,
+    )
+    judge = SolutionChecker(task)
+    beside = [0.06 * layers / 20 + 0.5 * (20 - layers) / 20 for layers in (11, 9)]
+    assert judge.clearance_bounds(np.eye(4)) == pytest.approx(beside, abs=1e-9)
+    assert judge.clearance(np.eye(4)) == pytest.approx(beside[0], abs=1e-9)
 
 
 def test_slices_of_a_cone_enclose_it_closely() -> None:
