@@ -9,6 +9,8 @@ from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.regions import Region, RegionSettings, find_regions
 from placement_planner_ros.core.types import TargetVolume
+from placement_planner_ros.scenes.clouds import camera_clouds, complete_cloud
+from placement_planner_ros.scenes.scenes import SCENE_NAMES, scene_by_name
 
 VOLUME = TargetVolume(np.array([-0.4, -0.4, -0.1]), np.array([0.4, 0.4, 0.5]))
 
@@ -217,3 +219,30 @@ def test_empty_environment_has_no_regions():
 def test_bad_settings_are_refused(change):
     with pytest.raises(ParameterError):
         RegionSettings(**change)
+
+
+@pytest.mark.parametrize("name", SCENE_NAMES)
+@pytest.mark.parametrize("camera", [False, True])
+def test_regions_of_the_bundled_scenes_lie_on_their_surfaces(name, camera):
+    scene = scene_by_name(name)
+    bounds = (np.array([-0.2, -0.9, -0.3]), np.array([1.1, 0.9, 0.9]))
+    rng = np.random.default_rng(7)
+    if camera:
+        points = np.vstack([cloud.world_points() for cloud in camera_clouds(scene, rng)])
+    else:
+        points = complete_cloud(scene, bounds=bounds)
+    environment = Environment.from_points(points, scene.volume, bounds=bounds)
+    tops = {round(float(part.vertices[:, 2].max()), 6) for part in scene.parts}
+    undersides = {round(float(part.vertices[:, 2].min()), 6) for part in scene.parts}
+    height_error = 0.002 if camera else 0.001
+    large = [region for region in environment.regions if region.area > 0.002]
+    assert len(large) >= 8
+    for region in large:
+        # the underside of a shelf is the top of the hollow that a thing on the shelf encloses
+        assert min(abs(region.z - z) for z in tops | undersides) < height_error
+    samples = np.array([region.sample(rng) for region in large for _ in range(100)])
+    below = samples - np.array([0.0, 0.0, height_error])
+    depth = np.max([part.depth(below) for part in scene.parts], axis=0)
+    beyond = depth < (-0.004 if camera else -0.002)
+    assert beyond.mean() < (0.02 if camera else 0.005)
+    assert environment.support.supported(samples, 0.003).mean() > 0.99
