@@ -90,7 +90,7 @@ def test_random_paths_keep_limits_and_polyline(seed):
     path = random_path(rng, dof, int(rng.integers(2, 15)), 10.0 ** rng.uniform(-2.5, 0.5))
     velocity, acceleration = rng.uniform(0.1, 6.0, dof), rng.uniform(0.5, 20.0, dof)
     trajectory = parameterize(path, [f"j{i}" for i in range(dof)], velocity, acceleration, always)
-    assert_sound(trajectory, path, velocity, acceleration, 0.06)
+    assert_sound(trajectory, path, velocity, acceleration, 0.2)
 
 
 def test_a_straight_line_takes_about_the_shortest_time():
@@ -107,14 +107,14 @@ def test_points_are_dense_and_bounded():
     assert np.diff(trajectory.times).max() <= 0.1
     crawl = parameterize(path, JOINTS, VELOCITY * 1e-4, ACCELERATION, always)
     assert len(crawl.times) <= TimingSettings().max_points
-    assert_sound(crawl, path, VELOCITY * 1e-4, ACCELERATION, 0.06)
+    assert_sound(crawl, path, VELOCITY * 1e-4, ACCELERATION, 0.2)
 
 
 def test_corners_are_rounded_without_a_stop():
     path = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
     trajectory = parameterize(path, JOINTS, VELOCITY, ACCELERATION, always)
     _, q, v, _ = sample(trajectory)
-    near_corner = np.linalg.norm(q - path[1], axis=1) < 0.1
+    near_corner = np.linalg.norm(q - path[1], axis=1) < 0.3
     assert near_corner.any()
     assert np.linalg.norm(v[near_corner], axis=1).min() > 0.2
 
@@ -153,7 +153,7 @@ def test_an_obstacle_inside_the_corner_is_never_entered(gap):
     square = Square([0.1, gap], [1.0 - gap, 0.9])
     trajectory = parameterize(path, JOINTS, VELOCITY, ACCELERATION, square.edge_free)
     assert trajectory is not None
-    assert_sound(trajectory, path, VELOCITY, ACCELERATION, 0.06)
+    assert_sound(trajectory, path, VELOCITY, ACCELERATION, 0.2)
     _, q, _, _ = sample(trajectory, 200)
     assert not square.contains(q).any()
     if gap < 0.05:
@@ -221,7 +221,7 @@ def test_turning_back_stops_at_the_tip():
 def test_repeated_waypoints_and_paths_that_do_not_move():
     path = np.array([[0.0, 0.0], [0.0, 0.0], [1.0, 0.0], [1.0, 1e-12], [1.0, 1.0], [1.0, 1.0]])
     trajectory = parameterize(path, JOINTS, VELOCITY, ACCELERATION, always)
-    assert_sound(trajectory, path, VELOCITY, ACCELERATION, 0.06)
+    assert_sound(trajectory, path, VELOCITY, ACCELERATION, 0.2)
     for still in ([[1.0, 2.0]], [[1.0, 2.0], [1.0, 2.0]]):
         trajectory = parameterize(np.array(still), JOINTS, VELOCITY, ACCELERATION, always)
         np.testing.assert_array_equal(trajectory.positions, [[1.0, 2.0]])

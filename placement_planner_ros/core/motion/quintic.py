@@ -137,7 +137,7 @@ def first_uncertified(
     """Certify a curve by chords with slack.
 
     Runs of pieces within `tolerance` of their chord are asked for as one; where that is refused,
-    the run is divided, which lessens the slack, until it is below `finest`.
+    the run is divided, which lessens the slack, until one piece is left that is within `finest`.
 
     Args:
         points: (m, 6, dof) control points of consecutive pieces.
@@ -155,12 +155,12 @@ def first_uncertified(
         largest = float(np.max(deviation))
         if largest <= tolerance and edge_free(run[0, 0], run[-1, -1], deviation):
             continue
-        if largest <= finest:
-            return index
         if len(run) > 1:
-            middle = min(max(furthest, 1), len(run) - 1)
+            middle = len(run) // 2 if largest <= finest else min(max(furthest, 1), len(run) - 1)
             stack.append((index + middle, run[middle:]))
             stack.append((index, run[:middle]))
+        elif largest <= finest:
+            return index
         else:
             halves = halved(run)
             stack.append((index, halves[1:]))

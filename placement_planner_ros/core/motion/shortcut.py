@@ -20,7 +20,9 @@ def shorten(
 
     First vertices are skipped greedily (from each vertex to the furthest one a free edge reaches,
     trying at distances that halve), then `attempts` shortcuts between two random points of the
-    path are tried, wherever they lie on their edges. Both ends stay exactly as they are. Every
+    path are tried, wherever they lie on their edges. Last, vertices that the path can do without
+    are left out: long edges leave room to round the corners between them, which time needs more
+    than length. Both ends stay exactly as they are. Every
     edge of the result is either part of an edge of `path` or was certified by `edge_is_free`;
     the part of a free edge is free.
 
@@ -51,14 +53,29 @@ def shorten(
         straight_already = np.linalg.norm(b - a) >= (high - low) * (1.0 - 1e-9)
         if not straight_already and edge_is_free(a, b):
             points = [*points[: i + 1], a, b, *points[j + 1 :]]
-    return _without_repetition(np.array(points))
+    return np.array(_without_needless(list(_without_repetition(points)), edge_is_free, should_stop))
 
 
-def _without_repetition(points: Array) -> Array:
+def _without_needless(
+    points: list[Array],
+    edge_is_free: Callable[[Array, Array], bool],
+    should_stop: Callable[[], bool],
+) -> list[Array]:
+    """The points less those whose neighbours a free edge joins."""
+    i = 1
+    while i < len(points) - 1 and not should_stop():
+        if edge_is_free(points[i - 1], points[i + 1]):
+            del points[i]
+        else:
+            i += 1
+    return points
+
+
+def _without_repetition(points: Array | list[Array]) -> Array:
     """The (n, dof) points less those equal to their predecessor."""
     moved = np.ones(len(points), dtype=bool)
     moved[1:] = (np.diff(points, axis=0) != 0.0).any(axis=1)
-    return np.asarray(points[moved])
+    return np.asarray(points)[moved]
 
 
 def _skip_vertices(

@@ -59,7 +59,7 @@ class TimingSettings:
         max_points: points of a trajectory at most, per stretch between two stops.
     """
 
-    blend_deviation: float = 0.05
+    blend_deviation: float = 0.2
     chord_tolerance: float = 1e-3
     smoothing_time: float = 0.08
     max_interval: float = 0.05
