@@ -31,7 +31,9 @@ def test_every_placement_passes_the_independent_checker(case, tmp_path):
     planner, placements = plan(case, samples=4000)
     assert len(placements) >= 2
     checker = case_checker(asdict(case))
-    arms = {arm.name: arm.touch_links for arm in make_problem(case, np.random.default_rng(0))[0].arms}
+    arms = {
+        arm.name: arm.touch_links for arm in make_problem(case, np.random.default_rng(0))[0].arms
+    }
     previous = None
     for placement in placements:
         save_solution(tmp_path / "solution.npz", case, 0, placement)

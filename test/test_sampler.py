@@ -63,13 +63,17 @@ def sampler(kind=MctsSampler, seed=0, **settings):
     return made, checker
 
 
+def children(afr: AfrHierarchy, node: AfrNode) -> list[AfrNode]:
+    return [afr.child(node, k) for k in range(afr.child_count(node))]
+
+
 def test_levels_are_arm_grasp_face_region_then_cells():
     afr = hierarchy(angle_intervals=4)
-    arms = afr.children(afr.root)
-    grasps = afr.children(arms[0])
-    faces = afr.children(grasps[0])
-    regions = afr.children(faces[0])
-    cells = afr.children(regions[0])
+    arms = children(afr, afr.root)
+    grasps = children(afr, arms[0])
+    faces = children(afr, grasps[0])
+    regions = children(afr, faces[0])
+    cells = children(afr, regions[0])
     assert [len(level) for level in (arms, grasps, faces, regions, cells)] == [2, 2, 2, 2, 16]
     assert sum(cell.region.area for cell in cells) / 4 == pytest.approx(regions[0].region.area)
     assert {(c.angle_min, c.angle_max) for c in cells} == {
@@ -79,16 +83,18 @@ def test_levels_are_arm_grasp_face_region_then_cells():
 
 def test_division_ends_at_the_minimal_area_and_angle():
     afr = hierarchy(min_area=1e-3, min_angle=FULL_TURN / 16)
-    level = [afr.children(afr.children(afr.children(afr.root)[0])[0])[0]]
+    arm = children(afr, afr.root)[0]
+    face = children(afr, children(afr, arm)[0])[0]
+    level = [children(afr, face)[0]]
     leaves = 0
     while level:
         node = level.pop()
-        children = afr.children(node)
-        if not children:
+        below = children(afr, node)
+        if not below:
             leaves += 1
             assert node.region.area <= 1e-3
             assert node.angle_max - node.angle_min <= FULL_TURN / 16 * (1 + 1e-9)
-        level.extend(children)
+        level.extend(below)
     assert leaves > 100
 
 
@@ -160,7 +166,7 @@ def test_four_term_reward_is_the_authors_form():
     assert heuristic_reward(no_ik) == 0.0
     unstable = Sample(Verdict.UNSTABLE, 1.0, None, (True, True, True, False))
     assert heuristic_reward(unstable) == 0.5
-    made, _ = sampler(samples_per_call=300, goals_per_call=1000, reward="four_term")
+    made, _ = sampler(samples_per_call=3000, goals_per_call=1000, reward="four_term")
     assert made.sample_goals(-np.inf, never)
 
 

@@ -13,8 +13,22 @@ def binary(node: tuple[int, ...]) -> list[tuple[int, ...]]:
     return [(*node, 0), (*node, 1)] if len(node) < 4 else []
 
 
+class Hierarchy:
+    root = ()
+
+    def __init__(self, children) -> None:
+        self._children = children
+
+    def child_count(self, node):
+        return len(self._children(node))
+
+    def child(self, node, index):
+        return self._children(node)[index]
+
+
 def make(children=binary, min_depth=2, c=0.5, max_nodes=1000, seed=0) -> SearchTree:
-    return SearchTree((), children, min_depth, c, max_nodes, np.random.default_rng(seed))
+    rng = np.random.default_rng(seed)
+    return SearchTree(Hierarchy(children), min_depth, c, max_nodes, rng)
 
 
 def select_by_the_paper(

@@ -23,6 +23,7 @@ from placement_planner_ros.core.robot.seeds import SeedTable
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.regions import RegionSettings
+from placement_planner_ros.core.search.hierarchy import AfrHierarchy, HierarchySettings
 from placement_planner_ros.core.search.tree import SearchTree
 from placement_planner_ros.core.types import Array, TargetVolume
 
@@ -83,7 +84,7 @@ def warm_up(robot: Robot, arms: Sequence[Arm], q_robot: Array) -> None:
         parameterize(
             np.array([q, q + 0.1, q]), arm.joints, arm.velocity, arm.velocity, _always_free
         )
-    tree = SearchTree(0, lambda n: [n + 1, n + 2] if n < 3 else [], 1, 0.5, 100, rng)
+    tree = SearchTree(AfrHierarchy([1], 1, (), HierarchySettings()), 3, 0.5, 100, rng)
     for _ in range(10):
         tree.update(tree.select(), 1.0, 1.0, 0.0)
     square = (np.zeros(2), np.ones(2))

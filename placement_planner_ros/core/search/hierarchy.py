@@ -7,10 +7,9 @@ intervals of the angle.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -93,31 +92,53 @@ class AfrHierarchy:
         self.regions = tuple(regions)
         self.settings = settings
         self.root = AfrNode()
+        self._arms = [arm for arm, grasps in enumerate(grasps_per_arm) if grasps > 0]
+        self._split: dict[Region, tuple[Region, ...]] = {}
 
-    def children(self, node: AfrNode) -> list[AfrNode]:
-        """The children of a node; none for a leaf."""
+    def child_count(self, node: AfrNode) -> int:
+        """|Ch(n)|; 0 for a leaf."""
         if node.arm is None:
-            return [replace(node, arm=a) for a, n in enumerate(self.grasps_per_arm) if n > 0]
+            return len(self._arms)
         if node.grasp is None:
-            return [replace(node, grasp=g) for g in range(self.grasps_per_arm[node.arm])]
+            return self.grasps_per_arm[node.arm]
         if node.face is None:
-            return [replace(node, face=f) for f in range(self.faces)]
+            return self.faces
         if node.region is None:
-            return [replace(node, region=r) for r in self.regions]
-        return self._subdivide(node, node.region)
+            return len(self.regions)
+        count = len(self._parts(node.region)) * self._pieces(node)
+        return count if count > 1 else 0
 
-    def _subdivide(self, node: AfrNode, region: Region) -> list[AfrNode]:
-        settings = self.settings
-        regions: Sequence[Region] = (region,)
-        if region.area > settings.min_area:
-            regions = region.split()
+    def child(self, node: AfrNode, index: int) -> AfrNode:
+        """One of Ch(n), 0 ≤ index < child_count."""
+        if node.arm is None:
+            return AfrNode(self._arms[index])
+        if node.grasp is None:
+            return AfrNode(node.arm, index)
+        if node.face is None:
+            return AfrNode(node.arm, node.grasp, index)
+        if node.region is None:
+            return AfrNode(node.arm, node.grasp, node.face, self.regions[index])
+        pieces = self._pieces(node)
+        part, piece = divmod(index, pieces)
+        length = (node.angle_max - node.angle_min) / pieces
+        return AfrNode(
+            node.arm,
+            node.grasp,
+            node.face,
+            self._parts(node.region)[part],
+            node.angle_min + piece * length,
+            node.angle_max if piece == pieces - 1 else node.angle_min + (piece + 1) * length,
+        )
+
+    def _parts(self, region: Region) -> tuple[Region, ...]:
+        """r_1 … r_4, or the region itself where it is not to be split; each region once."""
+        parts = self._split.get(region)
+        if parts is None:
+            large = region.area > self.settings.min_area
+            parts = self._split[region] = region.split() if large else (region,)
+        return parts
+
+    def _pieces(self, node: AfrNode) -> int:
         length = node.angle_max - node.angle_min
-        pieces = settings.angle_intervals if length > settings.min_angle * (1 + 1e-9) else 1
-        if len(regions) == 1 and pieces == 1:
-            return []
-        bounds = np.linspace(node.angle_min, node.angle_max, pieces + 1)
-        return [
-            replace(node, region=part, angle_min=float(low), angle_max=float(high))
-            for part in regions
-            for low, high in itertools.pairwise(bounds)
-        ]
+        long = length > self.settings.min_angle * (1 + 1e-9)
+        return self.settings.angle_intervals if long else 1

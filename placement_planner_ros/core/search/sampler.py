@@ -33,7 +33,7 @@ class SamplerSettings:
     goals_per_call: int = 1
     exploration: float = 0.5
     reward: Literal["checks_passed", "four_term"] = "checks_passed"
-    max_nodes: int = 50_000
+    max_nodes: int = 200_000
 
     def __post_init__(self) -> None:
         if self.samples_per_call < 1 or self.goals_per_call < 1:
@@ -141,8 +141,7 @@ class MctsSampler:
     ) -> None:
         self.count = SampleCount()
         self.tree = SearchTree(
-            hierarchy.root,
-            hierarchy.children,
+            hierarchy,
             hierarchy.MIN_SAMPLE_DEPTH,
             settings.exploration,
             settings.max_nodes,

@@ -1,16 +1,14 @@
 """Monte-Carlo tree over a hierarchy given by a function: UCB1 with child addition (Algorithm 3).
 
 The tree knows nothing of what its nodes stand for. Its numbers v(n), r(n) and its links live in
-flat arrays, so that one descent is one compiled call; children are asked for only once, when the
-first of them is to be added.
+flat arrays, so that one descent is one compiled call.
 """
 
 from __future__ import annotations
 
 import heapq
 import itertools
-from collections.abc import Callable, Sequence
-from typing import Generic, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 from numba import njit
@@ -81,12 +79,28 @@ def _propagate(
         node = parent[node]
 
 
+class Hierarchy(Protocol[N]):
+    """What a tree needs to know of the nodes it searches."""
+
+    @property
+    def root(self) -> N:
+        """The node everything else lies below."""
+        ...
+
+    def child_count(self, node: N) -> int:
+        """|Ch(n)|; 0 for a leaf."""
+        ...
+
+    def child(self, node: N, index: int) -> N:
+        """One of Ch(n), 0 ≤ index < child_count."""
+        ...
+
+
 class SearchTree(Generic[N]):
     """G_s: the part of a hierarchy that has been visited, with v(n), r(n) and Ch(n, G_s).
 
     Args:
-        root: the hierarchy's root.
-        children: Ch(n), the children of a node; an empty sequence marks a leaf.
+        hierarchy: Ch(n); asked for a child only when it is added.
         min_depth: depth from which nodes can be sampled (the root has depth 0).
         exploration: c of UCB1, ≥ 0.
         max_nodes: once reached, no further child is added below `min_depth`.
@@ -98,8 +112,7 @@ class SearchTree(Generic[N]):
 
     def __init__(
         self,
-        root: N,
-        children: Callable[[N], Sequence[N]],
+        hierarchy: Hierarchy[N],
         min_depth: int,
         exploration: float,
         max_nodes: int,
@@ -109,15 +122,15 @@ class SearchTree(Generic[N]):
             raise ParameterError("exploration", exploration, "must be zero or larger")
         if max_nodes < 2:
             raise ParameterError("max_nodes", max_nodes, "must be at least 2")
-        self._children = children
+        self._hierarchy = hierarchy
         self._min_depth = min_depth
         self._exploration = exploration
         self._max_nodes = max_nodes
         self._rng = rng
         self._payload: list[N] = []
-        self._waiting: dict[int, list[N]] = {}
+        self._waiting: dict[int, list[int]] = {}
         self._allocate(1024)
-        self._new_node(root, -1)
+        self._new_node(hierarchy.root, -1)
         self._threshold = -np.inf
         self._records: list[tuple[float, int, int, float]] = []
         self._record_count = itertools.count()
@@ -148,11 +161,7 @@ class SearchTree(Generic[N]):
     def is_leaf(self, node: int) -> bool:
         """Whether the hierarchy has no children below this node."""
         if self._total[node] == _UNKNOWN:
-            children = list(self._children(self._payload[node]))
-            self._rng.shuffle(children)
-            self._total[node] = len(children)
-            if children:
-                self._waiting[node] = children
+            self._total[node] = self._hierarchy.child_count(self._payload[node])
         return bool(self._total[node] == 0)
 
     def select(self) -> int:
@@ -184,7 +193,7 @@ class SearchTree(Generic[N]):
                         "hierarchy", self._payload[node], "has no children to choose from"
                     )
                 return node
-            if self._added[node] == 0 or self._waiting.get(node):
+            if self._added[node] < self._total[node]:
                 node = self._add_child(node)
                 depth += 1
 
@@ -215,8 +224,12 @@ class SearchTree(Generic[N]):
         _propagate(record[2], 0, record[3], self._parent, self._visits, self._rewards)
 
     def _add_child(self, node: int) -> int:
-        waiting = self._waiting[node]
-        child = self._new_node(waiting.pop(), node)
+        waiting = self._waiting.get(node)
+        if waiting is None:
+            waiting = self._waiting[node] = list(range(int(self._total[node])))
+        pick = int(self._rng.integers(len(waiting)))
+        waiting[pick], waiting[-1] = waiting[-1], waiting[pick]
+        child = self._new_node(self._hierarchy.child(self._payload[node], waiting.pop()), node)
         if not waiting:
             del self._waiting[node]
         self._next_sibling[child] = self._first_child[node]
