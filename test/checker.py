@@ -10,7 +10,7 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import coal
 import numpy as np
@@ -71,6 +71,32 @@ class Task:
     q_start: Mapping[str, float]
     objective: str
 
+    @classmethod
+    def of(
+        cls,
+        scene: Any,
+        thing: Any,
+        urdf: str,
+        srdf: str,
+        package_dirs: Mapping[str, str | Path],
+        q_start: Mapping[str, float],
+        objective: str,
+    ) -> Task:
+        """Of a bundled `Scene` and `GraspedObject`."""
+        return cls(
+            scene.parts,
+            scene.volume.lower,
+            scene.volume.upper,
+            thing.vertices,
+            thing.triangles,
+            thing.center_of_mass,
+            urdf,
+            srdf,
+            package_dirs,
+            q_start,
+            objective,
+        )
+
 
 @dataclass(frozen=True)
 class Solution:
@@ -83,6 +109,19 @@ class Solution:
     tip_frame: str
     T_tip_object: Array  # (4, 4)
     touch_links: Sequence[str]
+
+    @classmethod
+    def of(cls, placement: Any, arm: Any) -> Solution:
+        """Of a `Placement` and the `Arm` it was found for."""
+        return cls(
+            placement.trajectory,
+            placement.approach_start,
+            placement.T_world_object.homogeneous,
+            placement.objective,
+            arm.tip_frame,
+            arm.grasps[placement.goal.grasp].homogeneous,
+            arm.touch_links,
+        )
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,11 @@ import pinocchio as pin
 import pytest
 from checker import Solution, SolutionChecker, Task, Tolerances
 
-from placement_planner_ros.core.types import Trajectory
+from placement_planner_ros.core.types import Goal, Placement, Trajectory
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.primitives import box, frustum
 from placement_planner_ros.scenes.scenes import scene_by_name
+from placement_planner_ros.scenes.yumi import load_yumi, yumi_arm
 
 ROOT = Path(__file__).resolve().parent.parent
 JOINTS = tuple(f"yumi_joint_{n}_l" for n in (1, 2, 7, 3, 4, 5, 6))
@@ -47,13 +48,9 @@ RED = (1.0, 0.0, 0.0)
 
 def make_task() -> Task:
     scene, thing = scene_by_name("table"), object_by_name("small_crayons_box")
-    return Task(
-        solids=scene.parts,
-        volume_lower=scene.volume.lower,
-        volume_upper=scene.volume.upper,
-        object_vertices=thing.vertices,
-        object_triangles=thing.triangles,
-        center_of_mass=thing.center_of_mass,
+    return Task.of(
+        scene,
+        thing,
         urdf=(ROOT / "urdf/yumi.urdf").read_text(),
         srdf=(ROOT / "urdf/yumi.srdf").read_text(),
         package_dirs={"placement_planner_ros": ROOT},
@@ -91,6 +88,14 @@ def with_curve(
     accelerations: np.ndarray = STILL,
 ) -> Solution:
     return replace(GOOD, trajectory=Trajectory(JOINTS, times, positions, velocities, accelerations))
+
+
+def test_reads_a_published_placement() -> None:
+    arm = yumi_arm(load_yumi(), "left", object_by_name("small_crayons_box").grasps["left"])
+    pose = pin.SE3(GOOD.placement_pose)
+    goal = Goal("left", 0, 0, pose, 0.0, WAYPOINTS[1:], OBJECTIVE)
+    placement = Placement(goal, GOOD.trajectory, 4.0, 0.0, 0)
+    assert CHECKER.check(Solution.of(placement, arm)) == []
 
 
 def moved(array: np.ndarray, where: tuple[int, int], value: float) -> np.ndarray:

@@ -223,19 +223,8 @@ def test_each_arm_can_place_on_two_faces_in_each_scene(
     """Some configuration is free of collisions, object in hand, standing on the face."""
     scene, robot, rng = scene_by_name(scene_name), load_yumi(), np.random.default_rng(1)
     fingers = dict.fromkeys(GRIPPER_JOINTS.values(), thing.finger_opening)
-    task = checker.Task(
-        scene.parts,
-        scene.volume.lower,
-        scene.volume.upper,
-        thing.vertices,
-        thing.triangles,
-        thing.center_of_mass,
-        "",
-        "",
-        {},
-        {**START_CONFIGURATION, **fingers},
-        "",
-    )
+    q_start = {**START_CONFIGURATION, **fingers}
+    task = checker.Task.of(scene, thing, "", "", {}, q_start, "none")
     faces = faces_of(thing)
     poses = [placements(scene, thing, face, task, 40) for face in faces]
     q_start = reader().configuration(task.q_start)
