@@ -159,6 +159,24 @@ def test_flying_pixels_are_dropped_from_dense_clouds_only():
     assert inside_some_box(sparse, flying).all()
 
 
+def test_a_sparse_clean_cloud_loses_nothing():
+    flat = plane((-0.3, -0.3, 0.0), (0.3, 0.3, 0.0), 0.01)
+    ridges = flat[np.abs(flat[:, 1]) < 0.1] + np.array([0.0, 0.0, 0.012])
+    points = np.vstack([flat, ridges])
+    for cell_size in (0.005, 0.01, 0.02):
+        obstacles = ObstacleSet.from_points(points, GridSettings(cell_size=cell_size), BOUNDS)
+        assert obstacles.noise == 0.0
+        assert inside_some_box(obstacles, points).all()
+
+
+def test_a_narrow_board_in_one_column_is_two_walls_not_a_stack_of_floors():
+    sides = [plane((-0.2, y, 0.0), (0.2, y, 0.3), 0.008) for y in (0.0, 0.013)]
+    obstacles = ObstacleSet.from_points(np.vstack(sides), GridSettings(cell_size=0.02), BOUNDS)
+    thickness = obstacles.upper - obstacles.lower
+    level = (thickness[:, 2] < 0.001) & (thickness[:, 1] > 0.002)
+    assert not level.any()
+
+
 def test_points_outside_and_nan_are_left_out():
     points = np.array([[0.0, 0.0, 0.0], [9.0, 0.0, 0.0], [np.nan, 0.0, 0.0], [0.0, np.inf, 0.0]])
     obstacles = ObstacleSet.from_points(points, bounds=BOUNDS)

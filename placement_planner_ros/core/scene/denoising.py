@@ -21,6 +21,10 @@ Index = npt.NDArray[np.int32]
 _SAMPLED_CELLS = 4000
 """Neighbourhoods looked at to estimate the noise."""
 _MIN_PLANE_POINTS = 8
+_MIN_SURFACE_POINTS = 20
+"""Neighbourhoods with fewer points say nothing about the noise: sparse is not noisy, ..."""
+_MIN_SURFACES = 0.2
+"""... and at least this share of all must be such surfaces."""
 _PLANE_SCATTER = 2.0
 """A neighbourhood is a plane if its points scatter by less than this times the noise."""
 _MORE_SCATTER = 1.4
@@ -156,14 +160,20 @@ def _plane(
 
 @njit(cache=True)
 def _scatter(
-    moments: Array, cells: Index, index: Index, size: float, reach: int, stride: int
+    moments: Array,
+    cells: Index,
+    index: Index,
+    size: float,
+    reach: int,
+    stride: int,
+    min_points: int,
 ) -> Array:
     """Standard deviations about the planes of those sampled neighbourhoods that are surfaces."""
     found = np.empty(len(cells) // stride + 1)
     plane = np.empty(8)
     n = 0
     for r in range(0, len(cells), stride):
-        if _plane(moments, cells, index, size, r, reach, plane) < _MIN_PLANE_POINTS:
+        if _plane(moments, cells, index, size, r, reach, plane) < min_points:
             continue
         if plane[7] > 0.15 * (1 + reach) * size and plane[6] < 0.6 * plane[7]:
             found[n] = plane[6]
@@ -180,11 +190,11 @@ def estimate_noise(bins: Bins, origin: Array, size: float) -> float:
     """
     stride = max(1, len(bins.cells) // _SAMPLED_CELLS)
     moments = _cell_moments(bins.points, bins.start, bins.cells, origin, size)
-    around = _scatter(moments, bins.cells, bins.row_of, size, 1, stride)
-    if len(around) == 0:
+    around = _scatter(moments, bins.cells, bins.row_of, size, 1, stride, _MIN_SURFACE_POINTS)
+    if len(around) < _MIN_SURFACES * len(bins.cells) / stride:
         return 0.0
     quartile, median = np.quantile(around, (0.25, 0.5))
-    alone = _scatter(moments, bins.cells, bins.row_of, size, 0, stride)
+    alone = _scatter(moments, bins.cells, bins.row_of, size, 0, stride, _MIN_PLANE_POINTS)
     if len(alone) >= 0.25 * len(around):
         within = float(np.quantile(alone, 0.25))
         if within < 0.1 * median:

@@ -234,8 +234,9 @@ def _cleaned(
     """Drop flying pixels and, in a noisy cloud, project the points; return the noise too."""
     size = settings.cell_size
     counts = np.diff(bins.start)
-    if settings.min_points > 1 and np.median(counts) >= 4:
-        keep = denoising.connected(bins.cells, counts, bins.row_of, settings.min_points)
+    min_points = settings.min_points if np.median(counts) >= 4 else 0
+    if min_points > 1:
+        keep = denoising.connected(bins.cells, counts, bins.row_of, min_points)
         if not keep.all():
             points = bins.points[np.repeat(keep, counts)]
             bins = sort_into_cells(points, origin, size, shape, lower, upper)
@@ -243,7 +244,7 @@ def _cleaned(
     if noise <= settings.noise_floor:
         return bins, 0.0
     for _ in range(2):  # the second time from planes that the first has made sharper
-        points = denoising.project(bins, origin, size, noise, settings.min_points)
+        points = denoising.project(bins, origin, size, noise, min_points)
         np.clip(points, lower, upper, out=points)
         bins = sort_into_cells(points, origin, size, shape, lower, upper)
     return bins, noise

@@ -95,7 +95,10 @@ def _volume(box: Array, skin: float) -> float:
 def _fullest_side(
     points: Array, rows: npt.NDArray[np.int64], count: int, box: Array, skin: float
 ) -> tuple[int, int]:
-    """The side (axis, 0 low or 1 high) of the box with most points within `skin` of it."""
+    """The side (axis, 0 low or 1 high) of the box with most points within `skin` of it.
+
+    Upright sides first where equal: the rows of points on two walls of one cell are no floors.
+    """
     hits = np.zeros((3, 2), np.int64)
     for i in range(count):
         for a in range(3):
@@ -104,7 +107,7 @@ def _fullest_side(
                 hits[a, 0] += 1
             if value >= box[1, a] - skin:
                 hits[a, 1] += 1
-    axis, side = 2, 0
+    axis, side = 0, 0
     for a in range(3):
         for s in range(2):
             if hits[a, s] > hits[axis, side]:
