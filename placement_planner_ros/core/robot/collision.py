@@ -241,7 +241,7 @@ class ArmCollision:
             second = "the environment"
         else:
             where = self._between(s, other)
-            second = self._flat.bodies[self._flat.set_body[other]].name
+            first, second = self._flat.bodies[self._flat.set_body[other]].name, first
         return f"{first} meets {second} at ({where[0]:.3f}, {where[1]:.3f}, {where[2]:.3f})"
 
     def _margins(self, reserve: float) -> tuple[float, float]:

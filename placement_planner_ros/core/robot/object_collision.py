@@ -107,20 +107,15 @@ class ObjectCollision:
             self._classify(self._one_pose, self._one[0], self._one[1], self._answer)
         T = self._one_pose[0]
         transform = coal.Transform3s(T[:3, :3], T[:3, 3])
+        swept: dict[int, coal.Convex] = {}
         for part, box in self._scratch.undecided[: self._scratch.counters[0]].tolist():
-            if meets(
-                self._swept(part, T, raise_height),
-                transform,
-                *coal_box(self._boxes.corners[box]),
-                self.settings.collision_margin,
-            ):
+            if part not in swept:
+                up = T[2, :3] * raise_height
+                swept[part] = coal_convex(*swept_hull(self._parts[part].vertices, up))
+            at = coal_box(self._boxes.corners[box])
+            if meets(swept[part], transform, *at, self.settings.collision_margin):
                 return False
         return True
-
-    def _swept(self, part: int, T_world_object: Array, raise_height: float) -> coal.Convex:
-        vertices = self._parts[part].vertices
-        up = T_world_object[2, :3] * raise_height
-        return coal_convex(*swept_hull(vertices, up))
 
 
 def swept_hull(vertices: Array, shift: Array) -> tuple[Array, npt.NDArray[np.int_]]:
