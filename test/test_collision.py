@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from placement_planner_ros.core.body import Body
-from placement_planner_ros.core.errors import GraspError, ParameterError
+from placement_planner_ros.core.errors import GraspError, JointStateError, ParameterError
 from placement_planner_ros.core.robot import collision
 from placement_planner_ros.core.robot.collision import ArmCollision, CollisionSettings
 from placement_planner_ros.core.robot.model import Robot
@@ -344,6 +344,21 @@ def test_settings_refuse_what_makes_no_sense():
     for bad in ({"collision_margin": -0.001}, {"cover_excess": 0.0}, {"self_margin": np.nan}):
         with pytest.raises(ParameterError, match=next(iter(bad))):
             CollisionSettings(**bad)
+
+
+def test_what_is_not_finite_or_of_the_wrong_length_is_refused(slider):
+    checker = slider_checker(slider, obstacles_of())
+    good, bad = np.zeros(2), np.array([0.0, np.nan])
+    for ask in (
+        lambda: checker.free(bad),
+        lambda: checker.free_batch(np.array([good, bad])),
+        lambda: checker.edge_free(good, bad),
+        lambda: checker.edge_free(good, good, deviation=np.array([np.inf, 0.0])),
+    ):
+        with pytest.raises(JointStateError, match="finite"):
+            ask()
+    with pytest.raises(ValueError, match="reshape"):
+        checker.edge_free(good, np.zeros(3))
 
 
 # ---- the object in the hand ---------------------------------------------------------------------

@@ -15,7 +15,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from placement_planner_ros.core.body import Body, ConvexPart
-from placement_planner_ros.core.errors import GraspError, ParameterError
+from placement_planner_ros.core.errors import GraspError, JointStateError, ParameterError
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.collision_arrays import (
     CollisionBody,
@@ -25,6 +25,7 @@ from placement_planner_ros.core.robot.collision_arrays import (
 )
 from placement_planner_ros.core.robot.collision_boxes import box_arrays
 from placement_planner_ros.core.robot.collision_kernels import (
+    NOT_FINITE,
     OVERFLOW,
     check_edge,
     check_states,
@@ -65,7 +66,7 @@ class CollisionSettings:
     self_reserve: float = 0.0002
     edge_resolution: float = 0.0005
     self_resolution: float = 0.00005
-    cover_excess: float = 0.01
+    cover_excess: float = 0.02
 
     def __post_init__(self) -> None:
         for name in ("edge_resolution", "self_resolution", "cover_excess"):
@@ -151,6 +152,9 @@ class ArmCollision:
 
         Args:
             contact: leave out the held object against the obstacle set.
+
+        Raises:
+            JointStateError: a value is not finite.
         """
         return self._collision(q, reserve, contact) is None
 
@@ -168,7 +172,10 @@ class ArmCollision:
     def classify(
         self, Q: Array, reserve: float = 0.0, contact: bool = False
     ) -> npt.NDArray[np.int64]:
-        """The fast tier's answer to (n, dof): `separation.FREE`, `COLLIDING` or `UNDECIDED`."""
+        """The fast tier's answers (n,) to (n, dof) configurations.
+
+        `separation.FREE`, `COLLIDING` or `UNDECIDED`, or `collision_kernels.NOT_FINITE`.
+        """
         Q = np.ascontiguousarray(Q, dtype=np.float64).reshape(-1, self._dof)
         answers = np.empty(len(Q), dtype=np.int64)
         margin, self_margin = self._margins(reserve)
@@ -203,9 +210,12 @@ class ArmCollision:
                 its way down).
             deviation: (dof,) how far each joint may stray from the straight line, rad or m.
             reserve: metres to keep beyond the margins, as in `free`.
+
+        Raises:
+            JointStateError: a value is not finite.
         """
-        a = np.ascontiguousarray(a, dtype=np.float64)
-        b = np.ascontiguousarray(b, dtype=np.float64)
+        a = np.ascontiguousarray(a, dtype=np.float64).reshape(self._dof)
+        b = np.ascontiguousarray(b, dtype=np.float64).reshape(self._dof)
         if deviation is None:
             deviation = self._no_deviation
         answer = check_edge(
@@ -214,7 +224,7 @@ class ArmCollision:
             self._scratch,
             a,
             b,
-            np.ascontiguousarray(deviation, dtype=np.float64),
+            np.ascontiguousarray(deviation, dtype=np.float64).reshape(self._dof),
             *self._margins(reserve),
             contact,
             self.settings.edge_resolution,
@@ -222,6 +232,8 @@ class ArmCollision:
             self._queue,
             self._settled,
         )
+        if answer == NOT_FINITE:
+            raise _not_finite(a, b, deviation)
         if answer == OVERFLOW:
             middle = (a + b) / 2
             return self.edge_free(
@@ -266,6 +278,8 @@ class ArmCollision:
                 self._answer,
             )
             answer = self._answer[0]
+            if answer == NOT_FINITE:
+                raise _not_finite(q)
             if answer == FREE:
                 return None
             if answer == COLLIDING:
@@ -301,6 +315,14 @@ class ArmCollision:
         result = coal.DistanceResult()
         coal.distance(*self._part(s), *self._part(other), coal.DistanceRequest(), result)
         return np.asarray((result.getNearestPoint1() + result.getNearestPoint2()) / 2)
+
+
+def _not_finite(*configurations: Array) -> JointStateError:
+    return JointStateError(
+        "configuration",
+        [np.asarray(q).ravel().tolist() for q in configurations],
+        "every joint value must be finite",
+    )
 
 
 def part_set(part: ConvexPart) -> ConvexSet:

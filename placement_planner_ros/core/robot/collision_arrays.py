@@ -83,7 +83,8 @@ class ArmScratch(NamedTuple):
     bounds: Array
     """(s, 6) box around each set, lower then upper."""
     set_stamp: Indices
-    """(s,) configuration at which a set was last placed in the world."""
+    """(s,) configuration at which a set was last placed in the world; `plane_stamp`: its planes."""
+    plane_stamp: Indices
     box_stamp: Indices
     """(m,) visit in which an obstacle was last looked at."""
     counters: Indices
@@ -232,6 +233,7 @@ def scratch_for(flat: FlatArm, boxes: int) -> ArmScratch:
         planes=a.planes.copy(),
         bounds=bounds,
         set_stamp=np.where(fixed, np.iinfo(np.int64).max, 0),
+        plane_stamp=np.where(fixed, np.iinfo(np.int64).max, 0),
         box_stamp=np.zeros(boxes, dtype=np.int64),
         counters=np.zeros(3, dtype=np.int64),
         work=np.zeros((6, 4)),

@@ -53,6 +53,9 @@ from placement_planner_ros.core.types import Array
 OVERFLOW = 3
 """An edge needs more intervals than the queue holds: cut it in two."""
 
+NOT_FINITE = 4
+"""A configuration holds a NaN or an infinity."""
+
 _COARSE = 0.02
 """Metres of motion above which an interval is searched for collisions rather than certified."""
 
@@ -119,6 +122,15 @@ def _to_world(
 
 
 @njit(cache=True)
+def is_finite(q: Array) -> bool:
+    """Whether every number of q (n,) is finite."""
+    total = 0.0
+    for j in range(q.shape[0]):
+        total += q[j]
+    return bool(np.isfinite(total))
+
+
+@njit(cache=True)
 def place_arm(arm: ArmArrays, scratch: ArmScratch, q: Array) -> None:
     """Forward kinematics at q (n,): joint frames, bounding spheres of moving bodies and parts.
 
@@ -143,7 +155,7 @@ def place_arm(arm: ArmArrays, scratch: ArmScratch, q: Array) -> None:
 
 @njit(cache=True)
 def _place_set(arm: ArmArrays, scratch: ArmScratch, s: int) -> None:
-    """Vertices, planes and box of convex set s in the world."""
+    """Vertices and box of convex set s in the world."""
     frames = scratch.frames
     sets = arm.sets
     local, world = arm.vertices, scratch.vertices
@@ -162,6 +174,13 @@ def _place_set(arm: ArmArrays, scratch: ArmScratch, s: int) -> None:
             high = max(high, w)
         bounds[s, i] = low - radius
         bounds[s, i + 3] = high + radius
+
+
+@njit(cache=True)
+def _place_planes(arm: ArmArrays, scratch: ArmScratch, s: int) -> None:
+    """Planes of convex set s in the world."""
+    frames, sets = scratch.frames, arm.sets
+    joint = sets[s, SET_JOINT]
     planes, moved = arm.planes, scratch.planes
     for v in range(sets[s, SET_FIRST_PLANE], sets[s + 1, SET_FIRST_PLANE]):
         offset = planes[v, 3]
@@ -271,7 +290,8 @@ def body_meets_boxes(
     rows, corners, following = boxes.rows, boxes.corners, boxes.next
     nodes, spheres, frames = arm.nodes, arm.node_spheres, scratch.frames
     parts, sets = arm.parts, arm.sets
-    set_stamp, box_stamp, counters = scratch.set_stamp, scratch.box_stamp, scratch.counters
+    set_stamp, plane_stamp = scratch.set_stamp, scratch.plane_stamp
+    box_stamp, counters = scratch.box_stamp, scratch.counters
     vertices, planes, bounds, work = (
         scratch.vertices,
         scratch.planes,
@@ -336,6 +356,9 @@ def body_meets_boxes(
                                 if set_stamp[s] < now:
                                     set_stamp[s] = now
                                     _place_set(arm, scratch, s)
+                                if plane_stamp[s] < now:
+                                    plane_stamp[s] = now
+                                    _place_planes(arm, scratch, s)
                                 answer = polytope_meets_box(
                                     vertices,
                                     sets[s, SET_FIRST_VERTEX],
@@ -611,6 +634,9 @@ def check_states(
     spheres, pairs = scratch.body_spheres, arm.pairs
     near = self_margin + TOLERANCE
     for i in range(Q.shape[0]):
+        if not is_finite(Q[i]):
+            answers[i] = NOT_FINITE
+            continue
         place_arm(arm, scratch, Q[i])
         scratch.counters[2] = 0
         result = FREE
@@ -702,8 +728,10 @@ def check_edge(
         queue: (k, 2) work space, settled: (k, bodies moving + pairs).
 
     Returns:
-        FREE, COLLIDING (certain), UNDECIDED (not certified) or OVERFLOW.
+        FREE, COLLIDING (certain), UNDECIDED (not certified), OVERFLOW or NOT_FINITE.
     """
+    if not (is_finite(a) and is_finite(b) and is_finite(deviation)):
+        return NOT_FINITE
     n = a.shape[0]
     size = queue.shape[0]
     pairs = arm.pairs
