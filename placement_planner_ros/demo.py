@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -34,12 +34,16 @@ from placement_planner_ros.publishing import LATCHED
 from placement_planner_ros.scene_publisher import ScenePublisher
 from placement_planner_ros.scenes.objects import OBJECT_NAMES, object_by_name
 from placement_planner_ros.scenes.scenes import SCENE_NAMES, scene_by_name
-from placement_planner_ros.scenes.yumi import load_yumi
+from placement_planner_ros.scenes.yumi import load_yumi, yumi_arm
 from placement_planner_ros.share import share_path
 
 NAMESPACE = "/placement_demo"
-READY_WITHIN = 60.0
-"""Seconds within which the node must answer and its inputs must have arrived."""
+READY_WITHIN = 600.0
+"""Seconds within which the node must be ready; after installation it first compiles its kernels."""
+
+
+INPUTS_WITHIN = 20.0
+"""Seconds within which cloud and joint states must have arrived."""
 
 
 class DemoError(Exception):
@@ -54,7 +58,8 @@ class Client(Node):
         self.improvements: list[tuple[float, float]] = []
         self.trajectory: JointTrajectory | None = None
         self.pose: PoseStamped | None = None
-        self.arm = ""
+        self.manifest: dict[str, str] = {}
+        self.warm = False
         self._start = self.create_client(Trigger, "placement_planner/start")
         self._stop = self.create_client(Trigger, "placement_planner/stop")
         self.create_subscription(
@@ -66,6 +71,12 @@ class Client(Node):
         self.create_subscription(
             DiagnosticArray, "placement_planner/solution", self._on_solution, LATCHED
         )
+        self.create_subscription(
+            DiagnosticStatus, "placement_planner/status", self._on_status, LATCHED
+        )
+
+    def _on_status(self, message: DiagnosticStatus) -> None:
+        self.warm = any(v.key == "warm" and v.value == "true" for v in message.values)
 
     def _on_trajectory(self, message: JointTrajectory) -> None:
         if message.points:
@@ -80,10 +91,10 @@ class Client(Node):
             return
         search_time, objective = float(values["search_time"]), float(values["objective"])
         self.improvements.append((search_time, objective))
-        self.arm = values["arm"]
+        self.manifest = values
         print(
-            f"  {search_time:6.2f} s   solution {values['solution']:>3}   {self.arm:>5} arm   "
-            f"objective {objective:.4f} m",
+            f"  {search_time:6.2f} s   solution {values['solution']:>3}   {values['arm']:>5} arm   "
+            f"objective {objective:.4f}",
             flush=True,
         )
 
@@ -180,18 +191,16 @@ def _demonstrate(options: argparse.Namespace, node: subprocess.Popen[bytes]) -> 
         executor.spin_once(timeout_sec=0.05)
 
     print(f"scene {options.scene}, object {options.object}, objective {options.objective}")
+    print("the node gets ready; the first time after installation this takes a while", flush=True)
     give_up = time.monotonic() + READY_WITHIN
-    while True:
+    while not (client.warm and client.service_ready()):
         spin()
-        late = time.monotonic() > give_up
-        if not client.service_ready():
-            if late:
-                raise DemoError(f"the node did not come up within {READY_WITHIN:g} s")
-            continue
-        answer = client.call("start", spin)
-        if answer.success:
-            break
-        if late:
+        if time.monotonic() > give_up:
+            raise DemoError(f"the node did not get ready within {READY_WITHIN:g} s")
+    give_up = time.monotonic() + INPUTS_WITHIN
+    while not (answer := client.call("start", spin)).success:
+        spin()
+        if time.monotonic() > give_up:
             raise DemoError(f"start was refused:\n{answer.message}")
     print(f"start: {answer.message.splitlines()[0]}", flush=True)
     end = time.monotonic() + options.seconds
@@ -212,27 +221,35 @@ def _draw(options: argparse.Namespace, client: Client) -> None:
     assert client.pose is not None
     options.output.mkdir(parents=True, exist_ok=True)
     robot = load_yumi()
-    q = robot.configuration(start_configuration(options.object))
-    path = []
-    for point in client.trajectory.points:
-        reached = dict(zip(client.trajectory.joint_names, point.positions, strict=True))
-        path.append(robot.with_positions(q, reached))
-    pose = client.pose.pose
-    r = pose.orientation
-    rotation = pin.Quaternion(np.array([r.x, r.y, r.z, r.w])).toRotationMatrix()
-    p = pose.position
-    T_world_object = pin.SE3(rotation, np.array([p.x, p.y, p.z]))
+    held = object_by_name(options.object)
+    q_start = robot.configuration(start_configuration(options.object))
+    reached = dict(
+        zip(client.trajectory.joint_names, client.trajectory.points[-1].positions, strict=True)
+    )
+    arm = yumi_arm(robot, client.manifest["arm"])
+    T_tip_object = held.grasps[arm.name][int(client.manifest["grasp"])]
+    p, r = client.pose.pose.position, client.pose.pose.orientation
+    objective = client.improvements[-1][1]
     picture = options.output / "placement.png"
     plot = options.output / "objective.png"
     draw_placement(
         picture,
-        scene_by_name(options.scene),
-        object_by_name(options.object),
-        T_world_object,
-        robot,
-        np.array(path),
+        robot=robot,
+        q=robot.with_positions(q_start, reached),
+        body_vertices=held.vertices,
+        body_triangles=held.triangles,
+        T_world_object=pin.XYZQUATToSE3(np.array([p.x, p.y, p.z, r.x, r.y, r.z, r.w])),
+        scene=scene_by_name(options.scene),
+        T_world_start=robot.link_pose(q_start, arm.tip_frame) * T_tip_object,
+        hand_links=arm.touch_links,
+        title=f"{options.scene}, {options.object}\n{options.objective}: {objective:.4f}",
     )
-    draw_objective(plot, client.improvements, options.seconds)
+    draw_objective(
+        plot,
+        {f"{options.scene}, {options.object}": client.improvements},
+        end=options.seconds,
+        title=options.objective,
+    )
     print(f"wrote {picture} and {plot}")
 
 

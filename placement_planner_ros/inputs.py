@@ -16,7 +16,7 @@ from sensor_msgs.msg import JointState, PointCloud2
 from placement_planner_ros.cloud_store import CloudStore, StoredCloud
 from placement_planner_ros.core.body import Body
 from placement_planner_ros.core.errors import PlacementPlannerError
-from placement_planner_ros.core.robot.model import Arm
+from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.types import Array, Placement
 from placement_planner_ros.frames import CloudFrameError, cloud_pose
 from placement_planner_ros.joint_states import JointStates
@@ -24,7 +24,7 @@ from placement_planner_ros.object_input import ObjectInput
 from placement_planner_ros.parameters import ParameterSet
 from placement_planner_ros.planning import Snapshot
 from placement_planner_ros.point_cloud import points_from_message
-from placement_planner_ros.robot_input import RobotInput, make_arms
+from placement_planner_ros.robot_input import RobotInput, make_arms, require_grasp
 from placement_planner_ros.transforms import Transforms
 
 CONFIRMED_SPACING = 0.004
@@ -115,7 +115,7 @@ class Inputs:
                     robot, now, parameters["joint_state_timeout"], parameters["start_tolerance"]
                 )
             )
-            arms = attempt(lambda: make_arms(robot, parameters))
+            arms = attempt(lambda: grasping_arms(robot, parameters))
         body = attempt(lambda: self.object.body(parameters, overridden))
         volume = attempt(lambda: parameters.volume)
         if (
@@ -168,6 +168,17 @@ class Inputs:
             else:
                 with self._lock:
                     self._waiting.pop(topic, None)
+
+
+def grasping_arms(robot: Robot, parameters: ParameterSet) -> tuple[Arm, ...]:
+    """The candidate arms; at least one has a grasp.
+
+    Raises:
+        PlacementPlannerError: an arm or a grasp is bad, or there is no grasp.
+    """
+    arms = make_arms(robot, parameters)
+    require_grasp(arms)
+    return arms
 
 
 def surface_points(body: Body, placement: Placement) -> Array:

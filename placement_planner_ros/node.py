@@ -6,6 +6,8 @@ import sys
 import threading
 from collections.abc import Callable, Sequence
 
+import numpy as np
+import pinocchio as pin
 import rclpy
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
@@ -23,16 +25,24 @@ from std_srvs.srv import Trigger
 from placement_planner_ros.answers import Answer, answer, refusal
 from placement_planner_ros.cloud_subscriptions import CloudSubscriptions
 from placement_planner_ros.conversions import mesh_from_message
-from placement_planner_ros.core.errors import JointStateError, PlacementPlannerError
+from placement_planner_ros.core.errors import (
+    JointStateError,
+    ObjectError,
+    PlacementPlannerError,
+)
 from placement_planner_ros.core.types import Placement
+from placement_planner_ros.core.warmup import warm_up
 from placement_planner_ros.inputs import Inputs
+from placement_planner_ros.object_input import NoObjectError
 from placement_planner_ros.parameter_server import ParameterServer
+from placement_planner_ros.parameters import ParameterSet
 from placement_planner_ros.planning import Prepare, Prepared, prepare
 from placement_planner_ros.publishing import LATCHED, Outputs
 from placement_planner_ros.reporting import Reporter
-from placement_planner_ros.robot_input import RobotInput
+from placement_planner_ros.robot_input import RobotInput, make_arms
 from placement_planner_ros.run import Run, State
-from placement_planner_ros.spinning import spin_until_signalled
+from placement_planner_ros.self_filter import outside_robot
+from placement_planner_ros.spinning import catch_signals, spin_until
 from placement_planner_ros.transforms import Transforms
 
 STOP_PATIENCE = 1.0
@@ -69,12 +79,16 @@ class PlacementPlannerNode(Node):
             robot, self._settings.current, extra or ["points"], transforms, self.get_clock()
         )
         self._outputs = Outputs(self)
-        self._reporter = Reporter(self, self._outputs, self._inputs, self._settings)
-        self._settings.notify(self._inputs.object.parameters_changed)
+        self._warm = threading.Event()
+        self._reporter = Reporter(
+            self, self._outputs, self._inputs, self._settings, self._warm.is_set
+        )
+        self._settings.notify(self._on_parameters)
         self._subscribe(robot, list(dict.fromkeys(["points", *extra])))
         self._serve()
         for warning in robot.robot.warnings:
             self.get_logger().info(f"robot: {warning}")
+        self._prepare_object()
         self.get_logger().info(
             f"ready for robot {robot.robot.name!r}, planning frame {robot.planning_frame!r}"
         )
@@ -110,7 +124,7 @@ class PlacementPlannerNode(Node):
         self.create_subscription(
             Mesh,
             "~/object",
-            lambda message: self._inputs.object.set_mesh(*mesh_from_message(message)),
+            self._on_object,
             LATCHED,
             callback_group=descriptions,
         )
@@ -141,6 +155,24 @@ class PlacementPlannerNode(Node):
             return
         if robot is not None:
             self.get_logger().info(f"took robot {robot.name!r} from its description topic")
+
+    def _on_object(self, message: Mesh) -> None:
+        self._inputs.object.set_mesh(*mesh_from_message(message))
+        self._prepare_object()
+
+    def _on_parameters(self, names: Sequence[str], parameters: ParameterSet) -> None:
+        self._inputs.object.parameters_changed(names, parameters)
+        if any(name.startswith("object.") for name in names):
+            self._prepare_object()
+
+    def _prepare_object(self) -> None:
+        """Make the body now, so that start finds it ready; say what is wrong with it."""
+        try:
+            self._inputs.object.body(self._settings.current)
+        except NoObjectError:
+            return
+        except ObjectError as error:
+            self.get_logger().warning(f"object refused: {error}")
 
     def _say_once(self, text: str) -> None:
         if text not in self._said:
@@ -276,7 +308,12 @@ class PlacementPlannerNode(Node):
         """A better placement."""
         if self._prepared is not None:
             self._outputs.solution(
-                run.number, run.solutions, placement, run.snapshot, self._prepared.environment
+                run.number,
+                run.solutions,
+                placement,
+                run.elapsed,
+                run.snapshot,
+                self._prepared.environment,
             )
 
     def changed(self, run: Run) -> None:
@@ -285,17 +322,30 @@ class PlacementPlannerNode(Node):
             self.get_logger().error(f"run {run.number} failed: {run.reason}")
         self._reporter.report()
 
+    def warm_up(self) -> None:
+        """Compile, or load, what a search needs, before somebody waits for it."""
+        try:
+            robot = self._inputs.robot.robot
+            q = pin.neutral(robot.model)
+            outside_robot(np.zeros((1, 3)), robot, q, (), None, 0.0)
+            warm_up(robot, make_arms(robot, self._settings.current), q)
+        except PlacementPlannerError as error:
+            self.get_logger().warning(f"no search is possible yet: {error}")
+        self._warm.set()
+
     def close(self) -> None:
-        """End the run, if there is one."""
+        """End the run, if there is one, and publish nothing from now on."""
         run = self._run
         if run is not None and run.active:
             run.end(State.STOPPED)
             run.wait(STOP_PATIENCE)
+        self._reporter.close()
 
 
 def main(args: list[str] | None = None) -> None:
     """Run the node until interrupted."""
     sys.setswitchinterval(SWITCH_INTERVAL)
+    asked = catch_signals()
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     try:
         node = PlacementPlannerNode()
@@ -303,7 +353,8 @@ def main(args: list[str] | None = None) -> None:
         sys.exit(f"placement_planner: {error}")
     executor = MultiThreadedExecutor(num_threads=THREADS)
     executor.add_node(node)
-    spin_until_signalled(executor)
+    threading.Thread(target=node.warm_up, name="warm-up", daemon=True).start()
+    spin_until(executor, asked)
     node.close()
     executor.shutdown()
     node.destroy_node()

@@ -88,10 +88,11 @@ class Outputs:
         run: int,
         number: int,
         placement: Placement,
+        search_time: float,
         snapshot: Snapshot,
         environment: Environment,
     ) -> None:
-        """Publish one placement."""
+        """Publish one placement, found `search_time` seconds after the run's start."""
         key = f"{run}/{number}"
         goal = placement.goal
         trajectory = placement.trajectory
@@ -123,7 +124,7 @@ class Outputs:
                 "face": goal.face,
                 "approach_start": float(placement.approach_start),
                 "has_retreat": "false",
-                "search_time": float(placement.search_time),
+                "search_time": float(search_time),
             }
             self._solution.publish(self._manifest(stamp, snapshot.frame, values))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -12,6 +13,7 @@ from rclpy.node import Node
 
 from placement_planner_ros.core.errors import JointStateError
 from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.inputs import Inputs
 from placement_planner_ros.parameter_server import ParameterServer
@@ -30,21 +32,33 @@ _LEVEL = {
 
 
 class Reporter:
-    """Publishes status and diagnostics, and watches whether the best placement still holds."""
+    """Publishes status and diagnostics, and watches whether the best placement still holds.
+
+    Args:
+        warm: whether everything a search needs is compiled.
+    """
 
     def __init__(
-        self, node: Node, outputs: Outputs, inputs: Inputs, parameters: ParameterServer
+        self,
+        node: Node,
+        outputs: Outputs,
+        inputs: Inputs,
+        parameters: ParameterServer,
+        warm: Callable[[], bool],
     ) -> None:
+        self._warm = warm
         self._outputs = outputs
         self._inputs = inputs
         self._parameters = parameters
         self._lock = threading.Lock()
         self._run: Run | None = None
+        self._obstacles: ObstacleSet | None = None
         self._known: KnownSpace | None = None
         self._checked: tuple[int, int] = (0, 0)
         self._blocked = ""
         self._left = False
-        self._reported: tuple[State, str] | None = None
+        self._reported: tuple[State, str, bool] | None = None
+        self._closed = False
         group = MutuallyExclusiveCallbackGroup()
         node.create_timer(STATUS_PERIOD, self._refresh, callback_group=group)
         node.create_timer(1.0, self._diagnose, callback_group=MutuallyExclusiveCallbackGroup())
@@ -54,17 +68,16 @@ class Reporter:
         """From now on report on this run."""
         with self._lock:
             self._run = run
-            self._known = None
+            self._obstacles, self._known = None, None
             self._blocked, self._left = "", False
             self._checked = (0, self._inputs.clouds.updates)
         self.report()
 
     def environment_known(self, run: Run, environment: Environment) -> None:
         """What the run plans in."""
-        known = KnownSpace(environment.obstacles)
         with self._lock:
             if self._run is run:
-                self._known = known
+                self._obstacles = environment.obstacles
 
     def has_left_start(self, run: Run) -> bool:
         """Whether the robot is further from q_0 than the run's start_tolerance."""
@@ -83,7 +96,8 @@ class Reporter:
         run, why_not = self._run, self._why_invalid()
         state = State.IDLE if run is None else run.state
         values: dict[str, object] = {"run": 0, "state": state, "code": "OK"}
-        message = "waiting for start"
+        message = "waiting for start" if self._warm() else "compiling; a start now takes longer"
+        values["warm"] = str(self._warm()).lower()
         if run is not None:
             values |= _progress(run)
             values["best_valid"] = str(not why_not).lower()
@@ -92,8 +106,15 @@ class Reporter:
             if run.solutions == 0 and not run.active:
                 message = run.summary()
         with self._lock:
-            self._reported = (state, why_not)
+            if self._closed:
+                return
+            self._reported = (state, why_not, self._warm())
             self._outputs.status(_LEVEL.get(state, DiagnosticStatus.OK), message, values)
+
+    def close(self) -> None:
+        """Publish nothing more; a worker that hangs may come back when the node is gone."""
+        with self._lock:
+            self._closed = True
 
     def _why_invalid(self) -> str:
         with self._lock:
@@ -103,25 +124,31 @@ class Reporter:
 
     def _refresh(self) -> None:
         run = self._run
-        if run is None:
-            return
-        self.has_left_start(run)
-        self._check_clouds(run)
-        if run.state is State.SEARCHING or self._reported != (run.state, self._why_invalid()):
+        state = State.IDLE if run is None else run.state
+        if run is not None:
+            self.has_left_start(run)
+            self._check_clouds(run)
+        now = (state, self._why_invalid(), self._warm())
+        if state is State.SEARCHING or self._reported != now:
             self.report()
 
     def _check_clouds(self, run: Run) -> None:
         """Look whether clouds newer than the run's cut through its best placement."""
         with self._lock:
-            known, best = self._known, run.best
+            obstacles, known, best = self._obstacles, self._known, run.best
             now = (run.solutions, self._inputs.clouds.updates)
-            if known is None or best is None or now == self._checked or self._left:
+            if obstacles is None or best is None or now == self._checked or self._left:
                 return
             self._checked = now
         q = self._configuration(run)
         clouds = self._inputs.clouds.latest_points()
         if q is None or not clouds:
             return
+        if known is None:
+            known = KnownSpace(obstacles)
+            with self._lock:
+                if self._obstacles is obstacles:
+                    self._known = known
         blocked = blocked_by(np.vstack(clouds), known, best, run.snapshot, q)
         with self._lock:
             if self._run is run:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import xml.etree.ElementTree as ET
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import pinocchio as pin
 
@@ -153,12 +153,8 @@ def make_arms(robot: Robot, parameters: ParameterSet) -> tuple[Arm, ...]:
 
     Raises:
         RobotError: an arm does not fit the robot.
-        GraspError: a grasp is bad, or no arm has one.
+        GraspError: a grasp is bad.
     """
-    if not any(parameters[f"{name}.grasps"] for name in parameters["arms"]):
-        raise GraspError(
-            f"{parameters['arms'][0]}.grasps", [], "give at least one grasp of one of the arms"
-        )
     arms = []
     for name in parameters["arms"]:
         tip = parameters[f"{name}.tip_frame"]
@@ -176,3 +172,14 @@ def make_arms(robot: Robot, parameters: ParameterSet) -> tuple[Arm, ...]:
             )
         )
     return tuple(arms)
+
+
+def require_grasp(arms: Sequence[Arm]) -> None:
+    """Refuse arms of which none has a grasp.
+
+    Raises:
+        GraspError: there is none.
+    """
+    if not any(arm.grasps for arm in arms):
+        names = ", ".join(f"{arm.name}.grasps" for arm in arms)
+        raise GraspError(names, [], "give at least one grasp of one of the arms")

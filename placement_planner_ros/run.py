@@ -71,7 +71,8 @@ class Run:
         self.best: Placement | None = None
         self.planner: Planner | None = None
         limit = snapshot.parameters["time_limit"]
-        self._deadline = time.monotonic() + limit if limit > 0.0 else float("inf")
+        self._started = time.monotonic()
+        self._deadline = self._started + limit if limit > 0.0 else float("inf")
         self._prepare = prepare
         self._observer = observer
         self._ending: State | None = None
@@ -87,6 +88,11 @@ class Run:
     def active(self) -> bool:
         """Whether the worker has not ended yet."""
         return self.state not in ENDED
+
+    @property
+    def elapsed(self) -> float:
+        """Seconds since the run was asked for."""
+        return time.monotonic() - self._started
 
     def end(self, outcome: State) -> None:
         """Ask the worker to end with that outcome; once this returns nothing more is published."""

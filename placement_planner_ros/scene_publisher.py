@@ -25,7 +25,7 @@ from placement_planner_ros.publishing import LATCHED
 from placement_planner_ros.scenes.clouds import camera_clouds, complete_cloud
 from placement_planner_ros.scenes.scenes import SCENE_NAMES, Scene, scene_by_name
 from placement_planner_ros.share import share_path
-from placement_planner_ros.spinning import spin_until_signalled
+from placement_planner_ros.spinning import catch_signals, spin_until
 
 FRAME = "yumi_body"
 JOINT_STATE_RATE = 50.0
@@ -114,6 +114,7 @@ class ScenePublisher(Node):
 
 def main(args: list[str] | None = None) -> None:
     """Publish until interrupted."""
+    asked = catch_signals()
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     try:
         node = ScenePublisher()
@@ -121,7 +122,7 @@ def main(args: list[str] | None = None) -> None:
         sys.exit(f"placement_scene: {error}")
     executor = SingleThreadedExecutor()
     executor.add_node(node)
-    spin_until_signalled(executor)
+    spin_until(executor, asked)
     executor.shutdown()
     node.destroy_node()
     rclpy.shutdown()

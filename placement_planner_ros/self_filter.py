@@ -3,15 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
+from numba import njit
 
 from placement_planner_ros.core.body import Body
 from placement_planner_ros.core.robot.collision_shapes import Shape, polytope, shape_of
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.types import Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Part:
+    """A convex solid n·x ≤ d within a box, in the frame of what carries it."""
+
+    normals: Array
+    offsets: Array
+    center: Array
+    half: Array
 
 
 def outside_robot(
@@ -29,55 +42,96 @@ def outside_robot(
 
     Args:
         q: (nq,) configuration.
-        body: the held object, None for an empty hand.
+        body: what the hands hold, None for nothing.
         padding: metres by which every part grows.
     """
-    kept = np.ones(len(points), dtype=bool)
-    data = robot.model.createData()
-    geometry_data = robot.geometry.createData()
+    data, geometry_data = robot.model.createData(), robot.geometry.createData()
     pin.updateGeometryPlacements(robot.model, data, robot.geometry, geometry_data, q)
-    for i, shape in enumerate(robot.geometry.geometryObjects):
-        normals, offsets = _planes(shape_of(shape.geometry, shape.name))
-        _drop_inside(points, kept, geometry_data.oMg[i], normals, offsets + padding)
-    if body is not None:
-        for arm in arms:
-            T_world_tip = robot.link_pose(q, arm.tip_frame)
-            for grasp in arm.grasps:
-                for part in body.parts:
-                    _drop_inside(
-                        points, kept, T_world_tip * grasp, part.normals, part.offsets + padding
-                    )
-    return kept
+    placed = [(T, part) for T, part in zip(geometry_data.oMg, _robot_parts(robot), strict=True)]
+    solids = () if body is None else body.parts
+    held = [_part(part.vertices, part.normals, part.offsets, 0.0) for part in solids]
+    for arm in arms:
+        T_world_tip = robot.link_pose(q, arm.tip_frame)
+        placed += [(T_world_tip * grasp, part) for grasp in arm.grasps for part in held]
+    first = np.cumsum([0, *(len(part.offsets) for _, part in placed)])
+    normals = np.vstack([part.normals @ T.rotation.T for T, part in placed])
+    shifts = np.repeat([T.translation for T, _ in placed], np.diff(first), axis=0)
+    offsets = np.concatenate([part.offsets for _, part in placed]) + padding
+    offsets += np.einsum("ij,ij->i", normals, shifts)
+    centers = np.array([T.act(part.center) for T, part in placed])
+    halves = np.array([np.abs(T.rotation) @ part.half for T, part in placed]) + padding
+    return _outside(
+        np.ascontiguousarray(points), centers - halves, centers + halves, first, normals, offsets
+    )
 
 
-def _planes(shape: Shape) -> tuple[Array, Array]:
-    """Planes n·x ≤ d of the shape's hull, dilated by its radius."""
-    radius = max(s.radius for s in shape.sets)
-    if len(shape.sets) == 1 and len(shape.sets[0].normals):
-        hull = shape.sets[0]
-    else:
-        vertices = np.vstack([s.vertices for s in shape.sets])
-        if np.linalg.matrix_rank(vertices - vertices[0], tol=1e-6) < 3:
-            # A sphere, a capsule or a flat sheet: its box stands for it.
-            low, high = vertices.min(axis=0) - radius, vertices.max(axis=0) + radius
-            return np.vstack([np.eye(3), -np.eye(3)]), np.concatenate([high, -low])
-        hull = polytope(vertices)
-    return hull.normals, hull.offsets + radius
-
-
-def _drop_inside(
+@njit(cache=True, fastmath=False)
+def _outside(
     points: Array,
-    kept: npt.NDArray[np.bool_],
-    T_world_part: pin.SE3,
+    lower: Array,
+    upper: Array,
+    first: npt.NDArray[np.int64],
     normals: Array,
     offsets: Array,
-) -> None:
-    """Clear `kept` where n·x ≤ d for every plane, which is in the part's frame."""
-    world_normals = normals @ T_world_part.rotation.T
-    world_offsets = offsets + world_normals @ T_world_part.translation
-    candidates = np.flatnonzero(kept)
-    for normal, offset in zip(world_normals, world_offsets, strict=True):
-        candidates = candidates[points[candidates] @ normal <= offset]
-        if len(candidates) == 0:
-            return
-    kept[candidates] = False
+) -> npt.NDArray[np.bool_]:
+    """Points (n, 3) in no part k: planes first[k] … first[k + 1] − 1, box lower[k] … upper[k]."""
+    outside = np.ones(len(points), dtype=np.bool_)
+    everything_lower = np.array([np.min(lower[:, i]) for i in range(3)])
+    everything_upper = np.array([np.max(upper[:, i]) for i in range(3)])
+    for i in range(len(points)):
+        x, y, z = points[i]
+        if (
+            x < everything_lower[0]
+            or x > everything_upper[0]
+            or y < everything_lower[1]
+            or y > everything_upper[1]
+            or z < everything_lower[2]
+            or z > everything_upper[2]
+        ):
+            continue
+        for k in range(len(lower)):
+            if (
+                x < lower[k, 0]
+                or x > upper[k, 0]
+                or y < lower[k, 1]
+                or y > upper[k, 1]
+                or z < lower[k, 2]
+                or z > upper[k, 2]
+            ):
+                continue
+            inside = True
+            for p in range(first[k], first[k + 1]):
+                if normals[p, 0] * x + normals[p, 1] * y + normals[p, 2] * z > offsets[p]:
+                    inside = False
+                    break
+            if inside:
+                outside[i] = False
+                break
+    return outside
+
+
+@lru_cache(maxsize=2)
+def _robot_parts(robot: Robot) -> tuple[_Part, ...]:
+    """Each of the robot's geometries in its own frame."""
+    return tuple(
+        _hull(shape_of(shape.geometry, shape.name)) for shape in robot.geometry.geometryObjects
+    )
+
+
+def _hull(shape: Shape) -> _Part:
+    radius = max(s.radius for s in shape.sets)
+    vertices = np.vstack([s.vertices for s in shape.sets])
+    if len(shape.sets) == 1 and len(shape.sets[0].normals):
+        return _part(vertices, shape.sets[0].normals, shape.sets[0].offsets, radius)
+    if np.linalg.matrix_rank(vertices - vertices[0], tol=1e-6) == 3:
+        hull = polytope(vertices)
+        return _part(vertices, hull.normals, hull.offsets, radius)
+    # A sphere, a capsule or a flat sheet: its box stands for it.
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    normals = np.vstack([np.eye(3), -np.eye(3)])
+    return _part(vertices, normals, np.concatenate([high, -low]), radius)
+
+
+def _part(vertices: Array, normals: Array, offsets: Array, radius: float) -> _Part:
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    return _Part(normals, offsets + radius, (low + high) / 2, (high - low) / 2 + radius)

@@ -11,14 +11,20 @@ PERIOD = 0.1
 """Seconds within which a signal is noticed."""
 
 
-def spin_until_signalled(executor: Executor) -> None:
-    """Spin until SIGINT or SIGTERM; further ones change nothing, so that teardown is not cut short.
+def catch_signals() -> threading.Event:
+    """An event that SIGINT and SIGTERM set; they do nothing else from now on.
 
     For nodes initialised without rclpy's own signal handlers, which shut the context down under a
-    spinning executor. A terminal's Ctrl-C reaches a node twice, directly and through its parent.
+    spinning executor. A terminal's Ctrl-C reaches a node twice, directly and through its parent;
+    so the second one cannot cut the teardown short.
     """
     asked = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: asked.set())
+    return asked
+
+
+def spin_until(executor: Executor, asked: threading.Event) -> None:
+    """Spin until that event is set."""
     while not asked.is_set():
         executor.spin_once(timeout_sec=PERIOD)

@@ -26,6 +26,7 @@ LAYERS = {
     "core.execution": 3,
     "core.statistics": 3,
     "core.planner": 4,
+    "core.warmup": 5,
 }
 ROS = {"rclpy", "ament_index_python", "builtin_interfaces", "tf2_ros"}
 

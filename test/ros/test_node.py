@@ -68,7 +68,7 @@ def test_parts_come_first_and_carry_the_key(bench):
     assert (manifest["arm"], manifest["grasp"], manifest["face"]) == ("left", "0", "1")
     assert float(manifest["approach_start"]) == 0.5
     assert manifest["has_retreat"] == "false"
-    assert float(manifest["search_time"]) == 0.25
+    assert 0.0 < float(manifest["search_time"]) < 60.0
     b.wait(lambda: b.messages("trajectory") and b.messages("placement_pose"))
     trajectory, pose = b.messages("trajectory")[-1], b.messages("placement_pose")[-1]
     assert trajectory.header.frame_id == "1/1"
@@ -370,6 +370,13 @@ def test_the_object_given_last_wins(bench):
     b.call("stop")
     started(b)
     assert len(b.snapshots[-1].body.vertices) == 8
+
+
+def test_the_status_says_when_everything_is_compiled(bench):
+    b = bench()
+    b.wait(lambda: b.status().get("warm") == "false")
+    b.node.warm_up()
+    b.wait(lambda: b.status().get("warm") == "true")
 
 
 def test_diagnostics_tell_the_ages_of_inputs(bench):

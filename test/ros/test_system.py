@@ -1,0 +1,346 @@
+"""The real node as a process of its own, and a client as a user would write it."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import rclpy
+from checker import Solution, Task, Tolerances, check_solution
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from fakes import said, values_of
+from geometry_msgs.msg import PoseStamped
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Float64
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory
+from visualization_msgs.msg import MarkerArray
+
+import placement_planner_ros
+from placement_planner_ros.core.objective import objective_names
+from placement_planner_ros.core.types import Trajectory
+from placement_planner_ros.experiments.cases import start_configuration
+from placement_planner_ros.publishing import LATCHED
+from placement_planner_ros.scene_publisher import ScenePublisher
+from placement_planner_ros.scenes.objects import object_by_name
+from placement_planner_ros.scenes.scenes import scene_by_name
+from placement_planner_ros.scenes.yumi import TIP_FRAMES, load_yumi, yumi_arm
+from placement_planner_ros.share import share_path
+
+SCENE, OBJECT = "cabinet_high_clutter", "small_crayons_box"
+NODE = "placement_planner"
+PARTS = {
+    "trajectory": JointTrajectory,
+    "retreat_trajectory": JointTrajectory,
+    "placement_pose": PoseStamped,
+    "objective": Float64,
+    "markers": MarkerArray,
+    "occupancy": PointCloud2,
+    "solution": DiagnosticArray,
+    "status": DiagnosticStatus,
+}
+
+
+def start_node(log: Path, *arguments: str) -> subprocess.Popen:
+    """The node under test: of the package that these tests import."""
+    root = str(Path(placement_planner_ros.__file__).parent.parent)
+    path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
+    with log.open("wb") as stream:
+        return subprocess.Popen(
+            [sys.executable, "-m", "placement_planner_ros.node", "--ros-args", *arguments],
+            cwd=log.parent,
+            env={**os.environ, "PYTHONPATH": path},
+            stdout=stream,
+            stderr=subprocess.STDOUT,
+        )
+
+
+class Client(Node):
+    """Keeps what it hears; calls services by name."""
+
+    def __init__(self, name):
+        super().__init__(name)
+        self.heard = {topic: [] for topic in PARTS}
+        for topic, kind in PARTS.items():
+            self.create_subscription(kind, f"{NODE}/{topic}", self.heard[topic].append, LATCHED)
+        self.executor_ = SingleThreadedExecutor()
+        self.executor_.add_node(self)
+        self._thread = threading.Thread(target=self.executor_.spin, daemon=True)
+        self._thread.start()
+
+    def close(self):
+        self.executor_.shutdown()
+        self._thread.join(5.0)
+        self.destroy_node()
+
+    def request(self, kind, service, request):
+        client = self.create_client(kind, f"{NODE}/{service}")
+        assert client.wait_for_service(30.0)
+        future = client.call_async(request)
+        wait(future.done)
+        self.destroy_client(client)
+        return future.result()
+
+    def call(self, service, **parameters):
+        if not service.endswith("_with"):
+            response = self.request(Trigger, service, Trigger.Request())
+            return said(response.success, response.message)
+        request = SetParametersAtomically.Request(
+            parameters=[
+                Parameter(n.replace("__", "."), value=v).to_parameter_msg()
+                for n, v in parameters.items()
+            ]
+        )
+        result = self.request(SetParametersAtomically, service, request).result
+        return said(result.successful, result.reason)
+
+    def solutions(self, run):
+        """Manifests of that run's solutions, without the one that clears."""
+        manifests = [values_of(m.status[0]) for m in list(self.heard["solution"])]
+        return [m for m in manifests if m["run"] == run and m["solution"] != "0"]
+
+    def value(self, key):
+        """A value of the newest status."""
+        return values_of(self.heard["status"][-1])[key] if self.heard["status"] else None
+
+    def state(self):
+        return self.value("state")
+
+
+def wait(condition, timeout=60.0):
+    end = time.monotonic() + timeout
+    while not condition():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.01)
+
+
+@pytest.fixture(scope="module")
+def ros_module():
+    rclpy.init()
+    yield
+    rclpy.try_shutdown()
+
+
+@pytest.fixture(scope="module")
+def node(ros_module, tmp_path_factory):
+    log = tmp_path_factory.mktemp("node") / "node.log"
+    process = start_node(log, "--params-file", str(share_path("config", f"{OBJECT}.yaml")))
+    yield process
+    process.send_signal(signal.SIGINT)
+    try:
+        process.wait(10.0)
+    except subprocess.TimeoutExpired:
+        process.kill()
+    print(log.read_text())
+
+
+@pytest.fixture(scope="module")
+def client(node):
+    made = Client("client")
+    wait(lambda: made.value("warm") == "true", timeout=400.0)
+    yield made
+    made.close()
+
+
+@pytest.fixture(scope="module")
+def scene(client):
+    """The scene's sensors, publishing until the module's tests are over."""
+    publisher = ScenePublisher([Parameter("name", value=SCENE), Parameter("object", value=OBJECT)])
+    client.executor_.add_node(publisher)
+    yield publisher
+    client.executor_.remove_node(publisher)
+    publisher.destroy_node()
+
+
+def start_when_ready(client, service="start", **parameters):
+    """Start as soon as the first inputs have arrived."""
+    answers = []
+
+    def accepted():
+        answers.append(client.call(service, **parameters))
+        return answers[-1].success
+
+    wait(accepted)
+    return answers[-1]
+
+
+def test_before_anything_is_published_start_names_it(client):
+    answer = client.call("start")
+    assert not answer.success
+    assert answer.code == "NO_CLOUD"
+    assert "points" in answer.words
+    assert "JOINTS_MISSING: joint_states" in answer.words
+    assert client.call("stop").code == "NOT_RUNNING"
+
+
+def test_a_user_gets_placements_and_stops(scene, client):
+    answer = start_when_ready(client)
+    assert (answer.code, answer.run) == ("OK", "1")
+    again = client.call("start")
+    assert not again.success
+    assert (again.code, again.run) == ("ALREADY_RUNNING", "1")
+    wait(lambda: len(client.solutions("1")) >= 2)
+
+    late = Client("late")
+    try:
+        wait(lambda: all(late.heard[topic] for topic in PARTS))
+    finally:
+        late.close()
+    assert late.heard["trajectory"][0].points
+
+    answer = client.call("stop")
+    assert answer.success
+    assert (answer.code, answer.run) == ("OK", "1")
+    wait(lambda: client.state() == "stopped")
+    wait(lambda: len(client.solutions("1")) == int(answer.solution))
+    objectives = [float(m["objective"]) for m in client.solutions("1")]
+    assert objectives == sorted(set(objectives))
+    assert float(answer.objective) == objectives[-1]
+    check_last_solution(client, "1", answer.solution)
+
+
+def check_last_solution(client, run, solution):
+    """The parts of the last solution belong together and pass the independent checker."""
+    key = f"{run}/{solution}"
+    wait(lambda: client.heard["trajectory"][-1].header.frame_id == key)
+    manifest = client.solutions(run)[-1]
+    message, pose = client.heard["trajectory"][-1], client.heard["placement_pose"][-1]
+    assert client.heard["retreat_trajectory"][-1].header.frame_id == key
+    assert pose.header.stamp == client.heard["solution"][-1].header.stamp
+    assert client.heard["objective"][-1].data == float(manifest["objective"])
+    curve = Trajectory(
+        tuple(message.joint_names),
+        *(
+            np.array(column)
+            for column in zip(
+                *(
+                    (
+                        p.time_from_start.sec + p.time_from_start.nanosec * 1e-9,
+                        p.positions,
+                        p.velocities,
+                        p.accelerations,
+                    )
+                    for p in message.points
+                ),
+                strict=True,
+            )
+        ),
+    )
+
+    p, r = pose.pose.position, pose.pose.orientation
+    T = pin.XYZQUATToSE3(np.array([p.x, p.y, p.z, r.x, r.y, r.z, r.w])).homogeneous
+    held, world = object_by_name(OBJECT), scene_by_name(SCENE)
+    arm = yumi_arm(load_yumi(), manifest["arm"])
+    task = Task(
+        solids=world.parts,
+        volume_lower=world.volume.lower,
+        volume_upper=world.volume.upper,
+        object_vertices=held.vertices,
+        object_triangles=held.triangles,
+        center_of_mass=held.center_of_mass,
+        urdf=share_path("urdf", "yumi.urdf").read_text(),
+        srdf=share_path("urdf", "yumi.srdf").read_text(),
+        package_dirs={"placement_planner_ros": share_path("urdf").parent},
+        q_start=start_configuration(OBJECT),
+        objective="maximize_clearance",
+    )
+    found = Solution(
+        trajectory=curve,
+        approach_start=float(manifest["approach_start"]),
+        placement_pose=T,
+        objective=float(manifest["objective"]),
+        tip_frame=TIP_FRAMES[manifest["arm"]],
+        T_tip_object=held.grasps[manifest["arm"]][int(manifest["grasp"])].homogeneous,
+        touch_links=arm.touch_links,
+    )
+    assert check_solution(task, found, tolerances=Tolerances()) == []
+
+
+def test_start_with_other_parameters_for_one_run(scene, client):
+    answer = start_when_ready(
+        client,
+        "start_with",
+        objective="minimize_clearance",
+        arms=["right"],
+        time_limit=0,
+        trajectory_joints="all",
+    )
+    assert (answer.code, answer.run) == ("OK", "2")
+    wait(lambda: client.solutions("2"))
+    assert client.solutions("2")[0]["arm"] == "right"
+    assert float(client.solutions("2")[0]["objective"]) <= 0.0
+    wait(lambda: client.heard["trajectory"][-1].header.frame_id.startswith("2/"))
+    wait(lambda: client.heard["trajectory"][-1].points)
+    robot = load_yumi()
+    assert set(client.heard["trajectory"][-1].joint_names) == set(robot.joint_names) - set(
+        robot.mimics
+    )
+    assert client.call("stop_with", run=1).code == "WRONG_RUN"
+    answer = client.call("stop_with", run=2)
+    assert (answer.code, answer.run) == ("OK", "2")
+    cleared = [values_of(m.status[0]) for m in client.heard["solution"]]
+    assert [m["run"] for m in cleared if m["solution"] == "0"] == ["1", "2"]
+
+
+@pytest.mark.skipif(
+    "toward_front" not in objective_names(), reason="entry points exist once installed"
+)
+def test_a_run_with_the_example_objective_ends_by_itself(scene, client):
+    answer = start_when_ready(client, "start_with", objective="toward_front", time_limit=4.0)
+    wait(lambda: client.state() == "time_limit")
+    assert client.solutions(answer.run)
+    objectives = [float(m["objective"]) for m in client.solutions(answer.run)]
+    assert objectives == sorted(set(objectives))
+
+
+def test_bad_inputs_are_named_in_the_answer(scene, client):
+    ready = start_when_ready(client)
+    client.call("stop")
+    answer = client.call("start_with", left__grasps=[0.0, 1.0])
+    assert (answer.success, answer.code) == (False, "BAD_GRASP")
+    answer = client.call("start_with", target_volume=[0.0, 0.0, 0.0, -1.0, 1.0, 1.0])
+    assert (answer.success, answer.code) == (False, "BAD_VOLUME")
+    answer = client.call("start_with", object__mesh="package://nowhere/cup.stl")
+    assert (answer.success, answer.code) == (False, "BAD_OBJECT")
+    assert int(start_when_ready(client).run) == int(ready.run) + 1
+    client.call("stop")
+
+
+def test_parameters_can_be_set_while_the_node_runs(client):
+    request = SetParameters.Request(
+        parameters=[
+            Parameter("time_limit", value=5).to_parameter_msg(),
+            Parameter("collision_margin", value=-1.0).to_parameter_msg(),
+        ]
+    )
+    accepted, refused = client.request(SetParameters, "set_parameters", request).results
+    assert accepted.successful, accepted.reason
+    assert not refused.successful
+    assert "collision_margin" in refused.reason
+
+
+@pytest.mark.parametrize("signals", [[signal.SIGINT], [signal.SIGINT] * 2, [signal.SIGTERM]])
+def test_a_signal_ends_the_node_cleanly(ros_module, tmp_path, signals):
+    log = tmp_path / "node.log"
+    process = start_node(log)
+    wait(lambda: "ready" in log.read_text() or process.poll() is not None)
+    for number in signals:
+        process.send_signal(number)
+    assert process.wait(20.0) == 0, log.read_text()
+    assert "Traceback" not in log.read_text()
+
+
+def test_a_bad_parameter_at_start_up_is_named(tmp_path):
+    log = tmp_path / "node.log"
+    assert start_node(log, "-p", "sampler:=magic").wait(30.0) != 0
+    assert "sampler = 'magic': choose one of mcts, uniform" in log.read_text()

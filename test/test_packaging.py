@@ -1,0 +1,133 @@
+"""Installs the package into scratch prefixes, by pip and by colcon, and looks at what is there."""
+
+import os
+import shutil
+import stat
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+PACKAGE = "placement_planner_ros"
+EXECUTABLES = ("placement_planner", "placement_demo", "placement_scene", "placement_benchmark")
+SHIPPED = ("config", "launch", "urdf")
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory):
+    """A copy of the sources, so that building leaves nothing behind in the checkout."""
+    copy = tmp_path_factory.mktemp("workspace") / PACKAGE
+    copy.mkdir()
+    for name in (PACKAGE, "resource", *SHIPPED):
+        shutil.copytree(
+            ROOT / name, copy / name, ignore=shutil.ignore_patterns("__pycache__", "*.pyc")
+        )
+    for name in ("setup.py", "setup.cfg", "package.xml", "pyproject.toml"):
+        shutil.copy(ROOT / name, copy / name)
+    return copy
+
+
+def run(command, **options):
+    done = subprocess.run(command, capture_output=True, text=True, check=False, **options)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module", params=["pip", "colcon", "colcon --symlink-install"])
+def prefix(request, source, tmp_path_factory):
+    """An installation prefix that holds the package."""
+    if request.param == "pip":
+        prefix = tmp_path_factory.mktemp("pip")
+        options = ["--no-deps", "--no-build-isolation", "--quiet", "--prefix", str(prefix)]
+        run([sys.executable, "-m", "pip", "install", *options, str(source)])
+        return prefix
+    colcon = Path(sys.executable).with_name("colcon")
+    if not colcon.exists():
+        pytest.skip("colcon is not installed")
+    base = tmp_path_factory.mktemp("colcon")
+    build = [f"--{kind}-base={base / kind}" for kind in ("build", "install")]
+    run(
+        [str(colcon), f"--log-base={base / 'log'}", "build", *build, *request.param.split()[1:]],
+        cwd=source.parent,
+        env={**os.environ, "PATH": f"{colcon.parent}{os.pathsep}{os.environ['PATH']}"},
+    )
+    return base / "install" / PACKAGE
+
+
+def site_packages(prefix):
+    """Where Python finds the package: in the prefix, or, with symlinks, where colcon points to."""
+    found = list(prefix.glob("lib/python3*/site-packages"))
+    assert len(found) == 1
+    return found[0]
+
+
+def test_the_index_knows_the_package(prefix):
+    marker = prefix / "share/ament_index/resource_index/packages" / PACKAGE
+    assert marker.is_file()
+    assert (prefix / "share" / PACKAGE / "package.xml").is_file()
+
+
+def test_every_shipped_file_is_under_share(prefix):
+    for folder in SHIPPED:
+        for path in (ROOT / folder).rglob("*"):
+            if path.is_file() and "__pycache__" not in path.parts:
+                installed = prefix / "share" / PACKAGE / path.relative_to(ROOT)
+                assert installed.read_bytes() == path.read_bytes()
+
+
+def test_every_executable_is_where_ros2_run_looks(prefix):
+    folder = prefix / "lib" / PACKAGE
+    names = {p.name for p in folder.iterdir() if p.is_file() and p.stat().st_mode & stat.S_IXUSR}
+    assert names == set(EXECUTABLES)
+
+
+@pytest.mark.parametrize("name", ["placement_demo", "placement_benchmark"])
+def test_executables_run_and_import_what_was_installed(prefix, name):
+    python_path = [str(site_packages(prefix)), *_eggs(prefix), *sys.path]
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, python_path))}
+    env["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{env['PATH']}"
+    said = run([str(prefix / "lib" / PACKAGE / name), "--help"], cwd=prefix, env=env)
+    assert said.startswith(f"usage: {name}")
+
+
+def _eggs(prefix):
+    """Folders that colcon adds with --symlink-install."""
+    hooks = prefix / "share" / PACKAGE / "hook"
+    build = prefix.parent.parent / "build" / PACKAGE
+    return [str(build)] if hooks.is_dir() and build.is_dir() else []
+
+
+def test_all_sub_packages_are_installed(prefix):
+    places = [site_packages(prefix), *map(Path, _eggs(prefix))]
+    for path in (ROOT / PACKAGE).rglob("*.py"):
+        inside = path.relative_to(ROOT)
+        assert any((place / inside).is_file() for place in places), inside
+
+
+def test_entry_points_are_registered(prefix):
+    texts = [
+        path.read_text()
+        for place in [site_packages(prefix), *map(Path, _eggs(prefix))]
+        for path in place.glob("*/entry_points.txt")
+    ]
+    assert any("toward_front" in text for text in texts)
+    assert any("placement_planner = placement_planner_ros.node:main" in text for text in texts)
+
+
+def test_building_left_the_sources_alone(prefix, source):
+    for name in EXECUTABLES:
+        wrapper = source / "resource/executables" / name
+        assert wrapper.read_bytes() == (ROOT / "resource/executables" / name).read_bytes()
+
+
+def test_versions_agree():
+    version = ET.parse(ROOT / "package.xml").findtext("version")
+    assert f'version="{version}"' in (ROOT / "setup.py").read_text()
+
+
+def test_every_wrapper_is_an_entry_point():
+    wrappers = {p.name for p in (ROOT / "resource/executables").iterdir()}
+    assert wrappers == set(EXECUTABLES)
