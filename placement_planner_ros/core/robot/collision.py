@@ -6,8 +6,9 @@ certain, and leave the rest to coal on the exact shapes, pair by pair.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+import copy
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 
 import coal
 import numpy as np
@@ -33,6 +34,7 @@ from placement_planner_ros.core.robot.collision_kernels import (
 from placement_planner_ros.core.robot.collision_shapes import ConvexSet, Shape, shape_of
 from placement_planner_ros.core.robot.kinematics import Chain
 from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.core.robot.placed_object import PlacedObject
 from placement_planner_ros.core.robot.separation import COLLIDING, FREE
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import Array
@@ -130,7 +132,7 @@ class ArmCollision:
             tip_joint = _arm_joint(model, joint_ids, model.frames[tip].parentJoint)
             held = HELD_OBJECT if T_world_object is None else None
             name = HELD_OBJECT if T_world_object is None else PLACED_OBJECT
-            T = data.oMf[tip] * arm.grasps[grasp] if T_world_object is None else T_world_object
+            T = data.oMf[tip] * arm.grasps[grasp] if held else pin.SE3(T_world_object)
             thing = CollisionBody(name, tip_joint if held else -1, _object_parts(body, T))
             others = [link for link in bodies if link.name not in arm.touch_links]
             if held:
@@ -142,6 +144,9 @@ class ArmCollision:
         self._boxes = box_arrays(obstacles)
         self._scratch = scratch_for(self._flat, self._boxes.number)
         arrays = self._flat.arrays
+        self._placed: PlacedObject | None = None
+        if body is not None and not held:
+            self._placed = PlacedObject(self._flat, self._scratch, name, T)
         self._queue = np.zeros((_QUEUE, 2))
         self._settled = np.zeros((_QUEUE, arrays.moving + len(arrays.pairs)), dtype=np.bool_)
         self._answer = np.zeros(1, dtype=np.int64)
@@ -255,6 +260,34 @@ class ArmCollision:
             where = self._between(s, other)
             first, second = self._flat.bodies[self._flat.set_body[other]].name, first
         return f"{first} meets {second} at ({where[0]:.3f}, {where[1]:.3f}, {where[2]:.3f})"
+
+    def place(self, T_world_object: pin.SE3) -> None:
+        """Put the placed object elsewhere, here and in what `with_pairs` made."""
+        assert self._placed is not None, "made without a placed object"
+        self._placed.move(T_world_object)
+
+    def with_pairs(
+        self,
+        kept: Callable[[str, str], bool],
+        settings: CollisionSettings | None = None,
+        environment: bool = True,
+    ) -> ArmCollision:
+        """The same arm with fewer pairs of bodies to keep apart; shares this one's buffers.
+
+        Args:
+            kept: whether a pair of names (links, `PLACED_OBJECT`) stays.
+            settings: other margins.
+            environment: False leaves out the obstacle set.
+        """
+        names = [body.name for body in self._flat.bodies]
+        pairs = self._flat.arrays.pairs
+        rows = [kept(names[a], names[b]) for a, b in pairs[:, :2].tolist()]
+        other = copy.copy(self)
+        other._flat = replace(self._flat, arrays=self._flat.arrays._replace(pairs=pairs[rows]))
+        other.settings = settings or self.settings
+        if not environment:
+            other._boxes = self._boxes._replace(number=0)
+        return other
 
     def _margins(self, reserve: float) -> tuple[float, float]:
         settings = self.settings

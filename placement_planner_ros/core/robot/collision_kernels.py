@@ -78,7 +78,7 @@ class BoxArrays(NamedTuple):
     """Lower bound of the distance at each cell's centre."""
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def distance_bound(
     grid: Array, field: npt.NDArray[np.float32], x: float, y: float, z: float
 ) -> float:
@@ -101,7 +101,7 @@ def distance_bound(
     return np.sqrt(dx * dx + dy * dy + dz * dz)
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _to_world(
     frames: Array, joint: int, x: float, y: float, z: float
 ) -> tuple[float, float, float]:
@@ -130,7 +130,7 @@ def is_finite(q: Array) -> bool:
     return bool(np.isfinite(total))
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def place_arm(arm: ArmArrays, scratch: ArmScratch, q: Array) -> None:
     """Forward kinematics at q (n,): joint frames, bounding spheres of moving bodies and parts.
 
@@ -153,7 +153,7 @@ def place_arm(arm: ArmArrays, scratch: ArmScratch, q: Array) -> None:
             )
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _place_set(arm: ArmArrays, scratch: ArmScratch, s: int) -> None:
     """Vertices and box of convex set s in the world."""
     frames = scratch.frames
@@ -176,7 +176,7 @@ def _place_set(arm: ArmArrays, scratch: ArmScratch, s: int) -> None:
         bounds[s, i + 3] = high + radius
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _place_planes(arm: ArmArrays, scratch: ArmScratch, s: int) -> None:
     """Planes of convex set s in the world."""
     frames, sets = scratch.frames, arm.sets
@@ -268,7 +268,7 @@ def polytope_meets_box(
     )
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _note(undecided: Indices, counters: Indices, kind: int, a: int, b: int) -> None:
     n = counters[2]
     if n < undecided.shape[0]:
@@ -389,7 +389,7 @@ def body_meets_boxes(
     return result
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _sets_meet(
     arm: ArmArrays,
     scratch: ArmScratch,
@@ -432,7 +432,7 @@ def _sets_meet(
     return FREE
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _support_gap(
     vertices: Array,
     frames: Array,
@@ -452,16 +452,23 @@ def _support_gap(
         lx = sign * (frames[joint, 0, 0] * dx + frames[joint, 1, 0] * dy + frames[joint, 2, 0] * dz)
         ly = sign * (frames[joint, 0, 1] * dx + frames[joint, 1, 1] * dy + frames[joint, 2, 1] * dz)
         lz = sign * (frames[joint, 0, 2] * dx + frames[joint, 1, 2] * dy + frames[joint, 2, 2] * dz)
-        lowest = np.inf
-        for v in range(sets[s, SET_FIRST_VERTEX], sets[s + 1, SET_FIRST_VERTEX]):
-            lowest = min(lowest, lx * vertices[v, 0] + ly * vertices[v, 1] + lz * vertices[v, 2])
+        # Two running minima, so that one does not wait for the other.
+        first, last = sets[s, SET_FIRST_VERTEX], sets[s + 1, SET_FIRST_VERTEX]
+        lowest = lx * vertices[first, 0] + ly * vertices[first, 1] + lz * vertices[first, 2]
+        other = lowest
+        for v in range(first + (last - first) % 2, last, 2):
+            one = lx * vertices[v, 0] + ly * vertices[v, 1] + lz * vertices[v, 2]
+            two = lx * vertices[v + 1, 0] + ly * vertices[v + 1, 1] + lz * vertices[v + 1, 2]
+            lowest = one if one < lowest else lowest
+            other = two if two < other else other
+        lowest = min(lowest, other)
         gap += lowest + sign * (
             frames[joint, 0, 3] * dx + frames[joint, 1, 3] * dy + frames[joint, 2, 3] * dz
         )
     return gap
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _solids_meet(
     arm: ArmArrays, scratch: ArmScratch, s: int, t: int, slot: int, need: float, hit: float
 ) -> int:
@@ -474,6 +481,7 @@ def _solids_meet(
     vertices = arm.vertices
     far = need + arm.radius[s] + arm.radius[t] + TOLERANCE
     work[5, :3] = 0.0
+    widest = -np.inf
     for side in range(2):
         joint = sets[t if side == 1 else s, SET_JOINT]
         x, y, z = known[slot, 3 * side], known[slot, 3 * side + 1], known[slot, 3 * side + 2]
@@ -488,7 +496,9 @@ def _solids_meet(
             return FREE
         if need - hit > _COARSE and gap >= (far - need + hit) * length:
             return UNDECIDED
-        work[5, 0], work[5, 1], work[5, 2] = dx, dy, dz
+        if gap > widest * length:
+            widest = gap / length
+            work[5, 0], work[5, 1], work[5, 2] = dx, dy, dz
     answer = _sets_meet(arm, scratch, s, t, need, hit)
     if answer == FREE:
         for side in range(2):
