@@ -1,5 +1,7 @@
 """The arm's collision checks against coal on every part and box; edges against dense samples."""
 
+import gc
+
 import coal
 import numpy as np
 import pinocchio as pin
@@ -8,7 +10,7 @@ import trimesh
 
 from placement_planner_ros.core.body import Body
 from placement_planner_ros.core.errors import GraspError, JointStateError, ParameterError
-from placement_planner_ros.core.robot import collision
+from placement_planner_ros.core.robot import collision, collision_boxes
 from placement_planner_ros.core.robot.collision import ArmCollision, CollisionSettings
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.separation import COLLIDING, FREE, UNDECIDED
@@ -317,6 +319,18 @@ def test_empty_environment_and_empty_hand(slider):
     assert checker.free(np.zeros(2))
     assert checker.edge_free(np.array([-1.0, -1.0]), np.array([2.0, 1.0]))
     assert checker.free_batch(np.zeros((0, 2))).shape == (0,)
+
+
+def test_boxes_are_made_once_and_go_with_their_obstacle_set():
+    obstacles = obstacles_of(plate((0.1, 0.1, 0.1), (0.0, 0.0, 0.0)))
+    before = len(collision_boxes._made)
+    boxes = collision_boxes.box_arrays(obstacles)
+    assert collision_boxes.box_arrays(obstacles) is boxes
+    assert np.shares_memory(boxes.rows, obstacles.index)
+    assert len(collision_boxes._made) == before + 1
+    del obstacles, boxes
+    gc.collect()
+    assert len(collision_boxes._made) <= before
 
 
 def test_allowed_pairs_are_left_out(mixed, ring_file):

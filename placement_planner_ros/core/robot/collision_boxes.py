@@ -3,47 +3,54 @@
 from __future__ import annotations
 
 import weakref
+from typing import TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from placement_planner_ros.core.robot.collision_kernels import BoxArrays
 from placement_planner_ros.core.scene.distance import distance_bound_field
 from placement_planner_ros.core.scene.grid import ObstacleSet
+from placement_planner_ros.core.types import Array
+
+_T = TypeVar("_T", bound=np.generic)
 
 _CAP = 0.3
-_made: dict[int, BoxArrays] = {}
+_made: dict[tuple[int, int], tuple[BoxArrays, Array]] = {}
 
 
 def box_arrays(obstacles: ObstacleSet) -> BoxArrays:
-    """Boxes, index and field of distance bounds of an obstacle set; remembered while it lives."""
-    key = id(obstacles.index)
-    known = _made.get(key)
-    if known is None:
-        known = _made[key] = _make(obstacles)
-        weakref.finalize(obstacles.index, _made.pop, key, None)
-    return known
+    """Boxes, index and field of distance bounds of an obstacle set; remembered while it lives.
+
+    The grid's index is shared, not copied. `obstacles.cells`, which the result does not hold,
+    stands for the life of the set.
+    """
+    key = id(obstacles.cells), id(obstacles.lower)
+    if key not in _made:
+        _made[key] = _make(obstacles), obstacles.lower
+        weakref.finalize(obstacles.cells, _made.pop, key, None)
+    return _made[key][0]
 
 
 def _make(obstacles: ObstacleSet) -> BoxArrays:
     number = len(obstacles.lower)
-    size = float(obstacles.cell_size)
-    grid = np.array([*obstacles.origin, size])
+    grid = np.array([*obstacles.origin, obstacles.cell_size])
     if not number:
         return BoxArrays(
             number=0,
-            rows=np.full((1, 1, 1), -1, dtype=np.int32),
-            next=np.zeros(0, dtype=np.int32),
+            rows=_shared(np.full((1, 1, 1), -1, dtype=np.int32)),
+            next=_shared(np.zeros(0, dtype=np.int32)),
             corners=np.zeros((0, 6)),
             grid=grid,
             field_grid=np.array([*grid, *np.zeros(6)]),
-            field=np.zeros((1, 1, 1), dtype=np.float32),
+            field=_shared(np.zeros((1, 1, 1), dtype=np.float32)),
         )
     corners = np.hstack([obstacles.lower, obstacles.upper])
     field = distance_bound_field(obstacles, _CAP)
     return BoxArrays(
         number=number,
-        rows=np.array(obstacles.index, dtype=np.int32, order="C"),
-        next=np.array(obstacles.next, dtype=np.int32),
+        rows=_shared(obstacles.index),
+        next=_shared(obstacles.next),
         corners=corners,
         grid=grid,
         field_grid=np.array(
@@ -54,5 +61,12 @@ def _make(obstacles: ObstacleSet) -> BoxArrays:
                 *corners[:, 3:].max(axis=0),
             ]
         ),
-        field=np.array(field.values),
+        field=_shared(field.values),
     )
+
+
+def _shared(array: npt.NDArray[_T]) -> npt.NDArray[_T]:
+    """A read-only view: the kernels are compiled for arrays of one kind."""
+    view = np.ascontiguousarray(array).view()
+    view.setflags(write=False)
+    return view
