@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from placement_planner_ros.core.robot.collision_kernels import (
+from placement_planner_ros.core.robot.collision_environment import (
     BoxArrays,
     distance_bound,
     polytope_meets_box,
