@@ -17,6 +17,7 @@ LAYERS = {
     "core.robot": 1,
     "core.feasibility": 2,
     "core.objective": 2,
+    "core.open_hand": 2,
     "core.holding": 2,
     "core.search": 3,
     "core.motion": 3,

@@ -7,6 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from placement_planner_ros.core.holding import PlacingMotion
 from placement_planner_ros.core.objective import gradient, moved
 from placement_planner_ros.core.refine import LocalOptimizer, RefineSettings
 from placement_planner_ros.core.types import Goal, Verdict
@@ -34,11 +35,8 @@ class PlanarReach:
         assert np.allclose(q, goal, atol=1e-9), "the Jacobian step should predict the pose"
         return goal if goal[0] <= self.x_limit else None
 
-    def free_at_contact(self, q):
-        return True
-
-    def approach(self, q, T, contact_height, poses):
-        return np.array([q, q])
+    def placing_motion(self, q, T, contact_height, poses):
+        return PlacingMotion(np.array([q, q]), None)
 
 
 class Bowl:

@@ -25,7 +25,7 @@ class ExecutionSettings:
         velocity_scaling: share of the joints' velocity limits used, (0, 1].
         acceleration_scaling: share of the acceleration limits used, (0, 1].
         acceleration_limits: rad/s² (m/s²), one for all joints or one for each of the arm's.
-        approach_scaling: share of the transit's speed used in the approach, (0, 1].
+        approach_scaling: share of the transit's speed used in approach and retreat, (0, 1].
         shortcut_attempts: random shortcuts tried.
     """
 
@@ -50,6 +50,21 @@ class ExecutionSettings:
             )
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """What a controller is to execute.
+
+    Attributes:
+        trajectory: transit and approach, at rest between them.
+        approach_start: seconds into the trajectory at which the approach begins.
+        retreat: from where it ends, rest to rest, the hand open; None without.
+    """
+
+    trajectory: Trajectory
+    approach_start: float
+    retreat: Trajectory | None
+
+
 class TrajectoryMaker:
     """Shortens, times and certifies what a controller is to execute."""
 
@@ -59,15 +74,15 @@ class TrajectoryMaker:
 
     def make(
         self, path: Array, goal: Goal, holding: Holding, should_stop: Callable[[], bool]
-    ) -> tuple[Trajectory, float] | None:
-        """Time transit and approach, at rest between them.
+    ) -> Motion | None:
+        """Time transit, approach and retreat.
 
         Args:
             path: (n, dof) from q_0 to the goal's raised pre-placement, edges certified.
 
         Returns:
-            The trajectory and the time at which its approach starts; None if the timed curve
-            could not be certified.
+            The motion; None if its timed curve could not be certified. A retreat that could not
+            be is left out, where the goal may do without.
         """
         settings = self._settings
         path = shorten(
@@ -102,4 +117,12 @@ class TrajectoryMaker:
         times = np.linspace(0.0, approach.duration, _APPROACH_SAMPLES)
         if not holding.comes_straight_down(evaluate(approach, times)[0], goal.T_world_object):
             return None
-        return concatenate(transit, approach), transit.duration
+        retreat = None
+        if goal.retreat is not None:
+            leaving_free = holding.open_hand.edge_free(goal.grasp, goal.T_world_object)
+            retreat = parameterize(
+                goal.retreat, joints, slow * velocity, slow * acceleration, leaving_free
+            )
+        if holding.require_retreat and retreat is None:
+            return None
+        return Motion(concatenate(transit, approach), transit.duration, retreat)

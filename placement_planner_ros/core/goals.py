@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -16,9 +15,12 @@ from placement_planner_ros.core.search.hierarchy import AfrNode
 from placement_planner_ros.core.search.sampler import Sample
 from placement_planner_ros.core.types import Array, Goal, Verdict
 
+_ATTEMPTS = 2
+"""Configurations at most whose approach and retreat are tried at one pose."""
+
 
 class GoalFinder:
-    """Checks s(x), c_f(x), ξ(x) > ξ_best, then IK, q ∈ C_free and the approach.
+    """Checks s(x), c_f(x), ξ(x) > ξ_best, then IK, q ∈ C_free, release, approach and retreat.
 
     Args:
         holdings: per arm, per grasp.
@@ -93,13 +95,22 @@ class GoalFinder:
         found = holding.configurations(x, self._ik_seeds, self._rng)
         if len(found) == 0:
             return Verdict.NO_IK
-        free = list(itertools.islice((q for q in found if holding.free_at_contact(q)), 2))
-        if not free:
-            return Verdict.ARM_COLLIDING
-        for q in free:
-            approach = holding.approach(q, x, contact_height, self._poses)
-            if not isinstance(approach, Verdict):
+        furthest, attempts = Verdict.ARM_COLLIDING, 0
+        for q in found:
+            motion = holding.placing_motion(q, x, contact_height, self._poses)
+            if not isinstance(motion, Verdict):
                 return Goal(
-                    holding.arm.name, holding.grasp, face, x, float(contact_height), approach, value
+                    holding.arm.name,
+                    holding.grasp,
+                    face,
+                    x,
+                    float(contact_height),
+                    motion.approach,
+                    value,
+                    motion.retreat,
                 )
-        return Verdict.NO_APPROACH
+            furthest = max(furthest, motion)
+            attempts += motion > Verdict.NO_RELEASE
+            if attempts == _ATTEMPTS:
+                break
+        return furthest

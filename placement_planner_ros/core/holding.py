@@ -1,4 +1,4 @@
-"""Reaching a placement with one arm and one grasp: configurations and the straight approach."""
+"""Reaching a placement with one arm and one grasp: configurations, approach and retreat."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import pinocchio as pin
 from placement_planner_ros.core.body import Body
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.feasibility import PoseConstraints
+from placement_planner_ros.core.open_hand import OpenHand
 from placement_planner_ros.core.robot.collision import ArmCollision, CollisionSettings
 from placement_planner_ros.core.robot.ik import IKSettings, InverseKinematics
 from placement_planner_ros.core.robot.kinematics import Chain
@@ -51,12 +52,27 @@ class ApproachSettings:
             raise ParameterError("approach_step", self.approach_step, "must be above zero")
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class PlacingMotion:
+    """What the arm does at a placement, up to timing.
+
+    Attributes:
+        approach: (k, dof) from the raised pre-placement straight down to contact.
+        retreat: (m, dof) from contact straight away with the hand open; None without.
+    """
+
+    approach: Array
+    retreat: Array | None
+
+
 class Holding:
     """One arm a holding the object in one grasp g, the rest of the robot at rest.
 
     Attributes:
         q_start: (dof,) the arm's part of q_0.
         collision: C_free of this arm with the object in this grasp.
+        open_hand: the same arm once it has let go.
+        require_retreat: whether a placement without release and retreat counts for nothing.
     """
 
     def __init__(
@@ -71,12 +87,16 @@ class Holding:
         ik: IKSettings,
         approach: ApproachSettings,
         seeds: SeedTable,
+        open_hand: OpenHand,
+        require_retreat: bool,
     ) -> None:
         self.arm = arm
         self.grasp = grasp
         self.q_start: Array = np.asarray(q_robot[arm.q_index])
         self.chain = Chain.from_robot(robot, arm, q_robot)
         self.collision = ArmCollision(robot, arm, grasp, body, obstacles, q_robot, collision)
+        self.open_hand = open_hand
+        self.require_retreat = require_retreat
         self._ik = InverseKinematics(self.chain, ik)
         self._T_object_tip = arm.grasps[grasp].inverse()
         self._seeds = seeds
@@ -161,15 +181,32 @@ class Holding:
         strayed[..., 2] -= np.maximum(height, 0.0)[:, None]
         return bool((np.linalg.norm(strayed, axis=-1) <= self._reserve).all())
 
-    def approach(
+    def placing_motion(
         self, q: Array, T_world_object: pin.SE3, contact_height: float, poses: PoseConstraints
-    ) -> Array | Verdict:
-        """The certified straight approach that ends in `q`, as high as there is room.
+    ) -> PlacingMotion | Verdict:
+        """Contact, release, approach and retreat at `q` (dof,) with O(q) = x, cheap checks first.
 
         Returns:
-            (k, dof) joint waypoints, raised pre-placement first, or the verdict that names what
-            stood in the way.
+            The certified motion, or the verdict that names what stood in the way.
         """
+        if not self.free_at_contact(q):
+            return Verdict.ARM_COLLIDING
+        released = self.open_hand.release_free(q)
+        if self.require_retreat and not released:
+            return Verdict.NO_RELEASE
+        approach = self._approach(q, T_world_object, contact_height, poses)
+        if approach is None:
+            return Verdict.NO_APPROACH
+        retreat = self.open_hand.retreat(q, self.grasp, T_world_object) if released else None
+        if self.require_retreat and retreat is None:
+            return Verdict.NO_RETREAT
+        return PlacingMotion(approach, retreat)
+
+    def _approach(
+        self, q: Array, T_world_object: pin.SE3, contact_height: float, poses: PoseConstraints
+    ) -> Array | None:
+        """(k, dof) the straight way down to `q`, raised pre-placement first, as high as there is
+        room; None where even the least height is blocked."""
         settings = self._settings
         steps = max(1, round(settings.approach_distance / settings.approach_step))
         heights = np.linspace(0.0, settings.approach_distance, steps + 1)[1:]
@@ -190,9 +227,7 @@ class Holding:
             enough = height >= settings.approach_minimum - 1e-9
             if enough and self.collision.free(q_next, self._reserve):
                 raised = list(upward)
-        if not raised:
-            return Verdict.NO_APPROACH
-        return np.array(raised[::-1])
+        return np.array(raised[::-1]) if raised else None
 
 
 def workspace(

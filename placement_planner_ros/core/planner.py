@@ -16,6 +16,7 @@ from placement_planner_ros.core.feasibility import PoseConstraints
 from placement_planner_ros.core.goals import GoalFinder
 from placement_planner_ros.core.holding import ApproachSettings, Holding
 from placement_planner_ros.core.objective import Objective
+from placement_planner_ros.core.open_hand import OpenHand, RetreatSettings
 from placement_planner_ros.core.refine import LocalOptimizer, Refined, RefineSettings
 from placement_planner_ros.core.robot.collision import CollisionSettings
 from placement_planner_ros.core.robot.ik import IKSettings
@@ -72,6 +73,8 @@ class PlannerSettings:
         motion_iterations: m_max, RRT iterations per arm and grasp in one iteration of Algorithm 1.
         ik_seeds: starts of the inverse kinematics per sampled pose, beside q_0.
         min_improvement: ξ counts as better from this much.
+        require_retreat: a goal counts only with certified approach, release and retreat; False: it
+            may be without release and retreat.
     """
 
     sampler: Literal["mcts", "uniform"] = "mcts"
@@ -79,11 +82,13 @@ class PlannerSettings:
     motion_iterations: int = 50
     ik_seeds: int = 7
     min_improvement: float = 1e-4
+    require_retreat: bool = True
     hierarchy: HierarchySettings = field(default_factory=HierarchySettings)
     sampling: SamplerSettings = field(default_factory=SamplerSettings)
     ik: IKSettings = field(default_factory=IKSettings)
     collision: CollisionSettings = field(default_factory=CollisionSettings)
     approach: ApproachSettings = field(default_factory=ApproachSettings)
+    retreat: RetreatSettings = field(default_factory=RetreatSettings)
     transit: TransitSettings = field(default_factory=TransitSettings)
     refine: RefineSettings = field(default_factory=RefineSettings)
     execution: ExecutionSettings = field(default_factory=ExecutionSettings)
@@ -190,13 +195,13 @@ class PlacementPlanner:
         if made is None:
             self.statistics.unreached += 1
             return None
-        trajectory, approach_start = made
         return Placement(
             refined.goal,
-            trajectory,
-            approach_start,
+            made.trajectory,
+            made.approach_start,
             time.monotonic() - started,
             self.statistics.samples,
+            made.retreat,
         )
 
 
@@ -210,6 +215,16 @@ def _usable_holdings(
         of_arm = []
         chain = Chain.from_robot(problem.robot, arm, problem.q_start)
         seeds = SeedTable(chain, rng)
+        open_hand = OpenHand(
+            problem.robot,
+            arm,
+            problem.body,
+            problem.environment.obstacles,
+            problem.q_start,
+            settings.collision,
+            settings.ik,
+            settings.retreat,
+        )
         for grasp in range(len(arm.grasps)):
             holding = Holding(
                 problem.robot,
@@ -222,6 +237,8 @@ def _usable_holdings(
                 settings.ik,
                 settings.approach,
                 seeds,
+                open_hand,
+                settings.require_retreat,
             )
             reason = holding.collision.explain(holding.q_start)
             if reason:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
@@ -56,7 +56,7 @@ class Refined:
 class LocalOptimizer:
     """Gradient ascent with a growing and shrinking step, along whatever directions stay open.
 
-    The object moves while raised; its approach is derived anew at each pose that is kept.
+    The object moves while raised; approach and retreat are derived anew at each pose that is kept.
     """
 
     def __init__(
@@ -121,14 +121,20 @@ class LocalOptimizer:
         if self._poses.verdict(x, goal.face, goal.contact_height) is not Verdict.FEASIBLE:
             return None
         q = self._step(goal, holding, x, change)
-        if q is None or not holding.free_at_contact(q):
+        if q is None:
             return None
-        approach = holding.approach(q, x, goal.contact_height, self._poses)
-        if isinstance(approach, Verdict):
+        motion = holding.placing_motion(q, x, goal.contact_height, self._poses)
+        if isinstance(motion, Verdict):
             return None
-        if not holding.transit_free(goal.q_raised, approach[0]):
+        if not holding.transit_free(goal.q_raised, motion.approach[0]):
             return None
-        return Goal(goal.arm, goal.grasp, goal.face, x, goal.contact_height, approach, value)
+        return replace(
+            goal,
+            T_world_object=x,
+            approach=motion.approach,
+            retreat=motion.retreat,
+            objective=value,
+        )
 
     def _step(self, goal: Goal, holding: Holding, x: pin.SE3, change: Array) -> Array | None:
         """q + μΔq with Δq = J† v, brought exactly to pose x."""

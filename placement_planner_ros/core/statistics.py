@@ -32,9 +32,17 @@ _ADVICE = {
         "arm, hand or object were in collision at the pose",
         "give grasps that keep the hand away from the support, or clear some space",
     ),
+    Verdict.NO_RELEASE: (
+        "the fingers could not open without meeting something",
+        "give grasps that keep the fingers away from the support, or a smaller gripper_open",
+    ),
     Verdict.NO_APPROACH: (
         "no straight way down onto the support was free",
         "lower approach_distance's minimum, or clear the space above",
+    ),
+    Verdict.NO_RETREAT: (
+        "the open hand could not leave the placed object on a straight way",
+        "shorten retreat_distance, give grasps from other sides, or set require_retreat to false",
     ),
 }
 

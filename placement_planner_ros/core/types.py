@@ -48,9 +48,13 @@ class Verdict(enum.IntEnum):
     """No arm configuration within the joint limits reaches the pose."""
     ARM_COLLIDING = 5
     """Arm, hand or held object collide in every configuration found."""
-    NO_APPROACH = 6
+    NO_RELEASE = 6
+    """The fingers cannot open without meeting something."""
+    NO_APPROACH = 7
     """No certified straight approach ends in the pose."""
-    FEASIBLE = 7
+    NO_RETREAT = 8
+    """No certified straight way leads the open hand away from the placed object."""
+    FEASIBLE = 9
     """Every constraint holds: a goal."""
 
 
@@ -114,7 +118,7 @@ class Trajectory:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Goal:
-    """A goal (q, a): a verified placement x = O(q) with its straight approach.
+    """A goal (q, a): a verified placement x = O(q) with its straight approach and retreat.
 
     Attributes:
         arm: name of the arm a.
@@ -124,6 +128,8 @@ class Goal:
         contact_height: z of the contact plane.
         approach: (k, dof) joint waypoints from the raised pre-placement to contact; the last is q.
         objective: ξ(x).
+        retreat: (m, dof) joint waypoints of the open hand from q away from the object; None where
+            release or retreat could not be certified.
     """
 
     arm: str
@@ -133,9 +139,12 @@ class Goal:
     contact_height: float
     approach: Array
     objective: float
+    retreat: Array | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "approach", frozen_array(self.approach, (-1, -1)))
+        if self.retreat is not None:
+            object.__setattr__(self, "retreat", frozen_array(self.retreat, (-1, -1)))
 
     @property
     def q(self) -> Array:
@@ -158,6 +167,7 @@ class Placement:
         approach_start: seconds into the trajectory at which the approach begins.
         search_time: seconds from the start of the run until it was found.
         samples: goal samples tried until then.
+        retreat: from there on, the hand open and the object left behind; None without.
     """
 
     goal: Goal
@@ -165,6 +175,7 @@ class Placement:
     approach_start: float
     search_time: float
     samples: int
+    retreat: Trajectory | None = None
 
     @property
     def T_world_object(self) -> pin.SE3:

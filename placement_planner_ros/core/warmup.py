@@ -15,6 +15,7 @@ from placement_planner_ros.core.holding import Holding
 from placement_planner_ros.core.motion.birrt import GoalSetRRT
 from placement_planner_ros.core.motion.timing import parameterize
 from placement_planner_ros.core.objective import ObjectiveContext, gradient, make_objective
+from placement_planner_ros.core.open_hand import OpenHand
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.robot.kinematics import Chain
 from placement_planner_ros.core.robot.model import Arm, Robot
@@ -53,11 +54,22 @@ def warm_up(robot: Robot, arms: Sequence[Arm], q_robot: Array) -> None:
             settings.collision.contact_tolerance,
             settings.approach.approach_minimum,
         )
+        arm = replace(
+            arm, grasps=(pin.SE3.Identity(),), touch_links=tuple(set(robot.geometry_links))
+        )
+        open_hand = OpenHand(
+            robot,
+            arm,
+            body,
+            environment.obstacles,
+            q_robot,
+            settings.collision,
+            settings.ik,
+            settings.retreat,
+        )
         holding = Holding(
             robot,
-            replace(
-                arm, grasps=(pin.SE3.Identity(),), touch_links=tuple(set(robot.geometry_links))
-            ),
+            arm,
             0,
             body,
             environment.obstacles,
@@ -66,10 +78,13 @@ def warm_up(robot: Robot, arms: Sequence[Arm], q_robot: Array) -> None:
             settings.ik,
             settings.approach,
             SeedTable(chain, rng),
+            open_hand,
+            False,
         )
         for found in holding.configurations(x, 8, rng)[:1]:
-            holding.free_at_contact(found)
-            holding.approach(found, x, x.translation[2], poses)
+            holding.placing_motion(found, x, x.translation[2], poses)
+            open_hand.release_free(found)
+            open_hand.retreat(found, 0, x)
             holding.withdrawal(found, x)
             chain.jacobian(found, np.eye(4))
             holding.collision.explain(found)
