@@ -12,10 +12,11 @@ from placement_planner_ros.core.body import Body
 from placement_planner_ros.core.holding import workspace
 from placement_planner_ros.core.objective import Objective, ObjectiveContext, make_objective
 from placement_planner_ros.core.planner import Problem
+from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.regions import RegionSettings
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, TargetVolume
 from placement_planner_ros.scenes.clouds import camera_clouds, complete_cloud
 from placement_planner_ros.scenes.objects import OBJECT_NAMES, object_by_name
 from placement_planner_ros.scenes.scenes import SCENE_NAMES, scene_by_name
@@ -73,25 +74,59 @@ def scene_points(case: Case, rng: np.random.Generator) -> Array:
     return np.vstack([cloud.world_points().reshape(-1, 3) for cloud in camera_clouds(scene, rng)])
 
 
-def make_problem(case: Case, rng: np.random.Generator) -> tuple[Problem, Objective]:
-    """Build a case from its cloud, as the node would.
+@dataclass(frozen=True, slots=True, eq=False)
+class CaseInputs:
+    """What a node would have received before it is told to start.
+
+    Attributes:
+        points: (n, 3) the cloud in the world frame.
+    """
+
+    robot: Robot
+    arms: tuple[Arm, ...]
+    q_start: Array
+    body: Body
+    volume: TargetVolume
+    points: Array
+
+
+def read_inputs(case: Case, rng: np.random.Generator) -> CaseInputs:
+    """Robot, object and cloud of a case.
 
     Args:
         rng: noise of the camera clouds.
     """
     robot = load_yumi()
     held = object_by_name(case.object)
-    arms = tuple(yumi_arm(robot, name, grasps) for name, grasps in held.grasps.items())
-    body = Body.from_mesh(held.vertices, held.triangles, held.center_of_mass)
-    volume = scene_by_name(case.scene).volume
-    q_start = robot.configuration(start_configuration(case.object))
-    environment = Environment.from_points(
+    return CaseInputs(
+        robot,
+        tuple(yumi_arm(robot, name, grasps) for name, grasps in held.grasps.items()),
+        robot.configuration(start_configuration(case.object)),
+        Body.from_mesh(held.vertices, held.triangles, held.center_of_mass),
+        scene_by_name(case.scene).volume,
         scene_points(case, rng),
+    )
+
+
+def build_problem(inputs: CaseInputs, objective: str) -> tuple[Problem, Objective]:
+    """The environment from the cloud, and the objective of that name in it."""
+    robot, arms, q_start = inputs.robot, inputs.arms, inputs.q_start
+    body, volume = inputs.body, inputs.volume
+    environment = Environment.from_points(
+        inputs.points,
         volume,
         GridSettings(),
         RegionSettings(),
         workspace(robot, arms, q_start, body, volume),
     )
     problem = Problem(robot, arms, q_start, body, volume, environment)
-    objective = make_objective(case.objective, ObjectiveContext(environment, volume, body))
-    return problem, objective
+    return problem, make_objective(objective, ObjectiveContext(environment, volume, body))
+
+
+def make_problem(case: Case, rng: np.random.Generator) -> tuple[Problem, Objective]:
+    """Build a case from its cloud, as the node would.
+
+    Args:
+        rng: noise of the camera clouds.
+    """
+    return build_problem(read_inputs(case, rng), case.objective)

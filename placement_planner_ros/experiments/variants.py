@@ -1,0 +1,44 @@
+"""What the paper's evaluation compares: the planner, its ablations and a plain baseline."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
+from placement_planner_ros.experiments.rrt_connect import BaselinePlanner
+
+
+@dataclass(frozen=True, slots=True)
+class Variant:
+    """One contender. All share checks, kernels and batching; only what is named differs."""
+
+    planner: type[PlacementPlanner]
+    settings: PlannerSettings
+    description: str
+
+
+_DEFAULTS = PlannerSettings()
+
+VARIANTS: Mapping[str, Variant] = {
+    "mcts+lo": Variant(PlacementPlanner, _DEFAULTS, "MCTS with local optimisation"),
+    "uniform+lo": Variant(
+        PlacementPlanner,
+        replace(_DEFAULTS, sampler="uniform"),
+        "uniform sampling with local optimisation",
+    ),
+    "uniform": Variant(
+        PlacementPlanner,
+        replace(_DEFAULTS, sampler="uniform", local_optimization=False),
+        "uniform sampling without local optimisation",
+    ),
+    "mcts": Variant(
+        PlacementPlanner,
+        replace(_DEFAULTS, local_optimization=False),
+        "MCTS without local optimisation",
+    ),
+    "baseline": Variant(
+        BaselinePlanner, _DEFAULTS, "uniform samples, each planned for with stock RRTConnect"
+    ),
+}
+"""Name -> variant; the first is what the others are compared with."""
