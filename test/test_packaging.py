@@ -41,7 +41,7 @@ def prefix(request, source, tmp_path_factory):
     """An installation prefix that holds the package."""
     if request.param == "pip":
         prefix = tmp_path_factory.mktemp("pip")
-        options = ["--no-deps", "--no-build-isolation", "--quiet", "--prefix", str(prefix)]
+        options = ["--ignore-installed", "--no-deps", "--no-build-isolation", "--quiet", "--prefix", str(prefix)]
         run([sys.executable, "-m", "pip", "install", *options, str(source)])
         return prefix
     colcon = Path(sys.executable).with_name("colcon")

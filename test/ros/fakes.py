@@ -6,7 +6,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from rcl_interfaces.srv import SetParametersAtomically
@@ -27,6 +26,7 @@ from placement_planner_ros.point_cloud import message_from_points
 from placement_planner_ros.publishing import LATCHED
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.yumi import HOME
+from placement_planner_ros.spinning import spin_until
 
 FRAME = "yumi_body"
 TABLE = np.array(
@@ -78,6 +78,21 @@ class FakePlanner:
             time.sleep(0.002)
 
 
+class Spinning:
+    """Spins an executor in a thread; shut down only once that thread has ended."""
+
+    def __init__(self, executor):
+        self._executor = executor
+        self._asked = threading.Event()
+        self._thread = threading.Thread(target=spin_until, args=(executor, self._asked))
+        self._thread.start()
+
+    def end(self):
+        self._asked.set()
+        self._thread.join()
+        self._executor.shutdown()
+
+
 class Bench:
     """A node with a fake planner, a client that records all it hears, and its sensors."""
 
@@ -126,15 +141,13 @@ class Bench:
         self.executor = MultiThreadedExecutor(num_threads=8)
         self.executor.add_node(self.node)
         self.executor.add_node(self.client)
-        self._thread = threading.Thread(target=self.executor.spin, daemon=True)
-        self._thread.start()
+        self._spinning = Spinning(self.executor)
 
     def close(self):
         for planner in self.planners:
             planner.done.set()
         self.node.close()
-        self.executor.shutdown()
-        self._thread.join(5.0)
+        self._spinning.end()
         self.node.destroy_node()
         self.client.destroy_node()
 
@@ -222,7 +235,3 @@ def said(success, text):
 
 def values_of(status):
     return {v.key: v.value for v in status.values}
-
-
-def shut_down():
-    rclpy.try_shutdown()

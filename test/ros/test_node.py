@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 from fakes import FRAME, TABLE, Bench, values_of
 from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Header
 
 from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.point_cloud import message_from_points
 
 
 @pytest.fixture
@@ -293,6 +297,25 @@ def test_a_cloud_is_moved_from_its_sensor_to_the_planning_frame(bench):
     b.wait(lambda: b.snapshots)
     expected = np.column_stack([-TABLE[:, 1], TABLE[:, 0], TABLE[:, 2] + 0.1])
     np.testing.assert_allclose(np.vstack(b.snapshots[0].clouds), expected, atol=1e-6)
+
+
+def test_reliability_follows_the_publishers(bench):
+    b = bench()
+    subscriptions = b.node._clouds
+    b.wait(lambda: subscriptions.reliability("points") is ReliabilityPolicy.RELIABLE)
+    loose = b.client.create_publisher(
+        PointCloud2, "points", QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    )
+    b.wait(lambda: subscriptions.reliability("points") is ReliabilityPolicy.BEST_EFFORT)
+    message = message_from_points(TABLE[:7], Header(frame_id=FRAME))
+    clouds = b.node._inputs.clouds
+    b.wait(
+        lambda: any(len(points) == 7 for points in clouds.latest_points()),
+        again=lambda: loose.publish(message),
+    )
+    b.client.destroy_publisher(loose)
+    b.wait(lambda: subscriptions.reliability("points") is ReliabilityPolicy.RELIABLE)
+    b.feed()
 
 
 def test_a_cloud_in_the_frame_of_a_link_follows_the_robot(bench):

@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
 
@@ -14,7 +13,7 @@ import pytest
 import rclpy
 from checker import Solution, Task, Tolerances, check_solution
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from fakes import said, values_of
+from fakes import Spinning, said, values_of
 from geometry_msgs.msg import PoseStamped
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.executors import SingleThreadedExecutor
@@ -75,12 +74,10 @@ class Client(Node):
             self.create_subscription(kind, f"{NODE}/{topic}", self.heard[topic].append, LATCHED)
         self.executor_ = SingleThreadedExecutor()
         self.executor_.add_node(self)
-        self._thread = threading.Thread(target=self.executor_.spin, daemon=True)
-        self._thread.start()
+        self._spinning = Spinning(self.executor_)
 
     def close(self):
-        self.executor_.shutdown()
-        self._thread.join(5.0)
+        self._spinning.end()
         self.destroy_node()
 
     def request(self, kind, service, request):
@@ -305,6 +302,7 @@ def test_a_run_with_the_example_objective_ends_by_itself(scene, client):
 
 def test_bad_inputs_are_named_in_the_answer(scene, client):
     ready = start_when_ready(client)
+    wait(lambda: client.value("run") == ready.run and client.state() == "searching")
     client.call("stop")
     answer = client.call("start_with", left__grasps=[0.0, 1.0])
     assert (answer.success, answer.code) == (False, "BAD_GRASP")
