@@ -1,4 +1,4 @@
-"""`placement_benchmark`: run the paper's cases and record what came of them."""
+"""`placement_benchmark`: run the paper's cases, and compare motion planning with OMPL's."""
 
 from __future__ import annotations
 
@@ -9,10 +9,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from ompl import util as ou
+
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.warmup import warm_up
 from placement_planner_ros.experiments.cases import OBJECTIVES, Case, all_cases
+from placement_planner_ros.experiments.motion_comparison import compare
+from placement_planner_ros.experiments.motion_problems import panda_problems
 from placement_planner_ros.experiments.record import Record, run_case
 from placement_planner_ros.scenes.objects import OBJECT_NAMES
 from placement_planner_ros.scenes.scenes import SCENE_NAMES
@@ -33,6 +37,15 @@ def _parser() -> argparse.ArgumentParser:
     cases.add_argument("--sampler", choices=("mcts", "uniform"), default="mcts")
     cases.add_argument("--no-local-optimization", action="store_true")
     cases.add_argument("--output", type=Path, default=Path("results/cases"))
+    motion = commands.add_parser(
+        "motion", help="motion planning and shortening on MoveIt problems, beside OMPL's own"
+    )
+    motion.add_argument(
+        "data", type=Path, help="folder with problems/*/scene*.yaml and robots/panda_description"
+    )
+    motion.add_argument("--seeds", type=int, default=3, help="per problem (default %(default)s)")
+    motion.add_argument("--paths", type=int, default=20, help="paths to shorten in both ways")
+    motion.add_argument("--limit", type=float, default=10.0, help="seconds a search may take")
     return parser
 
 
@@ -91,11 +104,27 @@ def run_cases(arguments: argparse.Namespace) -> int:
     return 1 if failed else 0
 
 
+def run_motion(arguments: argparse.Namespace) -> int:
+    """Goal-set RRT against OMPL's RRTConnect, and shortcutting against its simplifier."""
+    ou.setLogLevel(ou.LogLevel.LOG_WARN)
+    problems = panda_problems(arguments.data)
+    for note in dict.fromkeys(note for problem in problems for note in problem.notes):
+        print(f"start states: {note}")
+    solved = compare(
+        problems,
+        range(arguments.seeds),
+        arguments.paths,
+        arguments.limit,
+        lambda line: print(line, flush=True),
+    )
+    return 0 if solved else 1
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point."""
     parsed = _parser().parse_args(arguments)
     try:
-        return run_cases(parsed)
+        return run_cases(parsed) if parsed.command == "cases" else run_motion(parsed)
     except PlacementPlannerError as error:
         print(f"placement_benchmark: {error}", file=sys.stderr)
         return 2
