@@ -1,0 +1,137 @@
+"""Does a released object stay where it was placed? Asks mujoco, an optional dependency."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+import trimesh
+from scipy.spatial import ConvexHull
+
+_DENSITY = 300.0
+"""kg/m³, of packaged goods; motion under gravity hardly depends on it."""
+_TIME_STEP = 0.001
+
+
+@dataclass(frozen=True, slots=True)
+class Settled:
+    """How far an object came from where it was released.
+
+    Attributes:
+        moved: metres, of its centre of mass.
+        tilted: radians, of the direction that was up.
+    """
+
+    moved: float
+    tilted: float
+
+
+def settle(
+    scene_parts: Sequence[npt.NDArray[np.float64]],
+    object_parts: Sequence[npt.NDArray[np.float64]],
+    center_of_mass: npt.NDArray[np.float64],
+    T_world_object: pin.SE3,
+    seconds: float = 2.0,
+    friction: float = 0.6,
+) -> Settled:
+    """Release an object at rest and simulate it.
+
+    Args:
+        scene_parts: vertices (n, 3) of each convex part of the environment, world frame, metres.
+        object_parts: vertices (n, 3) of each convex part of the object, in its frame.
+        center_of_mass: (3,) in the object frame.
+        T_world_object: where it is released.
+        friction: sliding friction coefficient of every contact.
+
+    Returns:
+        Where it is after `seconds`, compared with its release.
+    """
+    model = mujoco.MjModel.from_xml_string(
+        _world(scene_parts, object_parts, center_of_mass, T_world_object, friction)
+    )
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    body = model.body("object").id
+    position, rotation = data.xipos[body].copy(), data.xmat[body].reshape(3, 3).copy()
+    while data.time < seconds:
+        mujoco.mj_step(model, data)
+    turned = data.xmat[body].reshape(3, 3) @ rotation.T
+    return Settled(
+        moved=float(np.linalg.norm(data.xipos[body] - position)),
+        tilted=float(np.arccos(np.clip(turned[2, 2], -1.0, 1.0))),
+    )
+
+
+def _world(
+    scene_parts: Sequence[npt.NDArray[np.float64]],
+    object_parts: Sequence[npt.NDArray[np.float64]],
+    center_of_mass: npt.NDArray[np.float64],
+    T_world_object: pin.SE3,
+    friction: float,
+) -> str:
+    root = ElementTree.Element("mujoco")
+    option = ElementTree.SubElement(root, "option", timestep=str(_TIME_STEP), cone="elliptic")
+    # flat faces need several contact points, or they rock
+    ElementTree.SubElement(option, "flag", multiccd="enable")
+    asset = ElementTree.SubElement(root, "asset")
+    world = ElementTree.SubElement(root, "worldbody")
+    for number, vertices in enumerate(scene_parts):
+        _add_part(asset, world, f"scene_{number}", vertices, friction)
+    x, y, z, w = pin.Quaternion(T_world_object.rotation).normalized().coeffs()
+    body = ElementTree.SubElement(
+        world,
+        "body",
+        name="object",
+        pos=_text(T_world_object.translation),
+        quat=_text([w, x, y, z]),
+    )
+    ElementTree.SubElement(body, "freejoint")
+    mass, inertia = _inertia(object_parts, np.asarray(center_of_mass))
+    rows, columns = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)
+    ElementTree.SubElement(
+        body,
+        "inertial",
+        pos=_text(center_of_mass),
+        mass=repr(mass),
+        fullinertia=_text(inertia[rows, columns]),
+    )
+    for number, vertices in enumerate(object_parts):
+        _add_part(asset, body, f"object_{number}", vertices, friction)
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def _add_part(
+    asset: ElementTree.Element,
+    body: ElementTree.Element,
+    name: str,
+    vertices: npt.NDArray[np.float64],
+    friction: float,
+) -> None:
+    ElementTree.SubElement(asset, "mesh", name=name, vertex=_text(np.ravel(vertices)))
+    ElementTree.SubElement(
+        body, "geom", type="mesh", mesh=name, friction=_text([friction, 0.005, 0.0001])
+    )
+
+
+def _inertia(
+    parts: Sequence[npt.NDArray[np.float64]], center_of_mass: npt.NDArray[np.float64]
+) -> tuple[float, npt.NDArray[np.float64]]:
+    """Mass, and (3, 3) inertia about the centre of mass; overlaps of parts count twice."""
+    mass, inertia = 0.0, np.zeros((3, 3))
+    for vertices in parts:
+        hull = trimesh.Trimesh(vertices, ConvexHull(vertices).simplices).convex_hull
+        part_mass = _DENSITY * float(hull.volume)
+        arm = np.asarray(hull.center_mass) - center_of_mass
+        mass += part_mass
+        inertia += _DENSITY * np.asarray(hull.moment_inertia)
+        inertia += part_mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    return mass, inertia
+
+
+def _text(numbers: npt.ArrayLike) -> str:
+    return " ".join(repr(float(number)) for number in np.ravel(numbers))
