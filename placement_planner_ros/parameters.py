@@ -173,6 +173,7 @@ _SETTINGS = {
     "collision_margin": "collision",
     "contact_tolerance": "collision",
     "approach_distance": "approach",
+    "retreat_distance": "retreat",
     "velocity_scaling": "execution",
     "acceleration_scaling": "execution",
     "acceleration_limits": "execution",
@@ -300,6 +301,21 @@ def _changeable() -> list[Spec]:
             "m",
             _DEFAULTS.approach.approach_minimum,
             0.5,
+        ),
+        Spec(
+            "retreat_distance",
+            "double",
+            _setting("retreat_distance"),
+            "Length of the straight way that the open hand takes off the placed object.",
+            "m",
+            0.01,
+            0.5,
+        ),
+        Spec(
+            "require_retreat",
+            "bool",
+            _DEFAULTS.require_retreat,
+            "Whether a placement counts only with a certified release and retreat.",
         ),
         Spec(
             "velocity_scaling",
@@ -553,6 +569,7 @@ class ParameterSet:
             _DEFAULTS,
             sampler=self["sampler"],
             local_optimization=self["local_optimization"],
+            require_retreat=self["require_retreat"],
             **{group: replace(getattr(_DEFAULTS, group), **v) for group, v in groups.items()},
         )
 

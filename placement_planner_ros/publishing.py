@@ -95,13 +95,17 @@ class Outputs:
         """Publish one placement, found `search_time` seconds after the run's start."""
         key = f"{run}/{number}"
         goal = placement.goal
-        trajectory = placement.trajectory
+        trajectory, retreat = placement.trajectory, placement.retreat
         if snapshot.parameters["trajectory_joints"] == "all":
-            trajectory = with_all_joints(trajectory, snapshot.robot, snapshot.q_start)
+            robot, q = snapshot.robot, snapshot.q_start
+            trajectory = with_all_joints(trajectory, robot, q)
+            if retreat is not None:
+                arm = next(a for a in snapshot.arms if a.name == goal.arm)
+                retreat = with_all_joints(retreat, robot, robot.with_open_hand(q, arm))
         with self._lock:
             stamp = self._stamp()
             self._trajectory.publish(trajectory_message(trajectory, key))
-            self._retreat.publish(trajectory_message(None, key))
+            self._retreat.publish(trajectory_message(retreat, key))
             self._pose.publish(stamped_pose(placement.T_world_object, snapshot.frame, stamp))
             self._objective.publish(Float64(data=float(placement.objective)))
             self._markers.publish(
@@ -123,7 +127,7 @@ class Outputs:
                 "grasp": goal.grasp,
                 "face": goal.face,
                 "approach_start": float(placement.approach_start),
-                "has_retreat": "false",
+                "has_retreat": str(retreat is not None).lower(),
                 "search_time": float(search_time),
             }
             self._solution.publish(self._manifest(stamp, snapshot.frame, values))

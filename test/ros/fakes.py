@@ -43,7 +43,7 @@ class FakeStatistics:
         return "nothing was tried"
 
 
-def placement(objective, arm="left", q=None):
+def placement(objective, arm="left", retreats=False):
     """A placement whose motion is short and whose numbers are easy to recognise."""
     joints = tuple(f"yumi_joint_{n}_{arm[0]}" for n in (1, 2, 7, 3, 4, 5, 6))
     start = np.array([HOME[j] for j in joints])
@@ -52,7 +52,8 @@ def placement(objective, arm="left", q=None):
     trajectory = Trajectory(joints, np.array([0.0, 1.0]), positions, zeros, zeros)
     T = pin.SE3(np.eye(3), np.array([0.4, 0.0, 0.1]))
     goal = Goal(arm, 0, 1, T, 0.0, positions, objective)
-    return Placement(goal, trajectory, 0.5, 0.25, 10)
+    retreat = Trajectory(joints, np.array([0.0, 1.0]), positions[::-1], zeros, zeros)
+    return Placement(goal, trajectory, 0.5, 0.25, 10, retreat if retreats else None)
 
 
 class FakePlanner:
@@ -64,6 +65,7 @@ class FakePlanner:
         self.offers = []
         self.error = None
         self.deaf = False
+        self.retreats = False
         self.done = threading.Event()
         self.searching = threading.Event()
 
@@ -74,7 +76,7 @@ class FakePlanner:
             if self.error is not None:
                 raise self.error
             if self.offers:
-                yield placement(self.offers.pop(0))
+                yield placement(self.offers.pop(0), retreats=self.retreats)
             time.sleep(0.002)
 
 

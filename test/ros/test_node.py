@@ -94,6 +94,25 @@ def test_all_joints_are_named_where_asked_for(bench):
     assert len(b.messages("trajectory")[-1].joint_names) == 16
 
 
+@pytest.mark.parametrize("joints", ["arm", "all"])
+def test_a_retreat_goes_on_from_the_trajectory_with_the_hand_open(bench, joints):
+    b = bench()
+    planner = started(b, trajectory_joints=joints)
+    planner.retreats = True
+    planner.offers.append(0.25)
+    b.wait(lambda: b.manifests() and b.manifests()[-1]["solution"] == "1")
+    b.wait(lambda: b.messages("retreat_trajectory")[-1].points)
+    retreat = b.messages("retreat_trajectory")[-1]
+    assert b.manifests()[-1]["has_retreat"] == "true"
+    assert retreat.header.frame_id == "1/1"
+    values = dict(zip(retreat.joint_names, retreat.points[0].positions, strict=True))
+    last = b.messages("trajectory")[-1]
+    for name, value in zip(last.joint_names, last.points[-1].positions, strict=True):
+        if name != "gripper_l_joint":
+            assert values[name] == value
+    assert values.get("gripper_l_joint", 0.025) == 0.025
+
+
 def test_a_new_run_withdraws_the_results_of_the_old(bench):
     b = bench()
     planner = started(b)

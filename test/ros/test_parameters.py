@@ -99,6 +99,8 @@ def test_every_search_setting_reaches_the_planner():
         "local_optimization": False,
         "contact_tolerance": 0.002,
         "approach_distance": 0.08,
+        "retreat_distance": 0.07,
+        "require_retreat": False,
         "velocity_scaling": 0.5,
         "acceleration_scaling": 0.4,
         "acceleration_limits": [1.0, 2.0],
@@ -108,6 +110,8 @@ def test_every_search_setting_reaches_the_planner():
     assert settings.local_optimization is False
     assert settings.collision.contact_tolerance == 0.002
     assert settings.approach.approach_distance == 0.08
+    assert settings.retreat.retreat_distance == 0.07
+    assert settings.require_retreat is False
     assert settings.execution.velocity_scaling == 0.5
     assert settings.execution.acceleration_scaling == 0.4
     assert settings.execution.acceleration_limits == (1.0, 2.0)

@@ -212,7 +212,11 @@ def check_last_solution(client, run, solution):
     wait(lambda: client.heard["trajectory"][-1].header.frame_id == key)
     manifest = client.solutions(run)[-1]
     message, pose = client.heard["trajectory"][-1], client.heard["placement_pose"][-1]
-    assert client.heard["retreat_trajectory"][-1].header.frame_id == key
+    retreat = client.heard["retreat_trajectory"][-1]
+    assert retreat.header.frame_id == key
+    assert manifest["has_retreat"] == "true"
+    assert retreat.joint_names == message.joint_names
+    np.testing.assert_allclose(retreat.points[0].positions, message.points[-1].positions, atol=1e-9)
     assert pose.header.stamp == client.heard["solution"][-1].header.stamp
     assert client.heard["objective"][-1].data == float(manifest["objective"])
     curve = Trajectory(
