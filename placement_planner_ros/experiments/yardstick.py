@@ -1,0 +1,240 @@
+"""The yardstick of a case: the best placement of a dense offline search, and a random one's ξ."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.feasibility import PoseConstraints
+from placement_planner_ros.core.goals import GoalFinder
+from placement_planner_ros.core.objective import Objective
+from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings, Problem
+from placement_planner_ros.core.robot.object_collision import ObjectCollision
+from placement_planner_ros.core.search.hierarchy import AfrNode
+from placement_planner_ros.core.search.sampler import GoalChecker, SampleCount
+from placement_planner_ros.core.statistics import Statistics
+from placement_planner_ros.core.types import Array, Goal
+from placement_planner_ros.experiments.cases import Case, build_problem, read_inputs
+from placement_planner_ros.experiments.machine import machine, versions
+from placement_planner_ros.experiments.placement_grid import (
+    GridPlacements,
+    GridResolution,
+    grid_placements,
+)
+from placement_planner_ros.experiments.trial import warm_process
+
+_SIGNS = {"maximize_clearance": 1.0, "minimize_clearance": -1.0}
+_CELL = 0.02
+_CELL_ANGLE = np.radians(15.0)
+_TRIES_PER_CELL = 8
+_GOALS_PER_CALL = 8
+_CANDIDATES_PER_CALL = 2000
+_LAST_ITERATIONS = 40_000
+
+
+@dataclass(frozen=True, slots=True)
+class YardstickJob:
+    """One scene and object; both objectives share the grid.
+
+    Attributes:
+        seconds: for inverse kinematics and motion planning, per objective.
+        ik_seeds: starts of the inverse kinematics per pose.
+        random_placements: feasible placements drawn for the median.
+    """
+
+    scene: str
+    object: str
+    objectives: tuple[str, ...] = tuple(_SIGNS)
+    resolution: GridResolution = field(default_factory=GridResolution)
+    seconds: float = 300.0
+    ik_seeds: int = 32
+    random_placements: int = 200
+
+    def __post_init__(self) -> None:
+        for name in self.objectives:
+            if name not in _SIGNS:
+                raise ParameterError(
+                    "objective", name, f"the grid knows clearance only: {', '.join(_SIGNS)}"
+                )
+
+
+class DescendingSampler:
+    """Goals from a grid of placements, the best first: the dense search's place for SampleGoals.
+
+    Neighbouring poses share their fate: a holding gets one goal per cell of 2 cm and 15°, and a
+    cell that failed it eight times is passed over. Local optimisation makes up for the rest.
+
+    Attributes:
+        finished: whether nothing better than the last ξ_best is left on the grid.
+    """
+
+    def __init__(
+        self, checker: GoalChecker, holdings: int, placements: GridPlacements, values: Array
+    ) -> None:
+        self.count = SampleCount()
+        self.finished = False
+        self._checker = checker
+        self._holdings = holdings
+        self._placements = placements
+        self._values = values
+        self._order = np.argsort(-values, kind="stable")
+        self._next = 0
+        self._tries: dict[tuple[int, ...], int] = {}
+
+    def sample_goals(self, best: float, should_stop: Callable[[], bool]) -> list[Goal]:
+        """The next few goals in descending order of ξ, all better than `best`."""
+        goals: list[Goal] = []
+        for _ in range(_CANDIDATES_PER_CALL):
+            if len(goals) >= _GOALS_PER_CALL or should_stop():
+                break
+            self.finished = self._next == len(self._order) or not (
+                self._values[self._order[self._next]] > best
+            )
+            if self.finished:
+                break
+            goals += self._goals_at(int(self._order[self._next]), best)
+            self._next += 1
+        return goals
+
+    def _goals_at(self, row: int, best: float) -> list[Goal]:
+        placements = self._placements
+        face, contact = int(placements.face[row]), placements.contact[row]
+        angle = float(placements.angle[row])
+        place = (*np.round(contact / _CELL).astype(int).tolist(), int(angle // _CELL_ANGLE), face)
+        goals = []
+        for holding in range(self._holdings):
+            cell = (holding, *place)
+            tries = self._tries.get(cell, 0)
+            if tries >= _TRIES_PER_CELL:
+                continue
+            node = AfrNode(arm=0, grasp=holding, face=face)
+            sample = self._checker.check(node, contact, angle, best)
+            self.count.add(sample.verdict)
+            if sample.goal is not None:
+                goals.append(sample.goal)
+                tries = _TRIES_PER_CELL
+            self._tries[cell] = tries + 1
+        return goals
+
+
+class DenseSearch(PlacementPlanner):
+    """Algorithm 1 with the grid's placements, best first, in place of SampleGoals."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        objective: Objective,
+        settings: PlannerSettings,
+        rng: np.random.Generator,
+        placements: GridPlacements,
+        values: Array,
+        ik_seeds: int,
+    ) -> None:
+        super().__init__(problem, objective, settings, rng)
+        poses = PoseConstraints(
+            problem.body,
+            problem.environment,
+            problem.volume,
+            ObjectCollision(problem.body, problem.environment.obstacles, settings.collision),
+            settings.collision.contact_tolerance,
+            settings.approach.approach_minimum,
+        )
+        holdings = list(self._holding.values())
+        finder = GoalFinder(
+            problem.body,
+            poses,
+            [holdings],
+            objective,
+            ik_seeds,
+            settings.min_improvement,
+            rng.spawn(1)[0],
+        )
+        self._dense = DescendingSampler(finder, len(holdings), placements, values)
+        self._sampler = self._dense
+        self.statistics = Statistics(self._dense.count)
+        if len(values) == 0:
+            self.exhausted = "no pose of the grid is stable and free"
+
+    def best(self, seconds: float) -> tuple[float | None, bool]:
+        """ξ of the best placement reached, and whether nothing better was left to be tried.
+
+        Goals better than the best are planned for until `seconds` are over or a large number of
+        further iterations has reached none of them.
+        """
+        deadline = time.monotonic() + seconds
+        since = 0
+
+        def should_stop() -> bool:
+            nonlocal since
+            if not self._dense.finished:
+                since = self._motion.iterations
+            tried = self._motion.goals == 0 or self._motion.iterations > since + _LAST_ITERATIONS
+            return (self._dense.finished and tried) or time.monotonic() > deadline
+
+        objectives = [placement.objective for placement in self.run(should_stop)]
+        return (objectives[-1] if objectives else None), self._dense.finished
+
+
+class RandomPlacements(PlacementPlanner):
+    """Feasible placements as uniform sampling finds them."""
+
+    def draw(self, number: int, seconds: float) -> Array:
+        """(≤ number,) ξ of placements that satisfy every constraint of the sampling problem."""
+        deadline = time.monotonic() + seconds
+        values: list[float] = []
+        while not self.exhausted and len(values) < number and time.monotonic() < deadline:
+            goals = self._sampler.sample_goals(-np.inf, lambda: time.monotonic() > deadline)
+            values += [goal.objective for goal in goals]
+        return np.array(values)
+
+
+def measure(job: YardstickJob) -> list[dict[str, Any]]:
+    """One record for each objective, as dictionaries of plain values.
+
+    Keys: case; best (ξ, None where nothing was reached); complete (whether no better pose of the
+    grid was left untried); random (median ξ of random feasible placements, None where there is
+    none); random_placements (their number); grid_poses; free_poses (stable and free of collision
+    without regard to the arms) and best_free_pose (the best ξ of those); resolution; seconds
+    spent; machine, versions.
+    """
+    warm_process()
+    rng = np.random.default_rng(0)
+    settings = PlannerSettings()
+    inputs = read_inputs(Case(job.scene, job.object, job.objectives[0]), rng)
+    started = time.monotonic()
+    problem, objective = build_problem(inputs, job.objectives[0])
+    placements = grid_placements(problem, job.resolution, settings)
+    uniform = replace(settings, sampler="uniform")
+    drawn = RandomPlacements(problem, objective, uniform, rng)
+    random = drawn.draw(job.random_placements, job.seconds) * _SIGNS[job.objectives[0]]
+    shared = time.monotonic() - started
+    records = []
+    for name in job.objectives:
+        started = time.monotonic()
+        problem, objective = build_problem(inputs, name)
+        sign = _SIGNS[name]
+        values = sign * placements.clearance
+        search = DenseSearch(problem, objective, settings, rng, placements, values, job.ik_seeds)
+        best, complete = search.best(job.seconds)
+        records.append(
+            {
+                "case": asdict(Case(job.scene, job.object, name)),
+                "best": best,
+                "complete": complete,
+                "random": float(sign * np.median(random)) if len(random) else None,
+                "random_placements": len(random),
+                "grid_poses": placements.tried,
+                "free_poses": len(values),
+                "best_free_pose": float(np.max(values)) if len(values) else None,
+                "resolution": asdict(job.resolution),
+                "seconds": shared + time.monotonic() - started,
+                "machine": machine(),
+                "versions": versions(),
+            }
+        )
+    return records
