@@ -1,0 +1,77 @@
+"""Bootstrap intervals of means over cases, and Holm's correction for many comparisons."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.types import Array
+
+DRAWS = 4000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Interval:
+    """A mean and its percentile bootstrap interval.
+
+    Attributes:
+        mean, low, high: numbers, or arrays where the values were.
+        p: two-sided probability of the mean being zero, for numbers.
+    """
+
+    mean: npt.NDArray[np.float64]
+    low: npt.NDArray[np.float64]
+    high: npt.NDArray[np.float64]
+    p: float
+
+
+def mean_interval(
+    groups: Sequence[npt.ArrayLike],
+    rng: np.random.Generator,
+    level: float = 0.95,
+    draws: int = DRAWS,
+) -> Interval:
+    """The mean of the groups' means, each group counting the same.
+
+    Runs are drawn anew within each group, because the cases are fixed and the seeds are not. For
+    paired differences give the differences.
+
+    Args:
+        groups: of each case, (n, ...) values of its n runs; n ≥ 1.
+        level: of the interval, for example 0.95.
+    """
+    arrays = [np.asarray(group, dtype=np.float64) for group in groups]
+    if not arrays or any(len(array) == 0 for array in arrays):
+        raise ParameterError("groups", [len(array) for array in arrays], "give one value or more")
+    means = np.zeros((draws, *arrays[0].shape[1:]))
+    for array in arrays:
+        rows = rng.integers(len(array), size=(draws, len(array)))
+        counts = np.zeros((draws, len(array)))
+        np.add.at(counts, (np.arange(draws)[:, None], rows), 1.0)
+        means += np.tensordot(counts / len(array), array, axes=1)
+    means /= len(arrays)
+    low, high = np.quantile(means, [(1 - level) / 2, (1 + level) / 2], axis=0)
+    mean = np.mean([array.mean(axis=0) for array in arrays], axis=0)
+    return Interval(np.asarray(mean), np.asarray(low), np.asarray(high), _p_value(means))
+
+
+def _p_value(means: Array) -> float:
+    """Twice the smaller share of draws on one side of zero, no less than the draws can resolve."""
+    draws = len(means)
+    share = min(int((means <= 0).sum()), int((means >= 0).sum())) / means.size
+    return float(min(1.0, max(2.0 * share, 2.0 / (draws + 1))))
+
+
+def holm(p_values: Sequence[float]) -> list[float]:
+    """p-values adjusted so that comparing each with α keeps the family-wise error below α."""
+    order = np.argsort(p_values, kind="stable")
+    adjusted = [0.0] * len(p_values)
+    largest = 0.0
+    for rank, index in enumerate(order):
+        largest = max(largest, min(1.0, (len(p_values) - rank) * p_values[index]))
+        adjusted[int(index)] = largest
+    return adjusted
