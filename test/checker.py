@@ -109,6 +109,8 @@ class Solution:
     tip_frame: str
     T_tip_object: Array  # (4, 4)
     touch_links: Sequence[str]
+    retreat: Curve | None = None
+    gripper_open: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
     def of(cls, placement: Any, arm: Any) -> Solution:
@@ -121,6 +123,8 @@ class Solution:
             arm.tip_frame,
             arm.grasps[placement.goal.grasp].homogeneous,
             arm.touch_links,
+            placement.retreat,
+            dict(zip(arm.gripper_joints, arm.gripper_open, strict=True)),
         )
 
 
@@ -138,6 +142,8 @@ class Tolerances:
         objective: between the published ξ and those recomputed from the true solids.
         layer: height of the planner's cells, which ξ may be coarse by (`clearance_bounds`).
         improvement: by which ξ must exceed the previous one.
+        pushing: how much deeper a finger may get into the object while it opens.
+        parted: distance of all links from the object at the end of the retreat, at least.
     """
 
     contact: float = 0.003
@@ -154,6 +160,8 @@ class Tolerances:
     objective: float = 0.01
     layer: float = 0.01
     improvement: float = 0.0
+    pushing: float = 2e-4
+    parted: float = 1e-3
 
 
 def check_solution(
@@ -181,7 +189,7 @@ class SolutionChecker:
         shape = self._check_shape(solution)
         if shape:
             return shape
-        states, times = self._states(solution.trajectory)
+        states, times = self._states(solution.trajectory, self._q_start())
         return [
             *self._check_start(solution),
             *self._check_limits(solution.trajectory),
@@ -189,6 +197,7 @@ class SolutionChecker:
             *self._check_collisions(solution, states, times),
             *check_stance(self.task, np.asarray(solution.placement_pose), self.tolerances),
             *self._check_objective(solution, previous_objective),
+            *self._check_leaving(solution, states[-1]),
         ]
 
     def clearance(self, T_world_object: Array) -> float:
@@ -220,25 +229,30 @@ class SolutionChecker:
         return best
 
     def _check_shape(self, solution: Solution) -> list[str]:
-        curve = solution.trajectory
+        found = self._check_curve(solution.trajectory, "trajectory")
+        if not found and not 0 <= solution.approach_start <= solution.trajectory.times[-1]:
+            found.append("approach_start: outside the trajectory")
+        if solution.retreat is not None:
+            found += self._check_curve(solution.retreat, "retreat")
+        return found
+
+    def _check_curve(self, curve: Curve, name: str) -> list[str]:
         found = []
         times = np.asarray(curve.times)
         values = [curve.positions, curve.velocities, curve.accelerations]
         if any(np.shape(v) != (len(times), len(curve.joints)) for v in values):
-            return ["trajectory: positions, velocities, accelerations differ in shape"]
+            return [f"{name}: positions, velocities, accelerations differ in shape"]
         if len(times) < 2:
-            return ["trajectory: fewer than two points"]
+            return [f"{name}: fewer than two points"]
         if not all(np.isfinite(v).all() for v in [times, *values]):
-            return ["trajectory: not finite"]
-        unknown = [name for name in curve.joints if name not in self.robot.index]
+            return [f"{name}: not finite"]
+        unknown = [joint for joint in curve.joints if joint not in self.robot.index]
         if unknown:
-            return [f"trajectory: unknown joints {unknown}"]
+            return [f"{name}: unknown joints {unknown}"]
         if not (np.diff(times) > 0).all():
-            found.append("trajectory: times do not increase strictly")
+            found.append(f"{name}: times do not increase strictly")
         if times[0] < 0:
-            found.append("trajectory: begins before 0")
-        if not 0 <= solution.approach_start <= times[-1]:
-            found.append("approach_start: outside the trajectory")
+            found.append(f"{name}: begins before 0")
         return found
 
     def _check_start(self, solution: Solution) -> list[str]:
@@ -250,8 +264,14 @@ class SolutionChecker:
             found.append("start: moving")
         return found
 
-    def _states(self, curve: Curve) -> tuple[Array, Array]:
-        """(k, nq) states along the curve, no point moving more than `step` between two; times."""
+    def _q_start(self) -> Array:
+        return self.robot.configuration(self.task.q_start)
+
+    def _states(self, curve: Curve, q_rest: Array) -> tuple[Array, Array]:
+        """(k, nq) states along the curve, no point moving more than `step` between two; times.
+
+        Joints that are not the curve's stand as in q_rest (nq,).
+        """
         columns = [self.robot.index[name] for name in curve.joints]
         reach = self.robot.reach(self.task.object_vertices)[columns]
         rows, times = [], []
@@ -265,7 +285,7 @@ class SolutionChecker:
             rows.append(_quintic(curve, segment, t)[0])
             times.append(curve.times[segment] + t)
         moving = np.vstack([*rows, curve.positions[-1:]])
-        states = np.tile(self.robot.configuration(self.task.q_start), (len(moving), 1))
+        states = np.tile(q_rest, (len(moving), 1))
         states[:, columns] = moving
         self.robot.fill_mimics(states)
         return states, np.concatenate([*times, curve.times[-1:]])
@@ -320,6 +340,53 @@ class SolutionChecker:
         }
         world = World.build(self.robot, self.task, self.components, solution)
         return world.sweep(states, times, solution.approach_start, support, self.tolerances)
+
+    def _check_leaving(self, solution: Solution, q_end: Array) -> list[str]:
+        """Release and retreat: the object stands at the published pose, the hand opens and goes.
+
+        A touch link that opening has brought off the object must not meet it again.
+        """
+        curve = solution.retreat
+        if curve is None:
+            return []
+        found = []
+        end = solution.trajectory
+        same = [end.joints.index(joint) for joint in curve.joints if joint in end.joints]
+        if len(same) < len(curve.joints) or set(curve.joints) != set(end.joints):
+            return ["retreat: other joints than the trajectory's"]
+        if not np.array_equal(curve.positions[0], np.asarray(end.positions[-1])[same]):
+            found.append("retreat: does not begin where the trajectory ends")
+        if max(np.abs(curve.velocities[i]).max() for i in (0, -1)) > 1e-6:
+            found.append("retreat: not from rest to rest")
+        found += [f"retreat: {violation}" for violation in self._check_limits(curve)]
+
+        q_open = q_end[None].copy()
+        for joint, value in solution.gripper_open.items():
+            q_open[0, self.robot.index[joint]] = value
+        self.robot.fill_mimics(q_open)
+        travelled = np.abs(q_open[0] - q_end) @ self.robot.reach(self.task.object_vertices)
+        count = 2 + int(2 * travelled / self.tolerances.step)
+        opening = q_end + np.linspace(0, 1, count)[:, None] * (q_open - q_end)
+        whole = World.build(self.robot, self.task, self.components, solution, placed=())
+        gaps = whole.object_gaps(opening, solution.touch_links)
+        for link, gap in gaps.items():
+            deeper = min(gap[0], 0.0) - gap.min()
+            if deeper > self.tolerances.pushing:
+                found.append(f"release: {link} gets {1000 * deeper:.2f} mm further into the object")
+        world = World.build(
+            self.robot, self.task, self.components, solution, placed=solution.touch_links
+        )
+        for violation in world.sweep(opening, np.zeros(count), np.inf, set(), self.tolerances):
+            found.append(f"release: {violation}")
+        slides = [link for link, gap in gaps.items() if gap[-1] <= self.tolerances.parted]
+        states, times = self._states(curve, q_open[0])
+        world = World.build(self.robot, self.task, self.components, solution, placed=slides)
+        for violation in world.sweep(states, times, np.inf, set(), self.tolerances):
+            found.append(f"retreat: {violation}")
+        for link, gap in whole.object_gaps(states[-1:]).items():
+            if gap[0] < self.tolerances.parted:
+                found.append(f"retreat: ends with {link} {1000 * gap[0]:.2f} mm from the object")
+        return found
 
     def _check_objective(self, solution: Solution, previous: float | None) -> list[str]:
         found = []
@@ -476,21 +543,26 @@ class World:
 
     @classmethod
     def build(
-        cls, robot: RobotModel, task: Task, components: Sequence[Array], solution: Solution
+        cls,
+        robot: RobotModel,
+        task: Task,
+        components: Sequence[Array],
+        solution: Solution,
+        placed: Sequence[str] | None = None,
     ) -> World:
+        """With the object in the hand, or at the published pose with `placed` free to touch it."""
         geometry = pin.GeometryModel(robot.geometry)
         geometry.removeAllCollisionPairs()
         links = [str(robot.model.frames[g.parentFrame].name) for g in geometry.geometryObjects]
         tip = robot.model.frames[robot.model.getFrameId(solution.tip_frame)]
-        T_joint_object = tip.placement * pin.SE3(np.asarray(solution.T_tip_object))
-        held = []
+        joint, T_joint_object = tip.parentJoint, tip.placement * pin.SE3(solution.T_tip_object)
+        touching_links = set(solution.touch_links)
+        if placed is not None:
+            joint, T_joint_object = 0, pin.SE3(np.asarray(solution.placement_pose))
+            touching_links = set(placed)
         for i, vertices in enumerate(components):
-            held.append(
-                geometry.addGeometryObject(
-                    pin.GeometryObject(
-                        f"object/{i}", tip.parentJoint, T_joint_object, convex(vertices)
-                    )
-                )
+            geometry.addGeometryObject(
+                pin.GeometryObject(f"object/{i}", joint, T_joint_object, convex(vertices))
             )
             links.append("object")
         for i, solid in enumerate(task.solids):
@@ -509,10 +581,27 @@ class World:
                 fixed = all(
                     geometry.geometryObjects[k].parentJoint == 0 for k in (i, j)
                 )  # the base stands on what it stands on
-                touching = "object" in pair and bool(pair & set(solution.touch_links))
+                touching = "object" in pair and bool(pair & touching_links)
                 if len(pair) == 2 and not (fixed or touching or pair in robot.disabled):
                     geometry.addCollisionPair(pin.CollisionPair(j, i))
         return cls(robot, geometry, links)
+
+    def object_gaps(self, states: Array, only: Sequence[str] | None = None) -> dict[str, Array]:
+        """Link -> its signed distance from the object at each of the states (k, nq)."""
+        model, geometry = self.robot.model, self.geometry
+        data, shapes = model.createData(), geometry.createData()
+        for request in shapes.distanceRequests:
+            request.enable_signed_distance = True
+        gaps: dict[str, Array] = {}
+        for row, state in enumerate(states):
+            pin.updateGeometryPlacements(model, data, geometry, shapes, state)
+            for k, pair in enumerate(geometry.collisionPairs):
+                names = {self.links[pair.first], self.links[pair.second]} - {"object"}
+                if len(names) == 2 or (only is not None and not names & set(only)):
+                    continue
+                gap = gaps.setdefault(names.pop(), np.full(len(states), np.inf))
+                gap[row] = min(gap[row], pin.computeDistance(geometry, shapes, k).min_distance)
+        return gaps
 
     def sweep(
         self,

@@ -206,7 +206,7 @@ def test_refuses_the_other_arm_in_the_way() -> None:
 
 def test_refuses_a_thin_wall_in_the_way() -> None:
     """1 mm thick, across the hand's way from the start to the place above the table."""
-    q = CHECKER._states(GOOD.trajectory)[0]
+    q = CHECKER._states(GOOD.trajectory, CHECKER._q_start())[0]
     tip = CHECKER.robot.frame_pose(q[len(q) // 3], "gripper_l_base")[:3, 3]
     half = np.array([0.0005, 0.1, 0.1])
     wall = box("wall", tip - half, tip + half, RED)

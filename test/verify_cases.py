@@ -19,7 +19,13 @@ from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.experiments.cases import start_configuration
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.scenes import scene_by_name
-from placement_planner_ros.scenes.yumi import TIP_FRAMES, load_yumi, yumi_arm
+from placement_planner_ros.scenes.yumi import (
+    GRIPPER_JOINTS,
+    GRIPPER_OPEN,
+    TIP_FRAMES,
+    load_yumi,
+    yumi_arm,
+)
 from placement_planner_ros.share import PACKAGE, share_path
 
 
@@ -44,15 +50,19 @@ def case_checker(case: dict[str, str], contact: float = 0.003) -> SolutionChecke
     return SolutionChecker(task, Tolerances(contact=contact, acceleration_limit=limit))
 
 
+NAMES = ("times", "positions", "velocities", "accelerations")
+
+
 def load_solution(path: Path, touch_links: dict[str, tuple[str, ...]]) -> tuple[dict, Solution]:
     """The case a file belongs to, and the solution in it."""
     with np.load(path) as data:
         case = json.loads(str(data["case"]))
         arm = str(data["arm"])
-        names = ("times", "positions", "velocities", "accelerations")
-        trajectory = SimpleNamespace(
-            joints=tuple(str(j) for j in data["joints"]), **{n: data[n] for n in names}
-        )
+        joints = tuple(str(j) for j in data["joints"])
+        trajectory = SimpleNamespace(joints=joints, **{n: data[n] for n in NAMES})
+        retreat = None
+        if "retreat_times" in data:
+            retreat = SimpleNamespace(joints=joints, **{n: data[f"retreat_{n}"] for n in NAMES})
         grasp = object_by_name(case["object"]).grasps[arm][int(data["grasp"])]
         solution = Solution(
             trajectory=trajectory,
@@ -62,6 +72,8 @@ def load_solution(path: Path, touch_links: dict[str, tuple[str, ...]]) -> tuple[
             tip_frame=TIP_FRAMES[arm],
             T_tip_object=grasp.homogeneous,
             touch_links=touch_links[arm],
+            retreat=retreat,
+            gripper_open={GRIPPER_JOINTS[arm]: GRIPPER_OPEN},
         )
     return case, solution
 

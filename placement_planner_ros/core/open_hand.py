@@ -26,6 +26,7 @@ _LIMIT = 0.5
 """m, the longest retreat."""
 _TOUCHING = 1e-3
 """m; a touch link of the open hand that is closer to the object than this touches it still."""
+_SIDEWAYS = ((0.0, 1.0), (0.0, -1.0), (1.0, 0.0), (-1.0, 0.0))
 
 Direction = tuple[float, float, float]
 EdgeFree = Callable[[Array, Array, Array], bool]
@@ -39,13 +40,18 @@ class RetreatSettings:
         retreat_distance: how far it goes at least, metres; it goes on until the hand keeps the
             collision margin from the object.
         retreat_step: distance between joint waypoints, metres.
-        tip_directions: tried first, in the tip frame: the grasps' own directions of withdrawal.
+        tip_directions: tried first, in the tip frame: the grasps' own directions of withdrawal. By
+            default back along z, slanting to each side, then sideways.
         world_directions: tried next, in the planning frame.
     """
 
     retreat_distance: float = 0.1
     retreat_step: float = 0.02
-    tip_directions: tuple[Direction, ...] = ((0.0, 0.0, -1.0),)
+    tip_directions: tuple[Direction, ...] = (
+        (0.0, 0.0, -1.0),
+        *((x, y, -1.0) for x, y in _SIDEWAYS),
+        *((x, y, 0.0) for x, y in _SIDEWAYS),
+    )
     world_directions: tuple[Direction, ...] = ((0.0, 0.0, 1.0),)
 
     def __post_init__(self) -> None:

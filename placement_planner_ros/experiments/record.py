@@ -110,7 +110,9 @@ def run_case(
 def save_solution(path: Path, case: Case, seed: int, placement: Placement) -> None:
     """Write what the node would publish of a placement."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    trajectory = placement.trajectory
+    trajectory, retreat = placement.trajectory, placement.retreat
+    names = ("times", "positions", "velocities", "accelerations")
+    leaving = {f"retreat_{name}": getattr(retreat, name) for name in names if retreat is not None}
     np.savez_compressed(
         path,
         case=np.array(json.dumps(asdict(case))),
@@ -121,9 +123,7 @@ def save_solution(path: Path, case: Case, seed: int, placement: Placement) -> No
         objective=placement.objective,
         T_world_object=placement.T_world_object.homogeneous,
         joints=np.array(trajectory.joints),
-        times=trajectory.times,
-        positions=trajectory.positions,
-        velocities=trajectory.velocities,
-        accelerations=trajectory.accelerations,
+        **{name: getattr(trajectory, name) for name in names},
         approach_start=placement.approach_start,
+        **leaving,
     )
