@@ -1,4 +1,4 @@
-"""`placement_benchmark`: run the paper's cases, and compare motion planning with OMPL's."""
+"""`placement_benchmark`: the paper's cases, its evaluation, and motion planning beside OMPL's."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.warmup import warm_up
 from placement_planner_ros.experiments.cases import OBJECTIVES, Case, all_cases
+from placement_planner_ros.experiments.evaluation_commands import add_evaluation_commands
 from placement_planner_ros.experiments.motion_comparison import compare
 from placement_planner_ros.experiments.motion_problems import panda_problems
 from placement_planner_ros.experiments.record import Record, run_case
@@ -46,6 +47,9 @@ def _parser() -> argparse.ArgumentParser:
     motion.add_argument("--seeds", type=int, default=3, help="per problem (default %(default)s)")
     motion.add_argument("--paths", type=int, default=20, help="paths to shorten in both ways")
     motion.add_argument("--limit", type=float, default=10.0, help="seconds a search may take")
+    cases.set_defaults(command_function=run_cases)
+    motion.set_defaults(command_function=run_motion)
+    add_evaluation_commands(commands)
     return parser
 
 
@@ -124,7 +128,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point."""
     parsed = _parser().parse_args(arguments)
     try:
-        return run_cases(parsed) if parsed.command == "cases" else run_motion(parsed)
+        return int(parsed.command_function(parsed))
     except PlacementPlannerError as error:
         print(f"placement_benchmark: {error}", file=sys.stderr)
         return 2
