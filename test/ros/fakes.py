@@ -183,7 +183,7 @@ class Bench:
         ready = self.node._inputs.joints
         self.wait(lambda: ready.age(time.monotonic()) < 0.5, again=self.joint_state)
 
-    def wait(self, condition, timeout=10.0, again=None):
+    def wait(self, condition, timeout=120.0, again=None):
         """Wait until a condition holds, doing something again and again."""
         end = time.monotonic() + timeout
         last = time.monotonic()

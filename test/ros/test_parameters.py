@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 import rclpy
@@ -208,3 +210,14 @@ def test_listeners_hear_of_what_was_set(node):
 
 def test_rclpy_is_shut_down_between_tests():
     assert not rclpy.ok()
+
+
+def test_the_readme_lists_every_parameter_with_its_default():
+    readme = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+    for name, spec in SPECS.items():
+        shown = name.replace("left.", "<arm>.")
+        row = next((r for r in readme.splitlines() if r.startswith(f"| `{shown}` |")), None)
+        assert row is not None, f"{shown} is missing"
+        assert spec.text.rstrip(".") in row
+        if isinstance(spec.default, float):
+            assert row.split("|")[2].strip() == f"{spec.default:g}"

@@ -114,7 +114,7 @@ class Client(Node):
         return self.value("state")
 
 
-def wait(condition, timeout=60.0):
+def wait(condition, timeout=120.0):
     end = time.monotonic() + timeout
     while not condition():
         assert time.monotonic() < end, "waited in vain"
