@@ -8,8 +8,9 @@ import pinocchio as pin
 import pytest
 
 from placement_planner_ros.core.holding import PlacingMotion
+from placement_planner_ros.core.ascent import AscentSettings
 from placement_planner_ros.core.objective import gradient, moved
-from placement_planner_ros.core.refine import LocalOptimizer, RefineSettings
+from placement_planner_ros.core.refine import LocalOptimizer
 from placement_planner_ros.core.types import Goal, Verdict
 
 
@@ -52,7 +53,7 @@ def optimize(poses=None, holding=None, objective=None, should_stop=lambda: False
     objective = objective or Bowl()
     start = pin.SE3.Identity()
     goal = Goal("a", 0, 0, start, 0.0, np.zeros((2, 3)), objective(start))
-    optimizer = LocalOptimizer(poses, objective, 1e-9, RefineSettings(**settings))
+    optimizer = LocalOptimizer(poses, objective, 1e-9, AscentSettings(**settings))
     return optimizer.optimize(goal, holding or PlanarReach(), should_stop)
 
 

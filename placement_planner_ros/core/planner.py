@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from placement_planner_ros.core.ascent import AscentSettings
 from placement_planner_ros.core.body import Body
 from placement_planner_ros.core.errors import ParameterError, RobotError, StartError
 from placement_planner_ros.core.execution import ExecutionSettings, TrajectoryMaker
@@ -17,7 +18,7 @@ from placement_planner_ros.core.goals import GoalFinder
 from placement_planner_ros.core.holding import ApproachSettings, Holding
 from placement_planner_ros.core.objective import Objective
 from placement_planner_ros.core.open_hand import OpenHand, RetreatSettings
-from placement_planner_ros.core.refine import LocalOptimizer, Refined, RefineSettings
+from placement_planner_ros.core.refine import LocalOptimizer, Refined
 from placement_planner_ros.core.robot.collision import CollisionSettings
 from placement_planner_ros.core.robot.ik import IKSettings
 from placement_planner_ros.core.robot.kinematics import Chain
@@ -90,7 +91,7 @@ class PlannerSettings:
     approach: ApproachSettings = field(default_factory=ApproachSettings)
     retreat: RetreatSettings = field(default_factory=RetreatSettings)
     transit: TransitSettings = field(default_factory=TransitSettings)
-    refine: RefineSettings = field(default_factory=RefineSettings)
+    refine: AscentSettings = field(default_factory=AscentSettings)
     execution: ExecutionSettings = field(default_factory=ExecutionSettings)
 
     def __post_init__(self) -> None:
