@@ -85,10 +85,12 @@ def draw_by_scene(results: Results) -> bytes:
         for column, scene in enumerate(scenes):
             axes = panels[row, column]
             cases = [c for c in results.cases if (c.scene, c.objective) == (scene, objective)]
-            axes.set_title(f"{words(scene)}, {_OBJECTIVES.get(objective, words(objective))}")
-            axes.title.set_fontsize(10)
-            if cases:
-                _draw_curves(axes, results, cases)
+            if not cases:
+                axes.set_axis_off()
+                continue
+            _draw_curves(axes, results, cases)
+            aim = _OBJECTIVES.get(objective, words(objective))
+            axes.set_title(f"{words(scene)}, {aim}", fontsize=10)
             if row == len(objectives) - 1:
                 axes.set_xlabel("time since start [s]")
             if column == 0:

@@ -103,7 +103,8 @@ def _sections(results: Results) -> Iterator[Section]:
     yield "Where samples are rejected", ("rejections", draw_rejections(results)), None
     yield "Samples per second", None, rate_table(results)
     yield "Gap to the best known", ("gaps", draw_gaps(results)), gap_table(results)
-    yield "Runs without a placement", None, failure_table(results)
+    failures = failure_table(results)
+    yield "Runs without a placement", None, failures if failures.rows else None
 
 
 def _about(results: Results) -> list[str]:
@@ -116,7 +117,7 @@ def _about(results: Results) -> list[str]:
         limits = sorted({float(r["time_limit"]) for group in groups for r in group})
         lines.append(
             f"{variant} ({VARIANTS[variant].description}): {len(groups)} cases × "
-            f"{_range(runs)} runs × {_range(limits)} s"
+            f"{_range(runs)} run{'' if runs == [1] else 's'} × {_range(limits)} s"
         )
     machines = {tuple(record["machine"].values()) for record in records}
     for processor, threads, system in sorted(machines, key=str):
@@ -138,15 +139,16 @@ def _about_page(results: Results) -> str:
 def _page_section(section: Section) -> str:
     heading, figure, table = section
     image = "" if figure is None else _image(figure[1], heading)
-    return f"<h2>{html.escape(heading)}</h2>{image}{'' if table is None else table.page()}"
+    content = image + ("" if table is None else table.page())
+    return f"<h2>{html.escape(heading)}</h2>{content or '<p>None.</p>'}"
 
 
 def _summary(results: Results, sections: list[Section]) -> str:
     parts = ["\n".join(f"- {line}" for line in _about(results)) + "\n"]
     for heading, figure, table in sections:
         image = "" if figure is None else f"![{heading}](figures/{figure[0]}.png)\n\n"
-        text = "" if table is None else table.markdown()
-        parts.append(f"## {heading}\n\n{image}{text}".rstrip() + "\n")
+        content = image + ("" if table is None else table.markdown())
+        parts.append(f"## {heading}\n\n{content or 'None.'}".rstrip() + "\n")
     return "\n".join(parts)
 
 

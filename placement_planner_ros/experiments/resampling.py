@@ -20,7 +20,8 @@ class Interval:
 
     Attributes:
         mean, low, high: numbers, or arrays where the values were.
-        p: two-sided probability of the mean being zero, for numbers.
+        p: two-sided, of the mean being zero, for numbers; 1 where there is one run of each case,
+            which says nothing about spread (the interval then is the mean alone).
     """
 
     mean: npt.NDArray[np.float64]
@@ -56,7 +57,8 @@ def mean_interval(
     means /= len(arrays)
     low, high = np.quantile(means, [(1 - level) / 2, (1 + level) / 2], axis=0)
     mean = np.mean([array.mean(axis=0) for array in arrays], axis=0)
-    return Interval(np.asarray(mean), np.asarray(low), np.asarray(high), _p_value(means))
+    p = 1.0 if max(map(len, arrays)) == 1 else _p_value(means)
+    return Interval(np.asarray(mean), np.asarray(low), np.asarray(high), p)
 
 
 def _p_value(means: Array) -> float:

@@ -210,7 +210,7 @@ def failure_table(results: Results) -> Table:
         )
         for record in results.failed()
     )
-    return Table(("case", "variant", "seed", "why"), rows, "" if rows else "There is none.")
+    return Table(("case", "variant", "seed", "why"), rows)
 
 
 def _number(found: Interval, k: int) -> str:
