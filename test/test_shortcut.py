@@ -29,12 +29,13 @@ def wandering_path(rng, points=40):
     return path
 
 
+@pytest.mark.parametrize(("attempts", "tries"), [(100, 1), (400, 4)])
 @pytest.mark.parametrize("seed", range(10))
-def test_shorter_with_the_same_ends_and_free(seed):
+def test_shorter_with_the_same_ends_and_free(seed, attempts, tries):
     rng = np.random.default_rng(seed)
     path = wandering_path(rng)
     copy = path.copy()
-    result = shorten(path, outside_disc, rng, 100)
+    result = shorten(path, outside_disc, rng, attempts, tries=tries)
     np.testing.assert_array_equal(path, copy)
     np.testing.assert_array_equal(result[[0, -1]], path[[0, -1]])
     outward = 5.0 + (result - 5.0) * (1.0 + 1e-9)  # parts of edges that graze are rounded
@@ -54,6 +55,21 @@ def test_more_attempts_never_make_it_longer():
     ]
     assert (np.diff(lengths) <= 0.02).all(), "less what leaving out vertices chances upon"
     assert lengths[-1] < lengths[0] < length(path)
+
+
+def test_several_tries_find_a_way_that_one_may_miss():
+    shorter = 0
+    for seed in range(20):
+        path = wandering_path(np.random.default_rng(seed))
+        one, four = (
+            length(
+                shorten(path, outside_disc, np.random.default_rng(seed), 20 * tries, tries=tries)
+            )
+            for tries in (1, 4)
+        )
+        assert four <= one + 1e-12
+        shorter += four < one - 1e-3
+    assert shorter >= 10
 
 
 def test_vertices_that_are_not_needed_are_left_out():

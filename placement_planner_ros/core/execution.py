@@ -33,7 +33,7 @@ class ExecutionSettings:
     acceleration_scaling: float = 1.0
     acceleration_limits: tuple[float, ...] = (5.0,)
     approach_scaling: float = 0.25
-    shortcut_attempts: int = 50
+    shortcut_attempts: int = 100
 
     def __post_init__(self) -> None:
         for name in ("velocity_scaling", "acceleration_scaling", "approach_scaling"):

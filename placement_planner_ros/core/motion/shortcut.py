@@ -15,29 +15,53 @@ def shorten(
     rng: np.random.Generator,
     attempts: int = 100,
     should_stop: Callable[[], bool] = lambda: False,
+    tries: int = 4,
 ) -> Array:
     """Shorten a path by straight shortcuts between points on it, never making it longer.
 
     First vertices are skipped greedily (from each vertex to the furthest one a free edge reaches,
-    trying at distances that halve), then `attempts` shortcuts between two random points of the
-    path are tried, wherever they lie on their edges. Last, vertices that the path can do without
-    are left out: long edges leave room to round the corners between them, which time needs more
-    than length. Both ends stay exactly as they are. Every
-    edge of the result is either part of an edge of `path` or was certified by `edge_is_free`;
-    the part of a free edge is free.
+    trying at distances that halve), then shortcuts between two random points of the path are
+    tried, wherever they lie on their edges. Last, vertices that the path can do without are left
+    out: long edges leave room to round the corners between them, which time needs more than
+    length. Shortcuts soon end on a path that none of them improves, which another order of them
+    may miss; so the shortest of several independent tries is taken.
+
+    Both ends stay exactly as they are. Every edge of the result is either part of an edge of
+    `path` or was certified by `edge_is_free`; the part of a free edge is free.
 
     Args:
         path: (n, dof) waypoints, n ≥ 1, whose edges are free.
         edge_is_free: whether the whole straight motion between two configurations is free.
         rng: the only source of randomness.
-        attempts: random shortcuts to try.
+        attempts: random shortcuts to try, all tries together.
         should_stop: asked before every edge; True returns what is reached so far.
+        tries: among which the attempts are shared.
 
     Returns:
         (m, dof) waypoints.
     """
     path = np.array(path, dtype=np.float64)
     points = _skip_vertices(list(_without_repetition(path)), edge_is_free, should_stop)
+    best = np.array(points)
+    if len(points) < 3:
+        return best
+    for child in rng.spawn(tries):
+        if should_stop():
+            break
+        found = _cut_short(points, edge_is_free, child, attempts // tries, should_stop)
+        if _length(found) < _length(best):
+            best = found
+    return best
+
+
+def _cut_short(
+    points: list[Array],
+    edge_is_free: Callable[[Array, Array], bool],
+    rng: np.random.Generator,
+    attempts: int,
+    should_stop: Callable[[], bool],
+) -> Array:
+    """One try: random shortcuts, then the needless vertices left out."""
     for _ in range(attempts):
         if len(points) < 3 or should_stop():
             break
@@ -53,7 +77,12 @@ def shorten(
         straight_already = np.linalg.norm(b - a) >= (high - low) * (1.0 - 1e-9)
         if not straight_already and edge_is_free(a, b):
             points = [*points[: i + 1], a, b, *points[j + 1 :]]
-    return np.array(_without_needless(list(_without_repetition(points)), edge_is_free, should_stop))
+    kept = _without_needless(list(_without_repetition(points)), edge_is_free, should_stop)
+    return np.array(kept)
+
+
+def _length(path: Array) -> float:
+    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
 
 
 def _without_needless(
