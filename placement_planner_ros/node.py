@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import threading
 from collections.abc import Callable, Sequence
@@ -225,7 +226,7 @@ class PlacementPlannerNode(Node):
             if isinstance(snapshot, list):
                 return refusal(snapshot)
             number = 1 if self._run is None else self._run.number + 1
-            self._run = Run(number, snapshot, self._prepare, self)
+            self._run = Run(number, snapshot, self._prepare, self, self._warm)
             self._outputs.clear(number, snapshot.frame)
             self._reporter.follow(self._run)
             self._run.start()
@@ -331,7 +332,13 @@ class PlacementPlannerNode(Node):
             warm_up(robot, make_arms(robot, self._settings.current), q)
         except PlacementPlannerError as error:
             self.get_logger().warning(f"no search is possible yet: {error}")
-        self._warm.set()
+        finally:
+            self._warm.set()
+
+    @property
+    def busy(self) -> bool:
+        """Whether a worker is still at work, be it told to end or not."""
+        return self._run is not None and self._run.active
 
     def close(self) -> None:
         """End the run, if there is one, and publish nothing from now on."""
@@ -353,12 +360,18 @@ def main(args: list[str] | None = None) -> None:
         sys.exit(f"placement_planner: {error}")
     executor = MultiThreadedExecutor(num_threads=THREADS)
     executor.add_node(node)
-    threading.Thread(target=node.warm_up, name="warm-up", daemon=True).start()
+    warming = threading.Thread(target=node.warm_up, name="warm-up", daemon=True)
+    warming.start()
     spin_until(executor, asked)
     node.close()
     executor.shutdown()
     node.destroy_node()
     rclpy.shutdown()
+    if warming.is_alive() or node.busy:
+        # Ending the interpreter under a thread that is in compiled code aborts the process.
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(0)
 
 
 if __name__ == "__main__":

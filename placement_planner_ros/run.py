@@ -26,6 +26,9 @@ class State(enum.StrEnum):
     FAILED = "failed"
 
 
+POLL = 0.05
+"""Seconds between looks at whether a run that waits has been stopped."""
+
 ENDED = (State.STOPPED, State.TIME_LIMIT, State.EXHAUSTED, State.ROBOT_MOVED, State.FAILED)
 
 
@@ -52,6 +55,8 @@ class Run:
         number: the run's, increasing over the node's life.
         prepare: makes the planner.
         observer: told of everything that happens.
+        warm: set once everything a search needs is compiled. Until then the worker waits, so that
+            it can be stopped, and the time limit does not count.
 
     Attributes:
         state, code, reason: where it is; the code and the reason of a failure.
@@ -60,7 +65,12 @@ class Run:
     """
 
     def __init__(
-        self, number: int, snapshot: Snapshot, prepare: Prepare, observer: RunObserver
+        self,
+        number: int,
+        snapshot: Snapshot,
+        prepare: Prepare,
+        observer: RunObserver,
+        warm: threading.Event,
     ) -> None:
         self.number = number
         self.snapshot = snapshot
@@ -74,6 +84,7 @@ class Run:
         self._started = time.monotonic()
         self._deadline = self._started + limit if limit > 0.0 else float("inf")
         self._prepare = prepare
+        self._warm = warm
         self._observer = observer
         self._ending: State | None = None
         self._publishing = threading.Lock()
@@ -137,7 +148,18 @@ class Run:
             self.state = self._ending or outcome
         self._observer.changed(self)
 
+    def _wait_until_warm(self) -> None:
+        if self._warm.is_set():
+            return
+        began = time.monotonic()
+        while self._ending is None and not self._warm.wait(POLL):
+            pass
+        self._deadline += time.monotonic() - began
+
     def _search(self) -> State:
+        self._wait_until_warm()
+        if self.should_stop():
+            return State.TIME_LIMIT
         prepared = self._prepare(self.snapshot)
         self.planner = prepared.planner
         with self._publishing:

@@ -98,7 +98,7 @@ class Spinning:
 class Bench:
     """A node with a fake planner, a client that records all it hears, and its sensors."""
 
-    def __init__(self, **parameters):
+    def __init__(self, *, warm=True, **parameters):
         held = object_by_name("small_crayons_box")
         values = {
             "object.vertices": held.vertices.ravel().tolist(),
@@ -116,6 +116,8 @@ class Bench:
         self.node = PlacementPlannerNode(
             self._prepare, [Parameter(n, value=v) for n, v in values.items() if v is not None]
         )
+        if warm:
+            self.node._warm.set()
         self.client = Node("client")
         self.heard = []
         for topic, kind in {

@@ -415,10 +415,24 @@ def test_the_object_given_last_wins(bench):
 
 
 def test_the_status_says_when_everything_is_compiled(bench):
-    b = bench()
+    b = bench(warm=False)
     b.wait(lambda: b.status().get("warm") == "false")
     b.node.warm_up()
     b.wait(lambda: b.status().get("warm") == "true")
+
+
+def test_a_run_waits_for_compilation_and_its_time_does_not_count(bench):
+    b = bench(warm=False)
+    b.feed()
+    assert b.call("start").success
+    assert b.call("stop").code == "OK"
+    b.feed()
+    assert b.call("start_with", time_limit=0.3).success
+    time.sleep(0.5)
+    assert b.node._run.state == "preparing"
+    b.node._warm.set()
+    b.wait(lambda: b.status()["state"] == "time_limit")
+    assert b.planners
 
 
 def test_diagnostics_tell_the_ages_of_inputs(bench):
