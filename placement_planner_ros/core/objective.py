@@ -54,7 +54,7 @@ class Clearance:
     """
 
     def __init__(self, context: ObjectiveContext, sign: float) -> None:
-        self._field = ClearanceField(context.environment.obstacles, context.volume)
+        self._field = ClearanceField(context.environment.measured, context.volume)
         self._points = context.body.volume_points
         self._sign = sign
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy.typing as npt
@@ -13,6 +14,7 @@ from placement_planner_ros.core.scene.regions import (
     SupportMap,
     find_regions,
 )
+from placement_planner_ros.core.scene.visibility import OutsideRobot, View, unknown_cells
 from placement_planner_ros.core.types import TargetVolume
 
 
@@ -21,14 +23,17 @@ class Environment:
     """The preprocessed surroundings of one problem.
 
     Attributes:
-        obstacles: the one obstacle set.
+        obstacles: the one obstacle set; where views are given, unknown space is part of it.
         regions: R, the placement regions in V, larger first.
         support: answers s(x), on every level surface, in V or not.
+        measured: the obstacle set without unknown space: what regions, support and clearance are
+            taken from.
     """
 
     obstacles: ObstacleSet
     regions: tuple[Region, ...]
     support: SupportMap
+    measured: ObstacleSet
 
     @classmethod
     def from_points(
@@ -38,8 +43,13 @@ class Environment:
         grid: GridSettings | None = None,
         regions: RegionSettings | None = None,
         bounds: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
+        *,
+        views: Sequence[View] = (),
+        outside_robot: OutsideRobot | None = None,
     ) -> Environment:
         """Preprocess a cloud.
+
+        With views, space that they leave unknown is obstacle too, though never support.
 
         Args:
             points: (n, 3) in the planning frame, metres; NaN where nothing was seen.
@@ -47,10 +57,14 @@ class Environment:
             grid: GridSettings() unless given.
             regions: RegionSettings() unless given.
             bounds: lower and upper corner of the workspace; around the points unless given.
+            views: what sensors at known places measured, see `visibility`.
+            outside_robot: tells the cells that the robot is in, which are not unknown.
 
         Raises:
             CloudError: see `ObstacleSet.from_points`.
         """
-        obstacles = ObstacleSet.from_points(points, grid, bounds)
-        found, support = find_regions(obstacles, volume, regions)
-        return cls(obstacles, found, support)
+        measured = ObstacleSet.from_points(points, grid, bounds)
+        found, support = find_regions(measured, volume, regions)
+        unknown = unknown_cells(measured, views, volume, outside_robot)
+        obstacles = measured.with_full_cells(unknown) if len(unknown) else measured
+        return cls(obstacles, found, support, measured)

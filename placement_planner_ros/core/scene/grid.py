@@ -9,7 +9,7 @@ the neighbouring cell, up to the face the two cells share; nothing grows where n
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -167,6 +167,40 @@ class ObstacleSet:
             surface_height=_read_only(boxes.surface_height),
             surface_extent=_read_only(boxes.surface_extent),
             noise=noise,
+        )
+
+    def with_full_cells(self, cells: npt.NDArray[np.int32]) -> ObstacleSet:
+        """A copy in which further cells, until now empty, are obstacles as a whole.
+
+        Nothing was measured in them, so no surface lies on them: take regions and support from the
+        set without them.
+
+        Args:
+            cells: (k, 3) distinct empty cells.
+        """
+        lower = self.origin + cells * self.cell_size
+        upper = lower + self.cell_size
+        extent = np.tile([np.inf, -np.inf], (len(cells), 4))
+        together = np.vstack([self.cells, cells]).astype(np.int32)
+        order = np.lexsort(together.T[::-1])  # stable: boxes of one cell stay next to each other
+        row = np.empty(len(order), np.int32)
+        row[order] = np.arange(len(order), dtype=np.int32)
+        following = np.concatenate([self.next, np.full(len(cells), -1, np.int32)])
+        following = np.where(following >= 0, row[following], -1).astype(np.int32)
+        index = np.full(self.shape, -1, np.int32)
+        ordered = together[order]
+        first = np.ones(len(order), np.bool_)
+        first[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
+        index[tuple(ordered[first].T)] = np.flatnonzero(first)
+        return replace(
+            self,
+            cells=_read_only(ordered),
+            lower=_read_only(np.vstack([self.lower, lower])[order]),
+            upper=_read_only(np.vstack([self.upper, upper])[order]),
+            index=_read_only(index),
+            next=_read_only(following[order]),
+            surface_height=_read_only(np.concatenate([self.surface_height, upper[:, 2]])[order]),
+            surface_extent=_read_only(np.vstack([self.surface_extent, extent])[order]),
         )
 
 
