@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
@@ -46,7 +47,7 @@ class RetreatSettings:
     """
 
     retreat_distance: float = 0.1
-    retreat_step: float = 0.02
+    retreat_step: float = 0.01
     tip_directions: tuple[Direction, ...] = (
         (0.0, 0.0, -1.0),
         *((x, y, -1.0) for x, y in _SIDEWAYS),
@@ -162,23 +163,24 @@ class OpenHand:
             self._placed = pin.SE3(T_world_object)
 
     def _way(self, q: Array, grasp: int, T_world_tip: Array, direction: Array) -> Array | None:
-        settings = self._settings
+        settings, leaving = self._settings, self._leaving[grasp]
         steps = max(1, round(settings.retreat_distance / settings.retreat_step))
         step = settings.retreat_distance / steps
-        way = [q]
-        while len(way) <= steps or not self._parted.free(way[-1], self._reserve):
-            distance = len(way) * step
-            if distance > _LIMIT + 1e-9:
+        way = q[None]
+        while len(way) == 1 or not self._parted.free(way[-1], self._reserve):
+            further = np.arange(len(way), max(steps, len(way)) + 1)
+            if further[-1] * step > _LIMIT + 1e-9:
                 return None
-            away = T_world_tip.copy()
-            away[:3, 3] += distance * direction
-            tracked = self._ik.track(away[None], way[-1])
-            if tracked is None or not self._leaving[grasp].edge_free(
-                way[-1], tracked[0], reserve=self._reserve
-            ):
+            poses = np.repeat(T_world_tip[None], len(further), axis=0)
+            poses[:, :3, 3] += (further * step)[:, None] * direction
+            tracked = self._ik.track(poses, way[-1])
+            if tracked is None or not leaving.free_batch(tracked, self._reserve).all():
                 return None
-            way.append(tracked[0])
-        return np.array(way)
+            ends = np.vstack([way[-1:], tracked])
+            if not all(leaving.edge_free(*e, reserve=self._reserve) for e in pairwise(ends)):
+                return None
+            way = np.vstack([way, tracked])
+        return way
 
     def _leaving_grasp(self, arm: Arm, T_world_object: pin.SE3) -> ArmCollision:
         """The arm while it leaves an object held there with all joints at zero.
