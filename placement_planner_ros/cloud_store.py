@@ -28,10 +28,25 @@ class StoredCloud:
     Attributes:
         points: (n, 3) metres.
         time: when it was taken, seconds of the steady clock.
+        origin: (3,) where the sensor was, metres; None where that is not known.
     """
 
     points: Array
     time: float
+    origin: Array | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointSet:
+    """A part of the environment, in the planning frame.
+
+    Attributes:
+        points: (n, 3) metres.
+        origin: (3,) of the sensor that saw all of it; None where that is not known.
+    """
+
+    points: Array
+    origin: Array | None = None
 
 
 class CloudStore:
@@ -96,8 +111,10 @@ class CloudStore:
         with self._lock:
             return tuple(cloud.points for cloud in self._latest.values())
 
-    def snapshot(self, mode: str, max_age: float, now: float) -> tuple[Array, ...]:
-        """Every point set that makes up the environment, each (n, 3).
+    def snapshot(self, mode: str, max_age: float, now: float) -> tuple[PointSet, ...]:
+        """Every point set that makes up the environment.
+
+        Accumulated points come without an origin, as they were seen from several.
 
         Args:
             mode: `latest` or `merge`.
@@ -125,10 +142,11 @@ class CloudStore:
                     stale,
                     f"older than cloud.max_age = {max_age:g} s; publish them again, or set it to 0",
                 )
-            clouds = [cloud.points for cloud in self._latest.values()]
+            sets = [PointSet(cloud.points, cloud.origin) for cloud in self._latest.values()]
             if mode == "merge":
-                clouds.append(self._merged)
-            parts = tuple(part for part in (*clouds, *self._confirmed) if len(part))
+                sets.append(PointSet(self._merged))
+            sets += [PointSet(points) for points in self._confirmed]
+            parts = tuple(part for part in sets if len(part.points))
         if not parts:
             raise CloudError("clouds", 0, "there is no finite point in any")
         return parts

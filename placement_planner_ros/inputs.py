@@ -127,7 +127,9 @@ class Inputs:
             or volume is None
         ):
             return faults
-        return Snapshot(robot, arms, q_start, body, clouds, parameters, robot.root_link)
+        points = tuple(cloud.points for cloud in clouds)
+        origins = tuple(cloud.origin for cloud in clouds)
+        return Snapshot(robot, arms, q_start, body, points, parameters, robot.root_link, origins)
 
     def confirm(self, placement: Placement, body: Body) -> None:
         """The object stands where it was placed: its surface is part of the environment now."""
@@ -153,7 +155,10 @@ class Inputs:
         )
         points = points_from_message(message)
         points = points @ T_planning_cloud.rotation.T + T_planning_cloud.translation
-        self.clouds.add(topic, StoredCloud(points, taken))
+        # In the planning frame a cloud no longer tells where it was seen from.
+        moved = message.header.frame_id != robot.root_link
+        origin = np.array(T_planning_cloud.translation) if moved else None
+        self.clouds.add(topic, StoredCloud(points, taken, origin))
         if parameters["cloud.mode"] == "merge":
             self.clouds.merge(points, parameters["cloud.cell_size"])
 

@@ -37,7 +37,7 @@ from placement_planner_ros.inputs import Inputs
 from placement_planner_ros.object_input import NoObjectError
 from placement_planner_ros.parameter_server import ParameterServer
 from placement_planner_ros.parameters import ParameterSet
-from placement_planner_ros.planning import Prepare, Prepared, prepare
+from placement_planner_ros.planning import Prepare, Prepared, prepare, sight_notes
 from placement_planner_ros.publishing import LATCHED, Outputs
 from placement_planner_ros.reporting import Reporter
 from placement_planner_ros.robot_input import RobotInput, make_arms
@@ -231,7 +231,11 @@ class PlacementPlannerNode(Node):
             self._reporter.follow(self._run)
             self._run.start()
         words = f"planning for {' or '.join(arm.name for arm in snapshot.arms)}"
-        notes = [*snapshot.body.warnings, *snapshot.robot.limit_violations(snapshot.q_start)]
+        notes = [
+            *snapshot.body.warnings,
+            *snapshot.robot.limit_violations(snapshot.q_start),
+            *sight_notes(snapshot),
+        ]
         return answer("OK", "\n".join([words, *notes]), run=number)
 
     def stop(self) -> Answer:

@@ -397,6 +397,14 @@ def _changeable() -> list[Spec]:
             0.1,
         ),
         Spec(
+            "unknown_space",
+            "string",
+            "free",
+            "What no sensor has seen, by the lines of sight of clouds in their sensor's frame: "
+            "free, or occupied, so that nothing enters it.",
+            choices=lambda: ("free", "occupied"),
+        ),
+        Spec(
             "self_filter.enabled",
             "bool",
             True,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+import numpy.typing as npt
 
 from placement_planner_ros.core.body import Body
 from placement_planner_ros.core.holding import workspace
@@ -15,6 +16,7 @@ from placement_planner_ros.core.planner import PlacementPlanner, Problem
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.regions import RegionSettings
+from placement_planner_ros.core.scene.visibility import View
 from placement_planner_ros.core.types import Array, Placement
 from placement_planner_ros.parameters import ParameterSet
 from placement_planner_ros.self_filter import outside_robot
@@ -29,6 +31,7 @@ class Snapshot:
         clouds: point sets (n, 3) in the planning frame.
         parameters: of this run.
         frame: the planning frame.
+        origins: per cloud, (3,) where its sensor was, None where that is not known.
     """
 
     robot: Robot
@@ -38,6 +41,7 @@ class Snapshot:
     clouds: tuple[Array, ...]
     parameters: ParameterSet
     frame: str
+    origins: tuple[Array | None, ...] = ()
 
 
 class Counters(Protocol):
@@ -71,21 +75,53 @@ class Prepared:
 Prepare = Callable[[Snapshot], Prepared]
 
 
-def visible_points(snapshot: Snapshot) -> Array:
-    """The clouds as one, (n, 3), without the robot and the held object where that is asked for."""
-    parameters = snapshot.parameters
+def make_environment(snapshot: Snapshot) -> Environment:
+    """The environment from the clouds, without the robot and the held object.
+
+    Raises:
+        PlacementPlannerError: the clouds are unusable.
+    """
+    parameters, volume = snapshot.parameters, snapshot.parameters.volume
+    robot, arms, q_start, body = snapshot.robot, snapshot.arms, snapshot.q_start, snapshot.body
+    padding = parameters["self_filter.padding"]
+
+    def outside(points: Array, distance: float) -> npt.NDArray[np.bool_]:
+        return outside_robot(points, robot, q_start, arms, body, distance)
+
     points = np.vstack(snapshot.clouds)
-    if not parameters["self_filter.enabled"]:
-        return points
-    kept = outside_robot(
-        points,
-        snapshot.robot,
-        snapshot.q_start,
-        snapshot.arms,
-        snapshot.body,
-        parameters["self_filter.padding"],
+    kept = np.ones(len(points), np.bool_)
+    if parameters["self_filter.enabled"]:
+        kept = outside(points, padding)
+    views = []
+    if parameters["unknown_space"] == "occupied":
+        ends = np.cumsum([len(cloud) for cloud in snapshot.clouds])[:-1]
+        for cloud, hides, origin in zip(
+            snapshot.clouds, np.split(kept, ends), snapshot.origins, strict=True
+        ):
+            if origin is not None:
+                views.append(View(cloud, origin, hides))
+    around = max(padding, parameters["collision_margin"])
+    return Environment.from_points(
+        points[kept],
+        volume,
+        parameters.grid_settings,
+        RegionSettings(),
+        workspace(robot, arms, q_start, body, volume),
+        views=views,
+        outside_robot=lambda centers, distance: outside(centers, around + distance),
     )
-    return np.asarray(points[kept])
+
+
+def sight_notes(snapshot: Snapshot) -> list[str]:
+    """What to tell of `unknown_space` where it cannot be told what was seen."""
+    if snapshot.parameters["unknown_space"] == "free" or any(
+        origin is not None for origin in snapshot.origins
+    ):
+        return []
+    return [
+        "unknown_space: occupied has no effect, for every cloud is in the planning frame and "
+        "nobody knows where it was seen from; publish clouds in their sensor's frame"
+    ]
 
 
 def prepare(snapshot: Snapshot) -> Prepared:
@@ -96,13 +132,7 @@ def prepare(snapshot: Snapshot) -> Prepared:
     """
     parameters = snapshot.parameters
     volume = parameters.volume
-    environment = Environment.from_points(
-        visible_points(snapshot),
-        volume,
-        parameters.grid_settings,
-        RegionSettings(),
-        workspace(snapshot.robot, snapshot.arms, snapshot.q_start, snapshot.body, volume),
-    )
+    environment = make_environment(snapshot)
     problem = Problem(
         snapshot.robot, snapshot.arms, snapshot.q_start, snapshot.body, volume, environment
     )

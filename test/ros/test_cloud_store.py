@@ -9,13 +9,17 @@ A = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
 B = np.array([[5.0, 0.0, 0.0]])
 
 
+def points_of(parts):
+    return np.vstack([part.points for part in parts])
+
+
 def test_every_required_topic_must_have_delivered():
     store = CloudStore(["left", "right"])
     store.add("left", StoredCloud(A, 0.0))
     with pytest.raises(CloudError, match="right"):
         store.snapshot("latest", 0.0, 1.0)
     store.add("right", StoredCloud(B, 0.0))
-    np.testing.assert_array_equal(np.vstack(store.snapshot("latest", 0.0, 1.0)), np.vstack([A, B]))
+    np.testing.assert_array_equal(points_of(store.snapshot("latest", 0.0, 1.0)), np.vstack([A, B]))
 
 
 def test_latest_replaces_and_merge_accumulates():
@@ -23,11 +27,11 @@ def test_latest_replaces_and_merge_accumulates():
     for points in (A, B):
         store.add("points", StoredCloud(points, 0.0))
         store.merge(points, 0.01)
-    np.testing.assert_array_equal(np.vstack(store.snapshot("latest", 0.0, 0.0)), B)
-    merged = np.vstack(store.snapshot("merge", 0.0, 0.0))
+    np.testing.assert_array_equal(points_of(store.snapshot("latest", 0.0, 0.0)), B)
+    merged = points_of(store.snapshot("merge", 0.0, 0.0))
     assert {tuple(p) for p in merged} == {tuple(p) for p in np.vstack([A, B])}
     store.clear()
-    np.testing.assert_array_equal(np.vstack(store.snapshot("merge", 0.0, 0.0)), B)
+    np.testing.assert_array_equal(points_of(store.snapshot("merge", 0.0, 0.0)), B)
 
 
 def test_merged_points_are_thinned():
@@ -36,7 +40,7 @@ def test_merged_points_are_thinned():
     for _ in range(5):
         store.merge(rng.uniform(0.0, 0.02, (5000, 3)), 0.01)
     store.add("points", StoredCloud(B, 0.0))
-    merged = np.vstack(store.snapshot("merge", 0.0, 0.0))
+    merged = points_of(store.snapshot("merge", 0.0, 0.0))
     assert 8**3 <= len(merged) <= 8**3 + 2
 
 
@@ -66,9 +70,9 @@ def test_confirmed_objects_stay_until_cleared():
     store = CloudStore(["points"])
     store.add("points", StoredCloud(A, 0.0))
     store.confirm(B)
-    assert len(np.vstack(store.snapshot("latest", 0.0, 0.0))) == 3
+    assert len(points_of(store.snapshot("latest", 0.0, 0.0))) == 3
     store.clear()
-    assert len(np.vstack(store.snapshot("latest", 0.0, 0.0))) == 2
+    assert len(points_of(store.snapshot("latest", 0.0, 0.0))) == 2
 
 
 def test_clouds_without_a_point_are_no_environment():
@@ -76,3 +80,14 @@ def test_clouds_without_a_point_are_no_environment():
     store.add("points", StoredCloud(np.empty((0, 3)), 0.0))
     with pytest.raises(CloudError, match="no finite point"):
         store.snapshot("latest", 0.0, 0.0)
+
+
+def test_only_clouds_as_a_sensor_sent_them_have_an_origin():
+    store = CloudStore(["points"])
+    store.add("points", StoredCloud(A, 0.0, np.array([0.0, 0.0, 1.0])))
+    store.merge(A, 0.01)
+    store.confirm(B)
+    cloud, merged, confirmed = store.snapshot("merge", 0.0, 0.0)
+    assert cloud.origin.tolist() == [0.0, 0.0, 1.0]
+    assert merged.origin is None
+    assert confirmed.origin is None

@@ -1,6 +1,7 @@
 """The node with a planner that does as it is told."""
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,9 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 
 from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.planning import make_environment
 from placement_planner_ros.point_cloud import message_from_points
+from placement_planner_ros.self_filter import outside_robot
 
 
 @pytest.fixture
@@ -316,6 +319,42 @@ def test_a_cloud_is_moved_from_its_sensor_to_the_planning_frame(bench):
     b.wait(lambda: b.snapshots)
     expected = np.column_stack([-TABLE[:, 1], TABLE[:, 0], TABLE[:, 2] + 0.1])
     np.testing.assert_allclose(np.vstack(b.snapshots[0].clouds), expected, atol=1e-6)
+
+
+def test_unknown_space_is_obstacle_where_asked_for_and_the_sensor_is_known(bench):
+    b = bench(sensor_frames=["eye"], **{"cloud.max_age": 0, "unknown_space": "occupied"})
+    b.feed()
+    b.joint_state()
+    assert "no effect" in b.call("start").text
+    b.wait(lambda: b.snapshots)
+    assert b.snapshots[0].origins == (None,)
+    assert b.call("stop").success
+    pose = [0.0, 0.0, 0.8, 0.0, 0.0, 0.0, 1.0]
+    assert b.node.set_parameters([Parameter("sensor_poses.eye", value=pose)])[0].successful
+    updates = b.node._inputs.clouds.updates
+    b.cloud(TABLE - [0.0, 0.0, 0.8], frame="eye")
+    b.wait(lambda: b.node._inputs.clouds.updates > updates)
+    b.joint_state()
+    said = b.call("start")
+    assert said.success
+    assert "no effect" not in said.text
+    b.wait(lambda: len(b.snapshots) == 2)
+    snapshot = b.snapshots[1]
+    assert snapshot.origins[0].tolist() == [0.0, 0.0, 0.8]
+    careful = make_environment(snapshot)
+    free = snapshot.parameters.changed({"unknown_space": "free"})
+    plain = make_environment(replace(snapshot, parameters=free))
+    assert len(plain.obstacles) == len(careful.measured) < len(careful.obstacles)
+    # Nothing of it is where the robot is, so that the robot can start.
+    outside = outside_robot(
+        (careful.obstacles.lower + careful.obstacles.upper) / 2,
+        snapshot.robot,
+        snapshot.q_start,
+        snapshot.arms,
+        snapshot.body,
+        snapshot.parameters["self_filter.padding"],
+    )
+    assert outside.all()
 
 
 def test_reliability_follows_the_publishers(bench):
