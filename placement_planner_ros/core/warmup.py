@@ -24,6 +24,7 @@ from placement_planner_ros.core.robot.seeds import SeedTable
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.regions import RegionSettings
+from placement_planner_ros.core.scene.visibility import View, unknown_cells
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy, HierarchySettings
 from placement_planner_ros.core.search.tree import SearchTree
 from placement_planner_ros.core.types import Array, TargetVolume
@@ -116,6 +117,7 @@ def _surface_below(point: Array, rng: np.random.Generator) -> tuple[Environment,
     volume = TargetVolume(point - 0.3, point + 0.3)
     bounds = (volume.lower, volume.upper)
     environment = Environment.from_points(points, volume, GridSettings(), RegionSettings(), bounds)
+    unknown_cells(environment.measured, [View(points, point)], volume)
     return environment, volume
 
 
