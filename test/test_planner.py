@@ -1,5 +1,6 @@
 """Algorithm 1 on the bundled robot: every placement it yields is judged by the checker."""
 
+import itertools
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -9,7 +10,7 @@ from verify_cases import case_checker, load_solution
 
 from placement_planner_ros.core.errors import ParameterError, RobotError, StartError
 from placement_planner_ros.core.objective import ObjectiveContext, make_objective
-from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings, Problem
+from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.types import TargetVolume, Verdict
 from placement_planner_ros.experiments.cases import Case, make_problem
 from placement_planner_ros.experiments.record import save_solution
@@ -57,7 +58,7 @@ def test_the_ablations_plan_too(settings):
     _, placements = plan(**settings)
     assert placements
     objectives = [p.objective for p in placements]
-    assert all(b > a for a, b in zip(objectives[:-1], objectives[1:], strict=True))
+    assert all(b > a for a, b in itertools.pairwise(objectives))
 
 
 def test_local_optimisation_ends_where_its_trajectory_ends():
@@ -95,7 +96,8 @@ def test_it_stops_when_told_before_any_sample():
 
 def test_a_volume_without_surfaces_is_exhausted_at_once_and_says_why():
     problem, _ = make_problem(TABLE, np.random.default_rng(0))
-    above = TargetVolume(problem.volume.lower + [0, 0, 0.5], problem.volume.upper + [0, 0, 0.5])
+    shift = np.array([0.0, 0.0, 0.5])
+    above = TargetVolume(problem.volume.lower + shift, problem.volume.upper + shift)
     environment = type(problem.environment).from_points(
         np.zeros((1, 3)), above, bounds=(above.lower, above.upper)
     )

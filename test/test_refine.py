@@ -7,8 +7,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from placement_planner_ros.core.holding import PlacingMotion
 from placement_planner_ros.core.ascent import AscentSettings
+from placement_planner_ros.core.holding import PlacingMotion
 from placement_planner_ros.core.objective import gradient, moved
 from placement_planner_ros.core.refine import LocalOptimizer
 from placement_planner_ros.core.types import Goal, Verdict

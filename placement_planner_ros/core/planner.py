@@ -73,6 +73,8 @@ class PlannerSettings:
         local_optimization: False for the ablation without OptimizeLocally.
         motion_iterations: m_max, RRT iterations per arm and grasp in one iteration of Algorithm 1.
         ik_seeds: starts of the inverse kinematics per sampled pose, beside q_0.
+        gradient_sampling: whether samples that are stable and free first follow ∂ξ/∂(x, y, e_z),
+            without the arm, as `ascent` says.
         min_improvement: ξ counts as better from this much.
         require_retreat: a goal counts only with certified approach, release and retreat; False: it
             may be without release and retreat.
@@ -84,6 +86,7 @@ class PlannerSettings:
     ik_seeds: int = 7
     min_improvement: float = 1e-4
     require_retreat: bool = True
+    gradient_sampling: bool = False
     hierarchy: HierarchySettings = field(default_factory=HierarchySettings)
     sampling: SamplerSettings = field(default_factory=SamplerSettings)
     ik: IKSettings = field(default_factory=IKSettings)
@@ -91,6 +94,9 @@ class PlannerSettings:
     approach: ApproachSettings = field(default_factory=ApproachSettings)
     retreat: RetreatSettings = field(default_factory=RetreatSettings)
     transit: TransitSettings = field(default_factory=TransitSettings)
+    ascent: AscentSettings = field(
+        default_factory=lambda: AscentSettings(first_step=0.04, last_step=0.005, max_steps=30)
+    )
     refine: AscentSettings = field(default_factory=AscentSettings)
     execution: ExecutionSettings = field(default_factory=ExecutionSettings)
 
@@ -141,7 +147,14 @@ class PlacementPlanner:
         holdings = _usable_holdings(problem, settings, rng_ik)
         self._holding = {(r.arm.name, r.grasp): r for of_arm in holdings for r in of_arm}
         finder = GoalFinder(
-            body, poses, holdings, objective, settings.ik_seeds, settings.min_improvement, rng_ik
+            body,
+            poses,
+            holdings,
+            objective,
+            settings.ik_seeds,
+            settings.min_improvement,
+            rng_ik,
+            settings.ascent if settings.gradient_sampling else None,
         )
         hierarchy = AfrHierarchy(
             [len(of_arm) for of_arm in holdings],

@@ -90,6 +90,9 @@ def warm_up(robot: Robot, arms: Sequence[Arm], q_robot: Array) -> None:
             chain.jacobian(found, np.eye(4))
             holding.collision.explain(found)
             holding.transit_free(found, q)
+        for region in environment.regions[:1]:
+            for part in region.split():
+                part.split()
         poses.verdict(x, 0, x.translation[2])
         poses.stable(x, 0)
         poses.free(x, x.translation[2])

@@ -32,7 +32,7 @@ from placement_planner_ros.core.robot.collision_kernels import (
     check_states,
 )
 from placement_planner_ros.core.robot.collision_shapes import ConvexSet, Shape, shape_of
-from placement_planner_ros.core.robot.kinematics import Chain
+from placement_planner_ros.core.robot.kinematics import Chain, kernel_input
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.placed_object import PlacedObject
 from placement_planner_ros.core.robot.separation import COLLIDING, FREE
@@ -167,7 +167,7 @@ class ArmCollision:
         self, Q: Array, reserve: float = 0.0, contact: bool = False
     ) -> npt.NDArray[np.bool_]:
         """`free` for (n, dof) configurations."""
-        Q = np.ascontiguousarray(Q, dtype=np.float64).reshape(-1, self._dof)
+        Q = kernel_input(Q).reshape(-1, self._dof)
         answers = self.classify(Q, reserve, contact)
         free = answers == FREE
         for i in np.flatnonzero((answers != FREE) & (answers != COLLIDING)):
@@ -181,7 +181,7 @@ class ArmCollision:
 
         `separation.FREE`, `COLLIDING` or `UNDECIDED`, or `collision_kernels.NOT_FINITE`.
         """
-        Q = np.ascontiguousarray(Q, dtype=np.float64).reshape(-1, self._dof)
+        Q = kernel_input(Q).reshape(-1, self._dof)
         answers = np.empty(len(Q), dtype=np.int64)
         margin, self_margin = self._margins(reserve)
         check_states(
@@ -219,8 +219,8 @@ class ArmCollision:
         Raises:
             JointStateError: a value is not finite.
         """
-        a = np.ascontiguousarray(a, dtype=np.float64).reshape(self._dof)
-        b = np.ascontiguousarray(b, dtype=np.float64).reshape(self._dof)
+        a = kernel_input(a).reshape(self._dof)
+        b = kernel_input(b).reshape(self._dof)
         if deviation is None:
             deviation = self._no_deviation
         answer = check_edge(
@@ -229,7 +229,7 @@ class ArmCollision:
             self._scratch,
             a,
             b,
-            np.ascontiguousarray(deviation, dtype=np.float64).reshape(self._dof),
+            kernel_input(deviation).reshape(self._dof),
             *self._margins(reserve),
             contact,
             self.settings.edge_resolution,
@@ -296,7 +296,7 @@ class ArmCollision:
 
     def _collision(self, q: Array, reserve: float, contact: bool) -> tuple[int, int, int] | None:
         """(kind, set, box or set) of a collision at q."""
-        q = np.ascontiguousarray(q, dtype=np.float64).reshape(1, self._dof)
+        q = kernel_input(q).reshape(1, self._dof)
         margin, self_margin = self._margins(reserve)
         while True:
             scratch = self._scratch

@@ -16,6 +16,7 @@ from placement_planner_ros.core.robot.collision import (
     part_set,
 )
 from placement_planner_ros.core.robot.collision_boxes import box_arrays
+from placement_planner_ros.core.robot.kinematics import kernel_input
 from placement_planner_ros.core.robot.object_kernels import ObjectArrays, ObjectScratch, check_poses
 from placement_planner_ros.core.robot.separation import COLLIDING, FREE
 from placement_planner_ros.core.scene.grid import ObstacleSet
@@ -74,7 +75,7 @@ class ObjectCollision:
         raise_height: npt.ArrayLike,
     ) -> npt.NDArray[np.bool_]:
         """`free` for poses (n, 4, 4), with heights of shape (n,) or one for all; returns (n,)."""
-        poses = np.ascontiguousarray(T_world_object, dtype=np.float64).reshape(-1, 4, 4)
+        poses = kernel_input(T_world_object).reshape(-1, 4, 4)
         contact = np.array(np.broadcast_to(contact_height, len(poses)), dtype=np.float64)
         raised = np.array(np.broadcast_to(raise_height, len(poses)), dtype=np.float64)
         answers = np.empty(len(poses), dtype=np.int64)
