@@ -42,7 +42,9 @@ def prefix(request, source, tmp_path_factory):
     if request.param == "pip":
         prefix = tmp_path_factory.mktemp("pip")
         options = ["--ignore-installed", "--no-deps", "--no-build-isolation", "--quiet"]
-        run([sys.executable, "-m", "pip", "install", *options, "--prefix", str(prefix), str(source)])
+        run(
+            [sys.executable, "-m", "pip", "install", *options, "--prefix", str(prefix), str(source)]
+        )
         return prefix
     colcon = Path(sys.executable).with_name("colcon")
     if not colcon.exists():

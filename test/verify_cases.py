@@ -107,15 +107,21 @@ def verify(folder: Path) -> tuple[list[dict], dict[str, list[str]]]:
 def table(runs: list[dict]) -> str:
     """Markdown: one row per case over its seeds."""
     rows = [
-        "| scene | object | objective | runs | first solution, s | solutions | refused "
-        "| objective first → last, m |",
-        "|---|---|---|---|---|---|---|---|",
+        "| scene | object | objective | runs | first solution, s | third solution, s | solutions "
+        "| refused | objective first → last, m |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     groups = defaultdict(list)
     for run in runs:
         groups[tuple(run["case"][k] for k in ("scene", "object", "objective"))].append(run)
     for (scene, name, objective), group in groups.items():
-        firsts = [f"{r['solutions'][0]['time']:.2f}" if r["solutions"] else "none" for r in group]
+        firsts, thirds = (
+            ", ".join(
+                f"{r['solutions'][n]['time']:.2f}" if len(r["solutions"]) > n else "none"
+                for r in group
+            )
+            for n in (0, 2)
+        )
         ends = [
             f"{r['solutions'][0]['objective']:+.3f} → {r['solutions'][-1]['objective']:+.3f}"
             for r in group
@@ -123,7 +129,7 @@ def table(runs: list[dict]) -> str:
         ]
         rows.append(
             f"| {scene} | {name} | {objective.split('_')[0]} | {len(group)} | "
-            f"{', '.join(firsts)} | {', '.join(str(len(r['solutions'])) for r in group)} | "
+            f"{firsts} | {thirds} | {', '.join(str(len(r['solutions'])) for r in group)} | "
             f"{sum(r['refused'] for r in group)} | {'; '.join(ends)} |"
         )
     return "\n".join(rows) + "\n"

@@ -31,6 +31,7 @@ def _parser() -> argparse.ArgumentParser:
     cases.add_argument("--seeds", type=int, default=3, help="runs per case (default %(default)s)")
     cases.add_argument("--first-seed", type=int, default=0)
     cases.add_argument("--seconds", type=float, default=30.0, help="time limit of a run")
+    cases.add_argument("--enough", type=int, help="end a run after so many solutions")
     cases.add_argument("--cloud", choices=("complete", "cameras"), default="complete")
     cases.add_argument("--scene", choices=SCENE_NAMES, action="append")
     cases.add_argument("--object", choices=OBJECT_NAMES, action="append")
@@ -97,7 +98,12 @@ def run_cases(arguments: argparse.Namespace) -> int:
     with (arguments.output / "runs.jsonl").open("a", encoding="utf-8") as lines:
         for done, (case, seed) in enumerate(jobs, start=1):
             record = run_case(
-                case, seed, arguments.seconds, settings, arguments.output / "solutions"
+                case,
+                seed,
+                arguments.seconds,
+                settings,
+                arguments.output / "solutions",
+                arguments.enough,
             )
             failed += not record.solutions
             lines.write(record.to_json() + "\n")

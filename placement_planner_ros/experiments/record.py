@@ -65,11 +65,13 @@ def run_case(
     time_limit: float,
     settings: PlannerSettings,
     solutions_folder: Path | None = None,
+    enough: int | None = None,
 ) -> Record:
     """Run one case for `time_limit` seconds from the moment its cloud is there.
 
     Args:
         solutions_folder: where each solution is written as an .npz, if given.
+        enough: solutions after which the run ends early, if given.
     """
     record = Record(case, seed, time_limit)
     rng = np.random.default_rng(seed)
@@ -93,6 +95,8 @@ def run_case(
             if solutions_folder is not None:
                 name = f"{str(case).replace('/', '-')}-{seed}-{len(record.solutions)}.npz"
                 save_solution(solutions_folder / name, case, seed, placement)
+            if len(record.solutions) == enough:
+                break
     except Exception:
         record.failure = traceback.format_exc()
         return record
