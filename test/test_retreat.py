@@ -205,7 +205,7 @@ def test_release_is_refused_where_a_finger_would_open_into_something(planned, po
 
 
 def test_the_retreat_is_straight_long_enough_and_ends_free_of_the_object(planned):
-    problem, planner, placement = planned
+    _, planner, placement = planned
     goal = placement.goal
     holding = planner._holding[goal.arm, goal.grasp]
     assert np.array_equal(goal.retreat[0], goal.q)
@@ -278,11 +278,11 @@ def test_the_checker_refuses_a_retreat_that_begins_elsewhere_or_too_fast(judged)
 
 
 def at_rest(retreat, positions):
-    """Slowly through two configurations."""
+    """Slowly from one configuration (n, dof) to the next, at rest at each."""
     still = np.zeros_like(positions)
     return curve(
         retreat,
-        times=np.array([0.0, 5.0]),
+        times=5.0 * np.arange(len(positions)),
         positions=positions,
         velocities=still,
         accelerations=still,
@@ -302,11 +302,20 @@ def test_the_checker_refuses_to_end_in_touch_with_the_object(judged):
     assert all(violation.startswith("retreat: ends with gripper") for violation in found)
 
 
-def test_the_checker_refuses_a_finger_that_turns_into_the_object(judged):
+def test_the_checker_refuses_a_finger_dragged_through_the_object(planned, judged):
+    """The hand leaves along its closing direction."""
+    _, planner, placement = planned
     checker, solution = judged
-    q = solution.retreat.positions[[0, 0]].copy()
-    q[1, -1] -= np.sign(q[1, -1]) * 0.8
-    found = checker.check(replace(solution, retreat=at_rest(solution.retreat, q)))
+    ik = planner._holding[placement.goal.arm, placement.goal.grasp].open_hand._ik
+    tip = ik.chain.forward(placement.goal.q)
+    for side in (-1.0, 1.0):
+        poses = np.repeat(tip[None], 8, axis=0)
+        poses[:, :3, 3] += side * np.linspace(0.005, 0.04, 8)[:, None] * tip[:3, 0]
+        tracked = ik.track(poses, placement.goal.q)
+        if tracked is not None:
+            break
+    positions = np.vstack([solution.retreat.positions[:1], tracked])
+    found = checker.check(replace(solution, retreat=at_rest(solution.retreat, positions)))
     assert any("finger" in v and "object" in v for v in found if v.startswith("retreat: coll"))
 
 
