@@ -16,7 +16,7 @@ from placement_planner_ros.experiments.placement_grid import GridResolution
 from placement_planner_ros.experiments.report import write_report
 from placement_planner_ros.experiments.results import Results
 from placement_planner_ros.experiments.spread import spread
-from placement_planner_ros.experiments.variants import VARIANTS
+from placement_planner_ros.experiments.variants import PAPER_VARIANTS, VARIANTS
 from placement_planner_ros.experiments.yardstick import YardstickJob, measure
 from placement_planner_ros.scenes.objects import OBJECT_NAMES
 from placement_planner_ros.scenes.scenes import SCENE_NAMES
@@ -97,7 +97,7 @@ def _run_paper(arguments: argparse.Namespace) -> int:
         preset = replace(preset, seeds=seeds, baseline_seeds=min(seeds, preset.baseline_seeds))
     if arguments.seconds is not None:
         preset = replace(preset, seconds=arguments.seconds)
-    trials = preset_trials(preset, arguments.variant or tuple(VARIANTS))
+    trials = preset_trials(preset, arguments.variant or PAPER_VARIANTS)
     failed = run_paper(trials, arguments.output, arguments.processes, arguments.dask_scheduler, say)
     say(f"{failed} runs without a placement; recorded in {arguments.output / RUNS_FILE}")
     return 0

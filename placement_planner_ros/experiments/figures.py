@@ -29,6 +29,7 @@ COLOURS = {
     "uniform": "#e69f00",
     "mcts": "#56b4e9",
     "baseline": "#777777",
+    "mcts+lo+gradient": "#009e73",
 }
 """Variant -> colour, told apart also by those who do not see all colours."""
 

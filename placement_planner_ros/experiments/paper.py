@@ -12,7 +12,7 @@ from placement_planner_ros.experiments.cases import Case, all_cases
 from placement_planner_ros.experiments.json_lines import append_line, read_lines
 from placement_planner_ros.experiments.spread import spread
 from placement_planner_ros.experiments.trial import Trial, run_trial
-from placement_planner_ros.experiments.variants import VARIANTS
+from placement_planner_ros.experiments.variants import PAPER_VARIANTS
 
 RUNS_FILE = "runs.jsonl"
 _START_UP = 2.0
@@ -51,7 +51,7 @@ PRESETS: Mapping[str, Preset] = {
 }
 
 
-def preset_trials(preset: Preset, variants: Sequence[str] = tuple(VARIANTS)) -> list[Trial]:
+def preset_trials(preset: Preset, variants: Sequence[str] = PAPER_VARIANTS) -> list[Trial]:
     """Its trials seed by seed, so that a part of them is a smaller evaluation."""
     trials = []
     for seed in range(max(preset.seeds, preset.baseline_seeds)):

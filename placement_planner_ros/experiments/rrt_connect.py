@@ -125,6 +125,8 @@ class BaselinePlanner(PlacementPlanner):
         settings: PlannerSettings,
         rng: np.random.Generator,
     ) -> None:
-        plain = replace(settings, sampler="uniform", local_optimization=False)
+        plain = replace(
+            settings, sampler="uniform", local_optimization=False, gradient_sampling=False
+        )
         super().__init__(problem, objective, plain, rng)
         self._motion = RRTConnectMotion(self._holding)  # type: ignore[assignment]  # same methods

@@ -40,5 +40,13 @@ VARIANTS: Mapping[str, Variant] = {
     "baseline": Variant(
         BaselinePlanner, _DEFAULTS, "uniform samples, each planned for with stock RRTConnect"
     ),
+    "mcts+lo+gradient": Variant(
+        PlacementPlanner,
+        replace(_DEFAULTS, gradient_sampling=True),
+        "MCTS with local optimisation, and samples that follow the gradient",
+    ),
 }
 """Name -> variant; the first is what the others are compared with."""
+
+PAPER_VARIANTS = ("mcts+lo", "uniform+lo", "uniform", "mcts", "baseline")
+"""Those that the presets run unless told otherwise."""

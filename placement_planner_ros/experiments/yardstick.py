@@ -146,13 +146,13 @@ class DenseSearch(PlacementPlanner):
         )
         holdings = list(self._holding.values())
         finder = GoalFinder(
-            problem.body,
-            poses,
-            [holdings],
-            objective,
-            ik_seeds,
-            settings.min_improvement,
-            rng.spawn(1)[0],
+            body=problem.body,
+            poses=poses,
+            holdings=[holdings],
+            objective=objective,
+            ik_seeds=ik_seeds,
+            min_improvement=settings.min_improvement,
+            rng=rng.spawn(1)[0],
         )
         self._dense = DescendingSampler(finder, len(holdings), placements, values)
         self._sampler = self._dense
