@@ -9,6 +9,7 @@ without such a form (cylinder, cone, ellipsoid) are enclosed by a polytope, mark
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import coal
 import numpy as np
@@ -59,16 +60,20 @@ class Shape:
 
 
 def polytope(vertices: Array, radius: float = 0.0, exact: bool = True) -> ConvexSet:
-    """The hull of (m, 3) vertices with its merged face planes.
+    """The hull of (m, 3) vertices with its merged face planes, remembered.
 
     Raises:
         QhullError: the vertices span no volume.
     """
+    return _polytope(np.array(vertices, dtype=np.float64).tobytes(), radius, exact)
+
+
+@lru_cache(maxsize=4096)
+def _polytope(data: bytes, radius: float, exact: bool) -> ConvexSet:
+    vertices = np.frombuffer(data).reshape(-1, 3)
     hull = ConvexHull(vertices)
     planes = merge_planes(hull.equations)
-    return ConvexSet(
-        np.asarray(vertices)[np.sort(hull.vertices)], planes[:, :3], -planes[:, 3], radius, exact
-    )
+    return ConvexSet(vertices[np.sort(hull.vertices)], planes[:, :3], -planes[:, 3], radius, exact)
 
 
 def merge_planes(equations: Array) -> Array:
