@@ -383,9 +383,10 @@ class SolutionChecker:
         world = World.build(self.robot, self.task, self.components, solution, placed=slides)
         for violation in world.sweep(states, times, np.inf, set(), self.tolerances):
             found.append(f"retreat: {violation}")
-        for link, gap in whole.object_gaps(states[-1:]).items():
-            if gap[0] < self.tolerances.parted:
-                found.append(f"retreat: ends with {link} {1000 * gap[0]:.2f} mm from the object")
+        before = self._q_start()[None]
+        for link, (start, end) in whole.object_gaps(np.vstack([before, states[-1:]])).items():
+            if end < self.tolerances.parted and start != end:  # what the arm does not move stays
+                found.append(f"retreat: ends with {link} {1000 * end:.2f} mm from the object")
         return found
 
     def _check_objective(self, solution: Solution, previous: float | None) -> list[str]:
