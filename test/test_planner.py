@@ -121,6 +121,24 @@ def test_a_start_in_collision_is_refused_with_the_link_and_the_place():
         )
 
 
+def test_a_start_beyond_the_joint_limits_is_refused_with_the_joint():
+    problem, objective = make_problem(TABLE, np.random.default_rng(0))
+    q = problem.q_start.copy()
+    for arm in problem.arms:
+        q[arm.q_index[0]] = arm.upper[0] + 0.01
+    with pytest.raises(StartError, match=r"yumi_joint_1_l = 2\.95.*"):
+        PlacementPlanner(
+            replace(problem, q_start=q), objective, PlannerSettings(), np.random.default_rng(0)
+        )
+
+
+def test_the_first_placement_comes_before_its_local_optimisation():
+    _, with_it = plan(samples=400)
+    _, without = plan(samples=400, local_optimization=False)
+    assert with_it[0].objective == without[0].objective
+    assert with_it[1].objective > with_it[0].objective
+
+
 def test_without_any_grasp_a_problem_is_refused():
     problem, _ = make_problem(TABLE, np.random.default_rng(0))
     arms = tuple(replace(arm, grasps=()) for arm in problem.arms)

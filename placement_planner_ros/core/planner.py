@@ -18,7 +18,7 @@ from placement_planner_ros.core.goals import GoalFinder
 from placement_planner_ros.core.holding import ApproachSettings, Holding
 from placement_planner_ros.core.objective import Objective
 from placement_planner_ros.core.open_hand import OpenHand, RetreatSettings
-from placement_planner_ros.core.refine import LocalOptimizer, Refined
+from placement_planner_ros.core.refine import LocalOptimizer
 from placement_planner_ros.core.robot.collision import CollisionSettings
 from placement_planner_ros.core.robot.ik import IKSettings
 from placement_planner_ros.core.robot.kinematics import Chain
@@ -186,31 +186,54 @@ class PlacementPlanner:
             self.statistics.motion_iterations = self._motion.iterations
             if found is None:
                 continue
-            placement = self._complete(*found, started, should_stop)
-            if placement is None:
-                continue
-            best = placement.objective
-            self._motion.retire_up_to(best + self._settings.min_improvement)
-            self.statistics.best = best
-            self.statistics.solutions += 1
-            yield placement
+            for placement in self._placements(*found, best, started, should_stop):
+                best = placement.objective
+                self._motion.retire_up_to(best + self._settings.min_improvement)
+                self.statistics.best = best
+                self.statistics.solutions += 1
+                yield placement
 
-    def _complete(
-        self, goal: Goal, path: Array, started: float, should_stop: Callable[[], bool]
-    ) -> Placement | None:
-        """Optimise locally, shorten and time a transit path; None if nothing could be certified."""
-        holding = self._holding[goal.arm, goal.grasp]
-        refined = Refined(goal, path[-1:])
-        if self._settings.local_optimization:
-            refined = self._optimizer.optimize(goal, holding, should_stop)
-        path = np.vstack([path, refined.slide[1:]])
-        made = self._trajectories.make(path, refined.goal, holding, should_stop)
+    def _placements(
+        self,
+        goal: Goal,
+        path: Array,
+        best: float,
+        started: float,
+        should_stop: Callable[[], bool],
+    ) -> Iterator[Placement]:
+        """What a path to a goal gives: the locally optimised placement.
+
+        Where nothing was found before, the placement as it was reached comes first, at once.
+        """
         self._motion.retire(goal)
+        holding = self._holding[goal.arm, goal.grasp]
+        optimize = self._settings.local_optimization
+        first = best == -np.inf
+        if first or not optimize:
+            yield from self._timed(path, goal, holding, started, should_stop)
+        if not optimize or should_stop():
+            return
+        refined = self._optimizer.optimize(goal, holding, should_stop)
+        if first and refined.goal is goal:
+            return
+        path = np.vstack([path, refined.slide[1:]])
+        yield from self._timed(path, refined.goal, holding, started, should_stop)
+
+    def _timed(
+        self,
+        path: Array,
+        goal: Goal,
+        holding: Holding,
+        started: float,
+        should_stop: Callable[[], bool],
+    ) -> Iterator[Placement]:
+        """Shorten, time and certify; nothing where that fails."""
+        made = self._trajectories.make(path, goal, holding, should_stop)
         if made is None:
             self.statistics.unreached += 1
-            return None
-        return Placement(
-            refined.goal,
+            return
+        yield Placement(
+            goal,
             made.trajectory,
             made.approach_start,
             time.monotonic() - started,
@@ -226,7 +249,14 @@ def _usable_holdings(
     holdings: list[list[Holding]] = []
     reasons: list[str] = []
     for arm in problem.arms:
-        of_arm = []
+        of_arm: list[Holding] = []
+        q_start = problem.q_start[arm.q_index]
+        beyond = np.flatnonzero((q_start < arm.lower) | (q_start > arm.upper))
+        if len(beyond):
+            joints = ", ".join(f"{arm.joints[j]} = {q_start[j]:.4f}" for j in beyond)
+            reasons.append(f"{arm.name}: beyond the joint limits: {joints}")
+            holdings.append(of_arm)
+            continue
         chain = Chain.from_robot(problem.robot, arm, problem.q_start)
         seeds = SeedTable(chain, rng)
         open_hand = OpenHand(
@@ -264,7 +294,8 @@ def _usable_holdings(
         raise StartError(
             "joint_states",
             "; ".join(reasons),
-            "the start configuration must keep collision_margin with the object in hand",
+            "the start configuration must lie within the joint limits and keep collision_margin "
+            "with the object in hand",
         )
     return holdings
 
