@@ -15,7 +15,7 @@ from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.feasibility import PoseConstraints, placement_pose
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.robot.object_collision import ObjectCollision
-from placement_planner_ros.core.types import Verdict
+from placement_planner_ros.core.types import TargetVolume, Verdict
 from placement_planner_ros.experiments import trial
 from placement_planner_ros.experiments.benchmark import main
 from placement_planner_ros.experiments.cases import Case, make_problem
@@ -386,6 +386,19 @@ def test_grid_placements_are_those_the_planner_would_let_pass():
     assert set(keys) == set(passed)
     assert 100 < len(keys) < tried
     np.testing.assert_allclose(found.clearance, [passed[key] for key in keys], atol=1e-9)
+
+
+def test_a_grid_with_slices_that_hold_nothing_is_searched_all_the_same():
+    case = Case("cabinet_high_clutter", "large_crayons_box", "maximize_clearance")
+    problem, _ = make_problem(case, np.random.default_rng(0))
+    found = grid_placements(problem, GridResolution(0.05, math.radians(45.0)), PlannerSettings())
+    assert 0 < len(found.face) < found.tried
+    low = problem.volume.lower[:2] + 1e-6
+    narrow = replace(
+        problem, volume=TargetVolume(problem.volume.lower, [*low, problem.volume.upper[2]])
+    )
+    nothing = grid_placements(narrow, GridResolution(0.05, math.radians(45.0)), PlannerSettings())
+    assert len(nothing.face) == len(nothing.clearance) == 0
 
 
 def test_the_yardstick_is_better_than_random_and_no_better_than_its_grid_and_climb():

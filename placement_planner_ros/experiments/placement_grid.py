@@ -137,4 +137,4 @@ def _stable(
     vertices = T[:, None, :3, :3] @ face.vertices[None, :, :, None]
     vertices = vertices[..., 0] + T[:, None, :3, 3]
     supported = problem.environment.support.supported(vertices.reshape(-1, 3), tolerance)
-    return np.asarray(supported.reshape(len(T), -1).all(axis=1))
+    return np.asarray(supported.reshape(len(T), len(face.vertices)).all(axis=1))
