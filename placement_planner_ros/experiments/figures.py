@@ -10,9 +10,11 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from placement_planner_ros.experiments.cases import Case
 from placement_planner_ros.experiments.comparisons import (
+    BASELINE,
     REFERENCE,
     Comparison,
     curve,
@@ -21,7 +23,7 @@ from placement_planner_ros.experiments.comparisons import (
     rejections,
 )
 from placement_planner_ros.experiments.resampling import Interval, mean_interval
-from placement_planner_ros.experiments.results import Results
+from placement_planner_ros.experiments.results import Results, final
 
 COLOURS = {
     "mcts+lo": "#0072b2",
@@ -110,12 +112,15 @@ def draw_first_solutions(results: Results) -> bytes:
         times = np.sort(first_times(results, variant, results.cases))
         share = np.arange(1, len(times) + 1) / len(times)
         known = np.isfinite(times)
-        x = [*times[known], max(limit, *times[known])] if known.any() else [limit]
-        y = [*share[known], share[known][-1]] if known.any() else [0.0]
-        axes.step(x, y, where="post", color=COLOURS[variant], linewidth=2, label=variant)
+        if known.any():
+            x = [times[0], *times[known], max(limit, *times[known])]
+            y = [0.0, *share[known], share[known][-1]]
+            axes.step(x, y, where="post", color=COLOURS[variant], linewidth=2, label=variant)
     axes.set_xscale("log")
     axes.set_ylim(0.0, 1.03)
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter(NullFormatter())
     axes.set_xlabel("time since start [s], environment construction included")
     axes.set_ylabel("share of runs with a placement")
     axes.grid(alpha=0.3, which="both")
@@ -132,7 +137,7 @@ def draw_differences(comparisons: Sequence[Comparison], results: Results) -> byt
     for axes, comparison in zip(panels, comparisons, strict=True):
         axes.axvline(0.0, color="black", linewidth=0.8)
         axes.axhline(0.5, color="black", linewidth=0.5)
-        _draw_interval(axes, 0, comparison.pooled, "black", filled=True)
+        _draw_interval(axes, 0, comparison.pooled, "black", comparison.pooled.p < 0.05)
         for difference in comparison.by_case:
             mean = float(difference.interval.mean)
             colour = COLOURS[REFERENCE] if mean >= 0.0 else COLOURS["uniform+lo"]
@@ -208,6 +213,9 @@ def draw_gaps(results: Results) -> bytes:
             if results.of_variant(variant, case):
                 found = mean_interval([finals(results, variant, case)], rng)
                 _draw_interval(axes, row + offset, found, COLOURS[variant], filled=True)
+        late = [final(results.steps(r)) for r in results.of_variant(BASELINE, case)]
+        if late:
+            axes.plot([np.mean(late)], [row + 0.28], "D", color=COLOURS[BASELINE], markersize=5)
         if row % 2:
             axes.axhspan(row - 0.5, row + 0.5, color="black", alpha=0.04, linewidth=0)
     axes.set_yticks(range(len(results.cases)), map(case_label, results.cases), fontsize=8)
@@ -219,9 +227,12 @@ def draw_gaps(results: Results) -> bytes:
         Line2D([], [], color=COLOURS[v], marker="o", linestyle="", label=v)
         for v in results.variants
     ]
+    if BASELINE in results.variants:
+        marks.append(Line2D([], [], color=COLOURS[BASELINE], marker="D", linestyle=""))
+        marks[-1].set_label("baseline at its end")
     marks.append(Line2D([], [], color="black", marker="|", linestyle="", markersize=12))
     marks[-1].set_label("dense search")
-    figure.legend(handles=marks, loc="outside lower center", ncols=len(marks), frameon=False)
+    figure.legend(handles=marks, loc="outside lower center", ncols=4, frameon=False, fontsize=9)
     return _png(figure)
 
 
@@ -231,9 +242,9 @@ def _draw_curves(axes: Axes, results: Results, cases: Sequence[Case]) -> None:
         if any(results.of_variant(variant, case) for case in cases):
             found = curve(results, variant, cases, times)
             colour = COLOURS[variant]
-            front = 3 if variant == REFERENCE else 2
+            front = 4 if variant == REFERENCE else 3
             axes.fill_between(
-                times, found.low, found.high, color=colour, alpha=0.18, linewidth=0, zorder=front
+                times, found.low, found.high, color=colour, alpha=0.13, linewidth=0, zorder=1
             )
             axes.plot(times, found.mean, color=colour, linewidth=2, label=variant, zorder=front)
     axes.set_xlim(0.0, results.horizon)

@@ -88,7 +88,8 @@ def aims_table(results: Results, comparisons: Sequence[Comparison]) -> Table:
 
 def level_table(results: Results) -> Table:
     """Mean relative objective after some seconds, all cases and by scene and objective."""
-    moments = np.array([t for t in (1.0, 2.0, 5.0, 10.0, 30.0, 120.0) if t <= results.horizon])
+    early = [t for t in (1.0, 2.0, 5.0, 10.0, 30.0) if t < results.horizon]
+    moments = np.array([*early, results.horizon])
     groups: dict[str, list[Case]] = {"all cases": list(results.cases)}
     for case in results.cases:
         sign = "max" if case.objective == "maximize_clearance" else "min"

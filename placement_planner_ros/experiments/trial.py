@@ -107,7 +107,7 @@ def _run(trial: Trial, record: TrialRecord) -> None:
     planner = variant.planner(problem, objective, variant.settings, rng)
     record.preparation = time.monotonic() - started
     for placement in planner.run(lambda: time.monotonic() - started > trial.time_limit):
-        record.solutions.append(_solution(placement, time.monotonic() - started))
+        record.solutions.append(solution_record(placement, time.monotonic() - started))
     record.elapsed = time.monotonic() - started
     statistics = planner.statistics
     record.samples = statistics.samples
@@ -119,7 +119,8 @@ def _run(trial: Trial, record: TrialRecord) -> None:
         record.failure = planner.exhausted or statistics.why_nothing()
 
 
-def _solution(placement: Placement, seconds: float) -> dict[str, Any]:
+def solution_record(placement: Placement, seconds: float) -> dict[str, Any]:
+    """A placement as in `TrialRecord.solutions`."""
     goal = placement.goal
     return {
         "time": seconds,

@@ -18,7 +18,7 @@ from placement_planner_ros.core.robot.object_collision import ObjectCollision
 from placement_planner_ros.core.search.hierarchy import AfrNode
 from placement_planner_ros.core.search.sampler import GoalChecker, SampleCount
 from placement_planner_ros.core.statistics import Statistics
-from placement_planner_ros.core.types import Array, Goal
+from placement_planner_ros.core.types import Array, Goal, Placement
 from placement_planner_ros.experiments.cases import Case, build_problem, read_inputs
 from placement_planner_ros.experiments.machine import machine, versions
 from placement_planner_ros.experiments.placement_grid import (
@@ -26,7 +26,7 @@ from placement_planner_ros.experiments.placement_grid import (
     GridResolution,
     grid_placements,
 )
-from placement_planner_ros.experiments.trial import warm_process
+from placement_planner_ros.experiments.trial import solution_record, warm_process
 
 _SIGNS = {"maximize_clearance": 1.0, "minimize_clearance": -1.0}
 _CELL = 0.02
@@ -160,8 +160,8 @@ class DenseSearch(PlacementPlanner):
         if len(values) == 0:
             self.exhausted = "no pose of the grid is stable and free"
 
-    def best(self, seconds: float) -> tuple[float | None, bool]:
-        """ξ of the best placement reached, and whether nothing better was left to be tried.
+    def best(self, seconds: float) -> tuple[Placement | None, bool]:
+        """The best placement reached, and whether nothing better was left to be tried.
 
         Goals better than the best are planned for until `seconds` are over or a large number of
         further iterations has reached none of them.
@@ -176,8 +176,10 @@ class DenseSearch(PlacementPlanner):
             tried = self._motion.goals == 0 or self._motion.iterations > since + _LAST_ITERATIONS
             return (self._dense.finished and tried) or time.monotonic() > deadline
 
-        objectives = [placement.objective for placement in self.run(should_stop)]
-        return (objectives[-1] if objectives else None), self._dense.finished
+        best = None
+        for placement in self.run(should_stop):
+            best = placement
+        return best, self._dense.finished
 
 
 class RandomPlacements(PlacementPlanner):
@@ -196,11 +198,11 @@ class RandomPlacements(PlacementPlanner):
 def measure(job: YardstickJob) -> list[dict[str, Any]]:
     """One record for each objective, as dictionaries of plain values.
 
-    Keys: case; best (ξ, None where nothing was reached); complete (whether no better pose of the
-    grid was left untried); random (median ξ of random feasible placements, None where there is
-    none); random_placements (their number); grid_poses; free_poses (stable and free of collision
-    without regard to the arms) and best_free_pose (the best ξ of those); resolution; seconds
-    spent; machine, versions.
+    Keys: case; best (ξ, None where nothing was reached) and its solution; complete (whether no
+    better pose of the grid was left untried); random (median ξ of random feasible placements, None
+    where there is none); random_placements (their number); grid_poses; free_poses (stable and free
+    of collision without regard to the arms) and best_free_pose (the best ξ of those); resolution;
+    seconds spent; machine, versions.
     """
     warm_process()
     rng = np.random.default_rng(0)
@@ -224,7 +226,8 @@ def measure(job: YardstickJob) -> list[dict[str, Any]]:
         records.append(
             {
                 "case": asdict(Case(job.scene, job.object, name)),
-                "best": best,
+                "best": None if best is None else best.objective,
+                "solution": None if best is None else solution_record(best, best.search_time),
                 "complete": complete,
                 "random": float(sign * np.median(random)) if len(random) else None,
                 "random_placements": len(random),
