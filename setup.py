@@ -19,6 +19,7 @@ CORE = [
     "numba>=0.60,<0.70",
     "numpy>=1.26,<3",
     "ompl>=2.0,<3",
+    "pillow>=10",
     "pin>=3.4,<5",
     "PyYAML>=6,<7",
     "scipy>=1.12,<2",
@@ -35,7 +36,13 @@ ROS = [
 ]
 ROS_WHEELS = [f'{name} ; platform_machine == "x86_64"' for name in ROS]
 
+EVALUATION = [
+    "dask[distributed]>=2024.5",
+    "joblib>=1.4,<2",
+]
+
 TEST = [
+    *EVALUATION,
     "colcon-common-extensions>=0.3",
     "hypothesis>=6",
     "mujoco>=3",
@@ -69,7 +76,7 @@ setup(
     packages=find_packages(include=[f"{PACKAGE}*"]),
     data_files=data_files(),
     install_requires=CORE + ROS_WHEELS,
-    extras_require={"test": TEST},
+    extras_require={"evaluation": EVALUATION, "test": TEST},
     entry_points={
         "console_scripts": [f"{name} = {module}:main" for name, module in EXECUTABLES.items()],
         "placement_planner_ros.objectives": [
