@@ -26,7 +26,8 @@ def package_share(package: str) -> Path:
         return share_path("urdf").parent
     try:
         return Path(get_package_share_directory(package))
-    except (PackageNotFoundError, ValueError) as error:
+    except (PackageNotFoundError, ValueError, OSError) as error:
+        # OSError: there is no ament index at all, as AMENT_PREFIX_PATH is not set.
         raise FileNotFoundError(
             f"package {package} is not in the ament index; source its workspace"
         ) from error
