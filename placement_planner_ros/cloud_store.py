@@ -43,10 +43,12 @@ class PointSet:
     Attributes:
         points: (n, 3) metres.
         origin: (3,) of the sensor that saw all of it; None where that is not known.
+        placed: whether it is a confirmed object, hence no part of the robot nor in its hand.
     """
 
     points: Array
     origin: Array | None = None
+    placed: bool = False
 
 
 class CloudStore:
@@ -111,6 +113,11 @@ class CloudStore:
         with self._lock:
             return tuple(cloud.points for cloud in self._latest.values())
 
+    def faults(self, mode: str, max_age: float, now: float) -> list[PlacementPlannerError]:
+        """Everything that keeps `snapshot` from being taken."""
+        with self._lock:
+            return self._faults(mode, max_age, now)
+
     def snapshot(self, mode: str, max_age: float, now: float) -> tuple[PointSet, ...]:
         """Every point set that makes up the environment.
 
@@ -126,27 +133,40 @@ class CloudStore:
             PlacementPlannerError: a topic's newest cloud was refused; the reason it was refused.
         """
         with self._lock:
-            for error in self._refused.values():
-                raise error
-            missing = [topic for topic in self._required if topic not in self._latest]
-            if missing:
-                raise CloudError("clouds", missing, "no cloud has arrived on this topic yet")
-            stale = {
-                topic: f"{now - cloud.time:.1f} s"
-                for topic, cloud in self._latest.items()
-                if 0.0 < max_age < now - cloud.time
-            }
-            if mode == "latest" and stale:
-                raise CloudStaleError(
+            for fault in self._faults(mode, max_age, now):
+                raise fault
+            sets = [PointSet(cloud.points, cloud.origin) for cloud in self._latest.values()]
+            if mode == "merge":
+                sets.append(PointSet(self._merged))
+            sets += [PointSet(points, placed=True) for points in self._confirmed]
+            return tuple(part for part in sets if len(part.points))
+
+    def _faults(self, mode: str, max_age: float, now: float) -> list[PlacementPlannerError]:
+        """With the lock held."""
+        faults = list(self._refused.values())
+        missing = [
+            topic
+            for topic in self._required
+            if topic not in self._latest and topic not in self._refused
+        ]
+        if missing:
+            faults.append(CloudError("clouds", missing, "no cloud has arrived on this topic yet"))
+        stale = {
+            topic: f"{now - cloud.time:.1f} s"
+            for topic, cloud in self._latest.items()
+            if topic not in self._refused and 0.0 < max_age < now - cloud.time
+        }
+        if mode == "latest" and stale:
+            faults.append(
+                CloudStaleError(
                     "clouds: ages",
                     stale,
                     f"older than cloud.max_age = {max_age:g} s; publish them again, or set it to 0",
                 )
-            sets = [PointSet(cloud.points, cloud.origin) for cloud in self._latest.values()]
-            if mode == "merge":
-                sets.append(PointSet(self._merged))
-            sets += [PointSet(points) for points in self._confirmed]
-            parts = tuple(part for part in sets if len(part.points))
-        if not parts:
-            raise CloudError("clouds", 0, "there is no finite point in any")
-        return parts
+            )
+        known = [cloud.points for cloud in self._latest.values()] + self._confirmed
+        if mode == "merge":
+            known.append(self._merged)
+        if not faults and not any(len(points) for points in known):
+            faults.append(CloudError("clouds", 0, "there is no finite point in any"))
+        return faults

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -16,15 +17,15 @@ from sensor_msgs.msg import JointState, PointCloud2
 from placement_planner_ros.cloud_store import CloudStore, StoredCloud
 from placement_planner_ros.core.body import Body
 from placement_planner_ros.core.errors import PlacementPlannerError
-from placement_planner_ros.core.robot.model import Arm, Robot
+from placement_planner_ros.core.robot.model import Arm
 from placement_planner_ros.core.types import Array, Placement
 from placement_planner_ros.frames import CloudFrameError, cloud_pose
 from placement_planner_ros.joint_states import JointStates
 from placement_planner_ros.object_input import ObjectInput
 from placement_planner_ros.parameters import ParameterSet
-from placement_planner_ros.planning import Snapshot
+from placement_planner_ros.planning import Snapshot, require_grid
 from placement_planner_ros.point_cloud import points_from_message
-from placement_planner_ros.robot_input import RobotInput, make_arms, require_grasp
+from placement_planner_ros.robot_input import RobotInput, make_arm, require_grasp, require_limits
 from placement_planner_ros.transforms import Transforms
 
 CONFIRMED_SPACING = 0.004
@@ -103,33 +104,36 @@ class Inputs:
                 faults.append(error)
                 return None
 
-        clouds = attempt(
-            lambda: self.clouds.snapshot(parameters["cloud.mode"], parameters["cloud.max_age"], now)
-        )
+        mode, max_age = parameters["cloud.mode"], parameters["cloud.max_age"]
+        faults += self.clouds.faults(mode, max_age, now)
+        clouds = None if faults else attempt(lambda: self.clouds.snapshot(mode, max_age, now))
         robot = attempt(lambda: self.robot.robot)
         q_start: Array | None = None
-        arms: tuple[Arm, ...] | None = None
+        arms: tuple[Arm, ...] = ()
         if robot is not None:
             q_start = attempt(
                 lambda: self.joints.resting(
                     robot, now, parameters["joint_state_timeout"], parameters["start_tolerance"]
                 )
             )
-            arms = attempt(lambda: grasping_arms(robot, parameters))
+            made = [
+                attempt(partial(make_arm, robot, parameters, name)) for name in parameters["arms"]
+            ]
+            arms = tuple(arm for arm in made if arm is not None)
+            if len(arms) == len(made):
+                attempt(lambda: require_grasp(arms))
+                attempt(lambda: require_limits(arms, parameters["acceleration_limits"]))
         body = attempt(lambda: self.object.body(parameters, overridden))
-        volume = attempt(lambda: parameters.volume)
-        if (
-            robot is None
-            or clouds is None
-            or q_start is None
-            or arms is None
-            or body is None
-            or volume is None
-        ):
+        if faults or robot is None or clouds is None or q_start is None or body is None:
             return faults
         points = tuple(cloud.points for cloud in clouds)
         origins = tuple(cloud.origin for cloud in clouds)
-        return Snapshot(robot, arms, q_start, body, points, parameters, robot.root_link, origins)
+        placed = tuple(cloud.placed for cloud in clouds)
+        snapshot = Snapshot(
+            robot, arms, q_start, body, points, parameters, robot.root_link, origins, placed
+        )
+        attempt(lambda: require_grid(snapshot))
+        return faults or snapshot
 
     def confirm(self, placement: Placement, body: Body) -> None:
         """The object stands where it was placed: its surface is part of the environment now."""
@@ -173,17 +177,6 @@ class Inputs:
             else:
                 with self._lock:
                     self._waiting.pop(topic, None)
-
-
-def grasping_arms(robot: Robot, parameters: ParameterSet) -> tuple[Arm, ...]:
-    """The candidate arms; at least one has a grasp.
-
-    Raises:
-        PlacementPlannerError: an arm or a grasp is bad, or there is no grasp.
-    """
-    arms = make_arms(robot, parameters)
-    require_grasp(arms)
-    return arms
 
 
 def surface_points(body: Body, placement: Placement) -> Array:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import os
 import sys
 import threading
+import traceback
 from collections.abc import Callable, Sequence
 
 import numpy as np
 import pinocchio as pin
 import rclpy
+from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.exceptions import ParameterException
@@ -29,6 +31,7 @@ from placement_planner_ros.conversions import mesh_from_message
 from placement_planner_ros.core.errors import (
     JointStateError,
     ObjectError,
+    ParameterError,
     PlacementPlannerError,
 )
 from placement_planner_ros.core.types import Placement
@@ -40,7 +43,7 @@ from placement_planner_ros.parameters import ParameterSet
 from placement_planner_ros.planning import Prepare, Prepared, prepare, sight_notes
 from placement_planner_ros.publishing import LATCHED, Outputs
 from placement_planner_ros.reporting import Reporter
-from placement_planner_ros.robot_input import RobotInput, make_arms
+from placement_planner_ros.robot_input import RobotInput, make_arms, require_known
 from placement_planner_ros.run import Run, State
 from placement_planner_ros.self_filter import outside_robot
 from placement_planner_ros.spinning import catch_signals, spin_until
@@ -84,6 +87,7 @@ class PlacementPlannerNode(Node):
         self._reporter = Reporter(
             self, self._outputs, self._inputs, self._settings, self._warm.is_set
         )
+        self._settings.check_with(self._check_parameters)
         self._settings.notify(self._on_parameters)
         self._subscribe(robot, list(dict.fromkeys(["points", *extra])))
         self._serve()
@@ -161,6 +165,20 @@ class PlacementPlannerNode(Node):
         self._inputs.object.set_mesh(*mesh_from_message(message))
         self._prepare_object()
 
+    def _check_parameters(self, names: Sequence[str], parameters: ParameterSet) -> None:
+        """Refuse what the robot does not have, and meshes that are no object.
+
+        Vertices and triangles may be set one after the other, so they are checked together only
+        when both are given.
+        """
+        source = self._inputs.robot
+        if source.is_given:
+            require_known(source.robot, parameters, names)
+        if parameters["object.mesh"] and "object.mesh" in names:
+            self._inputs.object.body(parameters, ["object.mesh"])
+        elif {"object.vertices", "object.triangles"} <= set(names):
+            self._inputs.object.body(parameters, names)
+
     def _on_parameters(self, names: Sequence[str], parameters: ParameterSet) -> None:
         self._inputs.object.parameters_changed(names, parameters)
         if any(name.startswith("object.") for name in names):
@@ -198,8 +216,9 @@ class PlacementPlannerNode(Node):
                 request: SetParametersAtomically.Request,
                 response: SetParametersAtomically.Response,
             ) -> SetParametersAtomically.Response:
-                given = [Parameter.from_parameter_msg(p) for p in request.parameters]
-                said = act(given)
+                said = unreadable(request.parameters)
+                if said is None:
+                    said = act([Parameter.from_parameter_msg(p) for p in request.parameters])
                 response.result.successful, response.result.reason = said.success, said.text
                 return response
 
@@ -218,10 +237,10 @@ class PlacementPlannerNode(Node):
             busy = self._busy()
             if busy is not None:
                 return busy
-            try:
-                parameters = self._settings.with_changes(changes)
-            except PlacementPlannerError as error:
-                return refusal([error])
+            faults = self._settings.faults(changes)
+            if faults:
+                return refusal(faults)
+            parameters = self._settings.with_changes(changes)
             snapshot = self._inputs.snapshot(parameters, [p.name for p in changes])
             if isinstance(snapshot, list):
                 return refusal(snapshot)
@@ -257,7 +276,7 @@ class PlacementPlannerNode(Node):
     def stop_with(self, parameters: Sequence[Parameter]) -> Answer:
         """End one run only."""
         wanted = {p.name: p.value for p in parameters}
-        if set(wanted) != {"run"} or not isinstance(wanted["run"], int):
+        if set(wanted) != {"run"} or type(wanted["run"]) is not int:
             return answer("BAD_PARAMETER", "give one integer parameter, run: the run to stop")
         run = self._run
         if run is None or run.number != wanted["run"]:
@@ -274,7 +293,10 @@ class PlacementPlannerNode(Node):
             run = self._run
             if run is None or run.best is None:
                 return answer("NO_OBJECT", "there is no placement that could have been carried out")
-            self._inputs.confirm(run.best, run.snapshot.body)
+            if not run.confirmed:
+                self._inputs.confirm(run.best, run.snapshot.body)
+            run.confirmed = True
+        self._reporter.report()
         return answer("OK", "the object is obstacle and support now", run=run.number)
 
     def clear_environment(self) -> Answer:
@@ -339,6 +361,11 @@ class PlacementPlannerNode(Node):
         finally:
             self._warm.set()
 
+    def survive(self, error: Exception) -> None:
+        """A callback raised: that must be said, but need not end the node."""
+        trace = "".join(traceback.format_exception(error))
+        self.get_logger().error(f"a message or a request was dropped: {trace}")
+
     @property
     def busy(self) -> bool:
         """Whether a worker is still at work, be it told to end or not."""
@@ -351,6 +378,15 @@ class PlacementPlannerNode(Node):
             run.end(State.STOPPED)
             run.wait(STOP_PATIENCE)
         self._reporter.close()
+
+
+def unreadable(parameters: Sequence[ParameterMessage]) -> Answer | None:
+    """A refusal of parameters whose type does not exist."""
+    known = {kind.value for kind in Parameter.Type}
+    bad = [p for p in parameters if p.value.type not in known]
+    if not bad:
+        return None
+    return refusal([ParameterError(p.name, f"type {p.value.type}", "is no type") for p in bad])
 
 
 def main(args: list[str] | None = None) -> None:
@@ -366,7 +402,7 @@ def main(args: list[str] | None = None) -> None:
     executor.add_node(node)
     warming = threading.Thread(target=node.warm_up, name="warm-up", daemon=True)
     warming.start()
-    spin_until(executor, asked)
+    spin_until(executor, asked, node.survive)
     node.close()
     executor.shutdown()
     node.destroy_node()

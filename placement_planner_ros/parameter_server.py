@@ -52,6 +52,7 @@ class ParameterServer:
     def __init__(self, node: Node) -> None:
         self._node = node
         self._on_change: OnChange | None = None
+        self._check: OnChange | None = None
         specs: dict[str, Spec] = {}
         values: dict[str, Any] = {}
 
@@ -75,6 +76,10 @@ class ParameterServer:
         """Call this with names and all values whenever parameters were set."""
         self._on_change = on_change
 
+    def check_with(self, check: OnChange) -> None:
+        """Call this before parameters are set; a PlacementPlannerError it raises refuses them."""
+        self._check = check
+
     def with_changes(self, parameters: Sequence[Parameter]) -> ParameterSet:
         """Current values with some replaced, stored nowhere.
 
@@ -82,6 +87,10 @@ class ParameterServer:
             PlacementPlannerError: a name or a value is bad.
         """
         return self.current.changed({p.name: p.value for p in parameters})
+
+    def faults(self, parameters: Sequence[Parameter]) -> list[PlacementPlannerError]:
+        """Everything for which `with_changes` would refuse these."""
+        return self.current.faults({p.name: p.value for p in parameters})
 
     def _declare(self, spec: Spec) -> Any:
         given = self._node.declare_parameter(spec.name, spec.default, _descriptor(spec)).value
@@ -105,7 +114,9 @@ class ParameterServer:
     def _validate(self, parameters: list[Parameter]) -> SetParametersResult:
         mine = [p for p in parameters if p.name in self.current.specs]
         try:
-            self.with_changes(mine)
+            changed = self.with_changes(mine)
+            if self._check is not None:
+                self._check([p.name for p in mine], changed)
         except PlacementPlannerError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)

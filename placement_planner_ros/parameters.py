@@ -13,7 +13,12 @@ from typing import Any, Literal
 import numpy as np
 import pinocchio as pin
 
-from placement_planner_ros.core.errors import GraspError, ParameterError
+from placement_planner_ros.core.errors import (
+    GraspError,
+    ObjectError,
+    ParameterError,
+    PlacementPlannerError,
+)
 from placement_planner_ros.core.objective import objective_names
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.scene.grid import GridSettings
@@ -70,7 +75,9 @@ class Spec:
                 raise ParameterError(self.name, value, f"give a list: {self.text}")
             converted: Any = [self._element(v) for v in value]
             if self.length >= 0 and len(converted) != self.length:
-                raise ParameterError(self.name, value, f"give {self.length} values: {self.text}")
+                raise ParameterError(
+                    self.name, converted, f"give {self.length} values: {self.text}"
+                )
         else:
             converted = self._element(value)
         if self.check is not None:
@@ -153,9 +160,9 @@ def _center(name: str, value: Sequence[float]) -> None:
         raise ParameterError(name, value, "give x y z, or nothing")
 
 
-def _seed(name: str, value: int) -> None:
-    if not -1 <= value <= _MAX_SEED:
-        raise ParameterError(name, value, "give -1 (from entropy), or 0 or more")
+def _triples(name: str, value: Sequence[float]) -> None:
+    if len(value) % 3 != 0:
+        raise ObjectError(name, f"{len(value)} numbers", "give three for each")
 
 
 def _scale(name: str, value: float) -> None:
@@ -260,7 +267,9 @@ def _changeable() -> list[Spec]:
             "integer",
             -1,
             "Seed of every random choice of a run; -1: from the machine's entropy.",
-            check=_seed,
+            "",
+            -1,
+            _MAX_SEED,
         ),
         Spec(
             "sampler",
@@ -431,6 +440,7 @@ def _changeable() -> list[Spec]:
             [],
             "Vertices of the grasped object: x y z, one after the other.",
             "m",
+            check=_triples,
         ),
         Spec(
             "object.triangles",
@@ -439,6 +449,7 @@ def _changeable() -> list[Spec]:
             "Triangles of the grasped object: three vertex indices each.",
             "",
             0,
+            check=_triples,
         ),
         Spec(
             "object.center_of_mass",
@@ -559,12 +570,34 @@ class ParameterSet:
         Raises:
             PlacementPlannerError: an unknown name, a start-up parameter, or a bad value.
         """
+        for fault in self._alone(changes):
+            raise fault
+        return ParameterSet(self.specs, {**self._values, **changes})
+
+    def faults(self, changes: Mapping[str, object]) -> list[PlacementPlannerError]:
+        """Everything for which `changed` would refuse these changes."""
+        faults = self._alone(changes)
+        if not faults:
+            try:
+                self.changed(changes)
+            except PlacementPlannerError as error:
+                faults.append(error)
+        return faults
+
+    def _alone(self, changes: Mapping[str, object]) -> list[PlacementPlannerError]:
+        """What is wrong with each change by itself."""
+        faults: list[PlacementPlannerError] = []
         for name, value in changes.items():
             if name not in self.specs:
-                raise ParameterError(name, value, "there is no such parameter")
-            if self.specs[name].startup:
-                raise ParameterError(name, value, "is read at start-up; set it there")
-        return ParameterSet(self.specs, {**self._values, **changes})
+                faults.append(ParameterError(name, value, "there is no such parameter"))
+            elif self.specs[name].startup:
+                faults.append(ParameterError(name, value, "is read at start-up; set it there"))
+            else:
+                try:
+                    self.specs[name].convert(value)
+                except PlacementPlannerError as error:
+                    faults.append(error)
+        return faults
 
     @property
     def planner_settings(self) -> PlannerSettings:

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.body import Body
+from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.holding import workspace
 from placement_planner_ros.core.objective import ObjectiveContext, make_objective
 from placement_planner_ros.core.planner import PlacementPlanner, Problem
@@ -32,6 +33,7 @@ class Snapshot:
         parameters: of this run.
         frame: the planning frame.
         origins: per cloud, (3,) where its sensor was, None where that is not known.
+        placed: per cloud, whether it is an object placed before, which is never filtered.
     """
 
     robot: Robot
@@ -42,6 +44,7 @@ class Snapshot:
     parameters: ParameterSet
     frame: str
     origins: tuple[Array | None, ...] = ()
+    placed: tuple[bool, ...] = ()
 
 
 class Counters(Protocol):
@@ -92,6 +95,8 @@ def make_environment(snapshot: Snapshot) -> Environment:
     kept = np.ones(len(points), np.bool_)
     if parameters["self_filter.enabled"]:
         kept = outside(points, padding)
+        if any(snapshot.placed):
+            kept |= np.repeat(snapshot.placed, [len(cloud) for cloud in snapshot.clouds])
     views = []
     if parameters["unknown_space"] == "occupied":
         ends = np.cumsum([len(cloud) for cloud in snapshot.clouds])[:-1]
@@ -106,9 +111,61 @@ def make_environment(snapshot: Snapshot) -> Environment:
         volume,
         parameters.grid_settings,
         RegionSettings(),
-        workspace(robot, arms, q_start, body, volume),
+        grid_bounds(snapshot, points[kept]),
         views=views,
         outside_robot=lambda centers, distance: outside(centers, around + distance),
+    )
+
+
+def grid_bounds(snapshot: Snapshot, points: Array) -> tuple[Array, Array]:
+    """Box (lower (3,), upper (3,)) that the obstacle set must cover.
+
+    Where arm, hand and object can be; of that, only what points (n, 3) lie in, unless unseen space
+    counts too.
+    """
+    lower, upper = workspace(
+        snapshot.robot,
+        snapshot.arms,
+        snapshot.q_start,
+        snapshot.body,
+        snapshot.parameters.volume,
+    )
+    if _is_unknown_occupied(snapshot):
+        return lower, upper
+    inside = points[((points >= lower) & (points <= upper)).all(axis=1)]
+    if len(inside) == 0:
+        return snapshot.parameters.volume.lower, snapshot.parameters.volume.upper
+    # A rim, for neighbours of measured cells count as known, see `validity.KnownSpace`; by whole
+    # cells, so that the cells are the same whatever was seen.
+    size = snapshot.parameters["cloud.cell_size"]
+    skipped = np.floor((inside.min(axis=0) - lower) / size) - 2.0
+    return (
+        lower + np.maximum(skipped, 0.0) * size,
+        np.minimum(upper, inside.max(axis=0) + 2.0 * size),
+    )
+
+
+def require_grid(snapshot: Snapshot) -> None:
+    """Refuse cells so small that the obstacle set would have too many.
+
+    Raises:
+        ParameterError: they are.
+    """
+    settings = snapshot.parameters.grid_settings
+    lower, upper = grid_bounds(snapshot, np.vstack(snapshot.clouds))
+    if float(np.prod((upper - lower) / settings.cell_size + 2.0)) > settings.max_cells:
+        size = " x ".join(f"{side:.3g}" for side in upper - lower)
+        raise ParameterError(
+            "cloud.cell_size",
+            settings.cell_size,
+            f"makes more than {settings.max_cells} cells of the {size} m that are of interest; "
+            "set it higher, or a target_volume nearer to the robot",
+        )
+
+
+def _is_unknown_occupied(snapshot: Snapshot) -> bool:
+    return snapshot.parameters["unknown_space"] == "occupied" and any(
+        origin is not None for origin in snapshot.origins
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -22,7 +23,10 @@ from placement_planner_ros.run import Run, State
 from placement_planner_ros.validity import KnownSpace, blocked_by
 
 STATUS_PERIOD = 0.5
-"""Seconds between status messages while searching."""
+"""Least seconds between status messages while searching, unless the state changes."""
+
+REFRESH_PERIOD = 0.1
+"""Seconds between looks at whether there is something to say."""
 
 _LEVEL = {
     State.FAILED: DiagnosticStatus.ERROR,
@@ -58,9 +62,10 @@ class Reporter:
         self._blocked = ""
         self._left = False
         self._reported: tuple[State, str, bool] | None = None
+        self._reported_at = -math.inf
         self._closed = False
         group = MutuallyExclusiveCallbackGroup()
-        node.create_timer(STATUS_PERIOD, self._refresh, callback_group=group)
+        node.create_timer(REFRESH_PERIOD, self._refresh, callback_group=group)
         node.create_timer(1.0, self._diagnose, callback_group=MutuallyExclusiveCallbackGroup())
         self.report()
 
@@ -95,13 +100,13 @@ class Reporter:
         """Publish the status as it is now."""
         run, why_not = self._run, self._why_invalid()
         state = State.IDLE if run is None else run.state
-        values: dict[str, object] = {"run": 0, "state": state, "code": "OK"}
+        values: dict[str, object] = {"run": 0, "state": state, "code": "OK", "solutions": 0}
         message = "waiting for start" if self._warm() else "compiling; a start now takes longer"
         values["warm"] = str(self._warm()).lower()
+        values["best_valid"] = str(not why_not).lower()
+        values["best_invalid_reason"] = why_not
         if run is not None:
             values |= _progress(run)
-            values["best_valid"] = str(not why_not).lower()
-            values["best_invalid_reason"] = why_not
             message = run.reason or str(state)
             if run.solutions == 0 and not run.active:
                 message = run.summary()
@@ -109,6 +114,7 @@ class Reporter:
             if self._closed:
                 return
             self._reported = (state, why_not, self._warm())
+            self._reported_at = time.monotonic()
             self._outputs.status(_LEVEL.get(state, DiagnosticStatus.OK), message, values)
 
     def close(self) -> None:
@@ -120,16 +126,20 @@ class Reporter:
         with self._lock:
             if self._run is None or self._run.best is None:
                 return "there is no placement"
+            if self._run.confirmed:
+                return "it has been carried out"
             return "the robot has left q_0" if self._left else self._blocked
 
     def _refresh(self) -> None:
         run = self._run
         state = State.IDLE if run is None else run.state
+        due = time.monotonic() - self._reported_at >= STATUS_PERIOD
         if run is not None:
             self.has_left_start(run)
-            self._check_clouds(run)
+            if due:
+                self._check_clouds(run)
         now = (state, self._why_invalid(), self._warm())
-        if state is State.SEARCHING or self._reported != now:
+        if (due and state is State.SEARCHING) or self._reported != now:
             self.report()
 
     def _check_clouds(self, run: Run) -> None:

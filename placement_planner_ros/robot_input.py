@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import threading
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import pinocchio as pin
 
-from placement_planner_ros.core.errors import GraspError, PlacementPlannerError, RobotError
+from placement_planner_ros.core.errors import (
+    GraspError,
+    ParameterError,
+    PlacementPlannerError,
+    RobotError,
+)
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.parameters import ParameterSet, poses_from_list
 from placement_planner_ros.resources import description_text, package_dirs
@@ -45,6 +50,7 @@ class RobotInput:
             self._srdf = share_path("urdf", "yumi.srdf").read_text(encoding="utf-8")
         if semantic:
             self._srdf = description_text("robot_description_semantic", semantic)
+        self._arrived = False
         self._error: PlacementPlannerError | None = None
         self._robot = self._read()
 
@@ -55,6 +61,7 @@ class RobotInput:
             PlacementPlannerError: it is unusable; `robot` raises the same until a better one comes.
         """
         with self._lock:
+            self._arrived = True
             if urdf == self._urdf:
                 return None
             self._urdf = urdf
@@ -85,6 +92,11 @@ class RobotInput:
             if self._error is not None:
                 raise self._error
             return self._robot
+
+    @property
+    def is_given(self) -> bool:
+        """Whether this is the robot meant, rather than a stand-in until one arrives."""
+        return not self.follows_topic or self._arrived
 
     @property
     def planning_frame(self) -> str:
@@ -155,23 +167,61 @@ def make_arms(robot: Robot, parameters: ParameterSet) -> tuple[Arm, ...]:
         RobotError: an arm does not fit the robot.
         GraspError: a grasp is bad.
     """
-    arms = []
-    for name in parameters["arms"]:
-        tip = parameters[f"{name}.tip_frame"]
-        if not tip:
-            raise RobotError(f"{name}.tip_frame", tip, "name the link that the grasps refer to")
-        arms.append(
-            robot.arm(
-                name,
-                tip,
-                joints=parameters[f"{name}.joints"] or None,
-                grasps=poses_from_list(f"{name}.grasps", parameters[f"{name}.grasps"]),
-                touch_links=parameters[f"{name}.touch_links"] or None,
-                gripper_joints=parameters[f"{name}.gripper_joints"],
-                gripper_open=parameters[f"{name}.gripper_open"],
+    return tuple(make_arm(robot, parameters, name) for name in parameters["arms"])
+
+
+def make_arm(robot: Robot, parameters: ParameterSet, name: str) -> Arm:
+    """The arm of that name.
+
+    Raises:
+        RobotError: it does not fit the robot.
+        GraspError: a grasp is bad.
+    """
+    tip = parameters[f"{name}.tip_frame"]
+    if not tip:
+        raise RobotError(f"{name}.tip_frame", tip, "name the link that the grasps refer to")
+    return robot.arm(
+        name,
+        tip,
+        joints=parameters[f"{name}.joints"] or None,
+        grasps=poses_from_list(f"{name}.grasps", parameters[f"{name}.grasps"]),
+        touch_links=parameters[f"{name}.touch_links"] or None,
+        gripper_joints=parameters[f"{name}.gripper_joints"],
+        gripper_open=parameters[f"{name}.gripper_open"],
+    )
+
+
+def require_known(robot: Robot, parameters: ParameterSet, names: Iterable[str]) -> None:
+    """Refuse links and joints of these parameters that the robot does not have.
+
+    Raises:
+        RobotError: there is one.
+    """
+    arms = parameters["arms"]
+    links = {f"{arm}.{part}" for arm in arms for part in ("tip_frame", "touch_links")}
+    joints = {f"{arm}.{part}" for arm in arms for part in ("joints", "gripper_joints")}
+    for name in names:
+        value = parameters[name] if name in links | joints else []
+        for each in filter(None, [value] if isinstance(value, str) else value):
+            if name in links and not robot.model.existFrame(each, pin.FrameType.BODY):
+                raise RobotError(name, each, f"is no link of robot {robot.name!r}")
+            if name in joints and each not in robot.joint_names:
+                raise RobotError(name, each, f"is no movable joint of robot {robot.name!r}")
+
+
+def require_limits(arms: Sequence[Arm], limits: Sequence[float]) -> None:
+    """Refuse acceleration limits that do not fit every arm.
+
+    Raises:
+        ParameterError: there are neither one nor as many as an arm has joints.
+    """
+    for arm in arms:
+        if len(limits) not in (1, len(arm.joints)):
+            raise ParameterError(
+                "acceleration_limits",
+                list(limits),
+                f"give one value, or {len(arm.joints)} for arm {arm.name}",
             )
-        )
-    return tuple(arms)
 
 
 def require_grasp(arms: Sequence[Arm]) -> None:

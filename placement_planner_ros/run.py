@@ -62,6 +62,7 @@ class Run:
         state, code, reason: where it is; the code and the reason of a failure.
         solutions: placements published.
         best: the last of them.
+        confirmed: whether that has been carried out.
     """
 
     def __init__(
@@ -79,6 +80,7 @@ class Run:
         self.reason = ""
         self.solutions = 0
         self.best: Placement | None = None
+        self.confirmed = False
         self.planner: Planner | None = None
         limit = snapshot.parameters["time_limit"]
         self._started = time.monotonic()
@@ -127,7 +129,8 @@ class Run:
     def summary(self) -> str:
         """In words, what was found, or why nothing was."""
         if self.best is not None:
-            return f"{self.solutions} solutions, the best by arm {self.best.goal.arm}"
+            found = f"{self.solutions} solutions, the best by arm {self.best.goal.arm}"
+            return f"{found}; ended because {self.reason}" if self.reason else found
         if self.reason:
             return f"no solution: {self.reason}"
         if self.planner is None:
@@ -139,7 +142,7 @@ class Run:
             outcome = self._search()
         except PlacementPlannerError as error:
             outcome, self.code, self.reason = State.FAILED, error.code, str(error)
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             # The thread's outermost frame: an objective plug-in may raise anything, and whatever
             # it is must end this run only.
             outcome = State.FAILED

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
+from collections.abc import Callable
 
 from rclpy.executors import Executor
 
@@ -24,7 +25,22 @@ def catch_signals() -> threading.Event:
     return asked
 
 
-def spin_until(executor: Executor, asked: threading.Event) -> None:
-    """Spin until that event is set."""
+def spin_until(
+    executor: Executor,
+    asked: threading.Event,
+    on_error: Callable[[Exception], None] | None = None,
+) -> None:
+    """Spin until that event is set.
+
+    Args:
+        on_error: told of what a callback raises; without it, that ends the spinning.
+    """
     while not asked.is_set():
-        executor.spin_once(timeout_sec=PERIOD)
+        try:
+            executor.spin_once(timeout_sec=PERIOD)
+        except Exception as error:
+            # The node's outermost frame. rclpy's own services raise here at a request they cannot
+            # read, and no client's mistake may end a run of another.
+            if on_error is None:
+                raise
+            on_error(error)

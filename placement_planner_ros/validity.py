@@ -7,6 +7,7 @@ import itertools
 import numpy as np
 from scipy.ndimage import binary_dilation
 
+from placement_planner_ros.core.holding import workspace
 from placement_planner_ros.core.robot.collision import ArmCollision
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import Array, Placement
@@ -52,13 +53,19 @@ def blocked_by(
         known: what the placement was planned with.
         q: (nq,) the robot's configuration when the cloud was taken.
     """
-    new = known.unknown(points)
+    robot, arms = snapshot.robot, snapshot.arms
+    lower, upper = workspace(
+        robot, arms, snapshot.q_start, snapshot.body, snapshot.parameters.volume
+    )
+    # Elsewhere nothing moves; a stray point far away would make a grid too large to hold.
+    near = ((points >= lower) & (points <= upper)).all(axis=1)
+    new = known.unknown(points[near])
     if len(new):
         kept = outside_robot(
             new,
-            snapshot.robot,
+            robot,
             q,
-            snapshot.arms,
+            arms,
             snapshot.body,
             snapshot.parameters["self_filter.padding"],
         )
@@ -66,9 +73,9 @@ def blocked_by(
     if len(new) < FEWEST:
         return ""
     settings = snapshot.parameters.planner_settings.collision
-    arm = next(a for a in snapshot.arms if a.name == placement.goal.arm)
+    arm = next(a for a in arms if a.name == placement.goal.arm)
     collision = ArmCollision(
-        snapshot.robot,
+        robot,
         arm,
         placement.goal.grasp,
         snapshot.body,

@@ -8,6 +8,8 @@ import numpy as np
 import pinocchio as pin
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
@@ -209,7 +211,9 @@ class Bench:
         request = kind.Request()
         if with_parameters:
             request.parameters = [
-                Parameter(n.replace("__", "."), value=v).to_parameter_msg()
+                ParameterMessage(name=n, value=ParameterValue(type=v.type))
+                if isinstance(v, SimpleNamespace)
+                else Parameter(n.replace("__", "."), value=v).to_parameter_msg()
                 for n, v in parameters.items()
             ]
         future = client.call_async(request)

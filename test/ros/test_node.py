@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,12 +10,14 @@ from fakes import FRAME, TABLE, Bench, values_of
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
-from std_msgs.msg import Header
+from std_msgs.msg import Header, String
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.planning import make_environment
 from placement_planner_ros.point_cloud import message_from_points
+from placement_planner_ros.publishing import LATCHED
 from placement_planner_ros.self_filter import outside_robot
+from placement_planner_ros.share import share_path
 
 
 @pytest.fixture
@@ -212,8 +215,16 @@ def test_a_planner_that_fails_ends_its_run_only(bench):
     started(b).error = ZeroDivisionError("division by zero")
     b.wait(lambda: b.status()["state"] == "failed")
     assert "division by zero" in b.messages("status")[-1].message
-    started(b).error = ParameterError("objective", float("nan"), "must be finite")
+    started(b).error = SystemExit(3)
     b.wait(lambda: b.status()["run"] == "2" and b.status()["state"] == "failed")
+    planner = started(b)
+    planner.offers.append(0.3)
+    b.wait(lambda: b.manifests()[-1]["solution"] == "1")
+    planner.error = ZeroDivisionError("division by zero")
+    b.wait(lambda: b.status()["run"] == "3" and b.status()["state"] == "failed")
+    assert "division by zero" in b.call("stop").words
+    started(b).error = ParameterError("objective", float("nan"), "must be finite")
+    b.wait(lambda: b.status()["run"] == "4" and b.status()["state"] == "failed")
     assert b.status()["code"] == "BAD_PARAMETER"
     started(b)
 
@@ -266,6 +277,7 @@ def test_start_with_changes_parameters_for_one_run(bench):
         ({"left__grasps": [], "right__grasps": []}, "BAD_GRASP"),
         ({"object__triangles": [0, 1, 99]}, "BAD_OBJECT"),
         ({"left__tip_frame": "nowhere"}, "BAD_PARAMETER"),
+        ({"acceleration_limits": [1.0, 2.0]}, "BAD_PARAMETER"),
     ],
     ids=str,
 )
@@ -276,6 +288,72 @@ def test_bad_parameters_for_a_run_are_refused(bench, parameters, code):
     assert not answer.success
     assert answer.code == code, answer.text
     assert b.node._run is None
+
+
+def test_every_fault_has_a_line(bench):
+    b = bench()
+    b.feed()
+    changes = {"seed": -5, "sampler": "magic", "left__grasps": [1.0], "no_such": 1}
+    words = b.call("start_with", **changes).words.splitlines()
+    assert sorted(line.split(" ")[1] for line in words) == [
+        "left.grasps",
+        "no_such",
+        "sampler",
+        "seed",
+    ]
+    words = b.call("start_with", left__tip_frame="a", right__tip_frame="b").words.splitlines()
+    assert len(words) == 2
+    assert "arm left" in words[0]
+    assert "arm right" in words[1]
+
+
+def test_what_the_robot_lacks_and_what_is_no_object_is_refused_when_set(bench, tmp_path):
+    b = bench()
+    text = tmp_path / "mesh.stl"
+    text.write_text("no mesh")
+    described = b.client.create_publisher(String, "robot_description", LATCHED)
+    described.publish(String(data=share_path("urdf", "yumi.urdf").read_text()))
+    b.wait(lambda: b.node._inputs.robot.is_given)
+    for name, value in {
+        "left.tip_frame": "nowhere",
+        "left.joints": ["none"],
+        "left.gripper_joints": ["none"],
+        "left.touch_links": ["nowhere"],
+        "object.mesh": str(text),
+        "object.vertices": [1.0, 2.0],
+        "object.triangles": [0, 1],
+    }.items():
+        before = b.node.get_parameter(name).value
+        result = b.node.set_parameters([Parameter(name, value=value)])[0]
+        assert not result.successful
+        assert name in result.reason
+        assert b.node.get_parameter(name).value == before
+    b.feed()
+    assert b.call("start").success
+
+
+def test_the_obstacle_set_covers_what_was_seen_and_no_more(bench):
+    b = bench(sensor_frames=["eye"], **{"sensor_poses.eye": [0.0] * 6 + [1.0]})
+    started(b, target_volume=[5.0, 5.0, 5.0, 9.0, 9.0, 9.0])
+    stray = np.vstack([TABLE, [[50.0, 0.0, 0.0]]])
+    made = make_environment(replace(b.snapshots[-1], clouds=(stray,)))
+    assert np.prod(made.obstacles.shape) < 3 * (len(TABLE) / 4) * 6
+    b.call("stop")
+    b.cloud(frame="eye")
+    b.joint_state()
+    b.wait(lambda: b.node._inputs.clouds.latest_points() is not None)
+    far = {"target_volume": [5.0, 5.0, 5.0, 9.0, 9.0, 9.0], "unknown_space": "occupied"}
+    b.wait(
+        lambda: "cloud.cell_size" in b.call("start_with", **far).words or not b.call("stop"),
+        again=b.joint_state,
+    )
+
+
+def test_a_parameter_of_no_type_is_refused_and_the_node_lives(bench):
+    b = bench()
+    for name in ("start_with", "stop_with"):
+        assert b.call(name, run=SimpleNamespace(type=77)).code == "BAD_PARAMETER"
+    assert b.call("stop_with", run=True).code == "BAD_PARAMETER"
 
 
 def test_inputs_that_are_wrong_are_told_apart(bench):
@@ -410,10 +488,11 @@ def test_a_newer_cloud_that_cuts_through_the_best_is_told(bench):
     held = tip * snapshot.arms[0].grasps[0]
     # A block around where the object ends, seen only now; where it is held now it is filtered.
     rng = np.random.default_rng(0)
+    stray = np.full((10, 3), 1e6)
     block = np.array([held.act(p) for p in rng.uniform(-0.06, 0.06, (4000, 3))])
     b.wait(
         lambda: b.status().get("best_valid") == "false",
-        again=lambda: (b.cloud(np.vstack([TABLE, block])), b.joint_state()),
+        again=lambda: (b.cloud(np.vstack([TABLE, block, stray])), b.joint_state()),
     )
     assert "newer cloud" in b.status()["best_invalid_reason"]
 
@@ -427,16 +506,35 @@ def test_confirm_placed_makes_the_object_part_of_the_environment(bench):
     planner.offers.append(0.1)
     b.wait(lambda: b.manifests()[-1]["solution"] == "1")
     b.call("stop")
-    assert b.call("confirm_placed").success
+    for _ in range(2):
+        assert b.call("confirm_placed").success
+    b.wait(lambda: b.status()["best_valid"] == "false")
     started(b)
     added = np.vstack(b.snapshots[-1].clouds)[len(TABLE) :]
     b.call("stop")
+    assert len(np.unique(added, axis=0)) == len(added)
     # The box's extent at the placement pose, (0.4, 0, 0.1), corners included.
     np.testing.assert_allclose(added.min(axis=0), [0.353, -0.0105, 0.0645], atol=1e-6)
     np.testing.assert_allclose(added.max(axis=0), [0.447, 0.0105, 0.1355], atol=1e-6)
     assert b.call("clear_environment").success
     started(b)
     assert len(np.vstack(b.snapshots[-1].clouds)) == len(TABLE)
+
+
+def test_a_confirmed_object_is_not_filtered_as_held(bench):
+    b = bench()
+    started(b)
+    snapshot = b.snapshots[-1]
+    T_world_tip = snapshot.robot.link_pose(snapshot.q_start, "gripper_l_base")
+    inside = np.array([(T_world_tip * snapshot.arms[0].grasps[0]).translation])
+    clouds = (TABLE, np.repeat(inside, 50, axis=0))
+    for placed in (False, True):
+        made = make_environment(
+            replace(snapshot, clouds=clouds, origins=(None, None), placed=(False, placed))
+        )
+        boxes = made.obstacles
+        near = np.abs((boxes.lower + boxes.upper) / 2 - inside).max(axis=1) < 0.02
+        assert near.any() == placed
 
 
 def test_the_object_given_last_wins(bench):
