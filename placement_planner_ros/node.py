@@ -14,7 +14,7 @@ import rclpy
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
-from rclpy.exceptions import ParameterException
+from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -396,7 +396,7 @@ def main(args: list[str] | None = None) -> None:
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     try:
         node = PlacementPlannerNode()
-    except (PlacementPlannerError, ParameterException) as error:
+    except (PlacementPlannerError, ParameterException, NameValidationException) as error:
         sys.exit(f"placement_planner: {error}")
     executor = MultiThreadedExecutor(num_threads=THREADS)
     executor.add_node(node)

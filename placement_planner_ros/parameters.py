@@ -160,6 +160,12 @@ def _center(name: str, value: Sequence[float]) -> None:
         raise ParameterError(name, value, "give x y z, or nothing")
 
 
+def _names(name: str, value: Sequence[str]) -> None:
+    for each in value:
+        if not each or any(character.isspace() for character in each):
+            raise ParameterError(name, list(value), "give names that are not empty, without spaces")
+
+
 def _triples(name: str, value: Sequence[float]) -> None:
     if len(value) % 3 != 0:
         raise ObjectError(name, f"{len(value)} numbers", "give three for each")
@@ -230,6 +236,7 @@ def _start_up() -> list[Spec]:
             [],
             "Frames of clouds whose poses are given as sensor_poses.<frame>.",
             startup=True,
+            check=_names,
         ),
     ]
 
@@ -474,7 +481,11 @@ def _changeable() -> list[Spec]:
 def arms_spec(default: Sequence[str]) -> Spec:
     """The parameter `arms`; at start-up it also says for which arms parameters exist."""
     return Spec(
-        "arms", "string[]", list(default), "Arms that could be holding the object, by name."
+        "arms",
+        "string[]",
+        list(default),
+        "Arms that could be holding the object, by name.",
+        check=_names,
     )
 
 

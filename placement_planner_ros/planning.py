@@ -117,19 +117,23 @@ def make_environment(snapshot: Snapshot) -> Environment:
     )
 
 
-def grid_bounds(snapshot: Snapshot, points: Array) -> tuple[Array, Array]:
-    """Box (lower (3,), upper (3,)) that the obstacle set must cover.
-
-    Where arm, hand and object can be; of that, only what points (n, 3) lie in, unless unseen space
-    counts too.
-    """
-    lower, upper = workspace(
+def _workspace(snapshot: Snapshot) -> tuple[Array, Array]:
+    return workspace(
         snapshot.robot,
         snapshot.arms,
         snapshot.q_start,
         snapshot.body,
         snapshot.parameters.volume,
     )
+
+
+def grid_bounds(snapshot: Snapshot, points: Array) -> tuple[Array, Array]:
+    """Box (lower (3,), upper (3,)) that the obstacle set must cover.
+
+    Where arm, hand and object can be; of that, only what points (n, 3) lie in, unless unseen space
+    counts too.
+    """
+    lower, upper = _workspace(snapshot)
     if _is_unknown_occupied(snapshot):
         return lower, upper
     inside = points[((points >= lower) & (points <= upper)).all(axis=1)]
@@ -152,8 +156,14 @@ def require_grid(snapshot: Snapshot) -> None:
         ParameterError: they are.
     """
     settings = snapshot.parameters.grid_settings
+
+    def too_many(lower: Array, upper: Array) -> bool:
+        return float(np.prod((upper - lower) / settings.cell_size + 2.0)) > settings.max_cells
+
+    if not too_many(*_workspace(snapshot)):
+        return  # Without a look at the points, as start has little time.
     lower, upper = grid_bounds(snapshot, np.vstack(snapshot.clouds))
-    if float(np.prod((upper - lower) / settings.cell_size + 2.0)) > settings.max_cells:
+    if too_many(lower, upper):
         size = " x ".join(f"{side:.3g}" for side in upper - lower)
         raise ParameterError(
             "cloud.cell_size",

@@ -7,7 +7,7 @@ from rcl_interfaces.msg import ParameterType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from placement_planner_ros.core.errors import GraspError, ParameterError, VolumeError
+from placement_planner_ros.core.errors import GraspError, ObjectError, ParameterError, VolumeError
 from placement_planner_ros.parameter_server import ParameterServer
 from placement_planner_ros.parameters import (
     ParameterSet,
@@ -55,6 +55,10 @@ def test_integers_stand_for_doubles():
         ("sampler", "magic", ParameterError),
         ("seed", -2, ParameterError),
         ("seed", 1.5, ParameterError),
+        ("arms", [""], ParameterError),
+        ("sensor_frames", ["an eye"], ParameterError),
+        ("object.vertices", [0.0, 0.0], ObjectError),
+        ("object.triangles", [0, 1, 2, 3], ObjectError),
         ("collision_margin", -0.001, ParameterError),
         ("velocity_scaling", 0.0, ParameterError),
         ("velocity_scaling", 1.1, ParameterError),
