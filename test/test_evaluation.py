@@ -368,6 +368,7 @@ def test_grid_placements_are_those_the_planner_would_let_pass():
         problem.volume,
         ObjectCollision(problem.body, problem.environment.obstacles, settings.collision),
         settings.collision.contact_tolerance,
+        settings.edge_margin,
         settings.approach.approach_minimum,
     )
     passed, tried = {}, 0

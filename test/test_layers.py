@@ -20,7 +20,6 @@ LAYERS = {
     "core.ascent": 2,
     "core.open_hand": 2,
     "core.holding": 2,
-    "core.ascent": 3,
     "core.search": 3,
     "core.motion": 3,
     "core.goals": 3,

@@ -30,6 +30,8 @@ class PoseConstraints:
 
     Args:
         contact_tolerance: how far below a vertex of v(f) its support may lie, metres.
+        edge_margin: how far beyond each vertex of v(f), away from the face, the support must still
+            reach, metres: measured edges are true to some two millimetres only.
         raise_height: the least height from which the body must come straight down, metres.
     """
 
@@ -40,6 +42,7 @@ class PoseConstraints:
         volume: TargetVolume,
         collision: ObjectCollision,
         contact_tolerance: float,
+        edge_margin: float,
         raise_height: float,
     ) -> None:
         self._body = body
@@ -48,6 +51,7 @@ class PoseConstraints:
         self._collision = collision
         self._tolerance = contact_tolerance
         self._raise_height = raise_height
+        self._contacts = [contact_points(face, edge_margin) for face in body.faces]
 
     def in_volume(self, T_world_object: pin.SE3, face: int) -> bool:
         """Whether the reference contact point lies in V, and horizontally the centre of mass."""
@@ -57,10 +61,10 @@ class PoseConstraints:
         return bool(self._volume.contains(np.array([reference, center])).all())
 
     def stable(self, T_world_object: pin.SE3, face: int) -> bool:
-        """s(x): every vertex of v(f) has a support within the contact tolerance."""
-        vertices = self._body.faces[face].vertices @ T_world_object.rotation.T
-        vertices += T_world_object.translation
-        return bool(self._environment.support.supported(vertices, self._tolerance).all())
+        """s(x): every vertex of v(f), and a little beyond it, has support within the tolerance."""
+        points = self._contacts[face] @ T_world_object.rotation.T
+        points += T_world_object.translation
+        return bool(self._environment.support.supported(points, self._tolerance).all())
 
     def free(
         self, T_world_object: pin.SE3, contact_height: float, raise_height: float | None = None
@@ -78,3 +82,11 @@ class PoseConstraints:
         if not self.free(T_world_object, contact_height):
             return Verdict.COLLIDING
         return Verdict.FEASIBLE
+
+
+def contact_points(face: PlacementFace, margin: float) -> Array:
+    """(2k, 3) v(f), and each vertex moved outwards within the face's plane."""
+    vertices = face.vertices
+    outward = vertices - vertices.mean(axis=0)
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    return np.vstack([vertices, vertices + margin * outward])

@@ -76,6 +76,7 @@ class PlannerSettings:
         gradient_sampling: whether samples that are stable and free first follow ∂ξ/∂(x, y, e_z),
             without the arm, as `ascent` says.
         min_improvement: ξ counts as better from this much.
+        edge_margin: how far beyond each vertex of v(f) its support must still reach, metres.
         require_retreat: a goal counts only with certified approach, release and retreat; False: it
             may be without release and retreat.
     """
@@ -85,6 +86,7 @@ class PlannerSettings:
     motion_iterations: int = 50
     ik_seeds: int = 7
     min_improvement: float = 1e-4
+    edge_margin: float = 0.003
     require_retreat: bool = True
     gradient_sampling: bool = False
     hierarchy: HierarchySettings = field(default_factory=HierarchySettings)
@@ -106,8 +108,9 @@ class PlannerSettings:
         for name in ("motion_iterations", "ik_seeds"):
             if getattr(self, name) < 1:
                 raise ParameterError(name, getattr(self, name), "must be at least 1")
-        if not self.min_improvement >= 0.0:
-            raise ParameterError("min_improvement", self.min_improvement, "must not be negative")
+        for name in ("min_improvement", "edge_margin"):
+            if not getattr(self, name) >= 0.0:
+                raise ParameterError(name, getattr(self, name), "must not be negative")
 
 
 class PlacementPlanner:
@@ -142,6 +145,7 @@ class PlacementPlanner:
             problem.volume,
             ObjectCollision(body, environment.obstacles, settings.collision),
             settings.collision.contact_tolerance,
+            settings.edge_margin,
             settings.approach.approach_minimum,
         )
         holdings = _usable_holdings(problem, settings, rng_ik)

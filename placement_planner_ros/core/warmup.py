@@ -53,6 +53,7 @@ def warm_up(robot: Robot, arms: Sequence[Arm], q_robot: Array) -> None:
             volume,
             ObjectCollision(body, environment.obstacles, settings.collision),
             settings.collision.contact_tolerance,
+            settings.edge_margin,
             settings.approach.approach_minimum,
         )
         arm = replace(

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.body import PlacementFace
 from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.feasibility import contact_points
 from placement_planner_ros.core.planner import PlannerSettings, Problem
 from placement_planner_ros.core.robot.object_collision import ObjectCollision
 from placement_planner_ros.core.scene.distance import ClearanceField
@@ -82,7 +83,8 @@ def grid_placements(
         tried += len(points)
         T = _poses(face, points, angle)
         T = T[_in_volume(problem, T, points)]
-        T = T[_stable(problem, face, T, settings.collision.contact_tolerance)]
+        contacts = contact_points(face, settings.edge_margin)
+        T = T[_stable(problem, contacts, T, settings.collision.contact_tolerance)]
         z = points[0, 2]
         T = T[collision.free_at(T, z, settings.approach.approach_minimum)]
         if len(T) == 0:
@@ -131,10 +133,8 @@ def _in_volume(problem: Problem, T: Array, points: Array) -> npt.NDArray[np.bool
     return problem.volume.contains(points) & problem.volume.contains(center)
 
 
-def _stable(
-    problem: Problem, face: PlacementFace, T: Array, tolerance: float
-) -> npt.NDArray[np.bool_]:
-    vertices = T[:, None, :3, :3] @ face.vertices[None, :, :, None]
+def _stable(problem: Problem, contacts: Array, T: Array, tolerance: float) -> npt.NDArray[np.bool_]:
+    vertices = T[:, None, :3, :3] @ contacts[None, :, :, None]
     vertices = vertices[..., 0] + T[:, None, :3, 3]
     supported = problem.environment.support.supported(vertices.reshape(-1, 3), tolerance)
-    return np.asarray(supported.reshape(len(T), len(face.vertices)).all(axis=1))
+    return np.asarray(supported.reshape(len(T), len(contacts)).all(axis=1))

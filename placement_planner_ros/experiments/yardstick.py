@@ -142,6 +142,7 @@ class DenseSearch(PlacementPlanner):
             problem.volume,
             ObjectCollision(problem.body, problem.environment.obstacles, settings.collision),
             settings.collision.contact_tolerance,
+            settings.edge_margin,
             settings.approach.approach_minimum,
         )
         holdings = list(self._holding.values())
