@@ -327,6 +327,8 @@ class PlacementPlannerNode(Node):
     def prepared(self, run: Run, prepared: Prepared) -> None:
         """The search begins."""
         self._prepared = prepared
+        for reason in prepared.planner.unusable:
+            self.get_logger().warning(f"run {run.number} does without: {reason}")
         self._outputs.environment(run.snapshot, prepared.environment)
         self._reporter.environment_known(run, prepared.environment)
         self._reporter.report()

@@ -61,6 +61,7 @@ class Planner(Protocol):
     """What a run needs of a planner; `PlacementPlanner` is one."""
 
     exhausted: str
+    unusable: tuple[str, ...]
 
     @property
     def statistics(self) -> Counters: ...

@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 from verify_cases import case_checker, load_solution
 
-from placement_planner_ros.core.errors import ParameterError, RobotError, StartError
+from placement_planner_ros.core.errors import GraspError, ParameterError, RobotError, StartError
 from placement_planner_ros.core.objective import ObjectiveContext, make_objective
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.types import TargetVolume, Verdict
@@ -137,6 +137,22 @@ def test_the_first_placement_comes_before_its_local_optimisation():
     _, without = plan(samples=400, local_optimization=False)
     assert with_it[0].objective == without[0].objective
     assert with_it[1].objective > with_it[0].objective
+
+
+def test_a_grasp_that_cannot_be_is_left_out_and_named():
+    problem, objective = make_problem(TABLE, np.random.default_rng(0))
+    inside_the_wrist = pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.05]))
+    left, right = problem.arms
+
+    def planner(*arms):
+        changed = replace(problem, arms=arms)
+        return PlacementPlanner(changed, objective, PlannerSettings(), np.random.default_rng(0))
+
+    some = planner(replace(left, grasps=(inside_the_wrist, *left.grasps)), right)
+    assert len(some.unusable) == 1
+    assert "left.grasps[0]" in some.unusable[0]
+    with pytest.raises(GraspError, match=r"left\.grasps\[0\]"):
+        planner(replace(left, grasps=(inside_the_wrist,)))
 
 
 def test_without_any_grasp_a_problem_is_refused():

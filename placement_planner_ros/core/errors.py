@@ -19,8 +19,8 @@ class PlacementPlannerError(Exception):
         self.value = value
         self.remedy = remedy
         shown = repr(value)
-        if len(shown) > 120:
-            shown = shown[:117] + "..."
+        if len(shown) > 600:
+            shown = shown[:597] + "..."
         super().__init__(f"{field} = {shown}: {remedy}")
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from placement_planner_ros.core.ascent import AscentSettings
 from placement_planner_ros.core.body import Body
-from placement_planner_ros.core.errors import ParameterError, RobotError, StartError
+from placement_planner_ros.core.errors import GraspError, ParameterError, RobotError, StartError
 from placement_planner_ros.core.execution import ExecutionSettings, TrajectoryMaker
 from placement_planner_ros.core.feasibility import PoseConstraints
 from placement_planner_ros.core.goals import GoalFinder
@@ -123,9 +123,11 @@ class PlacementPlanner:
     Attributes:
         statistics: live counters, safe to read from other threads.
         exhausted: why there is nothing to search, or '' while there is.
+        unusable: why some of the arms and grasps are left out of the search.
 
     Raises:
         StartError: q_0 is not free for any arm and grasp.
+        GraspError: in every grasp the object overlaps the arm.
         PlacementPlannerError: robot, object or settings are unusable.
     """
 
@@ -148,7 +150,7 @@ class PlacementPlanner:
             settings.edge_margin,
             settings.approach.approach_minimum,
         )
-        holdings = _usable_holdings(problem, settings, rng_ik)
+        holdings, self.unusable = _usable_holdings(problem, settings, rng_ik)
         self._holding = {(r.arm.name, r.grasp): r for of_arm in holdings for r in of_arm}
         finder = GoalFinder(
             body,
@@ -248,10 +250,11 @@ class PlacementPlanner:
 
 def _usable_holdings(
     problem: Problem, settings: PlannerSettings, rng: np.random.Generator
-) -> list[list[Holding]]:
-    """Per arm, its grasps for which q_0 is free."""
+) -> tuple[list[list[Holding]], tuple[str, ...]]:
+    """Per arm, its grasps for which q_0 is free, and why the others cannot be used."""
     holdings: list[list[Holding]] = []
     reasons: list[str] = []
+    bad_grasps: list[GraspError] = []
     for arm in problem.arms:
         of_arm: list[Holding] = []
         q_start = problem.q_start[arm.q_index]
@@ -274,20 +277,24 @@ def _usable_holdings(
             settings.retreat,
         )
         for grasp in range(len(arm.grasps)):
-            holding = Holding(
-                problem.robot,
-                arm,
-                grasp,
-                problem.body,
-                problem.environment.obstacles,
-                problem.q_start,
-                settings.collision,
-                settings.ik,
-                settings.approach,
-                seeds,
-                open_hand,
-                settings.require_retreat,
-            )
+            try:
+                holding = Holding(
+                    problem.robot,
+                    arm,
+                    grasp,
+                    problem.body,
+                    problem.environment.obstacles,
+                    problem.q_start,
+                    settings.collision,
+                    settings.ik,
+                    settings.approach,
+                    seeds,
+                    open_hand,
+                    settings.require_retreat,
+                )
+            except GraspError as error:
+                bad_grasps.append(error)
+                continue
             reason = holding.collision.explain(holding.q_start)
             if reason:
                 reasons.append(f"{arm.name} with grasp {grasp}: {reason}")
@@ -295,13 +302,15 @@ def _usable_holdings(
                 of_arm.append(holding)
         holdings.append(of_arm)
     if not any(holdings):
+        if not reasons:
+            raise bad_grasps[0]
         raise StartError(
             "joint_states",
             "; ".join(reasons),
             "the start configuration must lie within the joint limits and keep collision_margin "
             "with the object in hand",
         )
-    return holdings
+    return holdings, (*map(str, bad_grasps), *reasons)
 
 
 def _nothing_to_search(hierarchy: AfrHierarchy) -> str:

@@ -64,6 +64,7 @@ class FakePlanner:
     def __init__(self):
         self.statistics = FakeStatistics()
         self.exhausted = ""
+        self.unusable = ()
         self.offers = []
         self.error = None
         self.deaf = False
