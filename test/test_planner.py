@@ -132,6 +132,23 @@ def test_a_start_beyond_the_joint_limits_is_refused_with_the_joint():
         )
 
 
+def test_plans_stay_a_little_within_the_joint_limits():
+    problem, objective = make_problem(TABLE, np.random.default_rng(0))
+    planner = PlacementPlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
+    for holding in planner._holding.values():
+        real = next(arm for arm in problem.arms if arm.name == holding.arm.name)
+        assert (holding.chain.lower >= real.lower + 0.9e-3).all()
+        assert (holding.chain.upper <= real.upper - 0.9e-3).all()
+    q = problem.q_start.copy()
+    arm = problem.arms[0]
+    q[arm.q_index[4]] = arm.upper[4]
+    at_limit = replace(problem, q_start=q, arms=(arm,))
+    planner = PlacementPlanner(at_limit, objective, PlannerSettings(), np.random.default_rng(0))
+    budget = lambda: planner.statistics.samples >= 300  # noqa: E731
+    for placement in planner.run(budget):
+        assert np.array_equal(placement.trajectory.positions[0], q[arm.q_index])
+
+
 def test_the_first_placement_comes_before_its_local_optimisation():
     _, with_it = plan(samples=400)
     _, without = plan(samples=400, local_optimization=False)

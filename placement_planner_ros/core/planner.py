@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -36,6 +36,9 @@ from placement_planner_ros.core.search.sampler import (
 from placement_planner_ros.core.statistics import Statistics
 from placement_planner_ros.core.transit import MotionPlanner, TransitSettings
 from placement_planner_ros.core.types import Array, Goal, Placement, TargetVolume
+
+_LIMIT_INSET = 1e-3
+"""rad or m, how far within the joint limits configurations are planned."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -264,6 +267,7 @@ def _usable_holdings(
             reasons.append(f"{arm.name}: beyond the joint limits: {joints}")
             holdings.append(of_arm)
             continue
+        arm = _within_limits(arm, q_start)
         chain = Chain.from_robot(problem.robot, arm, problem.q_start)
         seeds = SeedTable(chain, rng)
         open_hand = OpenHand(
@@ -311,6 +315,19 @@ def _usable_holdings(
             "with the object in hand",
         )
     return holdings, (*map(str, bad_grasps), *reasons)
+
+
+def _within_limits(arm: Arm, q_start: Array) -> Arm:
+    """The arm with limits drawn in, so that a timed curve between them stays within the real ones.
+
+    A curve may stray from its chords by up to the timing's `chord_tolerance`.
+    """
+    inset = np.minimum(_LIMIT_INSET, 0.25 * (arm.upper - arm.lower))
+    return replace(
+        arm,
+        lower=np.minimum(arm.lower + inset, q_start),
+        upper=np.maximum(arm.upper - inset, q_start),
+    )
 
 
 def _nothing_to_search(hierarchy: AfrHierarchy) -> str:
