@@ -256,7 +256,8 @@ class Chain:
 def _axis(joint: pin.JointModel) -> tuple[Array, bool]:
     """Axis in the joint frame, and whether the joint slides along it."""
     data = joint.createData()
-    joint.calc(data, np.zeros(1), np.ones(1))
+    # calc reads its own coordinates out of the whole robot's, without a check of their length
+    joint.calc(data, np.zeros(joint.idx_q + joint.nq), np.ones(joint.idx_v + joint.nv))
     motion = np.asarray(data.S).reshape(6)
     linear, angular = motion[:3], motion[3:]
     slides = bool(np.linalg.norm(linear) > np.linalg.norm(angular))
