@@ -37,7 +37,7 @@ class Record:
     """One run: also where it failed.
 
     Attributes:
-        preparation: seconds from the cloud to the first sample.
+        preparation: seconds until the first sample, robot and cloud included.
         rejected: how many samples each constraint rejected.
         failure: why there is no solution, or the error that ended the run; '' otherwise.
     """
@@ -67,7 +67,7 @@ def run_case(
     solutions_folder: Path | None = None,
     enough: int | None = None,
 ) -> Record:
-    """Run one case for `time_limit` seconds from the moment its cloud is there.
+    """Run one case for `time_limit` seconds, loading the robot and making the cloud included.
 
     Args:
         solutions_folder: where each solution is written as an .npz, if given.
