@@ -6,7 +6,8 @@ import pytest
 from test_grid import BOUNDS, plane
 
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.scene.distance import ClearanceField, distance_bound_field
+from placement_planner_ros.core.scene.distance import ClearanceField
+from placement_planner_ros.core.scene.distance_bound import distance_bound_field
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import TargetVolume
 
@@ -42,26 +43,28 @@ def field(obstacles):
 
 
 def exact(obstacles, points, tolerance=0.003, cap=0.5):
-    """d_S by definition."""
+    """d_S by definition; the tolerance may be one for each point."""
+    tolerance = np.broadcast_to(tolerance, len(points))
     touching = ((obstacles.upper >= VOLUME.lower) & (obstacles.lower <= VOLUME.upper)).all(axis=1)
     lower, upper = obstacles.lower[touching], obstacles.upper[touching]
     result = np.full(len(points), cap)
     for row, p in enumerate(points):
         gap = np.maximum(np.maximum(lower - p, p - upper), 0.0)
         gap[:, 2] = np.maximum(lower[:, 2] - p[2], 0.0)
-        counted = np.linalg.norm(gap, axis=1)[upper[:, 2] >= p[2] + tolerance]
+        counted = np.linalg.norm(gap, axis=1)[upper[:, 2] >= p[2] + tolerance[row]]
         result[row] = min(cap, counted.min(initial=np.inf))
     return result
 
 
 def test_values_are_exact_at_the_grid_points(obstacles, field):
     rng = np.random.default_rng(0)
-    nz, nx, ny = field.values.shape
+    _, nz, nx, ny = field.values.shape
     k, i, j = (rng.integers(n, size=1500) for n in (nz, nx, ny))
     points = field.origin + CELL * np.stack([i, j, k], axis=1)
-    error = np.abs(field.values[k, i, j] - exact(obstacles, points))
-    assert np.quantile(error, 0.95) < 1e-6
-    assert error.max() < 0.5 * CELL
+    for values, tolerance in zip(field.values, (0.003, 1e-6), strict=True):
+        error = np.abs(values[k, i, j] - exact(obstacles, points, tolerance))
+        assert np.quantile(error, 0.95) < 1e-6
+        assert error.max() < 0.5 * CELL
 
 
 def test_queries_are_within_the_stated_bound_of_the_layer_above(obstacles, field):
@@ -69,7 +72,8 @@ def test_queries_are_within_the_stated_bound_of_the_layer_above(obstacles, field
     points = rng.uniform((-0.45, -0.45, 0.005), (0.45, 0.4, 0.34), (1500, 3))
     layer = points.copy()
     layer[:, 2] = field.origin[2] + CELL * np.ceil((points[:, 2] - field.origin[2]) / CELL)
-    error = np.abs(field.distance(points) - exact(obstacles, layer))
+    below = np.where(layer[:, 2] - points[:, 2] > 0.003, 1e-6, 0.003)
+    error = np.abs(field.distance(points) - exact(obstacles, layer, below))
     assert error.max() < 1.2 * CELL
     assert np.median(np.abs(field.distance(points) - exact(obstacles, points))) < 0.5 * CELL
 
@@ -80,6 +84,19 @@ def test_floor_below_does_not_count_but_what_is_above_does(field):
     can = np.hypot(0.2, 0.1) - 0.034
     np.testing.assert_allclose(distance[:3], [can, 0.1512, 0.0512], atol=CELL)
     assert distance[3] > 0.3  # the shelf lies below, the wall is far
+
+
+def test_a_flat_ceiling_counts_wherever_it_lies_in_its_cell():
+    rng = np.random.default_rng(4)
+    for offset in np.arange(0.0, 0.01, 0.001):
+        face = BOUNDS[0][2] - 0.03 * CELL + 41 * CELL  # between two layers of cells
+        height = face + offset
+        ceiling = plane((-0.2, -0.2, height), (0.2, 0.2, height))
+        obstacles = ObstacleSet.from_points(ceiling, bounds=BOUNDS)
+        field = ClearanceField(obstacles, VOLUME)
+        points = np.c_[rng.uniform(-0.19, 0.19, (300, 2)), rng.uniform(0.15, face - 0.0031, 300)]
+        error = field.distance(points) - (height - points[:, 2])
+        assert np.abs(error).max() < CELL + 1e-6
 
 
 def test_an_empty_volume_has_the_cap(obstacles):

@@ -285,8 +285,13 @@ def _project(
     planes: Array,
     flat: npt.NDArray[np.bool_],
     reach: float,
+    lower: Array,
+    upper: Array,
 ) -> tuple[Array, npt.NDArray[np.bool_]]:
-    """Project each point onto its cell's plane, else the nearest plane within two cells."""
+    """Project each point onto its cell's plane, else the nearest plane within two cells.
+
+    Points are kept within lower..upper; (n,) says which lie on a plane.
+    """
     m = len(cells)
     moved = points.copy()
     explained = np.zeros(len(points), np.bool_)
@@ -323,7 +328,8 @@ def _project(
             if best >= 0:
                 explained[p] = True
                 for a in range(3):
-                    moved[p, a] -= distance * planes[best, 3 + a]
+                    value = moved[p, a] - distance * planes[best, 3 + a]
+                    moved[p, a] = min(max(value, lower[a]), upper[a])
     return moved, explained
 
 
@@ -360,16 +366,25 @@ def _strays(
     return stray
 
 
-def project(bins: Bins, origin: Array, size: float, noise: float, min_points: int) -> Array:
-    """Points of a noisy cloud, projected onto their surfaces; lone points off them are dropped.
+def project(
+    bins: Bins,
+    origin: Array,
+    size: float,
+    noise: float,
+    min_points: int,
+    lower: Array,
+    upper: Array,
+) -> Array:
+    """Points of a noisy cloud, projected onto their surfaces and kept within lower..upper.
 
     Returns:
-        (k, 3), k ≤ n. Points of no plane (thin or strongly curved things) stay where they are.
+        (n, 3), NaN for lone points off every surface. Points of no plane (thin or strongly curved
+        things) stay where they are.
     """
     moments = _cell_moments(bins.points, bins.start, bins.cells, origin, size)
     planes, flat = _fit_planes(moments, bins.cells, bins.row_of, size, origin, noise)
     moved, explained = _project(
-        bins.points, bins.start, bins.cells, bins.row_of, planes, flat, _REACH * noise
+        bins.points, bins.start, bins.cells, bins.row_of, planes, flat, _REACH * noise, lower, upper
     )
-    stray = _strays(bins.start, bins.cells, bins.row_of, explained, min_points)
-    return moved[~stray] if stray.any() else moved
+    moved[_strays(bins.start, bins.cells, bins.row_of, explained, min_points)] = np.nan
+    return moved

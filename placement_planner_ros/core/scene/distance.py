@@ -1,9 +1,8 @@
-"""Distances to the obstacle set: d_S of the clearance objective, and a sound bound everywhere."""
+"""d_S, the distance to the obstacle set that the clearance objective averages."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -21,17 +20,21 @@ class ClearanceField:
     """d_S: distance sideways and upwards to obstacles inside V, capped.
 
     Sampled on the grid lines of the obstacle set in x and y and on the lower face of each layer,
-    exact there but for half a cell where several boxes of one row compete. A query takes the first
-    such face at or above the point, so that nothing below it counts, and interpolates linearly in
-    x and y: within 1.2 cells of the exact distance at that face. Things that end between the point
-    and that face are missed, which for the mean over a body concerns one layer of it.
+    exact there but for less than a cell where several boxes of one layer compete. A query takes
+    the first such face at or above the point, so that nothing below it counts, and interpolates
+    linearly in x and y: within 1.2 cells of the exact distance at that face. Things that end
+    between the point and that face are missed, which for the mean over a body concerns one layer.
+
+    Support may rise a little above a point that rests on it. Boxes of the face's layer that rise by
+    less than the contact tolerance above the face are therefore left out for points within the
+    tolerance below it, and only for those: further down they are something overhead.
 
     Args:
         obstacles: those of its boxes that touch V count.
         volume: V.
         cap: greatest value, metres: what an empty table has.
-        contact_tolerance: boxes that rise by less than this above a layer are support, not
-            obstacle, for points in it, metres.
+        contact_tolerance: boxes that rise by less than this above a point may be its support,
+            metres.
         padding: how far around V, in x and y, values are kept, metres; beyond, the nearest counts.
     """
 
@@ -59,11 +62,12 @@ class ClearanceField:
         touching = ((obstacles.upper >= volume.lower) & (obstacles.lower <= volume.upper)).all(1)
         rows = np.flatnonzero(touching)
         self.cap = float(cap)
+        self.contact_tolerance = contact_tolerance
         self.cell_size = size
         self.origin = obstacles.origin + first * size
         self.values = _clearance_layers(
-            np.ascontiguousarray(obstacles.lower[rows]),
-            np.ascontiguousarray(obstacles.upper[rows]),
+            obstacles.lower[rows],
+            obstacles.upper[rows],
             (obstacles.cells[rows] - first).astype(np.int64),
             self.origin,
             size,
@@ -85,7 +89,14 @@ class ClearanceField:
 
     def _evaluate(self, points: Array) -> Array:
         return np.asarray(
-            _evaluate(self.values, self.origin, self.cell_size, self.cap, _contiguous(points))
+            _evaluate(
+                self.values,
+                self.origin,
+                self.cell_size,
+                self.cap,
+                self.contact_tolerance,
+                _contiguous(points),
+            )
         )
 
     def mean_clearance(self, T_world_object: Array, points: Array) -> tuple[float, Array]:
@@ -108,6 +119,7 @@ class ClearanceField:
             self.origin,
             self.cell_size,
             self.cap,
+            self.contact_tolerance,
             _contiguous(T_world_object),
             _contiguous(points),
         )
@@ -131,57 +143,75 @@ def _clearance_layers(
     cap: float,
     contact_tolerance: float,
 ) -> Field:
-    """(nz, nx, ny) capped distance from the grid points of each layer's lower face.
+    """(2, nz, nx, ny) capped distance from the grid points of each layer's lower face.
 
-    Per layer, the box nearest in x and y to each grid point, over rows of cells outwards; then,
-    per grid point, the least over the layers above of the distance to these boxes.
+    Per layer, the box nearest in x and y to each grid point; then, per grid point, the least over
+    this layer and those above of the distance to these boxes. [0] leaves out the boxes of the
+    layer itself that rise by less than the tolerance above its face, [1] leaves out none.
     """
-    values = np.full((nz, nx, ny), cap, np.float32)
-    nearest = np.full((nz, nx, ny), -1, np.int32)
-    rising = np.full((nx, ny), -1, np.int32)
+    limit = np.float32(cap * cap)
+    values = np.full((2, nz, nx, ny), limit, np.float32)
+    # squared distance in x and y to the nearest box of each layer, and its height above the origin
+    aside = np.full((nz, nx, ny), np.inf, np.float32)
+    height = np.zeros((nz, nx, ny), np.float32)
+    nearest = np.empty((nx, ny), np.int32)
+    rising = np.empty((nx, ny), np.int32)
     order = np.argsort(cells[:, 2], kind="mergesort")
     start = np.searchsorted(cells[order, 2], np.arange(nz + 1))
     for k in range(nz):
-        base = origin[2] + k * size
         rows = order[start[k] : start[k + 1]]
-        _nearest_boxes(rows, lower, upper, cells, origin, size, cap, nearest[k])
-        partly = False
-        for r in rows:
-            partly = partly or upper[r, 2] < base + contact_tolerance
-        if partly:
-            high = rows[upper[rows, 2] >= base + contact_tolerance]
-            rising[:] = -1
+        if len(rows) == 0:
+            continue
+        top = origin[2] + k * size + contact_tolerance
+        _nearest_boxes(rows, lower, upper, cells, origin, size, cap, nearest)
+        high = rows[upper[rows, 2] >= top]
+        if len(high) < len(rows):
             _nearest_boxes(high, lower, upper, cells, origin, size, cap, rising)
-        else:
-            rising[:] = nearest[k]
         for i in range(nx):
             for j in range(ny):
-                r = rising[i, j]
-                if r >= 0:
-                    values[k, i, j] = min(cap, _distance(lower, upper, r, origin, size, i, j, base))
+                r = nearest[i, j]
+                if r < 0:
+                    continue
+                aside[k, i, j] = _aside(lower, upper, r, origin, size, i, j)
+                height[k, i, j] = lower[r, 2] - origin[2]
+                rise = max(lower[r, 2] - origin[2] - k * size, 0.0)
+                values[1, k, i, j] = min(limit, np.float32(aside[k, i, j] + rise * rise))
+                if upper[r, 2] >= top:
+                    values[0, k, i, j] = values[1, k, i, j]
+                elif rising[i, j] >= 0:
+                    r = rising[i, j]
+                    rise = max(lower[r, 2] - origin[2] - k * size, 0.0)
+                    distance = _aside(lower, upper, r, origin, size, i, j) + rise * rise
+                    values[0, k, i, j] = min(limit, np.float32(distance))
+    flat = (nx * ny,)
     for k in range(nz):
-        base = origin[2] + k * size
+        face = np.float32(k * size)
+        over = np.full(nx * ny, limit, np.float32)
         for above in range(k + 1, min(nz, k + int(cap / size) + 2)):
-            rise = (above - k) * size
-            for i in range(nx):
-                for j in range(ny):
-                    r = nearest[above, i, j]
-                    if r >= 0 and rise < values[k, i, j]:
-                        d = _distance(lower, upper, r, origin, size, i, j, base)
-                        if d < values[k, i, j]:
-                            values[k, i, j] = d
+            _lower_by_boxes(over, aside[above].reshape(flat), height[above].reshape(flat), face)
+        for s in range(2):
+            layer = values[s, k].reshape(flat)
+            for i in range(nx * ny):
+                layer[i] = np.sqrt(min(layer[i], over[i]))
     return values
 
 
 @njit(cache=True)
-def _distance(
-    lower: Array, upper: Array, r: int, origin: Array, size: float, i: int, j: int, z: float
-) -> float:
+def _lower_by_boxes(squared: Field, aside: Field, height: Field, face: np.float32) -> None:
+    """Lower (n,) squared distances by those to boxes that begin `height` above the origin."""
+    for i in range(len(squared)):
+        rise = height[i] - face
+        candidate = aside[i] + rise * rise
+        squared[i] = candidate if candidate < squared[i] else squared[i]
+
+
+@njit(cache=True, inline="always")
+def _aside(lower: Array, upper: Array, r: int, origin: Array, size: float, i: int, j: int) -> float:
+    """Squared distance in x and y from a grid point to box r."""
     x, y = origin[0] + i * size, origin[1] + j * size
     dx = max(lower[r, 0] - x, 0.0, x - upper[r, 0])
     dy = max(lower[r, 1] - y, 0.0, y - upper[r, 1])
-    dz = max(lower[r, 2] - z, 0.0)
-    return math.sqrt(dx * dx + dy * dy + dz * dz)
+    return dx * dx + dy * dy
 
 
 @njit(cache=True)
@@ -195,70 +225,120 @@ def _nearest_boxes(
     cap: float,
     nearest: Index,
 ) -> None:
-    """Row of the box nearest in x and y to each grid point, -1 where none is within the cap."""
+    """Row of the box nearest in x and y to each grid point, -1 where none is within the cap.
+
+    Per column of cells along y, the nearest box before and after each grid point; then, per line
+    along x, the lower envelope of the squared distances to these boxes.
+    """
+    nearest[:] = -1
     if len(rows) == 0:
         return
     nx, ny = nearest.shape
-    # boxes may lie outside the padded grid by the part of V's border cells only
-    width = nx - 1
-    depth = ny - 1
-    # nearest box below and above each grid point within each column of cells along y
-    before = np.full((width, ny), -1, np.int32)
-    after = np.full((width, ny), -1, np.int32)
-    used = np.zeros(width, np.bool_)
+    width, depth = nx - 1, ny - 1
+    before = np.full((ny, width), -1, np.int32)
+    after = np.full((ny, width), -1, np.int32)
     for r in rows:
         i, j = cells[r, 0], cells[r, 1]
         if i < 0 or i >= width or j < 0 or j >= depth:
-            continue
-        used[i] = True
-        q = before[i, j + 1]
+            continue  # of the cells around V that boxes touching V may lie in
+        q = before[j + 1, i]
         if q < 0 or upper[r, 1] > upper[q, 1]:
-            before[i, j + 1] = r
-        q = after[i, j]
+            before[j + 1, i] = r
+        q = after[j, i]
         if q < 0 or lower[r, 1] < lower[q, 1]:
-            after[i, j] = r
-    for i in range(width):
-        if used[i]:
-            for j in range(1, ny):
-                if before[i, j] < 0:
-                    before[i, j] = before[i, j - 1]
-            for j in range(ny - 2, -1, -1):
-                if after[i, j] < 0:
-                    after[i, j] = after[i, j + 1]
-    for i in range(nx):
-        x = origin[0] + i * size
-        for j in range(ny):
-            y = origin[1] + j * size
-            best = cap * cap
-            found = -1
-            for step in range(width + 1):
-                if (step * size) ** 2 >= best:
-                    break
-                # columns i - 1 - step and i + step touch or flank the grid point
-                for side in range(2):
-                    column = i + step if side == 0 else i - 1 - step
-                    if column < 0 or column >= width or not used[column]:
-                        continue
-                    for direction in range(2):
-                        r = before[column, j] if direction == 0 else after[column, j]
-                        if r < 0:
-                            continue
-                        dx = max(lower[r, 0] - x, 0.0, x - upper[r, 0])
-                        dy = max(lower[r, 1] - y, 0.0, y - upper[r, 1])
-                        d = dx * dx + dy * dy
-                        if d < best:
-                            best = d
-                            found = r
-            nearest[i, j] = found
+            after[j, i] = r
+    for j in range(1, ny):
+        for i in range(width):
+            if before[j, i] < 0:
+                before[j, i] = before[j - 1, i]
+    for j in range(ny - 2, -1, -1):
+        for i in range(width):
+            if after[j, i] < 0:
+                after[j, i] = after[j + 1, i]
+    # a box is two parabolas along the line, with their feet at its ends
+    box = np.empty(4 * width, np.int32)
+    foot = np.empty(4 * width)
+    base = np.empty(4 * width)
+    ends = np.empty(4 * width)  # from where on each is the least
+    for j in range(ny):
+        y = origin[1] + j * size
+        n = 0
+        for i in range(width):
+            first = n
+            for side in range(2):
+                r = before[j, i] if side == 0 else after[j, i]
+                if r < 0:
+                    continue
+                gap = max(lower[r, 1] - y, 0.0, y - upper[r, 1])
+                if gap < cap:
+                    for a in range(2):
+                        foot[n] = lower[r, 0] if a == 0 else upper[r, 0]
+                        base[n] = gap * gap
+                        box[n] = r
+                        n += 1
+            _sort_feet(foot, base, box, first, n)
+        n = _lower_envelope(foot, base, box, ends, n)
+        at = 0
+        for i in range(nx):
+            x = origin[0] + i * size
+            while at + 1 < n and ends[at + 1] <= x:
+                at += 1
+            if n > 0 and (x - foot[at]) ** 2 + base[at] < cap * cap:
+                nearest[i, j] = box[at]
 
 
 @njit(cache=True)
-def _evaluate(values: Field, origin: Array, size: float, cap: float, points: Array) -> Array:
+def _sort_feet(foot: Array, base: Array, box: Index, first: int, last: int) -> None:
+    """Sort the few parabolas first..last of one column by their feet."""
+    for t in range(first + 1, last):
+        x, a, r = foot[t], base[t], box[t]
+        s = t - 1
+        while s >= first and foot[s] > x:
+            foot[s + 1], base[s + 1], box[s + 1] = foot[s], base[s], box[s]
+            s -= 1
+        foot[s + 1], base[s + 1], box[s + 1] = x, a, r
+
+
+@njit(cache=True)
+def _lower_envelope(foot: Array, base: Array, box: Index, ends: Array, count: int) -> int:
+    """Keep of the parabolas (x - foot)² + base, sorted by foot, those least somewhere.
+
+    Returns:
+        Their number n; from ends[i] to ends[i + 1] the least is i.
+    """
+    n = 0
+    for t in range(count):
+        x, a = foot[t], base[t]
+        begin = -np.inf
+        keep = True
+        while n > 0:
+            width = x - foot[n - 1]
+            if width <= 0.0:
+                keep = a < base[n - 1]
+                if not keep:
+                    break
+            else:
+                # where the new one crosses the last
+                begin = 0.5 * ((a - base[n - 1]) / width + x + foot[n - 1])
+                if begin > ends[n - 1]:
+                    break
+            n -= 1
+            begin = -np.inf
+        if keep:
+            foot[n], base[n], box[n], ends[n] = x, a, box[t], begin
+            n += 1
+    return n
+
+
+@njit(cache=True)
+def _evaluate(
+    values: Field, origin: Array, size: float, cap: float, tolerance: float, points: Array
+) -> Array:
     """(n, 3) d_S, ∂d_S/∂x, ∂d_S/∂y."""
     result = np.empty((len(points), 3))
     for p in range(len(points)):
         d, gx, gy = _interpolate(
-            values, origin, size, cap, points[p, 0], points[p, 1], points[p, 2]
+            values, origin, size, cap, tolerance, points[p, 0], points[p, 1], points[p, 2]
         )
         result[p, 0], result[p, 1], result[p, 2] = d, gx, gy
     return result
@@ -266,13 +346,21 @@ def _evaluate(values: Field, origin: Array, size: float, cap: float, points: Arr
 
 @njit(cache=True, inline="always")
 def _interpolate(
-    values: Field, origin: Array, size: float, cap: float, x: float, y: float, z: float
+    values: Field,
+    origin: Array,
+    size: float,
+    cap: float,
+    tolerance: float,
+    x: float,
+    y: float,
+    z: float,
 ) -> tuple[float, float, float]:
-    nz, nx, ny = values.shape
+    _, nz, nx, ny = values.shape
     layer = math.ceil((z - origin[2]) / size - 1e-9)
     if layer >= nz:
         return cap, 0.0, 0.0
     k = max(layer, 0)
+    s = 1 if origin[2] + k * size - z > tolerance else 0
     u = (x - origin[0]) / size
     v = (y - origin[1]) / size
     in_x = 0.0 <= u <= nx - 1.0
@@ -283,8 +371,8 @@ def _interpolate(
     j = min(int(v), ny - 2)
     u -= i
     v -= j
-    a, b = values[k, i, j], values[k, i, j + 1]
-    c, d = values[k, i + 1, j], values[k, i + 1, j + 1]
+    a, b = values[s, k, i, j], values[s, k, i, j + 1]
+    c, d = values[s, k, i + 1, j], values[s, k, i + 1, j + 1]
     near = a + (b - a) * v
     far = c + (d - c) * v
     gx = (far - near) / size if in_x else 0.0
@@ -294,7 +382,13 @@ def _interpolate(
 
 @njit(cache=True)
 def mean_clearance(
-    values: Field, origin: Array, size: float, cap: float, T_world_object: Array, points: Array
+    values: Field,
+    origin: Array,
+    size: float,
+    cap: float,
+    tolerance: float,
+    T_world_object: Array,
+    points: Array,
 ) -> tuple[Array, Array]:
     """(m,) mean of d_S over the (n, 3) points at each of the (m, 4, 4) poses; (m, 3) gradients."""
     m, n = len(T_world_object), len(points)
@@ -309,7 +403,7 @@ def mean_clearance(
             ry = T[1, 0] * a + T[1, 1] * b + T[1, 2] * c
             rz = T[2, 0] * a + T[2, 1] * b + T[2, 2] * c
             d, gx, gy = _interpolate(
-                values, origin, size, cap, rx + T[0, 3], ry + T[1, 3], rz + T[2, 3]
+                values, origin, size, cap, tolerance, rx + T[0, 3], ry + T[1, 3], rz + T[2, 3]
             )
             total += d
             along_x += gx
@@ -321,187 +415,3 @@ def mean_clearance(
             gradients[t, 1] = along_y / n
             gradients[t, 2] = turn / n
     return means, gradients
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class DistanceBound:
-    """Lower bounds of the Euclidean distance to the obstacle set, one per cell.
-
-    For any point p in cell c, its distance to the nearest box is at least
-    values[c] - |p - centre(c)|; values are capped.
-
-    Attributes:
-        origin: (3,) lower corner of the grid, that of the obstacle set.
-        cell_size: metres.
-        values: (nx, ny, nz) float32, metres.
-        cap: greatest value.
-    """
-
-    origin: Array
-    cell_size: float
-    values: Field
-    cap: float
-
-
-def distance_bound_field(obstacles: ObstacleSet, cap: float = 0.3) -> DistanceBound:
-    """Bound the distance from the centre of every cell to the boxes of the obstacle set.
-
-    Exact (to float32, rounded down) up to 2.5 cells. Beyond, exact in z and to the near face of
-    the box's cell in x and y: too low by at most a cell in each.
-
-    Args:
-        cap: greatest value, metres; larger ones cost time.
-    """
-    if not (math.isfinite(cap) and cap > 0.0):
-        raise ParameterError("cap", cap, "give a finite length above 0 m")
-    values = _distance_bound(
-        obstacles.lower,
-        obstacles.upper,
-        obstacles.cells,
-        obstacles.origin,
-        obstacles.cell_size,
-        *obstacles.shape,
-        cap,
-    )
-    values.setflags(write=False)
-    return DistanceBound(obstacles.origin, obstacles.cell_size, values, float(cap))
-
-
-@njit(cache=True)
-def _distance_bound(
-    lower: Array,
-    upper: Array,
-    cells: Index,
-    origin: Array,
-    size: float,
-    nx: int,
-    ny: int,
-    nz: int,
-    cap: float,
-) -> Field:
-    limit = np.float32(cap * cap)
-    values = np.full((nx, ny, nz), limit, np.float32)
-    column_used = np.zeros((nx, ny), np.bool_)
-    # squared distance in z to the boxes of the cell's own column
-    m = len(cells)
-    first = 0
-    while first < m:
-        i, j = cells[first, 0], cells[first, 1]
-        last = first
-        while last < m and cells[last, 0] == i and cells[last, 1] == j:
-            last += 1
-        column_used[i, j] = True
-        near = first
-        for k in range(nz):
-            z = origin[2] + (k + 0.5) * size
-            while near < last and cells[near, 2] < k:
-                near += 1
-            best = cap
-            # boxes of this layer, and those next to it below and above
-            for r in range(near - 1, first - 1, -1):
-                best = min(best, max(0.0, z - upper[r, 2]))
-                if cells[r, 2] < cells[near - 1, 2]:
-                    break
-            above = cells[near, 2] if near < last else 0
-            for r in range(near, last):
-                if cells[r, 2] > above:
-                    if above > k:
-                        break
-                    above = cells[r, 2]
-                best = min(best, max(0.0, lower[r, 2] - z, z - upper[r, 2]))
-            values[i, j, k] = best * best
-        first = last
-    steps = int(cap / size + 0.5) + 1
-    slab = np.empty((max(nx, ny), nz), np.float32)
-    plane_used = np.zeros(nx, np.bool_)
-    # then along y, then along x, to the near faces of the other cells
-    for i in range(nx):
-        for j in range(ny):
-            plane_used[i] = plane_used[i] or column_used[i, j]
-        if not plane_used[i]:
-            continue
-        slab[:ny] = values[i]
-        for j in range(ny):
-            for step in range(1, steps + 1):
-                gap = np.float32(((step - 0.5) * size) ** 2)
-                if j - step >= 0 and column_used[i, j - step]:
-                    _lower_by(values[i, j], slab[j - step], gap)
-                if j + step < ny and column_used[i, j + step]:
-                    _lower_by(values[i, j], slab[j + step], gap)
-    for j in range(ny):
-        for i in range(nx):
-            slab[i] = values[i, j]
-        for i in range(nx):
-            for step in range(1, steps + 1):
-                gap = np.float32(((step - 0.5) * size) ** 2)
-                if i - step >= 0 and plane_used[i - step]:
-                    _lower_by(values[i, j], slab[i - step], gap)
-                if i + step < nx and plane_used[i + step]:
-                    _lower_by(values[i, j], slab[i + step], gap)
-    _refine_near(lower, upper, cells, origin, size, values)
-    flat = values.reshape(-1)
-    for c in range(len(flat)):
-        flat[c] = np.float32(math.sqrt(flat[c]) * (1.0 - 4e-7))
-    return values
-
-
-@njit(cache=True)
-def _lower_by(target: Field, source: Field, gap: np.float32) -> None:
-    """target = min(target, source + gap)."""
-    for k in range(len(target)):
-        candidate = source[k] + gap
-        target[k] = candidate if candidate < target[k] else target[k]
-
-
-@njit(cache=True)
-def _refine_near(
-    lower: Array, upper: Array, cells: Index, origin: Array, size: float, values: Field
-) -> None:
-    """Raise values to the exact squared distance where all boxes that could matter are near.
-
-    Boxes of cells more than two away are at least 2.5 cells from the centre.
-    """
-    nx, ny, nz = values.shape
-    beyond = np.float32((2.5 * size) ** 2)
-    exact = np.full((5, ny, nz), beyond, np.float32)  # planes i - 2 .. i + 2, cyclic
-    row = 0
-    m = len(cells)
-    for plane in range(nx + 2):
-        while row < m and cells[row, 0] == plane:
-            _scatter(lower, upper, cells, origin, size, row, exact, nx)
-            row += 1
-        done = plane - 2
-        if done >= 0:
-            near = exact[done % 5]
-            for j in range(ny):
-                for k in range(nz):
-                    if values[done, j, k] < near[j, k]:
-                        values[done, j, k] = near[j, k]
-                    near[j, k] = beyond
-
-
-@njit(cache=True)
-def _scatter(
-    lower: Array,
-    upper: Array,
-    cells: Index,
-    origin: Array,
-    size: float,
-    row: int,
-    exact: Field,
-    nx: int,
-) -> None:
-    _, ny, nz = exact.shape
-    ci, cj, ck = cells[row, 0], cells[row, 1], cells[row, 2]
-    for i in range(max(ci - 2, 0), min(ci + 3, nx)):
-        x = origin[0] + (i + 0.5) * size
-        dx = max(lower[row, 0] - x, 0.0, x - upper[row, 0])
-        for j in range(max(cj - 2, 0), min(cj + 3, ny)):
-            y = origin[1] + (j + 0.5) * size
-            dy = max(lower[row, 1] - y, 0.0, y - upper[row, 1])
-            for k in range(max(ck - 2, 0), min(ck + 3, nz)):
-                z = origin[2] + (k + 0.5) * size
-                dz = max(lower[row, 2] - z, 0.0, z - upper[row, 2])
-                d = np.float32(dx * dx + dy * dy + dz * dz)
-                if d < exact[i % 5, j, k]:
-                    exact[i % 5, j, k] = d

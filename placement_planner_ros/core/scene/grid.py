@@ -278,7 +278,6 @@ def _cleaned(
     if noise <= settings.noise_floor:
         return bins, 0.0
     for _ in range(2):  # the second time from planes that the first has made sharper
-        points = denoising.project(bins, origin, size, noise, min_points)
-        np.clip(points, lower, upper, out=points)
+        points = denoising.project(bins, origin, size, noise, min_points, lower, upper)
         bins = sort_into_cells(points, origin, size, shape, lower, upper)
     return bins, noise

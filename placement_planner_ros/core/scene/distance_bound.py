@@ -1,0 +1,205 @@
+"""A sound lower bound of the distance to the obstacle set, at every cell of the grid."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.scene.grid import ObstacleSet
+from placement_planner_ros.core.types import Array
+
+Field = npt.NDArray[np.float32]
+Index = npt.NDArray[np.int32]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DistanceBound:
+    """Lower bounds of the Euclidean distance to the obstacle set, one per cell.
+
+    For any point p in cell c, its distance to the nearest box is at least
+    values[c] - |p - centre(c)|; values are capped.
+
+    Attributes:
+        origin: (3,) lower corner of the grid, that of the obstacle set.
+        cell_size: metres.
+        values: (nx, ny, nz) float32, metres.
+        cap: greatest value.
+    """
+
+    origin: Array
+    cell_size: float
+    values: Field
+    cap: float
+
+
+def distance_bound_field(obstacles: ObstacleSet, cap: float = 0.3) -> DistanceBound:
+    """Bound the distance from the centre of every cell to the boxes of the obstacle set.
+
+    Exact (to float32, rounded down) up to 2.5 cells. Beyond, exact in z and to the near face of
+    the box's cell in x and y: too low by at most a cell in each.
+
+    Args:
+        cap: greatest value, metres; larger ones cost time.
+    """
+    if not (math.isfinite(cap) and cap > 0.0):
+        raise ParameterError("cap", cap, "give a finite length above 0 m")
+    values = _distance_bound(
+        obstacles.lower,
+        obstacles.upper,
+        obstacles.cells,
+        obstacles.origin,
+        obstacles.cell_size,
+        *obstacles.shape,
+        cap,
+    )
+    values.setflags(write=False)
+    return DistanceBound(obstacles.origin, obstacles.cell_size, values, float(cap))
+
+
+@njit(cache=True)
+def _distance_bound(
+    lower: Array,
+    upper: Array,
+    cells: Index,
+    origin: Array,
+    size: float,
+    nx: int,
+    ny: int,
+    nz: int,
+    cap: float,
+) -> Field:
+    limit = np.float32(cap * cap)
+    values = np.full((nx, ny, nz), limit, np.float32)
+    column_used = np.zeros((nx, ny), np.bool_)
+    # squared distance in z to the boxes of the cell's own column
+    m = len(cells)
+    first = 0
+    while first < m:
+        i, j = cells[first, 0], cells[first, 1]
+        last = first
+        while last < m and cells[last, 0] == i and cells[last, 1] == j:
+            last += 1
+        column_used[i, j] = True
+        near = first
+        for k in range(nz):
+            z = origin[2] + (k + 0.5) * size
+            while near < last and cells[near, 2] < k:
+                near += 1
+            best = cap
+            # boxes of this layer, and those next to it below and above
+            for r in range(near - 1, first - 1, -1):
+                best = min(best, max(0.0, z - upper[r, 2]))
+                if cells[r, 2] < cells[near - 1, 2]:
+                    break
+            above = cells[near, 2] if near < last else 0
+            for r in range(near, last):
+                if cells[r, 2] > above:
+                    if above > k:
+                        break
+                    above = cells[r, 2]
+                best = min(best, max(0.0, lower[r, 2] - z, z - upper[r, 2]))
+            values[i, j, k] = best * best
+        first = last
+    steps = int(cap / size + 0.5) + 1
+    slab = np.empty((max(nx, ny), nz), np.float32)
+    plane_used = np.zeros(nx, np.bool_)
+    # then along y, then along x, to the near faces of the other cells
+    for i in range(nx):
+        for j in range(ny):
+            plane_used[i] = plane_used[i] or column_used[i, j]
+        if not plane_used[i]:
+            continue
+        slab[:ny] = values[i]
+        for j in range(ny):
+            for step in range(1, steps + 1):
+                gap = np.float32(((step - 0.5) * size) ** 2)
+                if j - step >= 0 and column_used[i, j - step]:
+                    _lower_by(values[i, j], slab[j - step], gap)
+                if j + step < ny and column_used[i, j + step]:
+                    _lower_by(values[i, j], slab[j + step], gap)
+    for j in range(ny):
+        for i in range(nx):
+            slab[i] = values[i, j]
+        for i in range(nx):
+            for step in range(1, steps + 1):
+                gap = np.float32(((step - 0.5) * size) ** 2)
+                if i - step >= 0 and plane_used[i - step]:
+                    _lower_by(values[i, j], slab[i - step], gap)
+                if i + step < nx and plane_used[i + step]:
+                    _lower_by(values[i, j], slab[i + step], gap)
+    _refine_near(lower, upper, cells, origin, size, values)
+    return values
+
+
+@njit(cache=True)
+def _lower_by(target: Field, source: Field, gap: np.float32) -> None:
+    """target = min(target, source + gap)."""
+    for k in range(len(target)):
+        candidate = source[k] + gap
+        target[k] = candidate if candidate < target[k] else target[k]
+
+
+@njit(cache=True)
+def _refine_near(
+    lower: Array, upper: Array, cells: Index, origin: Array, size: float, values: Field
+) -> None:
+    """Raise values to the exact squared distance where all boxes that could matter are near.
+
+    Boxes of cells more than two away are at least 2.5 cells from the centre. Leaves distances,
+    rounded down.
+    """
+    nx, ny, nz = values.shape
+    beyond = np.float32((2.5 * size) ** 2)
+    exact = np.full((5, ny, nz), beyond, np.float32)  # planes i - 2 .. i + 2, cyclic
+    row = 0
+    m = len(cells)
+    for plane in range(nx + 2):
+        while row < m and cells[row, 0] == plane:
+            _scatter(lower, upper, cells, origin, size, row, exact, nx)
+            row += 1
+        done = plane - 2
+        if done >= 0:
+            near = exact[done % 5]
+            for j in range(ny):
+                _finish(values[done, j], near[j])
+            near[:] = beyond
+
+
+@njit(cache=True)
+def _finish(squared: Field, least: Field) -> None:
+    """The root of each squared distance, which is at least `least`, rounded down."""
+    for k in range(len(squared)):
+        value = least[k] if squared[k] < least[k] else squared[k]
+        squared[k] = np.float32(math.sqrt(value) * (1.0 - 4e-7))
+
+
+@njit(cache=True)
+def _scatter(
+    lower: Array,
+    upper: Array,
+    cells: Index,
+    origin: Array,
+    size: float,
+    row: int,
+    exact: Field,
+    nx: int,
+) -> None:
+    _, ny, nz = exact.shape
+    ci, cj, ck = cells[row, 0], cells[row, 1], cells[row, 2]
+    for i in range(max(ci - 2, 0), min(ci + 3, nx)):
+        x = origin[0] + (i + 0.5) * size
+        dx = max(lower[row, 0] - x, 0.0, x - upper[row, 0])
+        for j in range(max(cj - 2, 0), min(cj + 3, ny)):
+            y = origin[1] + (j + 0.5) * size
+            dy = max(lower[row, 1] - y, 0.0, y - upper[row, 1])
+            for k in range(max(ck - 2, 0), min(ck + 3, nz)):
+                z = origin[2] + (k + 0.5) * size
+                dz = max(lower[row, 2] - z, 0.0, z - upper[row, 2])
+                d = np.float32(dx * dx + dy * dy + dz * dz)
+                if d < exact[i % 5, j, k]:
+                    exact[i % 5, j, k] = d
