@@ -2,7 +2,6 @@
 
 import gc
 
-import coal
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -12,9 +11,11 @@ from placement_planner_ros.core.body import Body
 from placement_planner_ros.core.errors import GraspError, JointStateError, ParameterError
 from placement_planner_ros.core.robot import collision, collision_boxes
 from placement_planner_ros.core.robot.collision import ArmCollision, CollisionSettings
+from placement_planner_ros.core.robot.kinematics import Chain
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.separation import COLLIDING, FREE, UNDECIDED
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
+from placement_planner_ros.experiments.exact_collision import ExactCollision, compare
 from placement_planner_ros.scenes.clouds import complete_cloud
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.scenes import scene_by_name
@@ -124,82 +125,7 @@ def slider_checker(slider, obstacles, body=None, **kwargs):
     return ArmCollision(slider, arm, 0, body, obstacles, np.zeros(2), **kwargs)
 
 
-# ---- the reference ------------------------------------------------------------------------------
-
-
-class Reference:
-    """coal on every part against every nearby box and every other part; nothing else."""
-
-    def __init__(self, robot, arm, grasp, body, obstacles, q_rest, settings):
-        self.robot, self.arm, self.obstacles, self.settings = robot, arm, obstacles, settings
-        self.q = np.array(q_rest)
-        self.data = robot.model.createData()
-        self.placements = robot.geometry.createData()
-        self.T_tip_object = arm.grasps[grasp]
-        self.held = [self._convex(p.vertices, p.triangles) for p in body.parts]
-        self.boxes = [
-            coal.Box(u - lo) for lo, u in zip(obstacles.lower, obstacles.upper, strict=True)
-        ]
-        ids = {robot.model.getJointId(name) for name in arm.joints}
-        objects = robot.geometry.geometryObjects
-        self.moving = [
-            i for i, g in enumerate(objects) if ids & set(robot.model.supports[g.parentJoint])
-        ]
-        for shape in [g.geometry for g in objects] + self.held:
-            shape.computeLocalAABB()
-
-    @staticmethod
-    def _convex(vertices, triangles):
-        points, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
-        for vertex in vertices:
-            points.append(vertex)
-        for triangle in triangles:
-            faces.append(coal.Triangle(*map(int, triangle)))
-        return coal.Convex(points, faces)
-
-    @staticmethod
-    def _meet(a, T_a, b, T_b, margin):
-        request = coal.CollisionRequest()
-        request.security_margin = margin
-        A = coal.Transform3s(T_a.rotation, T_a.translation)
-        B = coal.Transform3s(T_b.rotation, T_b.translation)
-        return coal.collide(a, A, b, B, request, coal.CollisionResult())
-
-    def _meets_boxes(self, shape, T):
-        margin = self.settings.collision_margin
-        center = T.act(np.asarray(shape.aabb_center))
-        gap = np.maximum(self.obstacles.lower - center, center - self.obstacles.upper)
-        near = np.linalg.norm(np.maximum(gap, 0.0), axis=1) < shape.aabb_radius + margin + 1e-3
-        middle = (self.obstacles.lower + self.obstacles.upper) / 2
-        return any(
-            self._meet(shape, T, self.boxes[i], pin.SE3(np.eye(3), middle[i]), margin)
-            for i in np.flatnonzero(near)
-        )
-
-    def free(self, q):
-        robot, margin = self.robot, self.settings.self_margin
-        self.q[self.arm.q_index] = q
-        pin.framesForwardKinematics(robot.model, self.data, self.q)
-        pin.updateGeometryPlacements(robot.model, self.data, robot.geometry, self.placements)
-        T_object = self.data.oMf[robot.frame_id(self.arm.tip_frame)] * self.T_tip_object
-        shapes = [g.geometry for g in robot.geometry.geometryObjects]
-        at = self.placements.oMg
-        if any(self._meets_boxes(shapes[i], at[i]) for i in self.moving):
-            return False
-        if any(self._meets_boxes(part, T_object) for part in self.held):
-            return False
-        for pair in robot.geometry.collisionPairs:
-            i, j = pair.first, pair.second
-            if (i in self.moving or j in self.moving) and self._meet(
-                shapes[i], at[i], shapes[j], at[j], margin
-            ):
-                return False
-        return not any(
-            self._meet(part, T_object, shapes[i], at[i], margin)
-            for i, link in enumerate(robot.geometry_links)
-            if link not in self.arm.touch_links
-            for part in self.held
-        )
+# ---- scenes -------------------------------------------------------------------------------------
 
 
 def yumi_setup(yumi, scene, thing, side):
@@ -234,7 +160,7 @@ def mixed_setup(mixed):
 def test_agrees_with_coal_on_the_yumi(yumi, scene, thing, side):
     setup = yumi_setup(yumi, scene, thing, side)
     settings = CollisionSettings()
-    checker, reference = ArmCollision(*setup, settings), Reference(*setup, settings)
+    checker, reference = ArmCollision(*setup, settings), ExactCollision(*setup, settings)
     arm, q_start = setup[1], setup[5][setup[1].q_index]
     rng = np.random.default_rng(11)
     Q = np.vstack(
@@ -245,7 +171,10 @@ def test_agrees_with_coal_on_the_yumi(yumi, scene, thing, side):
     )
     expected = np.array([reference.free(q) for q in Q])
     assert 0.2 < expected.mean() < 0.9
-    assert (checker.free_batch(Q) == expected).all()
+    answers = compare(checker, reference, Q)
+    assert (answers.free, answers.colliding) == (expected.sum(), (~expected).sum())
+    assert not len(answers.disagreements)
+    assert answers.ties == 0
     assert [checker.free(q) for q in Q[:40]] == expected[:40].tolist()
     assert [checker.explain(q) == "" for q in Q] == expected.tolist()
 
@@ -254,12 +183,45 @@ def test_agrees_with_coal_on_the_yumi(yumi, scene, thing, side):
 def test_agrees_with_coal_on_every_kind_of_shape(mixed, self_margin):
     setup = mixed_setup(mixed)
     settings = CollisionSettings(collision_margin=0.005, self_margin=self_margin)
-    checker, reference = ArmCollision(*setup, settings), Reference(*setup, settings)
+    checker, reference = ArmCollision(*setup, settings), ExactCollision(*setup, settings)
     arm = setup[1]
     Q = np.random.default_rng(5).uniform(arm.lower, arm.upper, (600, arm.dof))
     expected = np.array([reference.free(q) for q in Q])
     assert 0.1 < expected.mean() < 0.9
     assert (checker.free_batch(Q) == expected).all()
+
+
+def test_comparison_counts_disagreements_and_sets_ties_apart(slider):
+    wall = obstacles_of(plate((0.002, 0.3, 0.3), (0.5, 0.0, 0.0)))
+    arm = slider.arm("arm", "ball")
+    setup = (slider, arm, 0, None, wall, np.zeros(2))
+    checker = ArmCollision(*setup)
+    touching = wall.lower[:, 0].min() - 0.02 - 0.003
+    Q = np.array([[touching - gap, 0.0] for gap in (0.01, 0.0005, 3e-7, -3e-7, -0.0005, -0.01)])
+    assert [ExactCollision(*setup).ties(q) for q in Q] == [False, False, True, True, False, False]
+    # A margin that is off by a millimetre shows; one that is off by less than a tie does not.
+    for off, expected in ((0.001, 2), (5e-7, 0)):
+        exact = ExactCollision(*setup, CollisionSettings(collision_margin=0.003 + off))
+        answers = compare(checker, exact, Q)
+        assert len(answers.disagreements) == expected
+
+
+def test_exact_edges_take_samples_no_further_apart_than_asked(yumi):
+    setup = yumi_setup(yumi, "table", "toy_table", "right")
+    exact, arm = ExactCollision(*setup), setup[1]
+    rng = np.random.default_rng(3)
+    tip = np.array([0.05, 0.0, 0.1])
+    for a, b in rng.uniform(arm.lower, arm.upper, (10, 2, arm.dof)):
+        chain = Chain.from_robot(yumi, arm, setup[5])
+        T = chain.forward_batch(a + np.linspace(0, 1, 200)[:, None] * (b - a))
+        way = np.linalg.norm(np.diff(T[:, :3, :3] @ tip + T[:, :3, 3], axis=0), axis=1).sum()
+        assert exact.length(a, b) > 0.9 * way
+    certified = ArmCollision(*setup)
+    Q = setup[5][arm.q_index] + rng.normal(size=(30, 2, arm.dof)) * 0.3
+    ours = np.array([certified.edge_free(a, b) for a, b in Q])
+    sampled = np.array([exact.edge_free(a, b) for a, b in Q])
+    assert not (ours & ~sampled).any()
+    assert 0 < ours.sum() <= sampled.sum() < len(Q)
 
 
 def test_hardly_anything_is_left_to_coal(yumi):

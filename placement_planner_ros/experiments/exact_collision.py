@@ -1,0 +1,243 @@
+"""The arm's collision checks by coal alone: what the planner's kernels are measured against.
+
+Plain use of pinocchio and coal on the exact shapes, one configuration at a time: forward
+kinematics, each moving shape against a tree of the environment's boxes, then the robot's own pairs
+until one collides. Shares nothing with the kernels but their input.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from placement_planner_ros.core.body import Body, ConvexPart
+from placement_planner_ros.core.robot.collision import ArmCollision, CollisionSettings
+from placement_planner_ros.core.robot.model import Arm, Robot
+from placement_planner_ros.core.robot.separation import UNDECIDED
+from placement_planner_ros.core.scene.grid import ObstacleSet
+from placement_planner_ros.core.types import Array
+
+TIE = 1e-6
+"""m around a margin within which two exact checks may answer differently."""
+_STRETCHES = 8
+"""Pieces of an edge over which its length is summed up."""
+
+
+class ExactCollision:
+    """One arm with one object in one grasp, all other joints at rest: `ArmCollision` by coal.
+
+    Args:
+        robot, arm: who.
+        grasp: index into arm.grasps.
+        body: the object, or None for an empty hand.
+        obstacles: the environment.
+        q_rest: (nq,) joints of the whole robot; those of the arm are ignored.
+        settings: margins.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        arm: Arm,
+        grasp: int,
+        body: Body | None,
+        obstacles: ObstacleSet,
+        q_rest: Array,
+        settings: CollisionSettings | None = None,
+    ) -> None:
+        self.settings = settings or CollisionSettings()
+        self._model, self._data = robot.model, robot.model.createData()
+        self._q = np.array(q_rest, dtype=np.float64)
+        self._q_index = arm.q_index
+        links = list(robot.geometry_links)
+        shapes = [pin.GeometryObject(thing) for thing in robot.geometry.geometryObjects]
+        tip = robot.model.frames[robot.frame_id(arm.tip_frame)]
+        self._held = range(len(shapes), len(shapes) + (len(body.parts) if body else 0))
+        if body is not None:
+            T_joint_object = tip.placement * arm.grasps[grasp]
+            for i, part in enumerate(body.parts):
+                name = f"held object {i}"
+                shape = _convex(part)
+                shapes.append(pin.GeometryObject(name, tip.parentJoint, T_joint_object, shape))
+        above = [_joint_above(robot.model, arm, shape.parentJoint) for shape in shapes]
+        self._geometry = pin.GeometryModel()
+        for shape in shapes:
+            shape.geometry.computeLocalAABB()
+            self._geometry.addGeometryObject(shape)
+        pairs = [(pair.first, pair.second) for pair in robot.geometry.collisionPairs]
+        strangers = [i for i, link in enumerate(links) if link not in arm.touch_links]
+        pairs += itertools.product(self._held, strangers)
+        # Outer links first: they collide most often.
+        for a, b in sorted(pairs, key=lambda p: -max(above[p[0]], above[p[1]])):
+            if above[a] != above[b]:
+                self._geometry.addCollisionPair(pin.CollisionPair(a, b))
+        self._placed = self._geometry.createData()
+        moving = sorted((i for i in range(len(shapes)) if above[i] >= 0), key=lambda i: -above[i])
+        self._movers = [(i, coal.CollisionObject(shapes[i].geometry)) for i in moving]
+        self._corners = [(i, _corners(shapes[i].geometry)) for i in moving]
+        self._boxes = [
+            coal.CollisionObject(coal.Box(upper - lower), np.eye(3), (lower + upper) / 2)
+            for lower, upper in zip(obstacles.lower, obstacles.upper, strict=True)
+        ]
+        self._environment = coal.DynamicAABBTreeCollisionManager()
+        self._environment.registerObjects(self._boxes)
+        self._environment.setup()
+        self._answer = coal.CollisionCallBackDefault()
+        self._keep(self.settings.collision_margin, self.settings.self_margin)
+
+    def free(
+        self, q: Array, reserve: float = 0.0, contact: bool = False, beyond: float = 0.0
+    ) -> bool:
+        """Whether q (dof,) keeps the margins, as `ArmCollision.free`.
+
+        Args:
+            reserve: metres beyond the margins, of which the settings say what counts for the
+                robot against itself.
+            contact: leave out the held object against the obstacle set.
+            beyond: metres beyond both margins.
+        """
+        settings = self.settings
+        kept = min(reserve, settings.self_reserve)
+        self._keep(
+            settings.collision_margin + reserve + beyond, settings.self_margin + kept + beyond
+        )
+        self._q[self._q_index] = q
+        pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._placed, self._q)
+        poses, answer = self._placed.oMg, self._answer
+        for i, mover in self._movers:
+            if contact and i in self._held:
+                continue
+            pose = poses[i]
+            mover.setTransform(coal.Transform3s(pose.rotation, pose.translation))
+            mover.computeAABB()
+            mover.getAABB().expand(self._margin)
+            answer.init()
+            self._environment.collide(mover, answer)
+            if answer.data.result.isCollision():
+                return False
+        return not pin.computeCollisions(self._geometry, self._placed, True)
+
+    def ties(self, q: Array, reserve: float = 0.0, contact: bool = False) -> bool:
+        """Whether the distance at q (dof,) is within `TIE` of a margin."""
+        return self.free(q, reserve, contact, -TIE) and not self.free(q, reserve, contact, TIE)
+
+    def edge_free(
+        self,
+        a: Array,
+        b: Array,
+        step: float = 0.005,
+        reserve: float = 0.0,
+        contact: bool = False,
+    ) -> bool:
+        """Whether samples of the straight joint motion from a to b (dof,) are free.
+
+        They are so close that no point of arm or object moves further than `step` metres from one
+        to the next, and are taken by bisection, the ends first.
+        """
+        count = max(1, math.ceil(self.length(a, b) / step))
+        if not (self.free(b, reserve, contact) and self.free(a, reserve, contact)):
+            return False
+        waiting = [(0, count)]
+        for low, high in waiting:
+            if high - low < 2:
+                continue
+            middle = (low + high) // 2
+            if not self.free(a + middle / count * (b - a), reserve, contact):
+                return False
+            waiting += [(low, middle), (middle, high)]
+        return True
+
+    def length(self, a: Array, b: Array) -> float:
+        """Metres that the furthest moving point of arm and object travels from a to b (dof,).
+
+        Summed up over corners of boxes around the shapes and a few stretches of the motion.
+        """
+        stages = []
+        for share in np.linspace(0.0, 1.0, _STRETCHES + 1):
+            self._q[self._q_index] = a + share * (b - a)
+            pin.updateGeometryPlacements(
+                self._model, self._data, self._geometry, self._placed, self._q
+            )
+            poses = self._placed.oMg
+            stages.append(
+                np.vstack(
+                    [at @ poses[i].rotation.T + poses[i].translation for i, at in self._corners]
+                )
+            )
+        ways = np.linalg.norm(np.diff(stages, axis=0), axis=2)
+        return float(ways.max(axis=1).sum())
+
+    def _keep(self, margin: float, self_margin: float) -> None:
+        """Have coal keep these distances, metres."""
+        if getattr(self, "_margin", None) != margin:
+            self._margin = margin
+            self._answer.data.request.security_margin = margin
+        if getattr(self, "_self_margin", None) != self_margin:
+            self._self_margin = self_margin
+            for request in self._placed.collisionRequests:
+                request.security_margin = self_margin
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Agreement:
+    """How the planner's collision check and coal alone answer the same configurations.
+
+    Attributes:
+        free, colliding: how many coal says are.
+        undecided: of all, those that the planner's fast tier left to its exact one.
+        ties: answered differently within `TIE` of a margin.
+        disagreements: (k, dof) answered differently elsewhere.
+    """
+
+    free: int
+    colliding: int
+    undecided: int
+    ties: int
+    disagreements: Array
+
+
+def compare(
+    fast: ArmCollision,
+    exact: ExactCollision,
+    Q: Array,
+    reserve: float = 0.0,
+    contact: bool = False,
+) -> Agreement:
+    """Ask both about Q (n, dof): the fast tier alone, and what it leaves undecided to the end."""
+    undecided = fast.classify(Q, reserve, contact) == UNDECIDED
+    expected = np.array([exact.free(q, reserve, contact) for q in Q], dtype=np.bool_)
+    differ = np.flatnonzero(fast.free_batch(Q, reserve, contact) != expected)
+    ties = np.array([exact.ties(q, reserve, contact) for q in Q[differ]], dtype=np.bool_)
+    return Agreement(
+        int(expected.sum()),
+        int((~expected).sum()),
+        int(undecided.sum()),
+        int(ties.sum()),
+        np.asarray(Q[differ[~ties]]),
+    )
+
+
+def _joint_above(model: pin.Model, arm: Arm, joint: int) -> int:
+    """Index of the last of the arm's joints that moves what hangs on `joint`, or -1."""
+    moves = [model.names[k] for k in model.supports[joint]]
+    return max((i for i, name in enumerate(arm.joints) if name in moves), default=-1)
+
+
+def _convex(part: ConvexPart) -> coal.Convex:
+    points, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+    for vertex in part.vertices:
+        points.append(vertex)
+    for triangle in part.triangles:
+        faces.append(coal.Triangle(*map(int, triangle)))
+    return coal.Convex(points, faces)
+
+
+def _corners(shape: coal.CollisionGeometry) -> Array:
+    """(8, 3) of the box around a shape, in its own frame."""
+    box = shape.aabb_local
+    return np.array(list(itertools.product(*zip(box.min_, box.max_, strict=True))))
