@@ -16,7 +16,7 @@ from placement_planner_ros.core.feasibility import PoseConstraints, placement_po
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.robot.object_collision import ObjectCollision
 from placement_planner_ros.core.types import TargetVolume, Verdict
-from placement_planner_ros.experiments import trial
+from placement_planner_ros.experiments import record as recording
 from placement_planner_ros.experiments.benchmark import main
 from placement_planner_ros.experiments.cases import Case, make_problem
 from placement_planner_ros.experiments.comparisons import (
@@ -34,6 +34,7 @@ from placement_planner_ros.experiments.placement_grid import (
     grid_placements,
     region_grid,
 )
+from placement_planner_ros.experiments.record import Record, Solution
 from placement_planner_ros.experiments.relative import (
     Scale,
     area_under_curve,
@@ -43,7 +44,7 @@ from placement_planner_ros.experiments.relative import (
 from placement_planner_ros.experiments.resampling import holm, mean_interval
 from placement_planner_ros.experiments.results import Results
 from placement_planner_ros.experiments.spread import spread
-from placement_planner_ros.experiments.trial import Trial, TrialRecord, run_trial
+from placement_planner_ros.experiments.trial import Trial, run_trial
 from placement_planner_ros.experiments.yardstick import YardstickJob, measure
 
 TABLE = Case("table", "small_crayons_box", "maximize_clearance")
@@ -53,21 +54,12 @@ STEPS = [(1.0, 0.5), (3.0, 0.9)]
 
 def recorded(case, variant, seed, objectives, limit=4.0):
     """A run with one placement per second, from 1 s on."""
-    record = TrialRecord(case, variant, seed, limit, preparation=0.5, elapsed=limit)
+    record = Record(case, seed, limit, variant, preparation=0.5, elapsed=limit)
     record.samples, record.rejected = 70, {"unstable": 42, "not_better": 14}
     for second, objective in enumerate(objectives, start=1):
-        record.solutions.append(
-            {
-                "time": float(second),
-                "objective": objective,
-                "arm": "left",
-                "grasp": 0,
-                "face": 0,
-                "samples": 7,
-                "pose": [[1, 0, 0, 0.4], [0, 1, 0, 0.1], [0, 0, 1, 0.1]],
-                "q": [0.0] * 7,
-            }
-        )
+        pose = [[1.0, 0.0, 0.0, 0.4], [0.0, 1.0, 0.0, 0.1], [0.0, 0.0, 1.0, 0.1]]
+        solution = Solution(float(second), objective, "left", 0, 0, 7, pose, [0.0] * 7)
+        record.solutions.append(solution)
     record.failure = "" if objectives else "nothing was found"
     return asdict(record)
 
@@ -266,7 +258,7 @@ def test_a_run_that_breaks_is_recorded_with_its_error(tmp_path, monkeypatch):
     def broken(inputs, objective):
         raise RuntimeError("the cloud caught fire")
 
-    monkeypatch.setattr(trial, "build_problem", broken)
+    monkeypatch.setattr(recording, "build_problem", broken)
     failed = run_paper([Trial(TABLE, "mcts+lo", 3, 1.0)], tmp_path, tell=lambda line: None)
     (record,) = read_lines(tmp_path / "runs.jsonl")
     assert failed == 1

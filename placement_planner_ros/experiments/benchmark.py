@@ -6,22 +6,19 @@ import argparse
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from ompl import util as ou
 
 from placement_planner_ros.core.errors import PlacementPlannerError
-from placement_planner_ros.core.planner import PlannerSettings
-from placement_planner_ros.core.warmup import warm_up
 from placement_planner_ros.experiments.cases import OBJECTIVES, Case, all_cases
 from placement_planner_ros.experiments.evaluation_commands import add_evaluation_commands
 from placement_planner_ros.experiments.motion_comparison import compare
 from placement_planner_ros.experiments.motion_problems import panda_problems
 from placement_planner_ros.experiments.record import Record, run_case
+from placement_planner_ros.experiments.trial import warm_process
 from placement_planner_ros.scenes.objects import OBJECT_NAMES
 from placement_planner_ros.scenes.scenes import SCENE_NAMES
-from placement_planner_ros.scenes.yumi import START_CONFIGURATION, TIP_FRAMES, load_yumi, yumi_arm
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -71,17 +68,13 @@ def describe(record: Record) -> str:
     return (
         f"{head}  first {first.time:5.2f} s  {len(record.solutions):2d} solutions  "
         f"objective {first.objective:+.4f} -> {last.objective:+.4f}  "
-        f"{record.samples / record.time_limit:6.0f} samples/s"
+        f"{record.samples / (record.elapsed - record.preparation):6.0f} samples/s"
     )
 
 
 def run_cases(arguments: argparse.Namespace) -> int:
     """Run the wanted cases one after the other; one JSON line each in `runs.jsonl`."""
-    settings = replace(
-        PlannerSettings(),
-        sampler=arguments.sampler,
-        local_optimization=not arguments.no_local_optimization,
-    )
+    variant = arguments.sampler + ("" if arguments.no_local_optimization else "+lo")
     jobs = [
         (case, seed)
         for case in all_cases(arguments.cloud)
@@ -90,18 +83,16 @@ def run_cases(arguments: argparse.Namespace) -> int:
     ]
     arguments.output.mkdir(parents=True, exist_ok=True)
     print("warming up", flush=True)
-    robot = load_yumi()
-    arms = [yumi_arm(robot, name) for name in TIP_FRAMES]
-    warm_up(robot, arms, robot.configuration(START_CONFIGURATION))
+    warm_process()
     failed = 0
     started = time.monotonic()
     with (arguments.output / "runs.jsonl").open("a", encoding="utf-8") as lines:
         for done, (case, seed) in enumerate(jobs, start=1):
             record = run_case(
                 case,
+                variant,
                 seed,
                 arguments.seconds,
-                settings,
                 arguments.output / "solutions",
                 arguments.enough,
             )

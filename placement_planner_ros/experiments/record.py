@@ -10,9 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.types import Placement
-from placement_planner_ros.experiments.cases import Case, make_problem
+from placement_planner_ros.experiments.cases import Case, build_problem, read_inputs
+from placement_planner_ros.experiments.machine import machine, versions
+from placement_planner_ros.experiments.variants import VARIANTS
 
 
 @dataclass(slots=True)
@@ -22,6 +23,9 @@ class Solution:
     Attributes:
         time: seconds from the start of the run, the environment's construction included.
         objective: ξ.
+        samples: goal samples tried so far.
+        pose: (3, 4) rows of T_world_object.
+        q: the arm's joints at the placement, rad.
     """
 
     time: float
@@ -30,6 +34,23 @@ class Solution:
     grasp: int
     face: int
     samples: int
+    pose: list[list[float]] = field(default_factory=list)
+    q: list[float] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, placement: Placement, seconds: float) -> Solution:
+        """A placement found so many seconds after the start."""
+        goal = placement.goal
+        return cls(
+            seconds,
+            placement.objective,
+            goal.arm,
+            goal.grasp,
+            goal.face,
+            placement.samples,
+            goal.T_world_object.homogeneous[:3].tolist(),
+            goal.q.tolist(),
+        )
 
 
 @dataclass(slots=True)
@@ -37,7 +58,9 @@ class Record:
     """One run: also where it failed.
 
     Attributes:
-        preparation: seconds until the first sample, robot and cloud included.
+        variant: one of `VARIANTS`.
+        preparation: seconds from the start to the first sample.
+        elapsed: seconds from the start to the end.
         rejected: how many samples each constraint rejected.
         failure: why there is no solution, or the error that ended the run; '' otherwise.
     """
@@ -45,7 +68,9 @@ class Record:
     case: Case
     seed: int
     time_limit: float
+    variant: str = next(iter(VARIANTS))
     preparation: float = 0.0
+    elapsed: float = 0.0
     solutions: list[Solution] = field(default_factory=list)
     samples: int = 0
     goals: int = 0
@@ -53,6 +78,8 @@ class Record:
     uncertified: int = 0
     rejected: dict[str, int] = field(default_factory=dict)
     failure: str = ""
+    machine: dict[str, str | int] = field(default_factory=machine)
+    versions: dict[str, str] = field(default_factory=versions)
 
     def to_json(self) -> str:
         """One line."""
@@ -61,45 +88,47 @@ class Record:
 
 def run_case(
     case: Case,
+    variant: str,
     seed: int,
     time_limit: float,
-    settings: PlannerSettings,
     solutions_folder: Path | None = None,
     enough: int | None = None,
 ) -> Record:
-    """Run one case for `time_limit` seconds, loading the robot and making the cloud included.
+    """Run one case; errors are recorded, not raised.
+
+    The clock starts when robot, object and cloud are there, as with a node that is told to start;
+    building the environment counts. Warm the process up first.
 
     Args:
+        variant: one of `VARIANTS`.
+        time_limit: seconds.
         solutions_folder: where each solution is written as an .npz, if given.
         enough: solutions after which the run ends early, if given.
     """
-    record = Record(case, seed, time_limit)
-    rng = np.random.default_rng(seed)
-    started = time.monotonic()
+    record = Record(case, seed, time_limit, variant)
     try:
-        problem, objective = make_problem(case, rng)
-        planner = PlacementPlanner(problem, objective, settings, rng)
-        record.preparation = time.monotonic() - started
-        for placement in planner.run(lambda: time.monotonic() - started > time_limit):
-            goal = placement.goal
-            record.solutions.append(
-                Solution(
-                    time.monotonic() - started,
-                    placement.objective,
-                    goal.arm,
-                    goal.grasp,
-                    goal.face,
-                    placement.samples,
-                )
-            )
-            if solutions_folder is not None:
-                name = f"{str(case).replace('/', '-')}-{seed}-{len(record.solutions)}.npz"
-                save_solution(solutions_folder / name, case, seed, placement)
-            if len(record.solutions) == enough:
-                break
+        _run(record, solutions_folder, enough)
     except Exception:
         record.failure = traceback.format_exc()
-        return record
+    return record
+
+
+def _run(record: Record, solutions_folder: Path | None, enough: int | None) -> None:
+    case, variant = record.case, VARIANTS[record.variant]
+    rng = np.random.default_rng(record.seed)
+    inputs = read_inputs(case, rng)
+    started = time.monotonic()
+    problem, objective = build_problem(inputs, case.objective)
+    planner = variant.planner(problem, objective, variant.settings, rng)
+    record.preparation = time.monotonic() - started
+    for placement in planner.run(lambda: time.monotonic() - started > record.time_limit):
+        record.solutions.append(Solution.of(placement, time.monotonic() - started))
+        if solutions_folder is not None:
+            name = f"{str(case).replace('/', '-')}-{record.seed}-{len(record.solutions)}.npz"
+            save_solution(solutions_folder / name, case, record.seed, placement)
+        if len(record.solutions) == enough:
+            break
+    record.elapsed = time.monotonic() - started
     statistics = planner.statistics
     record.samples = statistics.samples
     record.goals = statistics.goals
@@ -108,7 +137,6 @@ def run_case(
     record.rejected = statistics.rejected
     if not record.solutions:
         record.failure = planner.exhausted or statistics.why_nothing()
-    return record
 
 
 def save_solution(path: Path, case: Case, seed: int, placement: Placement) -> None:

@@ -26,7 +26,8 @@ from placement_planner_ros.experiments.placement_grid import (
     GridResolution,
     grid_placements,
 )
-from placement_planner_ros.experiments.trial import solution_record, warm_process
+from placement_planner_ros.experiments.record import Solution
+from placement_planner_ros.experiments.trial import warm_process
 
 _SIGNS = {"maximize_clearance": 1.0, "minimize_clearance": -1.0}
 _CELL = 0.02
@@ -228,7 +229,7 @@ def measure(job: YardstickJob) -> list[dict[str, Any]]:
             {
                 "case": asdict(Case(job.scene, job.object, name)),
                 "best": None if best is None else best.objective,
-                "solution": None if best is None else solution_record(best, best.search_time),
+                "solution": None if best is None else asdict(Solution.of(best, best.search_time)),
                 "complete": complete,
                 "random": float(sign * np.median(random)) if len(random) else None,
                 "random_placements": len(random),
