@@ -54,7 +54,10 @@ def _add_yardstick(commands: Any) -> None:
     yardstick.add_argument("--step", type=float, default=5.0, help="of positions, mm")
     yardstick.add_argument("--turn", type=float, default=2.0, help="of angles, degrees")
     yardstick.add_argument(
-        "--seconds", type=float, default=300.0, help="for reaching the best ones, per objective"
+        "--seconds",
+        type=float,
+        default=300.0,
+        help="processor time for reaching the best ones, per objective",
     )
     _add_common(yardstick)
     yardstick.set_defaults(command_function=_run_yardstick)

@@ -43,7 +43,7 @@ class YardstickJob:
     """One scene and object; both objectives share the grid.
 
     Attributes:
-        seconds: for inverse kinematics and motion planning, per objective.
+        seconds: of processor time for inverse kinematics and motion planning, per objective.
         ik_seeds: starts of the inverse kinematics per pose.
         random_placements: feasible placements drawn for the median.
     """
@@ -165,10 +165,10 @@ class DenseSearch(PlacementPlanner):
     def best(self, seconds: float) -> tuple[Placement | None, bool]:
         """The best placement reached, and whether nothing better was left to be tried.
 
-        Goals better than the best are planned for until `seconds` are over or a large number of
-        further iterations has reached none of them.
+        Goals better than the best are planned for until `seconds` of processor time are over or a
+        large number of further iterations has reached none of them.
         """
-        deadline = time.monotonic() + seconds
+        deadline = time.process_time() + seconds
         since = 0
 
         def should_stop() -> bool:
@@ -176,7 +176,7 @@ class DenseSearch(PlacementPlanner):
             if not self._dense.finished:
                 since = self._motion.iterations
             tried = self._motion.goals == 0 or self._motion.iterations > since + _LAST_ITERATIONS
-            return (self._dense.finished and tried) or time.monotonic() > deadline
+            return (self._dense.finished and tried) or time.process_time() > deadline
 
         best = None
         for placement in self.run(should_stop):
@@ -189,10 +189,10 @@ class RandomPlacements(PlacementPlanner):
 
     def draw(self, number: int, seconds: float) -> Array:
         """(≤ number,) ξ of placements that satisfy every constraint of the sampling problem."""
-        deadline = time.monotonic() + seconds
+        deadline = time.process_time() + seconds
         values: list[float] = []
-        while not self.exhausted and len(values) < number and time.monotonic() < deadline:
-            goals = self._sampler.sample_goals(-np.inf, lambda: time.monotonic() > deadline)
+        while not self.exhausted and len(values) < number and time.process_time() < deadline:
+            goals = self._sampler.sample_goals(-np.inf, lambda: time.process_time() > deadline)
             values += [goal.objective for goal in goals]
         return np.array(values)
 
@@ -204,22 +204,22 @@ def measure(job: YardstickJob) -> list[dict[str, Any]]:
     better pose of the grid was left untried); random (median ξ of random feasible placements, None
     where there is none); random_placements (their number); grid_poses; free_poses (stable and free
     of collision without regard to the arms) and best_free_pose (the best ξ of those); resolution;
-    seconds spent; machine, versions.
+    seconds of processor time spent; machine, versions.
     """
     warm_process()
     rng = np.random.default_rng(0)
     settings = PlannerSettings()
     inputs = read_inputs(Case(job.scene, job.object, job.objectives[0]), rng)
-    started = time.monotonic()
+    started = time.process_time()
     problem, objective = build_problem(inputs, job.objectives[0])
     placements = grid_placements(problem, job.resolution, settings)
     uniform = replace(settings, sampler="uniform")
     drawn = RandomPlacements(problem, objective, uniform, rng)
     random = drawn.draw(job.random_placements, job.seconds) * _SIGNS[job.objectives[0]]
-    shared = time.monotonic() - started
+    shared = time.process_time() - started
     records = []
     for name in job.objectives:
-        started = time.monotonic()
+        started = time.process_time()
         problem, objective = build_problem(inputs, name)
         sign = _SIGNS[name]
         values = sign * placements.clearance
@@ -237,7 +237,7 @@ def measure(job: YardstickJob) -> list[dict[str, Any]]:
                 "free_poses": len(values),
                 "best_free_pose": float(np.max(values)) if len(values) else None,
                 "resolution": asdict(job.resolution),
-                "seconds": shared + time.monotonic() - started,
+                "seconds": shared + time.process_time() - started,
                 "machine": machine(),
                 "versions": versions(),
             }
