@@ -1,4 +1,4 @@
-"""`placement_benchmark`: the paper's cases, its evaluation, and motion planning beside OMPL's."""
+"""`placement_benchmark`: the paper's cases, its evaluation, motion planning, and all speeds."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from placement_planner_ros.experiments.evaluation_commands import add_evaluation
 from placement_planner_ros.experiments.motion_comparison import compare
 from placement_planner_ros.experiments.motion_problems import panda_problems
 from placement_planner_ros.experiments.record import Record, run_case
+from placement_planner_ros.experiments.speed.command import add_speed_command
 from placement_planner_ros.experiments.trial import warm_process
 from placement_planner_ros.scenes.objects import OBJECT_NAMES
 from placement_planner_ros.scenes.scenes import SCENE_NAMES
@@ -48,6 +49,7 @@ def _parser() -> argparse.ArgumentParser:
     cases.set_defaults(command_function=run_cases)
     motion.set_defaults(command_function=run_motion)
     add_evaluation_commands(commands)
+    add_speed_command(commands)
     return parser
 
 

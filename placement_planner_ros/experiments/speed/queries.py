@@ -1,0 +1,255 @@
+"""Rows measured on recorded queries: configurations, edges, agreement with coal, kinematics."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from placement_planner_ros.core.holding import Holding
+from placement_planner_ros.core.robot.collision import ArmCollision
+from placement_planner_ros.core.robot.ik import InverseKinematics
+from placement_planner_ros.core.robot.seeds import SeedTable
+from placement_planner_ros.core.robot.separation import COLLIDING, FREE
+from placement_planner_ros.core.types import Array
+from placement_planner_ros.experiments.exact_collision import ExactCollision
+from placement_planner_ros.experiments.speed.measures import cpu_seconds
+from placement_planner_ros.experiments.speed.recorder import HeldQueries, Recording
+
+EXHAUSTIVE_SEEDS = 256
+_NOISE = 0.05
+"""rad, of configurations around recorded ones."""
+
+Entry = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class CompareSettings:
+    """How many queries of a case are put to coal too, which takes milliseconds for each."""
+
+    states: int = 400
+    edges: int = 60
+    poses: int = 150
+
+
+class Bench:
+    """The queries of one recorded run, put to the fast path and to coal alone.
+
+    Args:
+        rng: chooses what coal is asked too.
+    """
+
+    def __init__(
+        self, recording: Recording, settings: CompareSettings, rng: np.random.Generator
+    ) -> None:
+        self._recording = recording
+        self._settings = settings
+        self._rng = rng
+        self._exact: dict[int, ExactCollision] = {}
+
+    def exact(self, queries: HeldQueries) -> ExactCollision:
+        """coal alone for that arm and grasp."""
+        holding, problem = queries.holding, self._recording.problem
+        if id(queries) not in self._exact:
+            self._exact[id(queries)] = ExactCollision(
+                problem.robot,
+                holding.arm,
+                holding.grasp,
+                problem.body,
+                problem.environment.obstacles,
+                problem.q_start,
+                self._recording.settings.collision,
+            )
+        return self._exact[id(queries)]
+
+    def configurations(self) -> Entry:
+        """The fast tier on every recorded configuration, in the order they came."""
+        count, free, undecided, seconds = 0, 0, 0, 0.0
+        for queries in self._recording.held:
+            collision = queries.holding.collision
+            for contact, states in _by_contact(queries.states, queries.contact):
+                answers = collision.classify(states, contact=contact)
+                count += len(states)
+                free += int((answers == FREE).sum())
+                undecided += int(((answers != FREE) & (answers != COLLIDING)).sum())
+                seconds += cpu_seconds(partial(collision.classify, states, contact=contact))
+        return self._entry(
+            "configurations", queries=count, free=free, undecided=undecided, seconds=seconds
+        )
+
+    def answers(self) -> Entry:
+        """Configurations answered to the end, by the fast path and by coal alone."""
+        count, free, wrong, ties, seconds, exact_seconds = 0, 0, 0, 0, 0.0, 0.0
+        shares = _shares([len(q.states) for q in self._recording.held], self._settings.states)
+        for queries, share in zip(self._recording.held, shares, strict=True):
+            kept = self._choice(len(queries.states), share)
+            exact, collision = self.exact(queries), queries.holding.collision
+            for contact, states in _by_contact(queries.states[kept], queries.contact[kept]):
+                ours = collision.free_batch(states, contact=contact)
+                theirs = np.array(_free(exact, states, contact))
+                seconds += cpu_seconds(partial(collision.free_batch, states, contact=contact))
+                exact_seconds += cpu_seconds(partial(_free, exact, states, contact))
+                count += len(states)
+                free += int(ours.sum())
+                for q in states[ours != theirs]:
+                    tie = exact.ties(q, contact=contact)
+                    ties, wrong = ties + tie, wrong + (not tie)
+        return self._entry(
+            "answers",
+            queries=count,
+            free=free,
+            disagreements=wrong,
+            ties=ties,
+            seconds=seconds,
+            exact_seconds=exact_seconds,
+        )
+
+    def edges(self) -> Entry:
+        """Edges certified to the end beside coal's samples every 5 mm."""
+        count, certified, refuted, sampled_free, seconds, exact_seconds = 0, 0, 0, 0, 0.0, 0.0
+        shares = _shares([len(q.edges) for q in self._recording.held], self._settings.edges)
+        for queries, share in zip(self._recording.held, shares, strict=True):
+            kept = self._choice(len(queries.edges), share)
+            exact, collision = self.exact(queries), queries.holding.collision
+            for contact, edges in _by_contact(queries.edges[kept], queries.edge_contact[kept]):
+                ours = _edges_free(collision, edges, contact)
+                theirs = _edges_free(exact, edges, contact)
+                seconds += cpu_seconds(partial(_edges_free, collision, edges, contact))
+                exact_seconds += cpu_seconds(partial(_edges_free, exact, edges, contact))
+                count += len(edges)
+                certified += sum(ours)
+                sampled_free += sum(theirs)
+                refuted += sum(a and not b for a, b in zip(ours, theirs, strict=True))
+        return self._entry(
+            "edges",
+            queries=count,
+            certified=certified,
+            sampled_free=sampled_free,
+            refuted=refuted,
+            seconds=seconds,
+            exact_seconds=exact_seconds,
+        )
+
+    def kinematics(self) -> Entry:
+        """Collision-free configurations for recorded poses, and what an exhaustive search adds.
+
+        Timed are seeds, solving and the collision checks, many poses at once: of all recorded
+        poses, and of those that the exhaustive search solves.
+        """
+        settings = self._recording.settings
+        entry = self._entry("ik", poses=0, found=0, seconds=0.0, reached=0, exhaustive=0, missed=0)
+        entry |= {"solvable_found": 0, "solvable_seconds": 0.0}
+        shares = _shares([len(q.poses) for q in self._recording.held], self._settings.poses)
+        for queries, share in zip(self._recording.held, shares, strict=True):
+            kept = self._choice(len(queries.poses), share)
+            if not len(kept):
+                continue
+            holding = queries.holding
+            solver = InverseKinematics(holding.chain, settings.ik)
+            table = SeedTable(holding.chain, self._rng)
+            T = np.array([holding.tip_pose(queries.poses[i]) for i in kept])
+
+            def solve(
+                T: Array, holding: Holding = holding, solver: Any = solver, table: Any = table
+            ) -> npt.NDArray[np.int64]:
+                near = table.near(T, settings.ik_seeds, self._rng)
+                start = np.broadcast_to(holding.q_start, (len(T), 1, holding.chain.dof))
+                seeds = np.concatenate([start, near], axis=1)
+                return _free_counts(holding, *solver.solve_batch(T, seeds))
+
+            random = solver.random_seeds(self._rng, (len(T), EXHAUSTIVE_SEEDS))
+            solvable = _free_counts(holding, *solver.solve_batch(T, random)) > 0
+            ours = solve(T)
+            entry["poses"] += len(T)
+            entry["found"] += int(ours.sum())
+            entry["seconds"] += cpu_seconds(partial(solve, T))
+            entry["reached"] += int((ours > 0).sum())
+            entry["exhaustive"] += int(solvable.sum())
+            entry["missed"] += int((solvable & (ours == 0)).sum())
+            if solvable.any():
+                entry["solvable_found"] += int(ours[solvable].sum())
+                entry["solvable_seconds"] += cpu_seconds(partial(solve, T[solvable]))
+        return entry
+
+    def agreement(self, number: int) -> Iterator[Entry]:
+        """Fast answers beside coal's, half at random, half around recorded configurations.
+
+        Args:
+            number: of configurations in this case; with and without support contact in turn.
+        """
+        held = [queries for queries in self._recording.held if len(queries.states)]
+        for queries, share in zip(held, _shares([1] * len(held), number), strict=True):
+            exact, collision = self.exact(queries), queries.holding.collision
+            arm = queries.holding.arm
+            around = self._rng.choice(len(queries.states), share)
+            states = queries.states[around] + self._rng.normal(0.0, _NOISE, (share, arm.dof))
+            random = self._rng.uniform(arm.lower, arm.upper, states.shape)
+            states = np.clip(states, arm.lower, arm.upper)
+            states[::2] = random[::2]
+            contact = self._rng.random(share) < 0.5
+            free, wrong, ties = 0, 0, 0
+            for kind, group in _by_contact(states, contact):
+                ours = collision.free_batch(group, contact=kind)
+                free += int(ours.sum())
+                for q, answer in zip(group, ours.tolist(), strict=True):
+                    if exact.free(q, contact=kind) != answer:
+                        tie = exact.ties(q, contact=kind)
+                        ties, wrong = ties + tie, wrong + (not tie)
+            yield self._entry(
+                "agreement",
+                arm=arm.name,
+                grasp=queries.holding.grasp,
+                queries=share,
+                free=free,
+                disagreements=wrong,
+                ties=ties,
+            )
+
+    def _choice(self, number: int, kept: int) -> npt.NDArray[np.int64]:
+        """So many of range(number), in their order."""
+        chosen = self._rng.choice(number, min(number, kept), replace=False)
+        return np.sort(chosen).astype(np.int64)
+
+    def _entry(self, row: str, **values: object) -> Entry:
+        return {"row": row, "case": str(self._recording.case), **values}
+
+
+def _by_contact(rows: Array, contact: npt.NDArray[np.bool_]) -> Iterator[tuple[bool, Array]]:
+    """The rows with and without support contact, each as one array; no empty ones."""
+    for kind in (False, True):
+        chosen = np.ascontiguousarray(rows[contact == kind])
+        if len(chosen):
+            yield kind, chosen
+
+
+def _free(exact: ExactCollision, states: Array, contact: bool) -> list[bool]:
+    return [exact.free(q, contact=contact) for q in states]
+
+
+def _edges_free(
+    collision: ArmCollision | ExactCollision, edges: Array, contact: bool
+) -> list[bool]:
+    """Of (n, 2, dof) edges, by coal with samples every 5 mm, its default."""
+    return [collision.edge_free(a, b, contact=contact) for a, b in edges]
+
+
+def _shares(sizes: list[int], total: int) -> list[int]:
+    """`total` divided in proportion to the sizes, rounded up where there is anything."""
+    every = max(1, sum(sizes))
+    return [-(-size * total // every) for size in sizes]
+
+
+def _free_counts(
+    holding: Holding, solutions: Array, counts: npt.NDArray[np.int64]
+) -> npt.NDArray[np.int64]:
+    """(n,) how many of the solutions of each pose are free at contact."""
+    filled = np.arange(solutions.shape[1]) < counts[:, None]
+    free = np.zeros(filled.shape, dtype=np.int64)
+    if filled.any():
+        reserve = holding.collision.settings.planning_reserve
+        free[filled] = holding.collision.free_batch(solutions[filled], reserve, contact=True)
+    return np.asarray(free.sum(axis=1))
