@@ -86,7 +86,10 @@ def add_speed_command(commands: Any) -> None:
     speed.add_argument(
         "--limit", type=_positive, default=10.0, help="seconds until a run counts as unsolved"
     )
-    speed.add_argument("--plain-queries", type=count, default=2, help="goal sets per case")
+    speed.add_argument("--plain-queries", type=count, default=1, help="goal sets per case")
+    speed.add_argument(
+        "--query-limit", type=_positive, default=5.0, help="seconds until a goal set is given up"
+    )
     speed.add_argument("--cloud-repeats", type=count, default=5, help="per scene and kind")
     speed.add_argument("--stops", type=count, default=30, help="runs of the node, stopped anywhere")
     speed.add_argument(
@@ -255,7 +258,7 @@ def _recorded(
     if "agreement" in rows:
         yield from bench.agreement(agreement)
     if "goal_sets" in rows:
-        yield from measure_goal_sets(recording, arguments.plain_queries, arguments.limit, rng)
+        yield from measure_goal_sets(recording, arguments.plain_queries, arguments.query_limit, rng)
 
 
 def _sampling(case: Case, arguments: argparse.Namespace) -> Iterator[Entry]:
@@ -286,6 +289,12 @@ def _first_placements(cases: list[Case], arguments: argparse.Namespace) -> Itera
 def _plain_placements(case: Case, arguments: argparse.Namespace) -> Iterator[Entry]:
     for seed in range(arguments.seed, arguments.seed + arguments.plain_seeds):
         entry, _ = measure_first(
-            case, seed, arguments.limit, arguments.output / "plain", PlainPlanner, "plain"
+            case,
+            seed,
+            arguments.limit,
+            arguments.output / "plain",
+            PlainPlanner,
+            "plain",
+            PlainPlanner.prepare,
         )
         yield entry

@@ -14,7 +14,7 @@ from placement_planner_ros.core.holding import Holding
 from placement_planner_ros.core.objective import Objective
 from placement_planner_ros.core.planner import PlannerSettings, Problem
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.experiments.exact_collision import ExactCollision
+from placement_planner_ros.experiments.exact_collision import ExactCollision, box_tree
 from placement_planner_ros.experiments.rrt_connect import BaselinePlanner
 
 STEP = 0.005
@@ -74,6 +74,11 @@ class PlainPlanner(BaselinePlanner):
                     settings.collision,
                 )
             )
+
+    @staticmethod
+    def prepare(problem: Problem) -> None:
+        """Register the environment's boxes with coal, as a system does when a cloud arrives."""
+        box_tree(problem.environment.obstacles)
 
 
 def rrt_connect(

@@ -16,7 +16,7 @@ from placement_planner_ros.core.robot.ik import InverseKinematics
 from placement_planner_ros.core.robot.seeds import SeedTable
 from placement_planner_ros.core.robot.separation import COLLIDING, FREE
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.experiments.exact_collision import ExactCollision
+from placement_planner_ros.experiments.exact_collision import ExactCollision, compare
 from placement_planner_ros.experiments.speed.measures import cpu_seconds
 from placement_planner_ros.experiments.speed.recorder import HeldQueries, Recording
 
@@ -83,30 +83,24 @@ class Bench:
 
     def answers(self) -> Entry:
         """Configurations answered to the end, by the fast path and by coal alone."""
-        count, free, wrong, ties, seconds, exact_seconds = 0, 0, 0, 0, 0.0, 0.0
+        entry = self._entry("answers", queries=0, free=0, ties=0, contradictions=0, disagreements=0)
+        entry |= {"seconds": 0.0, "exact_seconds": 0.0}
         shares = _shares([len(q.states) for q in self._recording.held], self._settings.states)
         for queries, share in zip(self._recording.held, shares, strict=True):
             kept = self._choice(len(queries.states), share)
             exact, collision = self.exact(queries), queries.holding.collision
             for contact, states in _by_contact(queries.states[kept], queries.contact[kept]):
-                ours = collision.free_batch(states, contact=contact)
-                theirs = np.array(_free(exact, states, contact))
-                seconds += cpu_seconds(partial(collision.free_batch, states, contact=contact))
-                exact_seconds += cpu_seconds(partial(_free, exact, states, contact))
-                count += len(states)
-                free += int(ours.sum())
-                for q in states[ours != theirs]:
-                    tie = exact.ties(q, contact=contact)
-                    ties, wrong = ties + tie, wrong + (not tie)
-        return self._entry(
-            "answers",
-            queries=count,
-            free=free,
-            disagreements=wrong,
-            ties=ties,
-            seconds=seconds,
-            exact_seconds=exact_seconds,
-        )
+                both = compare(collision, exact, states, contact=contact)
+                entry["queries"] += len(states)
+                entry["free"] += both.free
+                entry["ties"] += both.ties
+                entry["contradictions"] += both.contradictions
+                entry["disagreements"] += len(both.disagreements)
+                entry["seconds"] += cpu_seconds(
+                    partial(collision.free_batch, states, contact=contact)
+                )
+                entry["exact_seconds"] += cpu_seconds(partial(_free, exact, states, contact))
+        return entry
 
     def edges(self) -> Entry:
         """Edges certified to the end beside coal's samples every 5 mm."""
@@ -191,22 +185,21 @@ class Bench:
             states = np.clip(states, arm.lower, arm.upper)
             states[::2] = random[::2]
             contact = self._rng.random(share) < 0.5
-            free, wrong, ties = 0, 0, 0
-            for kind, group in _by_contact(states, contact):
-                ours = collision.free_batch(group, contact=kind)
-                free += int(ours.sum())
-                for q, answer in zip(group, ours.tolist(), strict=True):
-                    if exact.free(q, contact=kind) != answer:
-                        tie = exact.ties(q, contact=kind)
-                        ties, wrong = ties + tie, wrong + (not tie)
+            parts = [
+                compare(collision, exact, group, contact=kind)
+                for kind, group in _by_contact(states, contact)
+            ]
             yield self._entry(
                 "agreement",
                 arm=arm.name,
                 grasp=queries.holding.grasp,
                 queries=share,
-                free=free,
-                disagreements=wrong,
-                ties=ties,
+                free=sum(part.free for part in parts),
+                undecided=sum(part.undecided for part in parts),
+                ties=sum(part.ties for part in parts),
+                contradictions=sum(part.contradictions for part in parts),
+                disagreements=sum(len(part.disagreements) for part in parts),
+                where=[q for part in parts for q in part.disagreements.tolist()],
             )
 
     def _choice(self, number: int, kept: int) -> npt.NDArray[np.int64]:

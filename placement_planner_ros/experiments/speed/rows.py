@@ -139,8 +139,8 @@ def _answers(entries: Sequence[Entry]) -> list[Line]:
     asked = _total(entries, "queries")
     detail = (
         f"{asked:,.0f} of the same, {_share(_total(entries, 'free'), asked)} free, "
-        f"{_count(entries, 'disagreements')} answers differ ({_count(entries, 'ties')} ties); coal "
-        f"alone {asked / _total(entries, 'exact_seconds'):,.0f} /s"
+        f"{_count(entries, 'disagreements')} answers differ; coal alone "
+        f"{asked / _total(entries, 'exact_seconds'):,.0f} /s"
     )
     return [
         _times(
@@ -160,7 +160,8 @@ def _agreement(entries: Sequence[Entry]) -> list[Line]:
         wrong, asked = _total(own, "disagreements"), _total(own, "queries")
         detail = (
             f"{asked:,.0f} configurations, {_share(_total(own, 'free'), asked)} free, "
-            f"{_count(own, 'ties')} ties"
+            f"{_count(own, 'ties')} ties, {_count(own, 'contradictions')} where coal contradicts "
+            "itself"
         )
         lines.append(
             Line(

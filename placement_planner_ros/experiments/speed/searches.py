@@ -11,7 +11,7 @@ from unittest import mock
 
 import numpy as np
 
-from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
+from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings, Problem
 from placement_planner_ros.core.search.sampler import MctsSampler
 from placement_planner_ros.core.types import Placement
 from placement_planner_ros.experiments.cases import Case, build_problem, make_problem, read_inputs
@@ -68,6 +68,7 @@ def measure_first(
     folder: Path,
     make: MakePlanner = PlacementPlanner,
     row: str = "first",
+    prepare: Callable[[Problem], object] = lambda problem: None,
 ) -> tuple[Entry, Record]:
     """Seconds (wall time) from the start call's inputs to the first placement.
 
@@ -80,6 +81,7 @@ def measure_first(
         folder: where the placement is written, for the checker.
         make: of problem, objective, settings and rng.
         row: name of the entry.
+        prepare: what belongs to the environment's construction.
 
     Returns:
         The entry, and the run as `test/verify_cases.py` reads it.
@@ -91,6 +93,7 @@ def measure_first(
     record = Record(case, seed, limit)
     started = time.perf_counter()
     problem, objective = build_problem(inputs, case.objective)
+    prepare(problem)
     built = time.perf_counter()
     planner = make(problem, objective, PlannerSettings(), rng)
     made = time.perf_counter()
@@ -102,17 +105,7 @@ def measure_first(
     if placement is None:
         record.failure = planner.exhausted or statistics.why_nothing()
     else:
-        goal = placement.goal
-        record.solutions.append(
-            Solution(
-                ended - started,
-                goal.objective,
-                goal.arm,
-                goal.grasp,
-                goal.face,
-                placement.samples,
-            )
-        )
+        record.solutions.append(Solution.of(placement, ended - started))
         name = f"{str(case).replace('/', '-')}-{seed}-1.npz"
         save_solution(folder / "solutions" / name, case, seed, placement)
     entry = {
