@@ -140,7 +140,8 @@ class ArmCollision:
             pairs += [(link.name, name) for link in others]
             bodies.append(thing)
         chain = Chain.from_robot(robot, arm, q_rest)
-        self._flat = flatten(chain, bodies, held, pairs, self.settings.cover_excess)
+        clear = self.settings.self_margin + self.settings.self_reserve
+        self._flat = flatten(chain, bodies, held, pairs, self.settings.cover_excess, clear)
         self._boxes = box_arrays(obstacles)
         self._scratch = scratch_for(self._flat, self._boxes.number)
         arrays = self._flat.arrays
@@ -403,12 +404,15 @@ def _arm_joint(model: pin.Model, joint_ids: list[int], joint: int) -> int:
 def _links(robot: Robot, data: pin.Data, joint_ids: list[int]) -> list[CollisionBody]:
     parts: dict[str, list[Part]] = {}
     joints: dict[str, int] = {}
+    rigid: dict[str, bool] = {}
+    mount = robot.model.parents[joint_ids[0]]
     for link, thing in zip(robot.geometry_links, robot.geometry.geometryObjects, strict=True):
         joints[link] = _arm_joint(robot.model, joint_ids, thing.parentJoint)
+        rigid[link] = thing.parentJoint in (mount, *joint_ids)
         T = data.oMi[thing.parentJoint] * thing.placement
         part = Part(shape_of(thing.geometry, f"link {link}"), thing.geometry, T)
         parts.setdefault(link, []).append(part)
-    return [CollisionBody(link, joints[link], tuple(parts[link])) for link in parts]
+    return [CollisionBody(link, joints[link], tuple(parts[link]), rigid[link]) for link in parts]
 
 
 def _pairs(robot: Robot, links: list[str]) -> list[tuple[str, str]]:

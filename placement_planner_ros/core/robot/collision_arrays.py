@@ -19,6 +19,13 @@ import pinocchio as pin
 
 from placement_planner_ros.core.robot.collision_shapes import Shape
 from placement_planner_ros.core.robot.kinematics import Chain
+from placement_planner_ros.core.robot.pair_tables import (
+    PairTables,
+    TableLink,
+    TablePair,
+    can_be_tabled,
+    pair_tables,
+)
 from placement_planner_ros.core.robot.spheres import SphereTree, bounding_sphere, sphere_tree
 from placement_planner_ros.core.types import Array
 
@@ -29,7 +36,7 @@ BODY_JOINT, BODY_FIRST_PART = 0, 1
 PART_FIRST_NODE, PART_FIRST_SET, PART_SOLID = 0, 1, 2
 NODE_SKIP, NODE_FIRST, NODE_LAST = 0, 1, 2
 SET_FIRST_VERTEX, SET_FIRST_PLANE, SET_JOINT, SET_EXACT = 0, 1, 2, 3
-PAIR_INNER, PAIR_OUTER, PAIR_SLOT, PAIR_OUTWARD = 0, 1, 2, 3
+PAIR_INNER, PAIR_OUTER, PAIR_SLOT, PAIR_OUTWARD, PAIR_TABLE = 0, 1, 2, 3, 4
 """Columns of the tables of `ArmArrays`."""
 
 
@@ -67,7 +74,9 @@ class ArmArrays(NamedTuple):
     planes: Array
     """(f, 4) normal and offset."""
     pairs: Indices
-    """(c, 4) inner body, outer body, first remembered direction, first joint between them."""
+    """(c, 5) inner body, outer body, first remembered direction, first joint between them, and
+    table, -1 without one."""
+    tables: PairTables
 
 
 class ArmScratch(NamedTuple):
@@ -118,11 +127,14 @@ class CollisionBody:
         name: of the link.
         joint: index of the last arm joint above it, -1 where none is.
         parts: its geometry.
+        rigid: whether nothing but the arm's joints moves it against that joint (against the
+            arm's mount where there is none).
     """
 
     name: str
     joint: int
     parts: tuple[Part, ...]
+    rigid: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -151,6 +163,7 @@ def flatten(
     held: str | None,
     pairs: Iterable[tuple[str, str]],
     excess: float,
+    clear: float,
 ) -> FlatArm:
     """Lay out an arm.
 
@@ -160,6 +173,7 @@ def flatten(
         held: name of the held object's body.
         pairs: names of bodies to keep apart; pairs that cannot move to each other are dropped.
         excess: how far the finest covering spheres may stick out, metres.
+        clear: what tables of pairs certify, metres.
     """
     joint_frames = [pin.SE3(T) for T in itertools.accumulate(chain.fixed[:-1], np.matmul)]
     ordered = sorted(bodies, key=lambda b: (b.joint < 0, b.name != held, -b.joint))
@@ -187,6 +201,7 @@ def flatten(
     parts = np.diff(flat.first_part)
     sizes = [int(parts[a] * parts[b]) for a, b in between]
     world = chain.dof + 1
+    rows, tables = _tables(chain, ordered, joint_frames, between, clear)
     arrays = ArmArrays(
         fixed=np.array(chain.fixed),
         prismatic=np.array(chain.prismatic),
@@ -194,13 +209,14 @@ def flatten(
         held=number[held] if held is not None else -1,
         pairs=np.array(
             [
-                (a, b, slot, ordered[a].joint + 1)
-                for (a, b), slot in zip(
-                    between, itertools.accumulate(sizes, initial=0), strict=False
+                (a, b, slot, ordered[a].joint + 1, row)
+                for (a, b), slot, row in zip(
+                    between, itertools.accumulate(sizes, initial=0), rows, strict=False
                 )
             ],
             dtype=np.int64,
-        ).reshape(-1, 4),
+        ).reshape(-1, 5),
+        tables=tables,
         **flat.arrays([body.joint if body.joint >= 0 else world for body in ordered]),
     )
     return FlatArm(
@@ -211,6 +227,54 @@ def flatten(
         np.array(flat.set_part, dtype=np.int64),
         tuple(joint_frames),
     )
+
+
+def _tables(
+    chain: Chain,
+    bodies: list[CollisionBody],
+    joint_frames: list[pin.SE3],
+    pairs: list[tuple[int, int]],
+    clear: float,
+) -> tuple[list[int], PairTables]:
+    """Table of each pair, -1 where it has none, and the tables."""
+    tabled: list[TablePair] = []
+    rows = []
+    for a, b in pairs:
+        inner, outer = bodies[a], bodies[b]
+        joints = slice(inner.joint + 1, outer.joint + 1)
+        lower, upper = chain.lower[joints], chain.upper[joints]
+        if (
+            len(lower) == 2
+            and inner.rigid
+            and outer.rigid
+            and not chain.prismatic[joints].any()
+            and all(part.shape.solid for part in inner.parts + outer.parts)
+            and can_be_tabled(lower, upper)
+        ):
+            tabled.append(
+                TablePair(
+                    _table_link(inner, joint_frames),
+                    _table_link(outer, joint_frames),
+                    chain.fixed[joints].tobytes(),
+                    tuple(lower.tolist()),
+                    tuple(upper.tolist()),
+                )
+            )
+            rows.append(len(tabled) - 1)
+        else:
+            rows.append(-1)
+    return rows, pair_tables(tuple(tabled), clear)
+
+
+def _table_link(body: CollisionBody, joint_frames: list[pin.SE3]) -> TableLink:
+    parts = []
+    for part in body.parts:
+        T = part.T_world_part
+        if body.joint >= 0:
+            T = joint_frames[body.joint].inverse() * T
+        only = part.shape.sets[0]
+        parts.append((only.vertices @ T.rotation.T + T.translation, only.radius))
+    return TableLink.of(parts)
 
 
 def scratch_for(flat: FlatArm, boxes: int) -> ArmScratch:

@@ -17,6 +17,7 @@ from placement_planner_ros.core.robot.collision_arrays import (
     PAIR_INNER,
     PAIR_OUTER,
     PAIR_OUTWARD,
+    PAIR_TABLE,
     ArmArrays,
     ArmScratch,
     Indices,
@@ -28,6 +29,7 @@ from placement_planner_ros.core.robot.collision_environment import (
 )
 from placement_planner_ros.core.robot.collision_pairs import bodies_meet
 from placement_planner_ros.core.robot.collision_placing import is_finite, place_arm
+from placement_planner_ros.core.robot.pair_tables import apart_within
 from placement_planner_ros.core.robot.separation import COLLIDING, FREE, TOLERANCE, UNDECIDED
 from placement_planner_ros.core.types import Array
 
@@ -82,6 +84,13 @@ def check_states(
                 dz = spheres[a, 2] - spheres[b, 2]
                 reach = spheres[a, 3] + spheres[b, 3] + near
                 if dx * dx + dy * dy + dz * dz > reach * reach:
+                    continue
+                table, joint = pairs[pair, PAIR_TABLE], pairs[pair, PAIR_OUTWARD]
+                if (
+                    table >= 0
+                    and self_margin <= arm.tables.clear
+                    and apart_within(arm.tables, table, Q[i, joint], Q[i, joint + 1], 0.0, 0.0)
+                ):
                     continue
                 answer = bodies_meet(arm, scratch, pair, self_margin, self_margin)
                 if answer == COLLIDING:
@@ -208,6 +217,16 @@ def check_edge(
                 dz = spheres[inner, 2] - spheres[outer, 2]
                 reach = spheres[inner, 3] + spheres[outer, 3] + need + TOLERANCE
                 if dx * dx + dy * dy + dz * dz > reach * reach:
+                    settled[head, item] = True
+                    continue
+                table = pairs[pair, PAIR_TABLE]
+                if (
+                    table >= 0
+                    and self_margin <= arm.tables.clear
+                    and apart_within(
+                        arm.tables, table, q[first], q[first + 1], delta[first], delta[first + 1]
+                    )
+                ):
                     settled[head, item] = True
                     continue
                 answer = bodies_meet(arm, scratch, pair, need, self_margin)

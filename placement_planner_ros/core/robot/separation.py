@@ -17,6 +17,7 @@ from placement_planner_ros.core.types import Array
 FREE = 0
 COLLIDING = 1
 UNDECIDED = 2
+_OPEN = -1
 
 TOLERANCE = 1e-6
 """Metres by which a bound must pass its threshold to decide."""
@@ -129,6 +130,48 @@ def minimum_norm_point(simplex: Array, weights: Array, count: int) -> int:
 
 
 @njit(cache=True)
+def _advance(
+    simplex: Array,
+    weights: Array,
+    count: int,
+    v: tuple[float, float, float],
+    w: tuple[float, float, float],
+    norm: float,
+    bounds: tuple[float, float],
+    free_at: float,
+    hit_below: float,
+) -> tuple[int, int, tuple[float, float, float], tuple[float, float]]:
+    """One step of Wolfe's algorithm from v with its support w, both in A ⊖ B.
+
+    Returns:
+        the answer or `_OPEN`, the size of the simplex, the next v, lower and upper bound so far.
+    """
+    lower, upper = bounds
+    bound = (v[0] * w[0] + v[1] * w[1] + v[2] * w[2]) / norm
+    if bound >= free_at:
+        return FREE, count, v, bounds
+    lower = max(lower, bound)
+    if upper - bound < 1e-9 or count == 4:
+        return UNDECIDED, count, v, bounds
+    if upper < free_at < np.inf and lower >= hit_below:
+        return UNDECIDED, count, v, bounds
+    simplex[count, 0], simplex[count, 1], simplex[count, 2] = w
+    weights[count] = 0.0 if count > 0 else 1.0
+    count = minimum_norm_point(simplex, weights, count + 1)
+    if count < 0:
+        return UNDECIDED, count, v, bounds
+    x = y = z = 0.0
+    for i in range(count):
+        x += weights[i] * simplex[i, 0]
+        y += weights[i] * simplex[i, 1]
+        z += weights[i] * simplex[i, 2]
+    upper = np.sqrt(x * x + y * y + z * z)
+    if upper < hit_below:
+        return COLLIDING, count, (x, y, z), (lower, upper)
+    return _OPEN, count, (x, y, z), (lower, upper)
+
+
+@njit(cache=True)
 def separate_box(
     vertices: Array,
     first: int,
@@ -152,49 +195,34 @@ def separate_box(
     weights = work[3:5].reshape(8)
     free_at += TOLERANCE
     hit_below = max(hit_below - TOLERANCE, 1e-9)
-    vx, vy, vz = work[5, 0], work[5, 1], work[5, 2]
+    v = (work[5, 0], work[5, 1], work[5, 2])
+    bounds = (-np.inf, np.inf)
     count = 0
-    upper_bound = np.inf
-    lower_bound = -np.inf
     for _ in range(_ITERATIONS):
-        norm = np.sqrt(vx * vx + vy * vy + vz * vz)
+        x, y, z = v
+        norm = np.sqrt(x * x + y * y + z * z)
         if norm < 1e-12:
-            if count == 0:
-                vx = 1.0
-                norm = 1.0
-            else:
+            if count > 0:
                 return COLLIDING
+            v = (1.0, y, z)
+            x, norm = 1.0, 1.0
         best = first
         value = np.inf
         for i in range(first, last):
-            dot = vertices[i, 0] * vx + vertices[i, 1] * vy + vertices[i, 2] * vz
+            dot = vertices[i, 0] * x + vertices[i, 1] * y + vertices[i, 2] * z
             if dot < value:
                 value = dot
                 best = i
-        wx = vertices[best, 0] - corners[box, 3 if vx > 0 else 0]
-        wy = vertices[best, 1] - corners[box, 4 if vy > 0 else 1]
-        wz = vertices[best, 2] - corners[box, 5 if vz > 0 else 2]
-        bound = (vx * wx + vy * wy + vz * wz) / norm
-        if bound >= free_at:
-            return FREE
-        lower_bound = max(lower_bound, bound)
-        if upper_bound - bound < 1e-9 or count == 4:
-            break
-        if upper_bound < free_at and lower_bound >= hit_below:
-            break
-        simplex[count, 0], simplex[count, 1], simplex[count, 2] = wx, wy, wz
-        weights[count] = 0.0 if count > 0 else 1.0
-        count = minimum_norm_point(simplex, weights, count + 1)
-        if count < 0:
-            break
-        vx = vy = vz = 0.0
-        for i in range(count):
-            vx += weights[i] * simplex[i, 0]
-            vy += weights[i] * simplex[i, 1]
-            vz += weights[i] * simplex[i, 2]
-        upper_bound = np.sqrt(vx * vx + vy * vy + vz * vz)
-        if upper_bound < hit_below:
-            return COLLIDING
+        w = (
+            vertices[best, 0] - corners[box, 3 if x > 0 else 0],
+            vertices[best, 1] - corners[box, 4 if y > 0 else 1],
+            vertices[best, 2] - corners[box, 5 if z > 0 else 2],
+        )
+        answer, count, v, bounds = _advance(
+            simplex, weights, count, v, w, norm, bounds, free_at, hit_below
+        )
+        if answer != _OPEN:
+            return answer
     return UNDECIDED
 
 
@@ -212,6 +240,7 @@ def separate_hulls(
     """`separate_box` for the hulls a and b of two ranges of `vertices`.
 
     Args:
+        free_at: may be infinite, to find the direction in which a and b are furthest apart.
         work: (6, 4) work space; work[5, :3] is the start, from b to a, of any length, and after
             FREE a direction in which a and b are apart.
     """
@@ -219,56 +248,41 @@ def separate_hulls(
     weights = work[3:5].reshape(8)
     free_at += TOLERANCE
     hit_below = max(hit_below - TOLERANCE, 1e-9)
-    vx, vy, vz = work[5, 0], work[5, 1], work[5, 2]
+    v = (work[5, 0], work[5, 1], work[5, 2])
+    bounds = (-np.inf, np.inf)
     count = 0
-    upper_bound = np.inf
-    lower_bound = -np.inf
+    answer = _OPEN
     for _ in range(_ITERATIONS):
-        norm = np.sqrt(vx * vx + vy * vy + vz * vz)
+        x, y, z = v
+        norm = np.sqrt(x * x + y * y + z * z)
         if norm < 1e-12:
-            if count == 0:
-                vx = 1.0
-                norm = 1.0
-            else:
+            if count > 0:
                 return COLLIDING
+            v = (1.0, y, z)
+            x, norm = 1.0, 1.0
         a = first_a
         value = np.inf
         for i in range(first_a, last_a):
-            dot = vertices[i, 0] * vx + vertices[i, 1] * vy + vertices[i, 2] * vz
+            dot = vertices[i, 0] * x + vertices[i, 1] * y + vertices[i, 2] * z
             if dot < value:
                 value = dot
                 a = i
         b = first_b
         value = -np.inf
         for i in range(first_b, last_b):
-            dot = vertices[i, 0] * vx + vertices[i, 1] * vy + vertices[i, 2] * vz
+            dot = vertices[i, 0] * x + vertices[i, 1] * y + vertices[i, 2] * z
             if dot > value:
                 value = dot
                 b = i
-        wx = vertices[a, 0] - vertices[b, 0]
-        wy = vertices[a, 1] - vertices[b, 1]
-        wz = vertices[a, 2] - vertices[b, 2]
-        bound = (vx * wx + vy * wy + vz * wz) / norm
-        if bound >= free_at:
-            work[5, 0], work[5, 1], work[5, 2] = vx, vy, vz
-            return FREE
-        lower_bound = max(lower_bound, bound)
-        if upper_bound - bound < 1e-9 or count == 4:
+        w = (
+            vertices[a, 0] - vertices[b, 0],
+            vertices[a, 1] - vertices[b, 1],
+            vertices[a, 2] - vertices[b, 2],
+        )
+        answer, count, v, bounds = _advance(
+            simplex, weights, count, v, w, norm, bounds, free_at, hit_below
+        )
+        if answer != _OPEN:
             break
-        if upper_bound < free_at and lower_bound >= hit_below:
-            break
-        simplex[count, 0], simplex[count, 1], simplex[count, 2] = wx, wy, wz
-        weights[count] = 0.0 if count > 0 else 1.0
-        count = minimum_norm_point(simplex, weights, count + 1)
-        if count < 0:
-            break
-        vx = vy = vz = 0.0
-        for i in range(count):
-            vx += weights[i] * simplex[i, 0]
-            vy += weights[i] * simplex[i, 1]
-            vz += weights[i] * simplex[i, 2]
-        upper_bound = np.sqrt(vx * vx + vy * vy + vz * vz)
-        if upper_bound < hit_below:
-            return COLLIDING
-    work[5, 0], work[5, 1], work[5, 2] = vx, vy, vz
-    return UNDECIDED
+    work[5, 0], work[5, 1], work[5, 2] = v
+    return UNDECIDED if answer == _OPEN else answer
