@@ -56,6 +56,9 @@ class CloudStore:
 
     Args:
         required: topics of which a cloud is needed.
+
+    Attributes:
+        updates: how often its contents have changed.
     """
 
     def __init__(self, required: Sequence[str]) -> None:
@@ -96,12 +99,14 @@ class CloudStore:
         """Surface points (n, 3) of an object that now stands there."""
         with self._lock:
             self._confirmed.append(points)
+            self.updates += 1
 
     def clear(self) -> None:
         """Forget accumulated points and confirmed objects."""
         with self._lock:
             self._merged = np.empty((0, 3))
             self._confirmed.clear()
+            self.updates += 1
 
     def ages(self, now: float) -> dict[str, float]:
         """Seconds since each topic's newest cloud was taken."""

@@ -23,9 +23,10 @@ from placement_planner_ros.frames import CloudFrameError, cloud_pose
 from placement_planner_ros.joint_states import JointStates
 from placement_planner_ros.object_input import ObjectInput
 from placement_planner_ros.parameters import ParameterSet
-from placement_planner_ros.planning import Snapshot, require_grid
+from placement_planner_ros.planning import Snapshot
 from placement_planner_ros.point_cloud import points_from_message
 from placement_planner_ros.robot_input import RobotInput, make_arm, require_grasp, require_limits
+from placement_planner_ros.surroundings import require_grid
 from placement_planner_ros.transforms import Transforms
 
 CONFIRMED_SPACING = 0.004
@@ -84,6 +85,14 @@ class Inputs:
             with self._lock:
                 self._waiting[topic] = (message, taken)
             raise
+
+    def state(self, parameters: ParameterSet) -> tuple[object, ...]:
+        """Equal at two moments where nothing that a snapshot is taken of has changed."""
+        try:
+            robot = self.robot.robot
+        except PlacementPlannerError:
+            robot = None
+        return self.clouds.updates, self.joints.positions(), self.object.mesh, robot, parameters
 
     def snapshot(
         self, parameters: ParameterSet, overridden: Iterable[str] = ()

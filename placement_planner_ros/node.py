@@ -40,13 +40,15 @@ from placement_planner_ros.inputs import Inputs
 from placement_planner_ros.object_input import NoObjectError
 from placement_planner_ros.parameter_server import ParameterServer
 from placement_planner_ros.parameters import ParameterSet
-from placement_planner_ros.planning import Prepare, Prepared, prepare, sight_notes
+from placement_planner_ros.planning import Prepare, Prepared, Snapshot
+from placement_planner_ros.preparation import Preparation
 from placement_planner_ros.publishing import LATCHED, Outputs
 from placement_planner_ros.reporting import Reporter
 from placement_planner_ros.robot_input import RobotInput, make_arms, require_known
 from placement_planner_ros.run import Run, State
 from placement_planner_ros.self_filter import outside_robot
 from placement_planner_ros.spinning import catch_signals, spin_until
+from placement_planner_ros.surroundings import sight_notes
 from placement_planner_ros.transforms import Transforms
 
 STOP_PATIENCE = 1.0
@@ -61,16 +63,17 @@ class PlacementPlannerNode(Node):
     """ROS around the planner.
 
     Args:
-        prepare: makes the planner of a run.
+        prepare: makes the planner of a run, other than the usual one.
         overrides: parameter values, as given on the command line.
 
     Raises:
         PlacementPlannerError: a parameter or the robot description is bad at start-up.
     """
 
-    def __init__(self, prepare: Prepare = prepare, overrides: Sequence[Parameter] = ()) -> None:
+    def __init__(self, prepare: Prepare | None = None, overrides: Sequence[Parameter] = ()) -> None:
         super().__init__("placement_planner", parameter_overrides=list(overrides))
-        self._prepare = prepare
+        self._preparation = Preparation(self._take_inputs, self._has_leisure)
+        self._prepare = prepare or self._preparation.prepare
         self._commands = threading.Lock()
         self._run: Run | None = None
         self._prepared: Prepared | None = None
@@ -192,6 +195,18 @@ class PlacementPlannerNode(Node):
             return
         except ObjectError as error:
             self.get_logger().warning(f"object refused: {error}")
+
+    def _take_inputs(self) -> tuple[object, Callable[[], Snapshot | None]]:
+        parameters = self._settings.current
+
+        def take() -> Snapshot | None:
+            snapshot = self._inputs.snapshot(parameters)
+            return None if isinstance(snapshot, list) else snapshot
+
+        return self._inputs.state(parameters), take
+
+    def _has_leisure(self) -> bool:
+        return self._warm.is_set() and not self.busy
 
     def _say_once(self, text: str) -> None:
         if text not in self._said:
@@ -362,6 +377,7 @@ class PlacementPlannerNode(Node):
             self.get_logger().warning(f"no search is possible yet: {error}")
         finally:
             self._warm.set()
+            self._preparation.start()
 
     def survive(self, error: Exception) -> None:
         """A callback raised: that must be said, but need not end the node."""
@@ -373,12 +389,18 @@ class PlacementPlannerNode(Node):
         """Whether a worker is still at work, be it told to end or not."""
         return self._run is not None and self._run.active
 
+    @property
+    def working(self) -> bool:
+        """Whether any thread of its own is still at work."""
+        return self.busy or self._preparation.busy
+
     def close(self) -> None:
         """End the run, if there is one, and publish nothing from now on."""
         run = self._run
         if run is not None and run.active:
             run.end(State.STOPPED)
             run.wait(STOP_PATIENCE)
+        self._preparation.close()
         self._reporter.close()
 
 
@@ -409,7 +431,7 @@ def main(args: list[str] | None = None) -> None:
     executor.shutdown()
     node.destroy_node()
     rclpy.shutdown()
-    if warming.is_alive() or node.busy:
+    if warming.is_alive() or node.working:
         # Ending the interpreter under a thread that is in compiled code aborts the process.
         sys.stdout.flush()
         sys.stderr.flush()

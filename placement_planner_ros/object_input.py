@@ -45,6 +45,12 @@ class ObjectInput:
         self._source: Source = _given(parameters, ("object.vertices", "object.mesh"), "none")
         self._bodies: dict[tuple[object, ...], Body] = {}
 
+    @property
+    def mesh(self) -> object:
+        """The topic's newest mesh."""
+        with self._lock:
+            return self._topic
+
     def set_mesh(self, vertices: Array, triangles: npt.NDArray[np.int64]) -> None:
         """The topic's newest mesh, (n, 3) and (t, 3); from now on it is the object."""
         with self._lock:

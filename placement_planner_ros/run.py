@@ -163,7 +163,9 @@ class Run:
         self._wait_until_warm()
         if self.should_stop():
             return State.TIME_LIMIT
-        prepared = self._prepare(self.snapshot)
+        prepared = self._prepare(self.snapshot, self.should_stop)
+        if prepared is None:
+            return State.TIME_LIMIT
         self.planner = prepared.planner
         with self._publishing:
             if self._ending is None:

@@ -13,7 +13,6 @@ import pinocchio as pin
 
 from placement_planner_ros.core.body import Body
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.scene.distance import ClearanceField
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.types import Array, TargetVolume
 
@@ -54,7 +53,7 @@ class Clearance:
     """
 
     def __init__(self, context: ObjectiveContext, sign: float) -> None:
-        self._field = ClearanceField(context.environment.measured, context.volume)
+        self._field = context.environment.clearance
         self._points = context.body.volume_points
         self._sign = sign
 

@@ -158,7 +158,7 @@ class Bench:
         self.node.destroy_node()
         self.client.destroy_node()
 
-    def _prepare(self, snapshot):
+    def _prepare(self, snapshot, should_stop):
         time.sleep(self.prepare_delay)
         self.snapshots.append(snapshot)
         planner = FakePlanner()

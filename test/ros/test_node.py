@@ -13,11 +13,11 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header, String
 
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.planning import make_environment
 from placement_planner_ros.point_cloud import message_from_points
 from placement_planner_ros.publishing import LATCHED
 from placement_planner_ros.self_filter import outside_robot
 from placement_planner_ros.share import share_path
+from placement_planner_ros.surroundings import Surroundings
 
 
 @pytest.fixture
@@ -336,7 +336,7 @@ def test_the_obstacle_set_covers_what_was_seen_and_no_more(bench):
     b = bench(sensor_frames=["eye"], **{"sensor_poses.eye": [0.0] * 6 + [1.0]})
     started(b, target_volume=[5.0, 5.0, 5.0, 9.0, 9.0, 9.0])
     stray = np.vstack([TABLE, [[50.0, 0.0, 0.0]]])
-    made = make_environment(replace(b.snapshots[-1], clouds=(stray,)))
+    made = Surroundings.of(replace(b.snapshots[-1], clouds=(stray,))).environment()
     assert np.prod(made.obstacles.shape) < 3 * (len(TABLE) / 4) * 6
     b.call("stop")
     updates = b.node._inputs.clouds.updates
@@ -417,9 +417,9 @@ def test_unknown_space_is_obstacle_where_asked_for_and_the_sensor_is_known(bench
     b.wait(lambda: len(b.snapshots) == 2)
     snapshot = b.snapshots[1]
     assert snapshot.origins[0].tolist() == [0.0, 0.0, 0.8]
-    careful = make_environment(snapshot)
+    careful = Surroundings.of(snapshot).environment()
     free = snapshot.parameters.changed({"unknown_space": "free"})
-    plain = make_environment(replace(snapshot, parameters=free))
+    plain = Surroundings.of(replace(snapshot, parameters=free)).environment()
     assert len(plain.obstacles) == len(careful.measured) < len(careful.obstacles)
     # Nothing of it is where the robot is, so that the robot can start.
     outside = outside_robot(
@@ -527,9 +527,8 @@ def test_a_confirmed_object_is_not_filtered_as_held(bench):
     inside = np.array([(T_world_tip * snapshot.arms[0].grasps[0]).translation])
     clouds = (TABLE, np.repeat(inside, 50, axis=0))
     for placed in (False, True):
-        made = make_environment(
-            replace(snapshot, clouds=clouds, origins=(None, None), placed=(False, placed))
-        )
+        both = replace(snapshot, clouds=clouds, origins=(None, None), placed=(False, placed))
+        made = Surroundings.of(both).environment()
         boxes = made.obstacles
         near = np.abs((boxes.lower + boxes.upper) / 2 - inside).max(axis=1) < 0.02
         assert near.any() == placed

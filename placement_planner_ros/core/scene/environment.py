@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy.typing as npt
 
+from placement_planner_ros.core.scene.distance import ClearanceField
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.core.scene.regions import (
     Region,
@@ -18,7 +20,7 @@ from placement_planner_ros.core.scene.visibility import OutsideRobot, View, unkn
 from placement_planner_ros.core.types import TargetVolume
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Environment:
     """The preprocessed surroundings of one problem.
 
@@ -28,12 +30,19 @@ class Environment:
         support: answers s(x), on every level surface, in V or not.
         measured: the obstacle set without unknown space: what regions, support and clearance are
             taken from.
+        volume: V.
     """
 
     obstacles: ObstacleSet
     regions: tuple[Region, ...]
     support: SupportMap
     measured: ObstacleSet
+    volume: TargetVolume
+
+    @cached_property
+    def clearance(self) -> ClearanceField:
+        """d_S in V, made when it is first asked for."""
+        return ClearanceField(self.measured, self.volume)
 
     @classmethod
     def from_points(
@@ -67,4 +76,4 @@ class Environment:
         found, support = find_regions(measured, volume, regions)
         unknown = unknown_cells(measured, views, volume, outside_robot)
         obstacles = measured.with_full_cells(unknown) if len(unknown) else measured
-        return cls(obstacles, found, support, measured)
+        return cls(obstacles, found, support, measured, volume)
