@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from placement_planner_ros.core.errors import CloudError, PlacementPlannerError
 from placement_planner_ros.core.types import Array
@@ -58,7 +59,8 @@ class CloudStore:
         required: topics of which a cloud is needed.
 
     Attributes:
-        updates: how often its contents have changed.
+        updates: clouds taken.
+        changes: how often the contents became other ones.
     """
 
     def __init__(self, required: Sequence[str]) -> None:
@@ -69,24 +71,30 @@ class CloudStore:
         self._confirmed: list[Array] = []
         self._refused: dict[str, PlacementPlannerError] = {}
         self.updates = 0
+        self.changes = 0
 
     def add(self, topic: str, cloud: StoredCloud) -> None:
-        """Take a cloud as the newest of its topic."""
+        """Take a cloud as the newest of its topic; one that shows nothing new is not a change."""
+        with self._lock:
+            before = self._latest.get(topic)
+        same = False
+        if before is not None and _same(before, cloud):
+            same, cloud = True, replace(cloud, points=before.points)
         with self._lock:
             self._latest[topic] = cloud
-            self._refused.pop(topic, None)
+            known = self._refused.pop(topic, None)
             self.updates += 1
+            self.changes += not same or known is not None
 
     def merge(self, points: Array, cell_size: float) -> None:
         """Add points (n, 3) to those accumulated, thinned to a fraction of a cell."""
         with self._lock:
             before = self._merged
-        edge = cell_size / MERGE_FRACTION
         together = np.vstack([before, points])
-        _, kept = np.unique(np.floor(together / edge).astype(np.int32), axis=0, return_index=True)
+        kept = _one_per_cube(together, cell_size / MERGE_FRACTION)
         with self._lock:
-            if self._merged is before:
-                self._merged = together[np.sort(kept)]
+            if self._merged is before and len(kept) > len(before):
+                self._merged = together[kept]
 
     def refuse(self, topic: str, error: PlacementPlannerError) -> bool:
         """Note that a topic's newest cloud was unusable; True where that is news."""
@@ -99,14 +107,14 @@ class CloudStore:
         """Surface points (n, 3) of an object that now stands there."""
         with self._lock:
             self._confirmed.append(points)
-            self.updates += 1
+            self.changes += 1
 
     def clear(self) -> None:
         """Forget accumulated points and confirmed objects."""
         with self._lock:
             self._merged = np.empty((0, 3))
             self._confirmed.clear()
-            self.updates += 1
+            self.changes += 1
 
     def ages(self, now: float) -> dict[str, float]:
         """Seconds since each topic's newest cloud was taken."""
@@ -175,3 +183,23 @@ class CloudStore:
         if not faults and not any(len(points) for points in known):
             faults.append(CloudError("clouds", 0, "there is no finite point in any"))
         return faults
+
+
+def _same(a: StoredCloud, b: StoredCloud) -> bool:
+    """Whether both show the same, seen from the same place."""
+    if a.origin is None or b.origin is None:
+        return a.origin is b.origin and np.array_equal(a.points, b.points)
+    return np.array_equal(a.origin, b.origin) and np.array_equal(a.points, b.points)
+
+
+def _one_per_cube(points: Array, edge: float) -> npt.NDArray[np.int64]:
+    """Rows, ascending, of the first of (n, 3) points in each cube of that edge."""
+    cubes = np.floor(points / edge).astype(np.int64)
+    cubes -= cubes.min(axis=0, initial=0)
+    size = cubes.max(axis=0, initial=0) + 1
+    if float(np.prod(size.astype(np.float64))) < 2.0**63:
+        keys = (cubes[:, 0] * size[1] + cubes[:, 1]) * size[2] + cubes[:, 2]
+        _, first = np.unique(keys, return_index=True)
+    else:  # points so far apart that cubes cannot be numbered
+        _, first = np.unique(cubes, axis=0, return_index=True)
+    return np.sort(first)

@@ -92,7 +92,7 @@ class Inputs:
             robot = self.robot.robot
         except PlacementPlannerError:
             robot = None
-        return self.clouds.updates, self.joints.positions(), self.object.mesh, robot, parameters
+        return self.clouds.changes, self.joints.positions(), self.object.mesh, robot, parameters
 
     def snapshot(
         self, parameters: ParameterSet, overridden: Iterable[str] = ()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 import numpy as np
 import pinocchio as pin
@@ -11,7 +11,7 @@ from geometry_msgs.msg import Point, Vector3
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from placement_planner_ros.conversions import point_message, pose_message
+from placement_planner_ros.conversions import pose_message
 from placement_planner_ros.core.body import Body
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.types import Array, TargetVolume
@@ -29,24 +29,13 @@ def no_markers() -> MarkerArray:
     return MarkerArray(markers=[Marker(action=Marker.DELETEALL)])
 
 
-def run_markers(
-    frame: str,
-    stamp: Time,
-    volume: TargetVolume,
-    regions: Iterable[Region],
-    body: Body,
-    T_world_object: pin.SE3 | None,
-    path: Array,
-) -> MarkerArray:
-    """Everything known of a run.
-
-    Args:
-        T_world_object: the best placement, None before the first.
-        path: (n, 3) way of the tip, empty before the first.
-    """
+def scene_markers(
+    frame: str, stamp: Time, volume: TargetVolume, regions: Iterable[Region]
+) -> list[Marker]:
+    """What stays the same over a run: V and R."""
     header = Header(frame_id=frame, stamp=stamp)
     centre = pin.SE3(np.eye(3), (volume.lower + volume.upper) / 2)
-    markers = [
+    return [
         Marker(
             header=header,
             ns="target_volume",
@@ -57,21 +46,30 @@ def run_markers(
         ),
         _triangles(header, "regions", _region_corners(regions), pin.SE3.Identity(), _REGION),
     ]
-    if T_world_object is not None:
-        corners = body.vertices[body.triangles].reshape(-1, 3)
-        markers.append(_triangles(header, "object", corners, T_world_object, _OBJECT))
-        markers.append(
-            Marker(
-                header=header,
-                ns="path",
-                type=Marker.LINE_STRIP,
-                pose=pose_message(pin.SE3.Identity()),
-                scale=Vector3(x=0.005, y=0.0, z=0.0),
-                color=_PATH,
-                points=_points(path),
-            )
-        )
-    return MarkerArray(markers=markers)
+
+
+def placement_markers(
+    frame: str, stamp: Time, body: Body, T_world_object: pin.SE3, path: Array
+) -> list[Marker]:
+    """A placement.
+
+    Args:
+        path: (n, 3) way of the tip.
+    """
+    header = Header(frame_id=frame, stamp=stamp)
+    corners = body.vertices[body.triangles].reshape(-1, 3)
+    return [
+        _triangles(header, "object", corners, T_world_object, _OBJECT),
+        Marker(
+            header=header,
+            ns="path",
+            type=Marker.LINE_STRIP,
+            pose=pose_message(pin.SE3.Identity()),
+            scale=Vector3(x=0.005, y=0.0, z=0.0),
+            color=_PATH,
+            points=_points(path),
+        ),
+    ]
 
 
 def _region_corners(regions: Iterable[Region]) -> Array:
@@ -98,8 +96,8 @@ def _triangles(header: Header, ns: str, corners: Array, T: pin.SE3, color: Color
     )
 
 
-def _points(points: Array | Sequence[Array]) -> list[Point]:
-    return [point_message(p) for p in points]
+def _points(points: Array) -> list[Point]:
+    return [Point(x=x, y=y, z=z) for x, y, z in points.tolist()]
 
 
 def _vector(size: Array) -> Vector3:

@@ -76,7 +76,6 @@ class PlacementPlannerNode(Node):
         self._prepare = prepare or self._preparation.prepare
         self._commands = threading.Lock()
         self._run: Run | None = None
-        self._prepared: Prepared | None = None
         self._said: set[str] = set()
         self._settings = ParameterServer(self)
         transforms = Transforms(self)
@@ -341,7 +340,6 @@ class PlacementPlannerNode(Node):
 
     def prepared(self, run: Run, prepared: Prepared) -> None:
         """The search begins."""
-        self._prepared = prepared
         for reason in prepared.planner.unusable:
             self.get_logger().warning(f"run {run.number} does without: {reason}")
         self._outputs.environment(run.snapshot, prepared.environment)
@@ -350,15 +348,7 @@ class PlacementPlannerNode(Node):
 
     def placed(self, run: Run, placement: Placement) -> None:
         """A better placement."""
-        if self._prepared is not None:
-            self._outputs.solution(
-                run.number,
-                run.solutions,
-                placement,
-                run.elapsed,
-                run.snapshot,
-                self._prepared.environment,
-            )
+        self._outputs.solution(run.number, run.solutions, placement, run.elapsed, run.snapshot)
 
     def changed(self, run: Run) -> None:
         """Another state."""

@@ -5,6 +5,7 @@ Independent of rclpy: `parameter_server.py` declares these on a node.
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -583,7 +584,13 @@ class ParameterSet:
         """
         for fault in self._alone(changes):
             raise fault
-        return ParameterSet(self.specs, {**self._values, **changes})
+        if not changes:
+            return self
+        # What is here has been checked: that a start is quick, only the changes are.
+        other = copy.copy(self)
+        other._values = self._values | {n: self.specs[n].convert(v) for n, v in changes.items()}
+        other._check_together()
+        return other
 
     def faults(self, changes: Mapping[str, object]) -> list[PlacementPlannerError]:
         """Everything for which `changed` would refuse these changes."""

@@ -123,7 +123,7 @@ class Preparation:
         with self._lock:
             self._runs += 1  # from now on nothing is prepared ahead
         try:
-            surroundings = Surroundings.of(snapshot)
+            surroundings = Surroundings.of(snapshot, self._before())
             with self._lock:
                 build, new = self._build(surroundings)
             if new:
@@ -138,7 +138,7 @@ class Preparation:
 
     def ahead(self, snapshot: Snapshot) -> None:
         """Prepare for a run that may come, in this thread; its errors are left to that run."""
-        surroundings = Surroundings.of(snapshot)
+        surroundings = Surroundings.of(snapshot, self._before())
         with self._lock:
             if self._runs:
                 return
@@ -149,6 +149,10 @@ class Preparation:
         if build.made and self._rehearsed != wanted:
             self._rehearsed = wanted
             _rehearse(snapshot, build.environment)
+
+    def _before(self) -> Surroundings | None:
+        build = self._newest
+        return None if build is None else build.surroundings
 
     def _build(self, surroundings: Surroundings) -> tuple[_Build, bool]:
         """The build of these surroundings, and whether it is yet to be worked on; lock held."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Mapping
 
 import numpy as np
@@ -15,7 +16,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Float64, Header
 from trajectory_msgs.msg import JointTrajectory
-from visualization_msgs.msg import MarkerArray
+from visualization_msgs.msg import Marker, MarkerArray
 
 from placement_planner_ros.conversions import (
     stamped_pose,
@@ -25,7 +26,7 @@ from placement_planner_ros.conversions import (
 )
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.types import Array, Placement
-from placement_planner_ros.markers import no_markers, run_markers
+from placement_planner_ros.markers import no_markers, placement_markers, scene_markers
 from placement_planner_ros.planning import Snapshot
 from placement_planner_ros.point_cloud import message_from_points
 
@@ -35,6 +36,8 @@ LATCHED = QoSProfile(
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
 _PATH_POINTS = 60
+_DRAW_AFTER = 0.5
+"""Seconds from the beginning of a search to its first markers, unless a placement comes before."""
 
 
 class Outputs:
@@ -44,6 +47,8 @@ class Outputs:
         self._node = node
         self._lock = threading.Lock()
         self._last_stamp = 0
+        self._scene: list[Marker] = []
+        self._undrawn: tuple[Snapshot, Environment, float] | None = None
         self._trajectory = node.create_publisher(JointTrajectory, "~/trajectory", LATCHED)
         self._retreat = node.create_publisher(JointTrajectory, "~/retreat_trajectory", LATCHED)
         self._pose = node.create_publisher(PoseStamped, "~/placement_pose", LATCHED)
@@ -58,6 +63,8 @@ class Outputs:
         """A run begins: withdraw whatever is latched from the one before."""
         key = f"{run}/0"
         with self._lock:
+            self._undrawn = None
+            self._scene = []
             self._trajectory.publish(trajectory_message(None, key))
             self._retreat.publish(trajectory_message(None, key))
             self._markers.publish(no_markers())
@@ -65,23 +72,32 @@ class Outputs:
             self._solution.publish(self._manifest(self._stamp(), frame, values))
 
     def environment(self, snapshot: Snapshot, environment: Environment) -> None:
-        """Obstacle set and regions, once they are known."""
+        """Obstacle set and regions, once they are known.
+
+        They are drawn by `draw`, as that takes time which the search for a first placement needs.
+        """
+        with self._lock:
+            self._undrawn = snapshot, environment, time.monotonic()
+
+    def draw(self) -> None:
+        """Publish obstacle set and regions of a run that has gone on for a moment."""
+        with self._lock:
+            if self._undrawn is not None and time.monotonic() >= self._undrawn[2] + _DRAW_AFTER:
+                self._draw()
+
+    def _draw(self) -> None:
+        if self._undrawn is None:
+            return
+        snapshot, environment, _ = self._undrawn
+        self._undrawn = None
         stamp = self._now()
         header = Header(frame_id=snapshot.frame, stamp=stamp)
         obstacles = environment.obstacles
         centres = (obstacles.lower + obstacles.upper) / 2
         self._occupancy.publish(message_from_points(centres, header))
-        self._markers.publish(
-            run_markers(
-                snapshot.frame,
-                stamp,
-                snapshot.parameters.volume,
-                environment.regions,
-                snapshot.body,
-                None,
-                np.empty((0, 3)),
-            )
-        )
+        volume = snapshot.parameters.volume
+        self._scene = scene_markers(snapshot.frame, stamp, volume, environment.regions)
+        self._markers.publish(MarkerArray(markers=self._scene))
 
     def solution(
         self,
@@ -90,9 +106,11 @@ class Outputs:
         placement: Placement,
         search_time: float,
         snapshot: Snapshot,
-        environment: Environment,
     ) -> None:
-        """Publish one placement, found `search_time` seconds after the run's start."""
+        """Publish one placement, found `search_time` seconds after the run's start.
+
+        Its markers come last, as nobody acts on them.
+        """
         key = f"{run}/{number}"
         goal = placement.goal
         trajectory, retreat = placement.trajectory, placement.retreat
@@ -108,17 +126,6 @@ class Outputs:
             self._retreat.publish(trajectory_message(retreat, key))
             self._pose.publish(stamped_pose(placement.T_world_object, snapshot.frame, stamp))
             self._objective.publish(Float64(data=float(placement.objective)))
-            self._markers.publish(
-                run_markers(
-                    snapshot.frame,
-                    stamp,
-                    snapshot.parameters.volume,
-                    environment.regions,
-                    snapshot.body,
-                    placement.T_world_object,
-                    tip_path(placement, snapshot),
-                )
-            )
             values = {
                 "run": run,
                 "solution": number,
@@ -131,6 +138,15 @@ class Outputs:
                 "search_time": float(search_time),
             }
             self._solution.publish(self._manifest(stamp, snapshot.frame, values))
+            self._draw()
+            shown = placement_markers(
+                snapshot.frame,
+                stamp,
+                snapshot.body,
+                placement.T_world_object,
+                tip_path(placement, snapshot),
+            )
+            self._markers.publish(MarkerArray(markers=self._scene + shown))
 
     def status(self, level: bytes, message: str, values: Mapping[str, object]) -> None:
         """What the node is doing."""

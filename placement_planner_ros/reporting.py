@@ -75,7 +75,7 @@ class Reporter:
             self._run = run
             self._obstacles, self._known = None, None
             self._blocked, self._left = "", False
-            self._checked = (0, self._inputs.clouds.updates)
+            self._checked = (0, self._inputs.clouds.changes)
         self.report()
 
     def environment_known(self, run: Run, environment: Environment) -> None:
@@ -134,6 +134,7 @@ class Reporter:
         run = self._run
         state = State.IDLE if run is None else run.state
         due = time.monotonic() - self._reported_at >= STATUS_PERIOD
+        self._outputs.draw()
         if run is not None:
             self.has_left_start(run)
             if due:
@@ -146,7 +147,7 @@ class Reporter:
         """Look whether clouds newer than the run's cut through its best placement."""
         with self._lock:
             obstacles, known, best = self._obstacles, self._known, run.best
-            now = (run.solutions, self._inputs.clouds.updates)
+            now = (run.solutions, self._inputs.clouds.changes)
             if obstacles is None or best is None or now == self._checked or self._left:
                 return
             self._checked = now

@@ -37,8 +37,14 @@ class Surroundings:
     snapshot: Snapshot
 
     @classmethod
-    def of(cls, snapshot: Snapshot) -> Surroundings:
-        """Filter the robot and what it holds out of the clouds."""
+    def of(cls, snapshot: Snapshot, before: Surroundings | None = None) -> Surroundings:
+        """Filter the robot and what it holds out of the clouds.
+
+        Args:
+            before: what was made of an earlier snapshot; returned where nothing has changed.
+        """
+        if before is not None and _same_inputs(snapshot, before.snapshot):
+            return before
         points = np.vstack(snapshot.clouds)
         kept = np.ones(len(points), np.bool_)
         if snapshot.parameters["self_filter.enabled"]:
@@ -65,7 +71,7 @@ class Surroundings:
 
     def same(self, other: Surroundings) -> bool:
         """Whether both make the same environment."""
-        return (
+        return self is other or (
             self.grid == other.grid
             and _equal(
                 (self.volume.lower, self.volume.upper), (other.volume.lower, other.volume.upper)
@@ -114,6 +120,22 @@ def _same_view(a: View, b: View) -> bool:
     )
 
 
+def _same_inputs(a: Snapshot, b: Snapshot) -> bool:
+    names = ("target_volume", "cloud.cell_size", "self_filter.enabled", "unknown_space")
+    return (
+        len(a.clouds) == len(b.clouds)
+        and all(x is y for x, y in zip(a.clouds, b.clouds, strict=True))
+        and a.placed == b.placed
+        and all(map(np.array_equal, map(_known, a.origins), map(_known, b.origins)))
+        and all(a.parameters[name] == b.parameters[name] for name in names)
+        and _same_hands(a, b)
+    )
+
+
+def _known(origin: Array | None) -> Array:
+    return np.empty(0) if origin is None else origin
+
+
 def _same_hands(a: Snapshot, b: Snapshot) -> bool:
     """Whether robot and held object fill the same space."""
     names = ("self_filter.padding", "collision_margin")
@@ -121,8 +143,8 @@ def _same_hands(a: Snapshot, b: Snapshot) -> bool:
         a.robot is b.robot
         and a.body is b.body
         and np.array_equal(a.q_start, b.q_start)
-        and [(arm.tip_frame, arm.grasps) for arm in a.arms]
-        == [(arm.tip_frame, arm.grasps) for arm in b.arms]
+        and [(arm.joints, arm.tip_frame, arm.grasps) for arm in a.arms]
+        == [(arm.joints, arm.tip_frame, arm.grasps) for arm in b.arms]
         and all(a.parameters[name] == b.parameters[name] for name in names)
     )
 

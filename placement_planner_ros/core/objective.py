@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.metadata import entry_points
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -78,7 +79,7 @@ _BUILT_IN: dict[str, ObjectiveFactory] = {
 
 def objective_names() -> list[str]:
     """Every name `make_objective` knows: the built-in ones and the installed plug-ins."""
-    return sorted({*_BUILT_IN, *(e.name for e in entry_points(group=ENTRY_POINT_GROUP))})
+    return sorted({*_BUILT_IN, *(e.name for e in _plug_ins())})
 
 
 def make_objective(name: str, context: ObjectiveContext) -> Objective:
@@ -89,7 +90,7 @@ def make_objective(name: str, context: ObjectiveContext) -> Objective:
     """
     factory = _BUILT_IN.get(name)
     if factory is None:
-        found = [e for e in entry_points(group=ENTRY_POINT_GROUP) if e.name == name]
+        found = [e for e in _plug_ins() if e.name == name]
         if not found:
             known = ", ".join(objective_names())
             raise ParameterError("objective", name, f"is not known; choose one of {known}")
@@ -100,6 +101,12 @@ def make_objective(name: str, context: ObjectiveContext) -> Objective:
             "objective", name, f"its factory made a {type(objective).__name__}, not a callable"
         )
     return objective
+
+
+@cache
+def _plug_ins() -> tuple[EntryPoint, ...]:
+    """What is installed; looked for once, as that takes some 20 ms."""
+    return tuple(entry_points(group=ENTRY_POINT_GROUP))
 
 
 def evaluate(objective: Objective, T_world_object: pin.SE3) -> float:
