@@ -136,7 +136,7 @@ def test_a_range_is_apart_where_all_its_cells_are(elbow):
 
 def test_tables_belong_to_the_robot_and_are_shared(yumi):
     first, second = checker_for(*yumi), checker_for(*yumi)
-    assert np.shares_memory(first._flat.arrays.tables.cells, second._flat.arrays.tables.cells)
+    assert np.shares_memory(first._flat.arrays.tables.apart, second._flat.arrays.tables.apart)
 
 
 def test_a_wider_margin_than_the_tables_were_made_for_is_checked_without_them(yumi):

@@ -1,12 +1,11 @@
 """Pairs of links with two revolute joints between them: where in those joints they are apart.
 
-How such a pair lies depends on two angles alone, so their plane is divided into cells, and each is
-settled the first time it is asked for: either the links are certainly as far apart as stated
-throughout the cell, or the cell is open and says nothing. Cells depend on the robot alone and are
-shared by all that is made for it.
+How such a pair lies depends on two angles alone, so their plane is divided into cells. Either the
+links are certainly as far apart as stated throughout a cell, or the cell is open and says nothing.
+Tables depend on the robot alone, are made with the first checker for it and shared by all.
 
-Within a cell a point p that both joints carry moves, from the cell's centre, by J δ up to second
-order, so along the direction n that keeps the links apart at the centre
+Within a block of cells a point p that both joints carry moves, from the block's centre, by J δ up
+to second order, so along the direction n that keeps the links apart at the centre
 
     n·p(q + δ) ≥ n·p(q) - |n·J_1 δ_1| - |n·J_2 δ_2| - (ρ_1 δ_1² + 2 ρ_2 |δ_1 δ_2| + ρ_2 δ_2²) / 2
 
@@ -34,11 +33,12 @@ _MAX_CELLS = 1 << 18
 """Joints that turn further than this many cells are left without a table."""
 _MAX_RANGE = 64
 """Cells that one question looks at, at most; wider motions are left to the other checks."""
-_UNKNOWN, _APART, _OPEN = 0, 1, 2
+_BLOCK = 16
+"""Cells along the sides of the blocks that are looked at first; open ones are cut in four."""
 
 
 class PairTables(NamedTuple):
-    """Tables of t pairs for the kernels; cells are filled as they are asked for."""
+    """Tables of t pairs for the kernels."""
 
     grid: Array
     """(t, 2) lower limits of the two joints, rad."""
@@ -46,15 +46,20 @@ class PairTables(NamedTuple):
     """(t, 3) cells along the first joint, along the second, and the table's first in `cells`."""
     clear: float
     """Metres by which pairs are apart throughout a cell that says so."""
-    cells: npt.NDArray[np.int8]
-    """(.,) unknown, apart or open."""
+    apart: npt.NDArray[np.bool_]
+    """(.,) whether a cell says that a pair is apart."""
+
+
+class _Pair(NamedTuple):
+    """What the cells of one pair are made from."""
+
     frames: Array
-    """(t, 2, 4, 4) pose of the first joint in the frame the inner link is given in, and of the
-    second in that of the first, both at angle zero."""
+    """(2, 4, 4) pose of the first joint in the frame the inner link is given in, and of the second
+    in that of the first, both at angle zero."""
+    inner: int
+    """How many of the parts are the inner link's; the first."""
     parts: Indices
-    """(t, 2, 2) inner and outer link: range of `sets`."""
-    sets: Indices
-    """(s + 1,) first vertex of each solid part."""
+    """(s + 1,) first vertex of each part."""
     radius: Array
     """(s,) that it is dilated by."""
     vertices: Array
@@ -99,37 +104,39 @@ def can_be_tabled(lower: Array, upper: Array) -> bool:
 
 @lru_cache(maxsize=16)
 def pair_tables(pairs: tuple[TablePair, ...], clear: float) -> PairTables:
-    """Tables of these pairs, all cells unknown yet; the same ones for the same pairs."""
-    sets, radius, parts, counts = [0], list[float](), [], []
-    vertices = [np.zeros((0, 3))]
-    cells = 0
+    """Tables of these pairs; the same ones for the same pairs.
+
+    Args:
+        clear: metres that cells certify.
+    """
+    counts, tables, total = [], [np.zeros(0, dtype=np.bool_)], 0
     for pair in pairs:
-        ranges = []
-        for link in (pair.inner, pair.outer):
-            first = len(radius)
-            for data, dilated in link.parts:
-                vertices.append(np.frombuffer(data).reshape(-1, 3))
-                sets.append(sets[-1] + len(vertices[-1]))
-                radius.append(dilated)
-            ranges.append((first, len(radius)))
-        parts.append(ranges)
-        along = [
+        first, second = (
             math.floor((high - low) / CELL) + 1
             for low, high in zip(pair.lower, pair.upper, strict=True)
-        ]
-        counts.append((*along, cells))
-        cells += along[0] * along[1]
-    frames = [np.frombuffer(pair.frames).reshape(2, 4, 4) for pair in pairs]
+        )
+        counts.append((first, second, total))
+        total += first * second
+        table = np.zeros((first, second), dtype=np.bool_)
+        _fill(_geometry(pair), np.array(pair.lower), clear, table)
+        tables.append(table.ravel())
     return PairTables(
         grid=np.array([pair.lower for pair in pairs]).reshape(-1, 2),
         counts=np.array(counts, dtype=np.int64).reshape(-1, 3),
         clear=clear,
-        cells=np.zeros(cells, dtype=np.int8),
-        frames=np.array(frames).reshape(-1, 2, 4, 4),
-        parts=np.array(parts, dtype=np.int64).reshape(-1, 2, 2),
-        sets=np.array(sets, dtype=np.int64),
-        radius=np.array(radius),
-        vertices=np.ascontiguousarray(np.vstack(vertices)),
+        apart=np.concatenate(tables),
+    )
+
+
+def _geometry(pair: TablePair) -> _Pair:
+    parts = pair.inner.parts + pair.outer.parts
+    vertices = [np.frombuffer(data).reshape(-1, 3) for data, _ in parts]
+    return _Pair(
+        frames=np.frombuffer(pair.frames).reshape(2, 4, 4).copy(),
+        inner=len(pair.inner.parts),
+        parts=np.cumsum([0] + [len(v) for v in vertices]),
+        radius=np.array([radius for _, radius in parts]),
+        vertices=np.vstack(vertices),
     )
 
 
@@ -138,7 +145,7 @@ def apart_within(
     tables: PairTables, table: int, q1: float, q2: float, delta1: float, delta2: float
 ) -> bool:
     """Whether a pair is certainly `clear` apart wherever its joints are within ±delta of q."""
-    grid, counts, cells = tables.grid, tables.counts, tables.cells
+    grid, counts = tables.grid, tables.counts
     u = (q1 - grid[table, 0]) / CELL
     v = (q2 - grid[table, 1]) / CELL
     du = delta1 / CELL
@@ -151,78 +158,104 @@ def apart_within(
         return False
     for i in range(i0, i1 + 1):
         for j in range(j0, j1 + 1):
-            cell = counts[table, 2] + i * counts[table, 1] + j
-            if cells[cell] == _UNKNOWN:
-                cells[cell] = _APART if _is_apart(tables, table, i, j) else _OPEN
-            if cells[cell] == _OPEN:
+            if not tables.apart[counts[table, 2] + i * counts[table, 1] + j]:
                 return False
     return True
 
 
 @njit(cache=True)
-def _is_apart(tables: PairTables, table: int, i: int, j: int) -> bool:
-    """Whether the pair keeps `clear` throughout one cell (this module's formula)."""
-    grid, parts, sets = tables.grid, tables.parts, tables.sets
-    A, B = tables.frames[table, 0], tables.frames[table, 1]
-    q1 = grid[table, 0] + (i + 0.5) * CELL
-    q2 = grid[table, 1] + (j + 0.5) * CELL
-    delta = 0.5 * CELL + 1e-9
-    M = A.copy()
-    _turn(M, q1)
-    N = M @ B
-    axis1, at1 = M[:3, 2].copy(), M[:3, 3].copy()
+def _fill(pair: _Pair, lower: Array, clear: float, apart: npt.NDArray[np.bool_]) -> None:
+    """All cells (m, n) of one table, by blocks."""
+    rows, columns = apart.shape
+    points = pair.vertices.copy()
+    s = len(pair.radius)
+    known = np.zeros((pair.inner, s - pair.inner, 3))
+    stack = np.empty((64, 3), dtype=np.int64)
+    for i in range(0, rows, _BLOCK):
+        for j in range(0, columns, _BLOCK):
+            stack[0, 0], stack[0, 1], stack[0, 2] = i, j, _BLOCK
+            waiting = 1
+            while waiting > 0:
+                waiting -= 1
+                k, m, size = stack[waiting]
+                q1 = lower[0] + (k + 0.5 * size) * CELL
+                q2 = lower[1] + (m + 0.5 * size) * CELL
+                if _apart_around(pair, points, known, q1, q2, 0.5 * size * CELL + 1e-9, clear):
+                    apart[k : k + size, m : m + size] = True
+                elif size > 1:
+                    half = size // 2
+                    for corner in range(4):
+                        k2, m2 = k + half * (corner % 2), m + half * (corner // 2)
+                        if k2 < rows and m2 < columns:
+                            stack[waiting, 0], stack[waiting, 1], stack[waiting, 2] = k2, m2, half
+                            waiting += 1
+
+
+@njit(cache=True)
+def _apart_around(
+    pair: _Pair, points: Array, known: Array, q1: float, q2: float, delta: float, clear: float
+) -> bool:
+    """Whether a pair keeps `clear` wherever its joints are within ±delta of q (module's formula).
+
+    Args:
+        points: (v, 3) vertices, of which the outer link's are put where they are at q.
+        known: (., ., 3) direction that last kept two parts apart, tried before a new one is sought.
+    """
+    parts, radius = pair.parts, pair.radius
+    A, B = pair.frames[0], pair.frames[1]
+    T = A.copy()
+    _turn(T, q1)
+    N = T @ B
+    axis1, at1 = T[:3, 2].copy(), T[:3, 3].copy()
     axis2, at2 = N[:3, 2].copy(), N[:3, 3].copy()
     _turn(N, q2)
     offset = np.sqrt(B[0, 3] ** 2 + B[1, 3] ** 2 + B[2, 3] ** 2)
     work = np.zeros((6, 4))
-    for o in range(parts[table, 1, 0], parts[table, 1, 1]):
-        outer = tables.vertices[sets[o] : sets[o + 1]]
-        m = outer.shape[0]
+    for o in range(pair.inner, len(radius)):
         far = 0.0
-        for k in range(m):
-            far = max(far, outer[k, 0] ** 2 + outer[k, 1] ** 2 + outer[k, 2] ** 2)
-        far = np.sqrt(far)
-        bend = 0.5 * delta * delta * (offset + 4.0 * far)
-        for s in range(parts[table, 0, 0], parts[table, 0, 1]):
-            inner = tables.vertices[sets[s] : sets[s + 1]]
-            need = tables.clear + TOLERANCE + tables.radius[o] + tables.radius[s] + bend
-            points = np.empty((m + inner.shape[0], 3))
-            points[m:] = inner
-            middle = np.zeros(3)
-            for k in range(m):
-                for c in range(3):
-                    points[k, c] = (
-                        N[c, 3]
-                        + N[c, 0] * outer[k, 0]
-                        + N[c, 1] * outer[k, 1]
-                        + N[c, 2] * outer[k, 2]
+        for v in range(parts[o], parts[o + 1]):
+            x, y, z = pair.vertices[v, 0], pair.vertices[v, 1], pair.vertices[v, 2]
+            far = max(far, x * x + y * y + z * z)
+            for c in range(3):
+                points[v, c] = N[c, 3] + N[c, 0] * x + N[c, 1] * y + N[c, 2] * z
+        bend = 0.5 * delta * delta * (offset + 4.0 * np.sqrt(far))
+        for s in range(pair.inner):
+            need = clear + TOLERANCE + radius[o] + radius[s] + bend
+            for attempt in range(2):
+                if attempt == 0:
+                    work[5, :3] = known[s, o - pair.inner]
+                else:
+                    work[5, :3] = points[parts[o]] - points[parts[s]]
+                    separate_hulls(
+                        points, parts[o], parts[o + 1], parts[s], parts[s + 1], np.inf, 0.0, work
                     )
-                    middle[c] += points[k, c] / m
-            for k in range(inner.shape[0]):
-                for c in range(3):
-                    middle[c] -= inner[k, c] / inner.shape[0]
-            work[5, :3] = middle
-            separate_hulls(points, 0, m, m, len(points), np.inf, 0.0, work)
-            nx, ny, nz = work[5, 0], work[5, 1], work[5, 2]
-            length = np.sqrt(nx * nx + ny * ny + nz * nz)
-            if not length > 1e-9:
+                nx, ny, nz = work[5, 0], work[5, 1], work[5, 2]
+                length = np.sqrt(nx * nx + ny * ny + nz * nz)
+                if not length > 1e-9:
+                    continue
+                nx, ny, nz = nx / length, ny / length, nz / length
+                # n·J_k = n·(axis × (p - at)) = (n × axis)·(p - at)
+                ax, ay, az = _cross(nx, ny, nz, axis1)
+                bx, by, bz = _cross(nx, ny, nz, axis2)
+                a0 = ax * at1[0] + ay * at1[1] + az * at1[2]
+                b0 = bx * at2[0] + by * at2[1] + bz * at2[2]
+                nearest = np.inf
+                for v in range(parts[o], parts[o + 1]):
+                    x, y, z = points[v, 0], points[v, 1], points[v, 2]
+                    slip = abs(ax * x + ay * y + az * z - a0) + abs(bx * x + by * y + bz * z - b0)
+                    nearest = min(nearest, nx * x + ny * y + nz * z - delta * slip)
+                reach = -np.inf
+                for v in range(parts[s], parts[s + 1]):
+                    reach = max(reach, nx * points[v, 0] + ny * points[v, 1] + nz * points[v, 2])
+                if nearest - reach >= need:
+                    break
+                if attempt == 1:
+                    return False
+            else:
                 return False
-            nx, ny, nz = nx / length, ny / length, nz / length
-            # n·J_k = n·(axis × (p - at)) = (n × axis)·(p - at)
-            ax, ay, az = _cross(nx, ny, nz, axis1)
-            bx, by, bz = _cross(nx, ny, nz, axis2)
-            a0 = ax * at1[0] + ay * at1[1] + az * at1[2]
-            b0 = bx * at2[0] + by * at2[1] + bz * at2[2]
-            nearest = np.inf
-            for k in range(m):
-                x, y, z = points[k, 0], points[k, 1], points[k, 2]
-                slip = abs(ax * x + ay * y + az * z - a0) + abs(bx * x + by * y + bz * z - b0)
-                nearest = min(nearest, nx * x + ny * y + nz * z - delta * slip)
-            reach = -np.inf
-            for k in range(m, len(points)):
-                reach = max(reach, nx * points[k, 0] + ny * points[k, 1] + nz * points[k, 2])
-            if not nearest - reach >= need:
-                return False
+            known[s, o - pair.inner, 0] = nx
+            known[s, o - pair.inner, 1] = ny
+            known[s, o - pair.inner, 2] = nz
     return True
 
 
