@@ -1,11 +1,14 @@
 """SampleGoals on a plane with a known valid part: rewards, budgets, ablation, concentration."""
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.scene.regions import Region
+from placement_planner_ros.core.search.cells import CellSampler, halved
 from placement_planner_ros.core.search.hierarchy import (
     FULL_TURN,
     AfrHierarchy,
@@ -13,12 +16,13 @@ from placement_planner_ros.core.search.hierarchy import (
     HierarchySettings,
 )
 from placement_planner_ros.core.search.sampler import (
+    Draws,
     MctsSampler,
-    Sample,
+    Outcome,
     SamplerSettings,
     UniformSampler,
-    demoted_reward,
-    heuristic_reward,
+    checks_passed,
+    four_term,
 )
 from placement_planner_ros.core.types import Goal, Verdict
 
@@ -33,22 +37,32 @@ class CornerChecker:
     def __init__(self) -> None:
         self.contacts: list[np.ndarray] = []
 
-    def check(self, node: AfrNode, contact, angle, best) -> Sample:
-        self.contacts.append(np.array([*contact[:2], angle, node.arm]))
+    def check_batch(self, draws: Draws, best: float, goals: int) -> Outcome:
+        verdicts, values, found = [], [], []
+        for arm, contact, angle in zip(draws.arm, draws.contact, draws.angle, strict=True):
+            self.contacts.append(np.array([*contact[:2], angle, arm]))
+            verdict, value = self.judge(arm, contact, angle, best)
+            verdicts.append(int(verdict))
+            values.append(value)
+            if verdict is Verdict.FEASIBLE:
+                found.append(Goal("b", 0, 0, pin.SE3.Identity(), 0.0, np.zeros((1, 7)), value))
+                if len(found) == goals:
+                    break
+        return Outcome(np.array(verdicts), np.array(values), found)
+
+    def judge(self, arm, contact, angle, best) -> tuple[Verdict, float]:
         if contact[0] > 0.1 or contact[1] > 0.1:
-            return Sample(Verdict.COLLIDING)
+            return Verdict.COLLIDING, -np.inf
         value = -float(contact[0])
         if value <= best:
-            return Sample(Verdict.NOT_BETTER)
-        if node.arm != 1 or angle > np.pi / 2:
-            return Sample(Verdict.NO_IK, value)
-        goal = Goal("b", 0, 0, pin.SE3.Identity(), 0.0, np.zeros((1, 7)), value)
-        return Sample(Verdict.FEASIBLE, value, goal)
+            return Verdict.NOT_BETTER, value
+        reached = arm in (1, -1) and angle <= np.pi / 2
+        return Verdict.FEASIBLE if reached else Verdict.NO_IK, value
 
-    def check_all(self, node, contact, angle, best) -> Sample:
-        sample = self.check(node, contact, angle, best)
-        reached = sample.verdict is Verdict.FEASIBLE
-        return Sample(sample.verdict, sample.value, sample.goal, (reached, reached, True, True))
+    def check_all(self, draws, best, goals) -> Outcome:
+        outcome = self.check_batch(draws, best, goals)
+        reached = outcome.verdicts == Verdict.FEASIBLE
+        return replace(outcome, terms=[(bool(r), bool(r), True, True) for r in reached])
 
 
 def hierarchy(**settings) -> AfrHierarchy:
@@ -98,7 +112,7 @@ def test_division_ends_at_the_minimal_area_and_angle():
     assert leaves > 100
 
 
-@pytest.mark.parametrize("kind", [MctsSampler, UniformSampler])
+@pytest.mark.parametrize("kind", [MctsSampler, CellSampler, UniformSampler])
 def test_a_call_ends_at_its_budgets(kind):
     made, _ = sampler(kind, samples_per_call=30, goals_per_call=1000)
     made.sample_goals(-np.inf, never)
@@ -112,14 +126,16 @@ def test_a_call_ends_at_its_budgets(kind):
 
 def test_tree_search_finds_more_goals_than_uniform_sampling():
     found = {}
-    for kind in (MctsSampler, UniformSampler):
+    for kind in (MctsSampler, CellSampler, UniformSampler):
         made, _ = sampler(kind, samples_per_call=3000, goals_per_call=10_000)
-        found[kind] = len(made.sample_goals(-np.inf, never))
+        found[kind] = len(made.sample_goals(-0.1, never))
     assert found[MctsSampler] > 3 * found[UniformSampler]
+    assert found[CellSampler] > 3 * found[UniformSampler]
 
 
-def test_goals_beat_the_best_value_and_the_counts_add_up():
-    made, _ = sampler(samples_per_call=2000, goals_per_call=10_000)
+@pytest.mark.parametrize("kind", [MctsSampler, CellSampler, UniformSampler])
+def test_goals_beat_the_best_value_and_the_counts_add_up(kind):
+    made, _ = sampler(kind, samples_per_call=2000, goals_per_call=10_000)
     goals = made.sample_goals(-0.05, never)
     assert goals
     assert all(goal.objective > -0.05 for goal in goals)
@@ -138,9 +154,10 @@ def test_uniform_sampling_is_uniform_over_the_regions_by_area():
     assert square[:, 2].mean() == pytest.approx(np.pi, abs=0.1)
 
 
-def test_the_same_seed_gives_the_same_goals():
+@pytest.mark.parametrize("kind", [MctsSampler, CellSampler, UniformSampler])
+def test_the_same_seed_gives_the_same_goals(kind):
     def run(seed):
-        made, _ = sampler(seed=seed, samples_per_call=2000, goals_per_call=10_000)
+        made, _ = sampler(kind, seed=seed, samples_per_call=2000, goals_per_call=10_000)
         return [goal.objective for goal in made.sample_goals(-np.inf, never)]
 
     assert run(1) == run(1)
@@ -148,26 +165,58 @@ def test_the_same_seed_gives_the_same_goals():
 
 
 def test_reward_is_the_share_of_checks_passed_and_falls_to_not_better():
-    assert heuristic_reward(Sample(Verdict.FEASIBLE, 1.0)) == 1.0
-    assert heuristic_reward(Sample(Verdict.OUTSIDE_VOLUME)) == 0.0
-    rewards = [heuristic_reward(Sample(v)) for v in Verdict]
+    assert checks_passed(Verdict.FEASIBLE) == 1.0
+    assert checks_passed(Verdict.OUTSIDE_VOLUME) == 0.0
+    rewards = [checks_passed(v) for v in Verdict]
     assert rewards == sorted(rewards)
-    assert demoted_reward(Sample(Verdict.FEASIBLE, 1.0)) == heuristic_reward(
-        Sample(Verdict.NOT_BETTER)
-    )
-    assert demoted_reward(Sample(Verdict.UNSTABLE)) == heuristic_reward(Sample(Verdict.UNSTABLE))
+    demoted = checks_passed(Verdict.FEASIBLE, better=False)
+    assert demoted == checks_passed(Verdict.NOT_BETTER)
+    assert checks_passed(Verdict.UNSTABLE, better=False) == checks_passed(Verdict.UNSTABLE)
 
 
 def test_four_term_reward_is_the_authors_form():
-    valid = Sample(Verdict.FEASIBLE, 1.0, None, (True, True, True, True))
-    assert heuristic_reward(valid) == 1.0
-    assert demoted_reward(valid) == 0.75
-    no_ik = Sample(Verdict.NO_IK, 1.0, None, (False, False, True, True))
-    assert heuristic_reward(no_ik) == 0.0
-    unstable = Sample(Verdict.UNSTABLE, 1.0, None, (True, True, True, False))
-    assert heuristic_reward(unstable) == 0.5
+    assert four_term((True, True, True, True), better=True) == 1.0
+    assert four_term((True, True, True, True), better=False) == 0.75
+    assert four_term((False, False, True, True), better=True) == 0.0
+    assert four_term((True, True, True, False), better=True) == 0.5
     made, _ = sampler(samples_per_call=3000, goals_per_call=1000, reward="four_term")
     assert made.sample_goals(-np.inf, never)
+
+
+def test_one_sample_at_a_time_is_what_the_paper_describes():
+    """With a batch of one each selection knows every reward before it."""
+    made, _ = sampler(samples_per_call=500, goals_per_call=1000, batch=1)
+    rewards = []
+    update = made.tree.update
+    made.tree.update = lambda n, *rest: (rewards.append(made.tree.visits(0)), update(n, *rest))
+    made.sample_goals(-np.inf, never)
+    assert rewards == list(range(500))
+
+
+def test_parts_of_a_cell_cover_it_without_overlap():
+    cell = np.array([1.0, 0.5, 0.0, 0.2, 0.1, 0.5, 1.0, 2.0])
+    parts = halved(cell)
+    volumes = np.prod(parts[:, 3::2] - parts[:, 2::2], axis=1)
+    assert volumes.sum() == pytest.approx(0.2 * 0.4 * 1.0)
+    centers = 0.5 * (parts[:, 2::2] + parts[:, 3::2])
+    for center in centers:
+        inside = (parts[:, 2::2] < center) & (center < parts[:, 3::2])
+        assert inside.all(axis=1).sum() == 1
+    assert (parts[:, :2] == cell[:2]).all()
+
+
+def test_cells_follow_what_is_best_at_every_scale_without_forgetting_the_rest():
+    made, checker = sampler(CellSampler, samples_per_call=6000, goals_per_call=10_000)
+    made.sample_goals(-0.001, never)
+    contacts = np.array(checker.contacts)
+    in_corner = (contacts[:, :2] < 0.1).all(axis=1)
+    assert in_corner.mean() > 5 * (0.01 / 0.17)
+    near = contacts[in_corner][-500:, 0]
+    assert np.median(near) < 0.03
+    others = contacts[~in_corner]
+    assert (
+        np.histogram2d(others[:, 0], others[:, 1], bins=4, range=[[0, 0.4]] * 2)[0] > 0
+    ).sum() > 14
 
 
 def test_wrong_settings_are_refused():

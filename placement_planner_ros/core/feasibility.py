@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import numpy.typing as npt
 import pinocchio as pin
 
 from placement_planner_ros.core.body import Body, PlacementFace
@@ -52,6 +53,7 @@ class PoseConstraints:
         self._tolerance = contact_tolerance
         self._raise_height = raise_height
         self._contacts = [contact_points(face, edge_margin) for face in body.faces]
+        self._T_face_object = np.array([face.T_face_object.homogeneous for face in body.faces])
 
     def in_volume(self, T_world_object: pin.SE3, face: int) -> bool:
         """Whether the reference contact point lies in V, and horizontally the centre of mass."""
@@ -82,6 +84,43 @@ class PoseConstraints:
         if not self.free(T_world_object, contact_height):
             return Verdict.COLLIDING
         return Verdict.FEASIBLE
+
+    def verdicts(
+        self, faces: npt.NDArray[np.int64], contacts: Array, angles: Array
+    ) -> tuple[npt.NDArray[np.int64], Array]:
+        """`placement_pose` and `verdict` of many poses at once.
+
+        Args:
+            faces: (n,) indices.
+            contacts: (n, 3) positions of the faces' reference vertices.
+            angles: (n,) θ, rad.
+
+        Returns:
+            (n,) verdicts and (n, 4, 4) poses T_world_object.
+        """
+        turned = np.zeros((len(faces), 4, 4))
+        turned[:, 0, 0] = turned[:, 1, 1] = np.cos(angles)
+        turned[:, 1, 0] = np.sin(angles)
+        turned[:, 0, 1] = -turned[:, 1, 0]
+        turned[:, 2, 2] = turned[:, 3, 3] = 1.0
+        turned[:, :3, 3] = contacts
+        T = turned @ self._T_face_object[faces]
+        centers = T[:, :3, :3] @ self._body.center_of_mass + T[:, :3, 3]
+        centers[:, 2] = contacts[:, 2]
+        inside = self._volume.contains(contacts) & self._volume.contains(centers)
+        result = np.full(len(faces), Verdict.OUTSIDE_VOLUME, dtype=np.int64)
+        result[inside] = Verdict.UNSTABLE
+        for face in np.unique(faces[inside]):
+            rows = np.flatnonzero(inside & (faces == face))
+            points = self._contacts[face] @ T[rows, :3, :3].transpose(0, 2, 1)
+            points += T[rows, None, :3, 3]
+            supported = self._environment.support.supported(points.reshape(-1, 3), self._tolerance)
+            result[rows[supported.reshape(len(rows), -1).all(axis=1)]] = Verdict.COLLIDING
+        stable = np.flatnonzero(result == Verdict.COLLIDING)
+        if len(stable):
+            free = self._collision.free_at(T[stable], contacts[stable, 2], self._raise_height)
+            result[stable[free]] = Verdict.FEASIBLE
+        return result, T
 
 
 def contact_points(face: PlacementFace, margin: float) -> Array:

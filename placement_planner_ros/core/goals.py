@@ -11,9 +11,13 @@ from placement_planner_ros.core.ascent import AscentSettings, climb
 from placement_planner_ros.core.body import Body
 from placement_planner_ros.core.feasibility import PoseConstraints, placement_pose
 from placement_planner_ros.core.holding import Holding
-from placement_planner_ros.core.objective import Objective, evaluate, moved
-from placement_planner_ros.core.search.hierarchy import AfrNode
-from placement_planner_ros.core.search.sampler import Sample
+from placement_planner_ros.core.objective import (
+    Objective,
+    evaluate,
+    evaluate_batch,
+    moved,
+)
+from placement_planner_ros.core.search.sampler import Draws, Outcome
 from placement_planner_ros.core.types import Array, Goal, Verdict
 
 _FORGETTING = 0.95
@@ -55,52 +59,88 @@ class GoalFinder:
         self._gain = np.inf  # what a climb brought lately, at its best
         self._rng = rng
 
-    def check(self, node: AfrNode, contact: Array, angle: float, best: float) -> Sample:
-        """Stops at the first constraint that fails."""
-        face, holding = self._choices(node)
-        x = placement_pose(self._body.faces[face], contact, angle)
-        verdict = self._poses.verdict(x, face, contact[2])
-        if verdict is not Verdict.FEASIBLE:
-            return Sample(verdict)
-        value = evaluate(self._objective, x)
+    def check_batch(self, draws: Draws, best: float, goals: int) -> Outcome:
+        """Each up to its first constraint that fails; the cheap ones of all draws together."""
         bound = best + self._min_improvement
+        verdicts, T = self._poses.verdicts(draws.face, draws.contact, draws.angle)
+        values = np.full(len(verdicts), -np.inf)
+        free = np.flatnonzero(verdicts == Verdict.FEASIBLE)
+        if len(free):
+            values[free] = evaluate_batch(self._objective, T[free])
+            verdicts[free] = Verdict.NOT_BETTER
+        found: list[Goal] = []
+        for row in free[values[free] + (0.0 if self._ascent is None else self._gain) > bound]:
+            face, height = int(draws.face[row]), float(draws.contact[row, 2])
+            for x, value in self._candidates(
+                pin.SE3(T[row]), float(values[row]), face, height, bound
+            ):
+                reached = self._reach_any(draws, int(row), x, value)
+                if isinstance(reached, Verdict):
+                    verdicts[row] = max(verdicts[row], reached)
+                    continue
+                verdicts[row] = Verdict.FEASIBLE
+                values[row] = value
+                found.append(reached)
+                break
+            if len(found) == goals:
+                return Outcome(verdicts[: row + 1], values[: row + 1], found)
+        return Outcome(verdicts, values, found)
+
+    def _candidates(
+        self, x: pin.SE3, value: float, face: int, height: float, bound: float
+    ) -> list[tuple[pin.SE3, float]]:
+        """The pose, and before it where the gradient leads, each with its ξ, as far as better."""
         candidates = [(x, value)] if value > bound else []
-        if self._ascent is not None and value + self._gain > bound:
-            higher = self._climb(x, value, face, contact[2], self._ascent)
+        if self._ascent is not None:
+            higher = self._climb(x, value, face, height, self._ascent)
             self._gain = max(higher[1] - value, _FORGETTING * self._gain)
             if higher[1] > max(value, bound):
                 candidates.insert(0, higher)
-        if not candidates:
-            return Sample(Verdict.NOT_BETTER)
-        furthest = Sample(Verdict.NOT_BETTER)
-        for x, value in candidates:
-            goal = self._reach_goal(holding, x, face, contact[2], value)
-            if not isinstance(goal, Verdict):
-                return Sample(Verdict.FEASIBLE, value, goal)
-            if goal > furthest.verdict:
-                furthest = Sample(goal, value)
-        return furthest
+        return candidates
 
-    def check_all(self, node: AfrNode, contact: Array, angle: float, best: float) -> Sample:
-        """Makes every check, as the authors' four-term reward needs."""
-        face, holding = self._choices(node)
-        x = placement_pose(self._body.faces[face], contact, angle)
-        verdict = self._poses.verdict(x, face, contact[2])
-        stable = self._poses.stable(x, face)
-        free = self._poses.free(x, contact[2])
-        value = evaluate(self._objective, x)
-        if not value > best + self._min_improvement:
-            value = -np.inf
-            verdict = Verdict.NOT_BETTER if verdict is Verdict.FEASIBLE else verdict
-        goal = self._reach_goal(holding, x, face, contact[2], value)
-        reached = goal is not Verdict.NO_IK
-        arm_free = reached and goal is not Verdict.ARM_COLLIDING
-        terms = (reached, arm_free, free, stable)
-        if verdict is not Verdict.FEASIBLE:
-            return Sample(verdict, value, None, terms)
-        if isinstance(goal, Verdict):
-            return Sample(goal, value, None, terms)
-        return Sample(Verdict.FEASIBLE, value, goal, terms)
+    def check_all(self, draws: Draws, best: float, goals: int) -> Outcome:
+        """The same with every check made on every sample, as the authors' reward needs."""
+        bound = best + self._min_improvement
+        verdicts, values, terms = [], [], []
+        found: list[Goal] = []
+        for row in range(len(draws.face)):
+            face, contact = int(draws.face[row]), draws.contact[row]
+            x = placement_pose(self._body.faces[face], contact, float(draws.angle[row]))
+            verdict = self._poses.verdict(x, face, contact[2])
+            value = evaluate(self._objective, x)
+            goal = self._reach_any(draws, row, x, value)
+            reached = goal is not Verdict.NO_IK
+            arm_free = reached and goal is not Verdict.ARM_COLLIDING
+            stable, free = self._poses.stable(x, face), self._poses.free(x, contact[2])
+            if verdict is Verdict.FEASIBLE and not value > bound:
+                verdict = Verdict.NOT_BETTER
+            if verdict is Verdict.FEASIBLE and isinstance(goal, Verdict):
+                verdict = goal
+            verdicts.append(int(verdict))
+            values.append(value)
+            terms.append((reached, arm_free, free, stable))
+            if verdict is Verdict.FEASIBLE and isinstance(goal, Goal):
+                found.append(goal)
+                if len(found) == goals:
+                    break
+        return Outcome(np.array(verdicts), np.array(values), found, terms)
+
+    def _reach_any(self, draws: Draws, row: int, x: pin.SE3, value: float) -> Goal | Verdict:
+        """A goal with the arm and grasp drawn, or where none was drawn, with the first that can."""
+        if draws.arm[row] >= 0:
+            candidates = [self._holdings[draws.arm[row]][draws.grasp[row]]]
+        else:
+            candidates = [holding for of_arm in self._holdings for holding in of_arm]
+            candidates = [candidates[k] for k in self._rng.permutation(len(candidates))]
+        furthest = Verdict.NO_IK
+        for holding in candidates:
+            goal = self._reach_goal(
+                holding, x, int(draws.face[row]), float(draws.contact[row, 2]), value
+            )
+            if not isinstance(goal, Verdict):
+                return goal
+            furthest = max(furthest, goal)
+        return furthest
 
     def _climb(
         self, x: pin.SE3, value: float, face: int, contact_height: float, settings: AscentSettings
@@ -120,12 +160,6 @@ class GoalFinder:
 
         climb(self._objective, x, attempt, settings, lambda: False)
         return x, value
-
-    def _choices(self, node: AfrNode) -> tuple[int, Holding]:
-        assert node.arm is not None
-        assert node.grasp is not None
-        assert node.face is not None
-        return node.face, self._holdings[node.arm][node.grasp]
 
     def _reach_goal(
         self, holding: Holding, x: pin.SE3, face: int, contact_height: float, value: float

@@ -29,6 +29,15 @@ class Objective(Protocol):
 
 
 @runtime_checkable
+class BatchObjective(Objective, Protocol):
+    """An objective that judges many poses at once."""
+
+    def values(self, T_world_object: Array) -> Array:
+        """(n,) ξ of the (n, 4, 4) poses; must be finite."""
+        ...
+
+
+@runtime_checkable
 class DifferentiableObjective(Objective, Protocol):
     """An objective that knows ∂ξ/∂(x, y, e_z)."""
 
@@ -62,6 +71,11 @@ class Clearance:
         """±C(x), metres."""
         value, _ = self._field.mean_clearance(T_world_object.homogeneous, self._points)
         return self._sign * value
+
+    def values(self, T_world_object: Array) -> Array:
+        """(n,) ±C of the (n, 4, 4) poses, metres."""
+        values, _ = self._field.mean_clearance_batch(T_world_object, self._points)
+        return self._sign * values
 
     def gradient(self, T_world_object: pin.SE3) -> Array:
         """±∂C/∂(x, y, e_z)."""
@@ -121,6 +135,22 @@ def evaluate(objective: Objective, T_world_object: pin.SE3) -> float:
             "objective", value, f"must be finite, at position {T_world_object.translation.tolist()}"
         )
     return value
+
+
+def evaluate_batch(objective: Objective, T_world_object: Array) -> Array:
+    """(n,) ξ of the (n, 4, 4) poses, checked; a black box is asked pose by pose.
+
+    Raises:
+        ParameterError: the objective is not a finite number somewhere.
+    """
+    if not isinstance(objective, BatchObjective):
+        return np.array([evaluate(objective, pin.SE3(T)) for T in T_world_object])
+    values = np.asarray(objective.values(T_world_object), dtype=np.float64)
+    if values.shape != (len(T_world_object),) or not np.isfinite(values).all():
+        raise ParameterError(
+            "objective", values.tolist(), f"must be {len(T_world_object)} finite numbers"
+        )
+    return values
 
 
 def gradient(

@@ -26,6 +26,7 @@ from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.robot.object_collision import ObjectCollision
 from placement_planner_ros.core.robot.seeds import SeedTable
 from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.search.cells import CellSampler
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy, HierarchySettings
 from placement_planner_ros.core.search.sampler import (
     GoalSampler,
@@ -37,6 +38,12 @@ from placement_planner_ros.core.statistics import Statistics
 from placement_planner_ros.core.transit import MotionPlanner, TransitSettings
 from placement_planner_ros.core.types import Array, Goal, Placement, TargetVolume
 
+_SAMPLERS: dict[tuple[str, str], Callable[..., GoalSampler]] = {
+    ("mcts", "ucb1"): MctsSampler,
+    ("mcts", "optimistic"): CellSampler,
+    ("uniform", "ucb1"): UniformSampler,
+    ("uniform", "optimistic"): UniformSampler,
+}
 _LIMIT_INSET = 1e-3
 """rad or m, how far within the joint limits configurations are planned."""
 
@@ -172,7 +179,7 @@ class PlacementPlanner:
             settings.hierarchy,
         )
         self.exhausted = _nothing_to_search(hierarchy)
-        Sampler = MctsSampler if settings.sampler == "mcts" else UniformSampler
+        Sampler = _SAMPLERS[settings.sampler, settings.sampling.selection]
         self._sampler: GoalSampler = Sampler(hierarchy, finder, settings.sampling, rng_sampler)
         self._motion = MotionPlanner(list(self._holding.values()), settings.transit, rng_motion)
         self._optimizer = LocalOptimizer(

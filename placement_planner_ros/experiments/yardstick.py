@@ -15,8 +15,7 @@ from placement_planner_ros.core.goals import GoalFinder
 from placement_planner_ros.core.objective import Objective
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings, Problem
 from placement_planner_ros.core.robot.object_collision import ObjectCollision
-from placement_planner_ros.core.search.hierarchy import AfrNode
-from placement_planner_ros.core.search.sampler import GoalChecker, SampleCount
+from placement_planner_ros.core.search.sampler import Draws, GoalChecker, SampleCount
 from placement_planner_ros.core.statistics import Statistics
 from placement_planner_ros.core.types import Array, Goal, Placement
 from placement_planner_ros.experiments.cases import Case, build_problem, read_inputs
@@ -105,7 +104,7 @@ class DescendingSampler:
     def _goals_at(self, row: int, best: float) -> list[Goal]:
         placements = self._placements
         face, contact = int(placements.face[row]), placements.contact[row]
-        angle = float(placements.angle[row])
+        angle = np.asarray(placements.angle[row])
         place = (*np.round(contact / _CELL).astype(int).tolist(), int(angle // _CELL_ANGLE), face)
         goals = []
         for holding in range(self._holdings):
@@ -113,11 +112,17 @@ class DescendingSampler:
             tries = self._tries.get(cell, 0)
             if tries >= _TRIES_PER_CELL:
                 continue
-            node = AfrNode(arm=0, grasp=holding, face=face)
-            sample = self._checker.check(node, contact, angle, best)
-            self.count.add(sample.verdict)
-            if sample.goal is not None:
-                goals.append(sample.goal)
+            draw = Draws(
+                np.array([0]),
+                np.array([holding]),
+                np.array([face]),
+                contact[None],
+                angle.reshape(1),
+            )
+            outcome = self._checker.check_batch(draw, best, 1)
+            self.count.add(outcome.verdicts)
+            if outcome.goals:
+                goals += outcome.goals
                 tries = _TRIES_PER_CELL
             self._tries[cell] = tries + 1
         return goals

@@ -8,11 +8,15 @@ from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
 import numpy as np
+import numpy.typing as npt
 
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.search.hierarchy import AfrHierarchy, AfrNode
+from placement_planner_ros.core.search.hierarchy import FULL_TURN, AfrHierarchy
 from placement_planner_ros.core.search.tree import SearchTree
 from placement_planner_ros.core.types import Array, Goal, Verdict
+
+Index = npt.NDArray[np.int64]
+Terms = tuple[bool, bool, bool, bool]
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +31,11 @@ class SamplerSettings:
             or `four_term` (the authors': mean of arm free, object free, stable, better; 0 without
             IK, and every check is made on every sample).
         max_nodes: bound on the tree's size.
+        batch: samples whose cheap checks are made together. Each selection of a batch takes those
+            before it for samples without reward; 1 is the paper's algorithm to the letter.
+        selection: `ucb1` (Algorithm 3) or `optimistic` (cells.CellSampler, which takes nothing of
+            exploration, reward and max_nodes).
+        uniform_share: of optimistic search's samples, at least, in [0, 1).
     """
 
     samples_per_call: int = 200
@@ -34,6 +43,9 @@ class SamplerSettings:
     exploration: float = 0.5
     reward: Literal["checks_passed", "four_term"] = "checks_passed"
     max_nodes: int = 200_000
+    batch: int = 16
+    selection: Literal["ucb1", "optimistic"] = "optimistic"
+    uniform_share: float = 0.5
 
     def __post_init__(self) -> None:
         if self.samples_per_call < 1 or self.goals_per_call < 1:
@@ -42,35 +54,59 @@ class SamplerSettings:
                 (self.samples_per_call, self.goals_per_call),
                 "must be at least 1",
             )
+        if self.batch < 1:
+            raise ParameterError("batch", self.batch, "must be at least 1")
+        if not 0.0 <= self.uniform_share < 1.0:
+            raise ParameterError("uniform_share", self.uniform_share, "must be in [0, 1)")
+        if self.selection not in ("ucb1", "optimistic"):
+            raise ParameterError("selection", self.selection, "choose ucb1 or optimistic")
         if self.reward not in ("checks_passed", "four_term"):
             raise ParameterError("reward", self.reward, "choose checks_passed or four_term")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sample:
-    """What became of one sample.
+class Draws:
+    """Poses drawn but not checked yet, (n,) each; arm and grasp are -1 where any will do.
 
     Attributes:
-        verdict: the first check that failed, or FEASIBLE.
-        value: ξ(x) where it was computed and beat ξ_best, else -inf.
-        goal: the goal, where feasible.
+        contact: (n, 3).
+    """
+
+    arm: Index
+    grasp: Index
+    face: Index
+    contact: Array
+    angle: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outcome:
+    """What became of the first m draws.
+
+    Attributes:
+        verdicts: (m,) of each.
+        values: (m,) ξ where it was computed, else -inf.
+        goals: those found, in order.
         terms: (reached, arm free, object free, stable), where every check was made.
     """
 
-    verdict: Verdict
-    value: float = -np.inf
-    goal: Goal | None = None
-    terms: tuple[bool, bool, bool, bool] | None = None
+    verdicts: Index
+    values: Array
+    goals: list[Goal]
+    terms: list[Terms] | None = None
 
 
 class GoalChecker(Protocol):
-    """Checks one sample against every constraint of the problem."""
+    """Checks samples against every constraint of the problem."""
 
-    def check(self, node: AfrNode, contact: Array, angle: float, best: float) -> Sample:
-        """Check pose (contact, θ) for the node's arm, grasp and face; cheap checks first."""
+    def check_batch(self, draws: Draws, best: float, goals: int) -> Outcome:
+        """Each up to the first check that fails, cheap checks first.
+
+        Ends with the draw that gives the last of so many goals; those after it do not count.
+        """
         ...
 
-    def check_all(self, node: AfrNode, contact: Array, angle: float, best: float) -> Sample:
+    def check_all(self, draws: Draws, best: float, goals: int) -> Outcome:
         """The same without stopping at the first failure, with `terms` filled."""
         ...
 
@@ -87,10 +123,12 @@ class SampleCount:
     samples: int = 0
     verdicts: Counter[Verdict] = field(default_factory=lambda: Counter(dict.fromkeys(Verdict, 0)))
 
-    def add(self, verdict: Verdict) -> None:
-        """Count one sample."""
-        self.samples += 1
-        self.verdicts[verdict] += 1
+    def add(self, verdicts: npt.ArrayLike) -> None:
+        """Count samples with these verdicts."""
+        counts = np.bincount(np.atleast_1d(verdicts), minlength=len(Verdict))
+        self.samples += int(counts.sum())
+        for verdict in Verdict:
+            self.verdicts[verdict] += int(counts[verdict])
 
 
 class GoalSampler(Protocol):
@@ -103,21 +141,18 @@ class GoalSampler(Protocol):
         ...
 
 
-def heuristic_reward(sample: Sample) -> float:
-    """H(x, q, ξ_best) ∈ [0, 1] of a sample from a node that is no leaf."""
-    if sample.terms is None:
-        return int(sample.verdict) / int(Verdict.FEASIBLE)
-    return _four_term(sample.terms, better=sample.value > -np.inf)
+def checks_passed(verdict: int, better: bool = True) -> float:
+    """H(x, q, ξ_best) ∈ [0, 1]: the share of the ordered checks passed.
+
+    Args:
+        better: False for what it becomes once the sample no longer beats ξ_best.
+    """
+    passed = verdict if better else min(verdict, int(Verdict.NOT_BETTER))
+    return passed / int(Verdict.FEASIBLE)
 
 
-def demoted_reward(sample: Sample) -> float:
-    """What H becomes for a sample that no longer beats ξ_best."""
-    if sample.terms is None:
-        return min(int(sample.verdict), int(Verdict.NOT_BETTER)) / int(Verdict.FEASIBLE)
-    return _four_term(sample.terms, better=False)
-
-
-def _four_term(terms: tuple[bool, bool, bool, bool], better: bool) -> float:
+def four_term(terms: Terms, better: bool) -> float:
+    """H in the authors' form, from (reached, arm free, object free, stable)."""
     reached, arm_free, object_free, stable = terms
     if not reached:
         return 0.0
@@ -147,7 +182,9 @@ class MctsSampler:
             settings.max_nodes,
             rng,
         )
-        self._check = checker.check if settings.reward == "checks_passed" else checker.check_all
+        self._check = (
+            checker.check_batch if settings.reward == "checks_passed" else checker.check_all
+        )
         self._settings = settings
         self._rng = rng
 
@@ -155,21 +192,50 @@ class MctsSampler:
         """Algorithm 2."""
         self.tree.raise_threshold(best)
         goals: list[Goal] = []
-        for _ in range(self._settings.samples_per_call):
-            if len(goals) >= self._settings.goals_per_call or should_stop():
-                break
-            n = self.tree.select()
-            node = self.tree[n]
-            contact, angle = node.sample(self._rng)
-            sample = self._check(node, contact, angle, best)
-            self.count.add(sample.verdict)
-            if self.tree.is_leaf(n):
-                self.tree.update(n, float(sample.goal is not None), sample.value, 0.0)
-            else:
-                self.tree.update(n, heuristic_reward(sample), sample.value, demoted_reward(sample))
-            if sample.goal is not None:
-                goals.append(sample.goal)
+        left, wanted = self._settings.samples_per_call, self._settings.goals_per_call
+        while left > 0 and len(goals) < wanted and not should_stop():
+            nodes = self._select(min(left, self._settings.batch))
+            outcome = self._check(self._draw(nodes), best, wanted - len(goals))
+            for n in nodes:
+                self.tree.release(n)
+            self._reward(nodes, outcome, best)
+            self.count.add(outcome.verdicts)
+            left -= len(outcome.verdicts)
+            goals += outcome.goals
         return goals
+
+    def _select(self, count: int) -> list[int]:
+        """So many selections, each taking those before it for samples without reward."""
+        nodes = []
+        for _ in range(count):
+            nodes.append(self.tree.select())
+            self.tree.hold(nodes[-1])
+        return nodes
+
+    def _draw(self, nodes: list[int]) -> Draws:
+        chosen = [self.tree[n] for n in nodes]
+        drawn = [node.sample(self._rng) for node in chosen]
+        return Draws(
+            np.array([node.arm for node in chosen]),
+            np.array([node.grasp for node in chosen]),
+            np.array([node.face for node in chosen]),
+            np.array([contact for contact, _ in drawn]),
+            np.array([angle for _, angle in drawn]),
+        )
+
+    def _reward(self, nodes: list[int], outcome: Outcome, best: float) -> None:
+        for k, (verdict, value) in enumerate(
+            zip(outcome.verdicts.tolist(), outcome.values.tolist(), strict=True)
+        ):
+            reached = verdict == Verdict.FEASIBLE
+            if self.tree.is_leaf(nodes[k]):
+                reward, demoted = float(reached), 0.0
+            elif outcome.terms is None:
+                reward, demoted = checks_passed(verdict), checks_passed(verdict, better=False)
+            else:
+                reward = four_term(outcome.terms[k], better=value > best)
+                demoted = four_term(outcome.terms[k], better=False)
+            self.tree.update(nodes[k], reward, value, demoted)
 
 
 class UniformSampler:
@@ -183,31 +249,35 @@ class UniformSampler:
         rng: np.random.Generator,
     ) -> None:
         self.count = SampleCount()
-        self._hierarchy = hierarchy
-        self._check = checker.check
+        self._checker = checker
         self._settings = settings
         self._rng = rng
+        self._faces, self._regions = hierarchy.faces, hierarchy.regions
+        self._grasps = np.array(hierarchy.grasps_per_arm)
+        self._arms = np.flatnonzero(self._grasps)
         areas = np.array([region.area for region in hierarchy.regions])
         self._shares = areas / areas.sum()
-        self._arms = [a for a, n in enumerate(hierarchy.grasps_per_arm) if n > 0]
 
     def sample_goals(self, best: float, should_stop: Callable[[], bool]) -> list[Goal]:
         """Algorithm 2 with SelectAfrNode replaced by a uniform choice."""
         goals: list[Goal] = []
-        rng = self._rng
-        for _ in range(self._settings.samples_per_call):
-            if len(goals) >= self._settings.goals_per_call or should_stop():
-                break
-            arm = self._arms[rng.integers(len(self._arms))]
-            node = AfrNode(
-                arm=arm,
-                grasp=int(rng.integers(self._hierarchy.grasps_per_arm[arm])),
-                face=int(rng.integers(self._hierarchy.faces)),
-                region=self._hierarchy.regions[rng.choice(len(self._shares), p=self._shares)],
-            )
-            contact, angle = node.sample(rng)
-            sample = self._check(node, contact, angle, best)
-            self.count.add(sample.verdict)
-            if sample.goal is not None:
-                goals.append(sample.goal)
+        left, wanted = self._settings.samples_per_call, self._settings.goals_per_call
+        while left > 0 and len(goals) < wanted and not should_stop():
+            draws = self._draw(min(left, self._settings.batch))
+            outcome = self._checker.check_batch(draws, best, wanted - len(goals))
+            self.count.add(outcome.verdicts)
+            left -= len(outcome.verdicts)
+            goals += outcome.goals
         return goals
+
+    def _draw(self, count: int) -> Draws:
+        rng = self._rng
+        arm = self._arms[rng.integers(len(self._arms), size=count)]
+        regions = rng.choice(len(self._shares), size=count, p=self._shares)
+        return Draws(
+            arm,
+            rng.integers(self._grasps[arm]),
+            rng.integers(self._faces, size=count),
+            np.array([self._regions[k].sample(rng) for k in regions]),
+            rng.uniform(0.0, FULL_TURN, size=count),
+        )

@@ -49,6 +49,10 @@ def _descend(
         best, best_child, mean_sum = -np.inf, -1, 0.0
         child = first_child[node]
         while child >= 0:
+            if visits[child] == 0:  # added, but its sample was not needed
+                best, best_child = np.inf, child
+                child = next_sibling[child]
+                continue
             mean = rewards[child] / visits[child]
             u = mean + c * np.sqrt(2.0 * log_visits / visits[child])
             mean_sum += mean
@@ -196,6 +200,14 @@ class SearchTree(Generic[N]):
             if self._added[node] < self._total[node]:
                 node = self._add_child(node)
                 depth += 1
+
+    def hold(self, node: int) -> None:
+        """Count a visit whose reward is not known yet, as if it were 0, until `release`."""
+        _propagate(node, 1, 0.0, self._parent, self._visits, self._rewards)
+
+    def release(self, node: int) -> None:
+        """Take back what `hold` counted."""
+        _propagate(node, -1, 0.0, self._parent, self._visits, self._rewards)
 
     def update(self, node: int, reward: float, value: float, demoted: float) -> None:
         """Update: one more sample of `node`, propagated to its ancestors.

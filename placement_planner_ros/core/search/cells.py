@@ -1,0 +1,181 @@
+"""Optimistic search over cells of the pose sets Ŝ(r, f): uniform samples, refined at every scale.
+
+A cell is a face, a box of contact points on one region and an interval of θ. Uniform samples grade
+the coarse cells they fall into. In each round, the best cell of every scale is split and its parts
+are sampled in turn (simultaneous optimistic optimisation, Munos 2011): a cell is split once only,
+so the search moves on from what has been looked at closely, and needs neither a bound on the slope
+of ξ nor a constant of exploration.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+from collections.abc import Callable
+
+import numpy as np
+
+from placement_planner_ros.core.search.hierarchy import FULL_TURN, AfrHierarchy
+from placement_planner_ros.core.search.sampler import (
+    Draws,
+    GoalChecker,
+    Index,
+    Outcome,
+    SampleCount,
+    SamplerSettings,
+)
+from placement_planner_ros.core.types import Array, Goal, Verdict
+
+_FACE, _Z, _X, _Y, _ANGLE = 0, 1, 2, 4, 6
+_COLUMNS = 8  # face, z, x min and max, y min and max, θ min and max
+_LOWER, _UPPER = [_X, _Y, _ANGLE], [_X + 1, _Y + 1, _ANGLE + 1]
+_PARTS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
+_COARSE = 4
+"""A region's extent is cut into so many coarse cells along x and y."""
+_MAX_CELLS = 20_000
+"""Cells of one scale that are remembered; beyond, the worse half is forgotten."""
+
+_CLASS = [
+    3 if v <= Verdict.UNSTABLE else 2 if v is Verdict.COLLIDING else 1 for v in Verdict
+]  # of a cell by its sample's verdict: what is free comes first, what cannot be reached after it
+_CLASS[Verdict.NOT_BETTER] = _CLASS[Verdict.FEASIBLE] = 0
+
+
+def halved(cell: Array) -> Array:
+    """(8, 8) the parts of a cell: halves of its x, y and θ."""
+    parts = np.repeat(cell[None], len(_PARTS), axis=0)
+    low, half = cell[_LOWER], 0.5 * (cell[_UPPER] - cell[_LOWER])
+    parts[:, _LOWER] = low + _PARTS * half
+    parts[:, _UPPER] = low + (_PARTS + 1) * half
+    return parts
+
+
+class CellSampler:
+    """SampleGoals by optimistic search; arm and grasp are chosen once a pose is worth reaching.
+
+    Args:
+        checker: checks samples.
+        rng: draws poses within cells.
+    """
+
+    def __init__(
+        self,
+        hierarchy: AfrHierarchy,
+        checker: GoalChecker,
+        settings: SamplerSettings,
+        rng: np.random.Generator,
+    ) -> None:
+        self.count = SampleCount()
+        self._checker = checker
+        self._settings = settings
+        self._rng = rng
+        self._faces = hierarchy.faces
+        self._regions = hierarchy.regions
+        areas = np.array([region.area for region in hierarchy.regions])
+        self._shares = areas / areas.sum()
+        self._extents = np.array([_extent(region.rectangles) for region in hierarchy.regions])
+        self._steps = np.array([_COARSE, _COARSE, hierarchy.settings.angle_intervals**2])
+        self._min_area = hierarchy.settings.min_area
+        # per depth, a heap of (class, rank, number, cell): the least is split next
+        self._levels: list[list[tuple[int, float, int, Array]]] = [[]]
+        self._numbers = itertools.count()
+        self._split: set[bytes] = set()
+        # what is left of the round: cells, their depths, and the poses (x, y, θ) drawn from them
+        self._cells = np.empty((0, _COLUMNS))
+        self._depths = np.empty(0, dtype=np.int64)
+        self._poses = np.empty((0, 3))
+
+    def sample_goals(self, best: float, should_stop: Callable[[], bool]) -> list[Goal]:
+        """Algorithm 2, in rounds of uniform samples and of parts of the best cells."""
+        goals: list[Goal] = []
+        left, wanted = self._settings.samples_per_call, self._settings.goals_per_call
+        while left > 0 and len(goals) < wanted and not should_stop():
+            if len(self._depths) == 0:
+                self._begin_round(refine=best > -np.inf)
+            outcome = self._checker.check_batch(self._draws(left), best, wanted - len(goals))
+            tried = len(outcome.verdicts)
+            self._remember(outcome, self._cells[:tried], self._depths[:tried])
+            self._keep(slice(tried, None))
+            self.count.add(outcome.verdicts)
+            left -= tried
+            goals += outcome.goals
+        return goals
+
+    def _keep(self, rows: slice | Index) -> None:
+        self._cells, self._depths = self._cells[rows], self._depths[rows]
+        self._poses = self._poses[rows]
+
+    def _draws(self, count: int) -> Draws:
+        """The next poses of the round, at most `count`."""
+        cells, poses = self._cells[:count], self._poses[:count]
+        undecided = np.full(len(cells), -1)
+        contact = np.column_stack([poses[:, :2], cells[:, _Z]])
+        return Draws(undecided, undecided, cells[:, _FACE].astype(np.int64), contact, poses[:, 2])
+
+    def _begin_round(self, refine: bool) -> None:
+        """Draw poses to be checked; each grades the cell it was drawn from."""
+        share = self._settings.uniform_share
+        parts = self._split_best() if refine else []
+        finer = sum(len(cells) for cells, _ in parts)
+        count = round(finer * share / (1.0 - share)) if finer else self._settings.batch
+        coarse, drawn = self._uniform(max(1, count))
+        parts.append((coarse, np.zeros(len(coarse), dtype=np.int64)))
+        self._cells = np.concatenate([cells for cells, _ in parts])
+        self._depths = np.concatenate([depths for _, depths in parts])
+        low, high = self._cells[:, _LOWER], self._cells[:, _UPPER]
+        self._poses = low + self._rng.random((len(low), 3)) * (high - low)
+        self._poses[finer:] = drawn
+        self._keep(self._rng.permutation(len(low)))
+
+    def _uniform(self, count: int) -> tuple[Array, Array]:
+        """Coarse cells (n, 8) of n uniform poses, and these (n, 3) as x, y, θ."""
+        rng = self._rng
+        regions = rng.choice(len(self._shares), size=count, p=self._shares)
+        contact = np.array([self._regions[k].sample(rng) for k in regions])
+        poses = np.column_stack([contact[:, :2], rng.uniform(0.0, FULL_TURN, size=count)])
+        low, high = self._extents[regions, ::2], self._extents[regions, 1::2]
+        size = (high - low) / self._steps
+        place = np.clip(np.floor((poses - low) / size), 0, self._steps - 1)
+        cells = np.empty((count, _COLUMNS))
+        cells[:, _FACE] = rng.integers(self._faces, size=count)
+        cells[:, _Z] = contact[:, 2]
+        cells[:, _LOWER] = low + place * size
+        cells[:, _UPPER] = low + (place + 1.0) * size
+        return cells, poses
+
+    def _remember(self, outcome: Outcome, cells: Array, depths: Index) -> None:
+        """File the cells under their depth by what their sample was, leaves left out."""
+        area = (cells[:, _X + 1] - cells[:, _X]) * (cells[:, _Y + 1] - cells[:, _Y])
+        count = len(outcome.verdicts)
+        ranks = self._rng.random(count)
+        for k in np.flatnonzero(area[:count] > self._min_area).tolist():
+            kind = _CLASS[outcome.verdicts[k]]
+            rank = -outcome.values[k] if kind == 0 else ranks[k]
+            level = self._levels[depths[k]]
+            heapq.heappush(level, (kind, float(rank), next(self._numbers), cells[k]))
+            if len(level) > _MAX_CELLS:
+                self._levels[depths[k]] = heapq.nsmallest(_MAX_CELLS // 2, level)
+
+    def _split_best(self) -> list[tuple[Array, Index]]:
+        """Split the best cell of each depth: the parts (8, 8) and their depth (8,)."""
+        parts = []
+        for depth, level in enumerate(self._levels):
+            while level:
+                cell = heapq.heappop(level)[-1]
+                if depth == 0:
+                    name = cell.tobytes()
+                    if name in self._split:
+                        continue
+                    self._split.add(name)
+                parts.append((halved(cell), np.full(len(_PARTS), depth + 1)))
+                break
+        if len(parts) == len(self._levels):
+            self._levels.append([])
+        return parts
+
+
+def _extent(rectangles: Array) -> tuple[float, float, float, float, float, float]:
+    """x, y and θ, minimum and maximum each."""
+    x0, y0 = rectangles[:, :2].min(axis=0)
+    x1, y1 = rectangles[:, 2:].max(axis=0)
+    return float(x0), float(x1), float(y0), float(y1), 0.0, FULL_TURN
