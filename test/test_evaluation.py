@@ -10,6 +10,7 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+from test_scaling import record as scaling_record
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.feasibility import PoseConstraints, placement_pose
@@ -280,10 +281,9 @@ def test_trials_refuse_unknown_variants_and_times():
 
 
 def test_the_smoke_preset_runs_every_variant_and_is_reported(tmp_path, capsys):
-    preset = replace(PRESETS["smoke"], seconds=1.5, baseline_seconds=1.5)
-    run_paper(preset_trials(preset), tmp_path, tell=lambda line: None)
+    assert main(["paper", "--preset", "smoke", "--output", str(tmp_path)]) == 0
     records = read_lines(tmp_path / "runs.jsonl")
-    assert {record_key(r) for r in records} == {t.key for t in preset_trials(preset)}
+    assert {record_key(r) for r in records} == {t.key for t in preset_trials(PRESETS["smoke"])}
     for record in records:
         assert bool(record["solutions"]) != bool(record["failure"])
         assert "Traceback" not in record["failure"]
@@ -317,17 +317,26 @@ def test_the_baseline_reaches_its_placements_with_rrt_connect():
 def test_the_report_holds_figures_tables_and_pictures(tmp_path):
     from placement_planner_ros.experiments.report import write_report
 
-    written = write_report(some_results(), tmp_path)
+    scaling = [scaling_record("cloud", f, 0, [(1.0, 0.3), (2.0, 0.5)]) for f in (1, 2)]
+    written = write_report(some_results(), tmp_path, scaling=scaling)
     assert all(path.stat().st_size > 0 for path in written)
     page = (tmp_path / "report.html").read_text()
-    assert page.count("data:image/png;base64,") == 6 + 2
+    assert page.count("data:image/png;base64,") == 7 + 2
     assert "http" not in page
     assert "nothing was found" in page
     summary = (tmp_path / "summary.md").read_text()
     assert "| mcts+lo minus uniform+lo | +0.438 [+0.313, +0.562] | 1 of 2 | 0 of 2 | 0 |" in summary
     assert "| mcts+lo | 3 of 3 | 1.00 s | 1.00 s | 1.00 s |" in summary
     assert "| uniform+lo | 2 of 3 | 1.00 s | never | never |" in summary
-    for name in ("overall", "by_scene", "first_solutions", "differences", "rejections", "gaps"):
+    for name in (
+        "overall",
+        "by_scene",
+        "first_solutions",
+        "differences",
+        "rejections",
+        "gaps",
+        "scaling",
+    ):
         assert f"figures/{name}.png" in summary
         assert (tmp_path / "figures" / f"{name}.png").read_bytes().startswith(b"\x89PNG")
 

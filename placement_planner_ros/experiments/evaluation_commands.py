@@ -10,11 +10,26 @@ from pathlib import Path
 from typing import Any
 
 from placement_planner_ros.experiments.cases import OBJECTIVES, Case
+from placement_planner_ros.experiments.growth import growths
 from placement_planner_ros.experiments.json_lines import append_line, read_lines
-from placement_planner_ros.experiments.paper import PRESETS, RUNS_FILE, preset_trials, run_paper
+from placement_planner_ros.experiments.paper import (
+    PRESETS,
+    RUNS_FILE,
+    describe,
+    preset_trials,
+    run_paper,
+)
 from placement_planner_ros.experiments.placement_grid import GridResolution
 from placement_planner_ros.experiments.report import write_report
 from placement_planner_ros.experiments.results import Results
+from placement_planner_ros.experiments.scaling import (
+    AXES,
+    SCALING_FILE,
+    job_key,
+    run_scaling_job,
+    scaling_jobs,
+)
+from placement_planner_ros.experiments.scaling_report import draw_scaling
 from placement_planner_ros.experiments.spread import spread
 from placement_planner_ros.experiments.variants import PAPER_VARIANTS, VARIANTS
 from placement_planner_ros.experiments.yardstick import YardstickJob, measure
@@ -26,13 +41,14 @@ _FOLDER = Path("results/paper")
 
 
 def add_evaluation_commands(commands: Any) -> None:
-    """Add `paper`, `yardstick` and `report`; each sets `command_function`.
+    """Add `paper`, `yardstick`, `scaling` and `report`; each sets `command_function`.
 
     Args:
         commands: what `ArgumentParser.add_subparsers` returned.
     """
     _add_paper(commands)
     _add_yardstick(commands)
+    _add_scaling(commands)
     _add_report(commands)
 
 
@@ -63,6 +79,17 @@ def _add_yardstick(commands: Any) -> None:
     yardstick.set_defaults(command_function=_run_yardstick)
 
 
+def _add_scaling(commands: Any) -> None:
+    scaling = commands.add_parser(
+        "scaling", help="time to a good placement as V, the cloud and clutter double three times"
+    )
+    scaling.add_argument("--axis", choices=tuple(AXES), action="append")
+    scaling.add_argument("--seeds", type=int, default=5, help="runs per setting")
+    scaling.add_argument("--seconds", type=float, default=20.0, help="processor time of a run")
+    _add_spread(scaling)
+    scaling.set_defaults(command_function=_run_scaling)
+
+
 def _add_report(commands: Any) -> None:
     report = commands.add_parser("report", help="figures and tables of recorded runs")
     report.add_argument("folder", type=Path, help="what paper and yardstick wrote to")
@@ -75,6 +102,10 @@ def _add_common(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scene", choices=SCENE_NAMES, action="append")
     parser.add_argument("--object", choices=OBJECT_NAMES, action="append")
     parser.add_argument("--objective", choices=OBJECTIVES, action="append")
+    _add_spread(parser)
+
+
+def _add_spread(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--processes", type=int, default=1, help="on this machine")
     parser.add_argument(
         "--dask-scheduler", metavar="ADDRESS", help="have the workers of a dask cluster do it"
@@ -139,10 +170,30 @@ def _describe(entry: dict[str, Any]) -> str:
     )
 
 
+def _run_scaling(arguments: argparse.Namespace) -> int:
+    path = arguments.output / SCALING_FILE
+    known = {job_key(record) for record in read_lines(path)}
+    wanted = scaling_jobs(arguments.seeds, arguments.seconds, tuple(arguments.axis or ()))
+    jobs = [job for job in wanted if job.key not in known]
+    say(f"{len(wanted) - len(jobs)} of {len(wanted)} runs are recorded in {path}")
+    started = time.monotonic()
+    records = spread(run_scaling_job, jobs, arguments.processes, arguments.dask_scheduler)
+    for done, record in enumerate(records, start=1):
+        append_line(path, record)
+        left = (time.monotonic() - started) / done * (len(jobs) - done)
+        setting = f"{record['axis']:<8} x{record['factor']}"
+        say(f"[{done}/{len(jobs)}, {left / 60:.0f} min left] {setting} {describe(record)}")
+    (arguments.output / "scaling.png").write_bytes(draw_scaling(growths(read_lines(path))))
+    say(f"wrote {arguments.output / 'scaling.png'}")
+    return 0
+
+
 def _run_report(arguments: argparse.Namespace) -> int:
     yardstick = arguments.yardstick or arguments.folder / YARDSTICK_FILE
     results = Results.read(arguments.folder / RUNS_FILE, yardstick)
-    for path in write_report(results, arguments.folder, pictures=not arguments.no_pictures):
+    scaling = read_lines(arguments.folder / SCALING_FILE)
+    pictures = not arguments.no_pictures
+    for path in write_report(results, arguments.folder, pictures, scaling):
         say(f"wrote {path}")
     return 0
 

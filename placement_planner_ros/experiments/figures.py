@@ -35,7 +35,7 @@ COLOURS = {
 }
 """Variant -> colour, told apart also by those who do not see all colours."""
 
-_OBJECTIVES = {
+OBJECTIVE_WORDS = {
     "maximize_clearance": "maximised clearance",
     "minimize_clearance": "minimised clearance",
 }
@@ -68,21 +68,21 @@ def case_label(case: Case) -> str:
 
 def draw_overall(results: Results) -> bytes:
     """Mean relative objective over time, all cases."""
-    figure = _figure(8.0, 4.6)
+    figure = new_figure(8.0, 4.6)
     axes = figure.add_subplot()
     _draw_curves(axes, results, results.cases)
     axes.set_xlabel("time since start [s]")
     axes.set_ylabel("mean relative objective")
     axes.set_title(f"all {len(results.cases)} cases")
     axes.legend(loc="lower right", fontsize=9)
-    return _png(figure)
+    return png(figure)
 
 
 def draw_by_scene(results: Results) -> bytes:
     """The paper's figure: one panel for each scene and objective, over all objects."""
     scenes = list(dict.fromkeys(case.scene for case in results.cases))
     objectives = list(dict.fromkeys(case.objective for case in results.cases))
-    figure = _figure(1.2 + 3.6 * len(scenes), 0.9 + 2.7 * len(objectives))
+    figure = new_figure(1.2 + 3.6 * len(scenes), 0.9 + 2.7 * len(objectives))
     panels = figure.subplots(len(objectives), len(scenes), sharex=True, sharey=True, squeeze=False)
     for row, objective in enumerate(objectives):
         for column, scene in enumerate(scenes):
@@ -92,7 +92,7 @@ def draw_by_scene(results: Results) -> bytes:
                 axes.set_axis_off()
                 continue
             _draw_curves(axes, results, cases)
-            aim = _OBJECTIVES.get(objective, words(objective))
+            aim = OBJECTIVE_WORDS.get(objective, words(objective))
             axes.set_title(f"{words(scene)}, {aim}", fontsize=10)
             if row == len(objectives) - 1:
                 axes.set_xlabel("time since start [s]")
@@ -100,12 +100,12 @@ def draw_by_scene(results: Results) -> bytes:
                 axes.set_ylabel("mean relative objective")
     lines = [Line2D([], [], color=COLOURS[v], linewidth=2, label=v) for v in results.variants]
     figure.legend(handles=lines, loc="outside lower center", ncols=len(lines), frameon=False)
-    return _png(figure)
+    return png(figure)
 
 
 def draw_first_solutions(results: Results) -> bytes:
     """Share of the runs that have a placement, over time."""
-    figure = _figure(8.0, 4.2)
+    figure = new_figure(8.0, 4.2)
     axes = figure.add_subplot()
     limit = results.horizon
     for variant in results.variants:
@@ -125,13 +125,13 @@ def draw_first_solutions(results: Results) -> bytes:
     axes.set_ylabel("share of runs with a placement")
     axes.grid(alpha=0.3, which="both")
     axes.legend(loc="lower right", fontsize=9)
-    return _png(figure)
+    return png(figure)
 
 
 def draw_differences(comparisons: Sequence[Comparison], results: Results) -> bytes:
     """Reference minus each other variant, case by case, with 95 % intervals."""
     labels = [case_label(case) for case in results.cases]
-    figure = _figure(3.4 + 2.6 * len(comparisons), 1.2 + 0.24 * (len(labels) + 1))
+    figure = new_figure(3.4 + 2.6 * len(comparisons), 1.2 + 0.24 * (len(labels) + 1))
     panels = figure.subplots(1, len(comparisons), sharex=True, sharey=True, squeeze=False)[0]
     rows = {case: row for row, case in enumerate(results.cases, start=1)}
     for axes, comparison in zip(panels, comparisons, strict=True):
@@ -161,13 +161,13 @@ def draw_differences(comparisons: Sequence[Comparison], results: Results) -> byt
         ),
     ]
     figure.legend(handles=marks, loc="outside lower center", ncols=2, frameon=False, fontsize=9)
-    return _png(figure)
+    return png(figure)
 
 
 def draw_rejections(results: Results) -> bytes:
     """Where samples end: shares per variant, for each scene and objective."""
     scenes = list(dict.fromkeys(case.scene for case in results.cases))
-    figure = _figure(9.0, 1.4 + 0.3 * len(scenes) * (len(results.variants) + 1))
+    figure = new_figure(9.0, 1.4 + 0.3 * len(scenes) * (len(results.variants) + 1))
     axes = figure.add_subplot()
     position, ticks, names = 0.0, [], []
     used: set[str] = set()
@@ -195,12 +195,12 @@ def draw_rejections(results: Results) -> bytes:
         if key in used
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=5, frameon=False, fontsize=9)
-    return _png(figure)
+    return png(figure)
 
 
 def draw_gaps(results: Results) -> bytes:
     """What each variant has at the horizon, case by case, beside the dense search."""
-    figure = _figure(8.5, 1.4 + 0.26 * len(results.cases))
+    figure = new_figure(8.5, 1.4 + 0.26 * len(results.cases))
     axes = figure.add_subplot()
     rng = np.random.default_rng(0)
     offsets = np.linspace(-0.28, 0.28, len(results.variants))
@@ -233,7 +233,7 @@ def draw_gaps(results: Results) -> bytes:
     marks.append(Line2D([], [], color="black", marker="|", linestyle="", markersize=12))
     marks[-1].set_label("dense search")
     figure.legend(handles=marks, loc="outside lower center", ncols=4, frameon=False, fontsize=9)
-    return _png(figure)
+    return png(figure)
 
 
 def _draw_curves(axes: Axes, results: Results, cases: Sequence[Case]) -> None:
@@ -265,13 +265,15 @@ def _draw_interval(axes: Axes, row: float, found: Interval, colour: str, filled:
     )
 
 
-def _figure(width: float, height: float) -> Figure:
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure, inches."""
     figure = Figure(figsize=(width, height), dpi=_DPI, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
 
-def _png(figure: Figure) -> bytes:
+def png(figure: Figure) -> bytes:
+    """The figure as the bytes of a PNG."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png")
     return buffer.getvalue()

@@ -5,13 +5,20 @@ from __future__ import annotations
 import json
 import time
 import traceback
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
 
+from placement_planner_ros.core.planner import PlacementPlanner
 from placement_planner_ros.core.types import Placement
-from placement_planner_ros.experiments.cases import Case, build_problem, read_inputs
+from placement_planner_ros.experiments.cases import (
+    Case,
+    CaseInputs,
+    build_problem,
+    read_inputs,
+)
 from placement_planner_ros.experiments.machine import machine, versions
 from placement_planner_ros.experiments.variants import VARIANTS
 
@@ -107,28 +114,45 @@ def run_case(
     """
     record = Record(case, seed, time_limit, variant)
     try:
-        _run(record, solutions_folder, enough)
+        rng = np.random.default_rng(seed)
+        inputs = read_inputs(case, rng)
+        for placement in recorded_run(record, inputs, rng):
+            if solutions_folder is not None:
+                name = f"{str(case).replace('/', '-')}-{seed}-{len(record.solutions)}.npz"
+                save_solution(solutions_folder / name, case, seed, placement)
+            if len(record.solutions) == enough:
+                break
     except Exception:
         record.failure = traceback.format_exc()
     return record
 
 
-def _run(record: Record, solutions_folder: Path | None, enough: int | None) -> None:
-    case, variant = record.case, VARIANTS[record.variant]
-    rng = np.random.default_rng(record.seed)
-    inputs = read_inputs(case, rng)
-    started = time.monotonic()
-    problem, objective = build_problem(inputs, case.objective)
+def recorded_run(
+    record: Record,
+    inputs: CaseInputs,
+    rng: np.random.Generator,
+    clock: Callable[[], float] = time.monotonic,
+) -> Iterator[Placement]:
+    """Plan for the inputs and yield every placement; the record is true after each and at the end.
+
+    Args:
+        record: of a run that has not begun; its variant, time limit and objective are used.
+        clock: seconds; `time.process_time` leaves out what other processes take.
+    """
+    variant = VARIANTS[record.variant]
+    started = clock()
+    problem, objective = build_problem(inputs, record.case.objective)
     planner = variant.planner(problem, objective, variant.settings, rng)
-    record.preparation = time.monotonic() - started
-    for placement in planner.run(lambda: time.monotonic() - started > record.time_limit):
-        record.solutions.append(Solution.of(placement, time.monotonic() - started))
-        if solutions_folder is not None:
-            name = f"{str(case).replace('/', '-')}-{record.seed}-{len(record.solutions)}.npz"
-            save_solution(solutions_folder / name, case, record.seed, placement)
-        if len(record.solutions) == enough:
-            break
-    record.elapsed = time.monotonic() - started
+    record.preparation = clock() - started
+    for placement in planner.run(lambda: clock() - started > record.time_limit):
+        record.solutions.append(Solution.of(placement, clock() - started))
+        _count(record, planner, clock() - started)
+        yield placement
+    _count(record, planner, clock() - started)
+
+
+def _count(record: Record, planner: PlacementPlanner, elapsed: float) -> None:
+    record.elapsed = elapsed
     statistics = planner.statistics
     record.samples = statistics.samples
     record.goals = statistics.goals

@@ -6,8 +6,9 @@ import base64
 import html
 import io
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -24,8 +25,10 @@ from placement_planner_ros.experiments.figures import (
     draw_overall,
     draw_rejections,
 )
+from placement_planner_ros.experiments.growth import growths
 from placement_planner_ros.experiments.picture import draw_placement
 from placement_planner_ros.experiments.results import Record, Results
+from placement_planner_ros.experiments.scaling_report import draw_scaling, scaling_table
 from placement_planner_ros.experiments.tables import (
     Table,
     aims_table,
@@ -56,16 +59,22 @@ Section = tuple[str, tuple[str, bytes] | None, Table | None]
 """Heading; name and PNG of a figure; table."""
 
 
-def write_report(results: Results, folder: Path, pictures: bool = True) -> list[Path]:
+def write_report(
+    results: Results,
+    folder: Path,
+    pictures: bool = True,
+    scaling: Sequence[Mapping[str, Any]] = (),
+) -> list[Path]:
     """Write `report.html`, `summary.md` and the figures as files.
 
     Args:
         pictures: whether the page shows the best placement of each case.
+        scaling: records of `placement_benchmark scaling`, if any.
 
     Returns:
         The files written.
     """
-    sections = list(_sections(results))
+    sections = [*_sections(results), *_scaling_sections(scaling)]
     figures = folder / "figures"
     figures.mkdir(parents=True, exist_ok=True)
     written = []
@@ -105,6 +114,12 @@ def _sections(results: Results) -> Iterator[Section]:
     yield "Gap to the best known", ("gaps", draw_gaps(results)), gap_table(results)
     failures = failure_table(results)
     yield "Runs without a placement", None, failures if failures.rows else None
+
+
+def _scaling_sections(records: Sequence[Mapping[str, Any]]) -> Iterator[Section]:
+    found = growths(records)
+    if found:
+        yield "How time grows", ("scaling", draw_scaling(found)), scaling_table(found)
 
 
 def _about(results: Results) -> list[str]:

@@ -1,0 +1,158 @@
+"""How planning time grows with V, with the cloud and with clutter, each doubled three times."""
+
+from __future__ import annotations
+
+import functools
+import time
+import traceback
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.planner import PlannerSettings
+from placement_planner_ros.core.types import TargetVolume
+from placement_planner_ros.experiments.cases import (
+    OBJECTIVES,
+    Case,
+    CaseInputs,
+    build_problem,
+    read_inputs,
+)
+from placement_planner_ros.experiments.record import Record, recorded_run
+from placement_planner_ros.experiments.trial import warm_process
+from placement_planner_ros.experiments.variants import VARIANTS
+from placement_planner_ros.experiments.yardstick import RandomPlacements
+from placement_planner_ros.scenes.clouds import complete_cloud
+from placement_planner_ros.scenes.cluttered_table import cluttered_table
+
+FACTORS = (1, 2, 4, 8)
+AXES: Mapping[str, str] = {
+    "volume": "target volume",
+    "cloud": "points of the cloud",
+    "clutter": "things on the table",
+}
+"""What is doubled -> in words."""
+SCALING_FILE = "scaling.jsonl"
+
+_OBJECT = "small_crayons_box"
+_THINGS = 8
+_MOST_SPACING = 0.006
+_RANDOM_PLACEMENTS = 100
+_RANDOM_SECONDS = 20.0
+
+
+@dataclass(frozen=True, slots=True)
+class ScalingJob:
+    """One run on the table with one thing scaled.
+
+    Where they are not scaled, V is the table's whole target volume, the cloud has points every
+    6 mm, and eight things stand on the table.
+
+    Attributes:
+        axis: one of `AXES`.
+        factor: V is factor / 8 of the table's, the cloud has factor times the points, or
+            2 · factor things stand on the table.
+        time_limit: seconds of processor time.
+    """
+
+    axis: str
+    factor: int
+    objective: str
+    seed: int
+    time_limit: float = 20.0
+
+    def __post_init__(self) -> None:
+        if self.axis not in AXES:
+            raise ParameterError("axis", self.axis, f"choose one of {', '.join(AXES)}")
+        if self.factor not in FACTORS:
+            raise ParameterError("factor", self.factor, f"choose one of {FACTORS}")
+        if self.objective not in OBJECTIVES:
+            raise ParameterError("objective", self.objective, f"choose one of {OBJECTIVES}")
+        if not self.time_limit > 0.0:
+            raise ParameterError("seconds", self.time_limit, "must be above zero")
+
+    @property
+    def key(self) -> tuple[str, int, str, int, float]:
+        """Tells jobs apart."""
+        return self.axis, self.factor, self.objective, self.seed, self.time_limit
+
+
+def scaling_jobs(seeds: int, seconds: float, axes: tuple[str, ...] = ()) -> list[ScalingJob]:
+    """Every setting once per seed, so that a part of them is a smaller experiment."""
+    return [
+        ScalingJob(axis, factor, objective, seed, seconds)
+        for seed in range(seeds)
+        for axis in axes or tuple(AXES)
+        for factor in FACTORS
+        for objective in OBJECTIVES
+    ]
+
+
+def job_key(record: Mapping[str, Any]) -> tuple[str, int, str, int, float]:
+    """The key of the job that a record is of."""
+    return (
+        str(record["axis"]),
+        int(record["factor"]),
+        str(record["case"]["objective"]),
+        int(record["seed"]),
+        float(record["time_limit"]),
+    )
+
+
+def scaled_volume(volume: TargetVolume, factor: int) -> TargetVolume:
+    """factor / 8 of the volume about its middle: y is halved first, then x, then y again."""
+    halvings = len(FACTORS) - 1 - FACTORS.index(factor)
+    share = np.array([0.5 ** (halvings // 2), 0.5 ** ((halvings + 1) // 2), 1.0])
+    middle, half = (volume.lower + volume.upper) / 2, (volume.upper - volume.lower) / 2
+    return TargetVolume(middle - share * half, middle + share * half)
+
+
+@functools.lru_cache(maxsize=4)
+def scaled_inputs(axis: str, factor: int) -> CaseInputs:
+    """Robot, object, cloud and V of one setting."""
+    inputs = read_inputs(Case("table", _OBJECT, OBJECTIVES[0]), np.random.default_rng(0))
+    scene = cluttered_table(2 * factor if axis == "clutter" else _THINGS)
+    spacing = _MOST_SPACING / np.sqrt(factor if axis == "cloud" else 1)
+    volume = scaled_volume(scene.volume, factor) if axis == "volume" else scene.volume
+    return replace(inputs, volume=volume, points=complete_cloud(scene, float(spacing)))
+
+
+def run_scaling_job(job: ScalingJob) -> dict[str, Any]:
+    """A `Record` in processor time as a dictionary of plain values, also of a run that failed.
+
+    Further keys: axis, factor, size (m³, points, or things), random (median ξ of random feasible
+    placements, None where there is none).
+    """
+    warm_process()
+    case = Case("table", _OBJECT, job.objective)
+    record = Record(case, job.seed, job.time_limit, next(iter(VARIANTS)))
+    extra: dict[str, Any] = {"axis": job.axis, "factor": job.factor, "size": None, "random": None}
+    try:
+        inputs = scaled_inputs(job.axis, job.factor)
+        extra["size"] = _size(job, inputs)
+        extra["random"] = random_value(job.axis, job.factor, job.objective)
+        rng = np.random.default_rng(job.seed)
+        for _ in recorded_run(record, inputs, rng, time.process_time):
+            pass
+    except Exception:
+        record.failure = traceback.format_exc()
+    return {**extra, **asdict(record)}
+
+
+def _size(job: ScalingJob, inputs: CaseInputs) -> float:
+    if job.axis == "volume":
+        return float(np.prod(inputs.volume.upper - inputs.volume.lower))
+    return float(len(inputs.points) if job.axis == "cloud" else 2 * job.factor)
+
+
+@functools.cache
+def random_value(axis: str, factor: int, objective: str) -> float | None:
+    """Median ξ of random feasible placements."""
+    problem, objective_function = build_problem(scaled_inputs(axis, factor), objective)
+    settings = replace(PlannerSettings(), sampler="uniform")
+    planner = RandomPlacements(problem, objective_function, settings, np.random.default_rng(0))
+    values = planner.draw(_RANDOM_PLACEMENTS, _RANDOM_SECONDS)
+    return float(np.median(values)) if len(values) else None
