@@ -135,6 +135,25 @@ def table(runs: list[dict]) -> str:
     return "\n".join(rows) + "\n"
 
 
+def summary(runs: list[dict], refused: int) -> str:
+    """How many runs were solved, how soon, and what the checker said."""
+    solved = sum(bool(run["solutions"]) for run in runs)
+    parts = [f"{solved} of {len(runs)} runs solved"]
+    for n, name in ((0, "first solution"), (2, "third solution (two improvements)")):
+        times = [r["solutions"][n]["time"] for r in runs if len(r["solutions"]) > n]
+        if not times:
+            parts.append(f"{name}: none")
+            continue
+        without = len(runs) - len(times)
+        # runs without one count as endless, so the median may be, too
+        median = np.median(times + [np.inf] * without)
+        found = f"median {median:.2f} s" if np.isfinite(median) else "in fewer than half"
+        text = f"{name}: {found}, worst {max(times):.2f} s"
+        parts.append(text + (f", none in {without} of {len(runs)} runs" if without else ""))
+    solutions = sum(len(run["solutions"]) for run in runs)
+    return f"{'; '.join(parts)}. Of {solutions} solutions the checker refused {refused or 'none'}."
+
+
 def main() -> int:
     """Entry point."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -142,10 +161,8 @@ def main() -> int:
     parser.add_argument("--table", type=Path)
     arguments = parser.parse_args()
     runs, violations = verify(arguments.folder)
-    text = table(runs)
+    text = f"{summary(runs, len(violations))}\n\n{table(runs)}"
     print(text)
-    solutions = sum(len(run["solutions"]) for run in runs)
-    print(f"{solutions} solutions of {len(runs)} runs, {len(violations)} refused")
     if arguments.table:
         arguments.table.write_text(text, encoding="utf-8")
     return 1 if violations else 0
