@@ -141,7 +141,7 @@ class Holding:
         return self.collision.edge_free(a, b, reserve=self._reserve)
 
     def withdrawal(self, q: Array, T_world_object: pin.SE3) -> Array:
-        """(k, dof) the longest free way found that draws the object out straight, from `q` on.
+        """(k, dof) the longest free way that draws the object out straight, from `q` on.
 
         It leads a backward tree out of a shelf or from between neighbours, where random growth
         takes long: tried are towards the arm's base, upwards, and against the hand's pointing
@@ -165,6 +165,8 @@ class Holding:
                 chain.append(q_next)
             if len(chain) > len(best):
                 best = np.array(chain)
+            if len(best) > _WITHDRAWAL_STEPS:
+                break
         return best
 
     def comes_straight_down(self, Q: Array, T_world_object: pin.SE3) -> bool:
