@@ -26,12 +26,14 @@ from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
 import placement_planner_ros
+from placement_planner_ros.core.execution import ExecutionSettings
 from placement_planner_ros.core.objective import objective_names
 from placement_planner_ros.core.types import Trajectory
 from placement_planner_ros.experiments.cases import start_configuration
 from placement_planner_ros.publishing import LATCHED
 from placement_planner_ros.scene_publisher import ScenePublisher
 from placement_planner_ros.scenes.objects import object_by_name
+from placement_planner_ros.scenes.primitives import ConvexPrimitive
 from placement_planner_ros.scenes.scenes import scene_by_name
 from placement_planner_ros.scenes.yumi import TIP_FRAMES, load_yumi, yumi_arm
 from placement_planner_ros.share import share_path
@@ -210,8 +212,32 @@ def test_a_user_gets_placements_and_stops(scene, client):
     check_last_solution(client, "1", answer.solution)
 
 
-def check_last_solution(client, run, solution):
-    """The parts of the last solution belong together and pass the independent checker."""
+def curve_of(message):
+    """A trajectory message as the checker reads it, times as they were published."""
+    columns = zip(
+        *(
+            (
+                p.time_from_start.sec + p.time_from_start.nanosec * 1e-9,
+                p.positions,
+                p.velocities,
+                p.accelerations,
+            )
+            for p in message.points
+        ),
+        strict=True,
+    )
+    return Trajectory(tuple(message.joint_names), *(np.array(column) for column in columns))
+
+
+def check_last_solution(client, run, solution, objective="maximize_clearance", placed=()):
+    """The parts of the last solution belong together and pass the independent checker.
+
+    Args:
+        placed: poses at which such an object stands already.
+
+    Returns:
+        The pose of this one.
+    """
     key = f"{run}/{solution}"
     wait(lambda: client.heard["trajectory"][-1].header.frame_id == key)
     manifest = client.solutions(run)[-1]
@@ -223,31 +249,17 @@ def check_last_solution(client, run, solution):
     np.testing.assert_allclose(retreat.points[0].positions, message.points[-1].positions, atol=1e-9)
     assert pose.header.stamp == client.heard["solution"][-1].header.stamp
     assert client.heard["objective"][-1].data == float(manifest["objective"])
-    curve = Trajectory(
-        tuple(message.joint_names),
-        *(
-            np.array(column)
-            for column in zip(
-                *(
-                    (
-                        p.time_from_start.sec + p.time_from_start.nanosec * 1e-9,
-                        p.positions,
-                        p.velocities,
-                        p.accelerations,
-                    )
-                    for p in message.points
-                ),
-                strict=True,
-            )
-        ),
-    )
-
     p, r = pose.pose.position, pose.pose.orientation
-    T = pin.XYZQUATToSE3(np.array([p.x, p.y, p.z, r.x, r.y, r.z, r.w])).homogeneous
+    T = pin.XYZQUATToSE3(np.array([p.x, p.y, p.z, r.x, r.y, r.z, r.w]))
     held, world = object_by_name(OBJECT), scene_by_name(SCENE)
+    standing = [
+        ConvexPrimitive(part.name, part.vertices @ other.rotation.T + other.translation)
+        for other in placed
+        for part in held.parts
+    ]
     arm = yumi_arm(load_yumi(), manifest["arm"])
     task = Task(
-        solids=world.parts,
+        solids=[*world.parts, *standing],
         volume_lower=world.volume.lower,
         volume_upper=world.volume.upper,
         object_vertices=held.vertices,
@@ -257,18 +269,22 @@ def check_last_solution(client, run, solution):
         srdf=share_path("urdf", "yumi.srdf").read_text(),
         package_dirs={"placement_planner_ros": share_path("urdf").parent},
         q_start=start_configuration(OBJECT),
-        objective="maximize_clearance",
+        objective=objective,
     )
     found = Solution(
-        trajectory=curve,
+        trajectory=curve_of(message),
         approach_start=float(manifest["approach_start"]),
-        placement_pose=T,
+        placement_pose=T.homogeneous,
         objective=float(manifest["objective"]),
         tip_frame=TIP_FRAMES[manifest["arm"]],
         T_tip_object=held.grasps[manifest["arm"]][int(manifest["grasp"])].homogeneous,
         touch_links=arm.touch_links,
+        retreat=curve_of(retreat),
+        gripper_open=dict(zip(arm.gripper_joints, arm.gripper_open, strict=True)),
     )
-    assert check_solution(task, found, tolerances=Tolerances()) == []
+    limit = ExecutionSettings().acceleration_limits[0]
+    assert check_solution(task, found, tolerances=Tolerances(acceleration_limit=limit)) == []
+    return T
 
 
 def test_start_with_other_parameters_for_one_run(scene, client):
@@ -295,6 +311,21 @@ def test_start_with_other_parameters_for_one_run(scene, client):
     assert (answer.code, answer.run) == ("OK", "2")
     cleared = [values_of(m.status[0]) for m in client.heard["solution"]]
     assert [m["run"] for m in cleared if m["solution"] == "0"] == ["1", "2"]
+
+
+def test_a_placed_object_is_obstacle_and_support_for_the_next(scene, client):
+    """Two of a kind, close to what stands there: the second among the scene and the first."""
+    placed = []
+    for _ in range(2):
+        run = start_when_ready(client, "start_with", objective="minimize_clearance", seed=1).run
+        wait(lambda run=run: client.last_solution(run) >= 2)
+        answer = client.call("stop")
+        wait(lambda run=run, last=answer.solution: client.last_solution(run) == int(last))
+        placed.append(
+            check_last_solution(client, run, answer.solution, "minimize_clearance", placed)
+        )
+        assert client.call("confirm_placed").success
+    assert client.call("clear_environment").success
 
 
 @pytest.mark.skipif(
