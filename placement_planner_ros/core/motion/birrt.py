@@ -35,23 +35,31 @@ class GoalSetRRTSettings:
     Attributes:
         max_step: longest edge, in the weighted metric (radians with unit weights).
         local_share: share of samples drawn around a random node of the tree that grows (normal,
-            half of `max_step` in each coordinate) instead of uniformly within the bounds. Trees
-            confined by obstacles get out of them this way.
+            half of `max_step` in each coordinate). Trees confined by obstacles get out of them
+            this way.
+        between_share: share drawn around a random point of the straight line from the start to a
+            random active goal (normal, `max_step` in each coordinate), since detours are mostly
+            short. The rest is drawn uniformly within the bounds.
         max_nodes: nodes kept in all trees together; beyond it they are cut back, see `GoalSetRRT`.
         weights: (dof,) scale of each coordinate in the metric, such as how far a joint moves the
             hand per radian; None = all one.
     """
 
-    max_step: float = 1.0
-    local_share: float = 0.5
+    max_step: float = 1.2
+    local_share: float = 0.15
+    between_share: float = 0.65
     max_nodes: int = 20_000
     weights: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.max_step) and self.max_step > 0.0):
             raise ParameterError("max_step", self.max_step, "give a finite length above zero")
-        if not 0.0 <= self.local_share < 1.0:
-            raise ParameterError("local_share", self.local_share, "give a share from 0 to below 1")
+        for name in ("local_share", "between_share"):
+            if not 0.0 <= getattr(self, name) < 1.0:
+                raise ParameterError(name, getattr(self, name), "give a share from 0 to below 1")
+        if self.local_share + self.between_share >= 1.0:
+            shares = (self.local_share, self.between_share)
+            raise ParameterError("local_share + between_share", shares, "leave some to uniform")
         if self.max_nodes < 2:
             raise ParameterError("max_nodes", self.max_nodes, "give at least 2")
         if self.weights is not None:
@@ -338,11 +346,19 @@ class GoalSetRRT:
 
     def _sample(self, label: int) -> Array:
         """A configuration (dof,) for a tree to grow towards."""
-        if self._rng.random() >= self._settings.local_share:
-            return self._rng.uniform(self._lower, self._upper)
-        node = int(self._rng.choice(np.flatnonzero(self._labels[: self._count] == label)))
-        spread = 0.5 * self._settings.max_step / np.sqrt(self._scale)
-        return np.clip(self._rng.normal(self._q(node), spread), self._lower, self._upper)
+        settings, rng = self._settings, self._rng
+        kind = rng.random() - settings.local_share
+        if kind < 0.0:
+            nodes = np.flatnonzero(self._labels[: self._count] == label)
+            mean, spread = self._q(int(nodes[rng.integers(len(nodes))])), 0.5 * settings.max_step
+        elif kind < settings.between_share:
+            goal = self._goals[self._unreached[int(rng.integers(len(self._unreached)))]]
+            start, tip = self._q(0), self._q(goal.tip)
+            mean, spread = start + rng.random() * (tip - start), settings.max_step
+        else:
+            return rng.uniform(self._lower, self._upper)
+        q = mean + spread / np.sqrt(self._scale) * rng.standard_normal(len(mean))
+        return np.asarray(np.minimum(np.maximum(q, self._lower), self._upper))
 
     def _extend(self, label: int) -> int:
         """Grow a tree by one step towards a sample; the new node, or -1 where blocked."""
