@@ -81,8 +81,8 @@ class TrajectoryMaker:
             path: (n, dof) from q_0 to the goal's raised pre-placement, edges certified.
 
         Returns:
-            The motion; None if its timed curve could not be certified. A retreat that could not
-            be is left out, where the goal may do without.
+            The motion; None if its timed curve could not be certified, or if it was stopped. A
+            retreat that could not be certified is left out, where the goal may do without.
         """
         settings = self._settings
         path = shorten(
@@ -105,12 +105,19 @@ class TrajectoryMaker:
             return holding.collision.edge_free(a, b, contact=True, deviation=deviation)
 
         joints = holding.arm.joints
-        transit = parameterize(path, joints, velocity, acceleration, transit_free)
+        transit = parameterize(
+            path, joints, velocity, acceleration, transit_free, should_stop=should_stop
+        )
         if transit is None:
             return None
         slow = settings.approach_scaling
         approach = parameterize(
-            goal.approach, joints, slow * velocity, slow * acceleration, approach_free
+            goal.approach,
+            joints,
+            slow * velocity,
+            slow * acceleration,
+            approach_free,
+            should_stop=should_stop,
         )
         if approach is None:
             return None
@@ -121,8 +128,13 @@ class TrajectoryMaker:
         if goal.retreat is not None:
             leaving_free = holding.open_hand.edge_free(goal.grasp, goal.T_world_object)
             retreat = parameterize(
-                goal.retreat, joints, slow * velocity, slow * acceleration, leaving_free
+                goal.retreat,
+                joints,
+                slow * velocity,
+                slow * acceleration,
+                leaving_free,
+                should_stop=should_stop,
             )
-        if holding.require_retreat and retreat is None:
+        if retreat is None and (holding.require_retreat or should_stop()):
             return None
         return Motion(concatenate(transit, approach), transit.duration, retreat)

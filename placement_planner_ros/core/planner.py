@@ -246,7 +246,7 @@ class PlacementPlanner:
         """Shorten, time and certify; nothing where that fails."""
         made = self._trajectories.make(path, goal, holding, should_stop)
         if made is None:
-            self.statistics.unreached += 1
+            self.statistics.unreached += not should_stop()
             return
         yield Placement(
             goal,
