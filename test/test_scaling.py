@@ -67,7 +67,8 @@ def test_more_clutter_is_added_to_what_stands_there_and_overlaps_nothing():
 def test_exponents_by_hand():
     """Nine tenths of the way from 0.1 to 0.5 is 0.46, which 0.47 passes and 0.3 does not."""
     records = [
-        record(axis, factor, 0, [(0.5, 0.3), (seconds, 0.47), (8.5, 0.5)])
+        record(axis, factor, seed, [(0.5, 0.3), (seconds, 0.47), (8.5, 0.5)])
+        for seed in range(3)
         for axis, times in (("volume", (1, 2, 4, 8)), ("clutter", (1, 1, 2, 2)))
         for factor, seconds in zip(FACTORS, times, strict=True)
     ]
@@ -80,6 +81,8 @@ def test_exponents_by_hand():
     rows = scaling_table([linear, root]).rows
     assert [row[-1] for row in rows] == ["no", "yes"]
     assert draw_scaling([linear, root]).startswith(b"\x89PNG")
+    once = growths([r for r in records if r["seed"] == 0])
+    assert [row[-1] for row in scaling_table(once).rows] == ["too few runs"] * 2
 
 
 def test_runs_that_never_get_there_count_as_endless():

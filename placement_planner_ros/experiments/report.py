@@ -45,7 +45,7 @@ from placement_planner_ros.scenes.scenes import scene_by_name
 from placement_planner_ros.scenes.yumi import load_yumi, yumi_arm
 
 _PICTURE_WIDTH = 660
-_PICTURE_COLOURS = 96
+_PICTURE_COLOURS = 256
 _STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; max-width: 1120px; margin: 2em auto; padding: 0 1em; }
 img { max-width: 100%; display: block; margin: 0.5em 0; }
@@ -208,7 +208,9 @@ def _picture(case: Case, record: Record) -> bytes:
             height = round(image.height * _PICTURE_WIDTH / image.width)
             small = image.convert("RGB").resize((_PICTURE_WIDTH, height), Image.Resampling.LANCZOS)
     buffer = io.BytesIO()
-    small.quantize(_PICTURE_COLOURS).save(buffer, format="PNG", optimize=True)
+    small.quantize(_PICTURE_COLOURS, Image.Quantize.MAXCOVERAGE).save(
+        buffer, format="PNG", optimize=True
+    )
     return buffer.getvalue()
 
 

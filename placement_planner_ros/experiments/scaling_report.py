@@ -13,6 +13,9 @@ from placement_planner_ros.experiments.tables import Table
 
 _COLOURS = {"maximize_clearance": "#0072b2", "minimize_clearance": "#d55e00"}
 
+_FEWEST = 3
+"""Runs per setting below which an interval says nothing."""
+
 
 def draw_scaling(found: Sequence[Growth]) -> bytes:
     """Time to a good placement over the factor, one panel per axis, beside linear growth."""
@@ -52,6 +55,7 @@ def scaling_table(found: Sequence[Growth]) -> Table:
     rows = []
     for growth in found:
         low, high = growth.interval
+        fewest = min(map(len, growth.times))
         rows.append(
             (
                 AXES[growth.axis],
@@ -59,7 +63,7 @@ def scaling_table(found: Sequence[Growth]) -> Table:
                 " → ".join(_size(size) for size in growth.sizes[[0, -1]]),
                 " → ".join(f"{t:.2f}" if np.isfinite(t) else "never" for t in growth.medians),
                 f"{growth.exponent:.2f} [{low:.2f}, {high:.2f}]",
-                "yes" if high < 1.0 else "no",
+                "too few runs" if fewest < _FEWEST else "yes" if high < 1.0 else "no",
             )
         )
     factors = " → ".join(f"×{f:g}" for f in found[0].factors) if found else ""
