@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import time
 from collections import Counter
 
 import numpy as np
@@ -20,6 +21,7 @@ from placement_planner_ros.experiments.speed.measures import (
     percentile,
 )
 from placement_planner_ros.experiments.speed.plain import rrt_connect
+from placement_planner_ros.experiments.speed.provenance import MADE_WITH, made_with
 from placement_planner_ros.experiments.speed.recorder import Recording, RecordSettings, record
 from placement_planner_ros.experiments.speed.report import draw, markdown, plain_text
 from placement_planner_ros.experiments.speed.rows import (
@@ -158,11 +160,12 @@ def test_the_slope_of_memory_leaves_out_the_beginning():
 
 def test_tables_and_picture_show_every_line():
     lines = [line(300.0, 100.0, True), line(math.nan, 5.0, True), line(1.0, 0.0, False)]
-    text = markdown(lines, {"threads": 2})
+    text = markdown(lines, [made_with(["edges"])])
     assert text.count("**no**") == 2
     assert text.count("not measured") == 1
     assert "1 of 3 targets met" in text
-    assert "threads 2" in text
+    assert f"edges measured with: day {time.strftime('%Y')}" in text
+    assert "numba" in text
     assert plain_text(lines).count("MISS") == 2
     assert draw(lines, []).startswith(b"\x89PNG")
 
@@ -221,7 +224,9 @@ def test_stock_rrt_connect_reaches_one_of_the_goals(recording):
 def test_the_command_on_one_case(tmp_path, capsys):
     small = ["--runs", "1", "--samples", "150", "--agreement", "40"]
     (tmp_path / "raw.jsonl").write_text(
-        json.dumps({"row": "samples", "case": "old", "samples": 10, "seconds": 1.0})
+        json.dumps({"row": MADE_WITH, "rows": ["samples", "ik"]})
+        + "\n"
+        + json.dumps({"row": "samples", "case": "old", "samples": 10, "seconds": 1.0})
         + "\n"
         + json.dumps({"row": "edges", "job": "old", "error": "of an earlier run"})
         + "\n"
@@ -230,7 +235,9 @@ def test_the_command_on_one_case(tmp_path, capsys):
     assert main(["speed", *only, *ONE_CASE, *small, "--output", str(tmp_path)]) == 0
     entries = [json.loads(text) for text in (tmp_path / "raw.jsonl").read_text().splitlines()]
     rows = {entry["row"] for entry in entries}
-    assert rows == {"samples", "configurations", "answers", "agreement", "edges", "ik"}
+    measured = {"configurations", "answers", "agreement", "edges", "ik"}
+    assert rows == {"samples", MADE_WITH} | measured
+    assert [set(e["rows"]) for e in entries if e["row"] == MADE_WITH] == [{"samples"}, measured]
     assert not any("error" in entry for entry in entries)
     asked = [entry for entry in entries if entry["row"] == "agreement"]
     assert sum(entry["queries"] for entry in asked) >= 40
@@ -241,6 +248,27 @@ def test_the_command_on_one_case(tmp_path, capsys):
     assert "goal samples tried per second" in table
     assert (tmp_path / "speed.png").read_bytes().startswith(b"\x89PNG")
     assert "0 min left" in capsys.readouterr().out
+
+
+def test_a_page_is_filled_between_its_marks(tmp_path, capsys):
+    page, raw = tmp_path / "page.md", tmp_path / "raw.jsonl"
+    report = ["speed", "--report-only", "--output", str(tmp_path), "--page", str(page)]
+    page.write_text("no place for a table")
+    assert main(report) == 2
+    assert "page.md" in capsys.readouterr().err
+    page.write_text("before\n<!-- figures -->\nold\n<!-- end of figures -->\nafter\n")
+    assert main(report) == 2
+    assert "holds no figures yet" in capsys.readouterr().err
+    raw.write_text(json.dumps({"row": "samples", "case": "a", "samples": 9, "seconds": 1}) + "\n")
+    assert main(report) == 0
+    text = page.read_text()
+    assert text.startswith("before\n<!-- figures -->\n\n| what |")
+    assert text.endswith("<!-- end of figures -->\nafter\n")
+    assert "old" not in text
+    assert (tmp_path / "images" / "speed.png").exists()
+    once = text
+    assert main(report) == 0
+    assert page.read_text() == once
 
 
 def test_rows_that_do_not_exist_or_have_nothing_to_measure(tmp_path, capsys):

@@ -17,15 +17,21 @@ import numpy as np
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.experiments.cases import OBJECTIVES, Case, all_cases
 from placement_planner_ros.experiments.json_lines import read_lines
-from placement_planner_ros.experiments.machine import machine, versions
 from placement_planner_ros.experiments.speed.checking import check_recorded
 from placement_planner_ros.experiments.speed.clouds import measure_clouds
 from placement_planner_ros.experiments.speed.goal_sets import measure_goal_sets
 from placement_planner_ros.experiments.speed.node import measure_node
 from placement_planner_ros.experiments.speed.plain import PlainPlanner
+from placement_planner_ros.experiments.speed.provenance import MADE_WITH, made_with
 from placement_planner_ros.experiments.speed.queries import Bench, CompareSettings
 from placement_planner_ros.experiments.speed.recorder import RecordSettings, record
-from placement_planner_ros.experiments.speed.report import draw, markdown, plain_text
+from placement_planner_ros.experiments.speed.report import (
+    draw,
+    fill_page,
+    markdown,
+    plain_text,
+    require_marks,
+)
 from placement_planner_ros.experiments.speed.rows import ROWS, Entry, lines_of
 from placement_planner_ros.experiments.speed.searches import measure_first, measure_sampling
 from placement_planner_ros.experiments.trial import warm_process
@@ -96,6 +102,14 @@ def add_speed_command(commands: Any) -> None:
         "--minutes", type=_positive, default=1.0, help="of the node's search, for its memory"
     )
     speed.add_argument("--output", type=Path, default=Path("results/speed"))
+    speed.add_argument(
+        "--page",
+        type=Path,
+        help="a markdown page: replace the table between its marks, and images/speed.png beside it",
+    )
+    speed.add_argument(
+        "--report-only", action="store_true", help="measure nothing: show what the folder holds"
+    )
     speed.set_defaults(command_function=run_speed)
 
 
@@ -122,36 +136,59 @@ def _positive(text: str) -> float:
 
 
 def run_speed(arguments: argparse.Namespace) -> int:
-    """Measure, then write raw numbers, table and picture; 1 where a job failed."""
-    rows = arguments.only
+    """Measure, then write raw numbers, table and picture; 1 where a job failed.
+
+    Raises:
+        ParameterError: there is nothing to measure or to show, or the page has no marks.
+    """
+    raw = arguments.output / RAW_FILE
+    if arguments.page is not None:
+        require_marks(arguments.page)
+    entries = read_lines(raw) if arguments.report_only else _measure(arguments, raw)
+    if not entries:
+        raise ParameterError("output", str(raw), "holds no figures yet: run without --report-only")
+    lines = lines_of(entries)
+    text, picture = markdown(lines, entries), draw(lines, entries)
+    (arguments.output / TABLE_FILE).write_text(text, encoding="utf-8")
+    (arguments.output / PICTURE_FILE).write_bytes(picture)
+    if arguments.page is not None:
+        fill_page(arguments.page, text, picture)
+    print(plain_text(lines))
+    met = sum(line.met for line in lines)
+    print(f"{met} of {len(lines)} targets met; wrote {arguments.output}")
+    return 1 if any("error" in entry for entry in entries) else 0
+
+
+def _measure(arguments: argparse.Namespace, raw: Path) -> list[Entry]:
+    """All entries: the new ones, and those of other rows that the file held before."""
     jobs = list(_jobs(arguments))
     if not jobs:
         raise ParameterError(
-            "only", ",".join(rows), "these rows have nothing to measure in the chosen cases"
+            "only",
+            ",".join(arguments.only),
+            "these rows have nothing to measure in the chosen cases",
         )
-    raw = arguments.output / RAW_FILE
-    again = {name for row in rows for name in (row, *_BROUGHT.get(row, ()))}
-    kept = [entry for entry in read_lines(raw) if entry["row"] not in again]
-    arguments.output.mkdir(parents=True, exist_ok=True)
+    again = {name for row in arguments.only for name in (row, *_BROUGHT.get(row, ()))}
+    entries = []
+    for entry in read_lines(raw):
+        if entry["row"] == MADE_WITH:
+            entry["rows"] = [row for row in entry["rows"] if row not in again]
+            if not entry["rows"]:
+                continue
+        if entry["row"] not in again:
+            entries.append(entry)
+    entries.append(made_with(arguments.only))
+    raw.parent.mkdir(parents=True, exist_ok=True)
     print("warming up", flush=True)
     warm_process()
-    entries = list(kept)
     with raw.open("w", encoding="utf-8") as file:
-        for entry in kept:
+        for entry in entries:
             file.write(json.dumps(entry) + "\n")
         for entry in _run_all(jobs):
             entries.append(entry)
             file.write(json.dumps(entry) + "\n")
             file.flush()
-    lines = lines_of(entries)
-    made_with = {**machine(), **versions()}
-    text = markdown(lines, made_with)
-    (arguments.output / TABLE_FILE).write_text(text, encoding="utf-8")
-    (arguments.output / PICTURE_FILE).write_bytes(draw(lines, entries))
-    print(plain_text(lines))
-    met = sum(line.met for line in lines)
-    print(f"{met} of {len(lines)} targets met; wrote {arguments.output}")
-    return 1 if any("error" in entry for entry in entries) else 0
+    return entries
 
 
 def _run_all(jobs: list[Job]) -> Iterator[Entry]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,17 +13,20 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.experiments.speed.provenance import MADE_WITH
 from placement_planner_ros.experiments.speed.rows import Line, first_seconds
 
 Entry = dict[str, Any]
 
+_BEGIN, _END = "<!-- figures -->", "<!-- end of figures -->"
 _MET, _MISSED, _OTHER, _PLAIN = "#009e73", "#d55e00", "#0072b2", "#777777"
 _DPI = 110
 _WIDEST = 100.0
 _LABEL = 62
 
 
-def markdown(lines: Sequence[Line], made_with: dict[str, Any]) -> str:
+def markdown(lines: Sequence[Line], entries: Sequence[Entry]) -> str:
     """The table, and below it what it was measured with."""
     rows = ["| what | measured | target | met | over |", "|---|---|---|---|---|"]
     rows += [
@@ -30,14 +34,38 @@ def markdown(lines: Sequence[Line], made_with: dict[str, Any]) -> str:
         f"| {line.wanted} | {'yes' if line.met else '**no**'} | {line.detail} |"
         for line in lines
     ]
-    notes = [
+    rows += [
+        "",
         f"{sum(line.met for line in lines)} of {len(lines)} targets met. Rates and ratios are of "
         "CPU time of one core (`time.process_time`), medians over cases; latencies are wall time. "
         "Runs and queries without an answer count at their limit.",
-        "",
-        "Measured with " + ", ".join(f"{key} {value}" for key, value in made_with.items()) + ".",
     ]
-    return "\n".join([*rows, "", *notes]) + "\n"
+    for made in (entry for entry in entries if entry["row"] == MADE_WITH):
+        told = [f"{key} {value}" for key, value in made.items() if key not in ("row", "rows")]
+        rows += ["", f"{', '.join(made['rows'])} measured with: {', '.join(told)}."]
+    return "\n".join(rows) + "\n"
+
+
+def require_marks(page: Path) -> None:
+    """Refuse a page without a place for the table.
+
+    Raises:
+        ParameterError: its two marks are missing, or in the wrong order.
+    """
+    text = page.read_text(encoding="utf-8") if page.exists() else ""
+    if not 0 <= text.find(_BEGIN) < text.find(_END):
+        raise ParameterError("page", str(page), f"must hold the lines {_BEGIN} and {_END}")
+
+
+def fill_page(page: Path, table: str, picture: bytes) -> None:
+    """Replace what stands between the page's marks, and its images/speed.png."""
+    require_marks(page)
+    text = page.read_text(encoding="utf-8")
+    before, rest = text.split(_BEGIN, 1)
+    after = rest.split(_END, 1)[1]
+    page.write_text(f"{before}{_BEGIN}\n\n{table}\n{_END}{after}", encoding="utf-8")
+    (page.parent / "images").mkdir(exist_ok=True)
+    (page.parent / "images" / "speed.png").write_bytes(picture)
 
 
 def plain_text(lines: Sequence[Line]) -> str:
