@@ -190,7 +190,7 @@ def _warm_start(caller: Caller) -> None:
         if time.perf_counter() > end:
             raise NodeSpeedError(f"start is refused: {answer.result.reason}")
         caller.spin(0.2)
-    run = _run(answer.result.reason)
+    run = _values(answer.result.reason)["run"]
     if not caller.wait(lambda: run in caller.first, 60.0):
         raise NodeSpeedError("the first run found no placement in 60 s")
     caller.call(caller.stop, Trigger.Request())
@@ -205,7 +205,7 @@ def _timed_start(caller: Caller, seed: int) -> tuple[str, float]:
     if not answer.result.successful:
         raise NodeSpeedError(f"start is refused: {answer.result.reason}")
     _tell(kind="start", seconds=seconds)
-    return _run(answer.result.reason), asked
+    return _values(answer.result.reason)["run"], asked
 
 
 def _report_first(caller: Caller, run: str, asked: float) -> None:
@@ -216,9 +216,14 @@ def _report_first(caller: Caller, run: str, asked: float) -> None:
 
 
 def _timed_stop(caller: Caller) -> None:
-    """`~/stop` answers once the worker is idle."""
-    answer, _, seconds = caller.call(caller.stop, Trigger.Request())
-    if "code=OK" not in answer.message:
+    """`~/stop` answers once the worker is idle, or after a second that it is not."""
+    answer, asked, seconds = caller.call(caller.stop, Trigger.Request())
+    code = _values(answer.message)["code"]
+    if code == "STOPPING":
+        if not caller.wait(lambda: caller.state[1] == "stopped", _ANSWER_WITHIN):
+            raise NodeSpeedError(f"a worker has not ended {_ANSWER_WITHIN:g} s after stop")
+        seconds = time.perf_counter() - asked
+    elif code != "OK":
         raise NodeSpeedError(f"stop is refused: {answer.message}")
     _tell(kind="stop", seconds=seconds)
 
@@ -252,9 +257,10 @@ def resident_bytes(pid: int) -> int | None:
     return int(path.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
-def _run(message: str) -> str:
+def _values(message: str) -> dict[str, str]:
+    """What an answer's first line says."""
     first = message.splitlines()[0]
-    return dict(word.split("=", 1) for word in first.split() if "=" in word)["run"]
+    return dict(word.split("=", 1) for word in first.split() if "=" in word)
 
 
 def _tell(row: str = "node", **values: object) -> None:

@@ -110,6 +110,7 @@ def first(case, seed, seconds, *, solved=True, row="first"):
         "limit": 10.0,
         "solved": solved,
         "environment_seconds": 0.5,
+        "cpu_seconds": seconds,
         "planner_seconds": 0.25 * seconds,
         "search_seconds": 0.75 * seconds,
     }

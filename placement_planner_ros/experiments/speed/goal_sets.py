@@ -34,9 +34,10 @@ def measure_goal_sets(
             "goals": len(query.goals),
             "limit": limit,
         }
-        started = time.perf_counter()
+        started, cpu = time.perf_counter(), time.process_time()
         path = _goal_set_planner(recording, query, limit, rng)
         entry |= _outcome("", path, time.perf_counter() - started, limit)
+        entry["cpu_seconds"] = time.process_time() - cpu
         if number in both:
             exact = ExactCollision(
                 recording.problem.robot,

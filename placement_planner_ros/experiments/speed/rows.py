@@ -253,6 +253,7 @@ def _clouds(entries: Sequence[Entry]) -> list[Line]:
             for name in ("environment", "clearance", "collision_field")
         )
         detail = f"{len(own)} times over {len({e['scene'] for e in own})} scenes; ms: {parts}"
+        detail += f"; CPU {1e3 * median([e['cpu_seconds'] for e in own]):.0f}"
         what = f"{kind} cloud of {own[0]['points']:,} points to obstacle set, regions and fields"
         slowest = {50: 0.25, 95: 0.25}
         lines += _latency("clouds", what, [e["seconds"] for e in own], slowest, detail)
@@ -274,7 +275,9 @@ def _first(entries: Sequence[Entry]) -> list[Line]:
         f"{name} {1e3 * median([e[f'{name}_seconds'] for e in entries]):.0f}"
         for name in ("environment", "planner", "search")
     )
+    cpu = 1e3 * median([e["cpu_seconds"] for e in entries])
     detail = f"{len(entries)} runs, {unsolved} unsolved; median ms: {parts}"
+    detail += f"; CPU of planner and search {cpu:.0f}"
     for name, environment in (("environment ready", False), ("environment built from it", True)):
         seconds = [first_seconds(e, environment=environment) for e in entries]
         what = f"first placement from the start call, {name}"
@@ -309,7 +312,10 @@ def _goal_sets(entries: Sequence[Entry]) -> list[Line]:
     seconds = [e["seconds"] for e in entries]
     unsolved = sum(not e["solved"] for e in entries)
     goals = median([e["goals"] for e in entries])
-    detail = f"{len(entries)} recorded queries, {unsolved} unsolved, {goals:g} goals in the median"
+    detail = (
+        f"{len(entries)} recorded queries, {unsolved} unsolved, {goals:g} goals in the median; "
+        f"median CPU {1e3 * median([e['cpu_seconds'] for e in entries]):.0f} ms"
+    )
     limits = {50: 0.02, 95: 0.2}
     lines = _latency("goal_sets", "planning to a goal set in a cabinet", seconds, limits, detail)
     both = [e for e in entries if "plain_seconds" in e]

@@ -91,14 +91,14 @@ def measure_first(
     gc.collect()
     placement: Placement | None = None
     record = Record(case, seed, limit)
-    started = time.perf_counter()
+    started, cpu = time.perf_counter(), time.process_time()
     problem, objective = build_problem(inputs, case.objective)
     prepare(problem)
-    built = time.perf_counter()
+    built, built_cpu = time.perf_counter(), time.process_time()
     planner = make(problem, objective, PlannerSettings(), rng)
     made = time.perf_counter()
     placement = next(planner.run(lambda: time.perf_counter() - built > limit), None)
-    ended = time.perf_counter()
+    ended, ended_cpu = time.perf_counter(), time.process_time()
     statistics = planner.statistics
     record.preparation, record.samples = made - started, statistics.samples
     record.goals, record.rejected = statistics.goals, statistics.rejected
@@ -117,6 +117,8 @@ def measure_first(
         "environment_seconds": built - started,
         "planner_seconds": made - built,
         "search_seconds": ended - made,
+        "environment_cpu_seconds": built_cpu - cpu,
+        "cpu_seconds": ended_cpu - built_cpu,
         "samples": statistics.samples,
         "goals": statistics.goals,
         "failure": record.failure,
