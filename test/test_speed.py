@@ -31,6 +31,7 @@ from placement_planner_ros.experiments.speed.rows import (
     slope_per_hour,
 )
 
+SHORT = RecordSettings(runs=1, samples=150, seconds=600.0, states=60, edges=40, poses=10)
 CASE = Case("table", "small_crayons_box", "maximize_clearance")
 ONE_CASE = ["--scene", CASE.scene, "--object", CASE.object, "--objective", CASE.objective]
 
@@ -173,7 +174,7 @@ def test_tables_and_picture_show_every_line():
 
 @pytest.fixture(scope="module")
 def recording() -> Recording:
-    return record(CASE, 0, RecordSettings(runs=1, samples=150, states=60, edges=40, poses=10))
+    return record(CASE, 0, SHORT)
 
 
 def test_recorded_queries_are_those_of_the_run(recording):
@@ -199,7 +200,7 @@ def test_recording_leaves_the_checks_as_they_were(recording):
     queries = max(recording.held, key=lambda held: len(held.states))
     collision = queries.holding.collision
     assert "mock" not in repr(type(collision).free)
-    again = record(CASE, 0, RecordSettings(runs=1, samples=150, states=60, edges=40, poses=10))
+    again = record(CASE, 0, SHORT)
     assert again.seen == recording.seen
 
 

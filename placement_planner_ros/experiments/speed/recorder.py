@@ -35,7 +35,7 @@ class RecordSettings:
 
     runs: int = 3
     samples: int = 2000
-    seconds: float = 15.0
+    seconds: float = 60.0
     states: int = 4000
     edges: int = 1000
     poses: int = 600
