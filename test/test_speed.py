@@ -30,6 +30,7 @@ from placement_planner_ros.experiments.speed.rows import (
     lines_of,
     slope_per_hour,
 )
+from placement_planner_ros.experiments.speed.searches import measure_sampling
 
 SHORT = RecordSettings(runs=1, samples=150, seconds=600.0, states=60, edges=40, poses=10)
 CASE = Case("table", "small_crayons_box", "maximize_clearance")
@@ -202,6 +203,12 @@ def test_recording_leaves_the_checks_as_they_were(recording):
     assert "mock" not in repr(type(collision).free)
     again = record(CASE, 0, SHORT)
     assert again.seen == recording.seen
+
+
+def test_the_sampling_rate_counts_every_sample_of_the_run():
+    entry = measure_sampling(CASE, 0, 0.3)
+    assert entry["samples"] == entry["goals"] + sum(entry["rejected"].values()) > 0
+    assert 0.0 < entry["seconds"] < entry["run_seconds"]
 
 
 def test_stock_rrt_connect_reaches_one_of_the_goals(recording):

@@ -12,7 +12,7 @@ from unittest import mock
 import numpy as np
 
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings, Problem
-from placement_planner_ros.core.search.sampler import MctsSampler
+from placement_planner_ros.core.search.sampler import GoalSampler
 from placement_planner_ros.core.types import Placement
 from placement_planner_ros.experiments.cases import Case, build_problem, make_problem, read_inputs
 from placement_planner_ros.experiments.record import Record, Solution, save_solution
@@ -22,7 +22,7 @@ MakePlanner = Callable[..., PlacementPlanner]
 
 
 def measure_sampling(case: Case, seed: int, seconds: float) -> Entry:
-    """Goal samples tried per second of SampleGoals in a run, selection by UCB1 included.
+    """Goal samples tried per second of SampleGoals in a run, its choice of where included.
 
     The time is that spent in `sample_goals`: s(x), c_f(x), ξ(x), inverse kinematics and C_free,
     and for the few that pass them release, approach and retreat.
@@ -33,9 +33,10 @@ def measure_sampling(case: Case, seed: int, seconds: float) -> Entry:
     rng = np.random.default_rng(seed)
     problem, objective = make_problem(case, rng)
     planner = PlacementPlanner(problem, objective, PlannerSettings(), rng)
-    sampling, original = 0.0, MctsSampler.sample_goals
+    sampling, kind = 0.0, type(planner._sampler)
+    original = kind.sample_goals
 
-    def timed(self: MctsSampler, *arguments: Any) -> Any:
+    def timed(self: GoalSampler, *arguments: Any) -> Any:
         nonlocal sampling
         began = time.process_time()
         try:
@@ -45,7 +46,7 @@ def measure_sampling(case: Case, seed: int, seconds: float) -> Entry:
 
     started = time.process_time()
     placements = 0
-    with mock.patch.object(MctsSampler, "sample_goals", timed):
+    with mock.patch.object(kind, "sample_goals", timed):
         for _ in planner.run(lambda: time.process_time() - started > seconds):
             placements += 1
     statistics = planner.statistics
