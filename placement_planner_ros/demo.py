@@ -184,7 +184,21 @@ def _demonstrate(options: argparse.Namespace, node: subprocess.Popen[bytes]) -> 
     executor = SingleThreadedExecutor()
     executor.add_node(scene)
     executor.add_node(client)
+    try:
+        return _converse(options, node, client, executor)
+    finally:
+        # In this order: a node that goes while the executor still waits on it is an error.
+        executor.shutdown()
+        client.destroy_node()
+        scene.destroy_node()
 
+
+def _converse(
+    options: argparse.Namespace,
+    node: subprocess.Popen[bytes],
+    client: Client,
+    executor: SingleThreadedExecutor,
+) -> int:
     def spin() -> None:
         if node.poll() is not None:
             raise DemoError(f"the node ended with code {node.returncode}")

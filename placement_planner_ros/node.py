@@ -418,10 +418,14 @@ def main(args: list[str] | None = None) -> None:
     warming.start()
     spin_until(executor, asked, node.survive)
     node.close()
+    working = warming.is_alive() or node.working
+    if not working:
+        # The executor's own shutdown does not wait for callbacks, which then fail and say so.
+        executor._executor.shutdown(cancel_futures=True)
     executor.shutdown()
     node.destroy_node()
     rclpy.shutdown()
-    if warming.is_alive() or node.working:
+    if working:
         # Ending the interpreter under a thread that is in compiled code aborts the process.
         sys.stdout.flush()
         sys.stderr.flush()

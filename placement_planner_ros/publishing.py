@@ -48,6 +48,7 @@ class Outputs:
         self._lock = threading.Lock()
         self._last_stamp = 0
         self._scene: list[Marker] = []
+        self._drawn: Environment | None = None
         self._undrawn: tuple[Snapshot, Environment, float] | None = None
         self._trajectory = node.create_publisher(JointTrajectory, "~/trajectory", LATCHED)
         self._retreat = node.create_publisher(JointTrajectory, "~/retreat_trajectory", LATCHED)
@@ -64,7 +65,6 @@ class Outputs:
         key = f"{run}/0"
         with self._lock:
             self._undrawn = None
-            self._scene = []
             self._trajectory.publish(trajectory_message(None, key))
             self._retreat.publish(trajectory_message(None, key))
             self._markers.publish(no_markers())
@@ -95,8 +95,10 @@ class Outputs:
         obstacles = environment.obstacles
         centres = (obstacles.lower + obstacles.upper) / 2
         self._occupancy.publish(message_from_points(centres, header))
-        volume = snapshot.parameters.volume
-        self._scene = scene_markers(snapshot.frame, stamp, volume, environment.regions)
+        if self._drawn is not environment:
+            volume = snapshot.parameters.volume
+            self._scene = scene_markers(snapshot.frame, stamp, volume, environment.regions)
+            self._drawn = environment
         self._markers.publish(MarkerArray(markers=self._scene))
 
     def solution(

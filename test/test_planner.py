@@ -1,6 +1,7 @@
 """Algorithm 1 on the bundled robot: every placement it yields is judged by the checker."""
 
 import itertools
+import re
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -121,12 +122,40 @@ def test_a_start_in_collision_is_refused_with_the_link_and_the_place():
         )
 
 
+def test_a_start_that_meets_the_robot_or_the_cloud_is_told_apart():
+    problem, objective = make_problem(TABLE, np.random.default_rng(0))
+    left, robot = problem.arms[0], problem.robot
+    q = problem.q_start.copy()
+    other = problem.arms[1]
+    q[left.q_index] = 0.0
+    q[other.q_index] = 0.0
+
+    def refusal(**changes):
+        changed = replace(problem, arms=(left,), **changes)
+        with pytest.raises(StartError) as caught:
+            PlacementPlanner(changed, objective, PlannerSettings(), np.random.default_rng(0))
+        return str(caught.value)
+
+    def surrounded(q):
+        wrist = robot.link_pose(q, left.tip_frame).translation
+        points = wrist + np.random.default_rng(0).uniform(-0.02, 0.02, (500, 3))
+        volume = problem.volume
+        return type(problem.environment).from_points(points, volume)
+
+    itself = refusal(q_start=q)
+    assert "self-collision" in itself
+    assert "clouds" not in itself
+    cloud = refusal(environment=surrounded(problem.q_start))
+    assert re.search(r"with the clouds: yumi_link_7_l meets the environment at \(", cloud)
+    assert "self-collision" not in cloud
+
+
 def test_a_start_beyond_the_joint_limits_is_refused_with_the_joint():
     problem, objective = make_problem(TABLE, np.random.default_rng(0))
     q = problem.q_start.copy()
     for arm in problem.arms:
         q[arm.q_index[0]] = arm.upper[0] + 0.01
-    with pytest.raises(StartError, match=r"yumi_joint_1_l = 2\.95.*"):
+    with pytest.raises(StartError, match=r"yumi_joint_1_l = 2\.95\d* is not in \["):
         PlacementPlanner(
             replace(problem, q_start=q), objective, PlannerSettings(), np.random.default_rng(0)
         )

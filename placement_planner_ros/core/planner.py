@@ -270,7 +270,11 @@ def _usable_holdings(
         q_start = problem.q_start[arm.q_index]
         beyond = np.flatnonzero((q_start < arm.lower) | (q_start > arm.upper))
         if len(beyond):
-            joints = ", ".join(f"{arm.joints[j]} = {q_start[j]:.4f}" for j in beyond)
+            joints = ", ".join(
+                f"{arm.joints[j]} = {q_start[j]:.4f} is not in "
+                f"[{arm.lower[j]:.4f}, {arm.upper[j]:.4f}]"
+                for j in beyond
+            )
             reasons.append(f"{arm.name}: beyond the joint limits: {joints}")
             holdings.append(of_arm)
             continue
@@ -306,7 +310,7 @@ def _usable_holdings(
             except GraspError as error:
                 bad_grasps.append(error)
                 continue
-            reason = holding.collision.explain(holding.q_start)
+            reason = _why_not_free(holding)
             if reason:
                 reasons.append(f"{arm.name} with grasp {grasp}: {reason}")
             else:
@@ -322,6 +326,16 @@ def _usable_holdings(
             "with the object in hand",
         )
     return holdings, (*map(str, bad_grasps), *reasons)
+
+
+def _why_not_free(holding: Holding) -> str:
+    """What q_0 collides with, '' where it is free."""
+    alone = holding.collision.with_pairs(lambda a, b: True, environment=False)
+    of_robot = alone.explain(holding.q_start)
+    if of_robot:
+        return f"in self-collision: {of_robot}"
+    with_cloud = holding.collision.explain(holding.q_start)
+    return f"in collision with the clouds: {with_cloud}" if with_cloud else ""
 
 
 def _within_limits(arm: Arm, q_start: Array) -> Arm:
