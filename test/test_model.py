@@ -438,6 +438,7 @@ def test_mesh_paths(tmp_path):
     ("content", "message"),
     [
         ("", "cannot be read"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\n", "(is empty|cannot be read)"),
         ("v 0 0 0\nv 1 0 0\nv nan 1 0\nf 1 2 3\n", "not finite"),
         ("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "no surface"),
         (cube(100.0), "100 m long.*millimetres"),
