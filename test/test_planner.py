@@ -10,6 +10,7 @@ import pytest
 from verify_cases import case_checker, load_solution
 
 from placement_planner_ros.core.errors import GraspError, ParameterError, RobotError, StartError
+from placement_planner_ros.core.feasibility import placement_pose
 from placement_planner_ros.core.objective import ObjectiveContext, make_objective
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.types import TargetVolume, Verdict
@@ -223,3 +224,37 @@ def test_statistics_name_the_constraint_that_rejects_most():
     statistics.count.verdicts[Verdict.NO_IK] = 10 * statistics.samples
     assert "no arm reaches" in statistics.why_nothing()
     assert statistics.rejected["no_ik"] == 10 * statistics.samples
+
+
+@pytest.fixture(scope="module")
+def finder_and_draws():
+    """The glass in the cabinet: its GoalFinder, and poses drawn uniformly."""
+    problem, objective = make_problem(CABINET, np.random.default_rng(0))
+    settings = replace(PlannerSettings(), sampler="uniform")
+    planner = PlacementPlanner(problem, objective, settings, np.random.default_rng(0))
+    return problem, objective, planner._sampler._checker, planner._sampler._draw(3000)
+
+
+def test_poses_checked_in_a_batch_get_the_verdict_they_get_alone(finder_and_draws):
+    problem, _, finder, draws = finder_and_draws
+    verdicts, T = finder._poses.verdicts(draws.face, draws.contact, draws.angle)
+    assert {int(v) for v in verdicts} == {0, 1, 2, int(Verdict.FEASIBLE)}
+    for k in range(0, 3000, 5):
+        face = int(draws.face[k])
+        x = placement_pose(problem.body.faces[face], draws.contact[k], float(draws.angle[k]))
+        assert np.allclose(x.homogeneous, T[k], atol=1e-12)
+        assert finder._poses.verdict(x, face, draws.contact[k, 2]) == verdicts[k]
+
+
+def test_estimates_hide_no_pose_that_is_better_and_raise_none(finder_and_draws):
+    _, objective, finder, draws = finder_and_draws
+    verdicts, T = finder._poses.verdicts(draws.face, draws.contact, draws.angle)
+    T = T[verdicts == Verdict.FEASIBLE]
+    exact = objective.values(T)
+    assert exact == pytest.approx([objective(pin.SE3(x)) for x in T])
+    finder._values(T[:200], -np.inf)
+    for bound in np.quantile(exact, [0.1, 0.5, 0.9]):
+        values = finder._values(T, bound)
+        assert ((values > bound) == (exact > bound)).all()
+        assert (values[values > bound] == exact[values > bound]).all()
+        assert (values != exact).any()

@@ -12,6 +12,7 @@ from placement_planner_ros.core.body import Body
 from placement_planner_ros.core.feasibility import PoseConstraints, placement_pose
 from placement_planner_ros.core.holding import Holding
 from placement_planner_ros.core.objective import (
+    EstimatedObjective,
     Objective,
     evaluate,
     evaluate_batch,
@@ -22,6 +23,10 @@ from placement_planner_ros.core.types import Array, Goal, Verdict
 
 _FORGETTING = 0.95
 """Share of the best recent climb that is still expected after one that brought less."""
+_COMPARISONS = 128
+"""Samples whose ξ is both estimated and computed, to learn how good the estimates are."""
+_ERROR_RESERVE = 1.5
+"""Estimates are taken to be off by at most so many times the largest error seen."""
 _ATTEMPTS = 2
 """Configurations at most whose approach and retreat are tried at one pose."""
 
@@ -57,6 +62,8 @@ class GoalFinder:
         self._min_improvement = min_improvement
         self._ascent = ascent
         self._gain = np.inf  # what a climb brought lately, at its best
+        self._error = 0.0  # of the objective's estimates, at most so far
+        self._compared = 0
         self._rng = rng
 
     def check_batch(self, draws: Draws, best: float, goals: int) -> Outcome:
@@ -66,7 +73,7 @@ class GoalFinder:
         values = np.full(len(verdicts), -np.inf)
         free = np.flatnonzero(verdicts == Verdict.FEASIBLE)
         if len(free):
-            values[free] = evaluate_batch(self._objective, T[free])
+            values[free] = self._values(T[free], bound)
             verdicts[free] = Verdict.NOT_BETTER
         found: list[Goal] = []
         for row in free[values[free] + (0.0 if self._ascent is None else self._gain) > bound]:
@@ -85,6 +92,24 @@ class GoalFinder:
             if len(found) == goals:
                 return Outcome(verdicts[: row + 1], values[: row + 1], found)
         return Outcome(verdicts, values, found)
+
+    def _values(self, T: Array, bound: float) -> Array:
+        """(n,) ξ of the poses (n, 4, 4); only estimated where that shows it is not above `bound`.
+
+        How far estimates are off is learned from the first poses.
+        """
+        if self._ascent is not None or not isinstance(self._objective, EstimatedObjective):
+            return evaluate_batch(self._objective, T)
+        estimates = np.asarray(self._objective.estimates(T))
+        if self._compared < _COMPARISONS:
+            values = evaluate_batch(self._objective, T)
+            self._compared += len(T)
+            self._error = max(self._error, float(np.abs(values - estimates).max()))
+            return values
+        near = estimates + _ERROR_RESERVE * self._error > bound
+        if near.any():
+            estimates[near] = evaluate_batch(self._objective, T[near])
+        return estimates
 
     def _candidates(
         self, x: pin.SE3, value: float, face: int, height: float, bound: float

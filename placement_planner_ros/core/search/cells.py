@@ -72,7 +72,8 @@ class CellSampler:
         self._faces = hierarchy.faces
         self._regions = hierarchy.regions
         areas = np.array([region.area for region in hierarchy.regions])
-        self._shares = areas / areas.sum()
+        even = settings.even_share
+        self._shares = (1.0 - even) * areas / areas.sum() + even / len(areas)
         self._extents = np.array([_extent(region.rectangles) for region in hierarchy.regions])
         self._steps = np.array([_COARSE, _COARSE, hierarchy.settings.angle_intervals**2])
         self._min_area = hierarchy.settings.min_area

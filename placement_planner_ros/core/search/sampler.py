@@ -36,6 +36,8 @@ class SamplerSettings:
         selection: `ucb1` (Algorithm 3) or `optimistic` (cells.CellSampler, which takes nothing of
             exploration, reward and max_nodes).
         uniform_share: of optimistic search's samples, at least, in [0, 1).
+        even_share: of these, in [0, 1]: drawn from all regions alike instead of by area, since what
+            is best may stand on a small one.
     """
 
     samples_per_call: int = 200
@@ -46,6 +48,7 @@ class SamplerSettings:
     batch: int = 16
     selection: Literal["ucb1", "optimistic"] = "optimistic"
     uniform_share: float = 0.5
+    even_share: float = 0.5
 
     def __post_init__(self) -> None:
         if self.samples_per_call < 1 or self.goals_per_call < 1:
