@@ -81,6 +81,8 @@ class CellSampler:
         self._levels: list[list[tuple[int, float, int, Array]]] = [[]]
         self._numbers = itertools.count()
         self._split: set[bytes] = set()
+        # cells in which a goal was found, left alone until ξ_best is no less: (ξ, depth, cell)
+        self._with_goal: list[tuple[float, int, Array]] = []
         # what is left of the round: cells, their depths, and the poses (x, y, θ) drawn from them
         self._cells = np.empty((0, _COLUMNS))
         self._depths = np.empty(0, dtype=np.int64)
@@ -88,6 +90,7 @@ class CellSampler:
 
     def sample_goals(self, best: float, should_stop: Callable[[], bool]) -> list[Goal]:
         """Algorithm 2, in rounds of uniform samples and of parts of the best cells."""
+        self._return_to(best)
         goals: list[Goal] = []
         left, wanted = self._settings.samples_per_call, self._settings.goals_per_call
         while left > 0 and len(goals) < wanted and not should_stop():
@@ -150,12 +153,25 @@ class CellSampler:
         count = len(outcome.verdicts)
         ranks = self._rng.random(count)
         for k in np.flatnonzero(area[:count] > self._min_area).tolist():
-            kind = _CLASS[outcome.verdicts[k]]
-            rank = -outcome.values[k] if kind == 0 else ranks[k]
-            level = self._levels[depths[k]]
-            heapq.heappush(level, (kind, float(rank), next(self._numbers), cells[k]))
-            if len(level) > _MAX_CELLS:
-                self._levels[depths[k]] = heapq.nsmallest(_MAX_CELLS // 2, level)
+            verdict, depth = outcome.verdicts[k], int(depths[k])
+            if verdict == Verdict.FEASIBLE:
+                self._with_goal.append((float(outcome.values[k]), depth, cells[k]))
+                continue
+            kind = _CLASS[verdict]
+            self._push(depth, kind, float(-outcome.values[k] if kind == 0 else ranks[k]), cells[k])
+
+    def _push(self, depth: int, kind: int, rank: float, cell: Array) -> None:
+        level = self._levels[depth]
+        heapq.heappush(level, (kind, rank, next(self._numbers), cell))
+        if len(level) > _MAX_CELLS:
+            self._levels[depth] = heapq.nsmallest(_MAX_CELLS // 2, level)
+
+    def _return_to(self, best: float) -> None:
+        """Cells whose goal has been reached, or something as good, may be split again."""
+        for value, depth, cell in self._with_goal:
+            if value <= best:
+                self._push(depth, 0, -value, cell)
+        self._with_goal = [entry for entry in self._with_goal if entry[0] > best]
 
     def _split_best(self) -> list[tuple[Array, Index]]:
         """Split the best cell of each depth: the parts (8, 8) and their depth (8,)."""
