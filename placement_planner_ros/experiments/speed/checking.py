@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import json
 import os
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +12,14 @@ import placement_planner_ros
 from placement_planner_ros.experiments.speed.rows import Entry
 
 _ROOT = Path(placement_planner_ros.__file__).parent.parent
+_VERIFY = """
+import json, sys
+from pathlib import Path
+from verify_cases import verify
+runs, refusals = verify(Path(sys.argv[1]))
+checked = sum(len(run["solutions"]) for run in runs)
+print(json.dumps({"checked": checked, "refused": len(refusals), "refusals": refusals}))
+"""
 
 
 def check_recorded(folder: Path) -> Entry | None:
@@ -20,23 +28,17 @@ def check_recorded(folder: Path) -> Entry | None:
     Returns:
         None where there is no checkout; an entry with `error` where it did not come to an end.
     """
-    script = _ROOT / "test" / "verify_cases.py"
-    if not script.exists():
+    tests = _ROOT / "test"
+    if not (tests / "verify_cases.py").exists():
         return None
-    path = os.pathsep.join(filter(None, [str(_ROOT), os.environ.get("PYTHONPATH", "")]))
+    path = os.pathsep.join(filter(None, [str(_ROOT), str(tests), os.environ.get("PYTHONPATH")]))
     ended = subprocess.run(
-        [sys.executable, str(script), str(folder)],
+        [sys.executable, "-c", _VERIFY, str(folder)],
         env={**os.environ, "PYTHONPATH": path},
         capture_output=True,
         text=True,
         check=False,
     )
-    found = re.search(r"(\d+) solutions of \d+ runs, (\d+) refused", ended.stdout)
-    if found is None:
+    if ended.returncode != 0:
         return {"row": "checked", "error": (ended.stderr.strip() or "no answer").splitlines()[-1]}
-    return {
-        "row": "checked",
-        "checked": int(found[1]),
-        "refused": int(found[2]),
-        "refusals": [line for line in ended.stdout.splitlines() if ".npz:" in line],
-    }
+    return {"row": "checked", **json.loads(ended.stdout.splitlines()[-1])}

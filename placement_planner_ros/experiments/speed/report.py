@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.experiments.speed.provenance import MADE_WITH
@@ -23,7 +24,7 @@ _BEGIN, _END = "<!-- figures -->", "<!-- end of figures -->"
 _MET, _MISSED, _OTHER, _PLAIN = "#009e73", "#d55e00", "#0072b2", "#777777"
 _DPI = 110
 _WIDEST = 100.0
-_LABEL = 62
+_LABEL = 90
 
 
 def markdown(lines: Sequence[Line], entries: Sequence[Entry]) -> str:
@@ -82,9 +83,9 @@ def plain_text(lines: Sequence[Line]) -> str:
 def draw(lines: Sequence[Line], entries: Sequence[Entry]) -> bytes:
     """A PNG: every figure against its target, and the distributions behind the latencies."""
     sound = [entry for entry in entries if "error" not in entry]
-    figure = Figure(figsize=(15.0, max(7.0, 1.5 + 0.3 * len(lines))), layout="constrained")
+    figure = Figure(figsize=(17.0, max(7.0, 1.5 + 0.3 * len(lines))), layout="constrained")
     FigureCanvasAgg(figure)
-    halves = figure.subfigures(1, 2, width_ratios=[1.5, 1.0], squeeze=False)
+    halves = figure.subfigures(1, 2, width_ratios=[1.7, 1.0], squeeze=False)
     left, right = halves[0]
     _draw_margins(left.subplots(), lines)
     panels = right.subplots(3, 2).ravel()
@@ -129,7 +130,7 @@ def _draw_margins(axes: Axes, lines: Sequence[Line]) -> None:
     ]
     axes.set_yticks(range(len(lines)), labels, fontsize=8)
     axes.axvline(0.0, color="black", linewidth=1.0)
-    ticks = [0.01, 0.1, 0.5, 1, 2, 10, 100]
+    ticks = [0.01, 0.1, 1, 10, 100]
     axes.set_xticks(np.log10(ticks), [f"{tick:g}x" for tick in ticks])
     axes.set_xlim(-2.05, 3.2)
     axes.set_ylim(len(lines) - 0.4, -0.6)
@@ -228,6 +229,9 @@ def _finish_latencies(axes: Axes, title: str, unit: str) -> None:
     if not axes.has_data():
         return
     axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter(NullFormatter())
     axes.set_ylim(0.0, 1.02)
     axes.axhline(0.5, color="#cccccc", linewidth=0.6)
     axes.axhline(0.95, color="#cccccc", linewidth=0.6)
