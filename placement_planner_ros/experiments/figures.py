@@ -32,6 +32,7 @@ COLOURS = {
     "mcts": "#56b4e9",
     "baseline": "#777777",
     "mcts+lo+gradient": "#009e73",
+    "mcts+lo+ucb1": "#cc79a7",
 }
 """Variant -> colour, told apart also by those who do not see all colours."""
 

@@ -40,6 +40,11 @@ VARIANTS: Mapping[str, Variant] = {
     "baseline": Variant(
         BaselinePlanner, _DEFAULTS, "uniform samples, each planned for with stock RRTConnect"
     ),
+    "mcts+lo+ucb1": Variant(
+        PlacementPlanner,
+        replace(_DEFAULTS, sampling=replace(_DEFAULTS.sampling, selection="ucb1")),
+        "MCTS that selects by UCB1, as the paper does, with local optimisation",
+    ),
     "mcts+lo+gradient": Variant(
         PlacementPlanner,
         replace(_DEFAULTS, gradient_sampling=True),
