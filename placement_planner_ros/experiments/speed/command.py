@@ -332,6 +332,6 @@ def _plain_placements(case: Case, arguments: argparse.Namespace) -> Iterator[Ent
             arguments.output / "plain",
             PlainPlanner,
             "plain",
-            PlainPlanner.prepare,
+            PlainPlanner.register,
         )
         yield entry

@@ -76,7 +76,7 @@ class PlainPlanner(BaselinePlanner):
             )
 
     @staticmethod
-    def prepare(problem: Problem) -> None:
+    def register(problem: Problem) -> None:
         """Register the environment's boxes with coal, as a system does when a cloud arrives."""
         box_tree(problem.environment.obstacles)
 

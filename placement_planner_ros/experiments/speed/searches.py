@@ -12,6 +12,7 @@ from unittest import mock
 import numpy as np
 
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings, Problem
+from placement_planner_ros.core.robot.collision_boxes import box_arrays
 from placement_planner_ros.core.search.sampler import GoalSampler
 from placement_planner_ros.core.types import Placement
 from placement_planner_ros.experiments.cases import Case, build_problem, make_problem, read_inputs
@@ -69,7 +70,7 @@ def measure_first(
     folder: Path,
     make: MakePlanner = PlacementPlanner,
     row: str = "first",
-    prepare: Callable[[Problem], object] = lambda problem: None,
+    register: Callable[[Problem], object] = lambda problem: None,
 ) -> tuple[Entry, Record]:
     """Seconds (wall time) from the start call's inputs to the first placement.
 
@@ -82,7 +83,7 @@ def measure_first(
         folder: where the placement is written, for the checker.
         make: of problem, objective, settings and rng.
         row: name of the entry.
-        prepare: what belongs to the environment's construction.
+        register: what else belongs to the environment's construction.
 
     Returns:
         The entry, and the run as `test/verify_cases.py` reads it.
@@ -94,7 +95,8 @@ def measure_first(
     record = Record(case, seed, limit)
     started, cpu = time.perf_counter(), time.process_time()
     problem, objective = build_problem(inputs, case.objective)
-    prepare(problem)
+    box_arrays(problem.environment.obstacles)  # as the node does, ahead of the start call
+    register(problem)
     built, built_cpu = time.perf_counter(), time.process_time()
     planner = make(problem, objective, PlannerSettings(), rng)
     made = time.perf_counter()
