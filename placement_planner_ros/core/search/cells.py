@@ -73,7 +73,7 @@ class CellSampler:
         self._regions = hierarchy.regions
         areas = np.array([region.area for region in hierarchy.regions])
         even = settings.even_share
-        self._shares = (1.0 - even) * areas / areas.sum() + even / len(areas)
+        self._shares = (1.0 - even) * areas / areas.sum() + even / max(len(areas), 1)
         self._extents = np.array([_extent(region.rectangles) for region in hierarchy.regions])
         self._steps = np.array([_COARSE, _COARSE, hierarchy.settings.angle_intervals**2])
         self._min_area = hierarchy.settings.min_area
