@@ -65,7 +65,7 @@ def outside_robot(
     )
 
 
-@njit(cache=True, fastmath=False)
+@njit(cache=True, fastmath=False, nogil=True)
 def _outside(
     points: Array,
     lower: Array,

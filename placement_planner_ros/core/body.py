@@ -382,7 +382,7 @@ def _voxel_centers(triangles: Array, lower: Array, upper: Array, size: float) ->
     return np.asarray(_inside(np.ascontiguousarray(triangles), start, count, size))
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _inside(triangles: Array, start: Array, count: npt.NDArray[np.int64], size: float) -> Array:
     """Grid points with a winding number other than 0, by the crossings of lines along z."""
     nx, ny, nz = count[0], count[1], count[2]

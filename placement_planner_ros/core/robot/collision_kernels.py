@@ -40,7 +40,7 @@ NOT_FINITE = 4
 """A configuration holds a NaN or an infinity."""
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def check_states(
     arm: ArmArrays,
     boxes: BoxArrays,
@@ -128,7 +128,7 @@ def bound_motion(arm: ArmArrays, scratch: ArmScratch, delta: Array, bound: Array
             bound[body, k] = m
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def check_edge(
     arm: ArmArrays,
     boxes: BoxArrays,

@@ -195,7 +195,7 @@ def check_pose(
     return result
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def check_poses(
     thing: ObjectArrays,
     boxes: BoxArrays,

@@ -39,7 +39,7 @@ def sort_into_cells(
     return Bins(*_sort_into_cells(points, origin, cell_size, *shape, lower, upper))
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _sort_into_cells(
     points: Array,
     origin: Array,

@@ -130,7 +130,7 @@ def _contiguous(values: Array) -> Array:
     return np.ascontiguousarray(values, dtype=np.float64)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _clearance_layers(
     lower: Array,
     upper: Array,
@@ -214,7 +214,7 @@ def _aside(lower: Array, upper: Array, r: int, origin: Array, size: float, i: in
     return dx * dx + dy * dy
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _nearest_boxes(
     rows: npt.NDArray[np.int64],
     lower: Array,
@@ -330,7 +330,7 @@ def _lower_envelope(foot: Array, base: Array, box: Index, ends: Array, count: in
     return n
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _evaluate(
     values: Field, origin: Array, size: float, cap: float, tolerance: float, points: Array
 ) -> Array:

@@ -61,7 +61,7 @@ def distance_bound_field(obstacles: ObstacleSet, cap: float = 0.3) -> DistanceBo
     return DistanceBound(obstacles.origin, obstacles.cell_size, values, float(cap))
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _distance_bound(
     lower: Array,
     upper: Array,
@@ -136,7 +136,7 @@ def _distance_bound(
     return values
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _lower_by(target: Field, source: Field, gap: np.float32) -> None:
     """target = min(target, source + gap)."""
     for k in range(len(target)):
@@ -144,7 +144,7 @@ def _lower_by(target: Field, source: Field, gap: np.float32) -> None:
         target[k] = candidate if candidate < target[k] else target[k]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _refine_near(
     lower: Array, upper: Array, cells: Index, origin: Array, size: float, values: Field
 ) -> None:
@@ -170,7 +170,7 @@ def _refine_near(
             near[:] = beyond
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _finish(squared: Field, least: Field) -> None:
     """The root of each squared distance, which is at least `least`, rounded down."""
     for k in range(len(squared)):
@@ -178,7 +178,7 @@ def _finish(squared: Field, least: Field) -> None:
         squared[k] = np.float32(math.sqrt(value) * (1.0 - 4e-7))
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _scatter(
     lower: Array,
     upper: Array,

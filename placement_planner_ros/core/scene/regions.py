@@ -187,7 +187,7 @@ def _clip(rectangles: Array, diagonals: Array, lower: Array, upper: Array) -> tu
     return inside[:n].copy(), bounds[:n].copy()
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _join_strips(
     cells: npt.NDArray[np.int64], rectangles: Array, diagonals: Array
 ) -> tuple[Array, Array]:
@@ -271,7 +271,7 @@ class SupportMap:
         )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _supported(
     points: Array,
     tolerance: float,
@@ -395,7 +395,7 @@ def _tile(
     return result
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _connect(
     cells: npt.NDArray[np.int64],
     start: npt.NDArray[np.int64],

@@ -55,7 +55,7 @@ def tight_boxes(
     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _count_thick(points: Array, start: npt.NDArray[np.int64], skin: float) -> int:
     """How many cells hold points that spread by more than `skin` along every axis."""
     thick = 0
@@ -124,7 +124,7 @@ def _is_flat(box: Array, skin: float) -> bool:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _measure_surface(
     points: Array, rows: npt.NDArray[np.int64], count: int, top: float, skin: float, extent: Array
 ) -> float:
@@ -145,7 +145,7 @@ def _measure_surface(
     return top + total / number
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _tight_boxes(
     points: Array,
     start: npt.NDArray[np.int64],
@@ -246,7 +246,7 @@ def _gap(lower: Array, upper: Array, p: int, q: int, axis: int) -> float:
     return max(lower[p, axis] - upper[q, axis], lower[q, axis] - upper[p, axis])
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _one_surface(
     lower: Array, upper: Array, p: int, q: int, axis: int, skin: float, cell_size: float
 ) -> bool:
@@ -280,7 +280,7 @@ def _one_surface(
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def close_gaps(
     cells: Index,
     lower: Array,
