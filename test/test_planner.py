@@ -13,6 +13,16 @@ from placement_planner_ros.core.errors import GraspError, ParameterError, RobotE
 from placement_planner_ros.core.feasibility import placement_pose
 from placement_planner_ros.core.objective import ObjectiveContext, make_objective
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
+from placement_planner_ros.core.robot.collision import (
+    PLACED_OBJECT,
+    ArmCollision,
+    _flat_arm,
+    _link_shapes,
+    _object_solids,
+)
+from placement_planner_ros.core.robot.hand_sweep import _swept
+from placement_planner_ros.core.robot.kinematics import _chain
+from placement_planner_ros.core.robot.seeds import seed_table
 from placement_planner_ros.core.types import TargetVolume, Verdict
 from placement_planner_ros.experiments.cases import Case, make_problem
 from placement_planner_ros.experiments.record import save_solution
@@ -78,6 +88,52 @@ def test_the_same_seed_and_budget_give_the_same_placements():
         assert np.array_equal(a.trajectory.positions, b.trajectory.positions)
     other = plan(samples=800, seed=1)[1]
     assert [p.objective for p in first] != [p.objective for p in other]
+
+
+def test_what_is_remembered_from_start_to_start_changes_no_result():
+    def forget():
+        for remembered in (_chain, _flat_arm, _link_shapes, _object_solids, _swept, seed_table):
+            remembered.cache_clear()
+
+    problem, objective = make_problem(TABLE, np.random.default_rng(0))
+
+    def run():
+        planner = PlacementPlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
+        found = planner.run(lambda: planner.statistics.samples >= 400)
+        return [placement.trajectory.positions for placement in found]
+
+    forget()
+    anew = run()
+    made = _flat_arm.cache_info().misses
+    remembered = run()
+    assert _flat_arm.cache_info().misses == made
+    assert len(anew) == len(remembered) > 0
+    assert all(map(np.array_equal, anew, remembered))
+
+
+def test_planners_of_one_problem_place_the_object_each_for_itself():
+    problem, _ = make_problem(TABLE, np.random.default_rng(0))
+    arm = problem.arms[0]
+    two = [
+        ArmCollision(
+            problem.robot,
+            replace(arm, touch_links=()),
+            0,
+            problem.body,
+            problem.environment.obstacles,
+            problem.q_start,
+            T_world_object=pin.SE3.Identity(),
+        ).with_pairs(lambda a, b: PLACED_OBJECT in (a, b), environment=False)
+        for _ in range(2)
+    ]
+    q = problem.q_start[arm.q_index]
+    at_tip = pin.SE3(problem.robot.link_pose(problem.q_start, arm.tip_frame))
+    far = pin.SE3.Identity()
+    far.translation = np.array([0.0, 0.0, 5.0])
+    two[0].place(at_tip)
+    two[1].place(far)
+    assert not two[0].free(q)
+    assert two[1].free(q)
 
 
 def test_a_black_box_objective_steers_where_things_go():

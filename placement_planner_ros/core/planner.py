@@ -24,7 +24,7 @@ from placement_planner_ros.core.robot.ik import IKSettings
 from placement_planner_ros.core.robot.kinematics import Chain
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.robot.object_collision import ObjectCollision
-from placement_planner_ros.core.robot.seeds import SeedTable
+from placement_planner_ros.core.robot.seeds import seed_table
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.search.cells import CellSampler
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy, HierarchySettings
@@ -160,7 +160,7 @@ class PlacementPlanner:
             settings.edge_margin,
             settings.approach.approach_minimum,
         )
-        holdings, self.unusable = _usable_holdings(problem, settings, rng_ik)
+        holdings, self.unusable = _usable_holdings(problem, settings)
         self._holding = {(r.arm.name, r.grasp): r for of_arm in holdings for r in of_arm}
         finder = GoalFinder(
             body,
@@ -259,7 +259,7 @@ class PlacementPlanner:
 
 
 def _usable_holdings(
-    problem: Problem, settings: PlannerSettings, rng: np.random.Generator
+    problem: Problem, settings: PlannerSettings
 ) -> tuple[list[list[Holding]], tuple[str, ...]]:
     """Per arm, its grasps for which q_0 is free, and why the others cannot be used."""
     holdings: list[list[Holding]] = []
@@ -280,7 +280,7 @@ def _usable_holdings(
             continue
         arm = _within_limits(arm, q_start)
         chain = Chain.from_robot(problem.robot, arm, problem.q_start)
-        seeds = SeedTable(chain, rng)
+        seeds = seed_table(chain)
         open_hand = OpenHand(
             problem.robot,
             arm,

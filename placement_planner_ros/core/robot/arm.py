@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,7 @@ from placement_planner_ros.core.types import Array, frozen_array
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Arm:
-    """One candidate arm, made by `Robot.arm`, which checks it.
+    """One candidate arm, made by `Robot.arm`, which checks it; equal where all values are.
 
     Attributes:
         name: as the user calls it.
@@ -46,6 +47,28 @@ class Arm:
         object.__setattr__(self, "q_index", index)
         for name in ("lower", "upper", "velocity"):
             object.__setattr__(self, name, frozen_array(getattr(self, name), (len(index),)))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Arm) and self._content == other._content
+
+    def __hash__(self) -> int:
+        return hash(self._content)
+
+    @property
+    def _content(self) -> tuple[Hashable, ...]:
+        return (
+            self.name,
+            self.tip_frame,
+            self.joints,
+            tuple(grasp.homogeneous.tobytes() for grasp in self.grasps),
+            self.touch_links,
+            self.gripper_joints,
+            self.gripper_open,
+            self.q_index.tobytes(),
+            self.lower.tobytes(),
+            self.upper.tobytes(),
+            self.velocity.tobytes(),
+        )
 
     @property
     def dof(self) -> int:

@@ -7,6 +7,7 @@ certain, and leave the rest to coal on the exact shapes, pair by pair.
 from __future__ import annotations
 
 import copy
+import functools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
@@ -20,9 +21,11 @@ from placement_planner_ros.core.errors import GraspError, JointStateError, Param
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.collision_arrays import (
     CollisionBody,
+    FlatArm,
     Part,
     flatten,
     scratch_for,
+    with_own_object,
 )
 from placement_planner_ros.core.robot.collision_boxes import box_arrays
 from placement_planner_ros.core.robot.collision_kernels import (
@@ -42,6 +45,8 @@ from placement_planner_ros.core.types import Array
 HELD_OBJECT = "the held object"
 PLACED_OBJECT = "the placed object"
 _QUEUE = 4096
+_REMEMBERED = 32
+"""Arms laid out that are remembered."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,33 +126,27 @@ class ArmCollision:
         self._dof = arm.dof
         q_zero = np.array(q_rest, dtype=np.float64)
         q_zero[arm.q_index] = 0.0
-        model, data = robot.model, robot.model.createData()
-        pin.framesForwardKinematics(model, data, q_zero)
-        joint_ids = [model.getJointId(name) for name in arm.joints]
-        bodies = _links(robot, data, joint_ids)
-        pairs = _pairs(robot, [link.name for link in bodies])
-        held = None
-        if body is not None:
-            tip = robot.frame_id(arm.tip_frame)
-            tip_joint = _arm_joint(model, joint_ids, model.frames[tip].parentJoint)
-            held = HELD_OBJECT if T_world_object is None else None
-            name = HELD_OBJECT if T_world_object is None else PLACED_OBJECT
-            T = data.oMf[tip] * arm.grasps[grasp] if held else pin.SE3(T_world_object)
-            thing = CollisionBody(name, tip_joint if held else -1, _object_parts(body, T))
-            others = [link for link in bodies if link.name not in arm.touch_links]
-            if held:
-                _check_grasp(arm, grasp, thing, others)
-            pairs += [(link.name, name) for link in others]
-            bodies.append(thing)
-        chain = Chain.from_robot(robot, arm, q_rest)
-        clear = self.settings.self_margin + self.settings.self_reserve
-        self._flat = flatten(chain, bodies, held, pairs, self.settings.cover_excess, clear)
+        placed = body is not None and T_world_object is not None
+        self._flat = _flat_arm(
+            robot,
+            arm,
+            grasp,
+            body,
+            q_zero.tobytes(),
+            placed,
+            self.settings.cover_excess,
+            self.settings.self_margin + self.settings.self_reserve,
+        )
+        if placed:
+            T = pin.SE3.Identity()
+            self._flat = with_own_object(self._flat, PLACED_OBJECT, T)
         self._boxes = box_arrays(obstacles)
         self._scratch = scratch_for(self._flat, self._boxes.number)
         arrays = self._flat.arrays
         self._placed: PlacedObject | None = None
-        if body is not None and not held:
-            self._placed = PlacedObject(self._flat, self._scratch, name, T)
+        if placed:
+            self._placed = PlacedObject(self._flat, self._scratch, PLACED_OBJECT, T)
+            self.place(T_world_object)
         self._queue = np.zeros((_QUEUE, 2))
         self._settled = np.zeros((_QUEUE, arrays.moving + len(arrays.pairs)), dtype=np.bool_)
         self._answer = np.zeros(1, dtype=np.int64)
@@ -401,17 +400,67 @@ def _arm_joint(model: pin.Model, joint_ids: list[int], joint: int) -> int:
     return joint_ids.index(joint) if joint != 0 else -1
 
 
+@functools.lru_cache(maxsize=_REMEMBERED)
+def _flat_arm(
+    robot: Robot,
+    arm: Arm,
+    grasp: int,
+    body: Body | None,
+    q_zero: bytes,
+    placed: bool,
+    excess: float,
+    clear: float,
+) -> FlatArm:
+    """An arm laid out; remembered, as it is the same from start to start of a robot at rest.
+
+    Args:
+        q_zero: (nq,) joints of the whole robot, the arm's at zero.
+        placed: whether the object stands at the world's origin instead of being held.
+        excess, clear: as for `flatten`.
+    """
+    q = np.frombuffer(q_zero)
+    model, data = robot.model, robot.model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    joint_ids = [model.getJointId(name) for name in arm.joints]
+    bodies = _links(robot, data, joint_ids)
+    pairs = _pairs(robot, [link.name for link in bodies])
+    if body is not None:
+        tip = robot.frame_id(arm.tip_frame)
+        others = [link for link in bodies if link.name not in arm.touch_links]
+        if placed:
+            thing = CollisionBody(PLACED_OBJECT, -1, _object_parts(body, pin.SE3.Identity()))
+        else:
+            tip_joint = _arm_joint(model, joint_ids, model.frames[tip].parentJoint)
+            parts = _object_parts(body, data.oMf[tip] * arm.grasps[grasp])
+            thing = CollisionBody(HELD_OBJECT, tip_joint, parts)
+            _check_grasp(arm, grasp, thing, others)
+        pairs += [(link.name, thing.name) for link in others]
+        bodies.append(thing)
+    held = HELD_OBJECT if body is not None and not placed else None
+    return flatten(Chain.from_robot(robot, arm, q), bodies, held, pairs, excess, clear)
+
+
+@functools.lru_cache(maxsize=8)
+def _link_shapes(robot: Robot) -> tuple[Shape, ...]:
+    """The shape of each of the robot's geometries."""
+    return tuple(
+        shape_of(thing.geometry, f"link {link}")
+        for link, thing in zip(robot.geometry_links, robot.geometry.geometryObjects, strict=True)
+    )
+
+
 def _links(robot: Robot, data: pin.Data, joint_ids: list[int]) -> list[CollisionBody]:
     parts: dict[str, list[Part]] = {}
     joints: dict[str, int] = {}
     rigid: dict[str, bool] = {}
     mount = robot.model.parents[joint_ids[0]]
-    for link, thing in zip(robot.geometry_links, robot.geometry.geometryObjects, strict=True):
+    for link, thing, shape in zip(
+        robot.geometry_links, robot.geometry.geometryObjects, _link_shapes(robot), strict=True
+    ):
         joints[link] = _arm_joint(robot.model, joint_ids, thing.parentJoint)
         rigid[link] = thing.parentJoint in (mount, *joint_ids)
         T = data.oMi[thing.parentJoint] * thing.placement
-        part = Part(shape_of(thing.geometry, f"link {link}"), thing.geometry, T)
-        parts.setdefault(link, []).append(part)
+        parts.setdefault(link, []).append(Part(shape, thing.geometry, T))
     return [CollisionBody(link, joints[link], tuple(parts[link]), rigid[link]) for link in parts]
 
 
@@ -425,12 +474,13 @@ def _pairs(robot: Robot, links: list[str]) -> list[tuple[str, str]]:
 
 
 def _object_parts(body: Body, T_world_object: pin.SE3) -> tuple[Part, ...]:
+    return tuple(Part(*solid, T_world_object) for solid in _object_solids(body))
+
+
+@functools.lru_cache(maxsize=4)
+def _object_solids(body: Body) -> tuple[tuple[Shape, coal.CollisionGeometry], ...]:
     return tuple(
-        Part(
-            Shape((part_set(part),), solid=True),
-            coal_convex(part.vertices, part.triangles),
-            T_world_object,
-        )
+        (Shape((part_set(part),), solid=True), coal_convex(part.vertices, part.triangles))
         for part in body.parts
     )
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import coal
@@ -277,6 +277,28 @@ def _table_link(body: CollisionBody, joint_frames: list[pin.SE3]) -> TableLink:
     return TableLink.of(parts)
 
 
+def with_own_object(flat: FlatArm, name: str, T_world_object: pin.SE3) -> FlatArm:
+    """The same arm with that body at T_world_object, in arrays that may be written to.
+
+    Only its `T_world_part` is set: `placed_object.PlacedObject` moves the rows.
+    """
+    arrays = flat.arrays
+    own = arrays._replace(
+        vertices=arrays.vertices.copy(),
+        planes=arrays.planes.copy(),
+        node_spheres=arrays.node_spheres.copy(),
+        part_spheres=arrays.part_spheres.copy(),
+        body_spheres=arrays.body_spheres.copy(),
+    )
+    bodies = tuple(
+        replace(body, parts=tuple(replace(p, T_world_part=T_world_object) for p in body.parts))
+        if body.name == name
+        else body
+        for body in flat.bodies
+    )
+    return replace(flat, arrays=own, bodies=bodies)
+
+
 def scratch_for(flat: FlatArm, boxes: int) -> ArmScratch:
     """Work space for `flat` against `boxes` obstacles; fixed bodies are placed for good."""
     a = flat.arrays
@@ -284,10 +306,9 @@ def scratch_for(flat: FlatArm, boxes: int) -> ArmScratch:
     frames = np.zeros((joints + 2, 4, 4))
     frames[-1] = np.eye(4)
     bounds = np.zeros((sets, 6))
-    for s in range(sets):
-        corners = a.vertices[a.sets[s, SET_FIRST_VERTEX] : a.sets[s + 1, SET_FIRST_VERTEX]]
-        bounds[s, :3] = corners.min(axis=0) - a.radius[s]
-        bounds[s, 3:] = corners.max(axis=0) + a.radius[s]
+    first = a.sets[:-1, SET_FIRST_VERTEX]
+    bounds[:, :3] = np.minimum.reduceat(a.vertices, first) - a.radius[:, None]
+    bounds[:, 3:] = np.maximum.reduceat(a.vertices, first) + a.radius[:, None]
     fixed = a.sets[:-1, SET_JOINT] == joints + 1
     return ArmScratch(
         frames=frames,

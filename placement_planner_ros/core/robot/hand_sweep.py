@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 from dataclasses import replace
 
@@ -27,7 +28,10 @@ _THICKNESS = 1e-4
 
 def openings(robot: Robot, arm: Arm, q: Array) -> Array:
     """(k, nq), k ≥ 2, from q (nq,) to the hand open, all gripper joints at the same pace."""
-    change = robot.with_open_hand(q, arm) - q
+    return _stages(robot, q, robot.with_open_hand(q, arm) - q)
+
+
+def _stages(robot: Robot, q: Array, change: Array) -> Array:
     turned = float(np.abs(change[_revolute(robot)]).sum())
     steps = max(1, int(np.ceil(turned / _TURN)))
     return np.asarray(q + np.linspace(0.0, 1.0, steps + 1)[:, None] * change)
@@ -39,7 +43,15 @@ def with_opening_hand(robot: Robot, arm: Arm, q: Array) -> Robot:
     Between two openings that is the hull of both copies, enlarged by as much as the way from one
     to the other may be curved: exact where fingers slide, and enclosing always.
     """
-    stages = openings(robot, arm, q)
+    change = robot.with_open_hand(q, arm) - q
+    hand = np.where(change != 0.0, q, 0.0)
+    return _swept(robot, hand.tobytes(), change.tobytes())
+
+
+@functools.lru_cache(maxsize=8)
+def _swept(robot: Robot, hand_bytes: bytes, change_bytes: bytes) -> Robot:
+    """`with_opening_hand` from q (nq,) on by that change (nq,)."""
+    stages = _stages(robot, np.frombuffer(hand_bytes), np.frombuffer(change_bytes))
     change = np.abs(stages[1] - stages[0])
     turning = _revolute(robot) & (change > 0.0)
     turn, slide = float(change[turning].sum()), float(change[~turning].sum())

@@ -11,8 +11,10 @@ robot standing at q_rest. World is the frame of the robot's root link.
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
+from collections.abc import Hashable
 from dataclasses import dataclass
 
 import numba
@@ -26,6 +28,9 @@ from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.types import Array, frozen_array
 
 Flags = npt.NDArray[np.bool_]
+
+_CHAINS = 16
+"""How many chains are remembered."""
 
 
 @numba.njit(cache=True, fastmath=False)
@@ -150,6 +155,8 @@ def kernel_input(values: npt.ArrayLike) -> Array:
 class Chain:
     """The serial chain of one arm; the robot's other joints stand at q_rest.
 
+    Chains are equal where all values are.
+
     Attributes:
         joints: (dof) names, root to tip.
         fixed: (dof + 1, 4, 4) A_0 … A_tip of the module's formula.
@@ -183,11 +190,17 @@ class Chain:
         Raises:
             RobotError: q_rest has the wrong length.
         """
-        model = robot.model
         q = np.array(q_rest, dtype=np.float64)
-        if q.shape != (model.nq,):
-            raise RobotError("q_rest", q.shape, f"give {model.nq} values: {robot.joint_names}")
+        if q.shape != (robot.model.nq,):
+            raise RobotError(
+                "q_rest", q.shape, f"give {robot.model.nq} values: {robot.joint_names}"
+            )
         q[arm.q_index] = 0.0
+        return _chain(robot, arm, q.tobytes())
+
+    @classmethod
+    def _of(cls, robot: Robot, arm: Arm, q: Array) -> Chain:
+        model = robot.model
         data = model.createData()
         pin.framesForwardKinematics(model, data, q)
         aligned, prismatic, T_world_aligned = [], [], []
@@ -209,6 +222,17 @@ class Chain:
             lower=arm.lower,
             upper=arm.upper,
         )
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Chain) and self._content == other._content
+
+    def __hash__(self) -> int:
+        return hash(self._content)
+
+    @property
+    def _content(self) -> tuple[Hashable, ...]:
+        arrays = (self.fixed, self.prismatic, self.aligned, self.lower, self.upper)
+        return (self.joints, *(array.tobytes() for array in arrays))
 
     @property
     def dof(self) -> int:
@@ -251,6 +275,12 @@ class Chain:
         out = np.empty((len(Q), 6, self.dof))
         _jacobian_batch(self.fixed, self.prismatic, T, Q, out)
         return out
+
+
+@functools.lru_cache(maxsize=_CHAINS)
+def _chain(robot: Robot, arm: Arm, q_zero: bytes) -> Chain:
+    """The chain with `arm` at zero and the rest of the robot as in q (nq,)."""
+    return Chain._of(robot, arm, np.frombuffer(q_zero))
 
 
 def _axis(joint: pin.JointModel) -> tuple[Array, bool]:

@@ -6,6 +6,7 @@ and as the table spans all limits, the seeds near a pose still spread over the n
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numba
@@ -95,6 +96,12 @@ class SeedTable:
             seeds,
         )
         return seeds
+
+
+@functools.lru_cache(maxsize=8)
+def seed_table(chain: Chain) -> SeedTable:
+    """The table of a chain, remembered; drawn from a generator of its own, so always the same."""
+    return SeedTable(chain, np.random.default_rng(0))
 
 
 def _features(T: Array) -> Array:
