@@ -1,6 +1,8 @@
 """Inverse kinematics: tolerances and limits of all that is returned, success, straight lines."""
 
 import math
+import os
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -12,6 +14,11 @@ from placement_planner_ros.core.robot.kinematics import Chain
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.seeds import SeedTable
 from placement_planner_ros.scenes.yumi import START_CONFIGURATION, load_yumi, yumi_arm
+
+SHARED = Path(
+    os.environ.get("PLACEMENT_PLANNER_SHARED", Path(__file__).resolve().parents[2] / "shared")
+)
+PANDA = SHARED / "data/robots/panda_description/urdf/panda_collision.urdf"
 
 SCARA = """
 <robot name="scara">
@@ -39,9 +46,26 @@ def chain_of(name: str) -> Chain:
     if name == "scara":
         robot = Robot.from_urdf(SCARA)
         return Chain.from_robot(robot, robot.arm("arm", "tip"), np.zeros(4))
+    if name == "panda":
+        if not PANDA.is_file():
+            pytest.skip("needs the shared Panda")
+        robot = Robot.from_urdf(PANDA.read_text(encoding="utf-8"))
+        return Chain.from_robot(robot, robot.arm("arm", "panda_hand"), np.zeros(robot.model.nq))
     robot = load_yumi()
     q_rest = robot.configuration(START_CONFIGURATION)
     return Chain.from_robot(robot, yumi_arm(robot, name), q_rest)
+
+
+def six_joints() -> Chain:
+    """The YuMi's left arm with its third joint at rest."""
+    robot = load_yumi()
+    arm = yumi_arm(robot, "left")
+    joints = [name for i, name in enumerate(arm.joints) if i != 2]
+    return Chain.from_robot(
+        robot,
+        robot.arm("six", arm.tip_frame, joints),
+        robot.configuration(START_CONFIGURATION),
+    )
 
 
 @pytest.fixture(scope="module", params=["left", "right"])
@@ -110,6 +134,58 @@ def test_equal_seeds_give_one_solution(yumi_chain):
     Q = ik.solve(yumi_chain.forward(q), np.tile(q, (5, 1)))
     assert len(Q) == 1
     assert Q[0] == pytest.approx(q, abs=1e-12)
+
+
+def apart(a: np.ndarray, b: np.ndarray) -> float:
+    """Largest difference of a joint, full turns aside."""
+    return float(np.abs((a - b + math.pi) % (2 * math.pi) - math.pi).max())
+
+
+@pytest.mark.parametrize("name", ["left", "right", "panda"])
+def test_sweep_is_sound_distinct_and_repeatable(name):
+    chain = chain_of(name)
+    rng = np.random.default_rng(11)
+    ik = InverseKinematics(chain)
+    T = chain.forward_batch(ik.random_seeds(rng, 40))
+    solutions, counts = ik.solve_batch(T, ik.random_seeds(rng, (40, 8)))
+    swept, numbers = ik.sweep_batch(T, solutions, counts)
+    again, _ = ik.sweep_batch(T, solutions, counts)
+    assert np.array_equal(swept, again, equal_nan=True)
+    assert numbers.sum() > 4 * counts.sum()
+    for i in range(len(T)):
+        Q = swept[i, : numbers[i]]
+        assert_solutions(chain, ik.settings, T[i], Q)
+        assert np.isnan(swept[i, numbers[i] :]).all()
+        for k in range(len(Q)):
+            assert all(apart(Q[k], other) > 0.1 * ik.settings.sweep_step for other in Q[:k])
+        assert np.array_equal(Q, ik.sweep(T[i], solutions[i, : counts[i]]))
+
+
+def test_sweep_covers_what_dense_seeds_find(yumi_chain):
+    """64 seeds and the sweep come near what 256 others lead to; alone they leave a third out."""
+    rng = np.random.default_rng(12)
+    dense = InverseKinematics(yumi_chain, IKSettings(max_solutions=256))
+    ik = InverseKinematics(yumi_chain, IKSettings(max_solutions=64, max_sweep=256))
+    swept, alone = [], []
+    for pose in yumi_chain.forward_batch(dense.random_seeds(rng, 12)):
+        seeded = ik.solve(pose, ik.random_seeds(rng, 64))
+        more = ik.sweep(pose, seeded)
+        for q in dense.solve(pose, dense.random_seeds(rng, 256)):
+            near = [apart(q, x) <= ik.settings.sweep_step for x in [*seeded, *more]]
+            swept.append(any(near))
+            alone.append(any(near[: len(seeded)]))
+    assert np.mean(swept) >= 0.93
+    assert np.mean(alone) <= 0.67
+
+
+def test_nothing_to_sweep_without_joints_to_spare(scara_chain):
+    for chain in (scara_chain, six_joints()):
+        rng = np.random.default_rng(13)
+        ik = InverseKinematics(chain)
+        T = chain.forward(0.5 * (chain.lower + chain.upper) + 0.1)
+        Q = ik.solve(T, ik.random_seeds(rng, 16))
+        assert len(Q) > 0
+        assert ik.sweep(T, Q).shape == (0, chain.dof)
 
 
 def test_half_turn_error_is_left(scara_chain):
@@ -266,7 +342,7 @@ def test_seed_table(yumi_chain):
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("max_iterations", 0), ("max_solutions", 0), ("position_tolerance", 0.0)],
+    [("max_iterations", 0), ("max_solutions", 0), ("position_tolerance", 0.0), ("sweep_step", 0.0)],
 )
 def test_bad_settings_are_refused(field, value):
     with pytest.raises(ParameterError, match=field):

@@ -190,8 +190,8 @@ class GoalFinder:
         self, holding: Holding, x: pin.SE3, face: int, contact_height: float, value: float
     ) -> Goal | Verdict:
         found = holding.configurations(x, self._ik_seeds, self._rng)
-        if len(found) == 0:
-            return Verdict.NO_IK
+        if isinstance(found, Verdict):
+            return found
         furthest, attempts = Verdict.ARM_COLLIDING, 0
         for q in found:
             motion = holding.placing_motion(q, x, contact_height, self._poses)

@@ -23,6 +23,8 @@ _WITHDRAWAL_STEP = 0.03
 """m, between the waypoints of a withdrawal."""
 _WITHDRAWAL_STEPS = 12
 """Waypoints of a withdrawal at most."""
+_FIRST_SEEDS = 8
+"""Starts of the inverse kinematics that are tried before the others."""
 _HAND_LENGTH = 0.3
 """m, how far a hand is taken to extend beyond its tip frame in `workspace`."""
 
@@ -114,18 +116,40 @@ class Holding:
 
     def configurations(
         self, T_world_object: pin.SE3, seeds: int, rng: np.random.Generator
-    ) -> Array:
-        """(k, dof) distinct configurations with O(q) = x, the nearest to q_0 first.
+    ) -> Array | Verdict:
+        """(k, dof) distinct q with O(q) = x, free at contact, the nearest to q_0 first.
+
+        A few seeds come first, then the others; where all that they lead to collides, its
+        self-motions are swept.
 
         Args:
             seeds: starts of the inverse kinematics beside q_0.
+
+        Returns:
+            k >= 1 configurations, or the verdict that names why there are none.
         """
         T_world_tip = self.tip_pose(T_world_object)
         if not self._ik.reachable(T_world_tip):
-            return np.empty((0, len(self.q_start)))
+            return Verdict.NO_IK
         near = self._seeds.near(T_world_tip[None], seeds, rng)[0]
-        found = self._ik.solve(T_world_tip, np.vstack([self.q_start, near]))
-        return np.asarray(found[np.argsort(np.abs(found - self.q_start).sum(axis=1))])
+        solutions = free = np.empty((0, len(self.q_start)))
+        for starts in np.split(np.vstack([self.q_start, near]), [_FIRST_SEEDS]):
+            new = self._ik.solve(T_world_tip, starts)
+            solutions = np.vstack([solutions, new])
+            free = self._free_at_contact(new)
+            if len(free):
+                break
+        else:
+            if len(solutions) == 0:
+                return Verdict.NO_IK
+            free = self._free_at_contact(self._ik.sweep(T_world_tip, solutions))
+        if len(free) == 0:
+            return Verdict.ARM_COLLIDING
+        return np.asarray(free[np.argsort(np.abs(free - self.q_start).sum(axis=1))])
+
+    def _free_at_contact(self, Q: Array) -> Array:
+        """Those of Q (n, dof) that are free with the object resting on its support."""
+        return np.asarray(Q[self.collision.free_batch(Q, self._reserve, contact=True)])
 
     def follow(self, T_world_object: pin.SE3, q: Array) -> Array | None:
         """The configuration (dof,) continuing from `q` that brings the object to that pose."""

@@ -94,7 +94,7 @@ class PlannerSettings:
     sampler: Literal["mcts", "uniform"] = "mcts"
     local_optimization: bool = True
     motion_iterations: int = 50
-    ik_seeds: int = 7
+    ik_seeds: int = 31
     min_improvement: float = 1e-4
     edge_margin: float = 0.003
     require_retreat: bool = True

@@ -17,6 +17,7 @@ from placement_planner_ros.core.motion.timing import parameterize
 from placement_planner_ros.core.objective import ObjectiveContext, gradient, make_objective
 from placement_planner_ros.core.open_hand import OpenHand
 from placement_planner_ros.core.planner import PlannerSettings
+from placement_planner_ros.core.robot.ik import InverseKinematics
 from placement_planner_ros.core.robot.kinematics import Chain
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.robot.object_collision import ObjectCollision
@@ -27,7 +28,7 @@ from placement_planner_ros.core.scene.regions import RegionSettings
 from placement_planner_ros.core.scene.visibility import View, unknown_cells
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy, HierarchySettings
 from placement_planner_ros.core.search.tree import SearchTree
-from placement_planner_ros.core.types import Array, TargetVolume
+from placement_planner_ros.core.types import Array, TargetVolume, Verdict
 
 
 def warm_up(robot: Robot, arms: Sequence[Arm], q_robot: Array) -> None:
@@ -83,7 +84,9 @@ def warm_up(robot: Robot, arms: Sequence[Arm], q_robot: Array) -> None:
             open_hand,
             False,
         )
-        for found in holding.configurations(x, 8, rng)[:1]:
+        InverseKinematics(chain, settings.ik).sweep(x.homogeneous, q[None])
+        reached = holding.configurations(x, 8, rng)
+        for found in () if isinstance(reached, Verdict) else reached[:1]:
             holding.placing_motion(found, x, x.translation[2], poses)
             open_hand.release_free(found)
             open_hand.retreat(found, 0, x)

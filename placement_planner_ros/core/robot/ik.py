@@ -1,7 +1,7 @@
 """Inverse kinematics of one arm by damped least squares, many seeds at once.
 
 A redundant arm reaches a pose in many ways; which one comes out depends on the seed, so spread
-seeds give a spread over the null space.
+seeds give a spread over the null space. `sweep` lists the ways between and beyond them.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.robot import ik_kernels
+from placement_planner_ros.core.robot import ik_kernels, self_motion
 from placement_planner_ros.core.robot.kinematics import Chain, kernel_input
 from placement_planner_ros.core.robot.reach_bound import ReachBound
 from placement_planner_ros.core.types import Array
@@ -31,6 +31,8 @@ class IKSettings:
         max_iterations: per seed.
         max_solutions: seeds left over once so many distinct solutions are found are not tried.
         min_difference: rad or m; solutions closer than this in every joint are the same one.
+        sweep_step: rad or m, the largest change of a joint between neighbours of `sweep`.
+        max_sweep: configurations of `sweep` at most.
         max_joint_step: rad or m; a larger change between waypoints of `track` is a jump.
         line_tolerance: m (and rad); how far the tip may be from the middle between two waypoints
             of `track` when the joints are.
@@ -39,19 +41,22 @@ class IKSettings:
     position_tolerance: float = 1e-5
     rotation_tolerance: float = 1e-4
     max_iterations: int = 60
-    max_solutions: int = 8
+    max_solutions: int = 32
     min_difference: float = 0.1
+    sweep_step: float = 0.3
+    max_sweep: int = 128
     max_joint_step: float = 0.2
     line_tolerance: float = 5e-4
 
     def __post_init__(self) -> None:
-        for name in ("max_iterations", "max_solutions"):
+        for name in ("max_iterations", "max_solutions", "max_sweep"):
             if getattr(self, name) < 1:
                 raise ParameterError(f"ik.{name}", getattr(self, name), "must be at least 1")
         for name in (
             "position_tolerance",
             "rotation_tolerance",
             "min_difference",
+            "sweep_step",
             "max_joint_step",
             "line_tolerance",
         ):
@@ -127,6 +132,43 @@ class InverseKinematics:
             counts,
         )
         return solutions, counts
+
+    def sweep(self, T_world_tip: Array, Q: Array) -> Array:
+        """More solutions (k, dof) for a pose (4, 4), on the self-motions of solutions Q (s, dof).
+
+        They lie some sweep_step apart, closer only at limits and in tight bends. k = 0 for arms of
+        six joints or fewer, whose solutions are isolated.
+        """
+        found, counts = self.sweep_batch(T_world_tip[None], Q[None], np.array([len(Q)]))
+        return np.asarray(found[0, : counts[0]])
+
+    def sweep_batch(
+        self, T_world_tip: Array, solutions: Array, counts: npt.NDArray[np.int64]
+    ) -> tuple[Array, npt.NDArray[np.int64]]:
+        """`sweep` for (n, 4, 4) poses from what `solve_batch` returned for them.
+
+        Returns:
+            the same again, but (n, max_sweep, dof), without the solutions given.
+        """
+        chain, settings = self.chain, self.settings
+        T = kernel_input(T_world_tip)
+        found = np.full((len(T), settings.max_sweep, chain.dof), np.nan)
+        numbers = np.zeros(len(T), dtype=np.int64)
+        self_motion.sweep_batch(
+            chain.fixed,
+            chain.prismatic,
+            chain.lower,
+            chain.upper,
+            T,
+            kernel_input(solutions),
+            np.require(counts, np.int64, ["C", "W"]),
+            settings.position_tolerance,
+            settings.rotation_tolerance,
+            settings.sweep_step,
+            found,
+            numbers,
+        )
+        return found, numbers
 
     def full_turns(self, q: Array) -> Array:
         """q (dof,) and all that differ from it by full turns within the limits: (k, dof).

@@ -76,7 +76,7 @@ def _pose_error(tip: Array, target: Array, error: Array) -> None:
 
 
 @numba.njit(cache=True, fastmath=False)
-def _solve_spd(M: Array, b: Array) -> None:
+def solve_spd(M: Array, b: Array) -> None:
     """Solve M x = b in place, M (6, 6) symmetric positive definite, by Cholesky."""
     for i in range(6):
         for j in range(i + 1):
@@ -100,7 +100,7 @@ def _solve_spd(M: Array, b: Array) -> None:
 
 
 @numba.njit(cache=True, fastmath=False)
-def _descend(
+def descend(
     fixed: Array,
     prismatic: Flags,
     lower: Array,
@@ -164,7 +164,7 @@ def _descend(
                     M[a, b] = s
                 M[a, a] += damping
                 y[a] = error[a]
-            _solve_spd(M, y)
+            solve_spd(M, y)
             hit = False
             for i in range(dof):
                 if free[i]:
@@ -198,7 +198,7 @@ def _descend(
 
 
 @numba.njit(cache=True, fastmath=False)
-def _differs(a: Array, b: Array, prismatic: Flags, min_difference: float) -> bool:
+def differs(a: Array, b: Array, prismatic: Flags, min_difference: float) -> bool:
     """Whether two configurations differ in some joint by more than full turns explain."""
     for i in range(len(a)):
         d = abs(a[i] - b[i])
@@ -235,7 +235,7 @@ def solve_batch(
                 break
             for i in range(dof):
                 q[i] = min(max(seeds[n, s, i], lower[i]), upper[i])
-            if not _descend(
+            if not descend(
                 fixed,
                 prismatic,
                 lower,
@@ -251,7 +251,7 @@ def solve_batch(
                 continue
             new = True
             for k in range(count):
-                if not _differs(solutions[n, k], q, prismatic, min_difference):
+                if not differs(solutions[n, k], q, prismatic, min_difference):
                     new = False
                     break
             if new:
@@ -282,7 +282,7 @@ def track(
     error = np.empty(6)
     other = np.empty(6)
     for n in range(len(targets)):
-        if not _descend(
+        if not descend(
             fixed,
             prismatic,
             lower,

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import pinocchio as pin
 
 from placement_planner_ros.core.holding import Holding
 from placement_planner_ros.core.robot.collision import ArmCollision
 from placement_planner_ros.core.robot.ik import InverseKinematics
-from placement_planner_ros.core.robot.seeds import SeedTable
 from placement_planner_ros.core.robot.separation import COLLIDING, FREE
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, Verdict
 from placement_planner_ros.experiments.exact_collision import ExactCollision, compare
 from placement_planner_ros.experiments.speed.measures import cpu_seconds
 from placement_planner_ros.experiments.speed.recorder import HeldQueries, Recording
@@ -131,8 +131,9 @@ class Bench:
     def kinematics(self) -> Entry:
         """Collision-free configurations for recorded poses, and what an exhaustive search adds.
 
-        Timed are seeds, solving and the collision checks, many poses at once: of all recorded
-        poses, and of those that the exhaustive search solves.
+        Timed is `Holding.configurations`, pose by pose as in the search, with its collision
+        checks: of all recorded poses, and of those that the exhaustive search solves. That one
+        keeps the solutions of all its seeds, but sweeps no self-motions.
         """
         settings = self._recording.settings
         entry = self._entry("ik", poses=0, found=0, seconds=0.0, reached=0, exhaustive=0, missed=0)
@@ -143,30 +144,30 @@ class Bench:
             if not len(kept):
                 continue
             holding = queries.holding
-            solver = InverseKinematics(holding.chain, settings.ik)
-            table = SeedTable(holding.chain, self._rng)
-            T = np.array([holding.tip_pose(queries.poses[i]) for i in kept])
+            poses = [queries.poses[i] for i in kept]
+            T = np.array([holding.tip_pose(x) for x in poses])
 
-            def solve(
-                T: Array, holding: Holding = holding, solver: Any = solver, table: Any = table
-            ) -> npt.NDArray[np.int64]:
-                near = table.near(T, settings.ik_seeds, self._rng)
-                start = np.broadcast_to(holding.q_start, (len(T), 1, holding.chain.dof))
-                seeds = np.concatenate([start, near], axis=1)
-                return _free_counts(holding, *solver.solve_batch(T, seeds))
+            def solve(poses: list[pin.SE3], holding: Holding = holding) -> npt.NDArray[np.int64]:
+                found = [holding.configurations(x, settings.ik_seeds, self._rng) for x in poses]
+                return np.array([0 if isinstance(q, Verdict) else len(q) for q in found])
 
+            solver = InverseKinematics(
+                holding.chain, replace(settings.ik, max_solutions=EXHAUSTIVE_SEEDS)
+            )
             random = solver.random_seeds(self._rng, (len(T), EXHAUSTIVE_SEEDS))
             solvable = _free_counts(holding, *solver.solve_batch(T, random)) > 0
-            ours = solve(T)
+            ours = solve(poses)
             entry["poses"] += len(T)
             entry["found"] += int(ours.sum())
-            entry["seconds"] += cpu_seconds(partial(solve, T))
+            entry["seconds"] += cpu_seconds(partial(solve, poses))
             entry["reached"] += int((ours > 0).sum())
             entry["exhaustive"] += int(solvable.sum())
             entry["missed"] += int((solvable & (ours == 0)).sum())
             if solvable.any():
                 entry["solvable_found"] += int(ours[solvable].sum())
-                entry["solvable_seconds"] += cpu_seconds(partial(solve, T[solvable]))
+                entry["solvable_seconds"] += cpu_seconds(
+                    partial(solve, [poses[i] for i in np.flatnonzero(solvable)])
+                )
         return entry
 
     def agreement(self, number: int) -> Iterator[Entry]:
