@@ -403,6 +403,20 @@ def unreadable(parameters: Sequence[ParameterMessage]) -> Answer | None:
     return refusal([ParameterError(p.name, f"type {p.value.type}", "is no type") for p in bad])
 
 
+def _callbacks_end(executor: MultiThreadedExecutor) -> bool:
+    """Begin no more callbacks; whether those in flight have ended within `STOP_PATIENCE`.
+
+    The executor's own shutdown does not wait for them in Jazzy, so that they would fail over what
+    is destroyed next ("exception was never retrieved").
+    """
+    waiting = threading.Thread(
+        target=executor._executor.shutdown, kwargs={"cancel_futures": True}, daemon=True
+    )
+    waiting.start()
+    waiting.join(STOP_PATIENCE)
+    return not waiting.is_alive()
+
+
 def main(args: list[str] | None = None) -> None:
     """Run the node until interrupted."""
     sys.setswitchinterval(SWITCH_INTERVAL)
@@ -418,10 +432,7 @@ def main(args: list[str] | None = None) -> None:
     warming.start()
     spin_until(executor, asked, node.survive)
     node.close()
-    working = warming.is_alive() or node.working
-    if not working:
-        # The executor's own shutdown does not wait for callbacks, which then fail and say so.
-        executor._executor.shutdown(cancel_futures=True)
+    working = not _callbacks_end(executor) or warming.is_alive() or node.working
     executor.shutdown()
     node.destroy_node()
     rclpy.shutdown()
