@@ -23,7 +23,7 @@ _WITHDRAWAL_STEP = 0.03
 """m, between the waypoints of a withdrawal."""
 _WITHDRAWAL_STEPS = 12
 """Waypoints of a withdrawal at most."""
-_FIRST_SEEDS = 8
+_FIRST_SEEDS = 16
 """Starts of the inverse kinematics that are tried before the others."""
 _HAND_LENGTH = 0.3
 """m, how far a hand is taken to extend beyond its tip frame in `workspace`."""
@@ -119,7 +119,7 @@ class Holding:
     ) -> Array | Verdict:
         """(k, dof) distinct q with O(q) = x, free at contact, the nearest to q_0 first.
 
-        A few seeds come first, then the others; where all that they lead to collides, its
+        The first seeds are tried, then the others; where all that they lead to collides, its
         self-motions are swept.
 
         Args:
@@ -132,20 +132,18 @@ class Holding:
         if not self._ik.reachable(T_world_tip):
             return Verdict.NO_IK
         near = self._seeds.near(T_world_tip[None], seeds, rng)[0]
-        solutions = free = np.empty((0, len(self.q_start)))
+        verdict = Verdict.NO_IK
         for starts in np.split(np.vstack([self.q_start, near]), [_FIRST_SEEDS]):
-            new = self._ik.solve(T_world_tip, starts)
-            solutions = np.vstack([solutions, new])
-            free = self._free_at_contact(new)
-            if len(free):
-                break
-        else:
+            solutions = self._ik.solve(T_world_tip, starts)
             if len(solutions) == 0:
-                return Verdict.NO_IK
-            free = self._free_at_contact(self._ik.sweep(T_world_tip, solutions))
-        if len(free) == 0:
-            return Verdict.ARM_COLLIDING
-        return np.asarray(free[np.argsort(np.abs(free - self.q_start).sum(axis=1))])
+                continue
+            verdict = Verdict.ARM_COLLIDING
+            free = self._free_at_contact(solutions)
+            if len(free) == 0:
+                free = self._free_at_contact(self._ik.sweep(T_world_tip, solutions))
+            if len(free):
+                return np.asarray(free[np.argsort(np.abs(free - self.q_start).sum(axis=1))])
+        return verdict
 
     def _free_at_contact(self, Q: Array) -> Array:
         """Those of Q (n, dof) that are free with the object resting on its support."""
