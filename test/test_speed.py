@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.experiments.benchmark import main
-from placement_planner_ros.experiments.cases import Case
+from placement_planner_ros.experiments.cases import Case, make_problem
 from placement_planner_ros.experiments.exact_collision import ExactCollision
 from placement_planner_ros.experiments.speed.measures import (
     Reservoir,
@@ -20,7 +21,7 @@ from placement_planner_ros.experiments.speed.measures import (
     median,
     percentile,
 )
-from placement_planner_ros.experiments.speed.plain import rrt_connect
+from placement_planner_ros.experiments.speed.plain import PlainPlanner, rrt_connect
 from placement_planner_ros.experiments.speed.provenance import MADE_WITH, made_with
 from placement_planner_ros.experiments.speed.recorder import Recording, RecordSettings, record
 from placement_planner_ros.experiments.speed.report import draw, markdown, plain_text
@@ -123,6 +124,14 @@ def test_a_run_without_a_placement_counts_at_its_limit():
     assert first_seconds(first("a", 0, 0.2), environment=True) == pytest.approx(0.7)
     assert first_seconds(first("a", 0, 0.1, solved=False), environment=False) == 10.0
     assert first_seconds(first("a", 0, 11.0, solved=False), environment=False) == 11.0
+
+
+def test_the_plain_path_places_by_coal_alone():
+    rng = np.random.default_rng(0)
+    problem, objective = make_problem(CASE, rng)
+    planner = PlainPlanner(problem, objective, PlannerSettings(), rng)
+    placement = next(planner.run(lambda: planner.statistics.samples > 500))
+    assert placement.objective == pytest.approx(objective(placement.T_world_object))
 
 
 def test_the_plain_path_is_compared_on_the_same_runs():

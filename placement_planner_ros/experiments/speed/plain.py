@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 
 import numpy as np
+import numpy.typing as npt
 from ompl import base as ob
 from ompl import geometric as og
 from ompl import util as ou
@@ -33,6 +34,12 @@ class CoalCollision:
     def free(self, q: Array, reserve: float = 0.0, contact: bool = False) -> bool:
         """As `ArmCollision.free`."""
         return self._exact.free(q, reserve, contact)
+
+    def free_batch(
+        self, Q: Array, reserve: float = 0.0, contact: bool = False
+    ) -> npt.NDArray[np.bool_]:
+        """As `ArmCollision.free_batch`, one after the other."""
+        return np.array([self._exact.free(q, reserve, contact) for q in Q], dtype=np.bool_)
 
     def edge_free(
         self,
