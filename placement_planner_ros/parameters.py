@@ -191,6 +191,7 @@ _SETTINGS = {
     "velocity_scaling": "execution",
     "acceleration_scaling": "execution",
     "acceleration_limits": "execution",
+    "selection": "sampling",
 }
 
 
@@ -285,6 +286,14 @@ def _changeable() -> list[Spec]:
             _DEFAULTS.sampler,
             "How goals are sampled.",
             choices=lambda: ("mcts", "uniform"),
+        ),
+        Spec(
+            "selection",
+            "string",
+            _setting("selection"),
+            "Where the sampler mcts looks next: by optimistic search over cells, or by UCB1 as in "
+            "the paper.",
+            choices=lambda: ("optimistic", "ucb1"),
         ),
         Spec(
             "local_optimization",
