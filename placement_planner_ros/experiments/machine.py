@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import platform
+import subprocess
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+import placement_planner_ros
 from placement_planner_ros.share import PACKAGE
 
 _PACKAGES = (PACKAGE, "numpy", "scipy", "numba", "pin", "coal", "ompl", "toppra", "trimesh")
 
 
 def versions() -> dict[str, str]:
-    """Package -> version; a checkout that is not installed says so."""
-    found = {"python": platform.python_version()}
+    """Package -> version, or "not installed"; `commit`: the state of the sources."""
+    found = {"commit": _commit(), "python": platform.python_version()}
     for name in _PACKAGES:
         try:
             found[name] = version(name)
@@ -39,3 +42,16 @@ def _processor() -> str:
             if line.startswith("model name"):
                 return line.partition(":")[2].strip()
     return platform.processor() or "unknown"
+
+
+@functools.cache
+def _commit() -> str:
+    """Of the checkout that the package is imported from, marked where files were changed."""
+    checkout = Path(placement_planner_ros.__file__).parent.parent
+    command = ["git", "-C", str(checkout), "describe", "--always", "--dirty"]
+    try:
+        if not (checkout / ".git").exists():
+            return "no checkout"
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return "no checkout"

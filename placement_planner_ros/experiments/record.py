@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -28,7 +28,7 @@ class Solution:
     """What is remembered of one placement.
 
     Attributes:
-        time: seconds from the start of the run, the environment's construction included.
+        time: seconds of processor time from the start, the environment's construction included.
         objective: ξ.
         samples: goal samples tried so far.
         pose: (3, 4) rows of T_world_object.
@@ -66,8 +66,8 @@ class Record:
 
     Attributes:
         variant: one of `VARIANTS`.
-        preparation: seconds from the start to the first sample.
-        elapsed: seconds from the start to the end.
+        preparation: seconds of processor time from the start to the first sample.
+        elapsed: seconds of processor time from the start to the end.
         rejected: how many samples each constraint rejected.
         failure: why there is no solution, or the error that ended the run; '' otherwise.
     """
@@ -104,11 +104,11 @@ def run_case(
     """Run one case; errors are recorded, not raised.
 
     The clock starts when robot, object and cloud are there, as with a node that is told to start;
-    building the environment counts. Warm the process up first.
+    building the environment counts. Times are processor time. Warm the process up first.
 
     Args:
         variant: one of `VARIANTS`.
-        time_limit: seconds.
+        time_limit: seconds of processor time.
         solutions_folder: where each solution is written as an .npz, if given.
         enough: solutions after which the run ends early, if given.
     """
@@ -131,24 +131,25 @@ def recorded_run(
     record: Record,
     inputs: CaseInputs,
     rng: np.random.Generator,
-    clock: Callable[[], float] = time.monotonic,
 ) -> Iterator[Placement]:
     """Plan for the inputs and yield every placement; the record is true after each and at the end.
 
+    Time is processor time, which leaves out what other processes take. A planner runs
+    in one thread, so that on a quiet machine it is the time that passes.
+
     Args:
         record: of a run that has not begun; its variant, time limit and objective are used.
-        clock: seconds; `time.process_time` leaves out what other processes take.
     """
     variant = VARIANTS[record.variant]
-    started = clock()
+    started = time.process_time()
     problem, objective = build_problem(inputs, record.case.objective)
     planner = variant.planner(problem, objective, variant.settings, rng)
-    record.preparation = clock() - started
-    for placement in planner.run(lambda: clock() - started > record.time_limit):
-        record.solutions.append(Solution.of(placement, clock() - started))
-        _count(record, planner, clock() - started)
+    record.preparation = time.process_time() - started
+    for placement in planner.run(lambda: time.process_time() - started > record.time_limit):
+        record.solutions.append(Solution.of(placement, time.process_time() - started))
+        _count(record, planner, time.process_time() - started)
         yield placement
-    _count(record, planner, clock() - started)
+    _count(record, planner, time.process_time() - started)
 
 
 def _count(record: Record, planner: PlacementPlanner, elapsed: float) -> None:

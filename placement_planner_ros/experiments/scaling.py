@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import time
 import traceback
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
@@ -135,7 +134,7 @@ def run_scaling_job(job: ScalingJob) -> dict[str, Any]:
         extra["size"] = _size(job, inputs)
         extra["random"] = random_value(job.axis, job.factor, job.objective)
         rng = np.random.default_rng(job.seed)
-        for _ in recorded_run(record, inputs, rng, time.process_time):
+        for _ in recorded_run(record, inputs, rng):
             pass
     except Exception:
         record.failure = traceback.format_exc()

@@ -20,7 +20,7 @@ class Trial:
 
     Attributes:
         variant: one of `VARIANTS`.
-        time_limit: seconds, the environment's construction included.
+        time_limit: seconds of processor time, the environment's construction included.
     """
 
     case: Case

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import subprocess
 import time
 from collections.abc import Sequence
-from pathlib import Path
 
-import placement_planner_ros
 from placement_planner_ros.experiments.machine import machine, versions
 from placement_planner_ros.experiments.speed.rows import Entry
 
@@ -21,22 +18,6 @@ def made_with(rows: Sequence[str]) -> Entry:
         "row": MADE_WITH,
         "rows": list(rows),
         "day": time.strftime("%Y-%m-%d"),
-        "commit": commit(),
         **machine(),
         **versions(),
     }
-
-
-def commit() -> str:
-    """Of the checkout that the package is imported from, marked where files were changed."""
-    folder = Path(placement_planner_ros.__file__).parent
-    try:
-        asked = subprocess.run(
-            ["git", "-C", str(folder), "describe", "--always", "--dirty"],
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-    except (OSError, subprocess.CalledProcessError):
-        return "no checkout"
-    return asked.stdout.strip()
