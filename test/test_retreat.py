@@ -7,11 +7,13 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+import trimesh
 from checker import Solution, SolutionChecker
 from scipy.spatial import ConvexHull
 from verify_cases import case_checker
 
-from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.body import Body
+from placement_planner_ros.core.errors import GraspError, ParameterError
 from placement_planner_ros.core.open_hand import OpenHand, RetreatSettings
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.robot.collision import (
@@ -19,6 +21,7 @@ from placement_planner_ros.core.robot.collision import (
     ArmCollision,
     CollisionSettings,
 )
+from placement_planner_ros.core.robot.hand_opening import check_opening
 from placement_planner_ros.core.robot.hand_sweep import openings, with_opening_hand
 from placement_planner_ros.core.robot.ik import IKSettings
 from placement_planner_ros.core.robot.model import Robot
@@ -356,3 +359,54 @@ def test_without_requiring_it_a_placement_may_be_without_retreat():
 def test_wrong_settings_are_refused(bad):
     with pytest.raises(ParameterError):
         RetreatSettings(**bad)
+
+
+JAWS = """<robot name="jaws">
+  <link name="base"/>
+  <link name="hand"><collision><origin xyz="0 0 -0.02"/>
+    <geometry><box size="0.1 0.03 0.02"/></geometry></collision></link>
+  <joint name="lift" type="prismatic"><parent link="base"/><child link="hand"/>
+    <axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint>
+  <link name="finger"><collision><origin xyz="0 0 0.03"/>
+    <geometry><box size="0.01 0.02 0.06"/></geometry></collision></link>
+  <joint name="slide" type="prismatic"><parent link="hand"/><child link="finger"/>
+    <axis xyz="1 0 0"/><limit lower="0" upper="0.1" velocity="1" effort="1"/></joint>
+</robot>"""
+
+
+def block(parts):
+    """An object of boxes, each centre and size."""
+    meshes = []
+    for centre, size in parts:
+        mesh = trimesh.creation.box(size)
+        mesh.apply_translation(centre)
+        meshes.append(mesh)
+    joined = trimesh.util.concatenate(meshes)
+    return Body.from_mesh(joined.vertices, joined.faces)
+
+
+@pytest.mark.parametrize(
+    ("wall", "depth"),
+    [(None, None), (0.15, None), (0.061, None), (0.055, "5.5 mm"), (0.035, "9")],
+)
+def test_a_hand_whose_finger_opens_into_the_object_is_refused(wall, depth):
+    robot = Robot.from_urdf(JAWS)
+    pads = [((-0.02, 0.0, 0.05), (0.03, 0.02, 0.04))]
+    if wall is not None:  # beyond the open finger, met by its end, or passed through
+        pads.append(((wall, 0.0, 0.05), (0.01, 0.02, 0.04)))
+        pads.append(((wall / 2 - 0.01, 0.0, 0.1), (wall + 0.05, 0.02, 0.01)))
+    body = block(pads)
+    arm = robot.arm(
+        "arm",
+        "hand",
+        grasps=[pin.SE3.Identity()],
+        touch_links=["finger"],
+        gripper_joints=["slide"],
+        gripper_open=[0.0505],
+    )
+    q = robot.configuration({"lift": 0.0, "slide": 0.0005})
+    if depth is None:
+        check_opening(robot, arm, 0, body, q)
+    else:
+        with pytest.raises(GraspError, match=rf"arm.grasps\[0\].*pushes finger {depth}"):
+            check_opening(robot, arm, 0, body, q)

@@ -12,6 +12,7 @@ from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.feasibility import PoseConstraints
 from placement_planner_ros.core.open_hand import OpenHand
 from placement_planner_ros.core.robot.collision import ArmCollision, CollisionSettings
+from placement_planner_ros.core.robot.hand_opening import check_opening
 from placement_planner_ros.core.robot.ik import IKSettings, InverseKinematics
 from placement_planner_ros.core.robot.kinematics import Chain
 from placement_planner_ros.core.robot.model import Arm, Robot
@@ -75,6 +76,9 @@ class Holding:
         collision: C_free of this arm with the object in this grasp.
         open_hand: the same arm once it has let go.
         require_retreat: whether a placement without release and retreat counts for nothing.
+
+    Raises:
+        GraspError: the object overlaps the arm, or the hand could not let it go.
     """
 
     def __init__(
@@ -97,6 +101,8 @@ class Holding:
         self.q_start: Array = np.asarray(q_robot[arm.q_index])
         self.chain = Chain.from_robot(robot, arm, q_robot)
         self.collision = ArmCollision(robot, arm, grasp, body, obstacles, q_robot, collision)
+        if require_retreat:
+            check_opening(robot, arm, grasp, body, q_robot)
         self.open_hand = open_hand
         self.require_retreat = require_retreat
         self._ik = InverseKinematics(self.chain, ik)

@@ -32,7 +32,7 @@ def openings(robot: Robot, arm: Arm, q: Array) -> Array:
 
 
 def _stages(robot: Robot, q: Array, change: Array) -> Array:
-    turned = float(np.abs(change[_revolute(robot)]).sum())
+    turned = float(np.abs(change[revolute(robot)]).sum())
     steps = max(1, int(np.ceil(turned / _TURN)))
     return np.asarray(q + np.linspace(0.0, 1.0, steps + 1)[:, None] * change)
 
@@ -53,7 +53,7 @@ def _swept(robot: Robot, hand_bytes: bytes, change_bytes: bytes) -> Robot:
     """`with_opening_hand` from q (nq,) on by that change (nq,)."""
     stages = _stages(robot, np.frombuffer(hand_bytes), np.frombuffer(change_bytes))
     change = np.abs(stages[1] - stages[0])
-    turning = _revolute(robot) & (change > 0.0)
+    turning = revolute(robot) & (change > 0.0)
     turn, slide = float(change[turning].sum()), float(change[~turning].sum())
     frames = [_joint_frames(robot, stage) for stage in stages]
     swept = pin.GeometryModel()
@@ -87,7 +87,7 @@ def _swept(robot: Robot, hand_bytes: bytes, change_bytes: bytes) -> Robot:
     return replace(robot, geometry=swept, geometry_links=tuple(links))
 
 
-def _revolute(robot: Robot) -> npt.NDArray[np.bool_]:
+def revolute(robot: Robot) -> npt.NDArray[np.bool_]:
     """(nq,) which coordinates are angles."""
     return np.array([not j.shortname().startswith("JointModelP") for j in robot.model.joints[1:]])
 
