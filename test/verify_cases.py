@@ -107,32 +107,38 @@ def verify(folder: Path) -> tuple[list[dict], dict[str, list[str]]]:
 def table(runs: list[dict]) -> str:
     """Markdown: one row per case over its seeds."""
     rows = [
-        "| scene | object | objective | runs | first solution, s | third solution, s | solutions "
-        "| refused | objective first → last, m |",
-        "|---|---|---|---|---|---|---|---|---|",
+        "| scene | object | objective | runs | first solution, s: median, worst | third | solutions "
+        "| refused | first objective, m | last objective, m |",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]
     groups = defaultdict(list)
     for run in runs:
         groups[tuple(run["case"][k] for k in ("scene", "object", "objective"))].append(run)
     for (scene, name, objective), group in groups.items():
-        firsts, thirds = (
-            ", ".join(
-                f"{r['solutions'][n]['time']:.2f}" if len(r["solutions"]) > n else "none"
-                for r in group
-            )
+        times = [
+            [r["solutions"][n]["time"] if len(r["solutions"]) > n else np.inf for r in group]
             for n in (0, 2)
-        )
-        ends = [
-            f"{r['solutions'][0]['objective']:+.3f} → {r['solutions'][-1]['objective']:+.3f}"
-            for r in group
-            if r["solutions"]
         ]
-        rows.append(
-            f"| {scene} | {name} | {objective.split('_')[0]} | {len(group)} | "
-            f"{firsts} | {thirds} | {', '.join(str(len(r['solutions'])) for r in group)} | "
-            f"{sum(r['refused'] for r in group)} | {'; '.join(ends)} |"
+        ends = [[r["solutions"][n]["objective"] for r in group if r["solutions"]] for n in (0, -1)]
+        cells = (
+            scene,
+            name,
+            objective.split("_")[0],
+            str(len(group)),
+            *map(_spread_of_times, times),
+            str(sum(len(r["solutions"]) for r in group)),
+            str(sum(r["refused"] for r in group)),
+            *(f"{min(values):+.3f} … {max(values):+.3f}" if values else "none" for values in ends),
         )
+        rows.append(f"| {' | '.join(cells)} |")
     return "\n".join(rows) + "\n"
+
+
+def _spread_of_times(times: list[float]) -> str:
+    """Median and worst; runs without count as endless."""
+    return ", ".join(
+        f"{t:.2f}" if np.isfinite(t) else "never" for t in (np.median(times), max(times))
+    )
 
 
 def summary(runs: list[dict], refused: int) -> str:
