@@ -107,8 +107,8 @@ def verify(folder: Path) -> tuple[list[dict], dict[str, list[str]]]:
 def table(runs: list[dict]) -> str:
     """Markdown: one row per case over its seeds."""
     rows = [
-        "| scene | object | objective | runs | first solution, s: median, worst | third | solutions "
-        "| refused | first objective, m | last objective, m |",
+        "| scene | object | objective | runs | first solution, s: median, worst | third "
+        "| solutions | refused | first objective, m | last objective, m |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
     groups = defaultdict(list)
