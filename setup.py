@@ -7,9 +7,9 @@ from setuptools import find_packages, setup
 PACKAGE = "placement_planner_ros"
 
 EXECUTABLES = {
-    "placement_planner": "placement_planner_ros.node",
-    "placement_demo": "placement_planner_ros.demo",
-    "placement_scene": "placement_planner_ros.scene_publisher",
+    "placement_planner": "placement_planner_ros.ros.node",
+    "placement_demo": "placement_planner_ros.ros.demo",
+    "placement_scene": "placement_planner_ros.ros.scene_publisher",
     "placement_benchmark": "placement_planner_ros.experiments.benchmark",
 }
 

@@ -25,5 +25,5 @@ OptimizeLocally, μ                               refine.LocalOptimizer, ascent.
 Alg. 1, ξ_best, τ                                planner.PlacementPlanner
 ===============================================  ==================================================
 
-`node` is the ROS adapter around it. Nothing in `core`, `scenes` or `experiments` imports ROS.
+`ros` is the adapter around it; nothing else imports ROS.
 """

@@ -58,18 +58,18 @@ def unit(module: str) -> str | None:
 
 
 CORE = sorted((ROOT / "core").rglob("*.py"))
-OUTSIDE_ROS = sorted(
-    [*CORE, *(ROOT / "scenes").rglob("*.py"), *(ROOT / "experiments").rglob("*.py")]
-)
+OUTSIDE_ROS = sorted(set(ROOT.rglob("*.py")) - set((ROOT / "ros").rglob("*.py")))
 
 
 def is_ros(name: str) -> bool:
     top = name.split(".")[0]
+    if f"{name}.".startswith(f"{PACKAGE}.ros."):
+        return True
     return top in ROS or top.endswith(("_msgs", "_srvs", "_interfaces"))
 
 
 @pytest.mark.parametrize("path", OUTSIDE_ROS, ids=module_name)
-def test_only_the_node_imports_ros(path):
+def test_only_the_adapter_imports_ros(path):
     assert not [name for name in imports(path) if is_ros(name)]
 
 

@@ -116,7 +116,7 @@ def test_entry_points_are_registered(prefix):
         for path in place.glob("*/entry_points.txt")
     ]
     assert any("toward_front" in text for text in texts)
-    assert any("placement_planner = placement_planner_ros.node:main" in text for text in texts)
+    assert any("placement_planner = placement_planner_ros.ros.node:main" in text for text in texts)
 
 
 def test_building_left_the_sources_alone(prefix, source):

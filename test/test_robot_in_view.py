@@ -9,12 +9,12 @@ from placement_planner_ros.core.holding import workspace
 from placement_planner_ros.core.robot.collision import ArmCollision, CollisionSettings
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.experiments.cases import start_configuration
+from placement_planner_ros.ros.self_filter import outside_robot
 from placement_planner_ros.scenes.clouds import DepthCamera, camera_clouds, scene_cameras
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.primitives import ConvexPrimitive
 from placement_planner_ros.scenes.scenes import scene_by_name
 from placement_planner_ros.scenes.yumi import load_yumi, yumi_arm
-from placement_planner_ros.self_filter import outside_robot
 
 PADDING = 0.02
 SCENE = scene_by_name("table")

@@ -17,10 +17,10 @@ from placement_planner_ros.core.scene.visibility import View, seen_free, unknown
 from placement_planner_ros.core.types import TargetVolume
 from placement_planner_ros.experiments.cases import Case, make_problem
 from placement_planner_ros.experiments.record import save_solution
+from placement_planner_ros.ros.self_filter import outside_robot
 from placement_planner_ros.scenes.clouds import CameraNoise, DepthCamera, camera_clouds
 from placement_planner_ros.scenes.primitives import box
 from placement_planner_ros.scenes.scenes import Scene, scene_by_name
-from placement_planner_ros.self_filter import outside_robot
 
 SIZE = GridSettings().cell_size
 VOLUME = TargetVolume([-0.3, -0.3, -0.02], [0.3, 0.3, 0.3])

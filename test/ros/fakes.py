@@ -22,13 +22,13 @@ from visualization_msgs.msg import MarkerArray
 
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.types import Goal, Placement, Trajectory
-from placement_planner_ros.node import PlacementPlannerNode
-from placement_planner_ros.planning import Prepared
-from placement_planner_ros.point_cloud import message_from_points
-from placement_planner_ros.publishing import LATCHED
+from placement_planner_ros.ros.node import PlacementPlannerNode
+from placement_planner_ros.ros.planning import Prepared
+from placement_planner_ros.ros.point_cloud import message_from_points
+from placement_planner_ros.ros.publishing import LATCHED
+from placement_planner_ros.ros.spinning import spin_until
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.yumi import HOME
-from placement_planner_ros.spinning import spin_until
 
 FRAME = "yumi_body"
 TABLE = np.array(

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from placement_planner_ros.cloud_store import CloudStaleError, CloudStore, StoredCloud
 from placement_planner_ros.core.errors import CloudError
-from placement_planner_ros.frames import CloudFrameError
+from placement_planner_ros.ros.cloud_store import CloudStaleError, CloudStore, StoredCloud
+from placement_planner_ros.ros.frames import CloudFrameError
 
 A = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
 B = np.array([[5.0, 0.0, 0.0]])

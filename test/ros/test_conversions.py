@@ -2,7 +2,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from placement_planner_ros.conversions import (
+from placement_planner_ros.core.types import Trajectory
+from placement_planner_ros.ros.conversions import (
     duration_message,
     mesh_from_message,
     mesh_message,
@@ -11,7 +12,6 @@ from placement_planner_ros.conversions import (
     trajectory_message,
     with_all_joints,
 )
-from placement_planner_ros.core.types import Trajectory
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.yumi import HOME, load_yumi
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from placement_planner_ros.core.errors import JointStateError
-from placement_planner_ros.joint_states import (
+from placement_planner_ros.ros.joint_states import (
     JointsStaleError,
     JointStates,
     RobotMovingError,

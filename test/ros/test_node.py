@@ -13,11 +13,11 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header, String
 
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.point_cloud import message_from_points
-from placement_planner_ros.publishing import LATCHED
-from placement_planner_ros.self_filter import outside_robot
+from placement_planner_ros.ros.point_cloud import message_from_points
+from placement_planner_ros.ros.publishing import LATCHED
+from placement_planner_ros.ros.self_filter import outside_robot
+from placement_planner_ros.ros.surroundings import Surroundings
 from placement_planner_ros.share import share_path
-from placement_planner_ros.surroundings import Surroundings
 
 
 @pytest.fixture

@@ -8,8 +8,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from placement_planner_ros.core.errors import GraspError, ObjectError, ParameterError, VolumeError
-from placement_planner_ros.parameter_server import ParameterServer
-from placement_planner_ros.parameters import (
+from placement_planner_ros.ros.parameter_server import ParameterServer
+from placement_planner_ros.ros.parameters import (
     ParameterSet,
     arm_specs,
     arms_spec,

@@ -4,7 +4,7 @@ from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 
 from placement_planner_ros.core.errors import CloudError
-from placement_planner_ros.point_cloud import message_from_points, points_from_message
+from placement_planner_ros.ros.point_cloud import message_from_points, points_from_message
 
 POINTS = np.array([[0.5, -1.0, 2.0], [3.0, 4.0, -5.5], [0.25, 0.0, 1.0]])
 

@@ -8,12 +8,12 @@ import pytest
 
 from placement_planner_ros.core.body import Body
 from placement_planner_ros.core.errors import CloudError
-from placement_planner_ros.parameters import ParameterSet, arm_specs, arms_spec, fixed_specs
-from placement_planner_ros.planning import Snapshot
-from placement_planner_ros.preparation import Preparation
+from placement_planner_ros.ros.parameters import ParameterSet, arm_specs, arms_spec, fixed_specs
+from placement_planner_ros.ros.planning import Snapshot
+from placement_planner_ros.ros.preparation import Preparation
+from placement_planner_ros.ros.surroundings import Surroundings
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.yumi import START_CONFIGURATION, load_yumi, yumi_arm
-from placement_planner_ros.surroundings import Surroundings
 
 ARMS = ("left", "right")
 VOLUME = [0.2, -0.3, -0.1, 0.6, 0.3, 0.2]

@@ -2,7 +2,7 @@
 
 import pytest
 
-from placement_planner_ros.resources import package_dirs, package_share, resolve
+from placement_planner_ros.ros.resources import package_dirs, package_share, resolve
 from placement_planner_ros.share import PACKAGE
 
 URDF = '<robot name="r"><link name="a"><collision><geometry><mesh filename="package://none/m.stl"/></geometry></collision></link></robot>'

@@ -4,9 +4,9 @@ import pytest
 
 from placement_planner_ros.core.body import Body
 from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.ros.self_filter import outside_robot
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.yumi import START_CONFIGURATION, load_yumi, yumi_arm
-from placement_planner_ros.self_filter import outside_robot
 
 URDF = """<robot name="three">
 <link name="base"><collision><geometry><box size="0.2 0.2 0.2"/></geometry></collision></link>

@@ -30,8 +30,8 @@ from placement_planner_ros.core.execution import ExecutionSettings
 from placement_planner_ros.core.objective import objective_names
 from placement_planner_ros.core.types import Trajectory
 from placement_planner_ros.experiments.cases import start_configuration
-from placement_planner_ros.publishing import LATCHED
-from placement_planner_ros.scene_publisher import ScenePublisher
+from placement_planner_ros.ros.publishing import LATCHED
+from placement_planner_ros.ros.scene_publisher import ScenePublisher
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.primitives import ConvexPrimitive
 from placement_planner_ros.scenes.scenes import scene_by_name
@@ -58,7 +58,7 @@ def start_node(log: Path, *arguments: str) -> subprocess.Popen:
     path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
     with log.open("wb") as stream:
         return subprocess.Popen(
-            [sys.executable, "-m", "placement_planner_ros.node", "--ros-args", *arguments],
+            [sys.executable, "-m", "placement_planner_ros.ros.node", "--ros-args", *arguments],
             cwd=log.parent,
             env={**os.environ, "PYTHONPATH": path},
             stdout=stream,

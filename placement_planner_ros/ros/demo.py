@@ -30,8 +30,8 @@ from trajectory_msgs.msg import JointTrajectory
 
 from placement_planner_ros.experiments.cases import start_configuration
 from placement_planner_ros.experiments.picture import draw_objective, draw_placement
-from placement_planner_ros.publishing import LATCHED
-from placement_planner_ros.scene_publisher import ScenePublisher
+from placement_planner_ros.ros.publishing import LATCHED
+from placement_planner_ros.ros.scene_publisher import ScenePublisher
 from placement_planner_ros.scenes.objects import OBJECT_NAMES, object_by_name
 from placement_planner_ros.scenes.scenes import SCENE_NAMES, scene_by_name
 from placement_planner_ros.scenes.yumi import load_yumi, yumi_arm
@@ -157,7 +157,7 @@ def _node_command(options: argparse.Namespace) -> list[str]:
     """The installed node with the object's parameter file and the scene's volume."""
     beside = Path(sys.executable).parent
     installed = shutil.which("placement_planner", path=f"{beside}{os.pathsep}{os.environ['PATH']}")
-    command = [installed] if installed else [sys.executable, "-m", "placement_planner_ros.node"]
+    command = [installed] if installed else [sys.executable, "-m", "placement_planner_ros.ros.node"]
     volume = scene_by_name(options.scene).volume
     corners = [*volume.lower.tolist(), *volume.upper.tolist()]
     return [

@@ -20,12 +20,12 @@ from std_msgs.msg import Header, String
 
 from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError
 from placement_planner_ros.experiments.cases import start_configuration
-from placement_planner_ros.point_cloud import message_from_points
-from placement_planner_ros.publishing import LATCHED
+from placement_planner_ros.ros.point_cloud import message_from_points
+from placement_planner_ros.ros.publishing import LATCHED
+from placement_planner_ros.ros.spinning import catch_signals, spin_until
 from placement_planner_ros.scenes.clouds import camera_clouds, complete_cloud
 from placement_planner_ros.scenes.scenes import SCENE_NAMES, Scene, scene_by_name
 from placement_planner_ros.share import share_path
-from placement_planner_ros.spinning import catch_signals, spin_until
 
 FRAME = "yumi_body"
 JOINT_STATE_RATE = 50.0

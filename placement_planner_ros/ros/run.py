@@ -9,7 +9,7 @@ from typing import Protocol
 
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.types import Placement
-from placement_planner_ros.planning import Planner, Prepare, Prepared, Snapshot
+from placement_planner_ros.ros.planning import Planner, Prepare, Prepared, Snapshot
 
 
 class State(enum.StrEnum):

@@ -16,7 +16,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from placement_planner_ros.core.errors import PlacementPlannerError
-from placement_planner_ros.parameters import (
+from placement_planner_ros.ros.parameters import (
     ParameterSet,
     Spec,
     arm_specs,

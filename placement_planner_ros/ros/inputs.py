@@ -14,20 +14,25 @@ from rclpy.clock import Clock
 from rclpy.time import Time
 from sensor_msgs.msg import JointState, PointCloud2
 
-from placement_planner_ros.cloud_store import CloudStore, StoredCloud
 from placement_planner_ros.core.body import Body
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.robot.model import Arm
 from placement_planner_ros.core.types import Array, Placement
-from placement_planner_ros.frames import CloudFrameError, cloud_pose
-from placement_planner_ros.joint_states import JointStates
-from placement_planner_ros.object_input import ObjectInput
-from placement_planner_ros.parameters import ParameterSet
-from placement_planner_ros.planning import Snapshot
-from placement_planner_ros.point_cloud import points_from_message
-from placement_planner_ros.robot_input import RobotInput, make_arm, require_grasp, require_limits
-from placement_planner_ros.surroundings import require_grid
-from placement_planner_ros.transforms import Transforms
+from placement_planner_ros.ros.cloud_store import CloudStore, StoredCloud
+from placement_planner_ros.ros.frames import CloudFrameError, cloud_pose
+from placement_planner_ros.ros.joint_states import JointStates
+from placement_planner_ros.ros.object_input import ObjectInput
+from placement_planner_ros.ros.parameters import ParameterSet
+from placement_planner_ros.ros.planning import Snapshot
+from placement_planner_ros.ros.point_cloud import points_from_message
+from placement_planner_ros.ros.robot_input import (
+    RobotInput,
+    make_arm,
+    require_grasp,
+    require_limits,
+)
+from placement_planner_ros.ros.surroundings import require_grid
+from placement_planner_ros.ros.transforms import Transforms
 
 CONFIRMED_SPACING = 0.004
 """Largest distance between neighbouring points on the surface of a confirmed object, metres."""

@@ -11,10 +11,10 @@ from geometry_msgs.msg import Point, Vector3
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from placement_planner_ros.conversions import pose_message
 from placement_planner_ros.core.body import Body
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.types import Array, TargetVolume
+from placement_planner_ros.ros.conversions import pose_message
 
 _VOLUME = ColorRGBA(r=0.2, g=0.4, b=0.9, a=0.12)
 _REGION = ColorRGBA(r=0.2, g=0.7, b=0.3, a=0.6)

@@ -14,8 +14,8 @@ from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.regions import RegionSettings
 from placement_planner_ros.core.scene.visibility import View
 from placement_planner_ros.core.types import Array, TargetVolume
-from placement_planner_ros.planning import Snapshot
-from placement_planner_ros.self_filter import outside_robot
+from placement_planner_ros.ros.planning import Snapshot
+from placement_planner_ros.ros.self_filter import outside_robot
 
 
 @dataclass(frozen=True, slots=True, eq=False)

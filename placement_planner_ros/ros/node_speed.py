@@ -29,7 +29,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-from placement_planner_ros.publishing import LATCHED
+from placement_planner_ros.ros.publishing import LATCHED
 from placement_planner_ros.scenes.objects import OBJECT_NAMES
 from placement_planner_ros.scenes.scenes import SCENE_NAMES, scene_by_name
 from placement_planner_ros.share import share_path
@@ -146,12 +146,12 @@ def _start(options: argparse.Namespace, log: Path) -> list[subprocess.Popen[byte
     corners = [*volume.lower.tolist(), *volume.upper.tolist()]
     common = ["--ros-args", "-r", f"__ns:={NAMESPACE}", "--log-level", "warn"]
     node = [
-        *("-m", "placement_planner_ros.node", *common),
+        *("-m", "placement_planner_ros.ros.node", *common),
         *("--params-file", str(share_path("config", f"{options.object}.yaml"))),
         *("-p", f"target_volume:={corners}", "-p", "time_limit:=0.0"),
     ]
     scene = [
-        *("-m", "placement_planner_ros.scene_publisher", *common),
+        *("-m", "placement_planner_ros.ros.scene_publisher", *common),
         *("-p", f"name:={options.scene}", "-p", f"object:={options.object}"),
     ]
     with log.open("wb") as stream:

@@ -14,8 +14,8 @@ from placement_planner_ros.core.planner import PlacementPlanner, Problem
 from placement_planner_ros.core.robot.collision_boxes import box_arrays
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.planning import Prepared, Snapshot, make_planner
-from placement_planner_ros.surroundings import Surroundings
+from placement_planner_ros.ros.planning import Prepared, Snapshot, make_planner
+from placement_planner_ros.ros.surroundings import Surroundings
 
 LOOK = 0.2
 """Seconds between looks at whether the inputs have changed, at least."""

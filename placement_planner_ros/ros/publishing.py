@@ -18,17 +18,17 @@ from std_msgs.msg import Float64, Header
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray
 
-from placement_planner_ros.conversions import (
+from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.types import Array, Placement
+from placement_planner_ros.ros.conversions import (
     stamped_pose,
     time_message,
     trajectory_message,
     with_all_joints,
 )
-from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.types import Array, Placement
-from placement_planner_ros.markers import no_markers, placement_markers, scene_markers
-from placement_planner_ros.planning import Snapshot
-from placement_planner_ros.point_cloud import message_from_points
+from placement_planner_ros.ros.markers import no_markers, placement_markers, scene_markers
+from placement_planner_ros.ros.planning import Snapshot
+from placement_planner_ros.ros.point_cloud import message_from_points
 
 LATCHED = QoSProfile(
     depth=1,

@@ -11,8 +11,8 @@ from placement_planner_ros.core.holding import workspace
 from placement_planner_ros.core.robot.collision import ArmCollision
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import Array, Placement
-from placement_planner_ros.planning import Snapshot
-from placement_planner_ros.self_filter import outside_robot
+from placement_planner_ros.ros.planning import Snapshot
+from placement_planner_ros.ros.self_filter import outside_robot
 
 STEP = 0.02
 """rad or m, the largest joint step between checked configurations."""

@@ -13,8 +13,8 @@ import numpy.typing as npt
 from placement_planner_ros.core.body import Body
 from placement_planner_ros.core.errors import ObjectError, PlacementPlannerError
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.parameters import ParameterSet
-from placement_planner_ros.resources import load_mesh
+from placement_planner_ros.ros.parameters import ParameterSet
+from placement_planner_ros.ros.resources import load_mesh
 
 Source = Literal["none", "topic", "mesh", "vertices"]
 _SOURCE_OF: dict[str, Source] = {

@@ -16,11 +16,11 @@ from placement_planner_ros.core.errors import JointStateError
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.inputs import Inputs
-from placement_planner_ros.parameter_server import ParameterServer
-from placement_planner_ros.publishing import Outputs
-from placement_planner_ros.run import Run, State
-from placement_planner_ros.validity import KnownSpace, blocked_by
+from placement_planner_ros.ros.inputs import Inputs
+from placement_planner_ros.ros.parameter_server import ParameterServer
+from placement_planner_ros.ros.publishing import Outputs
+from placement_planner_ros.ros.run import Run, State
+from placement_planner_ros.ros.validity import KnownSpace, blocked_by
 
 STATUS_PERIOD = 0.5
 """Least seconds between status messages while searching, unless the state changes."""

@@ -15,8 +15,8 @@ from placement_planner_ros.core.errors import (
     RobotError,
 )
 from placement_planner_ros.core.robot.model import Arm, Robot
-from placement_planner_ros.parameters import ParameterSet, poses_from_list
-from placement_planner_ros.resources import description_text, package_dirs
+from placement_planner_ros.ros.parameters import ParameterSet, poses_from_list
+from placement_planner_ros.ros.resources import description_text, package_dirs
 from placement_planner_ros.share import share_path
 
 FramePose = Callable[[str, str], pin.SE3 | None]
