@@ -134,9 +134,9 @@ def test_tree_search_finds_more_goals_than_uniform_sampling():
 
 def test_optimistic_search_comes_closer_to_the_optimum_than_uniform_sampling():
     def gap(kind, seed):
-        made, _ = sampler(kind, seed=seed)
+        made, _ = sampler(kind, seed=seed, uniform_first=500)
         best = -np.inf
-        while made.count.samples < 2000:
+        while made.count.samples < 3000:
             best = max(best, *(g.objective for g in made.sample_goals(best, never)), best)
         return -best
 
@@ -233,6 +233,8 @@ def test_cells_follow_what_is_best_at_every_scale_without_forgetting_the_rest():
 def test_wrong_settings_are_refused():
     with pytest.raises(ParameterError, match="samples_per_call"):
         SamplerSettings(samples_per_call=0)
+    with pytest.raises(ParameterError, match="uniform_first"):
+        SamplerSettings(uniform_first=-1)
     with pytest.raises(ParameterError, match="reward"):
         SamplerSettings(reward="best")
     with pytest.raises(ParameterError, match="angle_intervals"):

@@ -95,7 +95,8 @@ class CellSampler:
         left, wanted = self._settings.samples_per_call, self._settings.goals_per_call
         while left > 0 and len(goals) < wanted and not should_stop():
             if len(self._depths) == 0:
-                self._begin_round(refine=best > -np.inf)
+                graded = self.count.samples >= self._settings.uniform_first
+                self._begin_round(refine=graded and best > -np.inf)
             outcome = self._checker.check_batch(self._draws(left), best, wanted - len(goals))
             tried = len(outcome.verdicts)
             self._remember(outcome, self._cells[:tried], self._depths[:tried])

@@ -35,7 +35,9 @@ class SamplerSettings:
             before it for samples without reward; 1 is the paper's algorithm to the letter.
         selection: `ucb1` (Algorithm 3) or `optimistic` (cells.CellSampler, which takes nothing of
             exploration, reward and max_nodes).
-        uniform_share: of optimistic search's samples, at least, in [0, 1).
+        uniform_first: samples before optimistic search begins to refine; until then all are
+            uniform, so that the coarse cells have been graded.
+        uniform_share: of optimistic search's samples after these, at least, in [0, 1).
         even_share: of these, in [0, 1]: drawn from all regions alike instead of by area, since what
             is best may stand on a small one.
     """
@@ -47,6 +49,7 @@ class SamplerSettings:
     max_nodes: int = 200_000
     batch: int = 16
     selection: Literal["ucb1", "optimistic"] = "optimistic"
+    uniform_first: int = 2000
     uniform_share: float = 0.5
     even_share: float = 0.5
 
@@ -59,6 +62,8 @@ class SamplerSettings:
             )
         if self.batch < 1:
             raise ParameterError("batch", self.batch, "must be at least 1")
+        if self.uniform_first < 0:
+            raise ParameterError("uniform_first", self.uniform_first, "must be zero or larger")
         if not 0.0 <= self.uniform_share < 1.0:
             raise ParameterError("uniform_share", self.uniform_share, "must be in [0, 1)")
         if self.selection not in ("ucb1", "optimistic"):
