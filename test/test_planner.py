@@ -76,7 +76,7 @@ def test_the_ablations_plan_too(settings):
 def test_local_optimisation_ends_where_its_trajectory_ends():
     planner, placements = plan()
     for placement in placements:
-        holding = planner._holding[placement.goal.arm, placement.goal.grasp]
+        holding = planner.holdings[placement.goal.arm, placement.goal.grasp]
         reached = holding.object_pose(placement.trajectory.positions[-1])
         assert reached.isApprox(placement.T_world_object, 1e-4)
 
@@ -221,7 +221,7 @@ def test_a_start_beyond_the_joint_limits_is_refused_with_the_joint():
 def test_plans_stay_a_little_within_the_joint_limits():
     problem, objective = make_problem(TABLE, np.random.default_rng(0))
     planner = PlacementPlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
-    for holding in planner._holding.values():
+    for holding in planner.holdings.values():
         real = next(arm for arm in problem.arms if arm.name == holding.arm.name)
         assert (holding.chain.lower >= real.lower + 0.9e-3).all()
         assert (holding.chain.upper <= real.upper - 0.9e-3).all()
@@ -288,7 +288,7 @@ def finder_and_draws():
     problem, objective = make_problem(CABINET, np.random.default_rng(0))
     settings = replace(PlannerSettings(), sampler="uniform")
     planner = PlacementPlanner(problem, objective, settings, np.random.default_rng(0))
-    return problem, objective, planner._sampler._checker, planner._sampler._draw(3000)
+    return problem, objective, planner.sampler._checker, planner.sampler._draw(3000)
 
 
 def test_poses_checked_in_a_batch_get_the_verdict_they_get_alone(finder_and_draws):

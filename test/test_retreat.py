@@ -210,7 +210,7 @@ def test_release_is_refused_where_a_finger_would_open_into_something(planned, po
 def test_the_retreat_is_straight_long_enough_and_ends_free_of_the_object(planned):
     _, planner, placement = planned
     goal = placement.goal
-    holding = planner._holding[goal.arm, goal.grasp]
+    holding = planner.holdings[goal.arm, goal.grasp]
     assert np.array_equal(goal.retreat[0], goal.q)
     tips = holding.chain.forward_batch(goal.retreat)
     way = tips[:, :3, 3] - tips[0, :3, 3]
@@ -309,7 +309,7 @@ def test_the_checker_refuses_a_finger_dragged_through_the_object(planned, judged
     """The hand leaves along its closing direction."""
     _, planner, placement = planned
     checker, solution = judged
-    ik = planner._holding[placement.goal.arm, placement.goal.grasp].open_hand._ik
+    ik = planner.holdings[placement.goal.arm, placement.goal.grasp].open_hand._ik
     tip = ik.chain.forward(placement.goal.q)
     for side in (-1.0, 1.0):
         poses = np.repeat(tip[None], 8, axis=0)

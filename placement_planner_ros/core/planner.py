@@ -29,13 +29,14 @@ from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.search.cells import CellSampler
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy, HierarchySettings
 from placement_planner_ros.core.search.sampler import (
+    GoalChecker,
     GoalSampler,
     MctsSampler,
     SamplerSettings,
     UniformSampler,
 )
 from placement_planner_ros.core.statistics import Statistics
-from placement_planner_ros.core.transit import MotionPlanner, TransitSettings
+from placement_planner_ros.core.transit import GoalPlanner, MotionPlanner, TransitSettings
 from placement_planner_ros.core.types import Array, Goal, Placement, TargetVolume
 
 _SAMPLERS: dict[tuple[str, str], Callable[..., GoalSampler]] = {
@@ -126,11 +127,17 @@ class PlannerSettings:
 class PlacementPlanner:
     """Algorithm 1: sample goals, plan motions, optimise locally, publish, repeat.
 
+    A variant samples or plans in another way by overriding `make_sampler` or `make_motion`, which
+    are called once, when the planner is made.
+
     Args:
         objective: ξ.
         rng: every random choice of the run is drawn from it.
 
     Attributes:
+        holdings: the usable arms with their grasps, by the arm's name and the grasp's number.
+        sampler: SampleGoals.
+        motion: PlanMotion.
         statistics: live counters, safe to read from other threads.
         exhausted: why there is nothing to search, or '' while there is.
         unusable: why some of the arms and grasps are left out of the search.
@@ -161,7 +168,7 @@ class PlacementPlanner:
             settings.approach.approach_minimum,
         )
         holdings, self.unusable = _usable_holdings(problem, settings)
-        self._holding = {(r.arm.name, r.grasp): r for of_arm in holdings for r in of_arm}
+        self.holdings = {(r.arm.name, r.grasp): r for of_arm in holdings for r in of_arm}
         finder = GoalFinder(
             body,
             poses,
@@ -179,32 +186,43 @@ class PlacementPlanner:
             settings.hierarchy,
         )
         self.exhausted = _nothing_to_search(hierarchy)
-        Sampler = _SAMPLERS[settings.sampler, settings.sampling.selection]
-        self._sampler: GoalSampler = Sampler(hierarchy, finder, settings.sampling, rng_sampler)
-        self._motion = MotionPlanner(list(self._holding.values()), settings.transit, rng_motion)
+        self.sampler = self.make_sampler(hierarchy, finder, rng_sampler)
+        self.motion = self.make_motion(rng_motion)
         self._optimizer = LocalOptimizer(
             poses, objective, settings.min_improvement, settings.refine
         )
         self._trajectories = TrajectoryMaker(settings.execution, rng_paths)
-        self.statistics = Statistics(self._sampler.count)
+        self.statistics = Statistics(self.sampler.count)
+
+    def make_sampler(
+        self, hierarchy: AfrHierarchy, checker: GoalChecker, rng: np.random.Generator
+    ) -> GoalSampler:
+        """SampleGoals, as the settings ask for it."""
+        settings = self._settings
+        Sampler = _SAMPLERS[settings.sampler, settings.sampling.selection]
+        return Sampler(hierarchy, checker, settings.sampling, rng)
+
+    def make_motion(self, rng: np.random.Generator) -> GoalPlanner:
+        """PlanMotion over all of `holdings`."""
+        return MotionPlanner(list(self.holdings.values()), self._settings.transit, rng)
 
     def run(self, should_stop: Callable[[], bool]) -> Iterator[Placement]:
         """Yield each placement strictly better than the one before until told to stop."""
         started = time.monotonic()
         best = -np.inf
         while not (self.exhausted or should_stop()):
-            for goal in self._sampler.sample_goals(best, should_stop):
-                self._motion.add(goal)
+            for goal in self.sampler.sample_goals(best, should_stop):
+                self.motion.add(goal)
                 self.statistics.goals += 1
-            if self._motion.goals == 0:
+            if self.motion.goals == 0:
                 continue
-            found = self._motion.plan(self._settings.motion_iterations, should_stop)
-            self.statistics.motion_iterations = self._motion.iterations
+            found = self.motion.plan(self._settings.motion_iterations, should_stop)
+            self.statistics.motion_iterations = self.motion.iterations
             if found is None:
                 continue
             for placement in self._placements(*found, best, started, should_stop):
                 best = placement.objective
-                self._motion.retire_up_to(best + self._settings.min_improvement)
+                self.motion.retire_up_to(best + self._settings.min_improvement)
                 self.statistics.best = best
                 self.statistics.solutions += 1
                 yield placement
@@ -221,8 +239,8 @@ class PlacementPlanner:
 
         Where nothing was found before, the placement as it was reached comes first, at once.
         """
-        self._motion.retire(goal)
-        holding = self._holding[goal.arm, goal.grasp]
+        self.motion.retire(goal)
+        holding = self.holdings[goal.arm, goal.grasp]
         optimize = self._settings.local_optimization
         first = best == -np.inf
         if first or not optimize:

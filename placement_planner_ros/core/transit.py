@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 
@@ -33,6 +34,42 @@ class TransitSettings:
         for name in ("active_goals", "patience"):
             if getattr(self, name) < 1:
                 raise ParameterError(name, getattr(self, name), "must be at least 1")
+
+
+class GoalPlanner(Protocol):
+    """PlanMotion with its state: the goals 𝒢, and what was learned of the ways to them."""
+
+    @property
+    def goals(self) -> int:
+        """|𝒢|."""
+        ...
+
+    @property
+    def iterations(self) -> int:
+        """Planning iterations spent so far."""
+        ...
+
+    def add(self, goal: Goal) -> None:
+        """𝒢 ← 𝒢 ∪ {g}."""
+        ...
+
+    def retire(self, goal: Goal) -> None:
+        """𝒢 ← 𝒢 \\ {g}."""
+        ...
+
+    def retire_up_to(self, bound: float) -> None:
+        """𝒢 ← 𝒢 \\ 𝒢_o with 𝒢_o = {g | ξ(g) ≤ bound}."""
+        ...
+
+    def plan(
+        self, max_iterations: int, should_stop: Callable[[], bool]
+    ) -> tuple[Goal, Array] | None:
+        """Spend up to m_max iterations, or less where told to stop; 𝒢 is not empty.
+
+        Returns:
+            A goal reached and the path (n, dof) from q_0 to its raised pre-placement, or None.
+        """
+        ...
 
 
 @dataclass(slots=True)

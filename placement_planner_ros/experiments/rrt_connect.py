@@ -129,4 +129,7 @@ class BaselinePlanner(PlacementPlanner):
             settings, sampler="uniform", local_optimization=False, gradient_sampling=False
         )
         super().__init__(problem, objective, plain, rng)
-        self._motion = RRTConnectMotion(self._holding)  # type: ignore[assignment]  # same methods
+
+    def make_motion(self, rng: np.random.Generator) -> RRTConnectMotion:
+        """One goal at a time, without `rng`, which OMPL does not draw from."""
+        return RRTConnectMotion(self.holdings)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.planner import PlannerSettings
+from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.types import TargetVolume
 from placement_planner_ros.experiments.cases import (
     OBJECTIVES,
@@ -23,7 +23,7 @@ from placement_planner_ros.experiments.cases import (
 from placement_planner_ros.experiments.record import Record, recorded_run
 from placement_planner_ros.experiments.trial import warm_process
 from placement_planner_ros.experiments.variants import VARIANTS
-from placement_planner_ros.experiments.yardstick import RandomPlacements
+from placement_planner_ros.experiments.yardstick import sampled_placements
 from placement_planner_ros.scenes.clouds import complete_cloud
 from placement_planner_ros.scenes.cluttered_table import cluttered_table
 
@@ -152,6 +152,6 @@ def random_value(axis: str, factor: int, objective: str) -> float | None:
     """Median ξ of random feasible placements."""
     problem, objective_function = build_problem(scaled_inputs(axis, factor), objective)
     settings = replace(PlannerSettings(), sampler="uniform")
-    planner = RandomPlacements(problem, objective_function, settings, np.random.default_rng(0))
-    values = planner.draw(_RANDOM_PLACEMENTS, _RANDOM_SECONDS)
+    planner = PlacementPlanner(problem, objective_function, settings, np.random.default_rng(0))
+    values = sampled_placements(planner, _RANDOM_PLACEMENTS, _RANDOM_SECONDS)
     return float(np.median(values)) if len(values) else None

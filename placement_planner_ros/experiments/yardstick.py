@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.feasibility import PoseConstraints
-from placement_planner_ros.core.goals import GoalFinder
 from placement_planner_ros.core.objective import Objective
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings, Problem
-from placement_planner_ros.core.robot.object_collision import ObjectCollision
+from placement_planner_ros.core.search.hierarchy import AfrHierarchy
 from placement_planner_ros.core.search.sampler import Draws, GoalChecker, SampleCount
-from placement_planner_ros.core.statistics import Statistics
 from placement_planner_ros.core.types import Array, Goal, Placement
 from placement_planner_ros.experiments.cases import Case, build_problem, read_inputs
 from placement_planner_ros.experiments.machine import machine, versions
@@ -74,12 +71,18 @@ class DescendingSampler:
     """
 
     def __init__(
-        self, checker: GoalChecker, holdings: int, placements: GridPlacements, values: Array
+        self,
+        checker: GoalChecker,
+        grasps_per_arm: Sequence[int],
+        placements: GridPlacements,
+        values: Array,
     ) -> None:
         self.count = SampleCount()
         self.finished = False
         self._checker = checker
-        self._holdings = holdings
+        self._holdings = [
+            (arm, grasp) for arm, grasps in enumerate(grasps_per_arm) for grasp in range(grasps)
+        ]
         self._placements = placements
         self._values = values
         self._order = np.argsort(-values, kind="stable")
@@ -107,14 +110,14 @@ class DescendingSampler:
         angle = np.asarray(placements.angle[row])
         place = (*np.round(contact / _CELL).astype(int).tolist(), int(angle // _CELL_ANGLE), face)
         goals = []
-        for holding in range(self._holdings):
-            cell = (holding, *place)
+        for arm, grasp in self._holdings:
+            cell = (arm, grasp, *place)
             tries = self._tries.get(cell, 0)
             if tries >= _TRIES_PER_CELL:
                 continue
             draw = Draws(
-                np.array([0]),
-                np.array([holding]),
+                np.array([arm]),
+                np.array([grasp]),
                 np.array([face]),
                 contact[None],
                 angle.reshape(1),
@@ -141,31 +144,20 @@ class DenseSearch(PlacementPlanner):
         values: Array,
         ik_seeds: int,
     ) -> None:
-        super().__init__(problem, objective, settings, rng)
-        poses = PoseConstraints(
-            problem.body,
-            problem.environment,
-            problem.volume,
-            ObjectCollision(problem.body, problem.environment.obstacles, settings.collision),
-            settings.collision.contact_tolerance,
-            settings.edge_margin,
-            settings.approach.approach_minimum,
-        )
-        holdings = list(self._holding.values())
-        finder = GoalFinder(
-            body=problem.body,
-            poses=poses,
-            holdings=[holdings],
-            objective=objective,
-            ik_seeds=ik_seeds,
-            min_improvement=settings.min_improvement,
-            rng=rng.spawn(1)[0],
-        )
-        self._dense = DescendingSampler(finder, len(holdings), placements, values)
-        self._sampler = self._dense
-        self.statistics = Statistics(self._dense.count)
+        self._grid = placements
+        self._grid_values = values
+        super().__init__(problem, objective, replace(settings, ik_seeds=ik_seeds), rng)
         if len(values) == 0:
             self.exhausted = "no pose of the grid is stable and free"
+
+    def make_sampler(
+        self, hierarchy: AfrHierarchy, checker: GoalChecker, rng: np.random.Generator
+    ) -> DescendingSampler:
+        """The grid's placements; nothing is drawn."""
+        self._dense = DescendingSampler(
+            checker, hierarchy.grasps_per_arm, self._grid, self._grid_values
+        )
+        return self._dense
 
     def best(self, seconds: float) -> tuple[Placement | None, bool]:
         """The best placement reached, and whether nothing better was left to be tried.
@@ -179,8 +171,8 @@ class DenseSearch(PlacementPlanner):
         def should_stop() -> bool:
             nonlocal since
             if not self._dense.finished:
-                since = self._motion.iterations
-            tried = self._motion.goals == 0 or self._motion.iterations > since + _LAST_ITERATIONS
+                since = self.motion.iterations
+            tried = self.motion.goals == 0 or self.motion.iterations > since + _LAST_ITERATIONS
             return (self._dense.finished and tried) or time.process_time() > deadline
 
         best = None
@@ -189,17 +181,18 @@ class DenseSearch(PlacementPlanner):
         return best, self._dense.finished
 
 
-class RandomPlacements(PlacementPlanner):
-    """Feasible placements as uniform sampling finds them."""
+def sampled_placements(planner: PlacementPlanner, number: int, seconds: float) -> Array:
+    """(≤ number,) ξ of placements that satisfy every constraint of the sampling problem.
 
-    def draw(self, number: int, seconds: float) -> Array:
-        """(≤ number,) ξ of placements that satisfy every constraint of the sampling problem."""
-        deadline = time.process_time() + seconds
-        values: list[float] = []
-        while not self.exhausted and len(values) < number and time.process_time() < deadline:
-            goals = self._sampler.sample_goals(-np.inf, lambda: time.process_time() > deadline)
-            values += [goal.objective for goal in goals]
-        return np.array(values)
+    Args:
+        seconds: of processor time.
+    """
+    deadline = time.process_time() + seconds
+    values: list[float] = []
+    while not planner.exhausted and len(values) < number and time.process_time() < deadline:
+        goals = planner.sampler.sample_goals(-np.inf, lambda: time.process_time() > deadline)
+        values += [goal.objective for goal in goals]
+    return np.array(values)
 
 
 def measure(job: YardstickJob) -> list[dict[str, Any]]:
@@ -219,8 +212,9 @@ def measure(job: YardstickJob) -> list[dict[str, Any]]:
     problem, objective = build_problem(inputs, job.objectives[0])
     placements = grid_placements(problem, job.resolution, settings)
     uniform = replace(settings, sampler="uniform")
-    drawn = RandomPlacements(problem, objective, uniform, rng)
-    random = drawn.draw(job.random_placements, job.seconds) * _SIGNS[job.objectives[0]]
+    planner = PlacementPlanner(problem, objective, uniform, rng)
+    random = sampled_placements(planner, job.random_placements, job.seconds)
+    random *= _SIGNS[job.objectives[0]]
     shared = time.process_time() - started
     records = []
     for name in job.objectives:

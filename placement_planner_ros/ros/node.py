@@ -47,7 +47,7 @@ from placement_planner_ros.ros.reporting import Reporter
 from placement_planner_ros.ros.robot_input import RobotInput, make_arms, require_known
 from placement_planner_ros.ros.run import Run, State
 from placement_planner_ros.ros.self_filter import outside_robot
-from placement_planner_ros.ros.spinning import catch_signals, spin_until
+from placement_planner_ros.ros.spinning import callbacks_end, catch_signals, spin_until
 from placement_planner_ros.ros.surroundings import sight_notes
 from placement_planner_ros.ros.transforms import Transforms
 
@@ -403,20 +403,6 @@ def unreadable(parameters: Sequence[ParameterMessage]) -> Answer | None:
     return refusal([ParameterError(p.name, f"type {p.value.type}", "is no type") for p in bad])
 
 
-def _callbacks_end(executor: MultiThreadedExecutor) -> bool:
-    """Begin no more callbacks; whether those in flight have ended within `STOP_PATIENCE`.
-
-    The executor's own shutdown does not wait for them in Jazzy, so that they would fail over what
-    is destroyed next ("exception was never retrieved").
-    """
-    waiting = threading.Thread(
-        target=executor._executor.shutdown, kwargs={"cancel_futures": True}, daemon=True
-    )
-    waiting.start()
-    waiting.join(STOP_PATIENCE)
-    return not waiting.is_alive()
-
-
 def main(args: list[str] | None = None) -> None:
     """Run the node until interrupted."""
     sys.setswitchinterval(SWITCH_INTERVAL)
@@ -432,7 +418,7 @@ def main(args: list[str] | None = None) -> None:
     warming.start()
     spin_until(executor, asked, node.survive)
     node.close()
-    working = not _callbacks_end(executor) or warming.is_alive() or node.working
+    working = not callbacks_end(executor, STOP_PATIENCE) or warming.is_alive() or node.working
     executor.shutdown()
     node.destroy_node()
     rclpy.shutdown()

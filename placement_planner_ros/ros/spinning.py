@@ -1,4 +1,4 @@
-"""Running an executor until the process is asked to end."""
+"""Running an executor until the process is asked to end, and ending it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import signal
 import threading
 from collections.abc import Callable
 
-from rclpy.executors import Executor
+from rclpy.executors import Executor, MultiThreadedExecutor
 
 PERIOD = 0.1
 """Seconds within which a signal is noticed."""
@@ -44,3 +44,17 @@ def spin_until(
             if on_error is None:
                 raise
             on_error(error)
+
+
+def callbacks_end(executor: MultiThreadedExecutor, patience: float) -> bool:
+    """Begin no more callbacks; whether those in flight have ended within `patience` seconds.
+
+    For an executor that nobody spins any more. Its own shutdown does not wait for callbacks in
+    Jazzy, so that they would fail over what is destroyed next ("exception was never retrieved").
+    """
+    waiting = threading.Thread(
+        target=executor._executor.shutdown, kwargs={"cancel_futures": True}, daemon=True
+    )
+    waiting.start()
+    waiting.join(patience)
+    return not waiting.is_alive()

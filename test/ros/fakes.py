@@ -26,7 +26,7 @@ from placement_planner_ros.ros.node import PlacementPlannerNode
 from placement_planner_ros.ros.planning import Prepared
 from placement_planner_ros.ros.point_cloud import message_from_points
 from placement_planner_ros.ros.publishing import LATCHED
-from placement_planner_ros.ros.spinning import spin_until
+from placement_planner_ros.ros.spinning import callbacks_end, spin_until
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.yumi import HOME
 
@@ -95,7 +95,10 @@ class Spinning:
     def end(self):
         self._asked.set()
         self._thread.join()
+        pooled = isinstance(self._executor, MultiThreadedExecutor)
+        ended = not pooled or callbacks_end(self._executor, 10.0)
         self._executor.shutdown()
+        assert ended, "a callback hangs"
 
 
 class Bench:

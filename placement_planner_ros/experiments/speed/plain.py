@@ -69,7 +69,7 @@ class PlainPlanner(BaselinePlanner):
         rng: np.random.Generator,
     ) -> None:
         super().__init__(problem, objective, settings, rng)
-        for holding in self._holding.values():
+        for holding in self.holdings.values():
             holding.collision = CoalCollision(  # type: ignore[assignment]  # same methods
                 ExactCollision(
                     problem.robot,
