@@ -57,4 +57,8 @@ def callbacks_end(executor: MultiThreadedExecutor, patience: float) -> bool:
     )
     waiting.start()
     waiting.join(patience)
-    return not waiting.is_alive()
+    if waiting.is_alive():
+        return False
+    for task in executor._futures:
+        task.cancel()  # those not begun, whose coroutines Python would else report as never awaited
+    return True
