@@ -11,6 +11,8 @@ from placement_planner_ros.core.body import Body
 from placement_planner_ros.core.errors import GraspError, JointStateError, ParameterError
 from placement_planner_ros.core.robot import collision, collision_boxes
 from placement_planner_ros.core.robot.collision import ArmCollision, CollisionSettings
+from placement_planner_ros.core.robot.collision_hand import WristTurns
+from placement_planner_ros.core.robot.ik import InverseKinematics
 from placement_planner_ros.core.robot.kinematics import Chain
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.separation import COLLIDING, FREE, UNDECIDED
@@ -242,6 +244,43 @@ def test_answers_do_not_depend_on_what_was_asked_before(yumi):
     first = ArmCollision(*setup).free_batch(Q)
     order = rng.permutation(len(Q))
     assert (ArmCollision(*setup).free_batch(Q[order]) == first[order]).all()
+
+
+def test_where_the_hand_surely_collides_no_configuration_is_free(yumi):
+    """Neither those the poses were made from nor others that reach them."""
+    rng = np.random.default_rng(30)
+    for scene, side in (("cabinet_high_clutter", "left"), ("table", "right")):
+        robot, arm, grasp, body, obstacles, q_rest = yumi_setup(yumi, scene, "toy_table", side)
+        checker = ArmCollision(robot, arm, grasp, body, obstacles, q_rest)
+        ik = InverseKinematics(Chain.from_robot(robot, arm, q_rest))
+        Q = ik.random_seeds(rng, 3000)
+        T = ik.chain.forward_batch(Q)
+        sure = np.array([checker.hand_collides(x, 1e-4, 0.001, contact=True) for x in T])
+        assert not checker.free_batch(Q[sure], 0.001, contact=True).any()
+        checker._wrist = WristTurns(np.inf, -1.0, 1.0)
+        by_hand = np.array([checker.hand_collides(x, 1e-4, 0.001, contact=True) for x in T])
+        assert (sure >= by_hand).all()
+        by_wrist = sure & ~by_hand
+        assert by_hand.sum() > 100
+        assert by_wrist.sum() > 20
+        for poses in (T[by_hand][:40], T[by_wrist][:40]):
+            starts = ik.random_seeds(rng, (len(poses), 32))
+            solutions, counts = ik.solve_batch(poses, starts)
+            for found, count in zip(solutions, counts, strict=True):
+                assert not checker.free_batch(found[:count], 0.001, contact=True).any()
+            assert counts.sum() > 5 * len(poses)
+
+
+def test_intervals_of_the_wrist_cover_its_range_within_the_margin():
+    for lower, upper in ((-1.0, 2.0), (-4.0, 4.0)):
+        middles, moved = WristTurns(0.1, lower, upper).intervals(0.004)
+        half = moved / 0.1
+        assert moved < 0.004
+        assert middles[0] - half <= lower + 1e-12
+        assert middles[-1] + half >= min(upper, lower + 2 * np.pi) - 1e-12
+        assert np.diff(middles).max() <= 2 * half + 1e-12
+    for radius, margin in ((np.inf, 0.004), (0.1, 0.0), (0.1, 1e-5)):
+        assert len(WristTurns(radius, -4.0, 4.0).intervals(margin)[0]) == 0
 
 
 def test_margin_is_kept_to_the_hair(slider):

@@ -32,7 +32,7 @@ _ATTEMPTS = 2
 
 
 class GoalFinder:
-    """Checks s(x), c_f(x), ξ(x) > ξ_best, then IK, q ∈ C_free, release, approach and retreat.
+    """Checks s(x), c_f(x), ξ(x) > ξ_best, then hand, IK, q ∈ C_free, release, approach, retreat.
 
     Args:
         holdings: per arm, per grasp.
@@ -133,7 +133,7 @@ class GoalFinder:
             x = placement_pose(self._body.faces[face], contact, float(draws.angle[row]))
             verdict = self._poses.verdict(x, face, contact[2])
             value = evaluate(self._objective, x)
-            goal = self._reach_any(draws, row, x, value)
+            goal = self._reach_any(draws, row, x, value, hand_first=False)
             reached = goal is not Verdict.NO_IK
             arm_free = reached and goal is not Verdict.ARM_COLLIDING
             stable, free = self._poses.stable(x, face), self._poses.free(x, contact[2])
@@ -150,7 +150,9 @@ class GoalFinder:
                     break
         return Outcome(np.array(verdicts), np.array(values), found, terms)
 
-    def _reach_any(self, draws: Draws, row: int, x: pin.SE3, value: float) -> Goal | Verdict:
+    def _reach_any(
+        self, draws: Draws, row: int, x: pin.SE3, value: float, hand_first: bool = True
+    ) -> Goal | Verdict:
         """A goal with the arm and grasp drawn, or where none was drawn, with the first that can."""
         if draws.arm[row] >= 0:
             candidates = [self._holdings[draws.arm[row]][draws.grasp[row]]]
@@ -160,7 +162,7 @@ class GoalFinder:
         furthest = Verdict.NO_IK
         for holding in candidates:
             goal = self._reach_goal(
-                holding, x, int(draws.face[row]), float(draws.contact[row, 2]), value
+                holding, x, int(draws.face[row]), float(draws.contact[row, 2]), value, hand_first
             )
             if not isinstance(goal, Verdict):
                 return goal
@@ -187,9 +189,15 @@ class GoalFinder:
         return x, value
 
     def _reach_goal(
-        self, holding: Holding, x: pin.SE3, face: int, contact_height: float, value: float
+        self,
+        holding: Holding,
+        x: pin.SE3,
+        face: int,
+        contact_height: float,
+        value: float,
+        hand_first: bool,
     ) -> Goal | Verdict:
-        found = holding.configurations(x, self._ik_seeds, self._rng)
+        found = holding.configurations(x, self._ik_seeds, self._rng, hand_first)
         if isinstance(found, Verdict):
             return found
         furthest, attempts = Verdict.ARM_COLLIDING, 0

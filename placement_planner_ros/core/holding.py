@@ -25,7 +25,9 @@ _WITHDRAWAL_STEP = 0.03
 _WITHDRAWAL_STEPS = 12
 """Waypoints of a withdrawal at most."""
 _FIRST_SEEDS = 16
-"""Starts of the inverse kinematics that are tried before the others."""
+"""Starts of the inverse kinematics beside q_0 that are tried before the others."""
+_HAND_SLACK = 1e-4
+"""m, more than what inverse kinematics leaves open moves any point of a hand."""
 _HAND_LENGTH = 0.3
 """m, how far a hand is taken to extend beyond its tip frame in `workspace`."""
 
@@ -121,7 +123,11 @@ class Holding:
         return pin.SE3(self.chain.forward(q)) * self.arm.grasps[self.grasp]
 
     def configurations(
-        self, T_world_object: pin.SE3, seeds: int, rng: np.random.Generator
+        self,
+        T_world_object: pin.SE3,
+        seeds: int,
+        rng: np.random.Generator,
+        hand_first: bool = True,
     ) -> Array | Verdict:
         """(k, dof) distinct q with O(q) = x, free at contact, the nearest to q_0 first.
 
@@ -130,6 +136,8 @@ class Holding:
 
         Args:
             seeds: starts of the inverse kinematics beside q_0.
+            hand_first: give up where the hand collides at x, before it is known whether the arm
+                reaches x at all.
 
         Returns:
             k >= 1 configurations, or the verdict that names why there are none.
@@ -137,10 +145,18 @@ class Holding:
         T_world_tip = self.tip_pose(T_world_object)
         if not self._ik.reachable(T_world_tip):
             return Verdict.NO_IK
-        near = self._seeds.near(T_world_tip[None], seeds, rng)[0]
+        if hand_first and self.collision.hand_collides(
+            T_world_tip, _HAND_SLACK, self._reserve, contact=True
+        ):
+            return Verdict.ARM_COLLIDING
         verdict = Verdict.NO_IK
-        for starts in np.split(np.vstack([self.q_start, near]), [_FIRST_SEEDS]):
-            solutions = self._ik.solve(T_world_tip, starts)
+        own = self.q_start[None]
+        for count in (min(seeds, _FIRST_SEEDS), seeds - _FIRST_SEEDS):
+            if count < 1:
+                break
+            near = self._seeds.near(T_world_tip[None], count, rng)[0]
+            solutions = self._ik.solve(T_world_tip, np.concatenate([own, near]))
+            own = own[:0]
             if len(solutions) == 0:
                 continue
             verdict = Verdict.ARM_COLLIDING

@@ -95,7 +95,7 @@ class PlannerSettings:
     sampler: Literal["mcts", "uniform"] = "mcts"
     local_optimization: bool = True
     motion_iterations: int = 50
-    ik_seeds: int = 31
+    ik_seeds: int = 63
     min_improvement: float = 1e-4
     edge_margin: float = 0.003
     require_retreat: bool = True

@@ -28,6 +28,7 @@ from placement_planner_ros.core.robot.collision_arrays import (
     with_own_object,
 )
 from placement_planner_ros.core.robot.collision_boxes import box_arrays
+from placement_planner_ros.core.robot.collision_hand import WristTurns, hand_collides
 from placement_planner_ros.core.robot.collision_kernels import (
     NOT_FINITE,
     OVERFLOW,
@@ -143,6 +144,8 @@ class ArmCollision:
         self._boxes = box_arrays(obstacles)
         self._scratch = scratch_for(self._flat, self._boxes.number)
         arrays = self._flat.arrays
+        self._wrist = WristTurns.of(arrays, float(arm.lower[-1]), float(arm.upper[-1]))
+        self._T_tip_joint = np.linalg.inv(arrays.fixed[-1])
         self._placed: PlacedObject | None = None
         if placed:
             self._placed = PlacedObject(self._flat, self._scratch, PLACED_OBJECT, T)
@@ -195,6 +198,32 @@ class ArmCollision:
             answers,
         )
         return answers
+
+    def hand_collides(
+        self, T_world_tip: Array, slack: float, reserve: float = 0.0, contact: bool = False
+    ) -> bool:
+        """Whether it is certain that no configuration with the tip at (4, 4) is free.
+
+        Hand and fingers against the obstacle set and the robot at rest, and the link before them,
+        which only turns about the last axis, against the obstacle set (`collision_hand`).
+
+        Args:
+            slack: metres that points of the hand may be off by at a configuration.
+            reserve, contact: as in `free`.
+        """
+        margin, self_margin = self._margins(reserve)
+        middles, moved = self._wrist.intervals(margin - slack)
+        return hand_collides(
+            self._flat.arrays,
+            self._boxes,
+            self._scratch,
+            T_world_tip @ self._T_tip_joint,
+            margin - slack,
+            self_margin - slack,
+            contact,
+            middles,
+            margin - slack - moved,
+        )
 
     def edge_free(
         self,

@@ -47,6 +47,22 @@ def to_world(frames: Array, joint: int, x: float, y: float, z: float) -> tuple[f
 
 
 @njit(cache=True, inline="always")
+def place_spheres(arm: ArmArrays, scratch: ArmScratch, body: int) -> None:
+    """Bounding spheres of a moving body and of its parts, its joint's frame being placed."""
+    frames, bodies = scratch.frames, arm.bodies
+    local, world = arm.body_spheres, scratch.body_spheres
+    part_local, part_world = arm.part_spheres, scratch.part_spheres
+    joint = bodies[body, BODY_JOINT]
+    world[body, 0], world[body, 1], world[body, 2] = to_world(
+        frames, joint, local[body, 0], local[body, 1], local[body, 2]
+    )
+    for part in range(bodies[body, BODY_FIRST_PART], bodies[body + 1, BODY_FIRST_PART]):
+        part_world[part, 0], part_world[part, 1], part_world[part, 2] = to_world(
+            frames, joint, part_local[part, 0], part_local[part, 1], part_local[part, 2]
+        )
+
+
+@njit(cache=True, inline="always")
 def place_arm(arm: ArmArrays, scratch: ArmScratch, q: Array) -> None:
     """Forward kinematics at q (n,): joint frames, bounding spheres of moving bodies and parts.
 
@@ -55,18 +71,8 @@ def place_arm(arm: ArmArrays, scratch: ArmScratch, q: Array) -> None:
     scratch.counters[0] += 1
     frames = scratch.frames
     chain_frames(arm.fixed, arm.prismatic, q, frames)
-    bodies = arm.bodies
-    local, world = arm.body_spheres, scratch.body_spheres
-    part_local, part_world = arm.part_spheres, scratch.part_spheres
     for body in range(arm.moving):
-        joint = bodies[body, BODY_JOINT]
-        world[body, 0], world[body, 1], world[body, 2] = to_world(
-            frames, joint, local[body, 0], local[body, 1], local[body, 2]
-        )
-        for part in range(bodies[body, BODY_FIRST_PART], bodies[body + 1, BODY_FIRST_PART]):
-            part_world[part, 0], part_world[part, 1], part_world[part, 2] = to_world(
-                frames, joint, part_local[part, 0], part_local[part, 1], part_local[part, 2]
-            )
+        place_spheres(arm, scratch, body)
 
 
 @njit(cache=True, inline="always")

@@ -79,6 +79,8 @@ class InverseKinematics:
         self.chain = chain
         self.settings = settings or IKSettings()
         self._reach = ReachBound.of(chain)
+        self._slack = self.settings.position_tolerance
+        self._slack += self.settings.rotation_tolerance * float(np.linalg.norm(self._reach.wrist))
 
     def random_seeds(self, rng: np.random.Generator, shape: int | tuple[int, ...]) -> Array:
         """(*shape, dof) configurations, uniform within the limits."""
@@ -87,14 +89,11 @@ class InverseKinematics:
 
     def reachable(self, T_world_tip: Array) -> bool:
         """False where the pose (4, 4) is further away than the arm is long: no q reaches it."""
-        return bool(self.reachable_batch(T_world_tip[None])[0])
+        return bool(self._reach.within(T_world_tip, self._slack))
 
     def reachable_batch(self, T_world_tip: Array) -> npt.NDArray[np.bool_]:
         """`reachable` of (n, 4, 4) poses."""
-        settings = self.settings
-        slack = settings.position_tolerance
-        slack += settings.rotation_tolerance * float(np.linalg.norm(self._reach.wrist))
-        return self._reach.within(T_world_tip, slack)
+        return self._reach.within(T_world_tip, self._slack)
 
     def solve(self, T_world_tip: Array, seeds: Array) -> Array:
         """Distinct solutions (k, dof) for a pose (4, 4) from seeds (s, dof), in seed order.

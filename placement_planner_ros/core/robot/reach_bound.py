@@ -39,9 +39,9 @@ class ReachBound:
         return _of(chain.dof, *(np.asarray(array).tobytes() for array in arrays))
 
     def within(self, T_world_tip: Array, slack: float) -> npt.NDArray[np.bool_]:
-        """Which of the (n, 4, 4) poses are no further than `slack` m beyond `length`."""
-        wrist = T_world_tip[:, :3, :3] @ self.wrist + T_world_tip[:, :3, 3]
-        return np.asarray(np.linalg.norm(wrist - self.shoulder, axis=1) <= self.length + slack)
+        """Which of the (..., 4, 4) poses are no further than `slack` m beyond `length`."""
+        gap = T_world_tip[..., :3, :3] @ self.wrist + T_world_tip[..., :3, 3] - self.shoulder
+        return np.asarray((gap * gap).sum(axis=-1) <= (self.length + slack) ** 2)
 
 
 @lru_cache(maxsize=64)

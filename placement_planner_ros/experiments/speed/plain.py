@@ -41,6 +41,10 @@ class CoalCollision:
         """As `ArmCollision.free_batch`, one after the other."""
         return np.array([self._exact.free(q, reserve, contact) for q in Q], dtype=np.bool_)
 
+    def hand_collides(self, *_: object, **__: object) -> bool:
+        """As `ArmCollision.hand_collides`: coal alone has no such check."""
+        return False
+
     def edge_free(
         self,
         a: Array,

@@ -33,7 +33,7 @@ class CompareSettings:
 
     states: int = 400
     edges: int = 60
-    poses: int = 150
+    poses: int = 600
 
 
 class Bench:
