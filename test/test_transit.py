@@ -107,3 +107,15 @@ def test_bad_settings_are_named():
     for name in ("active_goals", "patience"):
         with pytest.raises(ParameterError, match=name):
             TransitSettings(**{name: 0})
+
+
+def test_of_too_many_goals_the_best_are_kept():
+    one = planner([holding("left")], active_goals=1)
+    for objective in np.random.default_rng(1).permutation(5000):
+        one.add(goal("left", OPEN, float(objective)))
+        assert one.goals <= 2000
+    assert one.goals >= 1000
+    found, _ = one.plan(1000, lambda: False)
+    assert found.objective == 4999.0
+    one.retire_up_to(4998.0)
+    assert one.goals == 1

@@ -13,6 +13,9 @@ from placement_planner_ros.core.holding import Holding
 from placement_planner_ros.core.motion.birrt import GoalSetRRT, GoalSetRRTSettings
 from placement_planner_ros.core.types import Array, Goal
 
+_MAX_WAITING = 1000
+"""Goals of one arm and grasp that wait; once there are twice as many, the rest is forgotten."""
+
 
 @dataclass(frozen=True, slots=True)
 class TransitSettings:
@@ -81,6 +84,10 @@ class _Candidate:
     turns: int = 0
     activated: int = 0
 
+    def order(self) -> tuple[int, float]:
+        """Goals that had the fewest turns come first, of these the best ξ."""
+        return self.turns, -self.goal.objective
+
 
 class _Trees:
     """The RRT of one holding with its active and waiting goals."""
@@ -110,6 +117,9 @@ class _Trees:
     def add(self, goal: Goal) -> None:
         self._waiting.append(_Candidate(goal, self._next_key))
         self._next_key += 1
+        if len(self._waiting) > 2 * _MAX_WAITING:
+            self._waiting.sort(key=_Candidate.order)
+            del self._waiting[_MAX_WAITING:]
 
     def retire(self, unwanted: Callable[[Goal], bool]) -> None:
         self._waiting = [c for c in self._waiting if not unwanted(c.goal)]
@@ -141,7 +151,7 @@ class _Trees:
         room = settings.active_goals - len(self._active)
         if room <= 0 or not self._waiting:
             return
-        self._waiting.sort(key=lambda c: (c.turns, -c.goal.objective))
+        self._waiting.sort(key=_Candidate.order)
         for candidate in self._waiting[:room]:
             candidate.activated = iterations
             self._active[candidate.key] = candidate

@@ -155,11 +155,12 @@ class CellSampler:
         ranks = self._rng.random(count)
         for k in np.flatnonzero(area[:count] > self._min_area).tolist():
             verdict, depth = outcome.verdicts[k], int(depths[k])
+            cell = cells[k].copy()  # a view would keep the whole round in memory
             if verdict == Verdict.FEASIBLE:
-                self._with_goal.append((float(outcome.values[k]), depth, cells[k]))
+                self._with_goal.append((float(outcome.values[k]), depth, cell))
                 continue
             kind = _CLASS[verdict]
-            self._push(depth, kind, float(-outcome.values[k] if kind == 0 else ranks[k]), cells[k])
+            self._push(depth, kind, float(-outcome.values[k] if kind == 0 else ranks[k]), cell)
 
     def _push(self, depth: int, kind: int, rank: float, cell: Array) -> None:
         level = self._levels[depth]
