@@ -3,6 +3,7 @@
 import itertools
 import re
 from dataclasses import asdict, replace
+from unittest import mock
 
 import numpy as np
 import pinocchio as pin
@@ -11,6 +12,7 @@ from verify_cases import case_checker, load_solution
 
 from placement_planner_ros.core.errors import GraspError, ParameterError, RobotError, StartError
 from placement_planner_ros.core.feasibility import placement_pose
+from placement_planner_ros.core.holding import Holding
 from placement_planner_ros.core.objective import ObjectiveContext, make_objective
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.robot.collision import (
@@ -23,6 +25,7 @@ from placement_planner_ros.core.robot.collision import (
 from placement_planner_ros.core.robot.hand_sweep import _swept
 from placement_planner_ros.core.robot.kinematics import _chain
 from placement_planner_ros.core.robot.seeds import seed_table
+from placement_planner_ros.core.search.sampler import SamplerSettings
 from placement_planner_ros.core.types import TargetVolume, Verdict
 from placement_planner_ros.experiments.cases import Case, make_problem
 from placement_planner_ros.experiments.record import save_solution
@@ -314,3 +317,20 @@ def test_estimates_hide_no_pose_that_is_better_and_raise_none(finder_and_draws):
         assert ((values > bound) == (exact > bound)).all()
         assert (values[values > bound] == exact[values > bound]).all()
         assert (values != exact).any()
+
+
+def test_it_stops_between_the_poses_of_a_batch():
+    """Told to stop while it seeks configurations, it seeks no more, and counts what it checked."""
+    problem, objective = make_problem(TABLE, np.random.default_rng(0))
+    planner = PlacementPlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
+    asked = 0
+
+    def should_stop() -> bool:
+        nonlocal asked
+        asked += 1
+        return asked > 10
+
+    with mock.patch.object(Holding, "configurations", return_value=Verdict.NO_IK) as sought:
+        assert planner.sampler.sample_goals(-np.inf, should_stop) == []
+    assert 0 < sought.call_count <= 10
+    assert 0 < planner.statistics.samples < SamplerSettings().samples_per_call

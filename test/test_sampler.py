@@ -37,7 +37,7 @@ class CornerChecker:
     def __init__(self) -> None:
         self.contacts: list[np.ndarray] = []
 
-    def check_batch(self, draws: Draws, best: float, goals: int) -> Outcome:
+    def check_batch(self, draws: Draws, best: float, goals: int, should_stop) -> Outcome:
         verdicts, values, found = [], [], []
         for arm, contact, angle in zip(draws.arm, draws.contact, draws.angle, strict=True):
             self.contacts.append(np.array([*contact[:2], angle, arm]))
@@ -59,8 +59,8 @@ class CornerChecker:
         reached = arm in (1, -1) and angle <= np.pi / 2
         return Verdict.FEASIBLE if reached else Verdict.NO_IK, value
 
-    def check_all(self, draws, best, goals) -> Outcome:
-        outcome = self.check_batch(draws, best, goals)
+    def check_all(self, draws, best, goals, should_stop) -> Outcome:
+        outcome = self.check_batch(draws, best, goals, should_stop)
         reached = outcome.verdicts == Verdict.FEASIBLE
         return replace(outcome, terms=[(bool(r), bool(r), True, True) for r in reached])
 

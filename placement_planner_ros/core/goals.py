@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pinocchio as pin
@@ -66,7 +66,9 @@ class GoalFinder:
         self._compared = 0
         self._rng = rng
 
-    def check_batch(self, draws: Draws, best: float, goals: int) -> Outcome:
+    def check_batch(
+        self, draws: Draws, best: float, goals: int, should_stop: Callable[[], bool]
+    ) -> Outcome:
         """Each up to its first constraint that fails; the cheap ones of all draws together."""
         bound = best + self._min_improvement
         verdicts, T = self._poses.verdicts(draws.face, draws.contact, draws.angle)
@@ -77,11 +79,13 @@ class GoalFinder:
             verdicts[free] = Verdict.NOT_BETTER
         found: list[Goal] = []
         for row in free[values[free] + (0.0 if self._ascent is None else self._gain) > bound]:
+            if should_stop():
+                return Outcome(verdicts[:row], values[:row], found)
             face, height = int(draws.face[row]), float(draws.contact[row, 2])
             for x, value in self._candidates(
                 pin.SE3(T[row]), float(values[row]), face, height, bound
             ):
-                reached = self._reach_any(draws, int(row), x, value)
+                reached = self._reach_any(draws, int(row), x, value, should_stop)
                 if isinstance(reached, Verdict):
                     verdicts[row] = max(verdicts[row], reached)
                     continue
@@ -123,17 +127,21 @@ class GoalFinder:
                 candidates.insert(0, higher)
         return candidates
 
-    def check_all(self, draws: Draws, best: float, goals: int) -> Outcome:
+    def check_all(
+        self, draws: Draws, best: float, goals: int, should_stop: Callable[[], bool]
+    ) -> Outcome:
         """The same with every check made on every sample, as the authors' reward needs."""
         bound = best + self._min_improvement
         verdicts, values, terms = [], [], []
         found: list[Goal] = []
         for row in range(len(draws.face)):
+            if should_stop():
+                break
             face, contact = int(draws.face[row]), draws.contact[row]
             x = placement_pose(self._body.faces[face], contact, float(draws.angle[row]))
             verdict = self._poses.verdict(x, face, contact[2])
             value = evaluate(self._objective, x)
-            goal = self._reach_any(draws, row, x, value, hand_first=False)
+            goal = self._reach_any(draws, row, x, value, should_stop, hand_first=False)
             reached = goal is not Verdict.NO_IK
             arm_free = reached and goal is not Verdict.ARM_COLLIDING
             stable, free = self._poses.stable(x, face), self._poses.free(x, contact[2])
@@ -151,7 +159,13 @@ class GoalFinder:
         return Outcome(np.array(verdicts), np.array(values), found, terms)
 
     def _reach_any(
-        self, draws: Draws, row: int, x: pin.SE3, value: float, hand_first: bool = True
+        self,
+        draws: Draws,
+        row: int,
+        x: pin.SE3,
+        value: float,
+        should_stop: Callable[[], bool],
+        hand_first: bool = True,
     ) -> Goal | Verdict:
         """A goal with the arm and grasp drawn, or where none was drawn, with the first that can."""
         if draws.arm[row] >= 0:
@@ -167,6 +181,8 @@ class GoalFinder:
             if not isinstance(goal, Verdict):
                 return goal
             furthest = max(furthest, goal)
+            if should_stop():
+                break
         return furthest
 
     def _climb(

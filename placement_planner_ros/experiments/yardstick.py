@@ -100,11 +100,11 @@ class DescendingSampler:
             )
             if self.finished:
                 break
-            goals += self._goals_at(int(self._order[self._next]), best)
+            goals += self._goals_at(int(self._order[self._next]), best, should_stop)
             self._next += 1
         return goals
 
-    def _goals_at(self, row: int, best: float) -> list[Goal]:
+    def _goals_at(self, row: int, best: float, should_stop: Callable[[], bool]) -> list[Goal]:
         placements = self._placements
         face, contact = int(placements.face[row]), placements.contact[row]
         angle = np.asarray(placements.angle[row])
@@ -122,7 +122,7 @@ class DescendingSampler:
                 contact[None],
                 angle.reshape(1),
             )
-            outcome = self._checker.check_batch(draw, best, 1)
+            outcome = self._checker.check_batch(draw, best, 1, should_stop)
             self.count.add(outcome.verdicts)
             if outcome.goals:
                 goals += outcome.goals

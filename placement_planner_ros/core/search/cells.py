@@ -97,7 +97,9 @@ class CellSampler:
             if len(self._depths) == 0:
                 graded = self.count.samples >= self._settings.uniform_first
                 self._begin_round(refine=graded and best > -np.inf)
-            outcome = self._checker.check_batch(self._draws(left), best, wanted - len(goals))
+            outcome = self._checker.check_batch(
+                self._draws(left), best, wanted - len(goals), should_stop
+            )
             tried = len(outcome.verdicts)
             self._remember(outcome, self._cells[:tried], self._depths[:tried])
             self._keep(slice(tried, None))

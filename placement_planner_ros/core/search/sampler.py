@@ -107,14 +107,19 @@ class Outcome:
 class GoalChecker(Protocol):
     """Checks samples against every constraint of the problem."""
 
-    def check_batch(self, draws: Draws, best: float, goals: int) -> Outcome:
+    def check_batch(
+        self, draws: Draws, best: float, goals: int, should_stop: Callable[[], bool]
+    ) -> Outcome:
         """Each up to the first check that fails, cheap checks first.
 
-        Ends with the draw that gives the last of so many goals; those after it do not count.
+        Ends with the draw that gives the last of so many goals, or when told to stop; draws after
+        it do not count.
         """
         ...
 
-    def check_all(self, draws: Draws, best: float, goals: int) -> Outcome:
+    def check_all(
+        self, draws: Draws, best: float, goals: int, should_stop: Callable[[], bool]
+    ) -> Outcome:
         """The same without stopping at the first failure, with `terms` filled."""
         ...
 
@@ -203,7 +208,7 @@ class MctsSampler:
         left, wanted = self._settings.samples_per_call, self._settings.goals_per_call
         while left > 0 and len(goals) < wanted and not should_stop():
             nodes = self._select(min(left, self._settings.batch))
-            outcome = self._check(self._draw(nodes), best, wanted - len(goals))
+            outcome = self._check(self._draw(nodes), best, wanted - len(goals), should_stop)
             for n in nodes:
                 self.tree.release(n)
             self._reward(nodes, outcome, best)
@@ -272,7 +277,7 @@ class UniformSampler:
         left, wanted = self._settings.samples_per_call, self._settings.goals_per_call
         while left > 0 and len(goals) < wanted and not should_stop():
             draws = self._draw(min(left, self._settings.batch))
-            outcome = self._checker.check_batch(draws, best, wanted - len(goals))
+            outcome = self._checker.check_batch(draws, best, wanted - len(goals), should_stop)
             self.count.add(outcome.verdicts)
             left -= len(outcome.verdicts)
             goals += outcome.goals
