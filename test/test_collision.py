@@ -11,6 +11,7 @@ from placement_planner_ros.core.body import Body
 from placement_planner_ros.core.errors import GraspError, JointStateError, ParameterError
 from placement_planner_ros.core.robot import collision, collision_boxes
 from placement_planner_ros.core.robot.collision import ArmCollision, CollisionSettings
+from placement_planner_ros.core.robot.collision_environment import layer_range
 from placement_planner_ros.core.robot.collision_hand import WristTurns
 from placement_planner_ros.core.robot.ik import InverseKinematics
 from placement_planner_ros.core.robot.kinematics import Chain
@@ -327,11 +328,32 @@ def test_boxes_are_made_once_and_go_with_their_obstacle_set():
     before = len(collision_boxes._made)
     boxes = collision_boxes.box_arrays(obstacles)
     assert collision_boxes.box_arrays(obstacles) is boxes
-    assert np.shares_memory(boxes.rows, obstacles.index)
     assert len(collision_boxes._made) == before + 1
     del obstacles, boxes
     gc.collect()
     assert len(collision_boxes._made) <= before
+
+
+def test_columns_hold_each_box_in_its_cell_once():
+    floor = plate((0.2, 0.2, 0.001), (0.0, 0.0, 0.0))
+    wall = plate((0.001, 0.2, 0.2), (0.05, 0.0, 0.1))
+    measured = ObstacleSet.from_points(np.vstack([floor, wall]))
+    empty = np.argwhere(measured.index < 0)[::7].astype(np.int32)
+    obstacles = measured.with_full_cells(empty)
+    boxes = collision_boxes.box_arrays(obstacles)
+    nx, ny, nz = obstacles.shape
+    assert (obstacles.next >= 0).any(), "some cell has more than one box"
+    for i, j in np.ndindex(nx, ny):
+        first, last = boxes.columns[i, j], boxes.columns[i, j + 1]
+        for low, high in ((-5, nz + 5), (0, nz), (3, 4), (2, nz // 2), (nz, nz + 9), (-9, 0)):
+            expected = []
+            for k in range(max(low, 0), min(high, nz)):
+                row = obstacles.index[i, j, k]
+                while row >= 0:
+                    expected.append(row)
+                    row = obstacles.next[row]
+            got = range(*layer_range(boxes.layers, first, last, low, high))
+            assert sorted(got) == sorted(expected)
 
 
 def test_allowed_pairs_are_left_out(mixed, ring_file):

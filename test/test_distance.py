@@ -179,8 +179,13 @@ def true_distance(obstacles, points):
     )
 
 
+def levels_of(bound, cells):
+    tile, (i, j, k) = tuple((cells // 4).T), (cells % 4).T
+    return bound.levels[(*tile, 16 * i + 4 * j + k)].astype(np.float64)
+
+
 @pytest.mark.parametrize("cap", [0.3, 0.04])
-def test_bound_is_sound_everywhere_and_exact_near(obstacles, cap):
+def test_bounds_hold_everywhere_and_are_exact_near(obstacles, cap):
     bound = distance_bound_field(obstacles, cap)
     rng = np.random.default_rng(6)
     cells = np.stack([rng.integers(n, size=2500) for n in obstacles.shape], axis=1)
@@ -188,21 +193,26 @@ def test_bound_is_sound_everywhere_and_exact_near(obstacles, cap):
     near = obstacles.cells[boxes] + rng.integers(-4, 5, (1500, 3))
     cells = np.vstack([cells, np.clip(near, 0, np.array(obstacles.shape) - 1)])
     centers = bound.origin + (cells + 0.5) * bound.cell_size
-    values = bound.values[tuple(cells.T)].astype(np.float64)
+    levels = levels_of(bound, cells)
     true = true_distance(obstacles, centers)
-    assert (values <= true).all()
-    assert values.max() <= cap
-    close = true < 2.5 * CELL
-    assert close.sum() > 300
-    np.testing.assert_allclose(values[close], true[close], atol=1e-6)
-    assert (np.minimum(true, cap) - values).max() <= np.sqrt(2.0) * CELL + 1e-6
+    assert (levels * bound.step <= true).all()
+    known = levels < bound.exact
+    assert (true <= (levels + 1) * bound.step + 1e-9)[known].all()
+    assert known[true < min(2.5 * CELL, cap) - 2 * bound.step].all()
+    assert known.sum() > 300
+    assert levels.max() * bound.step <= cap
+    below = np.minimum(true, cap) - levels * bound.step
+    assert below.max() <= np.sqrt(2.0) * CELL + bound.step + 1e-6
 
 
 def test_bound_of_an_empty_set_is_the_cap():
     empty = ObstacleSet.from_points(np.zeros((0, 3)), bounds=BOUNDS)
-    values = distance_bound_field(empty, 0.2).values
-    np.testing.assert_allclose(values, 0.2, rtol=1e-6)
-    assert values.shape == empty.shape
+    bound = distance_bound_field(empty, 0.2)
+    cells = np.argwhere(np.ones(empty.shape, dtype=bool))
+    levels = levels_of(bound, cells)
+    assert bound.shape == empty.shape
+    assert (levels >= bound.exact).all()
+    assert levels.min() * bound.step >= 0.2 - 1.01 * bound.step
 
 
 def test_bad_lengths_are_refused(obstacles):

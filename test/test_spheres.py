@@ -96,6 +96,29 @@ def test_leaves_stick_out_by_no_more_than_stated(name, rng):
     assert tree.excess < 2 * EXCESS
 
 
+INSIDE = {
+    "box": lambda p: (np.abs(p) - (0.05, 0.15, 0.01)).max(axis=1),
+    "sphere": lambda p: np.linalg.norm(p, axis=1) - 0.07,
+    "capsule": lambda p: np.linalg.norm(p - np.clip(p, (0, 0, -0.1), (0, 0, 0.1)), axis=1) - 0.03,
+}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_inner_balls_lie_inside_of_what_is_known_exactly(name, rng):
+    tree = sphere_tree(shape_of(SHAPES[name][0], name), EXCESS)
+    if name not in INSIDE:
+        assert (tree.inner == -np.inf).all(), "larger than the shape, or hollow"
+        return
+    directions = rng.normal(size=(300, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    outside = [
+        INSIDE[name](center + inner * directions).max()
+        for center, inner in zip(tree.centers, tree.inner, strict=True)
+    ]
+    assert max(outside) <= 0.0
+    assert tree.inner.max() > 0.9 * {"box": 0.01, "sphere": 0.07, "capsule": 0.03}[name]
+
+
 def test_skips_lead_past_exactly_what_lies_below():
     tree = sphere_tree(shape_of(coal.Box(0.1, 0.3, 0.1), "box"), EXCESS)
     nodes = np.arange(len(tree.radii))

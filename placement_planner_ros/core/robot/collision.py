@@ -20,6 +20,9 @@ from placement_planner_ros.core.body import Body, ConvexPart
 from placement_planner_ros.core.errors import GraspError, JointStateError, ParameterError
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.collision_arrays import (
+    PART_FIRST_NODE,
+    PART_FIRST_SET,
+    SET_JOINT,
     CollisionBody,
     FlatArm,
     Part,
@@ -281,6 +284,8 @@ class ArmCollision:
         if found is None:
             return ""
         kind, s, other = found
+        if kind == 2:
+            kind, s, other = self._ball_in_box(s)
         first = self._flat.bodies[self._flat.set_body[s]].name
         if kind == 0:
             where = (self._obstacles.lower[other] + self._obstacles.upper[other]) / 2
@@ -324,7 +329,7 @@ class ArmCollision:
         return settings.collision_margin + reserve, settings.self_margin + kept
 
     def _collision(self, q: Array, reserve: float, contact: bool) -> tuple[int, int, int] | None:
-        """(kind, set, box or set) of a collision at q."""
+        """A collision at q, as `ArmScratch.hit`."""
         q = kernel_input(q).reshape(1, self._dof)
         margin, self_margin = self._margins(reserve)
         while True:
@@ -371,6 +376,16 @@ class ArmCollision:
             zero = self._flat.joint_frames[body.joint]
             T = _se3(self._scratch.frames[body.joint]) * zero.inverse() * T
         return part.geometry, coal.Transform3s(T.rotation, T.translation)
+
+    def _ball_in_box(self, node: int) -> tuple[int, int, int]:
+        """Which set meets which box, where the ball inside a sphere is known to meet one."""
+        arrays, corners = self._flat.arrays, self._boxes.corners
+        part = int(np.searchsorted(arrays.parts[:, PART_FIRST_NODE], node, "right")) - 1
+        s = int(arrays.parts[part, PART_FIRST_SET])
+        frame = self._scratch.frames[arrays.sets[s, SET_JOINT]]
+        center = frame[:3, :3] @ arrays.node_spheres[node, :3] + frame[:3, 3]
+        away = np.maximum(np.maximum(corners[:, :3] - center, center - corners[:, 3:]), 0.0)
+        return 0, s, int(np.argmin(np.linalg.norm(away, axis=1)))
 
     def _between(self, s: int, other: int) -> Array:
         """A point (3,) where two parts meet, or half-way between them."""

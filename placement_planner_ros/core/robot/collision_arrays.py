@@ -66,6 +66,8 @@ class ArmArrays(NamedTuple):
     """(k, 3) next node not below, range of sets of a leaf (-1 above leaves)."""
     node_spheres: Array
     """(k, 4)."""
+    node_inner: Array
+    """(k,) radius of a ball around the sphere's centre that the part holds, -inf without one."""
     sets: Indices
     """(s + 1, 4) first vertex, first plane, joint, whether exact."""
     radius: Array
@@ -98,13 +100,16 @@ class ArmScratch(NamedTuple):
     """(m,) visit in which an obstacle was last looked at."""
     counters: Indices
     """Configuration, visit, number of undecided pairs."""
+    leaves: Indices
+    """(k,) leaf spheres that the field leaves open; `leaf_bound` (k,): their distance at least."""
+    leaf_bound: Array
     work: Array
     direction: Array
     """(., 6) direction that last kept a pair of parts apart, in the frames of both."""
     undecided: Indices
     """(., 3) kind (0 box, 1 set), set, box or set."""
     hit: Indices
-    """(3,) the like of the collision found."""
+    """(3,) the like of the collision found, or kind 2 and a sphere whose inner ball meets a box."""
     bound: Array
     """(b, n + 1) motion bounds, and `bound_straight` without the deviation."""
     bound_straight: Array
@@ -176,7 +181,10 @@ def flatten(
         clear: what tables of pairs certify, metres.
     """
     joint_frames = [pin.SE3(T) for T in itertools.accumulate(chain.fixed[:-1], np.matmul)]
-    ordered = sorted(bodies, key=lambda b: (b.joint < 0, b.name != held, -b.joint))
+    # The outer and the larger collide most often.
+    ordered = sorted(
+        bodies, key=lambda b: (b.joint < 0, b.name != held, -b.joint, -_extent(b), b.name)
+    )
     number = {body.name: i for i, body in enumerate(ordered)}
     trees: list[SphereTree] = []
     flat = _Rows()
@@ -227,6 +235,18 @@ def flatten(
         np.array(flat.set_part, dtype=np.int64),
         tuple(joint_frames),
     )
+
+
+def _extent(body: CollisionBody) -> float:
+    """Metres along the three axes of the body's parts, added up."""
+    corners = np.vstack(
+        [
+            convex.vertices @ part.T_world_part.rotation.T + part.T_world_part.translation
+            for part in body.parts
+            for convex in part.shape.sets
+        ]
+    )
+    return float(np.ptp(corners, axis=0).sum())
 
 
 def _tables(
@@ -321,6 +341,8 @@ def scratch_for(flat: FlatArm, boxes: int) -> ArmScratch:
         plane_stamp=np.where(fixed, np.iinfo(np.int64).max, 0),
         box_stamp=np.zeros(boxes, dtype=np.int64),
         counters=np.zeros(3, dtype=np.int64),
+        leaves=np.zeros(len(a.nodes), dtype=np.int64),
+        leaf_bound=np.zeros(len(a.nodes)),
         work=np.zeros((6, 4)),
         direction=np.zeros((flat.directions, 6)),
         undecided=np.zeros((256, 3), dtype=np.int64),
@@ -340,6 +362,7 @@ class _Rows:
         self.body_spheres: list[tuple[float, float, float, float]] = []
         self.nodes: list[Indices] = []
         self.node_spheres: list[Array] = []
+        self.node_inner: list[Array] = []
         self.sets: list[tuple[int, int, int, int]] = []
         self.set_body: list[int] = []
         self.set_part: list[int] = []
@@ -358,6 +381,7 @@ class _Rows:
         self.part_spheres.append(spheres[0])
         self.nodes.append(np.column_stack([tree.skip + nodes, below]))
         self.node_spheres.append(spheres)
+        self.node_inner.append(tree.inner)
         for convex in tree.sets:
             self.sets.append((int(self.ends[2]), int(self.ends[3]), body, int(convex.exact)))
             normals = convex.normals @ T.rotation.T
@@ -388,6 +412,7 @@ class _Rows:
             "part_spheres": np.array(self.part_spheres),
             "nodes": np.vstack(self.nodes),
             "node_spheres": np.vstack(self.node_spheres),
+            "node_inner": np.concatenate(self.node_inner),
             "sets": np.array([*rows, (vertices, planes, 0, 0)], dtype=np.int64),
             "radius": np.array(self.radius),
             "vertices": np.vstack(self.vertices),

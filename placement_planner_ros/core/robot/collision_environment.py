@@ -1,8 +1,8 @@
 """A moving body against the obstacle set, coarse to fine.
 
-Spheres against the field of distance bounds, then the cells near a leaf sphere, then the face
-planes of the convex set, then the distance between set and box (`separation`). Every answer but
-UNDECIDED is certain.
+Spheres around the body and balls inside of it against the field of distance bounds, then the boxes
+near the leaf spheres left open, then the face planes of the convex set, then the distance between
+set and box (`separation`). Every answer but UNDECIDED is certain.
 """
 
 from __future__ import annotations
@@ -20,12 +20,13 @@ from placement_planner_ros.core.robot.collision_arrays import (
     NODE_LAST,
     NODE_SKIP,
     PART_FIRST_NODE,
-    PART_SOLID,
     SET_EXACT,
     SET_FIRST_PLANE,
     SET_FIRST_VERTEX,
+    SET_JOINT,
     ArmArrays,
     ArmScratch,
+    Indices,
 )
 from placement_planner_ros.core.robot.collision_placing import (
     note_undecided,
@@ -50,41 +51,77 @@ class BoxArrays(NamedTuple):
     """The obstacle set for the kernels: m boxes, each within its cell."""
 
     number: int
-    rows: npt.NDArray[np.int32]
-    """(nx, ny, nz) cell to its first box, or -1."""
-    next: npt.NDArray[np.int32]
-    """(m,) another box of the same cell, or -1."""
+    columns: npt.NDArray[np.int32]
+    """(nx, ny + 1): the boxes of the column of cells i, j are columns[i, j] to columns[i, j + 1].
+
+    A few hundred kilobytes, where an index of all cells would be too much for the caches.
+    """
+    layers: npt.NDArray[np.int32]
+    """(m,) cell of each box along z, ascending within a column."""
     corners: Array
     """(m, 6) lower then upper."""
     grid: Array
     """(4,) lower corner of the grid, and its cell size."""
     field_grid: Array
-    """(10,) the like of the field, then the box around all boxes, lower and upper."""
-    field: npt.NDArray[np.float32]
-    """Lower bound of the distance at each cell's centre."""
+    """(16,) the like of the field, the box around all boxes, lower and upper, the shape, step and
+    exact levels of `scene.distance_bound.DistanceBound`, and cells per metre."""
+    field: npt.NDArray[np.uint8]
+    """Its levels."""
 
 
-@njit(cache=True, inline="always")
-def distance_bound(
-    grid: Array, field: npt.NDArray[np.float32], x: float, y: float, z: float
-) -> float:
-    """A lower bound of the distance of a point to all boxes (`field_grid`, `field`)."""
-    size = grid[3]
-    fx = (x - grid[0]) / size
-    fy = (y - grid[1]) / size
-    fz = (z - grid[2]) / size
-    i = int(np.floor(fx))
-    j = int(np.floor(fy))
-    k = int(np.floor(fz))
-    if 0 <= i < field.shape[0] and 0 <= j < field.shape[1] and 0 <= k < field.shape[2]:
+@njit(cache=True)
+def distance_bounds(
+    grid: Array, field: npt.NDArray[np.uint8], x: float, y: float, z: float
+) -> tuple[float, float]:
+    """Lower and upper bound of the distance of a point to all boxes (`field_grid`, `field`)."""
+    fx = (x - grid[0]) * grid[15]
+    fy = (y - grid[1]) * grid[15]
+    fz = (z - grid[2]) * grid[15]
+    if 0.0 <= fx < grid[10] and 0.0 <= fy < grid[11] and 0.0 <= fz < grid[12]:
+        i, j, k = int(fx), int(fy), int(fz)
+        level = field[i >> 2, j >> 2, k >> 2, (i & 3) << 4 | (j & 3) << 2 | k & 3]
         fx -= i + 0.5
         fy -= j + 0.5
         fz -= k + 0.5
-        return field[i, j, k] - size * np.sqrt(fx * fx + fy * fy + fz * fz)
+        off = grid[3] * np.sqrt(fx * fx + fy * fy + fz * fz)
+        lower = level * grid[13]
+        return lower - off, (lower + grid[13] + off if level < grid[14] else np.inf)
     dx = max(grid[4] - x, 0.0, x - grid[7])
     dy = max(grid[5] - y, 0.0, y - grid[8])
     dz = max(grid[6] - z, 0.0, z - grid[9])
-    return np.sqrt(dx * dx + dy * dy + dz * dz)
+    return np.sqrt(dx * dx + dy * dy + dz * dz), np.inf
+
+
+@njit(cache=True)
+def layer_range(
+    layers: npt.NDArray[np.int32], first: int, last: int, low: int, high: int
+) -> tuple[int, int]:
+    """Which of the boxes first..last of one column lie in the layers low..high (not included)."""
+    end = last
+    while first < end:
+        middle = (first + end) // 2
+        if layers[middle] < low:
+            first = middle + 1
+        else:
+            end = middle
+    end = first
+    while end < last and layers[end] < high:
+        end += 1
+    return first, end
+
+
+@njit(cache=True)
+def boxes_apart(bounds: Array, row: int, corners: Array, box: int, need: float) -> bool:
+    """Whether the box around a set, row of `bounds`, is `need` from an obstacle along an axis."""
+    far = need + TOLERANCE
+    return bool(
+        corners[box, 0] - bounds[row, 3] >= far
+        or bounds[row, 0] - corners[box, 3] >= far
+        or corners[box, 1] - bounds[row, 4] >= far
+        or bounds[row, 1] - corners[box, 4] >= far
+        or corners[box, 2] - bounds[row, 5] >= far
+        or bounds[row, 2] - corners[box, 5] >= far
+    )
 
 
 @njit(cache=True)
@@ -113,20 +150,13 @@ def polytope_meets_box(
         bounds: (s, 6), of which `row` is the box around the set, its radius included.
         corners: (m, 6), of which `box` is the box.
     """
-    far = need + TOLERANCE
-    for i in range(3):
-        if (
-            corners[box, i] - bounds[row, i + 3] >= far
-            or bounds[row, i] - corners[box, i + 3] >= far
-        ):
-            return FREE
     cx = 0.5 * (corners[box, 0] + corners[box, 3])
     cy = 0.5 * (corners[box, 1] + corners[box, 4])
     cz = 0.5 * (corners[box, 2] + corners[box, 5])
     hx = corners[box, 3] - cx
     hy = corners[box, 4] - cy
     hz = corners[box, 5] - cz
-    far += radius
+    far = need + TOLERANCE + radius
     deepest = -np.inf
     best = -np.inf
     axis = -1
@@ -161,111 +191,202 @@ def polytope_meets_box(
 
 
 @njit(cache=True)
-def body_meets_boxes(
-    arm: ArmArrays, boxes: BoxArrays, scratch: ArmScratch, body: int, need: float, hit: float
-) -> int:
-    """A moving body against the obstacle set; what is left UNDECIDED is noted in the scratch.
+def open_leaves(
+    first_body: int,
+    last_body: int,
+    left_out: int,
+    bodies: Indices,
+    body_spheres: Array,
+    parts: Indices,
+    nodes: Indices,
+    spheres: Array,
+    inner: Array,
+    frames: Array,
+    field_grid: Array,
+    field: npt.NDArray[np.uint8],
+    need: float,
+    hit: float,
+    found: Indices,
+    leaves: Indices,
+    leaf_bound: Array,
+) -> tuple[int, int]:
+    """Moving bodies first_body..last_body against the field alone, but for `left_out`.
+
+    Takes the arrays of `ArmArrays`, `ArmScratch` and `BoxArrays` one by one: handing over the
+    tuples, of which numba counts every reference, would take longer than the work.
 
     Where `need` is far above `hit`, or cannot be kept any more, only collisions are looked for.
+
+    Returns:
+        FREE (but for the open leaves), COLLIDING, or UNDECIDED where only collisions were looked
+        for; and how many `leaves` are open.
     """
-    field, field_grid = boxes.field, boxes.field_grid
-    rows, corners, following = boxes.rows, boxes.corners, boxes.next
-    nodes, spheres, frames = arm.nodes, arm.node_spheres, scratch.frames
-    parts, sets = arm.parts, arm.sets
-    set_stamp, plane_stamp = scratch.set_stamp, scratch.plane_stamp
-    box_stamp, counters = scratch.box_stamp, scratch.counters
-    vertices, planes, bounds, work = (
-        scratch.vertices,
-        scratch.planes,
-        scratch.bounds,
-        scratch.work,
-    )
-    joint = arm.bodies[body, BODY_JOINT]
-    ox, oy, oz, size = boxes.grid[0], boxes.grid[1], boxes.grid[2], boxes.grid[3]
-    nx, ny, nz = rows.shape
-    now = counters[0]
-    near = need
+    count = 0
     result = FREE
-    if need - hit > COARSE:
-        near = hit
-    for part in range(arm.bodies[body, BODY_FIRST_PART], arm.bodies[body + 1, BODY_FIRST_PART]):
-        solid = parts[part, PART_SOLID] != 0
-        if solid:
-            counters[1] += 1
-        node = parts[part, PART_FIRST_NODE]
-        end = parts[part + 1, PART_FIRST_NODE]
+    for body in range(first_body, last_body):
+        if body == left_out:
+            continue
+        joint = bodies[body, BODY_JOINT]
+        first, last = bodies[body, BODY_FIRST_PART], bodies[body + 1, BODY_FIRST_PART]
+        if last - first > 1:
+            x, y, z = to_world(
+                frames, joint, body_spheres[body, 0], body_spheres[body, 1], body_spheres[body, 2]
+            )
+            lower, _ = distance_bounds(field_grid, field, x, y, z)
+            if lower >= body_spheres[body, 3] + need + TOLERANCE:
+                continue
+        node = parts[first, PART_FIRST_NODE]
+        end = parts[last, PART_FIRST_NODE]
         while node < end:
             x, y, z = to_world(frames, joint, spheres[node, 0], spheres[node, 1], spheres[node, 2])
-            radius = spheres[node, 3]
-            bound = distance_bound(field_grid, field, x, y, z) - radius - TOLERANCE
-            if bound >= need or (result == UNDECIDED and bound >= near):
+            lower, upper = distance_bounds(field_grid, field, x, y, z)
+            lower -= spheres[node, 3] + TOLERANCE
+            if lower >= need:
                 node = nodes[node, NODE_SKIP]
                 continue
-            if nodes[node, NODE_FIRST] < 0:
-                node += 1
-                continue
-            if near < need:
+            upper -= inner[node] - TOLERANCE
+            if upper < need:
+                if upper < hit:
+                    found[0] = 2
+                    found[1] = node
+                    return COLLIDING, count
                 result = UNDECIDED
-                if bound >= near:
-                    node = nodes[node, NODE_SKIP]
+                need = hit
+            if nodes[node, NODE_FIRST] >= 0:
+                if need - hit > COARSE:
+                    result = UNDECIDED
+                    need = hit
+                    if lower >= need:
+                        node = nodes[node, NODE_SKIP]
+                        continue
+                leaves[count] = node
+                leaf_bound[count] = lower
+                count += 1
+            node += 1
+    return result, count
+
+
+@njit(cache=True)
+def open_leaves_meet_boxes(
+    arm: ArmArrays, boxes: BoxArrays, scratch: ArmScratch, count: int, need: float, hit: float
+) -> int:
+    """What the first `count` open leaves cover against the boxes in reach of them.
+
+    Once `need` cannot be kept any more, only collisions are looked for. What is left UNDECIDED is
+    noted in the scratch.
+    """
+    columns, layers, corners = boxes.columns, boxes.layers, boxes.corners
+    nodes, spheres, sets, radius = arm.nodes, arm.node_spheres, arm.sets, arm.radius
+    frames, leaves, leaf_bound = scratch.frames, scratch.leaves, scratch.leaf_bound
+    set_stamp, plane_stamp = scratch.set_stamp, scratch.plane_stamp
+    box_stamp, counters, bounds = scratch.box_stamp, scratch.counters, scratch.bounds
+    vertices, planes, work = scratch.vertices, scratch.planes, scratch.work
+    ox, oy, oz, size = boxes.grid[0], boxes.grid[1], boxes.grid[2], boxes.grid[3]
+    per_metre = 1.0 / size
+    nx, ny = columns.shape[0], columns.shape[1] - 1
+    now = counters[0]
+    result = FREE
+    previous = -1
+    for leaf in range(count):
+        if leaf_bound[leaf] >= need:
+            continue
+        node = leaves[leaf]
+        first_set, last_set = nodes[node, NODE_FIRST], nodes[node, NODE_LAST]
+        # A solid looks at a box once, whichever of its leaves reach it.
+        if first_set != previous:
+            previous = first_set
+            counters[1] += 1
+        visit = counters[1]
+        x, y, z = to_world(
+            frames, sets[first_set, SET_JOINT], spheres[node, 0], spheres[node, 1], spheres[node, 2]
+        )
+        reach = spheres[node, 3] + need + TOLERANCE
+        i0 = max(int(np.floor((x - reach - ox) * per_metre)), 0)
+        j0 = max(int(np.floor((y - reach - oy) * per_metre)), 0)
+        i1 = min(int(np.floor((x + reach - ox) * per_metre)) + 1, nx)
+        j1 = min(int(np.floor((y + reach - oy) * per_metre)) + 1, ny)
+        for i in range(i0, i1):
+            low = ox + i * size
+            dx = max(low - x, 0.0, x - low - size)
+            for j in range(j0, j1):
+                first, last = columns[i, j], columns[i, j + 1]
+                if first == last:
                     continue
-            if not solid:
-                counters[1] += 1
-            visit = counters[1]
-            reach = radius + near + TOLERANCE
-            i0 = max(int(np.floor((x - reach - ox) / size)), 0)
-            j0 = max(int(np.floor((y - reach - oy) / size)), 0)
-            k0 = max(int(np.floor((z - reach - oz) / size)), 0)
-            i1 = min(int(np.floor((x + reach - ox) / size)) + 1, nx)
-            j1 = min(int(np.floor((y + reach - oy) / size)) + 1, ny)
-            k1 = min(int(np.floor((z + reach - oz) / size)) + 1, nz)
-            for i in range(i0, i1):
-                for j in range(j0, j1):
-                    for k in range(k0, k1):
-                        box = rows[i, j, k]
-                        while box >= 0:
-                            this = box
-                            box = following[box]
-                            if box_stamp[this] == visit:
-                                continue
-                            dx = max(corners[this, 0] - x, 0.0, x - corners[this, 3])
-                            dy = max(corners[this, 1] - y, 0.0, y - corners[this, 4])
-                            dz = max(corners[this, 2] - z, 0.0, z - corners[this, 5])
-                            if dx * dx + dy * dy + dz * dz > reach * reach:
-                                continue
-                            box_stamp[this] = visit
-                            for s in range(nodes[node, NODE_FIRST], nodes[node, NODE_LAST]):
-                                if set_stamp[s] < now:
-                                    set_stamp[s] = now
-                                    place_set(arm, scratch, s)
-                                if plane_stamp[s] < now:
-                                    plane_stamp[s] = now
-                                    place_planes(arm, scratch, s)
-                                answer = polytope_meets_box(
-                                    vertices,
-                                    sets[s, SET_FIRST_VERTEX],
-                                    sets[s + 1, SET_FIRST_VERTEX],
-                                    planes,
-                                    sets[s, SET_FIRST_PLANE],
-                                    sets[s + 1, SET_FIRST_PLANE],
-                                    True,
-                                    bounds,
-                                    s,
-                                    arm.radius[s],
-                                    corners,
-                                    this,
-                                    near,
-                                    hit,
-                                    work,
-                                )
-                                if answer == COLLIDING and sets[s, SET_EXACT] != 0:
-                                    scratch.hit[0] = 0
-                                    scratch.hit[1] = s
-                                    scratch.hit[2] = this
-                                    return COLLIDING
-                                if answer != FREE:
-                                    result = UNDECIDED
-                                    near = hit
-                                    note_undecided(scratch.undecided, counters, 0, s, this)
-            node = nodes[node, NODE_SKIP]
+                low = oy + j * size
+                dy = max(low - y, 0.0, y - low - size)
+                height = np.sqrt(max(reach * reach - dx * dx - dy * dy, 0.0)) + TOLERANCE
+                k0 = int(np.floor((z - height - oz) * per_metre))
+                k1 = int(np.floor((z + height - oz) * per_metre)) + 1
+                first, last = layer_range(layers, first, last, k0, k1)
+                for box in range(first, last):
+                    u = max(corners[box, 0] - x, 0.0, x - corners[box, 3])
+                    v = max(corners[box, 1] - y, 0.0, y - corners[box, 4])
+                    w = max(corners[box, 2] - z, 0.0, z - corners[box, 5])
+                    if u * u + v * v + w * w > reach * reach or box_stamp[box] == visit:
+                        continue
+                    box_stamp[box] = visit
+                    for s in range(first_set, last_set):
+                        if set_stamp[s] < now:
+                            set_stamp[s] = now
+                            place_set(arm, scratch, s)
+                        if boxes_apart(bounds, s, corners, box, need):
+                            continue
+                        if plane_stamp[s] < now:
+                            plane_stamp[s] = now
+                            place_planes(arm, scratch, s)
+                        answer = polytope_meets_box(
+                            vertices,
+                            sets[s, SET_FIRST_VERTEX],
+                            sets[s + 1, SET_FIRST_VERTEX],
+                            planes,
+                            sets[s, SET_FIRST_PLANE],
+                            sets[s + 1, SET_FIRST_PLANE],
+                            True,
+                            bounds,
+                            s,
+                            radius[s],
+                            corners,
+                            box,
+                            need,
+                            hit,
+                            work,
+                        )
+                        if answer == COLLIDING and sets[s, SET_EXACT] != 0:
+                            scratch.hit[0] = 0
+                            scratch.hit[1] = s
+                            scratch.hit[2] = box
+                            return COLLIDING
+                        if answer != FREE:
+                            result = UNDECIDED
+                            need = hit
+                            note_undecided(scratch.undecided, counters, 0, s, box)
     return result
+
+
+@njit(cache=True)
+def body_meets_boxes(
+    arm: ArmArrays, boxes: BoxArrays, scratch: ArmScratch, body: int, margin: float
+) -> int:
+    """One moving body against the obstacle set; what is left UNDECIDED is noted in the scratch."""
+    answer, count = open_leaves(
+        body,
+        body + 1,
+        -1,
+        arm.bodies,
+        arm.body_spheres,
+        arm.parts,
+        arm.nodes,
+        arm.node_spheres,
+        arm.node_inner,
+        scratch.frames,
+        boxes.field_grid,
+        boxes.field,
+        margin,
+        margin,
+        scratch.hit,
+        scratch.leaves,
+        scratch.leaf_bound,
+    )
+    if answer == COLLIDING or count == 0:
+        return answer
+    return open_leaves_meet_boxes(arm, boxes, scratch, count, margin, margin)

@@ -28,7 +28,6 @@ from placement_planner_ros.core.robot.collision_arrays import (
 from placement_planner_ros.core.robot.collision_environment import (
     BoxArrays,
     body_meets_boxes,
-    distance_bound,
 )
 from placement_planner_ros.core.robot.collision_pairs import bodies_meet
 from placement_planner_ros.core.robot.collision_placing import place_spheres
@@ -97,20 +96,14 @@ def _carried_meets_boxes(
     arm: ArmArrays, boxes: BoxArrays, scratch: ArmScratch, joint: int, margin: float, contact: bool
 ) -> bool:
     """Whether a body that hangs on `joint`, whose frame is placed, surely meets an obstacle."""
-    spheres = scratch.body_spheres
     for body in range(arm.moving):
         if arm.bodies[body, BODY_JOINT] != joint:
             continue
         place_spheres(arm, scratch, body)
         if boxes.number == 0 or (contact and body == arm.held):
             continue
-        bound = distance_bound(
-            boxes.field_grid, boxes.field, spheres[body, 0], spheres[body, 1], spheres[body, 2]
-        )
-        if bound >= spheres[body, 3] + margin + TOLERANCE:
-            continue
         scratch.counters[2] = 0
-        if body_meets_boxes(arm, boxes, scratch, body, margin, margin) == COLLIDING:
+        if body_meets_boxes(arm, boxes, scratch, body, margin) == COLLIDING:
             return True
     return False
 

@@ -24,11 +24,15 @@ from placement_planner_ros.core.robot.collision_arrays import (
 )
 from placement_planner_ros.core.robot.collision_environment import (
     BoxArrays,
-    body_meets_boxes,
-    distance_bound,
+    open_leaves,
+    open_leaves_meet_boxes,
 )
 from placement_planner_ros.core.robot.collision_pairs import bodies_meet
-from placement_planner_ros.core.robot.collision_placing import is_finite, place_arm
+from placement_planner_ros.core.robot.collision_placing import (
+    is_finite,
+    place_all_spheres,
+    place_joints,
+)
 from placement_planner_ros.core.robot.pair_tables import apart_within
 from placement_planner_ros.core.robot.separation import COLLIDING, FREE, TOLERANCE, UNDECIDED
 from placement_planner_ros.core.types import Array
@@ -51,54 +55,79 @@ def check_states(
     contact: bool,
     answers: Indices,
 ) -> None:
-    """Configurations Q (m, n), answers (m,); what the last leaves UNDECIDED is in the scratch."""
-    field, field_grid = boxes.field, boxes.field_grid
-    spheres, pairs = scratch.body_spheres, arm.pairs
-    near = self_margin + TOLERANCE
+    """Configurations Q (m, n), answers (m,); what the last leaves UNDECIDED is in the scratch.
+
+    The field of distances is asked for all bodies first: most collisions are found there.
+    """
+    bodies, body_spheres, parts = arm.bodies, arm.body_spheres, arm.parts
+    nodes, spheres, inner = arm.nodes, arm.node_spheres, arm.node_inner
+    frames, hit = scratch.frames, scratch.hit
+    leaves, leaf_bound, counters = scratch.leaves, scratch.leaf_bound, scratch.counters
+    field_grid, field = boxes.field_grid, boxes.field
+    moving = arm.moving if boxes.number > 0 else 0
+    left_out = arm.held if contact else -1
     for i in range(Q.shape[0]):
         if not is_finite(Q[i]):
             answers[i] = NOT_FINITE
             continue
-        place_arm(arm, scratch, Q[i])
-        scratch.counters[2] = 0
-        result = FREE
-        for body in range(arm.moving if boxes.number > 0 else 0):
-            if contact and body == arm.held:
-                continue
-            bound = distance_bound(
-                field_grid, field, spheres[body, 0], spheres[body, 1], spheres[body, 2]
-            )
-            if bound >= spheres[body, 3] + margin + TOLERANCE:
-                continue
-            answer = body_meets_boxes(arm, boxes, scratch, body, margin, margin)
-            if answer == COLLIDING:
-                result = COLLIDING
-                break
-            if answer == UNDECIDED:
-                result = UNDECIDED
+        place_joints(arm, scratch, Q[i])
+        counters[2] = 0
+        result, count = open_leaves(
+            0,
+            moving,
+            left_out,
+            bodies,
+            body_spheres,
+            parts,
+            nodes,
+            spheres,
+            inner,
+            frames,
+            field_grid,
+            field,
+            margin,
+            margin,
+            hit,
+            leaves,
+            leaf_bound,
+        )
+        if result != COLLIDING and count > 0:
+            result = open_leaves_meet_boxes(arm, boxes, scratch, count, margin, margin)
         if result != COLLIDING:
-            for pair in range(pairs.shape[0]):
-                a, b = pairs[pair, PAIR_INNER], pairs[pair, PAIR_OUTER]
-                dx = spheres[a, 0] - spheres[b, 0]
-                dy = spheres[a, 1] - spheres[b, 1]
-                dz = spheres[a, 2] - spheres[b, 2]
-                reach = spheres[a, 3] + spheres[b, 3] + near
-                if dx * dx + dy * dy + dz * dz > reach * reach:
-                    continue
-                table, joint = pairs[pair, PAIR_TABLE], pairs[pair, PAIR_OUTWARD]
-                if (
-                    table >= 0
-                    and self_margin <= arm.tables.clear
-                    and apart_within(arm.tables, table, Q[i, joint], Q[i, joint + 1], 0.0, 0.0)
-                ):
-                    continue
-                answer = bodies_meet(arm, scratch, pair, self_margin, self_margin)
-                if answer == COLLIDING:
-                    result = COLLIDING
-                    break
-                if answer == UNDECIDED:
-                    result = UNDECIDED
+            place_all_spheres(arm, scratch)
+            apart = _pairs_meet(arm, scratch, Q[i], self_margin)
+            if apart != FREE:
+                result = apart
         answers[i] = result
+
+
+@njit(cache=True)
+def _pairs_meet(arm: ArmArrays, scratch: ArmScratch, q: Array, margin: float) -> int:
+    """The robot against itself at q (n,), where it has been placed."""
+    spheres, pairs = scratch.body_spheres, arm.pairs
+    near = margin + TOLERANCE
+    result = FREE
+    for pair in range(pairs.shape[0]):
+        a, b = pairs[pair, PAIR_INNER], pairs[pair, PAIR_OUTER]
+        dx = spheres[a, 0] - spheres[b, 0]
+        dy = spheres[a, 1] - spheres[b, 1]
+        dz = spheres[a, 2] - spheres[b, 2]
+        reach = spheres[a, 3] + spheres[b, 3] + near
+        if dx * dx + dy * dy + dz * dz > reach * reach:
+            continue
+        table, joint = pairs[pair, PAIR_TABLE], pairs[pair, PAIR_OUTWARD]
+        if (
+            table >= 0
+            and margin <= arm.tables.clear
+            and apart_within(arm.tables, table, q[joint], q[joint + 1], 0.0, 0.0)
+        ):
+            continue
+        answer = bodies_meet(arm, scratch, pair, margin, margin)
+        if answer == COLLIDING:
+            return COLLIDING
+        if answer == UNDECIDED:
+            result = UNDECIDED
+    return result
 
 
 @njit(cache=True)
@@ -166,6 +195,10 @@ def check_edge(
     pairs = arm.pairs
     items = arm.moving + pairs.shape[0]
     field, field_grid = boxes.field, boxes.field_grid
+    bodies, parts, local_spheres = arm.bodies, arm.parts, arm.body_spheres
+    nodes, node_spheres, node_inner = arm.nodes, arm.node_spheres, arm.node_inner
+    frames, found = scratch.frames, scratch.hit
+    leaves, leaf_bound = scratch.leaves, scratch.leaf_bound
     spheres, bound = scratch.body_spheres, scratch.bound
     delta = np.empty(n)
     straight = np.empty(n)
@@ -188,7 +221,8 @@ def check_edge(
             q[j] = a[j] + middle * (b[j] - a[j])
             straight[j] = half * abs(b[j] - a[j])
             delta[j] = straight[j] + deviation[j]
-        place_arm(arm, scratch, q)
+        place_joints(arm, scratch, q)
+        place_all_spheres(arm, scratch)
         bound_motion(arm, scratch, delta, bound)
         if strays:
             bound_motion(arm, scratch, straight, exact)
@@ -199,13 +233,31 @@ def check_edge(
             scratch.counters[2] = 0
             if item < arm.moving:
                 need = margin + bound[item, 0]
-                clear = distance_bound(
-                    field_grid, field, spheres[item, 0], spheres[item, 1], spheres[item, 2]
+                answer, count = open_leaves(
+                    item,
+                    item + 1,
+                    -1,
+                    bodies,
+                    local_spheres,
+                    parts,
+                    nodes,
+                    node_spheres,
+                    node_inner,
+                    frames,
+                    field_grid,
+                    field,
+                    need,
+                    margin,
+                    found,
+                    leaves,
+                    leaf_bound,
                 )
-                if clear >= spheres[item, 3] + need + TOLERANCE:
-                    settled[head, item] = True
-                    continue
-                answer = body_meets_boxes(arm, boxes, scratch, item, need, margin)
+                if answer != COLLIDING and count > 0:
+                    if answer == UNDECIDED:
+                        need = margin
+                    found_near = open_leaves_meet_boxes(arm, boxes, scratch, count, need, margin)
+                    if found_near != FREE:
+                        answer = found_near
                 small = exact[item, 0] <= resolution
             else:
                 pair = item - arm.moving

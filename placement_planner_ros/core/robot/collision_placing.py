@@ -28,7 +28,7 @@ def is_finite(q: Array) -> bool:
     return bool(np.isfinite(total))
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def to_world(frames: Array, joint: int, x: float, y: float, z: float) -> tuple[float, float, float]:
     return (
         frames[joint, 0, 3]
@@ -47,6 +47,13 @@ def to_world(frames: Array, joint: int, x: float, y: float, z: float) -> tuple[f
 
 
 @njit(cache=True, inline="always")
+def place_joints(arm: ArmArrays, scratch: ArmScratch, q: Array) -> None:
+    """Forward kinematics at q (n,); whatever was placed in the world before is outdated."""
+    scratch.counters[0] += 1
+    chain_frames(arm.fixed, arm.prismatic, q, scratch.frames)
+
+
+@njit(cache=True, inline="always")
 def place_spheres(arm: ArmArrays, scratch: ArmScratch, body: int) -> None:
     """Bounding spheres of a moving body and of its parts, its joint's frame being placed."""
     frames, bodies = scratch.frames, arm.bodies
@@ -62,15 +69,9 @@ def place_spheres(arm: ArmArrays, scratch: ArmScratch, body: int) -> None:
         )
 
 
-@njit(cache=True, inline="always")
-def place_arm(arm: ArmArrays, scratch: ArmScratch, q: Array) -> None:
-    """Forward kinematics at q (n,): joint frames, bounding spheres of moving bodies and parts.
-
-    Whatever was placed in the world before counts as outdated.
-    """
-    scratch.counters[0] += 1
-    frames = scratch.frames
-    chain_frames(arm.fixed, arm.prismatic, q, frames)
+@njit(cache=True)
+def place_all_spheres(arm: ArmArrays, scratch: ArmScratch) -> None:
+    """Bounding spheres of all moving bodies and their parts."""
     for body in range(arm.moving):
         place_spheres(arm, scratch, body)
 
@@ -117,7 +118,7 @@ def place_planes(arm: ArmArrays, scratch: ArmScratch, s: int) -> None:
         moved[v, 3] = offset
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def note_undecided(undecided: Indices, counters: Indices, kind: int, a: int, b: int) -> None:
     n = counters[2]
     if n < undecided.shape[0]:

@@ -16,7 +16,9 @@ from numba import njit
 
 from placement_planner_ros.core.robot.collision_environment import (
     BoxArrays,
-    distance_bound,
+    boxes_apart,
+    distance_bounds,
+    layer_range,
     polytope_meets_box,
 )
 from placement_planner_ros.core.robot.collision_shapes import ConvexSet
@@ -136,7 +138,8 @@ def check_pose(
         return FREE
     parts = thing.part_vertices.shape[0] - 1
     result = FREE
-    rows, corners, grid, bounds = boxes.rows, boxes.corners, boxes.grid, scratch.bounds
+    columns, layers = boxes.columns, boxes.layers
+    corners, grid, bounds = boxes.corners, boxes.grid, scratch.bounds
     size = grid[3]
     reach = margin + TOLERANCE
     for part in range(-1, parts):
@@ -144,7 +147,7 @@ def check_pose(
         x = T[0, 3] + T[0, 0] * ball[0] + T[0, 1] * ball[1] + T[0, 2] * ball[2]
         y = T[1, 3] + T[1, 0] * ball[0] + T[1, 1] * ball[1] + T[1, 2] * ball[2]
         z = T[2, 3] + T[2, 0] * ball[0] + T[2, 1] * ball[1] + T[2, 2] * ball[2]
-        bound = distance_bound(boxes.field_grid, boxes.field, x, y, z + 0.5 * raised)
+        bound, _ = distance_bounds(boxes.field_grid, boxes.field, x, y, z + 0.5 * raised)
         clear = bound >= ball[3] + 0.5 * raised + reach
         if part < 0:
             if clear:
@@ -155,43 +158,44 @@ def check_pose(
         _place_part(thing, scratch, part, T, raised)
         i0 = max(int(np.floor((bounds[0, 0] - reach - grid[0]) / size)), 0)
         j0 = max(int(np.floor((bounds[0, 1] - reach - grid[1]) / size)), 0)
-        k0 = max(int(np.floor((bounds[0, 2] - reach - grid[2]) / size)), 0)
-        i1 = min(int(np.floor((bounds[0, 3] + reach - grid[0]) / size)) + 1, rows.shape[0])
-        j1 = min(int(np.floor((bounds[0, 4] + reach - grid[1]) / size)) + 1, rows.shape[1])
-        k1 = min(int(np.floor((bounds[0, 5] + reach - grid[2]) / size)) + 1, rows.shape[2])
+        k0 = int(np.floor((bounds[0, 2] - reach - grid[2]) / size))
+        i1 = min(int(np.floor((bounds[0, 3] + reach - grid[0]) / size)) + 1, columns.shape[0])
+        j1 = min(int(np.floor((bounds[0, 4] + reach - grid[1]) / size)) + 1, columns.shape[1] - 1)
+        k1 = int(np.floor((bounds[0, 5] + reach - grid[2]) / size)) + 1
         for i in range(i0, i1):
             for j in range(j0, j1):
-                for k in range(k0, k1):
-                    box = rows[i, j, k]
-                    while box >= 0:
-                        if abs(corners[box, 5] - contact) > tolerance:
-                            answer = polytope_meets_box(
-                                scratch.vertices,
-                                2 * thing.part_vertices[part],
-                                2 * thing.part_vertices[part + 1],
-                                scratch.planes,
-                                thing.part_planes[part],
-                                thing.part_planes[part + 1],
-                                raised == 0.0,
-                                bounds,
-                                0,
-                                0.0,
-                                corners,
-                                box,
-                                margin,
-                                margin,
-                                scratch.work,
-                            )
-                            if answer == COLLIDING:
-                                return COLLIDING
-                            if answer == UNDECIDED:
-                                result = UNDECIDED
-                                n = scratch.counters[0]
-                                if n < scratch.undecided.shape[0]:
-                                    scratch.undecided[n, 0] = part
-                                    scratch.undecided[n, 1] = box
-                                scratch.counters[0] = n + 1
-                        box = boxes.next[box]
+                first, last = layer_range(layers, columns[i, j], columns[i, j + 1], k0, k1)
+                for box in range(first, last):
+                    if abs(corners[box, 5] - contact) <= tolerance or boxes_apart(
+                        bounds, 0, corners, box, margin
+                    ):
+                        continue
+                    answer = polytope_meets_box(
+                        scratch.vertices,
+                        2 * thing.part_vertices[part],
+                        2 * thing.part_vertices[part + 1],
+                        scratch.planes,
+                        thing.part_planes[part],
+                        thing.part_planes[part + 1],
+                        raised == 0.0,
+                        bounds,
+                        0,
+                        0.0,
+                        corners,
+                        box,
+                        margin,
+                        margin,
+                        scratch.work,
+                    )
+                    if answer == COLLIDING:
+                        return COLLIDING
+                    if answer == UNDECIDED:
+                        result = UNDECIDED
+                        n = scratch.counters[0]
+                        if n < scratch.undecided.shape[0]:
+                            scratch.undecided[n, 0] = part
+                            scratch.undecided[n, 1] = box
+                        scratch.counters[0] = n + 1
     return result
 
 

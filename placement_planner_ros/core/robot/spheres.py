@@ -7,6 +7,7 @@ cover it, inside included. The triangles of a surface are cut small and split by
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -31,6 +32,8 @@ class SphereTree:
     Attributes:
         centers: (n, 3) in the shape's frame, metres.
         radii: (n,) metres.
+        inner: (n,) radius of a ball around the centre inside of the shape; -inf where the shape is
+            a surface, or larger than what it stands for.
         skip: (n,) the next sphere not below this one.
         first, last: (n,) range of `sets` that a leaf covers pieces of; (-1, -1) inside the tree.
         sets: what the leaves cover, in their order (a mesh's triangles are cut and sorted).
@@ -39,6 +42,7 @@ class SphereTree:
 
     centers: Array
     radii: Array
+    inner: Array
     skip: npt.NDArray[np.int64]
     first: npt.NDArray[np.int64]
     last: npt.NDArray[np.int64]
@@ -55,32 +59,36 @@ def sphere_tree(shape: Shape, excess: float) -> SphereTree:
     """
     if shape.solid:
         only = shape.sets[0]
-        key = only.vertices.tobytes(), only.normals.tobytes(), only.offsets.tobytes(), only.radius
-        nodes = _cover_solid(*key, excess)
+        volume = len(only.offsets) > 0
+        nodes = _cover_solid(only.vertices.tobytes(), volume, only.radius, excess)
         sets = shape.sets
+        solid = only.exact
     else:
         corners = np.array([s.vertices for s in shape.sets])
         nodes, pieces = _cover_surface(corners.tobytes(), excess)
         none = np.zeros((0, 3)), np.zeros(0)
         sets = tuple(ConvexSet(piece, *none) for piece in pieces)
-    centers, radii, skip, first, last, reached = nodes
-    return SphereTree(centers, radii, skip, first, last, sets, reached)
+        solid = False
+    centers, radii, inner, skip, first, last, reached = nodes
+    if not solid:
+        inner = frozen_array(np.full(len(radii), -np.inf))
+    return SphereTree(centers, radii, inner, skip, first, last, sets, reached)
 
 
 _Nodes = tuple[
-    Array, Array, npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.int64], float
+    Array, Array, Array, npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.int64], float
 ]
 
 
 class _Builder:
     def __init__(self) -> None:
-        self.spheres: list[tuple[float, float, float, float]] = []
+        self.spheres: list[tuple[float, float, float, float, float]] = []
         self.ranges: list[tuple[int, int]] = []
         self.skip: list[int] = []
         self.excess = 0.0
 
-    def add(self, center: Array, radius: float) -> int:
-        self.spheres.append((*center.tolist(), radius))
+    def add(self, center: Array, radius: float, inner: float = -math.inf) -> int:
+        self.spheres.append((*center.tolist(), radius, inner))
         self.ranges.append((-1, -1))
         self.skip.append(0)
         return len(self.skip) - 1
@@ -98,6 +106,7 @@ class _Builder:
         return (
             frozen_array(spheres[:, :3]),
             frozen_array(spheres[:, 3]),
+            frozen_array(spheres[:, 4]),
             skip,
             first,
             last,
@@ -106,18 +115,16 @@ class _Builder:
 
 
 @lru_cache(maxsize=1024)
-def _cover_solid(
-    vertices: bytes, normals: bytes, offsets: bytes, radius: float, excess: float
-) -> _Nodes:
-    planes = np.frombuffer(normals).reshape(-1, 3), np.frombuffer(offsets)
+def _cover_solid(vertices: bytes, volume: bool, radius: float, excess: float) -> _Nodes:
+    corners = np.frombuffer(vertices).reshape(-1, 3)
+    facets = ConvexHull(corners).equations if volume else np.zeros((1, 4))
     builder = _Builder()
 
     def split(piece: Array, depth: int) -> None:
+        # The centre is a mean of the piece's corners, so the set holds it.
         center, ball = bounding_sphere(piece)
-        inside = 0.0
-        if len(planes[1]):
-            inside = max(0.0, float(np.min(planes[1] - planes[0] @ center)))
-        node = builder.add(center, ball + radius + _PAD)
+        inside = max(0.0, float(np.min(-facets[:, :3] @ center - facets[:, 3])))
+        node = builder.add(center, ball + radius + _PAD, inside + radius - _PAD)
         sticks_out = ball - inside
         if sticks_out <= excess or depth == _MAX_DEPTH:
             builder.ranges[node] = (0, 1)
@@ -127,7 +134,7 @@ def _cover_solid(
                 split(half, depth + 1)
         builder.close(node)
 
-    split(np.frombuffer(vertices).reshape(-1, 3), 0)
+    split(corners, 0)
     return builder.nodes()
 
 

@@ -15,40 +15,57 @@ from placement_planner_ros.core.types import Array
 
 Field = npt.NDArray[np.float32]
 Index = npt.NDArray[np.int32]
+Levels = npt.NDArray[np.uint8]
+
+_LEVELS = 255
+"""Steps to the cap."""
+_EXACT = 2.5
+"""Cells up to which distances are exact."""
+_ROUNDING = 1e-6
+"""Relative: more than what float32 loses."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DistanceBound:
-    """Lower bounds of the Euclidean distance to the obstacle set, one per cell.
+    """Bounds of the Euclidean distance to the obstacle set at the centre of each cell, in steps.
 
-    For any point p in cell c, its distance to the nearest box is at least
-    values[c] - |p - centre(c)|; values are capped.
+    With l the level of a cell and c its centre, the distance of any point p to the nearest box is
+
+        at least l step - |p - c|, and where l < exact at most (l + 1) step + |p - c|.
+
+    Cells lie in tiles of 4 x 4 x 4, each a cache line, since what is looked up in turn is close.
 
     Attributes:
         origin: (3,) lower corner of the grid, that of the obstacle set.
         cell_size: metres.
-        values: (nx, ny, nz) float32, metres.
-        cap: greatest value.
+        shape: (nx, ny, nz) cells.
+        step: metres.
+        exact: the level from which on there is no upper bound.
+        levels: (tx, ty, tz, 64) uint8; of cell (i, j, k) at
+            (i // 4, j // 4, k // 4, 16 (i % 4) + 4 (j % 4) + k % 4), 0 outside of the shape.
     """
 
     origin: Array
     cell_size: float
-    values: Field
-    cap: float
+    shape: tuple[int, int, int]
+    step: float
+    exact: int
+    levels: Levels
 
 
 def distance_bound_field(obstacles: ObstacleSet, cap: float = 0.3) -> DistanceBound:
     """Bound the distance from the centre of every cell to the boxes of the obstacle set.
 
-    Exact (to float32, rounded down) up to 2.5 cells. Beyond, exact in z and to the near face of
-    the box's cell in x and y: too low by at most a cell in each.
+    Exact up to 2.5 cells. Beyond, exact in z and to the near face of the box's cell in x and y:
+    too low by at most a cell in each. All rounded down to a step.
 
     Args:
         cap: greatest value, metres; larger ones cost time.
     """
     if not (math.isfinite(cap) and cap > 0.0):
         raise ParameterError("cap", cap, "give a finite length above 0 m")
-    values = _distance_bound(
+    step = cap / _LEVELS
+    levels = _distance_bound(
         obstacles.lower,
         obstacles.upper,
         obstacles.cells,
@@ -56,9 +73,13 @@ def distance_bound_field(obstacles: ObstacleSet, cap: float = 0.3) -> DistanceBo
         obstacles.cell_size,
         *obstacles.shape,
         cap,
+        (1.0 - _ROUNDING) / step,
     )
-    values.setflags(write=False)
-    return DistanceBound(obstacles.origin, obstacles.cell_size, values, float(cap))
+    levels.setflags(write=False)
+    exact = int(min(_EXACT * obstacles.cell_size / step * (1.0 - 10.0 * _ROUNDING), _LEVELS - 1))
+    return DistanceBound(
+        obstacles.origin, obstacles.cell_size, obstacles.shape, step, exact, levels
+    )
 
 
 @njit(cache=True, nogil=True)
@@ -72,7 +93,8 @@ def _distance_bound(
     ny: int,
     nz: int,
     cap: float,
-) -> Field:
+    per_metre: float,
+) -> Levels:
     limit = np.float32(cap * cap)
     values = np.full((nx, ny, nz), limit, np.float32)
     column_used = np.zeros((nx, ny), np.bool_)
@@ -132,8 +154,7 @@ def _distance_bound(
                     _lower_by(values[i, j], slab[i - step], gap)
                 if i + step < nx and plane_used[i + step]:
                     _lower_by(values[i, j], slab[i + step], gap)
-    _refine_near(lower, upper, cells, origin, size, values)
-    return values
+    return _levels(lower, upper, cells, origin, size, values, per_metre)
 
 
 @njit(cache=True, nogil=True)
@@ -145,17 +166,25 @@ def _lower_by(target: Field, source: Field, gap: np.float32) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _refine_near(
-    lower: Array, upper: Array, cells: Index, origin: Array, size: float, values: Field
-) -> None:
-    """Raise values to the exact squared distance where all boxes that could matter are near.
+def _levels(
+    lower: Array,
+    upper: Array,
+    cells: Index,
+    origin: Array,
+    size: float,
+    squared: Field,
+    per_metre: float,
+) -> Levels:
+    """The root of each squared distance in tiled levels, exact where all near boxes are known.
 
-    Boxes of cells more than two away are at least 2.5 cells from the centre. Leaves distances,
-    rounded down.
+    Boxes of cells more than two away are at least 2.5 cells from the centre.
     """
-    nx, ny, nz = values.shape
-    beyond = np.float32((2.5 * size) ** 2)
+    nx, ny, nz = squared.shape
+    beyond = np.float32((_EXACT * size) ** 2)
     exact = np.full((5, ny, nz), beyond, np.float32)  # planes i - 2 .. i + 2, cyclic
+    levels = np.zeros(((nx + 3) // 4, (ny + 3) // 4, (nz + 3) // 4, 64), np.uint8)
+    line = np.zeros(4 * levels.shape[2], np.uint8)
+    fours, line_fours = levels.view(np.uint32), line.view(np.uint32)
     row = 0
     m = len(cells)
     for plane in range(nx + 2):
@@ -166,16 +195,21 @@ def _refine_near(
         if done >= 0:
             near = exact[done % 5]
             for j in range(ny):
-                _finish(values[done, j], near[j])
+                _finish(squared[done, j], near[j], np.float32(per_metre), line)
+                tiles = fours[done // 4, j // 4]
+                for tile in range(len(tiles)):
+                    tiles[tile, 4 * (done % 4) + j % 4] = line_fours[tile]
             near[:] = beyond
+    return levels
 
 
 @njit(cache=True, nogil=True)
-def _finish(squared: Field, least: Field) -> None:
-    """The root of each squared distance, which is at least `least`, rounded down."""
+def _finish(squared: Field, least: Field, per_metre: np.float32, levels: Levels) -> None:
+    """The root of each squared distance, which is at least `least`, rounded down to a level."""
     for k in range(len(squared)):
         value = least[k] if squared[k] < least[k] else squared[k]
-        squared[k] = np.float32(math.sqrt(value) * (1.0 - 4e-7))
+        level = math.sqrt(value) * per_metre
+        levels[k] = np.uint8(min(level, np.float32(_LEVELS)))
 
 
 @njit(cache=True, nogil=True)
