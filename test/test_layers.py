@@ -20,6 +20,7 @@ LAYERS = {
     "core.ascent": 2,
     "core.open_hand": 2,
     "core.holding": 2,
+    "core.withdrawal": 2,
     "core.search": 3,
     "core.motion": 3,
     "core.goals": 3,

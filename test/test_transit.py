@@ -27,8 +27,6 @@ def holding(arm, grasp=0, free=sealed_corner):
         grasp=grasp,
         q_start=np.ones(2),
         transit_free=free,
-        object_pose=lambda q: None,
-        withdrawal=lambda q, pose: q[None],
     )
 
 
@@ -37,7 +35,9 @@ def goal(arm, q, objective=0.0, grasp=0):
 
 
 def planner(holdings, seed=0, **settings):
-    return MotionPlanner(holdings, TransitSettings(**settings), np.random.default_rng(seed))
+    return MotionPlanner(
+        holdings, TransitSettings(withdrawal=False, **settings), np.random.default_rng(seed)
+    )
 
 
 def spent(planner):
@@ -104,7 +104,7 @@ def test_goals_that_resist_starve_no_other(seed):
 
 
 def test_bad_settings_are_named():
-    for name in ("active_goals", "patience"):
+    for name in ("active_goals", "patience", "winding"):
         with pytest.raises(ParameterError, match=name):
             TransitSettings(**{name: 0})
 

@@ -20,10 +20,6 @@ from placement_planner_ros.core.robot.seeds import SeedTable
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import Array, TargetVolume, Verdict
 
-_WITHDRAWAL_STEP = 0.03
-"""m, between the waypoints of a withdrawal."""
-_WITHDRAWAL_STEPS = 12
-"""Waypoints of a withdrawal at most."""
 _FIRST_SEEDS = 16
 """Starts of the inverse kinematics beside q_0 that are tried before the others."""
 _HAND_SLACK = 1e-4
@@ -183,35 +179,6 @@ class Holding:
     def transit_free(self, a: Array, b: Array) -> bool:
         """Whether a whole straight joint motion is free, with what planning keeps in reserve."""
         return self.collision.edge_free(a, b, reserve=self._reserve)
-
-    def withdrawal(self, q: Array, T_world_object: pin.SE3) -> Array:
-        """(k, dof) the longest free way that draws the object out straight, from `q` on.
-
-        It leads a backward tree out of a shelf or from between neighbours, where random growth
-        takes long: tried are towards the arm's base, upwards, and against the hand's pointing
-        direction.
-        """
-        tip = self.tip_pose(T_world_object)
-        inwards = self.chain.fixed[0, :3, 3] - T_world_object.translation
-        inwards[2] = 0.0
-        best = q[None]
-        for direction in (inwards, np.array([0.0, 0.0, 1.0]), -tip[:3, 2]):
-            length = float(np.linalg.norm(direction))
-            if length < 1e-6:
-                continue
-            chain = [q]
-            for distance in np.arange(1, _WITHDRAWAL_STEPS + 1) * _WITHDRAWAL_STEP:
-                drawn = pin.SE3(T_world_object)
-                drawn.translation = T_world_object.translation + direction * (distance / length)
-                q_next = self.follow(drawn, chain[-1])
-                if q_next is None or not self.transit_free(chain[-1], q_next):
-                    break
-                chain.append(q_next)
-            if len(chain) > len(best):
-                best = np.array(chain)
-            if len(best) > _WITHDRAWAL_STEPS:
-                break
-        return best
 
     def comes_straight_down(self, Q: Array, T_world_object: pin.SE3) -> bool:
         """Whether at each of Q (n, dof) the object is where the swept object of c_f(x) was.

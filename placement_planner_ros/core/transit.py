@@ -12,6 +12,7 @@ from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.holding import Holding
 from placement_planner_ros.core.motion.birrt import GoalSetRRT, GoalSetRRTSettings
 from placement_planner_ros.core.types import Array, Goal
+from placement_planner_ros.core.withdrawal import straight_way, winding_way
 
 _MAX_WAITING = 1000
 """Goals of one arm and grasp that wait; once there are twice as many, the rest is forgotten."""
@@ -24,17 +25,21 @@ class TransitSettings:
     Attributes:
         active_goals: goals of one arm and grasp that are planned for at the same time.
         patience: iterations after which a goal that resists makes room for one that waits.
-        withdrawal: whether each backward tree begins with the way straight out of its goal.
+        withdrawal: whether each backward tree begins with the way straight out of its goal, and
+            gets a winding one where the goal resists.
+        winding: iterations after which a winding way is sought, and again each time as many have
+            passed.
         rrt: how the trees grow.
     """
 
     active_goals: int = 8
     patience: int = 400
     withdrawal: bool = True
+    winding: int = 100
     rrt: GoalSetRRTSettings = field(default_factory=GoalSetRRTSettings)
 
     def __post_init__(self) -> None:
-        for name in ("active_goals", "patience"):
+        for name in ("active_goals", "patience", "winding"):
             if getattr(self, name) < 1:
                 raise ParameterError(name, getattr(self, name), "must be at least 1")
 
@@ -77,12 +82,18 @@ class GoalPlanner(Protocol):
 
 @dataclass(slots=True)
 class _Candidate:
-    """A goal of 𝒢, its key in the RRT and when (in iterations) it was last made active."""
+    """A goal of 𝒢, its key in the RRT and when (in iterations) it was last made active.
+
+    `branch` is the way out of it that is known, None until it is first active; `widen` is when the
+    next is sought.
+    """
 
     goal: Goal
     key: int
     turns: int = 0
     activated: int = 0
+    branch: Array | None = None
+    widen: int = 0
 
     def order(self) -> tuple[int, float]:
         """Goals that had the fewest turns come first, of these the best ξ."""
@@ -97,6 +108,7 @@ class _Trees:
     ) -> None:
         self._holding = holding
         self._settings = settings
+        self._rng = rng
         self._active: dict[int, _Candidate] = {}
         self._waiting: list[_Candidate] = []
         self._next_key = 0
@@ -132,6 +144,7 @@ class _Trees:
         self, max_iterations: int, should_stop: Callable[[], bool]
     ) -> tuple[Goal, Array] | None:
         self._share()
+        self._widen(should_stop)
         found = self.rrt.solve(max_iterations, should_stop)
         if found is None:
             return None
@@ -156,12 +169,25 @@ class _Trees:
             candidate.activated = iterations
             self._active[candidate.key] = candidate
             self.rrt.add_goal(candidate.key, candidate.goal.q_raised)
-            if settings.withdrawal and candidate.turns == 0:
-                branch = self._holding.withdrawal(
-                    candidate.goal.q_raised, self._holding.object_pose(candidate.goal.q_raised)
-                )
-                self.rrt.add_branch(candidate.key, branch)
+            if settings.withdrawal and candidate.branch is None:
+                candidate.branch = straight_way(self._holding, candidate.goal.q_raised)
+                candidate.widen = iterations + settings.winding
+                self.rrt.add_branch(candidate.key, candidate.branch)
         del self._waiting[:room]
+
+    def _widen(self, should_stop: Callable[[], bool]) -> None:
+        """Seek a winding way out of one goal that resists, the one that has waited longest."""
+        iterations = self.rrt.iterations
+        due = [c for c in self._active.values() if c.branch is not None and c.widen <= iterations]
+        if not due:
+            return
+        candidate = min(due, key=lambda c: c.widen)
+        candidate.widen = iterations + self._settings.winding
+        assert candidate.branch is not None
+        way = winding_way(self._holding, candidate.branch, self._rng, should_stop)
+        if way is not None:
+            candidate.branch = way
+            self.rrt.add_branch(candidate.key, way)
 
 
 class MotionPlanner:

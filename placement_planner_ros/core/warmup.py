@@ -29,6 +29,7 @@ from placement_planner_ros.core.scene.visibility import View, unknown_cells
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy, HierarchySettings
 from placement_planner_ros.core.search.tree import SearchTree
 from placement_planner_ros.core.types import Array, TargetVolume, Verdict
+from placement_planner_ros.core.withdrawal import straight_way
 
 
 def warm_up(robot: Robot, arms: Sequence[Arm], q_robot: Array) -> None:
@@ -90,7 +91,7 @@ def warm_up(robot: Robot, arms: Sequence[Arm], q_robot: Array) -> None:
             holding.placing_motion(found, x, x.translation[2], poses)
             open_hand.release_free(found)
             open_hand.retreat(found, 0, x)
-            holding.withdrawal(found, x)
+            straight_way(holding, found)
             chain.jacobian(found, np.eye(4))
             holding.collision.explain(found)
             holding.transit_free(found, q)
