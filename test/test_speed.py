@@ -145,7 +145,7 @@ def test_the_plain_path_is_compared_on_the_same_runs():
 def test_rates_and_ratios_are_medians_over_cases():
     entries = [
         {"row": "configurations", "case": "a", "queries": 100, "free": 30, "undecided": 1}
-        | {"seconds": seconds}
+        | {"seconds": seconds, "free_seconds": 6e-5, "colliding_seconds": 7e-5}
         for seconds in (1e-4, 2e-4, 1e-3)
     ]
     (rate,) = lines_of(entries)
@@ -153,6 +153,7 @@ def test_rates_and_ratios_are_medians_over_cases():
     assert rate.met
     assert "30.0% free" in rate.detail
     assert "1.0% left undecided" in rate.detail
+    assert "2.0 µs for a free one, 1.0 µs for a colliding one" in rate.detail
 
 
 def test_a_failed_job_is_a_target_that_is_not_met():

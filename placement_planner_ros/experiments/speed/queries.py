@@ -67,8 +67,8 @@ class Bench:
         return self._exact[id(queries)]
 
     def configurations(self) -> Entry:
-        """The fast tier on every recorded configuration, in the order they came."""
-        count, free, undecided, seconds = 0, 0, 0, 0.0
+        """The fast tier on every recorded configuration, in the order they came; then by answer."""
+        count, free, undecided, seconds, free_seconds, hit_seconds = 0, 0, 0, 0.0, 0.0, 0.0
         for queries in self._recording.held:
             collision = queries.holding.collision
             for contact, states in _by_contact(queries.states, queries.contact):
@@ -76,9 +76,22 @@ class Bench:
                 count += len(states)
                 free += int((answers == FREE).sum())
                 undecided += int(((answers != FREE) & (answers != COLLIDING)).sum())
+                clear = answers == FREE
                 seconds += cpu_seconds(partial(collision.classify, states, contact=contact))
+                free_seconds += cpu_seconds(
+                    partial(collision.classify, states[clear], contact=contact)
+                )
+                hit_seconds += cpu_seconds(
+                    partial(collision.classify, states[~clear], contact=contact)
+                )
         return self._entry(
-            "configurations", queries=count, free=free, undecided=undecided, seconds=seconds
+            "configurations",
+            queries=count,
+            free=free,
+            undecided=undecided,
+            seconds=seconds,
+            free_seconds=free_seconds,
+            colliding_seconds=hit_seconds,
         )
 
     def answers(self) -> Entry:

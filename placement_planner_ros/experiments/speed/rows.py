@@ -117,12 +117,18 @@ def _share(part: float, whole: float) -> str:
     return f"{part / whole:.1%}" if whole else "none"
 
 
+def _each(entries: Sequence[Entry], key: str, count: float) -> str:
+    return f"{1e6 * _total(entries, key) / count:.1f} µs" if count else "none measured"
+
+
 def _configurations(entries: Sequence[Entry]) -> list[Line]:
-    asked = _total(entries, "queries")
+    asked, free = _total(entries, "queries"), _total(entries, "free")
     detail = (
         f"{asked:,.0f} recorded configurations of {len(entries)} cases, "
-        f"{_share(_total(entries, 'free'), asked)} free, "
-        f"{_share(_total(entries, 'undecided'), asked)} left undecided"
+        f"{_share(free, asked)} free, "
+        f"{_share(_total(entries, 'undecided'), asked)} left undecided; "
+        f"{_each(entries, 'free_seconds', free)} for a free one, "
+        f"{_each(entries, 'colliding_seconds', asked - free)} for a colliding one"
     )
     return [
         _rate(
