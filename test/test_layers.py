@@ -21,6 +21,7 @@ LAYERS = {
     "core.open_hand": 2,
     "core.holding": 2,
     "core.withdrawal": 2,
+    "core.cell_bounds": 3,
     "core.search": 3,
     "core.motion": 3,
     "core.goals": 3,

@@ -8,7 +8,8 @@ import pytest
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.scene.regions import Region
-from placement_planner_ros.core.search.cells import CellSampler, halved
+from placement_planner_ros.core.search.cell_layout import halved
+from placement_planner_ros.core.search.cells import CellSampler
 from placement_planner_ros.core.search.hierarchy import (
     FULL_TURN,
     AfrHierarchy,
@@ -206,7 +207,7 @@ def test_one_sample_at_a_time_is_what_the_paper_describes():
 
 def test_parts_of_a_cell_cover_it_without_overlap():
     cell = np.array([1.0, 0.5, 0.0, 0.2, 0.1, 0.5, 1.0, 2.0])
-    parts = halved(cell)
+    parts = halved(cell[None])
     volumes = np.prod(parts[:, 3::2] - parts[:, 2::2], axis=1)
     assert volumes.sum() == pytest.approx(0.2 * 0.4 * 1.0)
     centers = 0.5 * (parts[:, 2::2] + parts[:, 3::2])

@@ -11,6 +11,7 @@ import numpy as np
 
 from placement_planner_ros.core.ascent import AscentSettings
 from placement_planner_ros.core.body import Body
+from placement_planner_ros.core.cell_bounds import BranchBounds
 from placement_planner_ros.core.errors import GraspError, ParameterError, RobotError, StartError
 from placement_planner_ros.core.execution import ExecutionSettings, TrajectoryMaker
 from placement_planner_ros.core.feasibility import PoseConstraints
@@ -28,6 +29,7 @@ from placement_planner_ros.core.robot.seeds import seed_table
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.search.cells import CellSampler
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy, HierarchySettings
+from placement_planner_ros.core.search.pruning import Remainder
 from placement_planner_ros.core.search.sampler import (
     GoalChecker,
     GoalSampler,
@@ -39,12 +41,6 @@ from placement_planner_ros.core.statistics import Statistics
 from placement_planner_ros.core.transit import GoalPlanner, MotionPlanner, TransitSettings
 from placement_planner_ros.core.types import Array, Goal, Placement, TargetVolume
 
-_SAMPLERS: dict[tuple[str, str], Callable[..., GoalSampler]] = {
-    ("mcts", "ucb1"): MctsSampler,
-    ("mcts", "optimistic"): CellSampler,
-    ("uniform", "ucb1"): UniformSampler,
-    ("uniform", "optimistic"): UniformSampler,
-}
 _LIMIT_INSET = 1e-3
 """rad or m, how far within the joint limits configurations are planned."""
 
@@ -139,7 +135,7 @@ class PlacementPlanner:
         sampler: SampleGoals.
         motion: PlanMotion.
         statistics: live counters, safe to read from other threads.
-        exhausted: why there is nothing to search, or '' while there is.
+        exhausted: why there is nothing (left) to search, or '' while there is.
         unusable: why some of the arms and grasps are left out of the search.
 
     Raises:
@@ -186,6 +182,18 @@ class PlacementPlanner:
             settings.hierarchy,
         )
         self.exhausted = _nothing_to_search(hierarchy)
+        self._bounds = BranchBounds(
+            body,
+            environment,
+            problem.volume,
+            self.holdings.values(),
+            objective,
+            settings.collision.contact_tolerance,
+            settings.edge_margin,
+            settings.min_improvement,
+            settings.sampling,
+        )
+        self._remainder = Remainder(hierarchy, self._bounds)
         self.sampler = self.make_sampler(hierarchy, finder, rng_sampler)
         self.motion = self.make_motion(rng_motion)
         self._optimizer = LocalOptimizer(
@@ -199,8 +207,11 @@ class PlacementPlanner:
     ) -> GoalSampler:
         """SampleGoals, as the settings ask for it."""
         settings = self._settings
-        Sampler = _SAMPLERS[settings.sampler, settings.sampling.selection]
-        return Sampler(hierarchy, checker, settings.sampling, rng)
+        if settings.sampler == "uniform":
+            return UniformSampler(hierarchy, checker, settings.sampling, rng)
+        if settings.sampling.selection == "ucb1":
+            return MctsSampler(hierarchy, checker, settings.sampling, rng)
+        return CellSampler(hierarchy, checker, settings.sampling, rng, self._bounds)
 
     def make_motion(self, rng: np.random.Generator) -> GoalPlanner:
         """PlanMotion over all of `holdings`."""
@@ -215,6 +226,8 @@ class PlacementPlanner:
                 self.motion.add(goal)
                 self.statistics.goals += 1
             if self.motion.goals == 0:
+                if self._remainder.empty(best):
+                    self.exhausted = self._remainder.why_empty(best)
                 continue
             found = self.motion.plan(self._settings.motion_iterations, should_stop)
             self.statistics.motion_iterations = self.motion.iterations

@@ -45,6 +45,16 @@ VARIANTS: Mapping[str, Variant] = {
         replace(_DEFAULTS, sampling=replace(_DEFAULTS.sampling, selection="ucb1")),
         "MCTS that selects by UCB1, as the paper does, with local optimisation",
     ),
+    "mcts+lo+unpruned": Variant(
+        PlacementPlanner,
+        replace(
+            _DEFAULTS,
+            sampling=replace(
+                _DEFAULTS.sampling, prune_reach=False, prune_support=False, prune_objective=False
+            ),
+        ),
+        "MCTS with local optimisation, without ruling out branches that hold nothing",
+    ),
     "mcts+lo+gradient": Variant(
         PlacementPlanner,
         replace(_DEFAULTS, gradient_sampling=True),

@@ -178,7 +178,7 @@ class DenseSearch(PlacementPlanner):
         best = None
         for placement in self.run(should_stop):
             best = placement
-        return best, self._dense.finished
+        return best, self._dense.finished or bool(self.exhausted)
 
 
 def sampled_placements(planner: PlacementPlanner, number: int, seconds: float) -> Array:

@@ -11,11 +11,24 @@ from __future__ import annotations
 
 import heapq
 import itertools
+from collections import Counter
 from collections.abc import Callable
 
 import numpy as np
 
+from placement_planner_ros.core.search.cell_layout import (
+    COLUMNS,
+    FACE,
+    LOWER,
+    PARTS,
+    UPPER,
+    Z,
+    areas,
+    extent,
+    halved,
+)
 from placement_planner_ros.core.search.hierarchy import FULL_TURN, AfrHierarchy
+from placement_planner_ros.core.search.pruning import CellBounds, Ruling
 from placement_planner_ros.core.search.sampler import (
     Draws,
     GoalChecker,
@@ -26,10 +39,6 @@ from placement_planner_ros.core.search.sampler import (
 )
 from placement_planner_ros.core.types import Array, Goal, Verdict
 
-_FACE, _Z, _X, _Y, _ANGLE = 0, 1, 2, 4, 6
-_COLUMNS = 8  # face, z, x min and max, y min and max, θ min and max
-_LOWER, _UPPER = [_X, _Y, _ANGLE], [_X + 1, _Y + 1, _ANGLE + 1]
-_PARTS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
 _COARSE = 4
 """A region's extent is cut into so many coarse cells along x and y."""
 _MAX_CELLS = 20_000
@@ -41,21 +50,16 @@ _CLASS = [
 _CLASS[Verdict.NOT_BETTER] = _CLASS[Verdict.FEASIBLE] = 0
 
 
-def halved(cell: Array) -> Array:
-    """(8, 8) the parts of a cell: halves of its x, y and θ."""
-    parts = np.repeat(cell[None], len(_PARTS), axis=0)
-    low, half = cell[_LOWER], 0.5 * (cell[_UPPER] - cell[_LOWER])
-    parts[:, _LOWER] = low + _PARTS * half
-    parts[:, _UPPER] = low + (_PARTS + 1) * half
-    return parts
-
-
 class CellSampler:
     """SampleGoals by optimistic search; arm and grasp are chosen once a pose is worth reaching.
 
     Args:
         checker: checks samples.
         rng: draws poses within cells.
+        bounds: tell which cells hold nothing; None: none is known to.
+
+    Attributes:
+        rulings: how many parts of cells got each `Ruling`.
     """
 
     def __init__(
@@ -64,17 +68,20 @@ class CellSampler:
         checker: GoalChecker,
         settings: SamplerSettings,
         rng: np.random.Generator,
+        bounds: CellBounds | None = None,
     ) -> None:
         self.count = SampleCount()
+        self.rulings: Counter[Ruling] = Counter()
+        self._bounds = bounds
         self._checker = checker
         self._settings = settings
         self._rng = rng
         self._faces = hierarchy.faces
         self._regions = hierarchy.regions
-        areas = np.array([region.area for region in hierarchy.regions])
+        surface = np.array([region.area for region in hierarchy.regions])
         even = settings.even_share
-        self._shares = (1.0 - even) * areas / areas.sum() + even / max(len(areas), 1)
-        self._extents = np.array([_extent(region.rectangles) for region in hierarchy.regions])
+        self._shares = (1.0 - even) * surface / surface.sum() + even / max(len(surface), 1)
+        self._extents = np.array([extent(region) for region in hierarchy.regions])
         self._steps = np.array([_COARSE, _COARSE, hierarchy.settings.angle_intervals**2])
         self._min_area = hierarchy.settings.min_area
         # per depth, a heap of (class, rank, number, cell): the least is split next
@@ -84,7 +91,7 @@ class CellSampler:
         # cells in which a goal was found, left alone until ξ_best is no less: (ξ, depth, cell)
         self._with_goal: list[tuple[float, int, Array]] = []
         # what is left of the round: cells, their depths, and the poses (x, y, θ) drawn from them
-        self._cells = np.empty((0, _COLUMNS))
+        self._cells = np.empty((0, COLUMNS))
         self._depths = np.empty(0, dtype=np.int64)
         self._poses = np.empty((0, 3))
 
@@ -96,7 +103,7 @@ class CellSampler:
         while left > 0 and len(goals) < wanted and not should_stop():
             if len(self._depths) == 0:
                 graded = self.count.samples >= self._settings.uniform_first
-                self._begin_round(refine=graded and best > -np.inf)
+                self._begin_round(best, refine=graded and best > -np.inf)
             outcome = self._checker.check_batch(
                 self._draws(left), best, wanted - len(goals), should_stop
             )
@@ -116,20 +123,20 @@ class CellSampler:
         """The next poses of the round, at most `count`."""
         cells, poses = self._cells[:count], self._poses[:count]
         undecided = np.full(len(cells), -1)
-        contact = np.column_stack([poses[:, :2], cells[:, _Z]])
-        return Draws(undecided, undecided, cells[:, _FACE].astype(np.int64), contact, poses[:, 2])
+        contact = np.column_stack([poses[:, :2], cells[:, Z]])
+        return Draws(undecided, undecided, cells[:, FACE].astype(np.int64), contact, poses[:, 2])
 
-    def _begin_round(self, refine: bool) -> None:
+    def _begin_round(self, best: float, refine: bool) -> None:
         """Draw poses to be checked; each grades the cell it was drawn from."""
         share = self._settings.uniform_share
-        parts = self._split_best() if refine else []
+        parts = [self._open_parts(best)] if refine else []
         finer = sum(len(cells) for cells, _ in parts)
         count = round(finer * share / (1.0 - share)) if finer else self._settings.batch
         coarse, drawn = self._uniform(max(1, count))
         parts.append((coarse, np.zeros(len(coarse), dtype=np.int64)))
         self._cells = np.concatenate([cells for cells, _ in parts])
         self._depths = np.concatenate([depths for _, depths in parts])
-        low, high = self._cells[:, _LOWER], self._cells[:, _UPPER]
+        low, high = self._cells[:, LOWER], self._cells[:, UPPER]
         self._poses = low + self._rng.random((len(low), 3)) * (high - low)
         self._poses[finer:] = drawn
         self._keep(self._rng.permutation(len(low)))
@@ -143,19 +150,17 @@ class CellSampler:
         low, high = self._extents[regions, ::2], self._extents[regions, 1::2]
         size = (high - low) / self._steps
         place = np.clip(np.floor((poses - low) / size), 0, self._steps - 1)
-        cells = np.empty((count, _COLUMNS))
-        cells[:, _FACE] = rng.integers(self._faces, size=count)
-        cells[:, _Z] = contact[:, 2]
-        cells[:, _LOWER] = low + place * size
-        cells[:, _UPPER] = low + (place + 1.0) * size
+        cells = np.empty((count, COLUMNS))
+        cells[:, FACE] = rng.integers(self._faces, size=count)
+        cells[:, Z] = contact[:, 2]
+        cells[:, LOWER] = low + place * size
+        cells[:, UPPER] = low + (place + 1.0) * size
         return cells, poses
 
     def _remember(self, outcome: Outcome, cells: Array, depths: Index) -> None:
         """File the cells under their depth by what their sample was, leaves left out."""
-        area = (cells[:, _X + 1] - cells[:, _X]) * (cells[:, _Y + 1] - cells[:, _Y])
-        count = len(outcome.verdicts)
-        ranks = self._rng.random(count)
-        for k in np.flatnonzero(area[:count] > self._min_area).tolist():
+        ranks = self._rng.random(len(cells))
+        for k in np.flatnonzero(areas(cells) > self._min_area).tolist():
             verdict, depth = outcome.verdicts[k], int(depths[k])
             cell = cells[k].copy()  # a view would keep the whole round in memory
             if verdict == Verdict.FEASIBLE:
@@ -177,9 +182,21 @@ class CellSampler:
                 self._push(depth, 0, -value, cell)
         self._with_goal = [entry for entry in self._with_goal if entry[0] > best]
 
-    def _split_best(self) -> list[tuple[Array, Index]]:
-        """Split the best cell of each depth: the parts (8, 8) and their depth (8,)."""
-        parts = []
+    def _open_parts(self, best: float) -> tuple[Array, Index]:
+        """The parts of the best cell of each depth that may hold a goal, and their depths."""
+        cells, depths = self._split_best()
+        parts, depths = halved(cells), np.repeat(depths + 1, PARTS)
+        if self._bounds is None or len(parts) == 0:
+            return parts, depths
+        rulings = self._bounds.rulings(parts, best)
+        for ruling in Ruling:
+            self.rulings[ruling] += int((rulings == ruling).sum())
+        is_open = rulings == Ruling.OPEN
+        return parts[is_open], depths[is_open]
+
+    def _split_best(self) -> tuple[Array, Index]:
+        """Take the best cell of each depth: (n, 8) and their depths (n,)."""
+        cells, depths = [], []
         for depth, level in enumerate(self._levels):
             while level:
                 cell = heapq.heappop(level)[-1]
@@ -188,15 +205,9 @@ class CellSampler:
                     if name in self._split:
                         continue
                     self._split.add(name)
-                parts.append((halved(cell), np.full(len(_PARTS), depth + 1)))
+                cells.append(cell)
+                depths.append(depth)
                 break
-        if len(parts) == len(self._levels):
+        if len(cells) == len(self._levels):
             self._levels.append([])
-        return parts
-
-
-def _extent(rectangles: Array) -> tuple[float, float, float, float, float, float]:
-    """x, y and θ, minimum and maximum each."""
-    x0, y0 = rectangles[:, :2].min(axis=0)
-    x1, y1 = rectangles[:, 2:].max(axis=0)
-    return float(x0), float(x1), float(y0), float(y1), 0.0, FULL_TURN
+        return np.array(cells).reshape(-1, COLUMNS), np.array(depths, dtype=np.int64)

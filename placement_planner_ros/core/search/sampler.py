@@ -40,6 +40,8 @@ class SamplerSettings:
         uniform_share: of optimistic search's samples after these, at least, in [0, 1).
         even_share: of these, in [0, 1]: drawn from all regions alike instead of by area, since what
             is best may stand on a small one.
+        prune_reach, prune_support, prune_objective: whether branches are ruled out that are out of
+            reach, that cannot support the face, or where ξ has an upper bound not above ξ_best.
     """
 
     samples_per_call: int = 200
@@ -52,6 +54,9 @@ class SamplerSettings:
     uniform_first: int = 2000
     uniform_share: float = 0.5
     even_share: float = 0.5
+    prune_reach: bool = True
+    prune_support: bool = True
+    prune_objective: bool = True
 
     def __post_init__(self) -> None:
         if self.samples_per_call < 1 or self.goals_per_call < 1:

@@ -1,0 +1,47 @@
+"""Cells of the pose sets Ŝ(r, f), as rows of an array: a face, a box of contact points, angles."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from placement_planner_ros.core.scene.regions import Region
+from placement_planner_ros.core.search.hierarchy import FULL_TURN, AfrHierarchy
+from placement_planner_ros.core.types import Array
+
+FACE, Z, X, Y, ANGLE = 0, 1, 2, 4, 6
+COLUMNS = 8
+"""Face, z, x min and max, y min and max, θ min and max."""
+LOWER, UPPER = [X, Y, ANGLE], [X + 1, Y + 1, ANGLE + 1]
+_PARTS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
+PARTS = len(_PARTS)
+
+
+def halved(cells: Array) -> Array:
+    """(8 n, 8) the parts of (n, 8) cells, cell by cell: halves of x, y and θ."""
+    low = cells[:, LOWER]
+    half = (0.5 * (cells[:, UPPER] - low))[:, None]
+    parts = np.repeat(cells, PARTS, axis=0).reshape(-1, PARTS, COLUMNS)
+    parts[..., LOWER] = low[:, None] + _PARTS * half
+    parts[..., UPPER] = low[:, None] + (_PARTS + 1) * half
+    return parts.reshape(-1, COLUMNS)
+
+
+def areas(cells: Array) -> Array:
+    """(n,) m² of the boxes of contact points."""
+    return np.asarray((cells[:, X + 1] - cells[:, X]) * (cells[:, Y + 1] - cells[:, Y]))
+
+
+def extent(region: Region) -> tuple[float, float, float, float, float, float]:
+    """x, y and θ of a whole region, minimum and maximum each."""
+    x0, y0 = region.rectangles[:, :2].min(axis=0)
+    x1, y1 = region.rectangles[:, 2:].max(axis=0)
+    return float(x0), float(x1), float(y0), float(y1), 0.0, FULL_TURN
+
+
+def whole_cells(hierarchy: AfrHierarchy) -> Array:
+    """(|R| |F|, 8) cells that hold all of the pose sets."""
+    pairs = itertools.product(hierarchy.regions, range(hierarchy.faces))
+    cells = [(face, region.z, *extent(region)) for region, face in pairs]
+    return np.array(cells, dtype=np.float64).reshape(-1, COLUMNS)
