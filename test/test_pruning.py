@@ -22,6 +22,7 @@ from placement_planner_ros.experiments.placement_grid import GridResolution, gri
 
 CASE = Case("cabinet_low_clutter", "large_crayons_box", "maximize_clearance")
 SWITCHES = ("prune_reach", "prune_support", "prune_objective")
+DEFAULT = tuple(switch for switch in SWITCHES if getattr(PlannerSettings().sampling, switch))
 
 
 def with_pruning(*names: str) -> PlannerSettings:
@@ -215,7 +216,7 @@ def moved_away(problem, shift):
     return replace(problem, volume=volume, environment=environment)
 
 
-def planned(problem, switches=SWITCHES, samples=2000, objective=None):
+def planned(problem, switches=DEFAULT, samples=2000, objective=None):
     objective = objective or make_objective(
         "maximize_clearance", ObjectiveContext(problem.environment, problem.volume, problem.body)
     )
@@ -265,10 +266,10 @@ class KnownConstant(Constant):
 
 def test_an_objective_known_to_be_constant_ends_the_search_with_its_first_placement(cabinet):
     problem, _ = cabinet
-    planner, placements = planned(problem, objective=KnownConstant())
+    planner, placements = planned(problem, SWITCHES, objective=KnownConstant())
     assert len(placements) == 1
     assert "no placement better than 1 is left" in planner.exhausted
-    black_box, placements = planned(problem, objective=Constant())
+    black_box, placements = planned(problem, SWITCHES, objective=Constant())
     assert len(placements) == 1
     assert black_box.exhausted == ""
     assert black_box.statistics.samples >= 2000

@@ -191,7 +191,7 @@ class PlacementPlanner:
             settings.collision.contact_tolerance,
             settings.edge_margin,
             settings.min_improvement,
-            settings.sampling,
+            _pruning(settings),
         )
         self._remainder = Remainder(hierarchy, self._bounds)
         self.sampler = self.make_sampler(hierarchy, finder, rng_sampler)
@@ -380,6 +380,13 @@ def _within_limits(arm: Arm, q_start: Array) -> Arm:
         lower=np.minimum(arm.lower + inset, q_start),
         upper=np.maximum(arm.upper - inset, q_start),
     )
+
+
+def _pruning(settings: PlannerSettings) -> SamplerSettings:
+    """Following the gradient leads samples out of their cells: only s(x) is asked before that."""
+    if not settings.gradient_sampling:
+        return settings.sampling
+    return replace(settings.sampling, prune_reach=False, prune_objective=False)
 
 
 def _nothing_to_search(hierarchy: AfrHierarchy) -> str:

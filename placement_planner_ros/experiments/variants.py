@@ -49,9 +49,7 @@ VARIANTS: Mapping[str, Variant] = {
         PlacementPlanner,
         replace(
             _DEFAULTS,
-            sampling=replace(
-                _DEFAULTS.sampling, prune_reach=False, prune_support=False, prune_objective=False
-            ),
+            sampling=replace(_DEFAULTS.sampling, prune_reach=False, prune_support=False),
         ),
         "MCTS with local optimisation, without ruling out branches that hold nothing",
     ),

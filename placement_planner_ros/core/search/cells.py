@@ -59,7 +59,7 @@ class CellSampler:
         bounds: tell which cells hold nothing; None: none is known to.
 
     Attributes:
-        rulings: how many parts of cells got each `Ruling`.
+        rulings: how many parts of cells got each `Ruling`, those not asked about left open.
     """
 
     def __init__(
@@ -183,23 +183,28 @@ class CellSampler:
         self._with_goal = [entry for entry in self._with_goal if entry[0] > best]
 
     def _open_parts(self, best: float) -> tuple[Array, Index]:
-        """The parts of the best cell of each depth that may hold a goal, and their depths."""
-        cells, depths = self._split_best()
+        """The parts of the best cell of each depth that may hold a goal, and their depths.
+
+        Where the cell's sample was free of collision only ξ could rule parts out.
+        """
+        cells, depths, kinds = self._split_best()
         parts, depths = halved(cells), np.repeat(depths + 1, PARTS)
-        if self._bounds is None or len(parts) == 0:
+        doubtful = np.repeat((kinds > 0) | self._settings.prune_objective, PARTS)
+        if self._bounds is None or not doubtful.any():
             return parts, depths
-        rulings = self._bounds.rulings(parts, best)
+        rulings = np.full(len(parts), Ruling.OPEN, dtype=np.int64)
+        rulings[doubtful] = self._bounds.rulings(parts[doubtful], best)
         for ruling in Ruling:
             self.rulings[ruling] += int((rulings == ruling).sum())
         is_open = rulings == Ruling.OPEN
         return parts[is_open], depths[is_open]
 
-    def _split_best(self) -> tuple[Array, Index]:
-        """Take the best cell of each depth: (n, 8) and their depths (n,)."""
-        cells, depths = [], []
+    def _split_best(self) -> tuple[Array, Index, Index]:
+        """Take the best cell of each depth: (n, 8), their depths (n,) and classes (n,)."""
+        cells, depths, kinds = [], [], []
         for depth, level in enumerate(self._levels):
             while level:
-                cell = heapq.heappop(level)[-1]
+                kind, _, _, cell = heapq.heappop(level)
                 if depth == 0:
                     name = cell.tobytes()
                     if name in self._split:
@@ -207,7 +212,12 @@ class CellSampler:
                     self._split.add(name)
                 cells.append(cell)
                 depths.append(depth)
+                kinds.append(kind)
                 break
         if len(cells) == len(self._levels):
             self._levels.append([])
-        return np.array(cells).reshape(-1, COLUMNS), np.array(depths, dtype=np.int64)
+        return (
+            np.array(cells).reshape(-1, COLUMNS),
+            np.array(depths, dtype=np.int64),
+            np.array(kinds, dtype=np.int64),
+        )

@@ -41,7 +41,8 @@ class SamplerSettings:
         even_share: of these, in [0, 1]: drawn from all regions alike instead of by area, since what
             is best may stand on a small one.
         prune_reach, prune_support, prune_objective: whether branches are ruled out that are out of
-            reach, that cannot support the face, or where ξ has an upper bound not above ξ_best.
+            reach, that cannot support the face, or where ξ has an upper bound not above ξ_best. The
+            last costs more samples than it saves, unless the objective's bounds are cheap.
     """
 
     samples_per_call: int = 200
@@ -56,7 +57,7 @@ class SamplerSettings:
     even_share: float = 0.5
     prune_reach: bool = True
     prune_support: bool = True
-    prune_objective: bool = True
+    prune_objective: bool = False
 
     def __post_init__(self) -> None:
         if self.samples_per_call < 1 or self.goals_per_call < 1:
