@@ -104,7 +104,7 @@ def level_table(results: Results) -> Table:
     return Table(
         ("cases", "variant", *(f"after {t:g} s" for t in moments)),
         tuple(rows),
-        "Means over cases and runs with 95 % bootstrap intervals.",
+        "Means over cases and runs; 95 % bootstrap intervals where cases have several runs.",
     )
 
 
@@ -215,11 +215,17 @@ def failure_table(results: Results) -> Table:
 
 
 def _number(found: Interval, k: int) -> str:
-    return f"{found.mean[k]:.3f} [{found.low[k]:.3f}, {found.high[k]:.3f}]"
+    mean, low, high = found.mean[k], found.low[k], found.high[k]
+    return f"{mean:.3f}{_interval(float(low), float(high), '.3f')}"
 
 
 def _signed(found: Interval) -> str:
-    return f"{float(found.mean):+.3f} [{float(found.low):+.3f}, {float(found.high):+.3f}]"
+    return f"{float(found.mean):+.3f}{_interval(float(found.low), float(found.high), '+.3f')}"
+
+
+def _interval(low: float, high: float, form: str) -> str:
+    """Nothing where the interval has no width, as with one run per case."""
+    return f" [{low:{form}}, {high:{form}}]" if high > low else ""
 
 
 def _seconds(value: float) -> str:
