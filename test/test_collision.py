@@ -323,6 +323,19 @@ def test_empty_environment_and_empty_hand(slider):
     assert checker.free_batch(np.zeros((0, 2))).shape == (0,)
 
 
+def test_a_ball_in_two_links_shows_that_they_overlap(yumi):
+    setup = yumi_setup(yumi, "table", "toy_table", "right")
+    exact, arm = ExactCollision(*setup), setup[1]
+    rng = np.random.default_rng(5)
+    overlapping = 0
+    for q in rng.uniform(arm.lower, arm.upper, (150, arm.dof)):
+        ball = exact.common_ball(q)
+        free = exact.free(q)
+        assert not (free and ball > 1e-5)
+        overlapping += ball > 0.0
+    assert 10 < overlapping < 140
+
+
 def test_boxes_are_made_once_and_go_with_their_obstacle_set():
     obstacles = obstacles_of(plate((0.1, 0.1, 0.1), (0.0, 0.0, 0.0)))
     before = len(collision_boxes._made)

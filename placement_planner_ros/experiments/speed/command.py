@@ -282,7 +282,7 @@ def _recorded(
 ) -> Iterator[Entry]:
     settings = RecordSettings(runs=arguments.runs, samples=arguments.samples)
     recording = record(case, arguments.seed, settings)
-    rng = np.random.default_rng(arguments.seed)
+    rng = np.random.default_rng([arguments.seed, *str(case).encode()])  # differs from case to case
     bench = Bench(recording, CompareSettings(), rng)
     for row, measure in (
         ("configurations", bench.configurations),

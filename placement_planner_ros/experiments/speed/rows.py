@@ -167,7 +167,7 @@ def _agreement(entries: Sequence[Entry]) -> list[Line]:
         detail = (
             f"{asked:,.0f} configurations, {_share(_total(own, 'free'), asked)} free, "
             f"{_count(own, 'ties')} ties, {_count(own, 'contradictions')} where coal contradicts "
-            "itself"
+            "itself or a ball lies in both of what it calls apart"
         )
         lines.append(
             Line(
