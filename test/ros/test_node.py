@@ -79,7 +79,8 @@ def test_parts_come_first_and_carry_the_key(bench):
     assert float(manifest["approach_start"]) == 0.5
     assert manifest["has_retreat"] == "false"
     assert 0.0 < float(manifest["search_time"]) < 60.0
-    b.wait(lambda: b.messages("trajectory") and b.messages("placement_pose"))
+    topics = ("trajectory", "retreat_trajectory", "placement_pose", "objective", "markers")
+    b.wait(lambda: all(b.messages(topic) for topic in topics))
     trajectory, pose = b.messages("trajectory")[-1], b.messages("placement_pose")[-1]
     assert trajectory.header.frame_id == "1/1"
     assert (trajectory.header.stamp.sec, trajectory.header.stamp.nanosec) == (0, 0)
