@@ -43,8 +43,8 @@ class IKSettings:
     max_iterations: int = 60
     max_solutions: int = 32
     min_difference: float = 0.1
-    sweep_step: float = 0.3
-    max_sweep: int = 128
+    sweep_step: float = 0.1
+    max_sweep: int = 384
     max_joint_step: float = 0.2
     line_tolerance: float = 5e-4
 
