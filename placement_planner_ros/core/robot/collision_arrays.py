@@ -113,6 +113,8 @@ class ArmScratch(NamedTuple):
     bound: Array
     """(b, n + 1) motion bounds, and `bound_straight` without the deviation."""
     bound_straight: Array
+    edge: Array
+    """(3, n) q at an interval's middle; how far joints move, without the deviation and with it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -349,6 +351,7 @@ def scratch_for(flat: FlatArm, boxes: int) -> ArmScratch:
         hit=np.zeros(3, dtype=np.int64),
         bound=np.zeros((a.moving, joints + 1)),
         bound_straight=np.zeros((a.moving, joints + 1)),
+        edge=np.zeros((3, joints)),
     )
 
 

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from placement_planner_ros.core.lean import njit_lean
 from placement_planner_ros.core.robot.collision_arrays import (
     BODY_FIRST_PART,
     BODY_JOINT,
@@ -69,7 +69,7 @@ class BoxArrays(NamedTuple):
     """Its levels."""
 
 
-@njit(cache=True)
+@njit_lean()
 def distance_bounds(
     grid: Array, field: npt.NDArray[np.uint8], x: float, y: float, z: float
 ) -> tuple[float, float]:
@@ -92,7 +92,7 @@ def distance_bounds(
     return np.sqrt(dx * dx + dy * dy + dz * dz), np.inf
 
 
-@njit(cache=True)
+@njit_lean()
 def layer_range(
     layers: npt.NDArray[np.int32], first: int, last: int, low: int, high: int
 ) -> tuple[int, int]:
@@ -110,7 +110,7 @@ def layer_range(
     return first, end
 
 
-@njit(cache=True)
+@njit_lean()
 def boxes_apart(bounds: Array, row: int, corners: Array, box: int, need: float) -> bool:
     """Whether the box around a set, row of `bounds`, is `need` from an obstacle along an axis."""
     far = need + TOLERANCE
@@ -124,7 +124,7 @@ def boxes_apart(bounds: Array, row: int, corners: Array, box: int, need: float) 
     )
 
 
-@njit(cache=True)
+@njit_lean()
 def polytope_meets_box(
     vertices: Array,
     first_vertex: int,
@@ -190,7 +190,7 @@ def polytope_meets_box(
     )
 
 
-@njit(cache=True)
+@njit_lean()
 def open_leaves(
     first_body: int,
     last_body: int,
@@ -266,7 +266,7 @@ def open_leaves(
     return result, count
 
 
-@njit(cache=True)
+@njit_lean()
 def open_leaves_meet_boxes(
     arm: ArmArrays, boxes: BoxArrays, scratch: ArmScratch, count: int, need: float, hit: float
 ) -> int:
@@ -301,10 +301,23 @@ def open_leaves_meet_boxes(
             frames, sets[first_set, SET_JOINT], spheres[node, 0], spheres[node, 1], spheres[node, 2]
         )
         reach = spheres[node, 3] + need + TOLERANCE
-        i0 = max(int(np.floor((x - reach - ox) * per_metre)), 0)
-        j0 = max(int(np.floor((y - reach - oy) * per_metre)), 0)
-        i1 = min(int(np.floor((x + reach - ox) * per_metre)) + 1, nx)
-        j1 = min(int(np.floor((y + reach - oy) * per_metre)) + 1, ny)
+        x0, x1 = x - reach, x + reach
+        y0, y1 = y - reach, y + reach
+        z0, z1 = z - reach, z + reach
+        if last_set - first_set == 1:
+            # What matters lies in the box around the set too.
+            s = first_set
+            if set_stamp[s] < now:
+                set_stamp[s] = now
+                place_set(arm, scratch, s)
+            far = need + TOLERANCE
+            x0, x1 = max(x0, bounds[s, 0] - far), min(x1, bounds[s, 3] + far)
+            y0, y1 = max(y0, bounds[s, 1] - far), min(y1, bounds[s, 4] + far)
+            z0, z1 = max(z0, bounds[s, 2] - far), min(z1, bounds[s, 5] + far)
+        i0 = max(int(np.floor((x0 - ox) * per_metre)), 0)
+        j0 = max(int(np.floor((y0 - oy) * per_metre)), 0)
+        i1 = min(int(np.floor((x1 - ox) * per_metre)) + 1, nx)
+        j1 = min(int(np.floor((y1 - oy) * per_metre)) + 1, ny)
         for i in range(i0, i1):
             low = ox + i * size
             dx = max(low - x, 0.0, x - low - size)
@@ -315,8 +328,8 @@ def open_leaves_meet_boxes(
                 low = oy + j * size
                 dy = max(low - y, 0.0, y - low - size)
                 height = np.sqrt(max(reach * reach - dx * dx - dy * dy, 0.0)) + TOLERANCE
-                k0 = int(np.floor((z - height - oz) * per_metre))
-                k1 = int(np.floor((z + height - oz) * per_metre)) + 1
+                k0 = int(np.floor((max(z - height, z0) - oz) * per_metre))
+                k1 = int(np.floor((min(z + height, z1) - oz) * per_metre)) + 1
                 first, last = layer_range(layers, first, last, k0, k1)
                 for box in range(first, last):
                     u = max(corners[box, 0] - x, 0.0, x - corners[box, 3])
@@ -363,7 +376,7 @@ def open_leaves_meet_boxes(
     return result
 
 
-@njit(cache=True)
+@njit_lean()
 def body_meets_boxes(
     arm: ArmArrays, boxes: BoxArrays, scratch: ArmScratch, body: int, margin: float
 ) -> int:

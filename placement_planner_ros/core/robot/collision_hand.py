@@ -14,8 +14,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from placement_planner_ros.core.lean import njit_lean
 from placement_planner_ros.core.robot.collision_arrays import (
     BODY_JOINT,
     PAIR_INNER,
@@ -91,7 +91,7 @@ def _intervals(turns: WristTurns, margin: float) -> tuple[Array, float]:
     return turns.lower + span * (np.arange(number) + 0.5) / max(number, 1), moved
 
 
-@njit(cache=True)
+@njit_lean()
 def _carried_meets_boxes(
     arm: ArmArrays, boxes: BoxArrays, scratch: ArmScratch, joint: int, margin: float, contact: bool
 ) -> bool:
@@ -108,7 +108,7 @@ def _carried_meets_boxes(
     return False
 
 
-@njit(cache=True)
+@njit_lean()
 def _carried_meets_fixed(arm: ArmArrays, scratch: ArmScratch, joint: int, margin: float) -> bool:
     """Whether a body that hangs on `joint` surely meets one that the arm does not move."""
     world = len(arm.prismatic) + 1
@@ -129,7 +129,7 @@ def _carried_meets_fixed(arm: ArmArrays, scratch: ArmScratch, joint: int, margin
     return False
 
 
-@njit(cache=True, nogil=True)
+@njit_lean(nogil=True)
 def hand_collides(
     arm: ArmArrays,
     boxes: BoxArrays,
@@ -152,7 +152,9 @@ def hand_collides(
     last = len(arm.prismatic) - 1
     frames = scratch.frames
     scratch.counters[0] += 1
-    frames[last] = T_world_joint
+    for i in range(4):
+        for j in range(4):
+            frames[last, i, j] = T_world_joint[i, j]
     if _carried_meets_boxes(arm, boxes, scratch, last, margin, contact):
         return True
     if _carried_meets_fixed(arm, scratch, last, self_margin):

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from placement_planner_ros.core.lean import njit_lean
 from placement_planner_ros.core.robot.collision_arrays import (
     BODY_JOINT,
     PAIR_INNER,
@@ -44,7 +44,7 @@ NOT_FINITE = 4
 """A configuration holds a NaN or an infinity."""
 
 
-@njit(cache=True, nogil=True)
+@njit_lean(nogil=True)
 def check_states(
     arm: ArmArrays,
     boxes: BoxArrays,
@@ -101,7 +101,7 @@ def check_states(
         answers[i] = result
 
 
-@njit(cache=True)
+@njit_lean()
 def _pairs_meet(arm: ArmArrays, scratch: ArmScratch, q: Array, margin: float) -> int:
     """The robot against itself at q (n,), where it has been placed."""
     spheres, pairs = scratch.body_spheres, arm.pairs
@@ -130,7 +130,7 @@ def _pairs_meet(arm: ArmArrays, scratch: ArmScratch, q: Array, margin: float) ->
     return result
 
 
-@njit(cache=True)
+@njit_lean()
 def bound_motion(arm: ArmArrays, scratch: ArmScratch, delta: Array, bound: Array) -> None:
     """bound[b, k]: how far joints k and outward move any point of moving body b (this module)."""
     frames, spheres, prismatic = scratch.frames, scratch.body_spheres, arm.prismatic
@@ -157,7 +157,7 @@ def bound_motion(arm: ArmArrays, scratch: ArmScratch, delta: Array, bound: Array
             bound[body, k] = m
 
 
-@njit(cache=True, nogil=True)
+@njit_lean(nogil=True)
 def check_edge(
     arm: ArmArrays,
     boxes: BoxArrays,
@@ -200,9 +200,7 @@ def check_edge(
     frames, found = scratch.frames, scratch.hit
     leaves, leaf_bound = scratch.leaves, scratch.leaf_bound
     spheres, bound = scratch.body_spheres, scratch.bound
-    delta = np.empty(n)
-    straight = np.empty(n)
-    q = np.empty(n)
+    q, straight, delta = scratch.edge[0], scratch.edge[1], scratch.edge[2]
     strays = False
     for j in range(n):
         strays = strays or deviation[j] > 0.0

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from placement_planner_ros.core.lean import njit_lean
 from placement_planner_ros.core.robot.collision_arrays import (
     BODY_FIRST_PART,
     NODE_FIRST,
@@ -162,7 +163,7 @@ def _solids_meet(
     return answer
 
 
-@njit(cache=True)
+@njit_lean()
 def bodies_meet(arm: ArmArrays, scratch: ArmScratch, pair: int, need: float, hit: float) -> int:
     """One pair of bodies; what is left UNDECIDED is noted in the scratch.
 
@@ -221,7 +222,7 @@ def bodies_meet(arm: ArmArrays, scratch: ArmScratch, pair: int, need: float, hit
     return result
 
 
-@njit(cache=True)
+@njit_lean()
 def _surfaces_meet(
     arm: ArmArrays, scratch: ArmScratch, p: int, o: int, need: float, hit: float
 ) -> int:

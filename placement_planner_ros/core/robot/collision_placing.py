@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from placement_planner_ros.core.lean import njit_lean
 from placement_planner_ros.core.robot.collision_arrays import (
     BODY_FIRST_PART,
     BODY_JOINT,
@@ -19,7 +20,7 @@ from placement_planner_ros.core.robot.kinematics import chain_frames
 from placement_planner_ros.core.types import Array
 
 
-@njit(cache=True)
+@njit_lean()
 def is_finite(q: Array) -> bool:
     """Whether every number of q (n,) is finite."""
     total = 0.0
@@ -28,7 +29,7 @@ def is_finite(q: Array) -> bool:
     return bool(np.isfinite(total))
 
 
-@njit(cache=True)
+@njit_lean()
 def to_world(frames: Array, joint: int, x: float, y: float, z: float) -> tuple[float, float, float]:
     return (
         frames[joint, 0, 3]
@@ -69,7 +70,7 @@ def place_spheres(arm: ArmArrays, scratch: ArmScratch, body: int) -> None:
         )
 
 
-@njit(cache=True)
+@njit_lean()
 def place_all_spheres(arm: ArmArrays, scratch: ArmScratch) -> None:
     """Bounding spheres of all moving bodies and their parts."""
     for body in range(arm.moving):
@@ -118,7 +119,7 @@ def place_planes(arm: ArmArrays, scratch: ArmScratch, s: int) -> None:
         moved[v, 3] = offset
 
 
-@njit(cache=True)
+@njit_lean()
 def note_undecided(undecided: Indices, counters: Indices, kind: int, a: int, b: int) -> None:
     n = counters[2]
     if n < undecided.shape[0]:

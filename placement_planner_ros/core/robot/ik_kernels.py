@@ -13,6 +13,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from placement_planner_ros.core.lean import njit_lean
 from placement_planner_ros.core.robot.kinematics import Flags, chain_frames, frames_jacobian
 from placement_planner_ros.core.types import Array
 
@@ -35,7 +36,7 @@ TRACK_ITERATIONS = 10
 """Iterations per waypoint of `track`, which starts next to its solution."""
 
 
-@numba.njit(cache=True, fastmath=False)
+@njit_lean()
 def _pose_error(tip: Array, target: Array, error: Array) -> None:
     """error (6,): translation, then rotation vector, that take the tip to the target, in world."""
     for a in range(3):
@@ -75,7 +76,7 @@ def _pose_error(tip: Array, target: Array, error: Array) -> None:
             error[a] *= math.pi / math.sqrt(norm)
 
 
-@numba.njit(cache=True, fastmath=False)
+@njit_lean()
 def solve_spd(M: Array, b: Array) -> None:
     """Solve M x = b in place, M (6, 6) symmetric positive definite, by Cholesky."""
     for i in range(6):
@@ -197,7 +198,7 @@ def descend(
     return False
 
 
-@numba.njit(cache=True, fastmath=False)
+@njit_lean()
 def differs(a: Array, b: Array, prismatic: Flags, min_difference: float) -> bool:
     """Whether two configurations differ in some joint by more than full turns explain."""
     for i in range(len(a)):

@@ -23,6 +23,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from placement_planner_ros.core.errors import RobotError
+from placement_planner_ros.core.lean import njit_lean
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.types import Array, frozen_array
@@ -33,7 +34,7 @@ _CHAINS = 16
 """How many chains are remembered."""
 
 
-@numba.njit(cache=True, fastmath=False)
+@njit_lean()
 def chain_frames(fixed: Array, prismatic: Flags, q: Array, frames: Array) -> None:
     """Joint frames and tip at q.
 
@@ -78,7 +79,7 @@ def chain_frames(fixed: Array, prismatic: Flags, q: Array, frames: Array) -> Non
         F[2, 0], F[2, 1], F[2, 2], F[2, 3] = r20, r21, r22, pz
 
 
-@numba.njit(cache=True, fastmath=False)
+@njit_lean()
 def frames_jacobian(frames: Array, prismatic: Flags, point: Array, jacobian: Array) -> None:
     """Jacobian of a point carried by the tip.
 

@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from placement_planner_ros.core.lean import njit_lean
 from placement_planner_ros.core.robot.collision_environment import (
     BoxArrays,
     boxes_apart,
@@ -88,7 +88,7 @@ class ObjectScratch(NamedTuple):
         )
 
 
-@njit(cache=True)
+@njit_lean()
 def _place_part(
     thing: ObjectArrays, scratch: ObjectScratch, part: int, T: Array, raised: float
 ) -> None:
@@ -121,7 +121,7 @@ def _place_part(
         planes[v, 3] = offset + max(planes[v, 2], 0.0) * raised
 
 
-@njit(cache=True)
+@njit_lean()
 def check_pose(
     thing: ObjectArrays,
     boxes: BoxArrays,
@@ -199,7 +199,7 @@ def check_pose(
     return result
 
 
-@njit(cache=True, nogil=True)
+@njit_lean(nogil=True)
 def check_poses(
     thing: ObjectArrays,
     boxes: BoxArrays,

@@ -23,6 +23,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from placement_planner_ros.core.lean import njit_lean
 from placement_planner_ros.core.robot.separation import TOLERANCE, separate_hulls
 from placement_planner_ros.core.types import Array
 
@@ -140,7 +141,7 @@ def _geometry(pair: TablePair) -> _Pair:
     )
 
 
-@njit(cache=True)
+@njit_lean()
 def apart_within(
     tables: PairTables, table: int, q1: float, q2: float, delta1: float, delta2: float
 ) -> bool:

@@ -13,6 +13,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from placement_planner_ros.core.lean import njit_lean
 from placement_planner_ros.core.robot.ik_kernels import (
     ROTATION_SCALE,
     descend,
@@ -35,7 +36,7 @@ MIN_STEP = 0.25
 """Share of a step that a joint limit must leave for it to be made."""
 
 
-@numba.njit(cache=True, fastmath=False)
+@njit_lean()
 def _project(frames: Array, prismatic: Flags, J: Array, M: Array, y: Array, tangent: Array) -> bool:
     """Project tangent (dof,) onto the null space of the Jacobian at frames; its length becomes 1.
 
@@ -70,7 +71,7 @@ def _project(frames: Array, prismatic: Flags, J: Array, M: Array, y: Array, tang
     return True
 
 
-@numba.njit(cache=True, fastmath=False)
+@njit_lean()
 def _null_direction(
     frames: Array,
     prismatic: Flags,
@@ -90,7 +91,7 @@ def _null_direction(
     return False
 
 
-@numba.njit(cache=True, fastmath=False)
+@njit_lean()
 def _visited(q: Array, starts: Array, found: Array, prismatic: Flags, radius: float) -> bool:
     """Whether q is next to one of the configurations."""
     for near in (found, starts):

@@ -10,8 +10,8 @@ numerical failure inside can cost an answer (`UNDECIDED`) but never make it wron
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from placement_planner_ros.core.lean import njit_lean
 from placement_planner_ros.core.types import Array
 
 FREE = 0
@@ -25,7 +25,7 @@ TOLERANCE = 1e-6
 _ITERATIONS = 40
 
 
-@njit(cache=True)
+@njit_lean()
 def minimum_norm_point(simplex: Array, weights: Array, count: int) -> int:
     """Reduce a simplex of `count` ≤ 4 points to the face that holds its point next to the origin.
 
@@ -129,7 +129,7 @@ def minimum_norm_point(simplex: Array, weights: Array, count: int) -> int:
     return -1
 
 
-@njit(cache=True)
+@njit_lean()
 def _advance(
     simplex: Array,
     weights: Array,
@@ -171,7 +171,7 @@ def _advance(
     return _OPEN, count, (x, y, z), (lower, upper)
 
 
-@njit(cache=True)
+@njit_lean()
 def separate_box(
     vertices: Array,
     first: int,
@@ -226,7 +226,7 @@ def separate_box(
     return UNDECIDED
 
 
-@njit(cache=True)
+@njit_lean()
 def separate_hulls(
     vertices: Array,
     first_a: int,

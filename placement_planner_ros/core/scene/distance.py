@@ -9,6 +9,7 @@ import numpy.typing as npt
 from numba import njit
 
 from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.lean import njit_lean
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import Array, TargetVolume
 
@@ -196,7 +197,7 @@ def _clearance_layers(
     return values
 
 
-@njit(cache=True)
+@njit_lean()
 def _lower_by_boxes(squared: Field, aside: Field, height: Field, face: np.float32) -> None:
     """Lower (n,) squared distances by those to boxes that begin `height` above the origin."""
     for i in range(len(squared)):
@@ -287,7 +288,7 @@ def _nearest_boxes(
                 nearest[i, j] = box[at]
 
 
-@njit(cache=True)
+@njit_lean()
 def _sort_feet(foot: Array, base: Array, box: Index, first: int, last: int) -> None:
     """Sort the few parabolas first..last of one column by their feet."""
     for t in range(first + 1, last):
@@ -299,7 +300,7 @@ def _sort_feet(foot: Array, base: Array, box: Index, first: int, last: int) -> N
         foot[s + 1], base[s + 1], box[s + 1] = x, a, r
 
 
-@njit(cache=True)
+@njit_lean()
 def _lower_envelope(foot: Array, base: Array, box: Index, ends: Array, count: int) -> int:
     """Keep of the parabolas (x - foot)² + base, sorted by foot, those least somewhere.
 
