@@ -7,6 +7,7 @@ from test_grid import BOUNDS, floor_and_wall, plane
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.grid import ObstacleSet
+from placement_planner_ros.core.scene.region_points import RegionPoints
 from placement_planner_ros.core.scene.regions import Region, RegionSettings, find_regions
 from placement_planner_ros.core.types import TargetVolume
 from placement_planner_ros.scenes.clouds import camera_clouds, complete_cloud
@@ -165,6 +166,25 @@ def test_samples_are_uniform_by_area():
     assert (samples[:, 0] < 0.5).mean() == pytest.approx(0.75, abs=0.03)
     first = samples[samples[:, 0] < 0.5]
     np.testing.assert_allclose(first.mean(axis=0), [0.15, 0.05, 0.25], atol=0.006)
+
+
+def test_points_on_several_regions_at_once_are_each_uniform_by_area():
+    slanted = np.array([[0.5, np.inf, -np.inf, np.inf]])
+    regions = [
+        Region(np.array([[0.0, 0.0, 0.3, 0.1], [1.0, 0.0, 1.1, 0.1]]), 0.25),
+        Region(np.array([[0.0, 0.0, 1.0, 1.0]]), 0.5, slanted),
+        Region(np.array([[2.0, 0.0, 2.1, 0.1]]), 0.75),
+    ]
+    rng = np.random.default_rng(0)
+    picked = rng.integers(3, size=12000)
+    points = RegionPoints(regions).sample(picked, rng)
+    assert (points[:, 2] == np.array([0.25, 0.5, 0.75])[picked]).all()
+    first, cut, last = (points[picked == k] for k in range(3))
+    assert (first[:, 0] < 0.5).mean() == pytest.approx(0.75, abs=0.03)
+    assert (cut[:, 0] + cut[:, 1] >= 0.5).all()
+    assert (cut[:, :2].sum(axis=1) < 1.0).mean() == pytest.approx(0.375 / 0.875, abs=0.03)
+    assert ((last[:, :2] >= [2.0, 0.0]) & (last[:, :2] <= [2.1, 0.1])).all()
+    np.testing.assert_allclose(last[:, :2].mean(axis=0), [2.05, 0.05], atol=0.003)
 
 
 def test_cut_corners_count_in_the_area():

@@ -15,7 +15,8 @@ from placement_planner_ros.core.scene.surfaces import level_surfaces
 from placement_planner_ros.core.types import Array, TargetVolume, frozen_array
 
 _EPSILON = 1e-7
-_ATTEMPTS = 100
+ATTEMPTS = 100
+"""To draw a point on a region: after so many in cut-off corners, the last stands."""
 _SMALLEST = 1e-12
 """Parts of a region with less area than this are left out, m²."""
 
@@ -61,13 +62,14 @@ class Region:
         diagonals: (k, 4) minimum and maximum of x + y and of x - y on each rectangle's surface:
             slanted edges cut corners off the rectangle. Not bounded unless given.
         areas: (k,) of the rectangles with their corners cut off, m².
+        share: (k,) running sum of the rectangles' areas, corners included, m².
     """
 
     rectangles: Array
     z: float
     diagonals: Array = field(default_factory=lambda: np.zeros((0, 4)))
     areas: Array = field(init=False)
-    _share: Array = field(init=False, repr=False)
+    share: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         rectangles = frozen_array(self.rectangles, (-1, 4))
@@ -78,7 +80,7 @@ class Region:
         object.__setattr__(self, "diagonals", frozen_array(diagonals, (len(rectangles), 4)))
         areas, share = _areas(rectangles, self.diagonals)
         object.__setattr__(self, "areas", frozen_array(areas))
-        object.__setattr__(self, "_share", frozen_array(share))
+        object.__setattr__(self, "share", frozen_array(share))
 
     @property
     def area(self) -> float:
@@ -118,8 +120,8 @@ class Region:
 
         Draws in cut-off corners are refused; after 100 refusals the last stands, and s(x) decides.
         """
-        share, last = self._share, len(self._share) - 1
-        for _ in range(_ATTEMPTS):
+        share, last = self.share, len(self.share) - 1
+        for _ in range(ATTEMPTS):
             pick, across, along = rng.random(3)
             k = min(int(share.searchsorted(pick * share[last], side="right")), last)
             x0, y0, x1, y1 = self.rectangles[k]

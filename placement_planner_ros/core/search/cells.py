@@ -16,6 +16,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from placement_planner_ros.core.scene.region_points import RegionPoints
 from placement_planner_ros.core.search.cell_layout import (
     COLUMNS,
     FACE,
@@ -44,9 +45,9 @@ _COARSE = 4
 _MAX_CELLS = 20_000
 """Cells of one scale that are remembered; beyond, the worse half is forgotten."""
 
-_CLASS = [
-    3 if v <= Verdict.UNSTABLE else 2 if v is Verdict.COLLIDING else 1 for v in Verdict
-]  # of a cell by its sample's verdict: what is free comes first, what cannot be reached after it
+_CLASS = np.array(
+    [3 if v <= Verdict.UNSTABLE else 2 if v is Verdict.COLLIDING else 1 for v in Verdict]
+)  # of a cell by its sample's verdict: what is free comes first, what cannot be reached after it
 _CLASS[Verdict.NOT_BETTER] = _CLASS[Verdict.FEASIBLE] = 0
 
 
@@ -77,7 +78,7 @@ class CellSampler:
         self._settings = settings
         self._rng = rng
         self._faces = hierarchy.faces
-        self._regions = hierarchy.regions
+        self._points = RegionPoints(hierarchy.regions)
         surface = np.array([region.area for region in hierarchy.regions])
         even = settings.even_share
         self._shares = (1.0 - even) * surface / surface.sum() + even / max(len(surface), 1)
@@ -145,7 +146,7 @@ class CellSampler:
         """Coarse cells (n, 8) of n uniform poses, and these (n, 3) as x, y, θ."""
         rng = self._rng
         regions = rng.choice(len(self._shares), size=count, p=self._shares)
-        contact = np.array([self._regions[k].sample(rng) for k in regions])
+        contact = self._points.sample(regions, rng)
         poses = np.column_stack([contact[:, :2], rng.uniform(0.0, FULL_TURN, size=count)])
         low, high = self._extents[regions, ::2], self._extents[regions, 1::2]
         size = (high - low) / self._steps
@@ -159,15 +160,22 @@ class CellSampler:
 
     def _remember(self, outcome: Outcome, cells: Array, depths: Index) -> None:
         """File the cells under their depth by what their sample was, leaves left out."""
-        ranks = self._rng.random(len(cells))
-        for k in np.flatnonzero(areas(cells) > self._min_area).tolist():
-            verdict, depth = outcome.verdicts[k], int(depths[k])
-            cell = cells[k].copy()  # a view would keep the whole round in memory
-            if verdict == Verdict.FEASIBLE:
-                self._with_goal.append((float(outcome.values[k]), depth, cell))
-                continue
-            kind = _CLASS[verdict]
-            self._push(depth, kind, float(-outcome.values[k] if kind == 0 else ranks[k]), cell)
+        kinds = _CLASS[outcome.verdicts]
+        ranks = np.where(kinds == 0, -outcome.values, self._rng.random(len(cells)))
+        kept = areas(cells) > self._min_area
+        found = outcome.verdicts == Verdict.FEASIBLE
+        # the cells are copied one by one: a view would keep the whole round in memory
+        for k in np.flatnonzero(kept & found).tolist():
+            self._with_goal.append((float(outcome.values[k]), int(depths[k]), cells[k].copy()))
+        rows = np.flatnonzero(kept & ~found)
+        for k, depth, kind, rank in zip(
+            rows.tolist(),
+            depths[rows].tolist(),
+            kinds[rows].tolist(),
+            ranks[rows].tolist(),
+            strict=True,
+        ):
+            self._push(depth, kind, rank, cells[k].copy())
 
     def _push(self, depth: int, kind: int, rank: float, cell: Array) -> None:
         level = self._levels[depth]

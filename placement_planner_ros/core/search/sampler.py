@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.scene.region_points import RegionPoints
 from placement_planner_ros.core.search.hierarchy import FULL_TURN, AfrHierarchy
 from placement_planner_ros.core.search.tree import SearchTree
 from placement_planner_ros.core.types import Array, Goal, Verdict
@@ -271,7 +272,8 @@ class UniformSampler:
         self._checker = checker
         self._settings = settings
         self._rng = rng
-        self._faces, self._regions = hierarchy.faces, hierarchy.regions
+        self._faces = hierarchy.faces
+        self._points = RegionPoints(hierarchy.regions)
         self._grasps = np.array(hierarchy.grasps_per_arm)
         self._arms = np.flatnonzero(self._grasps)
         areas = np.array([region.area for region in hierarchy.regions])
@@ -297,6 +299,6 @@ class UniformSampler:
             arm,
             rng.integers(self._grasps[arm]),
             rng.integers(self._faces, size=count),
-            np.array([self._regions[k].sample(rng) for k in regions]),
+            self._points.sample(regions, rng),
             rng.uniform(0.0, FULL_TURN, size=count),
         )
