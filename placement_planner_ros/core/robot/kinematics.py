@@ -149,6 +149,10 @@ def _jacobian_batch(
 
 def kernel_input(values: npt.ArrayLike) -> Array:
     """Contiguous writable float64, so that a kernel compiles once and not for read-only anew."""
+    if type(values) is np.ndarray and values.dtype == np.float64:
+        flags = values.flags
+        if flags.c_contiguous and flags.writeable and flags.aligned:
+            return values
     return np.require(values, np.float64, ["C", "W"])
 
 
