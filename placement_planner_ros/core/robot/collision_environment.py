@@ -26,7 +26,6 @@ from placement_planner_ros.core.robot.collision_arrays import (
     SET_JOINT,
     ArmArrays,
     ArmScratch,
-    Indices,
 )
 from placement_planner_ros.core.robot.collision_placing import (
     note_undecided,
@@ -192,35 +191,27 @@ def polytope_meets_box(
 
 @njit_lean()
 def open_leaves(
+    arm: ArmArrays,
+    boxes: BoxArrays,
+    scratch: ArmScratch,
     first_body: int,
     last_body: int,
     left_out: int,
-    bodies: Indices,
-    body_spheres: Array,
-    parts: Indices,
-    nodes: Indices,
-    spheres: Array,
-    inner: Array,
-    frames: Array,
-    field_grid: Array,
-    field: npt.NDArray[np.uint8],
     need: float,
     hit: float,
-    found: Indices,
-    leaves: Indices,
-    leaf_bound: Array,
 ) -> tuple[int, int]:
     """Moving bodies first_body..last_body against the field alone, but for `left_out`.
-
-    Takes the arrays of `ArmArrays`, `ArmScratch` and `BoxArrays` one by one: handing over the
-    tuples, of which numba counts every reference, would take longer than the work.
 
     Where `need` is far above `hit`, or cannot be kept any more, only collisions are looked for.
 
     Returns:
         FREE (but for the open leaves), COLLIDING, or UNDECIDED where only collisions were looked
-        for; and how many `leaves` are open.
+        for; and how many leaves of the scratch are open.
     """
+    bodies, body_spheres, parts = arm.bodies, arm.body_spheres, arm.parts
+    nodes, spheres, inner = arm.nodes, arm.node_spheres, arm.node_inner
+    frames, leaves, leaf_bound = scratch.frames, scratch.leaves, scratch.leaf_bound
+    field_grid, field = boxes.field_grid, boxes.field
     count = 0
     result = FREE
     for body in range(first_body, last_body):
@@ -247,8 +238,8 @@ def open_leaves(
             upper -= inner[node] - TOLERANCE
             if upper < need:
                 if upper < hit:
-                    found[0] = 2
-                    found[1] = node
+                    scratch.hit[0] = 2
+                    scratch.hit[1] = node
                     return COLLIDING, count
                 result = UNDECIDED
                 need = hit
@@ -381,25 +372,7 @@ def body_meets_boxes(
     arm: ArmArrays, boxes: BoxArrays, scratch: ArmScratch, body: int, margin: float
 ) -> int:
     """One moving body against the obstacle set; what is left UNDECIDED is noted in the scratch."""
-    answer, count = open_leaves(
-        body,
-        body + 1,
-        -1,
-        arm.bodies,
-        arm.body_spheres,
-        arm.parts,
-        arm.nodes,
-        arm.node_spheres,
-        arm.node_inner,
-        scratch.frames,
-        boxes.field_grid,
-        boxes.field,
-        margin,
-        margin,
-        scratch.hit,
-        scratch.leaves,
-        scratch.leaf_bound,
-    )
+    answer, count = open_leaves(arm, boxes, scratch, body, body + 1, -1, margin, margin)
     if answer == COLLIDING or count == 0:
         return answer
     return open_leaves_meet_boxes(arm, boxes, scratch, count, margin, margin)

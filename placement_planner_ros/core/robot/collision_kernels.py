@@ -59,11 +59,6 @@ def check_states(
 
     The field of distances is asked for all bodies first: most collisions are found there.
     """
-    bodies, body_spheres, parts = arm.bodies, arm.body_spheres, arm.parts
-    nodes, spheres, inner = arm.nodes, arm.node_spheres, arm.node_inner
-    frames, hit = scratch.frames, scratch.hit
-    leaves, leaf_bound, counters = scratch.leaves, scratch.leaf_bound, scratch.counters
-    field_grid, field = boxes.field_grid, boxes.field
     moving = arm.moving if boxes.number > 0 else 0
     left_out = arm.held if contact else -1
     for i in range(Q.shape[0]):
@@ -71,26 +66,8 @@ def check_states(
             answers[i] = NOT_FINITE
             continue
         place_joints(arm, scratch, Q[i])
-        counters[2] = 0
-        result, count = open_leaves(
-            0,
-            moving,
-            left_out,
-            bodies,
-            body_spheres,
-            parts,
-            nodes,
-            spheres,
-            inner,
-            frames,
-            field_grid,
-            field,
-            margin,
-            margin,
-            hit,
-            leaves,
-            leaf_bound,
-        )
+        scratch.counters[2] = 0
+        result, count = open_leaves(arm, boxes, scratch, 0, moving, left_out, margin, margin)
         if result != COLLIDING and count > 0:
             result = open_leaves_meet_boxes(arm, boxes, scratch, count, margin, margin)
         if result != COLLIDING:
@@ -194,11 +171,6 @@ def check_edge(
     size = queue.shape[0]
     pairs = arm.pairs
     items = arm.moving + pairs.shape[0]
-    field, field_grid = boxes.field, boxes.field_grid
-    bodies, parts, local_spheres = arm.bodies, arm.parts, arm.body_spheres
-    nodes, node_spheres, node_inner = arm.nodes, arm.node_spheres, arm.node_inner
-    frames, found = scratch.frames, scratch.hit
-    leaves, leaf_bound = scratch.leaves, scratch.leaf_bound
     spheres, bound = scratch.body_spheres, scratch.bound
     q, straight, delta = scratch.edge[0], scratch.edge[1], scratch.edge[2]
     strays = False
@@ -231,25 +203,7 @@ def check_edge(
             scratch.counters[2] = 0
             if item < arm.moving:
                 need = margin + bound[item, 0]
-                answer, count = open_leaves(
-                    item,
-                    item + 1,
-                    -1,
-                    bodies,
-                    local_spheres,
-                    parts,
-                    nodes,
-                    node_spheres,
-                    node_inner,
-                    frames,
-                    field_grid,
-                    field,
-                    need,
-                    margin,
-                    found,
-                    leaves,
-                    leaf_bound,
-                )
+                answer, count = open_leaves(arm, boxes, scratch, item, item + 1, -1, need, margin)
                 if answer != COLLIDING and count > 0:
                     if answer == UNDECIDED:
                         need = margin
