@@ -96,6 +96,8 @@ class ArmScratch(NamedTuple):
     set_stamp: Indices
     """(s,) configuration at which a set was last placed in the world; `plane_stamp`: its planes."""
     plane_stamp: Indices
+    plane: Indices
+    """(s,) the plane of each set that last kept a box away, or -1."""
     box_stamp: Indices
     """(m,) visit in which an obstacle was last looked at."""
     counters: Indices
@@ -341,6 +343,7 @@ def scratch_for(flat: FlatArm, boxes: int) -> ArmScratch:
         bounds=bounds,
         set_stamp=np.where(fixed, np.iinfo(np.int64).max, 0),
         plane_stamp=np.where(fixed, np.iinfo(np.int64).max, 0),
+        plane=np.full(sets, -1, dtype=np.int64),
         box_stamp=np.zeros(boxes, dtype=np.int64),
         counters=np.zeros(3, dtype=np.int64),
         leaves=np.zeros(len(a.nodes), dtype=np.int64),

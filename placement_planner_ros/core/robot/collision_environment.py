@@ -124,6 +124,26 @@ def boxes_apart(bounds: Array, row: int, corners: Array, box: int, need: float) 
 
 
 @njit_lean()
+def plane_apart(
+    arm: ArmArrays, scratch: ArmScratch, s: int, corners: Array, box: int, need: float
+) -> bool:
+    """Whether the plane of set s that last kept a box `need` away does so again."""
+    plane = scratch.plane[s]
+    if plane < 0:
+        return False
+    frames, joint, planes = scratch.frames, arm.sets[s, SET_JOINT], arm.planes
+    gap = -planes[plane, 3]
+    for i in range(3):
+        n = (
+            frames[joint, i, 0] * planes[plane, 0]
+            + frames[joint, i, 1] * planes[plane, 1]
+            + frames[joint, i, 2] * planes[plane, 2]
+        )
+        gap += n * ((corners[box, i] if n > 0.0 else corners[box, i + 3]) - frames[joint, i, 3])
+    return bool(gap >= need + TOLERANCE + arm.radius[s])
+
+
+@njit_lean()
 def polytope_meets_box(
     vertices: Array,
     first_vertex: int,
@@ -148,7 +168,9 @@ def polytope_meets_box(
         closed: whether the planes enclose the set and nothing more.
         bounds: (s, 6), of which `row` is the box around the set, its radius included.
         corners: (m, 6), of which `box` is the box.
+        work: (6, 4) work space; after FREE, work[5, 3] is the plane that keeps them apart or -1.
     """
+    work[5, 3] = -1.0
     cx = 0.5 * (corners[box, 0] + corners[box, 3])
     cy = 0.5 * (corners[box, 1] + corners[box, 4])
     cz = 0.5 * (corners[box, 2] + corners[box, 5])
@@ -164,6 +186,7 @@ def polytope_meets_box(
         middle = nx * cx + ny * cy + nz * cz - planes[v, 3]
         gap = middle - abs(nx) * hx - abs(ny) * hy - abs(nz) * hz
         if gap >= far:
+            work[5, 3] = v
             return FREE
         deepest = max(deepest, middle)
         if gap > best:
@@ -335,6 +358,8 @@ def open_leaves_meet_boxes(
                             place_set(arm, scratch, s)
                         if boxes_apart(bounds, s, corners, box, need):
                             continue
+                        if plane_apart(arm, scratch, s, corners, box, need):
+                            continue
                         if plane_stamp[s] < now:
                             plane_stamp[s] = now
                             place_planes(arm, scratch, s)
@@ -355,6 +380,8 @@ def open_leaves_meet_boxes(
                             hit,
                             work,
                         )
+                        if answer == FREE and work[5, 3] >= 0.0:
+                            scratch.plane[s] = int(work[5, 3])
                         if answer == COLLIDING and sets[s, SET_EXACT] != 0:
                             scratch.hit[0] = 0
                             scratch.hit[1] = s
