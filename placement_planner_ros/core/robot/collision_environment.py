@@ -42,6 +42,10 @@ from placement_planner_ros.core.robot.separation import (
 )
 from placement_planner_ros.core.types import Array
 
+_TOGETHER = 16
+"""Leaves of one solid that are looked at in one go, at most."""
+_LEVEL = 1e-6
+"""Slope below which a plane does not tell boxes of one column apart."""
 COARSE = 0.02
 """Metres of motion above which an interval is searched for collisions rather than certified."""
 
@@ -124,23 +128,18 @@ def boxes_apart(bounds: Array, row: int, corners: Array, box: int, need: float) 
 
 
 @njit_lean()
-def plane_apart(
-    arm: ArmArrays, scratch: ArmScratch, s: int, corners: Array, box: int, need: float
-) -> bool:
-    """Whether the plane of set s that last kept a box `need` away does so again."""
-    plane = scratch.plane[s]
-    if plane < 0:
-        return False
+def _plane_in_world(
+    arm: ArmArrays, scratch: ArmScratch, s: int, plane: int
+) -> tuple[float, float, float, float]:
+    """Normal and offset of a plane of set s."""
     frames, joint, planes = scratch.frames, arm.sets[s, SET_JOINT], arm.planes
-    gap = -planes[plane, 3]
-    for i in range(3):
-        n = (
-            frames[joint, i, 0] * planes[plane, 0]
-            + frames[joint, i, 1] * planes[plane, 1]
-            + frames[joint, i, 2] * planes[plane, 2]
-        )
-        gap += n * ((corners[box, i] if n > 0.0 else corners[box, i + 3]) - frames[joint, i, 3])
-    return bool(gap >= need + TOLERANCE + arm.radius[s])
+    x, y, z = planes[plane, 0], planes[plane, 1], planes[plane, 2]
+    nx = frames[joint, 0, 0] * x + frames[joint, 0, 1] * y + frames[joint, 0, 2] * z
+    ny = frames[joint, 1, 0] * x + frames[joint, 1, 1] * y + frames[joint, 1, 2] * z
+    nz = frames[joint, 2, 0] * x + frames[joint, 2, 1] * y + frames[joint, 2, 2] * z
+    offset = planes[plane, 3]
+    offset += nx * frames[joint, 0, 3] + ny * frames[joint, 1, 3] + nz * frames[joint, 2, 3]
+    return nx, ny, nz, offset
 
 
 @njit_lean()
@@ -297,11 +296,13 @@ def open_leaves_meet_boxes(
     vertices, planes, work = scratch.vertices, scratch.planes, scratch.work
     ox, oy, oz, size = boxes.grid[0], boxes.grid[1], boxes.grid[2], boxes.grid[3]
     per_metre = 1.0 / size
-    nx, ny = columns.shape[0], columns.shape[1] - 1
     now = counters[0]
     result = FREE
     previous = -1
-    for leaf in range(count):
+    end = 0
+    while end < count:
+        leaf = end
+        end += 1
         if leaf_bound[leaf] >= need:
             continue
         node = leaves[leaf]
@@ -311,40 +312,78 @@ def open_leaves_meet_boxes(
             previous = first_set
             counters[1] += 1
         visit = counters[1]
-        x, y, z = to_world(
-            frames, sets[first_set, SET_JOINT], spheres[node, 0], spheres[node, 1], spheres[node, 2]
-        )
+        joint = sets[first_set, SET_JOINT]
+        x, y, z = to_world(frames, joint, spheres[node, 0], spheres[node, 1], spheres[node, 2])
         reach = spheres[node, 3] + need + TOLERANCE
         x0, x1 = x - reach, x + reach
         y0, y1 = y - reach, y + reach
         z0, z1 = z - reach, z + reach
+        plane = -1
+        nx = ny = nz = offset = 0.0
         if last_set - first_set == 1:
-            # What matters lies in the box around the set too.
             s = first_set
             if set_stamp[s] < now:
                 set_stamp[s] = now
                 place_set(arm, scratch, s)
             far = need + TOLERANCE
+            # Leaves of a solid overlap: look at all at once where their common span is less.
+            alone = reach * reach
+            u0, u1, v0, v1, w0, w1 = x0, x1, y0, y1, z0, z1
+            together = end
+            while together < min(count, leaf + _TOGETHER):
+                node = leaves[together]
+                if nodes[node, NODE_FIRST] != s:
+                    break
+                u, v, w = to_world(
+                    frames, joint, spheres[node, 0], spheres[node, 1], spheres[node, 2]
+                )
+                other = spheres[node, 3] + far
+                alone += other * other
+                u0, u1 = min(u0, u - other), max(u1, u + other)
+                v0, v1 = min(v0, v - other), max(v1, v + other)
+                w0, w1 = min(w0, w - other), max(w1, w + other)
+                together += 1
+            u0, u1 = max(u0, bounds[s, 0] - far), min(u1, bounds[s, 3] + far)
+            v0, v1 = max(v0, bounds[s, 1] - far), min(v1, bounds[s, 4] + far)
+            if together > end and (u1 - u0) * (v1 - v0) < 4.0 * alone:
+                end = together
+                reach = np.inf
+                x0, x1, y0, y1, z0, z1 = u0, u1, v0, v1, w0, w1
+            # What matters lies in the box around the set too, and beyond the plane that last kept
+            # a box away.
             x0, x1 = max(x0, bounds[s, 0] - far), min(x1, bounds[s, 3] + far)
             y0, y1 = max(y0, bounds[s, 1] - far), min(y1, bounds[s, 4] + far)
             z0, z1 = max(z0, bounds[s, 2] - far), min(z1, bounds[s, 5] + far)
+            plane = scratch.plane[s]
+            if plane >= 0:
+                nx, ny, nz, offset = _plane_in_world(arm, scratch, s, plane)
+                offset += far + radius[s]
         i0 = max(int(np.floor((x0 - ox) * per_metre)), 0)
         j0 = max(int(np.floor((y0 - oy) * per_metre)), 0)
-        i1 = min(int(np.floor((x1 - ox) * per_metre)) + 1, nx)
-        j1 = min(int(np.floor((y1 - oy) * per_metre)) + 1, ny)
+        i1 = min(int(np.floor((x1 - ox) * per_metre)) + 1, columns.shape[0])
+        j1 = min(int(np.floor((y1 - oy) * per_metre)) + 1, columns.shape[1] - 1)
         for i in range(i0, i1):
-            low = ox + i * size
-            dx = max(low - x, 0.0, x - low - size)
+            low_x = ox + i * size
+            dx = max(low_x - x, 0.0, x - low_x - size)
             for j in range(j0, j1):
-                first, last = columns[i, j], columns[i, j + 1]
-                if first == last:
-                    continue
-                low = oy + j * size
-                dy = max(low - y, 0.0, y - low - size)
+                low_y = oy + j * size
+                bottom, top = z0, z1
+                if plane >= 0:
+                    # The column's boxes on the far side of the plane: those at heights where the
+                    # corner of the column next to the set lies there.
+                    left = offset - nx * (low_x if nx > 0.0 else low_x + size)
+                    left -= ny * (low_y if ny > 0.0 else low_y + size)
+                    if nz < -_LEVEL:
+                        bottom = max(bottom, left / nz)
+                    elif nz > _LEVEL:
+                        top = min(top, left / nz)
+                    if bottom > top:
+                        continue
+                dy = max(low_y - y, 0.0, y - low_y - size)
                 height = np.sqrt(max(reach * reach - dx * dx - dy * dy, 0.0)) + TOLERANCE
-                k0 = int(np.floor((max(z - height, z0) - oz) * per_metre))
-                k1 = int(np.floor((min(z + height, z1) - oz) * per_metre)) + 1
-                first, last = layer_range(layers, first, last, k0, k1)
+                k0 = int(np.floor((max(z - height, bottom) - oz) * per_metre))
+                k1 = int(np.floor((min(z + height, top) - oz) * per_metre)) + 1
+                first, last = layer_range(layers, columns[i, j], columns[i, j + 1], k0, k1)
                 for box in range(first, last):
                     u = max(corners[box, 0] - x, 0.0, x - corners[box, 3])
                     v = max(corners[box, 1] - y, 0.0, y - corners[box, 4])
@@ -358,7 +397,12 @@ def open_leaves_meet_boxes(
                             place_set(arm, scratch, s)
                         if boxes_apart(bounds, s, corners, box, need):
                             continue
-                        if plane_apart(arm, scratch, s, corners, box, need):
+                        if plane >= 0 and (
+                            nx * corners[box, 0 if nx > 0.0 else 3]
+                            + ny * corners[box, 1 if ny > 0.0 else 4]
+                            + nz * corners[box, 2 if nz > 0.0 else 5]
+                            >= offset
+                        ):
                             continue
                         if plane_stamp[s] < now:
                             plane_stamp[s] = now
@@ -382,6 +426,10 @@ def open_leaves_meet_boxes(
                         )
                         if answer == FREE and work[5, 3] >= 0.0:
                             scratch.plane[s] = int(work[5, 3])
+                            if last_set - first_set == 1:
+                                plane = scratch.plane[s]
+                                nx, ny, nz, offset = _plane_in_world(arm, scratch, s, plane)
+                                offset += need + TOLERANCE + radius[s]
                         if answer == COLLIDING and sets[s, SET_EXACT] != 0:
                             scratch.hit[0] = 0
                             scratch.hit[1] = s
