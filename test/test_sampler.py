@@ -245,8 +245,8 @@ def test_wrong_settings_are_refused():
 def test_cells_with_a_goal_wait_until_the_best_value_has_caught_up():
     made, _ = sampler(CellSampler, samples_per_call=2000, goals_per_call=10_000)
     goals = made.sample_goals(-0.05, never)
-    waiting = [value for value, _, _ in made._with_goal]
+    waiting = [value for value, *_ in made._with_goal]
     assert waiting
     assert set(waiting) <= {goal.objective for goal in goals}
     made.sample_goals(-1e-9, never)
-    assert all(value > -1e-9 for value, _, _ in made._with_goal)
+    assert all(value > -1e-9 for value, *_ in made._with_goal)

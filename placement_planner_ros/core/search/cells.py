@@ -43,7 +43,8 @@ from placement_planner_ros.core.types import Array, Goal, Verdict
 _COARSE = 4
 """A region's extent is cut into so many coarse cells along x and y."""
 _MAX_CELLS = 20_000
-"""Cells of one scale that are remembered; beyond, the worse half is forgotten."""
+"""Cells of one scale that are remembered; beyond, the worse half is forgotten. Of those with a goal
+as many are, and the worst is."""
 
 _CLASS = np.array(
     [3 if v <= Verdict.UNSTABLE else 2 if v is Verdict.COLLIDING else 1 for v in Verdict]
@@ -89,8 +90,9 @@ class CellSampler:
         self._levels: list[list[tuple[int, float, int, Array]]] = [[]]
         self._numbers = itertools.count()
         self._split: set[bytes] = set()
-        # cells in which a goal was found, left alone until ξ_best is no less: (ξ, depth, cell)
-        self._with_goal: list[tuple[float, int, Array]] = []
+        # heap of cells in which a goal was found, left alone until ξ_best is no less:
+        # (ξ, number, depth, cell)
+        self._with_goal: list[tuple[float, int, int, Array]] = []
         # what is left of the round: cells, their depths, and the poses (x, y, θ) drawn from them
         self._cells = np.empty((0, COLUMNS))
         self._depths = np.empty(0, dtype=np.int64)
@@ -166,7 +168,10 @@ class CellSampler:
         found = outcome.verdicts == Verdict.FEASIBLE
         # the cells are copied one by one: a view would keep the whole round in memory
         for k in np.flatnonzero(kept & found).tolist():
-            self._with_goal.append((float(outcome.values[k]), int(depths[k]), cells[k].copy()))
+            entry = float(outcome.values[k]), next(self._numbers), int(depths[k]), cells[k].copy()
+            heapq.heappush(self._with_goal, entry)
+            if len(self._with_goal) > _MAX_CELLS:
+                heapq.heappop(self._with_goal)
         rows = np.flatnonzero(kept & ~found)
         for k, depth, kind, rank in zip(
             rows.tolist(),
@@ -185,10 +190,9 @@ class CellSampler:
 
     def _return_to(self, best: float) -> None:
         """Cells whose goal has been reached, or something as good, may be split again."""
-        for value, depth, cell in self._with_goal:
-            if value <= best:
-                self._push(depth, 0, -value, cell)
-        self._with_goal = [entry for entry in self._with_goal if entry[0] > best]
+        while self._with_goal and self._with_goal[0][0] <= best:
+            value, _, depth, cell = heapq.heappop(self._with_goal)
+            self._push(depth, 0, -value, cell)
 
     def _open_parts(self, best: float) -> tuple[Array, Index]:
         """The parts of the best cell of each depth that may hold a goal, and their depths.
