@@ -280,6 +280,58 @@ def open_leaves(
 
 
 @njit_lean()
+def _span_leaves(
+    arm: ArmArrays, scratch: ArmScratch, leaf: int, count: int, need: float
+) -> tuple[int, float, float, float, float, float, float, float, float, float, float]:
+    """Where boxes can lie that come closer than `need` to what an open leaf covers.
+
+    Leaves of one solid overlap, so that where their common span is less than that of each they are
+    looked at together.
+
+    Returns:
+        the leaf after those looked at; centre and reach of a ball, without bounds for several
+        leaves; lower and upper corner of a span.
+    """
+    nodes, spheres, sets = arm.nodes, arm.node_spheres, arm.sets
+    frames, leaves, bounds = scratch.frames, scratch.leaves, scratch.bounds
+    far = need + TOLERANCE
+    end = leaf + 1
+    node = leaves[leaf]
+    s, last_set = nodes[node, NODE_FIRST], nodes[node, NODE_LAST]
+    joint = sets[s, SET_JOINT]
+    x, y, z = to_world(frames, joint, spheres[node, 0], spheres[node, 1], spheres[node, 2])
+    reach = spheres[node, 3] + far
+    x0, y0, z0 = x - reach, y - reach, z - reach
+    x1, y1, z1 = x + reach, y + reach, z + reach
+    if last_set - s > 1:
+        return end, x, y, z, reach, x0, y0, z0, x1, y1, z1
+    if scratch.set_stamp[s] < scratch.counters[0]:
+        scratch.set_stamp[s] = scratch.counters[0]
+        place_set(arm, scratch, s)
+    alone = reach * reach
+    u0, v0, w0, u1, v1, w1 = x0, y0, z0, x1, y1, z1
+    together = end
+    while together < min(count, leaf + _TOGETHER) and nodes[leaves[together], NODE_FIRST] == s:
+        node = leaves[together]
+        u, v, w = to_world(frames, joint, spheres[node, 0], spheres[node, 1], spheres[node, 2])
+        other = spheres[node, 3] + far
+        alone += other * other
+        u0, v0, w0 = min(u0, u - other), min(v0, v - other), min(w0, w - other)
+        u1, v1, w1 = max(u1, u + other), max(v1, v + other), max(w1, w + other)
+        together += 1
+    u0, u1 = max(u0, bounds[s, 0] - far), min(u1, bounds[s, 3] + far)
+    v0, v1 = max(v0, bounds[s, 1] - far), min(v1, bounds[s, 4] + far)
+    if together > end and (u1 - u0) * (v1 - v0) < 4.0 * alone:
+        end = together
+        reach = np.inf
+        x0, y0, z0, x1, y1, z1 = u0, v0, w0, u1, v1, w1
+    x0, x1 = max(x0, bounds[s, 0] - far), min(x1, bounds[s, 3] + far)
+    y0, y1 = max(y0, bounds[s, 1] - far), min(y1, bounds[s, 4] + far)
+    z0, z1 = max(z0, bounds[s, 2] - far), min(z1, bounds[s, 5] + far)
+    return end, x, y, z, reach, x0, y0, z0, x1, y1, z1
+
+
+@njit_lean()
 def open_leaves_meet_boxes(
     arm: ArmArrays, boxes: BoxArrays, scratch: ArmScratch, count: int, need: float, hit: float
 ) -> int:
@@ -289,8 +341,8 @@ def open_leaves_meet_boxes(
     noted in the scratch.
     """
     columns, layers, corners = boxes.columns, boxes.layers, boxes.corners
-    nodes, spheres, sets, radius = arm.nodes, arm.node_spheres, arm.sets, arm.radius
-    frames, leaves, leaf_bound = scratch.frames, scratch.leaves, scratch.leaf_bound
+    nodes, sets, radius = arm.nodes, arm.sets, arm.radius
+    leaves, leaf_bound = scratch.leaves, scratch.leaf_bound
     set_stamp, plane_stamp = scratch.set_stamp, scratch.plane_stamp
     box_stamp, counters, bounds = scratch.box_stamp, scratch.counters, scratch.bounds
     vertices, planes, work = scratch.vertices, scratch.planes, scratch.work
@@ -312,52 +364,12 @@ def open_leaves_meet_boxes(
             previous = first_set
             counters[1] += 1
         visit = counters[1]
-        joint = sets[first_set, SET_JOINT]
-        x, y, z = to_world(frames, joint, spheres[node, 0], spheres[node, 1], spheres[node, 2])
-        reach = spheres[node, 3] + need + TOLERANCE
-        x0, x1 = x - reach, x + reach
-        y0, y1 = y - reach, y + reach
-        z0, z1 = z - reach, z + reach
-        plane = -1
+        end, x, y, z, reach, x0, y0, z0, x1, y1, z1 = _span_leaves(arm, scratch, leaf, count, need)
+        plane = scratch.plane[first_set] if last_set - first_set == 1 else -1
         nx = ny = nz = offset = 0.0
-        if last_set - first_set == 1:
-            s = first_set
-            if set_stamp[s] < now:
-                set_stamp[s] = now
-                place_set(arm, scratch, s)
-            far = need + TOLERANCE
-            # Leaves of a solid overlap: look at all at once where their common span is less.
-            alone = reach * reach
-            u0, u1, v0, v1, w0, w1 = x0, x1, y0, y1, z0, z1
-            together = end
-            while together < min(count, leaf + _TOGETHER):
-                node = leaves[together]
-                if nodes[node, NODE_FIRST] != s:
-                    break
-                u, v, w = to_world(
-                    frames, joint, spheres[node, 0], spheres[node, 1], spheres[node, 2]
-                )
-                other = spheres[node, 3] + far
-                alone += other * other
-                u0, u1 = min(u0, u - other), max(u1, u + other)
-                v0, v1 = min(v0, v - other), max(v1, v + other)
-                w0, w1 = min(w0, w - other), max(w1, w + other)
-                together += 1
-            u0, u1 = max(u0, bounds[s, 0] - far), min(u1, bounds[s, 3] + far)
-            v0, v1 = max(v0, bounds[s, 1] - far), min(v1, bounds[s, 4] + far)
-            if together > end and (u1 - u0) * (v1 - v0) < 4.0 * alone:
-                end = together
-                reach = np.inf
-                x0, x1, y0, y1, z0, z1 = u0, u1, v0, v1, w0, w1
-            # What matters lies in the box around the set too, and beyond the plane that last kept
-            # a box away.
-            x0, x1 = max(x0, bounds[s, 0] - far), min(x1, bounds[s, 3] + far)
-            y0, y1 = max(y0, bounds[s, 1] - far), min(y1, bounds[s, 4] + far)
-            z0, z1 = max(z0, bounds[s, 2] - far), min(z1, bounds[s, 5] + far)
-            plane = scratch.plane[s]
-            if plane >= 0:
-                nx, ny, nz, offset = _plane_in_world(arm, scratch, s, plane)
-                offset += far + radius[s]
+        if plane >= 0:
+            nx, ny, nz, offset = _plane_in_world(arm, scratch, first_set, plane)
+            offset += need + TOLERANCE + radius[first_set]
         i0 = max(int(np.floor((x0 - ox) * per_metre)), 0)
         j0 = max(int(np.floor((y0 - oy) * per_metre)), 0)
         i1 = min(int(np.floor((x1 - ox) * per_metre)) + 1, columns.shape[0])
