@@ -12,6 +12,7 @@ PACKAGE = "placement_planner_ros"
 LAYERS = {
     "core.types": 0,
     "core.errors": 0,
+    "core.lean": 0,
     "core.scene": 1,
     "core.body": 1,
     "core.robot": 1,
