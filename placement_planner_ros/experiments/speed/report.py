@@ -190,7 +190,7 @@ def _draw_clouds(axes: Axes, entries: Sequence[Entry]) -> None:
     axes.axhline(250.0, color="black", linewidth=0.8, linestyle="--")
     axes.set_xticks(
         range(len(groups)),
-        [f"{scene.replace('_', ' ')}\n{kind}" for scene, kind in groups],
+        [f"{scene.replace('_', chr(10))}\n{kind}" for scene, kind in groups],
         fontsize=5,
     )
     axes.set_ylabel("ms", fontsize=8)
