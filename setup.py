@@ -8,8 +8,8 @@ PACKAGE = "placement_planner_ros"
 
 EXECUTABLES = {
     "placement_planner": "placement_planner_ros.ros.node",
-    "placement_demo": "placement_planner_ros.ros.demo",
-    "placement_scene": "placement_planner_ros.ros.scene_publisher",
+    "placement_demo": "placement_planner_ros.ros.tools.demo",
+    "placement_scene": "placement_planner_ros.ros.tools.scene_publisher",
     "placement_benchmark": "placement_planner_ros.experiments.benchmark",
 }
 

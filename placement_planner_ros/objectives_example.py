@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import pinocchio as pin
 
-from placement_planner_ros.core.objective import ObjectiveContext
+from placement_planner_ros.core.objective.objective import ObjectiveContext
 
 
 class TowardFront:

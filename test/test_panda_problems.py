@@ -1,22 +1,18 @@
 """MotionBenchMaker problems of a robot and scenes the project did not make."""
 
-import os
 from itertools import pairwise
-from pathlib import Path
 
 import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from shared import SHARED
 
 from placement_planner_ros.core.errors import JointStateError, ParameterError
-from placement_planner_ros.core.motion.timing import evaluate
+from placement_planner_ros.core.timing.timing import evaluate
 from placement_planner_ros.experiments.motion_comparison import Workbench, path_length
 from placement_planner_ros.experiments.motion_problems import panda_problems, read_problem
 
-SHARED = Path(
-    os.environ.get("PLACEMENT_PLANNER_SHARED", Path(__file__).parent.parent.parent / "shared")
-)
 DATA = SHARED / "data"
 SOME = (
     "bookshelf_small/0001",

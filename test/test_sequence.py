@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 from checker import Solution, SolutionChecker, Task, Tolerances
 
-from placement_planner_ros.core.body import Body
-from placement_planner_ros.core.holding import workspace
-from placement_planner_ros.core.objective import ObjectiveContext, make_objective
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.grasp.holding import workspace
+from placement_planner_ros.core.objective.objective import ObjectiveContext, make_objective
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings, Problem
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.experiments.cases import start_configuration

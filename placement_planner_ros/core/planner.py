@@ -9,23 +9,27 @@ from typing import Literal
 
 import numpy as np
 
-from placement_planner_ros.core.ascent import AscentSettings
-from placement_planner_ros.core.body import Body
-from placement_planner_ros.core.cell_bounds import BranchBounds
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.collision.arm import CollisionSettings
+from placement_planner_ros.core.collision.object import ObjectCollision
+from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.errors import GraspError, ParameterError, RobotError, StartError
-from placement_planner_ros.core.execution import ExecutionSettings, TrajectoryMaker
-from placement_planner_ros.core.feasibility import PoseConstraints
-from placement_planner_ros.core.goals import GoalFinder
-from placement_planner_ros.core.holding import ApproachSettings, Holding
-from placement_planner_ros.core.objective import Objective
-from placement_planner_ros.core.open_hand import OpenHand, RetreatSettings
-from placement_planner_ros.core.refine import LocalOptimizer
-from placement_planner_ros.core.robot.collision import CollisionSettings
-from placement_planner_ros.core.robot.ik import IKSettings
-from placement_planner_ros.core.robot.kinematics import Chain
+from placement_planner_ros.core.grasp.holding import ApproachSettings, Holding
+from placement_planner_ros.core.grasp.open_hand import OpenHand, RetreatSettings
+from placement_planner_ros.core.objective.ascent import AscentSettings
+from placement_planner_ros.core.objective.objective import Objective
+from placement_planner_ros.core.optimize_locally import LocalOptimizer
+from placement_planner_ros.core.plan_motion.transit import (
+    GoalPlanner,
+    MotionPlanner,
+    TransitSettings,
+)
+from placement_planner_ros.core.reach.ik import IKSettings
+from placement_planner_ros.core.reach.kinematics import Chain
+from placement_planner_ros.core.reach.seeds import seed_table
 from placement_planner_ros.core.robot.model import Arm, Robot
-from placement_planner_ros.core.robot.object_collision import ObjectCollision
-from placement_planner_ros.core.robot.seeds import seed_table
+from placement_planner_ros.core.sample_goals.cell_bounds import BranchBounds
+from placement_planner_ros.core.sample_goals.goals import GoalFinder
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.search.cells import CellSampler
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy, HierarchySettings
@@ -38,7 +42,7 @@ from placement_planner_ros.core.search.sampler import (
     UniformSampler,
 )
 from placement_planner_ros.core.statistics import Statistics
-from placement_planner_ros.core.transit import GoalPlanner, MotionPlanner, TransitSettings
+from placement_planner_ros.core.timing.trajectory_maker import ExecutionSettings, TrajectoryMaker
 from placement_planner_ros.core.types import Array, Goal, Placement, TargetVolume
 
 _LIMIT_INSET = 1e-3

@@ -9,27 +9,31 @@ import numpy as np
 import pinocchio as pin
 import trimesh
 
-from placement_planner_ros.core.body import Body
-from placement_planner_ros.core.feasibility import PoseConstraints
-from placement_planner_ros.core.holding import Holding
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.collision.object import ObjectCollision
+from placement_planner_ros.core.constraints import PoseConstraints
+from placement_planner_ros.core.grasp.holding import Holding
+from placement_planner_ros.core.grasp.open_hand import OpenHand
 from placement_planner_ros.core.motion.birrt import GoalSetRRT
-from placement_planner_ros.core.motion.timing import parameterize
-from placement_planner_ros.core.objective import ObjectiveContext, gradient, make_objective
-from placement_planner_ros.core.open_hand import OpenHand
+from placement_planner_ros.core.objective.objective import (
+    ObjectiveContext,
+    gradient,
+    make_objective,
+)
+from placement_planner_ros.core.plan_motion.withdrawal import straight_way
 from placement_planner_ros.core.planner import PlannerSettings
-from placement_planner_ros.core.robot.ik import InverseKinematics
-from placement_planner_ros.core.robot.kinematics import Chain
+from placement_planner_ros.core.reach.ik import InverseKinematics
+from placement_planner_ros.core.reach.kinematics import Chain
+from placement_planner_ros.core.reach.seeds import SeedTable
 from placement_planner_ros.core.robot.model import Arm, Robot
-from placement_planner_ros.core.robot.object_collision import ObjectCollision
-from placement_planner_ros.core.robot.seeds import SeedTable
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.regions import RegionSettings
 from placement_planner_ros.core.scene.visibility import View, unknown_cells
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy, HierarchySettings
 from placement_planner_ros.core.search.tree import SearchTree
+from placement_planner_ros.core.timing.timing import parameterize
 from placement_planner_ros.core.types import Array, TargetVolume, Verdict
-from placement_planner_ros.core.withdrawal import straight_way
 
 
 def warm_up(robot: Robot, arms: Sequence[Arm], q_robot: Array) -> None:

@@ -19,10 +19,10 @@ import pinocchio as pin
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
 
-from placement_planner_ros.core.body import Body, ConvexPart
-from placement_planner_ros.core.robot.collision import ArmCollision, CollisionSettings
+from placement_planner_ros.core.body.body import Body, ConvexPart
+from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
+from placement_planner_ros.core.collision.separation import UNDECIDED
 from placement_planner_ros.core.robot.model import Arm, Robot
-from placement_planner_ros.core.robot.separation import UNDECIDED
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import Array
 

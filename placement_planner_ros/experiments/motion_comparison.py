@@ -16,11 +16,11 @@ import numpy as np
 from ompl import base as ob
 from ompl import geometric as og
 
-from placement_planner_ros.core.execution import ExecutionSettings
+from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
 from placement_planner_ros.core.motion.birrt import GoalSetRRT, GoalSetRRTSettings
 from placement_planner_ros.core.motion.shortcut import shorten
-from placement_planner_ros.core.motion.timing import parameterize
-from placement_planner_ros.core.robot.collision import ArmCollision, CollisionSettings
+from placement_planner_ros.core.timing.timing import parameterize
+from placement_planner_ros.core.timing.trajectory_maker import ExecutionSettings
 from placement_planner_ros.core.types import Array, Trajectory
 from placement_planner_ros.experiments.motion_problems import MotionProblem
 

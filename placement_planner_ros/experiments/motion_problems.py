@@ -13,10 +13,10 @@ import numpy as np
 import pinocchio as pin
 import yaml
 
+from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
 from placement_planner_ros.core.errors import JointStateError, ParameterError
+from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.robot.arm import Arm
-from placement_planner_ros.core.robot.collision import ArmCollision, CollisionSettings
-from placement_planner_ros.core.robot.kinematics import Chain
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.core.types import Array, TargetVolume, frozen_array

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from placement_planner_ros.core.body import PlacementFace
+from placement_planner_ros.core.body.body import PlacementFace
+from placement_planner_ros.core.collision.object import ObjectCollision
+from placement_planner_ros.core.constraints import contact_points
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.feasibility import contact_points
 from placement_planner_ros.core.planner import PlannerSettings, Problem
-from placement_planner_ros.core.robot.object_collision import ObjectCollision
 from placement_planner_ros.core.scene.distance import ClearanceField
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.types import Array

@@ -6,10 +6,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
+from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.scenes.primitives import Colour
 
@@ -150,7 +150,7 @@ def _draw(view: View, mesh: Mesh, colours: Array, depth: Array) -> None:
     )
 
 
-@numba.njit(cache=True, fastmath=False)
+@kernel()
 def _fill(
     projected: Array,
     triangles: npt.NDArray[np.int64],
@@ -188,7 +188,7 @@ def _fill(
                         colours[v, u, k] = shades[t, k]
 
 
-@numba.njit(cache=True, fastmath=False)
+@kernel()
 def _splat(projected: Array, half: Array, shades: Array, colours: Array, depth: Array) -> None:
     height, width = depth.shape
     for i in range(len(projected)):

@@ -36,23 +36,23 @@ from placement_planner_ros.core.errors import (
 )
 from placement_planner_ros.core.types import Placement
 from placement_planner_ros.core.warmup import warm_up
-from placement_planner_ros.ros.answers import Answer, answer, refusal
-from placement_planner_ros.ros.cloud_subscriptions import CloudSubscriptions
-from placement_planner_ros.ros.conversions import mesh_from_message
-from placement_planner_ros.ros.inputs import Inputs
-from placement_planner_ros.ros.object_input import NoObjectError
+from placement_planner_ros.ros.inputs.cloud_subscriptions import CloudSubscriptions
+from placement_planner_ros.ros.inputs.inputs import Inputs
+from placement_planner_ros.ros.inputs.object_input import NoObjectError
+from placement_planner_ros.ros.inputs.robot_input import RobotInput, make_arms, require_known
+from placement_planner_ros.ros.inputs.self_filter import outside_robot
+from placement_planner_ros.ros.inputs.transforms import Transforms
+from placement_planner_ros.ros.outputs.answers import Answer, answer, refusal
+from placement_planner_ros.ros.outputs.conversions import mesh_from_message
+from placement_planner_ros.ros.outputs.publishing import LATCHED, Outputs
+from placement_planner_ros.ros.outputs.reporting import Reporter
 from placement_planner_ros.ros.parameter_server import ParameterServer
 from placement_planner_ros.ros.parameters import ParameterSet
-from placement_planner_ros.ros.planning import Prepare, Prepared, Snapshot
-from placement_planner_ros.ros.preparation import Preparation
-from placement_planner_ros.ros.publishing import LATCHED, Outputs
-from placement_planner_ros.ros.reporting import Reporter
-from placement_planner_ros.ros.robot_input import RobotInput, make_arms, require_known
-from placement_planner_ros.ros.run import Run, State
-from placement_planner_ros.ros.self_filter import outside_robot
+from placement_planner_ros.ros.run.planning import Prepare, Prepared, Snapshot
+from placement_planner_ros.ros.run.preparation import Preparation
+from placement_planner_ros.ros.run.run import Run, State
+from placement_planner_ros.ros.run.surroundings import sight_notes
 from placement_planner_ros.ros.spinning import callbacks_end, catch_signals, spin_until
-from placement_planner_ros.ros.surroundings import sight_notes
-from placement_planner_ros.ros.transforms import Transforms
 
 STOP_PATIENCE = 1.0
 """Seconds that stop waits for the worker before it answers STOPPING."""

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
 from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.scenes.primitives import ConvexPrimitive
 from placement_planner_ros.scenes.scenes import Scene
@@ -243,7 +243,7 @@ def _with_flying_pixels(depth: Array, noise: CameraNoise, rng: np.random.Generat
     return result
 
 
-@numba.njit(cache=True, fastmath=False)
+@kernel()
 def _cast(
     normals: Array,
     offsets: Array,

@@ -13,10 +13,10 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header, String
 
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.ros.point_cloud import message_from_points
-from placement_planner_ros.ros.publishing import LATCHED
-from placement_planner_ros.ros.self_filter import outside_robot
-from placement_planner_ros.ros.surroundings import Surroundings
+from placement_planner_ros.ros.inputs.point_cloud import message_from_points
+from placement_planner_ros.ros.inputs.self_filter import outside_robot
+from placement_planner_ros.ros.outputs.publishing import LATCHED
+from placement_planner_ros.ros.run.surroundings import Surroundings
 from placement_planner_ros.share import share_path
 
 

@@ -26,12 +26,12 @@ from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
 import placement_planner_ros
-from placement_planner_ros.core.execution import ExecutionSettings
-from placement_planner_ros.core.objective import objective_names
+from placement_planner_ros.core.objective.objective import objective_names
+from placement_planner_ros.core.timing.trajectory_maker import ExecutionSettings
 from placement_planner_ros.core.types import Trajectory
 from placement_planner_ros.experiments.cases import start_configuration
-from placement_planner_ros.ros.publishing import LATCHED
-from placement_planner_ros.ros.scene_publisher import ScenePublisher
+from placement_planner_ros.ros.outputs.publishing import LATCHED
+from placement_planner_ros.ros.tools.scene_publisher import ScenePublisher
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.primitives import ConvexPrimitive
 from placement_planner_ros.scenes.scenes import scene_by_name

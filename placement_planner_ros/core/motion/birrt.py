@@ -18,9 +18,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
 
 _FORWARD = 0
@@ -84,7 +84,7 @@ class _Goal:
     tried: bool = False
 
 
-@njit(cache=True, fastmath=False)
+@kernel()
 def _nearest(
     nodes: Array, labels: npt.NDArray[np.int32], count: int, q: Array, scale: Array, label: int
 ) -> int:

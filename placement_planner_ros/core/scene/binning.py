@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
 
 
@@ -39,7 +39,7 @@ def sort_into_cells(
     return Bins(*_sort_into_cells(points, origin, cell_size, *shape, lower, upper))
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _sort_into_cells(
     points: Array,
     origin: Array,

@@ -11,8 +11,8 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.scene.binning import Bins
 from placement_planner_ros.core.types import Array
 
@@ -33,7 +33,7 @@ _REACH = 5.0
 """Points further from every plane than this times the noise are not of it."""
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def connected(
     cells: Index, counts: npt.NDArray[np.int64], index: Index, min_points: int
 ) -> npt.NDArray[np.bool_]:
@@ -63,7 +63,7 @@ def connected(
     return keep
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _cell_moments(
     points: Array, start: npt.NDArray[np.int64], cells: Index, origin: Array, size: float
 ) -> Array:
@@ -89,7 +89,7 @@ def _cell_moments(
     return moments
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _plane(
     moments: Array, cells: Index, index: Index, size: float, r: int, reach: int, plane: Array
 ) -> float:
@@ -158,7 +158,7 @@ def _plane(
     return n
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _scatter(
     moments: Array,
     cells: Index,
@@ -202,7 +202,7 @@ def estimate_noise(bins: Bins, origin: Array, size: float) -> float:
     return float(quartile if quartile < 0.1 * median else median)
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _fit_planes(
     moments: Array, cells: Index, index: Index, size: float, origin: Array, noise: float
 ) -> tuple[Array, npt.NDArray[np.bool_]]:
@@ -242,7 +242,7 @@ def _fit_planes(
     return planes, flat
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _residual(planes: Array, q: int, x: float, y: float, z: float) -> float:
     return (
         planes[q, 3] * (x - planes[q, 0])
@@ -251,7 +251,7 @@ def _residual(planes: Array, q: int, x: float, y: float, z: float) -> float:
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _gather(
     cells: Index,
     index: Index,
@@ -276,7 +276,7 @@ def _gather(
     return count
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _project(
     points: Array,
     start: npt.NDArray[np.int64],
@@ -333,7 +333,7 @@ def _project(
     return moved, explained
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _strays(
     start: npt.NDArray[np.int64],
     cells: Index,

@@ -6,10 +6,9 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.lean import njit_lean
+from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import Array, TargetVolume
 
@@ -128,10 +127,13 @@ class ClearanceField:
 
 
 def _contiguous(values: Array) -> Array:
-    return np.ascontiguousarray(values, dtype=np.float64)
+    """Read-only, so that a kernel compiles once, whatever it is given."""
+    view = np.ascontiguousarray(values, dtype=np.float64).view()
+    view.setflags(write=False)
+    return view
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _clearance_layers(
     lower: Array,
     upper: Array,
@@ -197,7 +199,7 @@ def _clearance_layers(
     return values
 
 
-@njit_lean()
+@kernel(lean=True)
 def _lower_by_boxes(squared: Field, aside: Field, height: Field, face: np.float32) -> None:
     """Lower (n,) squared distances by those to boxes that begin `height` above the origin."""
     for i in range(len(squared)):
@@ -206,7 +208,7 @@ def _lower_by_boxes(squared: Field, aside: Field, height: Field, face: np.float3
         squared[i] = candidate if candidate < squared[i] else squared[i]
 
 
-@njit(cache=True, inline="always")
+@kernel(inline=True)
 def _aside(lower: Array, upper: Array, r: int, origin: Array, size: float, i: int, j: int) -> float:
     """Squared distance in x and y from a grid point to box r."""
     x, y = origin[0] + i * size, origin[1] + j * size
@@ -215,7 +217,7 @@ def _aside(lower: Array, upper: Array, r: int, origin: Array, size: float, i: in
     return dx * dx + dy * dy
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _nearest_boxes(
     rows: npt.NDArray[np.int64],
     lower: Array,
@@ -288,7 +290,7 @@ def _nearest_boxes(
                 nearest[i, j] = box[at]
 
 
-@njit_lean()
+@kernel(lean=True)
 def _sort_feet(foot: Array, base: Array, box: Index, first: int, last: int) -> None:
     """Sort the few parabolas first..last of one column by their feet."""
     for t in range(first + 1, last):
@@ -300,7 +302,7 @@ def _sort_feet(foot: Array, base: Array, box: Index, first: int, last: int) -> N
         foot[s + 1], base[s + 1], box[s + 1] = x, a, r
 
 
-@njit_lean()
+@kernel(lean=True)
 def _lower_envelope(foot: Array, base: Array, box: Index, ends: Array, count: int) -> int:
     """Keep of the parabolas (x - foot)² + base, sorted by foot, those least somewhere.
 
@@ -331,7 +333,7 @@ def _lower_envelope(foot: Array, base: Array, box: Index, ends: Array, count: in
     return n
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _evaluate(
     values: Field, origin: Array, size: float, cap: float, tolerance: float, points: Array
 ) -> Array:
@@ -345,7 +347,7 @@ def _evaluate(
     return result
 
 
-@njit(cache=True, inline="always")
+@kernel(inline=True)
 def _interpolate(
     values: Field,
     origin: Array,
@@ -381,7 +383,7 @@ def _interpolate(
     return near + (far - near) * u, gx, gy
 
 
-@njit(cache=True)
+@kernel()
 def mean_clearance(
     values: Field,
     origin: Array,

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import Array
 
@@ -82,7 +82,7 @@ def distance_bound_field(obstacles: ObstacleSet, cap: float = 0.3) -> DistanceBo
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _distance_bound(
     lower: Array,
     upper: Array,
@@ -157,7 +157,7 @@ def _distance_bound(
     return _levels(lower, upper, cells, origin, size, values, per_metre)
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _lower_by(target: Field, source: Field, gap: np.float32) -> None:
     """target = min(target, source + gap)."""
     for k in range(len(target)):
@@ -165,7 +165,7 @@ def _lower_by(target: Field, source: Field, gap: np.float32) -> None:
         target[k] = candidate if candidate < target[k] else target[k]
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _levels(
     lower: Array,
     upper: Array,
@@ -203,7 +203,7 @@ def _levels(
     return levels
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _finish(squared: Field, least: Field, per_metre: np.float32, levels: Levels) -> None:
     """The root of each squared distance, which is at least `least`, rounded down to a level."""
     for k in range(len(squared)):
@@ -212,7 +212,7 @@ def _finish(squared: Field, least: Field, per_metre: np.float32, levels: Levels)
         levels[k] = np.uint8(min(level, np.float32(_LEVELS)))
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _scatter(
     lower: Array,
     upper: Array,

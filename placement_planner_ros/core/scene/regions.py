@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.surfaces import level_surfaces
 from placement_planner_ros.core.types import Array, TargetVolume, frozen_array
@@ -132,12 +132,12 @@ class Region:
         return np.array((x, y, self.z))
 
 
-@njit(cache=True)
+@kernel()
 def _half_square(length: float) -> float:
     return 0.5 * length * length if length > 0.0 else 0.0
 
 
-@njit(cache=True)
+@kernel()
 def _area(rectangle: Array, diagonal: Array) -> float:
     """Area of a rectangle less the corners that the diagonals cut off."""
     x0, y0, x1, y1 = rectangle
@@ -160,7 +160,7 @@ def _area(rectangle: Array, diagonal: Array) -> float:
     return max(area, 0.0)
 
 
-@njit(cache=True)
+@kernel()
 def _areas(rectangles: Array, diagonals: Array) -> tuple[Array, Array]:
     """(k,) surface of each rectangle, and (k,) running sum of the whole rectangles' areas."""
     areas = np.empty(len(rectangles))
@@ -173,7 +173,7 @@ def _areas(rectangles: Array, diagonals: Array) -> tuple[Array, Array]:
     return areas, share
 
 
-@njit(cache=True)
+@kernel()
 def _clip(rectangles: Array, diagonals: Array, lower: Array, upper: Array) -> tuple[Array, Array]:
     inside = np.empty_like(rectangles)
     bounds = np.empty_like(rectangles)
@@ -189,7 +189,7 @@ def _clip(rectangles: Array, diagonals: Array, lower: Array, upper: Array) -> tu
     return inside[:n].copy(), bounds[:n].copy()
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _join_strips(
     cells: npt.NDArray[np.int64], rectangles: Array, diagonals: Array
 ) -> tuple[Array, Array]:
@@ -273,7 +273,7 @@ class SupportMap:
         )
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _supported(
     points: Array,
     tolerance: float,
@@ -397,7 +397,7 @@ def _tile(
     return result
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _connect(
     cells: npt.NDArray[np.int64],
     start: npt.NDArray[np.int64],

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import Array
 
@@ -114,7 +114,7 @@ def _column_starts(cells: Index, shape: tuple[int, int, int]) -> npt.NDArray[np.
     return np.searchsorted(column, np.arange(shape[0] * shape[1] + 1)).astype(np.int64)
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _tops(
     cells: Index,
     lower: Array,
@@ -167,7 +167,7 @@ def _tops(
     return free, top
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _level(
     cells: Index,
     height: Array,
@@ -215,7 +215,7 @@ def _level(
     return level
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _merge(
     rows: npt.NDArray[np.int64], cells: Index, height: Array, extent: Array, tolerance: float
 ) -> tuple[Index, Array, Array]:
@@ -244,7 +244,7 @@ def _merge(
     return new_cells[:n], new_height[:n], new_extent[:n]
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _at_height(
     start: npt.NDArray[np.int64], height: Array, column: int, z: float, tolerance: float
 ) -> int:
@@ -255,7 +255,7 @@ def _at_height(
     return -1
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _fill_holes(
     cells: Index,
     height: Array,
@@ -320,7 +320,7 @@ def _fill_holes(
     return all_cells, all_height, all_extent
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _close(
     cells: Index,
     height: Array,

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
 
 Index = npt.NDArray[np.int32]
@@ -55,7 +55,7 @@ def tight_boxes(
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _count_thick(points: Array, start: npt.NDArray[np.int64], skin: float) -> int:
     """How many cells hold points that spread by more than `skin` along every axis."""
     thick = 0
@@ -70,7 +70,7 @@ def _count_thick(points: Array, start: npt.NDArray[np.int64], skin: float) -> in
     return thick
 
 
-@njit(cache=True)
+@kernel()
 def _bound(points: Array, rows: npt.NDArray[np.int64], count: int, box: Array) -> None:
     """`box` (2, 3): the tight box around points[rows[:count]]."""
     for a in range(3):
@@ -82,7 +82,7 @@ def _bound(points: Array, rows: npt.NDArray[np.int64], count: int, box: Array) -
             box[1, a] = max(box[1, a], value)
 
 
-@njit(cache=True)
+@kernel()
 def _volume(box: Array, skin: float) -> float:
     """Volume, each side counted as at least `skin`."""
     volume = 1.0
@@ -91,7 +91,7 @@ def _volume(box: Array, skin: float) -> float:
     return volume
 
 
-@njit(cache=True)
+@kernel()
 def _fullest_side(
     points: Array, rows: npt.NDArray[np.int64], count: int, box: Array, skin: float
 ) -> tuple[int, int]:
@@ -115,7 +115,7 @@ def _fullest_side(
     return axis, side
 
 
-@njit(cache=True)
+@kernel()
 def _is_flat(box: Array, skin: float) -> bool:
     return (
         box[1, 0] - box[0, 0] <= skin
@@ -124,7 +124,7 @@ def _is_flat(box: Array, skin: float) -> bool:
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _measure_surface(
     points: Array, rows: npt.NDArray[np.int64], count: int, top: float, skin: float, extent: Array
 ) -> float:
@@ -145,7 +145,7 @@ def _measure_surface(
     return top + total / number
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _tight_boxes(
     points: Array,
     start: npt.NDArray[np.int64],
@@ -241,12 +241,12 @@ def _tight_boxes(
     )
 
 
-@njit(cache=True)
+@kernel()
 def _gap(lower: Array, upper: Array, p: int, q: int, axis: int) -> float:
     return max(lower[p, axis] - upper[q, axis], lower[q, axis] - upper[p, axis])
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _one_surface(
     lower: Array, upper: Array, p: int, q: int, axis: int, skin: float, cell_size: float
 ) -> bool:
@@ -280,7 +280,7 @@ def _one_surface(
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def close_gaps(
     cells: Index,
     lower: Array,

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from placement_planner_ros.core.errors import CloudError
+from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import Array, TargetVolume, frozen_array
 
@@ -134,7 +134,7 @@ def _clear_robot(unknown: Mask, obstacles: ObstacleSet, outside_robot: OutsideRo
     unknown[tuple(cells.T)] = False
 
 
-@njit(cache=True, fastmath=False, nogil=True)
+@kernel(nogil=True)
 def _carve(points: Array, sensor: Array, origin: Array, size: float, free: Mask) -> None:
     """Mark the cells between the sensor and each point as free, the point's own cell left out.
 
@@ -205,7 +205,7 @@ def _carve(points: Array, sensor: Array, origin: Array, size: float, free: Mask)
             cells[end] = True
 
 
-@njit(cache=True, fastmath=False, nogil=True)
+@kernel(nogil=True)
 def _bin(x: float, y: float, z: float) -> int:
     """The bin of a direction, on the cube's side that it leaves through."""
     ax, ay, az = abs(x), abs(y), abs(z)
@@ -220,7 +220,7 @@ def _bin(x: float, y: float, z: float) -> int:
     return (side * _BINS + row) * _BINS + column
 
 
-@njit(cache=True, fastmath=False, nogil=True)
+@kernel(nogil=True)
 def _nearest(points: Array, sensor: Array) -> Array:
     """(6 · bins²,) square of the distance to the nearest point of each bin, inf without any."""
     nearest = np.full(6 * _BINS * _BINS, np.inf)
@@ -233,7 +233,7 @@ def _nearest(points: Array, sensor: Array) -> Array:
     return nearest
 
 
-@njit(cache=True, fastmath=False, nogil=True)
+@kernel(nogil=True)
 def _add_hidden(
     nearest: Array, sensor: Array, origin: Array, size: float, state: Flags, unknown: Mask
 ) -> None:
@@ -253,7 +253,7 @@ def _add_hidden(
                     unknown[i, j, k] = True
 
 
-@njit(cache=True, fastmath=False, nogil=True)
+@kernel(nogil=True)
 def _at_surface(unknown: Mask, i: int, j: int, k: int) -> bool:
     nx, ny, nz = unknown.shape
     return (
@@ -266,7 +266,7 @@ def _at_surface(unknown: Mask, i: int, j: int, k: int) -> bool:
     )
 
 
-@njit(cache=True, fastmath=False, nogil=True)
+@kernel(nogil=True)
 def _surface(unknown: Mask) -> npt.NDArray[np.int32]:
     """(k, 3) set cells with a face towards one that is not set."""
     nx, ny, nz = unknown.shape

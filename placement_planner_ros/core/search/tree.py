@@ -13,7 +13,7 @@ from typing import Generic, Protocol, TypeVar
 import numpy as np
 
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.lean import njit_lean
+from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
 
 N = TypeVar("N")
@@ -23,7 +23,7 @@ _ADD = 1  # the descent ends here: add a child to this node
 _UNKNOWN = -1  # the number of children is not known yet
 
 
-@njit_lean()
+@kernel(lean=True)
 def _descend(
     node: int,
     depth: int,
@@ -68,7 +68,7 @@ def _descend(
         depth += 1
 
 
-@njit_lean()
+@kernel(lean=True)
 def _propagate(
     node: int,
     visit: int,

@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from placement_planner_ros.core.collision.boxes import box_arrays
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.robot.collision_boxes import box_arrays
 from placement_planner_ros.core.scene.distance import ClearanceField
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.grid import GridSettings

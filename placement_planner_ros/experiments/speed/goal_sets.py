@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from placement_planner_ros.core.transit import MotionPlanner
+from placement_planner_ros.core.plan_motion.transit import MotionPlanner
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.experiments.exact_collision import ExactCollision
 from placement_planner_ros.experiments.speed.plain import STEP, rrt_connect

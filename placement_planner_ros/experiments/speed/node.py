@@ -17,13 +17,13 @@ _ROOT = Path(placement_planner_ros.__file__).parent.parent
 
 
 def measure_node(stops: int, minutes: float, seed: int) -> Iterator[Entry]:
-    """What `placement_planner_ros.ros.node_speed` tells.
+    """What `placement_planner_ros.ros.tools.node_speed` tells.
 
     Raises:
         RuntimeError: it could not measure the node.
     """
     command = [
-        *(sys.executable, "-m", "placement_planner_ros.ros.node_speed"),
+        *(sys.executable, "-m", "placement_planner_ros.ros.tools.node_speed"),
         *("--stops", str(stops), "--minutes", str(minutes), "--seed", str(seed)),
     ]
     path = os.pathsep.join(filter(None, [str(_ROOT), os.environ.get("PYTHONPATH", "")]))

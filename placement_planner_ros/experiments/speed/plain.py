@@ -11,8 +11,8 @@ from ompl import base as ob
 from ompl import geometric as og
 from ompl import util as ou
 
-from placement_planner_ros.core.holding import Holding
-from placement_planner_ros.core.objective import Objective
+from placement_planner_ros.core.grasp.holding import Holding
+from placement_planner_ros.core.objective.objective import Objective
 from placement_planner_ros.core.planner import PlannerSettings, Problem
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.experiments.exact_collision import ExactCollision, box_tree

@@ -11,10 +11,10 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from placement_planner_ros.core.holding import Holding
-from placement_planner_ros.core.robot.collision import ArmCollision
-from placement_planner_ros.core.robot.ik import InverseKinematics
-from placement_planner_ros.core.robot.separation import COLLIDING, FREE
+from placement_planner_ros.core.collision.arm import ArmCollision
+from placement_planner_ros.core.collision.separation import COLLIDING, FREE
+from placement_planner_ros.core.grasp.holding import Holding
+from placement_planner_ros.core.reach.ik import InverseKinematics
 from placement_planner_ros.core.types import Array, Verdict
 from placement_planner_ros.experiments.exact_collision import ExactCollision, compare
 from placement_planner_ros.experiments.speed.measures import cpu_seconds

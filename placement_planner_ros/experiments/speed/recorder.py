@@ -13,11 +13,11 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from placement_planner_ros.core.collision.arm import ArmCollision
 from placement_planner_ros.core.errors import PlacementPlannerError
-from placement_planner_ros.core.holding import Holding
+from placement_planner_ros.core.grasp.holding import Holding
+from placement_planner_ros.core.plan_motion.transit import MotionPlanner
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings, Problem
-from placement_planner_ros.core.robot.collision import ArmCollision
-from placement_planner_ros.core.transit import MotionPlanner
 from placement_planner_ros.core.types import Array, Goal
 from placement_planner_ros.experiments.cases import Case, make_problem
 from placement_planner_ros.experiments.speed.measures import Reservoir

@@ -1,0 +1,465 @@
+"""A moving body against the obstacle set, coarse to fine.
+
+Spheres around the body and balls inside of it against the field of distance bounds, then the boxes
+near the leaf spheres left open, then the face planes of the convex set, then the distance between
+set and box (`separation`). Every answer but UNDECIDED is certain.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from placement_planner_ros.core.collision.arrays import (
+    BODY_FIRST_PART,
+    BODY_JOINT,
+    NODE_FIRST,
+    NODE_LAST,
+    NODE_SKIP,
+    PART_FIRST_NODE,
+    SET_EXACT,
+    SET_FIRST_PLANE,
+    SET_FIRST_VERTEX,
+    SET_JOINT,
+    ArmArrays,
+    ArmScratch,
+)
+from placement_planner_ros.core.collision.placing import (
+    note_undecided,
+    place_planes,
+    place_set,
+    to_world,
+)
+from placement_planner_ros.core.collision.separation import (
+    COLLIDING,
+    FREE,
+    TOLERANCE,
+    UNDECIDED,
+    separate_box,
+)
+from placement_planner_ros.core.kernels import kernel
+from placement_planner_ros.core.types import Array
+
+_TOGETHER = 16
+"""Leaves of one solid that are looked at in one go, at most."""
+_LEVEL = 1e-6
+"""Slope below which a plane does not tell boxes of one column apart."""
+COARSE = 0.02
+"""Metres of motion above which an interval is searched for collisions rather than certified."""
+
+
+class BoxArrays(NamedTuple):
+    """The obstacle set for the kernels: m boxes, each within its cell."""
+
+    number: int
+    columns: npt.NDArray[np.int32]
+    """(nx, ny + 1): the boxes of the column of cells i, j are columns[i, j] to columns[i, j + 1].
+
+    A few hundred kilobytes, where an index of all cells would be too much for the caches.
+    """
+    layers: npt.NDArray[np.int32]
+    """(m,) cell of each box along z, ascending within a column."""
+    corners: Array
+    """(m, 6) lower then upper."""
+    grid: Array
+    """(4,) lower corner of the grid, and its cell size."""
+    field_grid: Array
+    """(16,) the like of the field, the box around all boxes, lower and upper, the shape, step and
+    exact levels of `scene.distance_bound.DistanceBound`, and cells per metre."""
+    field: npt.NDArray[np.uint8]
+    """Its levels."""
+
+
+@kernel(lean=True)
+def distance_bounds(
+    grid: Array, field: npt.NDArray[np.uint8], x: float, y: float, z: float
+) -> tuple[float, float]:
+    """Lower and upper bound of the distance of a point to all boxes (`field_grid`, `field`)."""
+    fx = (x - grid[0]) * grid[15]
+    fy = (y - grid[1]) * grid[15]
+    fz = (z - grid[2]) * grid[15]
+    if 0.0 <= fx < grid[10] and 0.0 <= fy < grid[11] and 0.0 <= fz < grid[12]:
+        i, j, k = int(fx), int(fy), int(fz)
+        level = field[i >> 2, j >> 2, k >> 2, (i & 3) << 4 | (j & 3) << 2 | k & 3]
+        fx -= i + 0.5
+        fy -= j + 0.5
+        fz -= k + 0.5
+        off = grid[3] * np.sqrt(fx * fx + fy * fy + fz * fz)
+        lower = level * grid[13]
+        return lower - off, (lower + grid[13] + off if level < grid[14] else np.inf)
+    dx = max(grid[4] - x, 0.0, x - grid[7])
+    dy = max(grid[5] - y, 0.0, y - grid[8])
+    dz = max(grid[6] - z, 0.0, z - grid[9])
+    return np.sqrt(dx * dx + dy * dy + dz * dz), np.inf
+
+
+@kernel(lean=True)
+def layer_range(
+    layers: npt.NDArray[np.int32], first: int, last: int, low: int, high: int
+) -> tuple[int, int]:
+    """Which of the boxes first..last of one column lie in the layers low..high (not included)."""
+    end = last
+    while first < end:
+        middle = (first + end) // 2
+        if layers[middle] < low:
+            first = middle + 1
+        else:
+            end = middle
+    end = first
+    while end < last and layers[end] < high:
+        end += 1
+    return first, end
+
+
+@kernel(lean=True)
+def boxes_apart(bounds: Array, row: int, corners: Array, box: int, need: float) -> bool:
+    """Whether the box around a set, row of `bounds`, is `need` from an obstacle along an axis."""
+    far = need + TOLERANCE
+    return bool(
+        corners[box, 0] - bounds[row, 3] >= far
+        or bounds[row, 0] - corners[box, 3] >= far
+        or corners[box, 1] - bounds[row, 4] >= far
+        or bounds[row, 1] - corners[box, 4] >= far
+        or corners[box, 2] - bounds[row, 5] >= far
+        or bounds[row, 2] - corners[box, 5] >= far
+    )
+
+
+@kernel(lean=True)
+def _plane_in_world(
+    arm: ArmArrays, scratch: ArmScratch, s: int, plane: int
+) -> tuple[float, float, float, float]:
+    """Normal and offset of a plane of set s."""
+    frames, joint, planes = scratch.frames, arm.sets[s, SET_JOINT], arm.planes
+    x, y, z = planes[plane, 0], planes[plane, 1], planes[plane, 2]
+    nx = frames[joint, 0, 0] * x + frames[joint, 0, 1] * y + frames[joint, 0, 2] * z
+    ny = frames[joint, 1, 0] * x + frames[joint, 1, 1] * y + frames[joint, 1, 2] * z
+    nz = frames[joint, 2, 0] * x + frames[joint, 2, 1] * y + frames[joint, 2, 2] * z
+    offset = planes[plane, 3]
+    offset += nx * frames[joint, 0, 3] + ny * frames[joint, 1, 3] + nz * frames[joint, 2, 3]
+    return nx, ny, nz, offset
+
+
+@kernel(lean=True)
+def polytope_meets_box(
+    vertices: Array,
+    first_vertex: int,
+    last_vertex: int,
+    planes: Array,
+    first_plane: int,
+    last_plane: int,
+    closed: bool,
+    bounds: Array,
+    row: int,
+    radius: float,
+    corners: Array,
+    box: int,
+    need: float,
+    hit: float,
+    work: Array,
+) -> int:
+    """A convex set in the world against one box: FREE from distance `need`, COLLIDING below `hit`.
+
+    Args:
+        vertices, planes: (v, 3), (p, 4) of which the set's rows are the ranges given.
+        closed: whether the planes enclose the set and nothing more.
+        bounds: (s, 6), of which `row` is the box around the set, its radius included.
+        corners: (m, 6), of which `box` is the box.
+        work: (6, 4) work space; after FREE, work[5, 3] is the plane that keeps them apart or -1.
+    """
+    work[5, 3] = -1.0
+    cx = 0.5 * (corners[box, 0] + corners[box, 3])
+    cy = 0.5 * (corners[box, 1] + corners[box, 4])
+    cz = 0.5 * (corners[box, 2] + corners[box, 5])
+    hx = corners[box, 3] - cx
+    hy = corners[box, 4] - cy
+    hz = corners[box, 5] - cz
+    far = need + TOLERANCE + radius
+    deepest = -np.inf
+    best = -np.inf
+    axis = -1
+    for v in range(first_plane, last_plane):
+        nx, ny, nz = planes[v, 0], planes[v, 1], planes[v, 2]
+        middle = nx * cx + ny * cy + nz * cz - planes[v, 3]
+        gap = middle - abs(nx) * hx - abs(ny) * hy - abs(nz) * hz
+        if gap >= far:
+            work[5, 3] = v
+            return FREE
+        deepest = max(deepest, middle)
+        if gap > best:
+            best = gap
+            axis = v
+    if axis >= 0:
+        if closed and deepest < -TOLERANCE:
+            return COLLIDING
+        work[5, 0], work[5, 1], work[5, 2] = -planes[axis, 0], -planes[axis, 1], -planes[axis, 2]
+    else:
+        work[5, 0] = bounds[row, 0] + bounds[row, 3] - 2 * cx
+        work[5, 1] = bounds[row, 1] + bounds[row, 4] - 2 * cy
+        work[5, 2] = bounds[row, 2] + bounds[row, 5] - 2 * cz
+    return separate_box(
+        vertices,
+        first_vertex,
+        last_vertex,
+        corners,
+        box,
+        need + radius,
+        hit + radius,
+        work,
+    )
+
+
+@kernel(lean=True)
+def open_leaves(
+    arm: ArmArrays,
+    boxes: BoxArrays,
+    scratch: ArmScratch,
+    first_body: int,
+    last_body: int,
+    left_out: int,
+    need: float,
+    hit: float,
+) -> tuple[int, int]:
+    """Moving bodies first_body..last_body against the field alone, but for `left_out`.
+
+    Where `need` is far above `hit`, or cannot be kept any more, only collisions are looked for.
+
+    Returns:
+        FREE (but for the open leaves), COLLIDING, or UNDECIDED where only collisions were looked
+        for; and how many leaves of the scratch are open.
+    """
+    bodies, body_spheres, parts = arm.bodies, arm.body_spheres, arm.parts
+    nodes, spheres, inner = arm.nodes, arm.node_spheres, arm.node_inner
+    frames, leaves, leaf_bound = scratch.frames, scratch.leaves, scratch.leaf_bound
+    field_grid, field = boxes.field_grid, boxes.field
+    count = 0
+    result = FREE
+    for body in range(first_body, last_body):
+        if body == left_out:
+            continue
+        joint = bodies[body, BODY_JOINT]
+        first, last = bodies[body, BODY_FIRST_PART], bodies[body + 1, BODY_FIRST_PART]
+        if last - first > 1:
+            x, y, z = to_world(
+                frames, joint, body_spheres[body, 0], body_spheres[body, 1], body_spheres[body, 2]
+            )
+            lower, _ = distance_bounds(field_grid, field, x, y, z)
+            if lower >= body_spheres[body, 3] + need + TOLERANCE:
+                continue
+        node = parts[first, PART_FIRST_NODE]
+        end = parts[last, PART_FIRST_NODE]
+        while node < end:
+            x, y, z = to_world(frames, joint, spheres[node, 0], spheres[node, 1], spheres[node, 2])
+            lower, upper = distance_bounds(field_grid, field, x, y, z)
+            lower -= spheres[node, 3] + TOLERANCE
+            if lower >= need:
+                node = nodes[node, NODE_SKIP]
+                continue
+            upper -= inner[node] - TOLERANCE
+            if upper < need:
+                if upper < hit:
+                    scratch.hit[0] = 2
+                    scratch.hit[1] = node
+                    return COLLIDING, count
+                result = UNDECIDED
+                need = hit
+            if nodes[node, NODE_FIRST] >= 0:
+                if need - hit > COARSE:
+                    result = UNDECIDED
+                    need = hit
+                    if lower >= need:
+                        node = nodes[node, NODE_SKIP]
+                        continue
+                leaves[count] = node
+                leaf_bound[count] = lower
+                count += 1
+            node += 1
+    return result, count
+
+
+@kernel(lean=True)
+def _span_leaves(
+    arm: ArmArrays, scratch: ArmScratch, leaf: int, count: int, need: float
+) -> tuple[int, float, float, float, float, float, float, float, float, float, float]:
+    """Where boxes can lie that come closer than `need` to what an open leaf covers.
+
+    Leaves of one solid overlap, so that where their common span is less than that of each they are
+    looked at together.
+
+    Returns:
+        the leaf after those looked at; centre and reach of a ball, without bounds for several
+        leaves; lower and upper corner of a span.
+    """
+    nodes, spheres, sets = arm.nodes, arm.node_spheres, arm.sets
+    frames, leaves, bounds = scratch.frames, scratch.leaves, scratch.bounds
+    far = need + TOLERANCE
+    end = leaf + 1
+    node = leaves[leaf]
+    s, last_set = nodes[node, NODE_FIRST], nodes[node, NODE_LAST]
+    joint = sets[s, SET_JOINT]
+    x, y, z = to_world(frames, joint, spheres[node, 0], spheres[node, 1], spheres[node, 2])
+    reach = spheres[node, 3] + far
+    x0, y0, z0 = x - reach, y - reach, z - reach
+    x1, y1, z1 = x + reach, y + reach, z + reach
+    if last_set - s > 1:
+        return end, x, y, z, reach, x0, y0, z0, x1, y1, z1
+    if scratch.set_stamp[s] < scratch.counters[0]:
+        scratch.set_stamp[s] = scratch.counters[0]
+        place_set(arm, scratch, s)
+    alone = reach * reach
+    u0, v0, w0, u1, v1, w1 = x0, y0, z0, x1, y1, z1
+    together = end
+    while together < min(count, leaf + _TOGETHER) and nodes[leaves[together], NODE_FIRST] == s:
+        node = leaves[together]
+        u, v, w = to_world(frames, joint, spheres[node, 0], spheres[node, 1], spheres[node, 2])
+        other = spheres[node, 3] + far
+        alone += other * other
+        u0, v0, w0 = min(u0, u - other), min(v0, v - other), min(w0, w - other)
+        u1, v1, w1 = max(u1, u + other), max(v1, v + other), max(w1, w + other)
+        together += 1
+    u0, u1 = max(u0, bounds[s, 0] - far), min(u1, bounds[s, 3] + far)
+    v0, v1 = max(v0, bounds[s, 1] - far), min(v1, bounds[s, 4] + far)
+    if together > end and (u1 - u0) * (v1 - v0) < 4.0 * alone:
+        end = together
+        reach = np.inf
+        x0, y0, z0, x1, y1, z1 = u0, v0, w0, u1, v1, w1
+    x0, x1 = max(x0, bounds[s, 0] - far), min(x1, bounds[s, 3] + far)
+    y0, y1 = max(y0, bounds[s, 1] - far), min(y1, bounds[s, 4] + far)
+    z0, z1 = max(z0, bounds[s, 2] - far), min(z1, bounds[s, 5] + far)
+    return end, x, y, z, reach, x0, y0, z0, x1, y1, z1
+
+
+@kernel(lean=True)
+def open_leaves_meet_boxes(
+    arm: ArmArrays, boxes: BoxArrays, scratch: ArmScratch, count: int, need: float, hit: float
+) -> int:
+    """What the first `count` open leaves cover against the boxes in reach of them.
+
+    Once `need` cannot be kept any more, only collisions are looked for. What is left UNDECIDED is
+    noted in the scratch.
+    """
+    columns, layers, corners = boxes.columns, boxes.layers, boxes.corners
+    nodes, sets, radius = arm.nodes, arm.sets, arm.radius
+    leaves, leaf_bound = scratch.leaves, scratch.leaf_bound
+    set_stamp, plane_stamp = scratch.set_stamp, scratch.plane_stamp
+    box_stamp, counters, bounds = scratch.box_stamp, scratch.counters, scratch.bounds
+    vertices, planes, work = scratch.vertices, scratch.planes, scratch.work
+    ox, oy, oz, size = boxes.grid[0], boxes.grid[1], boxes.grid[2], boxes.grid[3]
+    per_metre = 1.0 / size
+    now = counters[0]
+    result = FREE
+    previous = -1
+    end = 0
+    while end < count:
+        leaf = end
+        end += 1
+        if leaf_bound[leaf] >= need:
+            continue
+        node = leaves[leaf]
+        first_set, last_set = nodes[node, NODE_FIRST], nodes[node, NODE_LAST]
+        # A solid looks at a box once, whichever of its leaves reach it.
+        if first_set != previous:
+            previous = first_set
+            counters[1] += 1
+        visit = counters[1]
+        end, x, y, z, reach, x0, y0, z0, x1, y1, z1 = _span_leaves(arm, scratch, leaf, count, need)
+        plane = scratch.plane[first_set] if last_set - first_set == 1 else -1
+        nx = ny = nz = offset = 0.0
+        if plane >= 0:
+            nx, ny, nz, offset = _plane_in_world(arm, scratch, first_set, plane)
+            offset += need + TOLERANCE + radius[first_set]
+        i0 = max(int(np.floor((x0 - ox) * per_metre)), 0)
+        j0 = max(int(np.floor((y0 - oy) * per_metre)), 0)
+        i1 = min(int(np.floor((x1 - ox) * per_metre)) + 1, columns.shape[0])
+        j1 = min(int(np.floor((y1 - oy) * per_metre)) + 1, columns.shape[1] - 1)
+        for i in range(i0, i1):
+            low_x = ox + i * size
+            dx = max(low_x - x, 0.0, x - low_x - size)
+            for j in range(j0, j1):
+                low_y = oy + j * size
+                bottom, top = z0, z1
+                if plane >= 0:
+                    # The column's boxes on the far side of the plane: those at heights where the
+                    # corner of the column next to the set lies there.
+                    left = offset - nx * (low_x if nx > 0.0 else low_x + size)
+                    left -= ny * (low_y if ny > 0.0 else low_y + size)
+                    if nz < -_LEVEL:
+                        bottom = max(bottom, left / nz)
+                    elif nz > _LEVEL:
+                        top = min(top, left / nz)
+                    if bottom > top:
+                        continue
+                dy = max(low_y - y, 0.0, y - low_y - size)
+                height = np.sqrt(max(reach * reach - dx * dx - dy * dy, 0.0)) + TOLERANCE
+                k0 = int(np.floor((max(z - height, bottom) - oz) * per_metre))
+                k1 = int(np.floor((min(z + height, top) - oz) * per_metre)) + 1
+                first, last = layer_range(layers, columns[i, j], columns[i, j + 1], k0, k1)
+                for box in range(first, last):
+                    u = max(corners[box, 0] - x, 0.0, x - corners[box, 3])
+                    v = max(corners[box, 1] - y, 0.0, y - corners[box, 4])
+                    w = max(corners[box, 2] - z, 0.0, z - corners[box, 5])
+                    if u * u + v * v + w * w > reach * reach or box_stamp[box] == visit:
+                        continue
+                    box_stamp[box] = visit
+                    for s in range(first_set, last_set):
+                        if set_stamp[s] < now:
+                            set_stamp[s] = now
+                            place_set(arm, scratch, s)
+                        if boxes_apart(bounds, s, corners, box, need):
+                            continue
+                        if plane >= 0 and (
+                            nx * corners[box, 0 if nx > 0.0 else 3]
+                            + ny * corners[box, 1 if ny > 0.0 else 4]
+                            + nz * corners[box, 2 if nz > 0.0 else 5]
+                            >= offset
+                        ):
+                            continue
+                        if plane_stamp[s] < now:
+                            plane_stamp[s] = now
+                            place_planes(arm, scratch, s)
+                        answer = polytope_meets_box(
+                            vertices,
+                            sets[s, SET_FIRST_VERTEX],
+                            sets[s + 1, SET_FIRST_VERTEX],
+                            planes,
+                            sets[s, SET_FIRST_PLANE],
+                            sets[s + 1, SET_FIRST_PLANE],
+                            True,
+                            bounds,
+                            s,
+                            radius[s],
+                            corners,
+                            box,
+                            need,
+                            hit,
+                            work,
+                        )
+                        if answer == FREE and work[5, 3] >= 0.0:
+                            scratch.plane[s] = int(work[5, 3])
+                            if last_set - first_set == 1:
+                                plane = scratch.plane[s]
+                                nx, ny, nz, offset = _plane_in_world(arm, scratch, s, plane)
+                                offset += need + TOLERANCE + radius[s]
+                        if answer == COLLIDING and sets[s, SET_EXACT] != 0:
+                            scratch.hit[0] = 0
+                            scratch.hit[1] = s
+                            scratch.hit[2] = box
+                            return COLLIDING
+                        if answer != FREE:
+                            result = UNDECIDED
+                            need = hit
+                            note_undecided(scratch.undecided, counters, 0, s, box)
+    return result
+
+
+@kernel(lean=True)
+def body_meets_boxes(
+    arm: ArmArrays, boxes: BoxArrays, scratch: ArmScratch, body: int, margin: float
+) -> int:
+    """One moving body against the obstacle set; what is left UNDECIDED is noted in the scratch."""
+    answer, count = open_leaves(arm, boxes, scratch, body, body + 1, -1, margin, margin)
+    if answer == COLLIDING or count == 0:
+        return answer
+    return open_leaves_meet_boxes(arm, boxes, scratch, count, margin, margin)

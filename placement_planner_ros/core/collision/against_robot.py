@@ -1,0 +1,278 @@
+"""Links and held object against each other, coarse to fine.
+
+Bounding spheres of bodies and parts, then the direction that last kept two parts apart, then their
+distance (`separation`). Every answer but UNDECIDED is certain.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from placement_planner_ros.core.collision.against_boxes import COARSE
+from placement_planner_ros.core.collision.arrays import (
+    BODY_FIRST_PART,
+    NODE_FIRST,
+    NODE_LAST,
+    NODE_SKIP,
+    PAIR_INNER,
+    PAIR_OUTER,
+    PAIR_SLOT,
+    PART_FIRST_NODE,
+    PART_FIRST_SET,
+    PART_SOLID,
+    SET_EXACT,
+    SET_FIRST_VERTEX,
+    SET_JOINT,
+    ArmArrays,
+    ArmScratch,
+    Indices,
+)
+from placement_planner_ros.core.collision.placing import note_undecided, place_set, to_world
+from placement_planner_ros.core.collision.separation import (
+    COLLIDING,
+    FREE,
+    TOLERANCE,
+    UNDECIDED,
+    separate_hulls,
+)
+from placement_planner_ros.core.kernels import kernel
+from placement_planner_ros.core.types import Array
+
+
+@kernel(inline=True)
+def _sets_meet(
+    arm: ArmArrays,
+    scratch: ArmScratch,
+    a: int,
+    b: int,
+    need: float,
+    hit: float,
+) -> int:
+    """Two convex sets; work[5, :3] is where to start (zero: anywhere), and where it ended."""
+    now = scratch.counters[0]
+    bounds = scratch.bounds
+    for s in (a, b):
+        if scratch.set_stamp[s] < now:
+            scratch.set_stamp[s] = now
+            place_set(arm, scratch, s)
+    work = scratch.work
+    if work[5, 0] == 0.0 and work[5, 1] == 0.0 and work[5, 2] == 0.0:
+        for i in range(3):
+            work[5, i] = bounds[a, i] + bounds[a, i + 3] - bounds[b, i] - bounds[b, i + 3]
+    sets = arm.sets
+    radius = arm.radius[a] + arm.radius[b]
+    answer = separate_hulls(
+        scratch.vertices,
+        sets[a, SET_FIRST_VERTEX],
+        sets[a + 1, SET_FIRST_VERTEX],
+        sets[b, SET_FIRST_VERTEX],
+        sets[b + 1, SET_FIRST_VERTEX],
+        need + radius,
+        hit + radius,
+        work,
+    )
+    if answer == COLLIDING and sets[a, SET_EXACT] != 0 and sets[b, SET_EXACT] != 0:
+        scratch.hit[0] = 1
+        scratch.hit[1] = a
+        scratch.hit[2] = b
+        return COLLIDING
+    if answer != FREE:
+        note_undecided(scratch.undecided, scratch.counters, 1, a, b)
+        return UNDECIDED
+    return FREE
+
+
+@kernel(inline=True)
+def _support_gap(
+    vertices: Array,
+    frames: Array,
+    sets: Indices,
+    a: int,
+    b: int,
+    dx: float,
+    dy: float,
+    dz: float,
+) -> float:
+    """How far apart the hulls of sets a and b lie along a world direction, at least (times |d|)."""
+    gap = 0.0
+    for side in range(2):
+        s = a if side == 0 else b
+        sign = 1.0 - 2.0 * side
+        joint = sets[s, SET_JOINT]
+        lx = sign * (frames[joint, 0, 0] * dx + frames[joint, 1, 0] * dy + frames[joint, 2, 0] * dz)
+        ly = sign * (frames[joint, 0, 1] * dx + frames[joint, 1, 1] * dy + frames[joint, 2, 1] * dz)
+        lz = sign * (frames[joint, 0, 2] * dx + frames[joint, 1, 2] * dy + frames[joint, 2, 2] * dz)
+        # Two running minima, so that one does not wait for the other.
+        first, last = sets[s, SET_FIRST_VERTEX], sets[s + 1, SET_FIRST_VERTEX]
+        lowest = lx * vertices[first, 0] + ly * vertices[first, 1] + lz * vertices[first, 2]
+        other = lowest
+        for v in range(first + (last - first) % 2, last, 2):
+            one = lx * vertices[v, 0] + ly * vertices[v, 1] + lz * vertices[v, 2]
+            two = lx * vertices[v + 1, 0] + ly * vertices[v + 1, 1] + lz * vertices[v + 1, 2]
+            lowest = one if one < lowest else lowest
+            other = two if two < other else other
+        lowest = min(lowest, other)
+        gap += lowest + sign * (
+            frames[joint, 0, 3] * dx + frames[joint, 1, 3] * dy + frames[joint, 2, 3] * dz
+        )
+    return gap
+
+
+@kernel(inline=True)
+def _solids_meet(
+    arm: ArmArrays, scratch: ArmScratch, s: int, t: int, slot: int, need: float, hit: float
+) -> int:
+    """Two solid parts, first along the direction that last kept them apart.
+
+    It is remembered in the frames of both: which of them it rests in depends on what turned.
+    Where `need` is far above `hit`, being apart is enough to leave the rest to shorter intervals.
+    """
+    frames, sets, known, work = scratch.frames, arm.sets, scratch.direction, scratch.work
+    vertices = arm.vertices
+    far = need + arm.radius[s] + arm.radius[t] + TOLERANCE
+    work[5, :3] = 0.0
+    widest = -np.inf
+    for side in range(2):
+        joint = sets[t if side == 1 else s, SET_JOINT]
+        x, y, z = known[slot, 3 * side], known[slot, 3 * side + 1], known[slot, 3 * side + 2]
+        length = np.sqrt(x * x + y * y + z * z)
+        if length == 0.0:
+            break
+        dx = frames[joint, 0, 0] * x + frames[joint, 0, 1] * y + frames[joint, 0, 2] * z
+        dy = frames[joint, 1, 0] * x + frames[joint, 1, 1] * y + frames[joint, 1, 2] * z
+        dz = frames[joint, 2, 0] * x + frames[joint, 2, 1] * y + frames[joint, 2, 2] * z
+        gap = _support_gap(vertices, frames, sets, s, t, dx, dy, dz)
+        if gap >= far * length:
+            return FREE
+        if need - hit > COARSE and gap >= (far - need + hit) * length:
+            return UNDECIDED
+        if gap > widest * length:
+            widest = gap / length
+            work[5, 0], work[5, 1], work[5, 2] = dx, dy, dz
+    answer = _sets_meet(arm, scratch, s, t, need, hit)
+    if answer == FREE:
+        for side in range(2):
+            joint = sets[t if side == 1 else s, SET_JOINT]
+            for i in range(3):
+                known[slot, 3 * side + i] = (
+                    frames[joint, 0, i] * work[5, 0]
+                    + frames[joint, 1, i] * work[5, 1]
+                    + frames[joint, 2, i] * work[5, 2]
+                )
+    return answer
+
+
+@kernel(lean=True)
+def bodies_meet(arm: ArmArrays, scratch: ArmScratch, pair: int, need: float, hit: float) -> int:
+    """One pair of bodies; what is left UNDECIDED is noted in the scratch.
+
+    Once `need` cannot be kept any more, only collisions are looked for.
+    """
+    bodies, parts, bounds = arm.bodies, arm.parts, scratch.bounds
+    body_spheres, spheres = scratch.body_spheres, scratch.part_spheres
+    a, b = arm.pairs[pair, PAIR_INNER], arm.pairs[pair, PAIR_OUTER]
+    fixed = a >= arm.moving
+    slot = arm.pairs[pair, PAIR_SLOT]
+    first_b, last_b = bodies[b, BODY_FIRST_PART], bodies[b + 1, BODY_FIRST_PART]
+    result = FREE
+    for p in range(bodies[a, BODY_FIRST_PART], bodies[a + 1, BODY_FIRST_PART]):
+        slot += last_b - first_b
+        x, y, z = spheres[p, 0], spheres[p, 1], spheres[p, 2]
+        near = spheres[p, 3] + need + TOLERANCE
+        dx, dy, dz = x - body_spheres[b, 0], y - body_spheres[b, 1], z - body_spheres[b, 2]
+        reach = near + body_spheres[b, 3]
+        if dx * dx + dy * dy + dz * dz > reach * reach:
+            continue
+        s = parts[p, PART_FIRST_SET]
+        solid = parts[p, PART_SOLID] != 0
+        for o in range(first_b, last_b):
+            dx, dy, dz = x - spheres[o, 0], y - spheres[o, 1], z - spheres[o, 2]
+            reach = near + spheres[o, 3]
+            square = dx * dx + dy * dy + dz * dz
+            if square > reach * reach:
+                continue
+            if need > hit and square < need * need:
+                # Centres lie inside: `need` cannot be kept. Look for a collision, if there can be.
+                result = UNDECIDED
+                need = hit
+                near = spheres[p, 3] + need + TOLERANCE
+                reach = near + spheres[o, 3]
+                if square > reach * reach:
+                    continue
+            if not solid or parts[o, PART_SOLID] == 0:
+                answer = _surfaces_meet(arm, scratch, p, o, need, hit)
+            else:
+                if fixed:
+                    # The box around a fixed set is known for good, and tighter than its ball.
+                    dx = max(bounds[s, 0] - spheres[o, 0], 0.0, spheres[o, 0] - bounds[s, 3])
+                    dy = max(bounds[s, 1] - spheres[o, 1], 0.0, spheres[o, 1] - bounds[s, 4])
+                    dz = max(bounds[s, 2] - spheres[o, 2], 0.0, spheres[o, 2] - bounds[s, 5])
+                    reach = spheres[o, 3] + need + TOLERANCE
+                    if dx * dx + dy * dy + dz * dz > reach * reach:
+                        continue
+                t = parts[o, PART_FIRST_SET]
+                answer = _solids_meet(arm, scratch, s, t, slot - last_b + o, need, hit)
+            if answer == COLLIDING:
+                return COLLIDING
+            if answer == UNDECIDED:
+                result = UNDECIDED
+                need = hit
+                near = spheres[p, 3] + need + TOLERANCE
+    return result
+
+
+@kernel(lean=True)
+def _surfaces_meet(
+    arm: ArmArrays, scratch: ArmScratch, p: int, o: int, need: float, hit: float
+) -> int:
+    """Two parts of which one at least is a surface: leaves of p against leaves of o."""
+    parts, nodes, local, frames = arm.parts, arm.nodes, arm.node_spheres, scratch.frames
+    joint_p = arm.sets[parts[p, PART_FIRST_SET], SET_JOINT]
+    joint_o = arm.sets[parts[o, PART_FIRST_SET], SET_JOINT]
+    whole = scratch.part_spheres
+    result = FREE
+    # Of a solid part only the set counts, so its root stands for all of its tree.
+    end_a = parts[p + 1, PART_FIRST_NODE]
+    end_b = parts[o + 1, PART_FIRST_NODE]
+    a = parts[p, PART_FIRST_NODE]
+    while a < end_a:
+        x, y, z = to_world(frames, joint_p, local[a, 0], local[a, 1], local[a, 2])
+        near = local[a, 3] + need + TOLERANCE
+        dx, dy, dz = x - whole[o, 0], y - whole[o, 1], z - whole[o, 2]
+        reach = near + whole[o, 3]
+        if dx * dx + dy * dy + dz * dz > reach * reach:
+            a = nodes[a, NODE_SKIP]
+            continue
+        first_a, last_a = nodes[a, NODE_FIRST], nodes[a, NODE_LAST]
+        if parts[p, PART_SOLID] != 0:
+            first_a = parts[p, PART_FIRST_SET]
+            last_a = first_a + 1
+        elif first_a < 0:
+            a += 1
+            continue
+        b = parts[o, PART_FIRST_NODE]
+        while b < end_b:
+            u, v, w = to_world(frames, joint_o, local[b, 0], local[b, 1], local[b, 2])
+            dx, dy, dz = x - u, y - v, z - w
+            reach = near + local[b, 3]
+            if dx * dx + dy * dy + dz * dz > reach * reach:
+                b = nodes[b, NODE_SKIP]
+                continue
+            first_b, last_b = nodes[b, NODE_FIRST], nodes[b, NODE_LAST]
+            if parts[o, PART_SOLID] != 0:
+                first_b = parts[o, PART_FIRST_SET]
+                last_b = first_b + 1
+            elif first_b < 0:
+                b += 1
+                continue
+            for s in range(first_a, last_a):
+                for t in range(first_b, last_b):
+                    scratch.work[5, :3] = 0.0
+                    answer = _sets_meet(arm, scratch, s, t, need, hit)
+                    if answer == COLLIDING:
+                        return COLLIDING
+                    if answer == UNDECIDED:
+                        result = UNDECIDED
+            b = nodes[b, NODE_SKIP]
+        a = nodes[a, NODE_SKIP]
+    return result

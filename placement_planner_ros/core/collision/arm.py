@@ -1,0 +1,554 @@
+"""Collision of an arm, its hand and the object it holds: with the obstacle set and with the robot.
+
+Two tiers over one geometry. The kernels of `collision_kernels` say free or colliding where that is
+certain, and leave the rest to coal on the exact shapes, pair by pair.
+"""
+
+from __future__ import annotations
+
+import copy
+import functools
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import coal
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from placement_planner_ros.core.body.body import Body, ConvexPart
+from placement_planner_ros.core.collision.arrays import (
+    PART_FIRST_NODE,
+    PART_FIRST_SET,
+    SET_JOINT,
+    CollisionBody,
+    FlatArm,
+    Part,
+    flatten,
+    scratch_for,
+    with_own_object,
+)
+from placement_planner_ros.core.collision.boxes import box_arrays
+from placement_planner_ros.core.collision.edges import (
+    NOT_FINITE,
+    OVERFLOW,
+    check_edge,
+    check_states,
+)
+from placement_planner_ros.core.collision.hand import WristTurns, hand_collides
+from placement_planner_ros.core.collision.placed_object import PlacedObject
+from placement_planner_ros.core.collision.separation import COLLIDING, FREE
+from placement_planner_ros.core.collision.shapes import ConvexSet, Shape, shape_of
+from placement_planner_ros.core.errors import GraspError, JointStateError, ParameterError
+from placement_planner_ros.core.reach.kinematics import Chain, kernel_input
+from placement_planner_ros.core.robot.arm import Arm
+from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.core.scene.grid import ObstacleSet
+from placement_planner_ros.core.types import Array
+
+HELD_OBJECT = "the held object"
+PLACED_OBJECT = "the placed object"
+_QUEUE = 4096
+_REMEMBERED = 32
+"""Arms laid out that are remembered."""
+
+
+@dataclass(frozen=True, slots=True)
+class CollisionSettings:
+    """Distances to keep, metres.
+
+    Attributes:
+        collision_margin: arm, hand and object from the obstacle set.
+        contact_tolerance: a cell whose top is this close to the contact plane is support.
+        self_margin: links and object from each other.
+        planning_reserve: what planning keeps beyond both margins, so that a motion can still be
+            certified when it is rounded and timed; pass it as `reserve`.
+        self_reserve: how much of a `reserve` counts for the robot against itself, whose links may
+            pass each other by less than a millimetre wherever they are.
+        edge_resolution: an edge is refused where its distance to the margin is below the motion of
+            this short a piece of it; `self_resolution` is the same for the robot against itself.
+        cover_excess: how far the finest covering spheres may stick out of a link.
+    """
+
+    collision_margin: float = 0.003
+    contact_tolerance: float = 0.003
+    self_margin: float = 0.0
+    planning_reserve: float = 0.001
+    self_reserve: float = 0.0002
+    edge_resolution: float = 0.0005
+    self_resolution: float = 0.00005
+    cover_excess: float = 0.02
+
+    def __post_init__(self) -> None:
+        for name in ("edge_resolution", "self_resolution", "cover_excess"):
+            if not 1e-5 <= getattr(self, name) <= 0.1:
+                raise ParameterError(name, getattr(self, name), "choose from 0.00001 to 0.1 m")
+        for name in (
+            "collision_margin",
+            "contact_tolerance",
+            "self_margin",
+            "planning_reserve",
+            "self_reserve",
+        ):
+            if not 0.0 <= getattr(self, name) <= 0.1:
+                raise ParameterError(name, getattr(self, name), "choose from 0 to 0.1 m")
+
+
+class ArmCollision:
+    """One arm with one object in one grasp, all other joints at rest.
+
+    Not to be shared between threads: the kernels work in its buffers.
+
+    Args:
+        robot, arm: who.
+        grasp: index into arm.grasps.
+        body: the object, or None for an empty hand.
+        obstacles: the environment.
+        q_rest: (nq,) joints of the whole robot; those of the arm are ignored.
+        settings: margins.
+        T_world_object: where the object stands once it is placed; None while it is held.
+
+    Raises:
+        GraspError: the held object overlaps a link that it does not move against and that is not
+            one of the arm's touch links.
+        RobotError: a link's geometry is of an unknown kind.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        arm: Arm,
+        grasp: int,
+        body: Body | None,
+        obstacles: ObstacleSet,
+        q_rest: Array,
+        settings: CollisionSettings | None = None,
+        T_world_object: pin.SE3 | None = None,
+    ) -> None:
+        self.settings = settings or CollisionSettings()
+        self._obstacles = obstacles
+        self._dof = arm.dof
+        q_zero = np.array(q_rest, dtype=np.float64)
+        q_zero[arm.q_index] = 0.0
+        placed = body is not None and T_world_object is not None
+        self._flat = _flat_arm(
+            robot,
+            arm,
+            grasp,
+            body,
+            q_zero.tobytes(),
+            placed,
+            self.settings.cover_excess,
+            self.settings.self_margin + self.settings.self_reserve,
+        )
+        if placed:
+            T = pin.SE3.Identity()
+            self._flat = with_own_object(self._flat, PLACED_OBJECT, T)
+        self._boxes = box_arrays(obstacles)
+        self._scratch = scratch_for(self._flat, self._boxes.number)
+        arrays = self._flat.arrays
+        self._wrist = WristTurns.of(arrays, float(arm.lower[-1]), float(arm.upper[-1]))
+        self._T_tip_joint = np.linalg.inv(arrays.fixed[-1])
+        self._placed: PlacedObject | None = None
+        if placed:
+            self._placed = PlacedObject(self._flat, self._scratch, PLACED_OBJECT, T)
+            self.place(T_world_object)
+        self._queue = np.zeros((_QUEUE, 2))
+        self._settled = np.zeros((_QUEUE, arrays.moving + len(arrays.pairs)), dtype=np.bool_)
+        self._answer = np.zeros(1, dtype=np.int64)
+        self._no_deviation = np.zeros(self._dof)
+
+    def free(self, q: Array, reserve: float = 0.0, contact: bool = False) -> bool:
+        """Whether q (dof,) keeps the margins, and of `reserve` metres what the settings say.
+
+        Args:
+            contact: leave out the held object against the obstacle set.
+
+        Raises:
+            JointStateError: a value is not finite.
+        """
+        return self._collision(q, reserve, contact) is None
+
+    def free_batch(
+        self, Q: Array, reserve: float = 0.0, contact: bool = False
+    ) -> npt.NDArray[np.bool_]:
+        """`free` for (n, dof) configurations."""
+        Q = kernel_input(Q).reshape(-1, self._dof)
+        answers = self.classify(Q, reserve, contact)
+        free = answers == FREE
+        for i in np.flatnonzero((answers != FREE) & (answers != COLLIDING)):
+            free[i] = self.free(Q[i], reserve, contact)
+        return free
+
+    def classify(
+        self, Q: Array, reserve: float = 0.0, contact: bool = False
+    ) -> npt.NDArray[np.int64]:
+        """The fast tier's answers (n,) to (n, dof) configurations.
+
+        `separation.FREE`, `COLLIDING` or `UNDECIDED`, or `collision_kernels.NOT_FINITE`.
+        """
+        Q = kernel_input(Q).reshape(-1, self._dof)
+        answers = np.empty(len(Q), dtype=np.int64)
+        margin, self_margin = self._margins(reserve)
+        check_states(
+            self._flat.arrays,
+            self._boxes,
+            self._scratch,
+            Q,
+            margin,
+            self_margin,
+            contact,
+            answers,
+        )
+        return answers
+
+    def hand_collides(
+        self, T_world_tip: Array, slack: float, reserve: float = 0.0, contact: bool = False
+    ) -> bool:
+        """Whether it is certain that no configuration with the tip at (4, 4) is free.
+
+        Hand and fingers against the obstacle set and the robot at rest, and the link before them,
+        which only turns about the last axis, against the obstacle set (`collision_hand`).
+
+        Args:
+            slack: metres that points of the hand may be off by at a configuration.
+            reserve, contact: as in `free`.
+        """
+        margin, self_margin = self._margins(reserve)
+        middles, moved = self._wrist.intervals(margin - slack)
+        return hand_collides(
+            self._flat.arrays,
+            self._boxes,
+            self._scratch,
+            T_world_tip @ self._T_tip_joint,
+            margin - slack,
+            self_margin - slack,
+            contact,
+            middles,
+            margin - slack - moved,
+        )
+
+    def edge_free(
+        self,
+        a: Array,
+        b: Array,
+        *,
+        contact: bool = False,
+        deviation: Array | None = None,
+        reserve: float = 0.0,
+    ) -> bool:
+        """Whether the straight joint motion from a to b (dof,) keeps the margins all the way.
+
+        True is certain. False means a collision, or a distance so close to the margin
+        (`edge_resolution`) that it cannot be certified.
+
+        Args:
+            contact: leave out the held object against the obstacle set (`ObjectCollision` checks
+                its way down).
+            deviation: (dof,) how far each joint may stray from the straight line, rad or m.
+            reserve: metres to keep beyond the margins, as in `free`.
+
+        Raises:
+            JointStateError: a value is not finite.
+        """
+        a = kernel_input(a).reshape(self._dof)
+        b = kernel_input(b).reshape(self._dof)
+        if deviation is None:
+            deviation = self._no_deviation
+        answer = check_edge(
+            self._flat.arrays,
+            self._boxes,
+            self._scratch,
+            a,
+            b,
+            kernel_input(deviation).reshape(self._dof),
+            *self._margins(reserve),
+            contact,
+            self.settings.edge_resolution,
+            self.settings.self_resolution,
+            self._queue,
+            self._settled,
+        )
+        if answer == NOT_FINITE:
+            raise _not_finite(a, b, deviation)
+        if answer == OVERFLOW:
+            middle = (a + b) / 2
+            return self.edge_free(
+                a, middle, contact=contact, deviation=deviation, reserve=reserve
+            ) and self.edge_free(middle, b, contact=contact, deviation=deviation, reserve=reserve)
+        return bool(answer == FREE)
+
+    def explain(self, q: Array, reserve: float = 0.0, contact: bool = False) -> str:
+        """Which link meets what, and where, at q (dof,); '' where it is free."""
+        found = self._collision(q, reserve, contact)
+        if found is None:
+            return ""
+        kind, s, other = found
+        if kind == 2:
+            kind, s, other = self._ball_in_box(s)
+        first = self._flat.bodies[self._flat.set_body[s]].name
+        if kind == 0:
+            where = (self._obstacles.lower[other] + self._obstacles.upper[other]) / 2
+            second = "the environment"
+        else:
+            where = self._between(s, other)
+            first, second = self._flat.bodies[self._flat.set_body[other]].name, first
+        return f"{first} meets {second} at ({where[0]:.3f}, {where[1]:.3f}, {where[2]:.3f})"
+
+    def place(self, T_world_object: pin.SE3) -> None:
+        """Put the placed object elsewhere, here and in what `with_pairs` made."""
+        assert self._placed is not None, "made without a placed object"
+        self._placed.move(T_world_object)
+
+    def with_pairs(
+        self,
+        kept: Callable[[str, str], bool],
+        settings: CollisionSettings | None = None,
+        environment: bool = True,
+    ) -> ArmCollision:
+        """The same arm with fewer pairs of bodies to keep apart; shares this one's buffers.
+
+        Args:
+            kept: whether a pair of names (links, `PLACED_OBJECT`) stays.
+            settings: other margins.
+            environment: False leaves out the obstacle set.
+        """
+        names = [body.name for body in self._flat.bodies]
+        pairs = self._flat.arrays.pairs
+        rows = [kept(names[a], names[b]) for a, b in pairs[:, :2].tolist()]
+        other = copy.copy(self)
+        other._flat = replace(self._flat, arrays=self._flat.arrays._replace(pairs=pairs[rows]))
+        other.settings = settings or self.settings
+        if not environment:
+            other._boxes = self._boxes._replace(number=0)
+        return other
+
+    def _margins(self, reserve: float) -> tuple[float, float]:
+        settings = self.settings
+        kept = min(reserve, settings.self_reserve)
+        return settings.collision_margin + reserve, settings.self_margin + kept
+
+    def _collision(self, q: Array, reserve: float, contact: bool) -> tuple[int, int, int] | None:
+        """A collision at q, as `ArmScratch.hit`."""
+        q = kernel_input(q).reshape(1, self._dof)
+        margin, self_margin = self._margins(reserve)
+        while True:
+            scratch = self._scratch
+            check_states(
+                self._flat.arrays,
+                self._boxes,
+                scratch,
+                q,
+                margin,
+                self_margin,
+                contact,
+                self._answer,
+            )
+            answer = self._answer[0]
+            if answer == NOT_FINITE:
+                raise _not_finite(q)
+            if answer == FREE:
+                return None
+            if answer == COLLIDING:
+                return int(scratch.hit[0]), int(scratch.hit[1]), int(scratch.hit[2])
+            if scratch.counters[2] <= len(scratch.undecided):
+                break
+            more = np.zeros((2 * int(scratch.counters[2]), 3), dtype=np.int64)
+            self._scratch = scratch._replace(undecided=more)
+        pairs = scratch.undecided[: scratch.counters[2]].tolist()
+        for kind, s, other in pairs:
+            if self._exact(kind, s, other, margin if kind == 0 else self_margin):
+                return kind, s, other
+        return None
+
+    def _exact(self, kind: int, s: int, other: int, margin: float) -> bool:
+        """coal's answer for one pair, at the configuration the scratch holds."""
+        geometry, transform = self._part(s)
+        if kind == 0:
+            return meets(geometry, transform, *coal_box(self._boxes.corners[other]), margin)
+        return meets(geometry, transform, *self._part(other), margin)
+
+    def _part(self, s: int) -> tuple[coal.CollisionGeometry, coal.Transform3s]:
+        body = self._flat.bodies[self._flat.set_body[s]]
+        part = body.parts[self._flat.set_part[s]]
+        T = part.T_world_part
+        if body.joint >= 0:
+            zero = self._flat.joint_frames[body.joint]
+            T = _se3(self._scratch.frames[body.joint]) * zero.inverse() * T
+        return part.geometry, coal.Transform3s(T.rotation, T.translation)
+
+    def _ball_in_box(self, node: int) -> tuple[int, int, int]:
+        """Which set meets which box, where the ball inside a sphere is known to meet one."""
+        arrays, corners = self._flat.arrays, self._boxes.corners
+        part = int(np.searchsorted(arrays.parts[:, PART_FIRST_NODE], node, "right")) - 1
+        s = int(arrays.parts[part, PART_FIRST_SET])
+        frame = self._scratch.frames[arrays.sets[s, SET_JOINT]]
+        center = frame[:3, :3] @ arrays.node_spheres[node, :3] + frame[:3, 3]
+        away = np.maximum(np.maximum(corners[:, :3] - center, center - corners[:, 3:]), 0.0)
+        return 0, s, int(np.argmin(np.linalg.norm(away, axis=1)))
+
+    def _between(self, s: int, other: int) -> Array:
+        """A point (3,) where two parts meet, or half-way between them."""
+        result = coal.DistanceResult()
+        coal.distance(*self._part(s), *self._part(other), coal.DistanceRequest(), result)
+        return np.asarray((result.getNearestPoint1() + result.getNearestPoint2()) / 2)
+
+
+def _not_finite(*configurations: Array) -> JointStateError:
+    return JointStateError(
+        "configuration",
+        [np.asarray(q).ravel().tolist() for q in configurations],
+        "every joint value must be finite",
+    )
+
+
+def part_set(part: ConvexPart) -> ConvexSet:
+    """A part of the object; planes that stand for several facets are moved out to hold it."""
+    offsets = (part.vertices @ part.normals.T).max(axis=0)
+    return ConvexSet(part.vertices, part.normals, offsets)
+
+
+def coal_box(corners: Array) -> tuple[coal.Box, coal.Transform3s]:
+    """An axis-aligned box (6,), lower corner then upper, for coal, with its placement."""
+    lower, upper = corners[:3], corners[3:]
+    return coal.Box(upper - lower), coal.Transform3s(np.eye(3), (lower + upper) / 2)
+
+
+def meets(
+    a: coal.CollisionGeometry,
+    T_a: coal.Transform3s,
+    b: coal.CollisionGeometry,
+    T_b: coal.Transform3s,
+    margin: float,
+) -> bool:
+    """Whether two shapes are closer than `margin` metres, by coal."""
+    request = coal.CollisionRequest()
+    request.security_margin = margin
+    return bool(coal.collide(a, T_a, b, T_b, request, coal.CollisionResult()))
+
+
+def coal_convex(vertices: Array, triangles: npt.NDArray[np.int_]) -> coal.Convex:
+    """A coal polytope from vertices (m, 3) and outward triangles (t, 3)."""
+    points, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+    for vertex in vertices:
+        points.append(vertex)
+    for triangle in triangles:
+        faces.append(coal.Triangle(*(int(i) for i in triangle)))
+    return coal.Convex(points, faces)
+
+
+def _arm_joint(model: pin.Model, joint_ids: list[int], joint: int) -> int:
+    """Index of the last arm joint that moves what hangs on `joint`, or -1."""
+    while joint != 0 and joint not in joint_ids:
+        joint = model.parents[joint]
+    return joint_ids.index(joint) if joint != 0 else -1
+
+
+@functools.lru_cache(maxsize=_REMEMBERED)
+def _flat_arm(
+    robot: Robot,
+    arm: Arm,
+    grasp: int,
+    body: Body | None,
+    q_zero: bytes,
+    placed: bool,
+    excess: float,
+    clear: float,
+) -> FlatArm:
+    """An arm laid out; remembered, as it is the same from start to start of a robot at rest.
+
+    Args:
+        q_zero: (nq,) joints of the whole robot, the arm's at zero.
+        placed: whether the object stands at the world's origin instead of being held.
+        excess, clear: as for `flatten`.
+    """
+    q = np.frombuffer(q_zero)
+    model, data = robot.model, robot.model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    joint_ids = [model.getJointId(name) for name in arm.joints]
+    bodies = _links(robot, data, joint_ids)
+    pairs = _pairs(robot, [link.name for link in bodies])
+    if body is not None:
+        tip = robot.frame_id(arm.tip_frame)
+        others = [link for link in bodies if link.name not in arm.touch_links]
+        if placed:
+            thing = CollisionBody(PLACED_OBJECT, -1, _object_parts(body, pin.SE3.Identity()))
+        else:
+            tip_joint = _arm_joint(model, joint_ids, model.frames[tip].parentJoint)
+            parts = _object_parts(body, data.oMf[tip] * arm.grasps[grasp])
+            thing = CollisionBody(HELD_OBJECT, tip_joint, parts)
+            _check_grasp(arm, grasp, thing, others)
+        pairs += [(link.name, thing.name) for link in others]
+        bodies.append(thing)
+    held = HELD_OBJECT if body is not None and not placed else None
+    return flatten(Chain.from_robot(robot, arm, q), bodies, held, pairs, excess, clear)
+
+
+@functools.lru_cache(maxsize=8)
+def _link_shapes(robot: Robot) -> tuple[Shape, ...]:
+    """The shape of each of the robot's geometries."""
+    return tuple(
+        shape_of(thing.geometry, f"link {link}")
+        for link, thing in zip(robot.geometry_links, robot.geometry.geometryObjects, strict=True)
+    )
+
+
+def _links(robot: Robot, data: pin.Data, joint_ids: list[int]) -> list[CollisionBody]:
+    parts: dict[str, list[Part]] = {}
+    joints: dict[str, int] = {}
+    rigid: dict[str, bool] = {}
+    mount = robot.model.parents[joint_ids[0]]
+    for link, thing, shape in zip(
+        robot.geometry_links, robot.geometry.geometryObjects, _link_shapes(robot), strict=True
+    ):
+        joints[link] = _arm_joint(robot.model, joint_ids, thing.parentJoint)
+        rigid[link] = thing.parentJoint in (mount, *joint_ids)
+        T = data.oMi[thing.parentJoint] * thing.placement
+        parts.setdefault(link, []).append(Part(shape, thing.geometry, T))
+    return [CollisionBody(link, joints[link], tuple(parts[link]), rigid[link]) for link in parts]
+
+
+def _pairs(robot: Robot, links: list[str]) -> list[tuple[str, str]]:
+    return [
+        (a, b)
+        for i, a in enumerate(links)
+        for b in links[i + 1 :]
+        if (min(a, b), max(a, b)) not in robot.allowed_pairs
+    ]
+
+
+def _object_parts(body: Body, T_world_object: pin.SE3) -> tuple[Part, ...]:
+    return tuple(Part(*solid, T_world_object) for solid in _object_solids(body))
+
+
+@functools.lru_cache(maxsize=4)
+def _object_solids(body: Body) -> tuple[tuple[Shape, coal.CollisionGeometry], ...]:
+    return tuple(
+        (Shape((part_set(part),), solid=True), coal_convex(part.vertices, part.triangles))
+        for part in body.parts
+    )
+
+
+def _check_grasp(arm: Arm, grasp: int, thing: CollisionBody, links: list[CollisionBody]) -> None:
+    for link in links:
+        if link.joint == thing.joint and any(
+            meets(a.geometry, _coal(a.T_world_part), b.geometry, _coal(b.T_world_part), 0.0)
+            for a, b in _products(thing, link)
+        ):
+            raise GraspError(
+                f"{arm.name}.grasps[{grasp}]",
+                arm.grasps[grasp].homogeneous.round(4).tolist(),
+                f"the object lies in {link.name}; move the grasp, or list the link in touch_links",
+            )
+
+
+def _products(a: CollisionBody, b: CollisionBody) -> Iterator[tuple[Part, Part]]:
+    return ((p, q) for p in a.parts for q in b.parts)
+
+
+def _se3(frame: Array) -> pin.SE3:
+    return pin.SE3(frame[:3, :3], frame[:3, 3])
+
+
+def _coal(T: pin.SE3) -> coal.Transform3s:
+    return coal.Transform3s(T.rotation, T.translation)

@@ -1,0 +1,426 @@
+"""One arm, its hand, the object it holds and the rest of the robot as flat arrays for the kernels.
+
+Bodies are links (and the held object). The moving ones come first; all else is fixed in the world.
+Each body belongs to the last arm joint above it, or to none; its geometry is given in that joint's
+frame, turned so that the joint's axis is z.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import coal
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from placement_planner_ros.core.collision.pair_tables import (
+    PairTables,
+    TableLink,
+    TablePair,
+    can_be_tabled,
+    pair_tables,
+)
+from placement_planner_ros.core.collision.shapes import Shape
+from placement_planner_ros.core.collision.spheres import SphereTree, bounding_sphere, sphere_tree
+from placement_planner_ros.core.reach.kinematics import Chain
+from placement_planner_ros.core.types import Array
+
+Indices = npt.NDArray[np.int64]
+
+
+BODY_JOINT, BODY_FIRST_PART = 0, 1
+PART_FIRST_NODE, PART_FIRST_SET, PART_SOLID = 0, 1, 2
+NODE_SKIP, NODE_FIRST, NODE_LAST = 0, 1, 2
+SET_FIRST_VERTEX, SET_FIRST_PLANE, SET_JOINT, SET_EXACT = 0, 1, 2, 3
+PAIR_INNER, PAIR_OUTER, PAIR_SLOT, PAIR_OUTWARD, PAIR_TABLE = 0, 1, 2, 3, 4
+"""Columns of the tables of `ArmArrays`."""
+
+
+class ArmArrays(NamedTuple):
+    """What the kernels read: n joints, b bodies, p parts, k spheres, s sets, c pairs.
+
+    A range belonging to row i of a table runs from its `FIRST` column to that of row i + 1. Spheres
+    are centre and radius. Joint n + 1 stands for the world.
+    """
+
+    fixed: Array
+    """(n + 1, 4, 4) and `prismatic` (n,): of `kinematics.Chain`."""
+    prismatic: npt.NDArray[np.bool_]
+    moving: int
+    """How many of the bodies, the first, the arm moves."""
+    held: int
+    """The held object's body, -1 without one."""
+    bodies: Indices
+    """(b + 1, 2) joint, first part."""
+    body_spheres: Array
+    """(b, 4) bounding spheres in the joint's frame."""
+    parts: Indices
+    """(p + 1, 3) first node, first set, whether one solid set (1) or a surface of many (0)."""
+    part_spheres: Array
+    """(p, 4)."""
+    nodes: Indices
+    """(k, 3) next node not below, range of sets of a leaf (-1 above leaves)."""
+    node_spheres: Array
+    """(k, 4)."""
+    node_inner: Array
+    """(k,) radius of a ball around the sphere's centre that the part holds, -inf without one."""
+    sets: Indices
+    """(s + 1, 4) first vertex, first plane, joint, whether exact."""
+    radius: Array
+    """(s,) that each set is dilated by."""
+    vertices: Array
+    planes: Array
+    """(f, 4) normal and offset."""
+    pairs: Indices
+    """(c, 5) inner body, outer body, first remembered direction, first joint between them, and
+    table, -1 without one."""
+    tables: PairTables
+
+
+class ArmScratch(NamedTuple):
+    """Work space of one checker; not shared between threads."""
+
+    frames: Array
+    """(n + 2, 4, 4) T_world_joint with the axis along z, the tip, the world."""
+    body_spheres: Array
+    """(b, 4) in the world, as all that follow."""
+    part_spheres: Array
+    vertices: Array
+    planes: Array
+    bounds: Array
+    """(s, 6) box around each set, lower then upper."""
+    set_stamp: Indices
+    """(s,) configuration at which a set was last placed in the world; `plane_stamp`: its planes."""
+    plane_stamp: Indices
+    plane: Indices
+    """(s,) the plane of each set that last kept a box away, or -1."""
+    box_stamp: Indices
+    """(m,) visit in which an obstacle was last looked at."""
+    counters: Indices
+    """Configuration, visit, number of undecided pairs."""
+    leaves: Indices
+    """(k,) leaf spheres that the field leaves open; `leaf_bound` (k,): their distance at least."""
+    leaf_bound: Array
+    work: Array
+    direction: Array
+    """(., 6) direction that last kept a pair of parts apart, in the frames of both."""
+    undecided: Indices
+    """(., 3) kind (0 box, 1 set), set, box or set."""
+    hit: Indices
+    """(3,) the like of the collision found, or kind 2 and a sphere whose inner ball meets a box."""
+    bound: Array
+    """(b, n + 1) motion bounds, and `bound_straight` without the deviation."""
+    bound_straight: Array
+    edge: Array
+    """(3, n) q at an interval's middle; how far joints move, without the deviation and with it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """A piece of geometry of a body, in the world with all arm joints at zero."""
+
+    shape: Shape
+    geometry: coal.CollisionGeometry
+    T_world_part: pin.SE3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CollisionBody:
+    """A link or the held object.
+
+    Attributes:
+        name: of the link.
+        joint: index of the last arm joint above it, -1 where none is.
+        parts: its geometry.
+        rigid: whether nothing but the arm's joints moves it against that joint (against the
+            arm's mount where there is none).
+    """
+
+    name: str
+    joint: int
+    parts: tuple[Part, ...]
+    rigid: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FlatArm:
+    """The arrays, and what each of their rows is.
+
+    Attributes:
+        arrays: for the kernels.
+        directions: how many to remember.
+        bodies: in the order of the arrays.
+        set_body, set_part: (s,) body of each set, and its part among the body's.
+        joint_frames: T_world_joint with all joints at zero, axis along z.
+    """
+
+    arrays: ArmArrays
+    directions: int
+    bodies: tuple[CollisionBody, ...]
+    set_body: Indices
+    set_part: Indices
+    joint_frames: tuple[pin.SE3, ...]
+
+
+def flatten(
+    chain: Chain,
+    bodies: Iterable[CollisionBody],
+    held: str | None,
+    pairs: Iterable[tuple[str, str]],
+    excess: float,
+    clear: float,
+) -> FlatArm:
+    """Lay out an arm.
+
+    Args:
+        chain: the arm's joints.
+        bodies: all, in any order.
+        held: name of the held object's body.
+        pairs: names of bodies to keep apart; pairs that cannot move to each other are dropped.
+        excess: how far the finest covering spheres may stick out, metres.
+        clear: what tables of pairs certify, metres.
+    """
+    joint_frames = [pin.SE3(T) for T in itertools.accumulate(chain.fixed[:-1], np.matmul)]
+    # The outer and the larger collide most often.
+    ordered = sorted(
+        bodies, key=lambda b: (b.joint < 0, b.name != held, -b.joint, -_extent(b), b.name)
+    )
+    number = {body.name: i for i, body in enumerate(ordered)}
+    trees: list[SphereTree] = []
+    flat = _Rows()
+    for i, body in enumerate(ordered):
+        T_joint_world = (
+            joint_frames[body.joint].inverse() if body.joint >= 0 else pin.SE3.Identity()
+        )
+        for j, part in enumerate(body.parts):
+            tree = sphere_tree(part.shape, excess if body.joint >= 0 else 10 * excess)
+            trees.append(tree)
+            flat.add(tree, part.shape.solid, T_joint_world * part.T_world_part, i, j)
+        flat.end_body()
+    between = []
+    for a, b in pairs:
+        first, second = number[a], number[b]
+        if ordered[first].joint > ordered[second].joint:
+            first, second = second, first
+        if ordered[first].joint != ordered[second].joint:
+            between.append((first, second))
+    # Outer links first: they collide most often.
+    between.sort(key=lambda p: (-ordered[p[1]].joint, ordered[p[0]].joint))
+    parts = np.diff(flat.first_part)
+    sizes = [int(parts[a] * parts[b]) for a, b in between]
+    world = chain.dof + 1
+    rows, tables = _tables(chain, ordered, joint_frames, between, clear)
+    arrays = ArmArrays(
+        fixed=np.array(chain.fixed),
+        prismatic=np.array(chain.prismatic),
+        moving=sum(body.joint >= 0 for body in ordered),
+        held=number[held] if held is not None else -1,
+        pairs=np.array(
+            [
+                (a, b, slot, ordered[a].joint + 1, row)
+                for (a, b), slot, row in zip(
+                    between, itertools.accumulate(sizes, initial=0), rows, strict=False
+                )
+            ],
+            dtype=np.int64,
+        ).reshape(-1, 5),
+        tables=tables,
+        **flat.arrays([body.joint if body.joint >= 0 else world for body in ordered]),
+    )
+    return FlatArm(
+        arrays,
+        sum(sizes),
+        tuple(ordered),
+        np.array(flat.set_body, dtype=np.int64),
+        np.array(flat.set_part, dtype=np.int64),
+        tuple(joint_frames),
+    )
+
+
+def _extent(body: CollisionBody) -> float:
+    """Metres along the three axes of the body's parts, added up."""
+    corners = np.vstack(
+        [
+            convex.vertices @ part.T_world_part.rotation.T + part.T_world_part.translation
+            for part in body.parts
+            for convex in part.shape.sets
+        ]
+    )
+    return float(np.ptp(corners, axis=0).sum())
+
+
+def _tables(
+    chain: Chain,
+    bodies: list[CollisionBody],
+    joint_frames: list[pin.SE3],
+    pairs: list[tuple[int, int]],
+    clear: float,
+) -> tuple[list[int], PairTables]:
+    """Table of each pair, -1 where it has none, and the tables."""
+    tabled: list[TablePair] = []
+    rows = []
+    for a, b in pairs:
+        inner, outer = bodies[a], bodies[b]
+        joints = slice(inner.joint + 1, outer.joint + 1)
+        lower, upper = chain.lower[joints], chain.upper[joints]
+        if (
+            len(lower) == 2
+            and inner.rigid
+            and outer.rigid
+            and not chain.prismatic[joints].any()
+            and all(part.shape.solid for part in inner.parts + outer.parts)
+            and can_be_tabled(lower, upper)
+        ):
+            tabled.append(
+                TablePair(
+                    _table_link(inner, joint_frames),
+                    _table_link(outer, joint_frames),
+                    chain.fixed[joints].tobytes(),
+                    tuple(lower.tolist()),
+                    tuple(upper.tolist()),
+                )
+            )
+            rows.append(len(tabled) - 1)
+        else:
+            rows.append(-1)
+    return rows, pair_tables(tuple(tabled), clear)
+
+
+def _table_link(body: CollisionBody, joint_frames: list[pin.SE3]) -> TableLink:
+    parts = []
+    for part in body.parts:
+        T = part.T_world_part
+        if body.joint >= 0:
+            T = joint_frames[body.joint].inverse() * T
+        only = part.shape.sets[0]
+        parts.append((only.vertices @ T.rotation.T + T.translation, only.radius))
+    return TableLink.of(parts)
+
+
+def with_own_object(flat: FlatArm, name: str, T_world_object: pin.SE3) -> FlatArm:
+    """The same arm with that body at T_world_object, in arrays that may be written to.
+
+    Only its `T_world_part` is set: `placed_object.PlacedObject` moves the rows.
+    """
+    arrays = flat.arrays
+    own = arrays._replace(
+        vertices=arrays.vertices.copy(),
+        planes=arrays.planes.copy(),
+        node_spheres=arrays.node_spheres.copy(),
+        part_spheres=arrays.part_spheres.copy(),
+        body_spheres=arrays.body_spheres.copy(),
+    )
+    bodies = tuple(
+        replace(body, parts=tuple(replace(p, T_world_part=T_world_object) for p in body.parts))
+        if body.name == name
+        else body
+        for body in flat.bodies
+    )
+    return replace(flat, arrays=own, bodies=bodies)
+
+
+def scratch_for(flat: FlatArm, boxes: int) -> ArmScratch:
+    """Work space for `flat` against `boxes` obstacles; fixed bodies are placed for good."""
+    a = flat.arrays
+    joints, sets = len(a.prismatic), len(a.radius)
+    frames = np.zeros((joints + 2, 4, 4))
+    frames[-1] = np.eye(4)
+    bounds = np.zeros((sets, 6))
+    first = a.sets[:-1, SET_FIRST_VERTEX]
+    bounds[:, :3] = np.minimum.reduceat(a.vertices, first) - a.radius[:, None]
+    bounds[:, 3:] = np.maximum.reduceat(a.vertices, first) + a.radius[:, None]
+    fixed = a.sets[:-1, SET_JOINT] == joints + 1
+    return ArmScratch(
+        frames=frames,
+        body_spheres=a.body_spheres.copy(),
+        part_spheres=a.part_spheres.copy(),
+        vertices=a.vertices.copy(),
+        planes=a.planes.copy(),
+        bounds=bounds,
+        set_stamp=np.where(fixed, np.iinfo(np.int64).max, 0),
+        plane_stamp=np.where(fixed, np.iinfo(np.int64).max, 0),
+        plane=np.full(sets, -1, dtype=np.int64),
+        box_stamp=np.zeros(boxes, dtype=np.int64),
+        counters=np.zeros(3, dtype=np.int64),
+        leaves=np.zeros(len(a.nodes), dtype=np.int64),
+        leaf_bound=np.zeros(len(a.nodes)),
+        work=np.zeros((6, 4)),
+        direction=np.zeros((flat.directions, 6)),
+        undecided=np.zeros((256, 3), dtype=np.int64),
+        hit=np.zeros(3, dtype=np.int64),
+        bound=np.zeros((a.moving, joints + 1)),
+        bound_straight=np.zeros((a.moving, joints + 1)),
+        edge=np.zeros((3, joints)),
+    )
+
+
+class _Rows:
+    """Rows of the tables as they grow."""
+
+    def __init__(self) -> None:
+        self.first_part = [0]
+        self.parts: list[tuple[int, int, int]] = []
+        self.part_spheres: list[Array] = []
+        self.body_spheres: list[tuple[float, float, float, float]] = []
+        self.nodes: list[Indices] = []
+        self.node_spheres: list[Array] = []
+        self.node_inner: list[Array] = []
+        self.sets: list[tuple[int, int, int, int]] = []
+        self.set_body: list[int] = []
+        self.set_part: list[int] = []
+        self.radius: list[float] = []
+        self.vertices: list[Array] = []
+        self.planes: list[Array] = []
+        self.ends = np.zeros(4, dtype=np.int64)
+        """Nodes, sets, vertices, planes so far."""
+
+    def add(self, tree: SphereTree, solid: bool, T: pin.SE3, body: int, part: int) -> None:
+        nodes, sets, _, _ = self.ends.tolist()
+        spheres = np.column_stack([tree.centers @ T.rotation.T + T.translation, tree.radii])
+        below = np.column_stack([tree.first, tree.last])
+        below[tree.first >= 0] += sets
+        self.parts.append((nodes, sets, int(solid)))
+        self.part_spheres.append(spheres[0])
+        self.nodes.append(np.column_stack([tree.skip + nodes, below]))
+        self.node_spheres.append(spheres)
+        self.node_inner.append(tree.inner)
+        for convex in tree.sets:
+            self.sets.append((int(self.ends[2]), int(self.ends[3]), body, int(convex.exact)))
+            normals = convex.normals @ T.rotation.T
+            self.vertices.append(convex.vertices @ T.rotation.T + T.translation)
+            self.planes.append(np.column_stack([normals, convex.offsets + normals @ T.translation]))
+            self.radius.append(convex.radius)
+            self.set_body.append(body)
+            self.set_part.append(part)
+            self.ends += (0, 1, len(convex.vertices), len(convex.offsets))
+        self.ends[0] += len(spheres)
+
+    def end_body(self) -> None:
+        first = self.parts[self.first_part[-1]][1]
+        self.first_part.append(len(self.parts))
+        corners = np.ascontiguousarray(np.vstack(self.vertices[first:]))
+        center, radius = bounding_sphere(corners)
+        radius += max(self.radius[first:]) + 1e-9
+        self.body_spheres.append((*center.tolist(), radius))
+
+    def arrays(self, joints: list[int]) -> dict[str, Any]:
+        """The tables, given the joint of each body."""
+        nodes, sets, vertices, planes = self.ends.tolist()
+        rows = [(*ends, joints[body], exact) for *ends, body, exact in self.sets]
+        return {
+            "bodies": np.column_stack([[*joints, 0], self.first_part]).astype(np.int64),
+            "body_spheres": np.array(self.body_spheres),
+            "parts": np.array([*self.parts, (nodes, sets, 0)], dtype=np.int64),
+            "part_spheres": np.array(self.part_spheres),
+            "nodes": np.vstack(self.nodes),
+            "node_spheres": np.vstack(self.node_spheres),
+            "node_inner": np.concatenate(self.node_inner),
+            "sets": np.array([*rows, (vertices, planes, 0, 0)], dtype=np.int64),
+            "radius": np.array(self.radius),
+            "vertices": np.vstack(self.vertices),
+            "planes": np.vstack(self.planes),
+        }

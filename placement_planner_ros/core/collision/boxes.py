@@ -1,0 +1,86 @@
+"""The obstacle set in the form the collision kernels read, made once per set."""
+
+from __future__ import annotations
+
+import weakref
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from placement_planner_ros.core.collision.against_boxes import BoxArrays
+from placement_planner_ros.core.scene.distance_bound import distance_bound_field
+from placement_planner_ros.core.scene.grid import ObstacleSet
+from placement_planner_ros.core.types import Array
+
+_T = TypeVar("_T", bound=np.generic)
+
+_CAP = 0.3
+_made: dict[tuple[int, int], tuple[BoxArrays, Array]] = {}
+
+
+def box_arrays(obstacles: ObstacleSet) -> BoxArrays:
+    """Boxes, index and field of distance bounds of an obstacle set; remembered while it lives.
+
+    `obstacles.cells`, which the result does not hold, stands for the life of the set.
+    """
+    key = id(obstacles.cells), id(obstacles.lower)
+    if key not in _made:
+        _made[key] = _make(obstacles), obstacles.lower
+        weakref.finalize(obstacles.cells, _made.pop, key, None)
+    return _made[key][0]
+
+
+def _make(obstacles: ObstacleSet) -> BoxArrays:
+    number = len(obstacles.lower)
+    grid = np.array([*obstacles.origin, obstacles.cell_size])
+    if not number:
+        return BoxArrays(
+            number=0,
+            columns=_shared(np.zeros((1, 2), dtype=np.int32)),
+            layers=_shared(np.zeros(0, dtype=np.int32)),
+            corners=np.zeros((0, 6)),
+            grid=grid,
+            field_grid=np.zeros(16),
+            field=_shared(np.zeros((1, 1, 1, 64), dtype=np.uint8)),
+        )
+    corners = np.hstack([obstacles.lower, obstacles.upper])
+    field = distance_bound_field(obstacles, _CAP)
+    return BoxArrays(
+        number=number,
+        columns=_shared(_columns(obstacles)),
+        layers=_shared(obstacles.cells[:, 2]),
+        corners=corners,
+        grid=grid,
+        field_grid=np.array(
+            [
+                *field.origin,
+                field.cell_size,
+                *corners[:, :3].min(axis=0),
+                *corners[:, 3:].max(axis=0),
+                *field.shape,
+                field.step,
+                field.exact,
+                1.0 / field.cell_size,
+            ]
+        ),
+        field=_shared(field.levels),
+    )
+
+
+def _columns(obstacles: ObstacleSet) -> npt.NDArray[np.int32]:
+    """First box of each column of cells, as `BoxArrays.columns`: boxes are in the cells' order."""
+    nx, ny, _ = obstacles.shape
+    column = obstacles.cells[:, 0].astype(np.int64) * ny + obstacles.cells[:, 1]
+    ends = np.cumsum(np.bincount(column, minlength=nx * ny)).reshape(nx, ny)
+    columns = np.zeros((nx, ny + 1), dtype=np.int32)
+    columns[:, 1:] = ends
+    columns[1:, 0] = ends[:-1, -1]
+    return columns
+
+
+def _shared(array: npt.NDArray[_T]) -> npt.NDArray[_T]:
+    """A read-only view: the kernels are compiled for arrays of one kind."""
+    view = np.ascontiguousarray(array).view()
+    view.setflags(write=False)
+    return view

@@ -1,0 +1,288 @@
+"""Distance between convex sets, bounded from both sides with proof.
+
+The minimum-norm point of A ⊖ B is found by Wolfe's algorithm (P. Wolfe, Finding the nearest point
+in a polytope, 1976), which on the support function is Gilbert-Johnson-Keerthi with a general
+sub-algorithm. Every iterate v lies in A ⊖ B, so |v| bounds the distance from above; every support
+w in direction v bounds it from below by v·w/|v|. Answers rest on these two bounds alone, so a
+numerical failure inside can cost an answer (`UNDECIDED`) but never make it wrong.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from placement_planner_ros.core.kernels import kernel
+from placement_planner_ros.core.types import Array
+
+FREE = 0
+COLLIDING = 1
+UNDECIDED = 2
+_OPEN = -1
+
+TOLERANCE = 1e-6
+"""Metres by which a bound must pass its threshold to decide."""
+
+_ITERATIONS = 40
+
+
+@kernel(lean=True)
+def minimum_norm_point(simplex: Array, weights: Array, count: int) -> int:
+    """Reduce a simplex of `count` ≤ 4 points to the face that holds its point next to the origin.
+
+    `simplex` (4, 3) and `weights` (4,) are changed in place; the point is weights @ simplex.
+
+    Returns:
+        The number of points left, or -1 where the simplex is degenerate.
+    """
+    alpha = weights[4:8]
+    for _ in range(6):
+        if count == 1:
+            weights[0] = 1.0
+            return 1
+        # Affine minimiser: G beta = -E^T s_0 with E the edges from s_0.
+        ax = simplex[1, 0] - simplex[0, 0]
+        ay = simplex[1, 1] - simplex[0, 1]
+        az = simplex[1, 2] - simplex[0, 2]
+        sx = simplex[0, 0]
+        sy = simplex[0, 1]
+        sz = simplex[0, 2]
+        aa = ax * ax + ay * ay + az * az
+        ra = -(ax * sx + ay * sy + az * sz)
+        if count == 2:
+            if aa <= 1e-30:
+                return -1
+            alpha[1] = ra / aa
+            alpha[0] = 1.0 - alpha[1]
+        else:
+            bx = simplex[2, 0] - sx
+            by = simplex[2, 1] - sy
+            bz = simplex[2, 2] - sz
+            bb = bx * bx + by * by + bz * bz
+            ab = ax * bx + ay * by + az * bz
+            rb = -(bx * sx + by * sy + bz * sz)
+            if count == 3:
+                det = aa * bb - ab * ab
+                if det <= 1e-14 * aa * bb:
+                    return -1
+                alpha[1] = (ra * bb - rb * ab) / det
+                alpha[2] = (rb * aa - ra * ab) / det
+                alpha[0] = 1.0 - alpha[1] - alpha[2]
+            else:
+                cx = simplex[3, 0] - sx
+                cy = simplex[3, 1] - sy
+                cz = simplex[3, 2] - sz
+                # Four points: the affine hull is all of space and holds the origin itself.
+                nx = by * cz - bz * cy
+                ny = bz * cx - bx * cz
+                nz = bx * cy - by * cx
+                det = ax * nx + ay * ny + az * nz
+                cc = cx * cx + cy * cy + cz * cz
+                if det * det <= 1e-20 * aa * bb * cc:
+                    return -1
+                alpha[1] = -(sx * nx + sy * ny + sz * nz) / det
+                alpha[2] = (
+                    -(
+                        sx * (cy * az - cz * ay)
+                        + sy * (cz * ax - cx * az)
+                        + sz * (cx * ay - cy * ax)
+                    )
+                    / det
+                )
+                alpha[3] = (
+                    -(
+                        sx * (ay * bz - az * by)
+                        + sy * (az * bx - ax * bz)
+                        + sz * (ax * by - ay * bx)
+                    )
+                    / det
+                )
+                alpha[0] = 1.0 - alpha[1] - alpha[2] - alpha[3]
+        inside = True
+        theta = 1.0
+        for i in range(count):
+            if alpha[i] <= 0.0:
+                inside = False
+                step = weights[i] - alpha[i]
+                theta = min(theta, weights[i] / step) if step > 0.0 else 0.0
+        if inside:
+            for i in range(count):
+                weights[i] = alpha[i]
+            return count
+        kept = 0
+        total = 0.0
+        dropped = False
+        for i in range(count):
+            value = (1.0 - theta) * weights[i] + theta * alpha[i]
+            if value <= 1e-14 and alpha[i] <= 0.0:
+                dropped = True
+                continue
+            weights[kept] = max(value, 0.0)
+            total += weights[kept]
+            for j in range(3):
+                simplex[kept, j] = simplex[i, j]
+            kept += 1
+        if not dropped or kept == 0 or total <= 0.0:
+            return -1
+        for i in range(kept):
+            weights[i] /= total
+        count = kept
+    return -1
+
+
+@kernel(lean=True)
+def _advance(
+    simplex: Array,
+    weights: Array,
+    count: int,
+    v: tuple[float, float, float],
+    w: tuple[float, float, float],
+    norm: float,
+    bounds: tuple[float, float],
+    free_at: float,
+    hit_below: float,
+) -> tuple[int, int, tuple[float, float, float], tuple[float, float]]:
+    """One step of Wolfe's algorithm from v with its support w, both in A ⊖ B.
+
+    Returns:
+        the answer or `_OPEN`, the size of the simplex, the next v, lower and upper bound so far.
+    """
+    lower, upper = bounds
+    bound = (v[0] * w[0] + v[1] * w[1] + v[2] * w[2]) / norm
+    if bound >= free_at:
+        return FREE, count, v, bounds
+    lower = max(lower, bound)
+    if upper - bound < 1e-9 or count == 4:
+        return UNDECIDED, count, v, bounds
+    if upper < free_at < np.inf and lower >= hit_below:
+        return UNDECIDED, count, v, bounds
+    simplex[count, 0], simplex[count, 1], simplex[count, 2] = w
+    weights[count] = 0.0 if count > 0 else 1.0
+    count = minimum_norm_point(simplex, weights, count + 1)
+    if count < 0:
+        return UNDECIDED, count, v, bounds
+    x = y = z = 0.0
+    for i in range(count):
+        x += weights[i] * simplex[i, 0]
+        y += weights[i] * simplex[i, 1]
+        z += weights[i] * simplex[i, 2]
+    upper = np.sqrt(x * x + y * y + z * z)
+    if upper < hit_below:
+        return COLLIDING, count, (x, y, z), (lower, upper)
+    return _OPEN, count, (x, y, z), (lower, upper)
+
+
+@kernel(lean=True)
+def separate_box(
+    vertices: Array,
+    first: int,
+    last: int,
+    corners: Array,
+    box: int,
+    free_at: float,
+    hit_below: float,
+    work: Array,
+) -> int:
+    """Whether the hull of vertices[first:last] and an axis-aligned box keep their distance.
+
+    Args:
+        vertices: (n, 3) world.
+        corners: (m, 6) lower and upper corners; the box is row `box`.
+        free_at, hit_below: FREE for certain from the one on, COLLIDING for certain below the other,
+            UNDECIDED in between.
+        work: (6, 4) work space; work[5, :3] is the start, from box to hull, of any length.
+    """
+    simplex = work[:3].reshape(4, 3)
+    weights = work[3:5].reshape(8)
+    free_at += TOLERANCE
+    hit_below = max(hit_below - TOLERANCE, 1e-9)
+    v = (work[5, 0], work[5, 1], work[5, 2])
+    bounds = (-np.inf, np.inf)
+    count = 0
+    for _ in range(_ITERATIONS):
+        x, y, z = v
+        norm = np.sqrt(x * x + y * y + z * z)
+        if norm < 1e-12:
+            if count > 0:
+                return COLLIDING
+            v = (1.0, y, z)
+            x, norm = 1.0, 1.0
+        best = first
+        value = np.inf
+        for i in range(first, last):
+            dot = vertices[i, 0] * x + vertices[i, 1] * y + vertices[i, 2] * z
+            if dot < value:
+                value = dot
+                best = i
+        w = (
+            vertices[best, 0] - corners[box, 3 if x > 0 else 0],
+            vertices[best, 1] - corners[box, 4 if y > 0 else 1],
+            vertices[best, 2] - corners[box, 5 if z > 0 else 2],
+        )
+        answer, count, v, bounds = _advance(
+            simplex, weights, count, v, w, norm, bounds, free_at, hit_below
+        )
+        if answer != _OPEN:
+            return answer
+    return UNDECIDED
+
+
+@kernel(lean=True)
+def separate_hulls(
+    vertices: Array,
+    first_a: int,
+    last_a: int,
+    first_b: int,
+    last_b: int,
+    free_at: float,
+    hit_below: float,
+    work: Array,
+) -> int:
+    """`separate_box` for the hulls a and b of two ranges of `vertices`.
+
+    Args:
+        free_at: may be infinite, to find the direction in which a and b are furthest apart.
+        work: (6, 4) work space; work[5, :3] is the start, from b to a, of any length, and after
+            FREE a direction in which a and b are apart.
+    """
+    simplex = work[:3].reshape(4, 3)
+    weights = work[3:5].reshape(8)
+    free_at += TOLERANCE
+    hit_below = max(hit_below - TOLERANCE, 1e-9)
+    v = (work[5, 0], work[5, 1], work[5, 2])
+    bounds = (-np.inf, np.inf)
+    count = 0
+    answer = _OPEN
+    for _ in range(_ITERATIONS):
+        x, y, z = v
+        norm = np.sqrt(x * x + y * y + z * z)
+        if norm < 1e-12:
+            if count > 0:
+                return COLLIDING
+            v = (1.0, y, z)
+            x, norm = 1.0, 1.0
+        a = first_a
+        value = np.inf
+        for i in range(first_a, last_a):
+            dot = vertices[i, 0] * x + vertices[i, 1] * y + vertices[i, 2] * z
+            if dot < value:
+                value = dot
+                a = i
+        b = first_b
+        value = -np.inf
+        for i in range(first_b, last_b):
+            dot = vertices[i, 0] * x + vertices[i, 1] * y + vertices[i, 2] * z
+            if dot > value:
+                value = dot
+                b = i
+        w = (
+            vertices[a, 0] - vertices[b, 0],
+            vertices[a, 1] - vertices[b, 1],
+            vertices[a, 2] - vertices[b, 2],
+        )
+        answer, count, v, bounds = _advance(
+            simplex, weights, count, v, w, norm, bounds, free_at, hit_below
+        )
+        if answer != _OPEN:
+            break
+    work[5, 0], work[5, 1], work[5, 2] = v
+    return UNDECIDED if answer == _OPEN else answer

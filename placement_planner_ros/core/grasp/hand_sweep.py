@@ -1,0 +1,117 @@
+"""The space that a hand sweeps while it opens, as convex geometry of a robot's links."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+from dataclasses import replace
+
+import coal
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+from scipy.spatial import ConvexHull, QhullError
+
+from placement_planner_ros.core.collision.shapes import shape_of
+from placement_planner_ros.core.robot.arm import Arm
+from placement_planner_ros.core.robot.geometry import convex
+from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.core.types import Array
+
+_TURN = 0.05
+"""rad that all revolute gripper joints together turn between two copies of a finger, at most."""
+_STILL = 1e-9
+"""Joint frames as equal as this do not move as the hand opens."""
+_THICKNESS = 1e-4
+"""m that flat geometry is given, which has no hull."""
+
+
+def openings(robot: Robot, arm: Arm, q: Array) -> Array:
+    """(k, nq), k ≥ 2, from q (nq,) to the hand open, all gripper joints at the same pace."""
+    return _stages(robot, q, robot.with_open_hand(q, arm) - q)
+
+
+def _stages(robot: Robot, q: Array, change: Array) -> Array:
+    turned = float(np.abs(change[revolute(robot)]).sum())
+    steps = max(1, int(np.ceil(turned / _TURN)))
+    return np.asarray(q + np.linspace(0.0, 1.0, steps + 1)[:, None] * change)
+
+
+def with_opening_hand(robot: Robot, arm: Arm, q: Array) -> Robot:
+    """The robot, each part of its fingers as large as what it sweeps by opening from q (nq,) on.
+
+    Between two openings that is the hull of both copies, enlarged by as much as the way from one
+    to the other may be curved: exact where fingers slide, and enclosing always.
+    """
+    change = robot.with_open_hand(q, arm) - q
+    hand = np.where(change != 0.0, q, 0.0)
+    return _swept(robot, hand.tobytes(), change.tobytes())
+
+
+@functools.lru_cache(maxsize=8)
+def _swept(robot: Robot, hand_bytes: bytes, change_bytes: bytes) -> Robot:
+    """`with_opening_hand` from q (nq,) on by that change (nq,)."""
+    stages = _stages(robot, np.frombuffer(hand_bytes), np.frombuffer(change_bytes))
+    change = np.abs(stages[1] - stages[0])
+    turning = revolute(robot) & (change > 0.0)
+    turn, slide = float(change[turning].sum()), float(change[~turning].sum())
+    frames = [_joint_frames(robot, stage) for stage in stages]
+    swept = pin.GeometryModel()
+    links: list[str] = []
+    for link, thing in zip(robot.geometry_links, robot.geometry.geometryObjects, strict=True):
+        joint = thing.parentJoint
+        if all(frame[joint].isApprox(frames[0][joint], _STILL) for frame in frames):
+            swept.addGeometryObject(pin.GeometryObject(thing))
+            links.append(link)
+            continue
+        local = _solid_vertices(thing.geometry, link)
+        copies = [_act(frame[joint] * thing.placement, local) for frame in frames]
+        axes = np.array([[T.translation for T in frame[1:]] for frame in frames])[:, turning]
+        away = [
+            np.linalg.norm(copy[:, None] - axis, axis=2).max(initial=0.0)
+            for copy, axis in zip(copies, axes, strict=True)
+        ]
+        # With W and V the turns and slides of a step, a point R from every axis stays within
+        # (2 W² R + 2 W V) / 8 of the chord; within the step R grows by less than W R + V.
+        reach = max(away) * (1.0 + turn) + slide
+        strays = 0.25 * turn * (turn * reach + slide)
+        for k, (before, after) in enumerate(itertools.pairwise(copies)):
+            hull = convex(ConvexHull(np.vstack([before, after])))
+            hull.setSweptSphereRadius(strays)
+            swept.addGeometryObject(
+                pin.GeometryObject(
+                    f"{thing.name}_{k}", joint, thing.parentFrame, frames[0][joint].inverse(), hull
+                )
+            )
+            links.append(link)
+    return replace(robot, geometry=swept, geometry_links=tuple(links))
+
+
+def revolute(robot: Robot) -> npt.NDArray[np.bool_]:
+    """(nq,) which coordinates are angles."""
+    return np.array([not j.shortname().startswith("JointModelP") for j in robot.model.joints[1:]])
+
+
+def _joint_frames(robot: Robot, q: Array) -> list[pin.SE3]:
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, q)
+    return [pin.SE3(T) for T in data.oMi]
+
+
+def _act(T: pin.SE3, points: Array) -> Array:
+    return np.asarray(points @ T.rotation.T + T.translation)
+
+
+def _solid_vertices(geometry: coal.CollisionGeometry, link: str) -> Array:
+    """(m, 3) vertices of a solid that contains the geometry: its hull, or a box where it is round
+    or flat."""
+    sets = shape_of(geometry, f"link {link}").sets
+    vertices = np.vstack([s.vertices for s in sets])
+    radius = max(s.radius for s in sets)
+    if radius == 0.0:
+        try:
+            return np.asarray(vertices[ConvexHull(vertices).vertices])
+        except QhullError:
+            radius = _THICKNESS
+    corners = np.array([vertices.min(axis=0) - radius, vertices.max(axis=0) + radius])
+    return np.array(list(itertools.product(*corners.T)))

@@ -1,0 +1,260 @@
+"""Reaching a placement with one arm and one grasp: configurations, approach and retreat."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
+from placement_planner_ros.core.constraints import PoseConstraints
+from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.grasp.hand_opening import check_opening
+from placement_planner_ros.core.grasp.open_hand import OpenHand
+from placement_planner_ros.core.reach.ik import IKSettings, InverseKinematics
+from placement_planner_ros.core.reach.kinematics import Chain
+from placement_planner_ros.core.reach.seeds import SeedTable
+from placement_planner_ros.core.robot.model import Arm, Robot
+from placement_planner_ros.core.scene.grid import ObstacleSet
+from placement_planner_ros.core.types import Array, TargetVolume, Verdict
+
+_FIRST_SEEDS = 16
+"""Starts of the inverse kinematics beside q_0 that are tried before the others."""
+_HAND_SLACK = 1e-4
+"""m, more than what inverse kinematics leaves open moves any point of a hand."""
+_HAND_LENGTH = 0.3
+"""m, how far a hand is taken to extend beyond its tip frame in `workspace`."""
+
+
+@dataclass(frozen=True, slots=True)
+class ApproachSettings:
+    """The straight way down onto the support.
+
+    Attributes:
+        approach_distance: height of the raised pre-placement above contact, metres.
+        approach_minimum: the least height it may shrink to where there is less room, metres.
+        approach_step: distance between joint waypoints, metres.
+    """
+
+    approach_distance: float = 0.05
+    approach_minimum: float = 0.01
+    approach_step: float = 0.01
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.approach_minimum <= self.approach_distance:
+            raise ParameterError(
+                "approach_distance",
+                self.approach_distance,
+                f"must be at least approach_minimum ({self.approach_minimum} m)",
+            )
+        if not self.approach_step > 0.0:
+            raise ParameterError("approach_step", self.approach_step, "must be above zero")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlacingMotion:
+    """What the arm does at a placement, up to timing.
+
+    Attributes:
+        approach: (k, dof) from the raised pre-placement straight down to contact.
+        retreat: (m, dof) from contact straight away with the hand open; None without.
+    """
+
+    approach: Array
+    retreat: Array | None
+
+
+class Holding:
+    """One arm a holding the object in one grasp g, the rest of the robot at rest.
+
+    Attributes:
+        q_start: (dof,) the arm's part of q_0.
+        collision: C_free of this arm with the object in this grasp.
+        open_hand: the same arm once it has let go.
+        require_retreat: whether a placement without release and retreat counts for nothing.
+
+    Raises:
+        GraspError: the object overlaps the arm, or the hand could not let it go.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        arm: Arm,
+        grasp: int,
+        body: Body,
+        obstacles: ObstacleSet,
+        q_robot: Array,
+        collision: CollisionSettings,
+        ik: IKSettings,
+        approach: ApproachSettings,
+        seeds: SeedTable,
+        open_hand: OpenHand,
+        require_retreat: bool,
+    ) -> None:
+        self.arm = arm
+        self.grasp = grasp
+        self.q_start: Array = np.asarray(q_robot[arm.q_index])
+        self.chain = Chain.from_robot(robot, arm, q_robot)
+        self.collision = ArmCollision(robot, arm, grasp, body, obstacles, q_robot, collision)
+        if require_retreat:
+            check_opening(robot, arm, grasp, body, q_robot)
+        self.open_hand = open_hand
+        self.require_retreat = require_retreat
+        self._ik = InverseKinematics(self.chain, ik)
+        self._T_object_tip = arm.grasps[grasp].inverse()
+        self._seeds = seeds
+        self._settings = approach
+        self._reserve = collision.planning_reserve
+        self._vertices = body.vertices
+
+    def tip_pose(self, T_world_object: pin.SE3) -> Array:
+        """(4, 4) T_world_tip that brings the object to that pose."""
+        return np.asarray((T_world_object * self._T_object_tip).homogeneous)
+
+    def object_pose(self, q: Array) -> pin.SE3:
+        """O(q)."""
+        return pin.SE3(self.chain.forward(q)) * self.arm.grasps[self.grasp]
+
+    def configurations(
+        self,
+        T_world_object: pin.SE3,
+        seeds: int,
+        rng: np.random.Generator,
+        hand_first: bool = True,
+    ) -> Array | Verdict:
+        """(k, dof) distinct q with O(q) = x, free at contact, the nearest to q_0 first.
+
+        The first seeds are tried, then the others; where all that they lead to collides, its
+        self-motions are swept.
+
+        Args:
+            seeds: starts of the inverse kinematics beside q_0.
+            hand_first: give up where the hand collides at x, before it is known whether the arm
+                reaches x at all.
+
+        Returns:
+            k >= 1 configurations, or the verdict that names why there are none.
+        """
+        T_world_tip = self.tip_pose(T_world_object)
+        if not self._ik.reachable(T_world_tip):
+            return Verdict.NO_IK
+        if hand_first and self.collision.hand_collides(
+            T_world_tip, _HAND_SLACK, self._reserve, contact=True
+        ):
+            return Verdict.ARM_COLLIDING
+        verdict = Verdict.NO_IK
+        own = self.q_start[None]
+        for count in (min(seeds, _FIRST_SEEDS), seeds - _FIRST_SEEDS):
+            if count < 1:
+                break
+            near = self._seeds.near(T_world_tip[None], count, rng)[0]
+            solutions = self._ik.solve(T_world_tip, np.concatenate([own, near]))
+            own = own[:0]
+            if len(solutions) == 0:
+                continue
+            verdict = Verdict.ARM_COLLIDING
+            free = self._free_at_contact(solutions)
+            if len(free) == 0:
+                free = self._free_at_contact(self._ik.sweep(T_world_tip, solutions))
+            if len(free):
+                return np.asarray(free[np.argsort(np.abs(free - self.q_start).sum(axis=1))])
+        return verdict
+
+    def _free_at_contact(self, Q: Array) -> Array:
+        """Those of Q (n, dof) that are free with the object resting on its support."""
+        return np.asarray(Q[self.collision.free_batch(Q, self._reserve, contact=True)])
+
+    def follow(self, T_world_object: pin.SE3, q: Array) -> Array | None:
+        """The configuration (dof,) continuing from `q` that brings the object to that pose."""
+        tracked = self._ik.track(self.tip_pose(T_world_object)[None], q)
+        return None if tracked is None else np.asarray(tracked[-1])
+
+    def free_at_contact(self, q: Array) -> bool:
+        """q ∈ C_free with the object resting on its support."""
+        return self.collision.free(q, self._reserve, contact=True)
+
+    def transit_free(self, a: Array, b: Array) -> bool:
+        """Whether a whole straight joint motion is free, with what planning keeps in reserve."""
+        return self.collision.edge_free(a, b, reserve=self._reserve)
+
+    def comes_straight_down(self, Q: Array, T_world_object: pin.SE3) -> bool:
+        """Whether at each of Q (n, dof) the object is where the swept object of c_f(x) was.
+
+        It may stray from the vertical line above its placement by what planning keeps in reserve.
+        """
+        T_tip_object = self.arm.grasps[self.grasp].homogeneous
+        T = self.chain.forward_batch(Q) @ T_tip_object
+        placed = self._vertices @ T_world_object.rotation.T + T_world_object.translation
+        moving = self._vertices @ T[:, :3, :3].transpose(0, 2, 1) + T[:, None, :3, 3]
+        strayed = moving - placed
+        height = T[:, 2, 3] - T_world_object.translation[2]
+        strayed[..., 2] -= np.maximum(height, 0.0)[:, None]
+        return bool((np.linalg.norm(strayed, axis=-1) <= self._reserve).all())
+
+    def placing_motion(
+        self, q: Array, T_world_object: pin.SE3, contact_height: float, poses: PoseConstraints
+    ) -> PlacingMotion | Verdict:
+        """Contact, release, approach and retreat at `q` (dof,) with O(q) = x, cheap checks first.
+
+        Returns:
+            The certified motion, or the verdict that names what stood in the way.
+        """
+        if not self.free_at_contact(q):
+            return Verdict.ARM_COLLIDING
+        released = self.open_hand.release_free(q)
+        if self.require_retreat and not released:
+            return Verdict.NO_RELEASE
+        approach = self._approach(q, T_world_object, contact_height, poses)
+        if approach is None:
+            return Verdict.NO_APPROACH
+        retreat = self.open_hand.retreat(q, self.grasp, T_world_object) if released else None
+        if self.require_retreat and retreat is None:
+            return Verdict.NO_RETREAT
+        return PlacingMotion(approach, retreat)
+
+    def _approach(
+        self, q: Array, T_world_object: pin.SE3, contact_height: float, poses: PoseConstraints
+    ) -> Array | None:
+        """(k, dof) the straight way down to `q`, raised pre-placement first, as high as there is
+        room; None where even the least height is blocked."""
+        settings = self._settings
+        steps = max(1, round(settings.approach_distance / settings.approach_step))
+        heights = np.linspace(0.0, settings.approach_distance, steps + 1)[1:]
+        heights = np.unique(np.append(heights, settings.approach_minimum))
+        upward = [q]
+        raised: list[Array] = []
+        for height in heights:
+            above = pin.SE3(T_world_object)
+            above.translation = T_world_object.translation + np.array([0.0, 0.0, height])
+            q_next = self.follow(above, upward[-1])
+            if q_next is None or not poses.free(T_world_object, contact_height, float(height)):
+                break
+            if not self.collision.edge_free(
+                upward[-1], q_next, contact=True, reserve=self._reserve
+            ):
+                break
+            upward.append(q_next)
+            enough = height >= settings.approach_minimum - 1e-9
+            if enough and self.collision.free(q_next, self._reserve):
+                raised = list(upward)
+        return np.array(raised[::-1]) if raised else None
+
+
+def workspace(
+    robot: Robot, arms: tuple[Arm, ...], q_robot: Array, body: Body, volume: TargetVolume
+) -> tuple[Array, Array]:
+    """Box (lower (3,), upper (3,)) that holds V and whatever arm, hand and object can touch."""
+    size = float(np.linalg.norm(np.ptp(body.vertices, axis=0)))
+    lower, upper = volume.lower - size, volume.upper + size
+    for arm in arms:
+        chain = Chain.from_robot(robot, arm, q_robot)
+        lengths = np.linalg.norm(chain.fixed[1:, :3, 3], axis=1).sum()
+        slides = np.abs([chain.lower, chain.upper]).max(axis=0)[chain.prismatic].sum()
+        held = max((float(np.linalg.norm(g.translation)) for g in arm.grasps), default=0.0)
+        radius = lengths + slides + held + size + _HAND_LENGTH
+        base = chain.fixed[0, :3, 3]
+        lower, upper = np.minimum(lower, base - radius), np.maximum(upper, base + radius)
+    return lower, upper

@@ -1,0 +1,201 @@
+"""Release and retreat: the hand opens, then leaves the placed object along a straight line."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+import pinocchio as pin
+
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.collision.arm import (
+    PLACED_OBJECT,
+    ArmCollision,
+    CollisionSettings,
+)
+from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.grasp.hand_sweep import with_opening_hand
+from placement_planner_ros.core.reach.ik import IKSettings, InverseKinematics
+from placement_planner_ros.core.reach.kinematics import Chain
+from placement_planner_ros.core.robot.model import Arm, Robot
+from placement_planner_ros.core.scene.grid import ObstacleSet
+from placement_planner_ros.core.types import Array
+
+_LIMIT = 0.5
+"""m, the longest retreat."""
+_TOUCHING = 1e-3
+"""m; a touch link of the open hand that is closer to the object than this touches it still."""
+_SIDEWAYS = ((0.0, 1.0), (0.0, -1.0), (1.0, 0.0), (-1.0, 0.0))
+
+Direction = tuple[float, float, float]
+EdgeFree = Callable[[Array, Array, Array], bool]
+
+
+@dataclass(frozen=True, slots=True)
+class RetreatSettings:
+    """The straight way of the open hand from the placed object.
+
+    Attributes:
+        retreat_distance: how far it goes at least, metres; it goes on until the hand keeps the
+            collision margin from the object.
+        retreat_step: distance between joint waypoints, metres.
+        tip_directions: tried first, in the tip frame: the grasps' own directions of withdrawal. By
+            default back along z, slanting to each side, then sideways.
+        world_directions: tried next, in the planning frame.
+    """
+
+    retreat_distance: float = 0.1
+    retreat_step: float = 0.01
+    tip_directions: tuple[Direction, ...] = (
+        (0.0, 0.0, -1.0),
+        *((x, y, -1.0) for x, y in _SIDEWAYS),
+        *((x, y, 0.0) for x, y in _SIDEWAYS),
+    )
+    world_directions: tuple[Direction, ...] = ((0.0, 0.0, 1.0),)
+
+    def __post_init__(self) -> None:
+        if not 0.01 <= self.retreat_distance <= _LIMIT:
+            raise ParameterError(
+                "retreat_distance", self.retreat_distance, f"choose from 0.01 to {_LIMIT} m"
+            )
+        if not 0.001 <= self.retreat_step <= 0.1:
+            raise ParameterError("retreat_step", self.retreat_step, "choose from 0.001 to 0.1 m")
+        if not (self.tip_directions or self.world_directions):
+            raise ParameterError("tip_directions", (), "give at least one direction of retreat")
+        for name in ("tip_directions", "world_directions"):
+            for direction in getattr(self, name):
+                length = float(np.linalg.norm(direction))
+                if len(direction) != 3 or not 1e-6 < length < np.inf:
+                    raise ParameterError(name, direction, "give three numbers, not all zero")
+
+
+class OpenHand:
+    """One arm a with its hand open or opening, the object standing where it was placed.
+
+    Shared by the arm's grasps; not to be shared between threads.
+
+    Args:
+        body: the object o.
+        q_robot: (nq,) q_0, the hand closed on the object.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        arm: Arm,
+        body: Body,
+        obstacles: ObstacleSet,
+        q_robot: Array,
+        collision: CollisionSettings,
+        ik: IKSettings,
+        settings: RetreatSettings,
+    ) -> None:
+        q_open = robot.with_open_hand(q_robot, arm)
+        self._settings = settings
+        self._reserve = collision.planning_reserve
+        self._ik = InverseKinematics(Chain.from_robot(robot, arm, q_open), ik)
+        self._opening = ArmCollision(
+            with_opening_hand(robot, arm, q_robot), arm, 0, None, obstacles, q_robot, collision
+        )
+        # Every link is paired with the object, then those pairs are left out that do not count.
+        self._open = ArmCollision(
+            robot,
+            replace(arm, touch_links=()),
+            0,
+            body,
+            obstacles,
+            q_open,
+            collision,
+            pin.SE3.Identity(),
+        )
+        self._parted = self._open.with_pairs(
+            lambda a, b: PLACED_OBJECT in (a, b),
+            replace(collision, self_margin=collision.collision_margin),
+            environment=False,
+        )
+        tip = Chain.from_robot(robot, arm, q_robot).forward(np.zeros(arm.dof))
+        self._leaving = [self._leaving_grasp(arm, pin.SE3(tip) * grasp) for grasp in arm.grasps]
+        self._placed: pin.SE3 | None = None
+        self._directions = [
+            (np.array(direction) / np.linalg.norm(direction), in_tip)
+            for in_tip, directions in (
+                (True, settings.tip_directions),
+                (False, settings.world_directions),
+            )
+            for direction in directions
+        ]
+
+    def release_free(self, q: Array) -> bool:
+        """Whether the fingers, as they open at q (dof,), keep the margins all the way."""
+        return self._opening.free(q, self._reserve)
+
+    def retreat(self, q: Array, grasp: int, T_world_object: pin.SE3) -> Array | None:
+        """(m, dof) certified waypoints straight away from the object, from q on; None without.
+
+        Args:
+            grasp: index into the arm's grasps.
+            T_world_object: x, where the object stands.
+        """
+        self._place(T_world_object)
+        T_world_tip = self._ik.chain.forward(q)
+        for direction, in_tip in self._directions:
+            if in_tip:
+                direction = T_world_tip[:3, :3] @ direction
+            way = self._way(q, grasp, T_world_tip, direction)
+            if way is not None:
+                return way
+        return None
+
+    def edge_free(self, grasp: int, T_world_object: pin.SE3) -> EdgeFree:
+        """(a, b, deviation) -> whether the open hand leaves the object there on that motion."""
+
+        def leaves(a: Array, b: Array, deviation: Array) -> bool:
+            self._place(T_world_object)
+            return self._leaving[grasp].edge_free(a, b, deviation=deviation)
+
+        return leaves
+
+    def _place(self, T_world_object: pin.SE3) -> None:
+        if self._placed is None or self._placed != T_world_object:
+            self._open.place(T_world_object)
+            self._placed = pin.SE3(T_world_object)
+
+    def _way(self, q: Array, grasp: int, T_world_tip: Array, direction: Array) -> Array | None:
+        settings, leaving = self._settings, self._leaving[grasp]
+        steps = max(1, round(settings.retreat_distance / settings.retreat_step))
+        step = settings.retreat_distance / steps
+        way = q[None]
+        while len(way) == 1 or not self._parted.free(way[-1], self._reserve):
+            further = np.arange(len(way), max(steps, len(way)) + 1)
+            if further[-1] * step > _LIMIT + 1e-9:
+                return None
+            poses = np.repeat(T_world_tip[None], len(further), axis=0)
+            poses[:, :3, 3] += (further * step)[:, None] * direction
+            tracked = self._ik.track(poses, way[-1])
+            if tracked is None or not leaving.free_batch(tracked, self._reserve).all():
+                return None
+            ends = np.vstack([way[-1:], tracked])
+            if not all(leaving.edge_free(*e, reserve=self._reserve) for e in pairwise(ends)):
+                return None
+            way = np.vstack([way, tracked])
+        return way
+
+    def _leaving_grasp(self, arm: Arm, T_world_object: pin.SE3) -> ArmCollision:
+        """The arm while it leaves an object held there with all joints at zero.
+
+        Touch links that the open hand still touches it with may slide along it; those that have
+        come off must not meet it again.
+        """
+        self._open.place(T_world_object)
+        near = replace(self._open.settings, self_margin=_TOUCHING)
+
+        def touches(link: str) -> bool:
+            only = self._open.with_pairs(lambda a, b: {a, b} == {link, PLACED_OBJECT}, near, False)
+            return not only.free(np.zeros(arm.dof))
+
+        touching = {link for link in arm.touch_links if touches(link)}
+        return self._open.with_pairs(
+            lambda a, b: PLACED_OBJECT not in (a, b) or not touching & {a, b}
+        )

@@ -1,0 +1,85 @@
+"""How kernels are compiled, and where what was compiled is kept.
+
+Every kernel is cached in a folder named after the state of the file that holds it and of all files
+with kernels, or with named tuples that kernels take, that it imports. Numba itself only notices
+changes in the file that holds a kernel, not in what it calls from other files, and would go on
+using what was compiled from an older version of those. The folder lies in NUMBA_CACHE_DIR, in
+XDG_CACHE_HOME or in ~/.cache; where other packages keep their kernels stays as it is.
+
+Lean kernels are compiled without numba's reference counts. Arrays that are handed to a kernel
+belong to its caller, yet numba counts a reference to each of them, those within tuples too: with
+the tuples of the collision check that takes longer than most of its calls. Kernels that make no
+array, not even for a while, can go without.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import inspect
+import os
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numba
+from numba.core.options import DefaultOptions
+
+_F = TypeVar("_F", bound=Callable[..., Any])
+_config: Any = numba.config
+_PACKAGE = Path(__file__).parents[1]
+_IMPORT = re.compile(rf"^\s*from {_PACKAGE.name}([.\w]*) import", re.MULTILINE)
+UNCOUNTED: dict[str, Any] = {"_nrt": False} if hasattr(DefaultOptions, "_nrt") else {}
+"""What makes a kernel lean; empty, and lean kernels like others, where numba does not know it."""
+
+
+def kernel(*, lean: bool = False, nogil: bool = False, inline: bool = False) -> Callable[[_F], _F]:
+    """`numba.njit`, its result kept on disk for the next process.
+
+    Args:
+        lean: without reference counts; it does not compile what makes arrays.
+        nogil: other threads run while it does.
+        inline: written into its callers.
+    """
+    options: dict[str, Any] = {"nogil": nogil, **(UNCOUNTED if lean else {})}
+    if inline:
+        options["inline"] = "always"
+
+    def decorate(function: _F) -> _F:
+        # numba reads the folder when it decorates, and from nowhere but its global configuration
+        folder, _config.CACHE_DIR = _config.CACHE_DIR, _cache_folder(inspect.getfile(function))
+        try:
+            compiled: _F = numba.njit(cache=True, **options)(function)
+        finally:
+            _config.CACHE_DIR = folder
+        return compiled
+
+    return decorate
+
+
+@functools.cache
+def _cache_folder(file: str) -> str:
+    """For the kernels in `file`, as long as these and all they call stay as they are."""
+    digest = hashlib.sha256(numba.__version__.encode())
+    for path in sorted(_imported(Path(file), {})):
+        digest.update(path.name.encode() + path.read_bytes())
+    caches = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / _PACKAGE.name
+    return str(Path(_config.CACHE_DIR or caches) / f"{Path(file).stem}-{digest.hexdigest()[:16]}")
+
+
+def _imported(path: Path, found: dict[Path, None]) -> dict[Path, None]:
+    """`path` and what it imports, itself or through others, as far as it shapes kernels."""
+    found[path] = None
+    for module in _IMPORT.findall(_source(path)):
+        target = _PACKAGE.joinpath(*module.split(".")[1:])
+        files = [target.with_suffix(".py")] if not target.is_dir() else sorted(target.glob("*.py"))
+        for file in files:
+            if file not in found and re.search(r"@kernel\(|NamedTuple\)", _source(file)):
+                _imported(file, found)
+    return found
+
+
+@functools.cache
+def _source(path: Path) -> str:
+    return path.read_text(encoding="utf-8")

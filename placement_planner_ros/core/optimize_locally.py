@@ -1,0 +1,98 @@
+"""OptimizeLocally: follow ∂ξ/∂(x, y, e_z) from a goal without ever leaving the constraints."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+
+from placement_planner_ros.core.constraints import PoseConstraints
+from placement_planner_ros.core.grasp.holding import Holding
+from placement_planner_ros.core.objective.ascent import AscentSettings, climb
+from placement_planner_ros.core.objective.objective import Objective, evaluate, moved
+from placement_planner_ros.core.types import Array, Goal, Verdict
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Refined:
+    """A locally optimised goal.
+
+    Attributes:
+        goal: the improved goal (or the given one).
+        slide: (k, dof) raised configurations from the given goal's to this one's, edges certified.
+    """
+
+    goal: Goal
+    slide: Array
+
+
+class LocalOptimizer:
+    """Gradient ascent with a growing and shrinking step, along whatever directions stay open.
+
+    The object moves while raised; approach and retreat are derived anew at each pose that is kept.
+    """
+
+    def __init__(
+        self,
+        poses: PoseConstraints,
+        objective: Objective,
+        min_improvement: float,
+        settings: AscentSettings,
+    ) -> None:
+        self._poses = poses
+        self._objective = objective
+        self._min_improvement = min_improvement
+        self._settings = settings
+
+    def optimize(self, goal: Goal, holding: Holding, should_stop: Callable[[], bool]) -> Refined:
+        """Improve a goal locally: Δq ← J†(q) v(∂ξ/∂(x, y, e_z)), q ← q + μΔq.
+
+        The step is then corrected by IK to the pose x + μ ∂ξ exactly, so the object neither tilts
+        nor leaves its height. A trial is kept if ξ rises and every constraint holds.
+        """
+        slide = [goal.q_raised]
+
+        def attempt(change: Array) -> pin.SE3 | None:
+            nonlocal goal
+            better = self._try(goal, holding, change)
+            if better is None:
+                return None
+            goal = better
+            slide.append(goal.q_raised)
+            return goal.T_world_object
+
+        climb(self._objective, goal.T_world_object, attempt, self._settings, should_stop)
+        return Refined(goal, np.array(slide))
+
+    def _try(self, goal: Goal, holding: Holding, change: Array) -> Goal | None:
+        x = moved(goal.T_world_object, change)
+        value = evaluate(self._objective, x)
+        if not value > goal.objective + self._min_improvement:
+            return None
+        if self._poses.verdict(x, goal.face, goal.contact_height) is not Verdict.FEASIBLE:
+            return None
+        q = self._step(goal, holding, x, change)
+        if q is None:
+            return None
+        motion = holding.placing_motion(q, x, goal.contact_height, self._poses)
+        if isinstance(motion, Verdict):
+            return None
+        if not holding.transit_free(goal.q_raised, motion.approach[0]):
+            return None
+        return replace(
+            goal,
+            T_world_object=x,
+            approach=motion.approach,
+            retreat=motion.retreat,
+            objective=value,
+        )
+
+    def _step(self, goal: Goal, holding: Holding, x: pin.SE3, change: Array) -> Array | None:
+        """q + μΔq with Δq = J† v, brought exactly to pose x."""
+        J = holding.chain.jacobian(goal.q, holding.arm.grasps[goal.grasp].homogeneous)
+        v = np.array([change[0], change[1], 0.0, 0.0, 0.0, change[2]])
+        predicted = goal.q + np.linalg.pinv(J, rcond=1e-3) @ v
+        predicted = np.clip(predicted, holding.arm.lower, holding.arm.upper)
+        return holding.follow(x, predicted)

@@ -1,0 +1,246 @@
+"""PlanMotion: transit to any goal of the set 𝒢, one goal-set RRT per arm and grasp (M_s)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.grasp.holding import Holding
+from placement_planner_ros.core.motion.birrt import GoalSetRRT, GoalSetRRTSettings
+from placement_planner_ros.core.plan_motion.withdrawal import straight_way, winding_way
+from placement_planner_ros.core.types import Array, Goal
+
+_MAX_WAITING = 1000
+"""Goals of one arm and grasp that wait; once there are twice as many, the rest is forgotten."""
+
+
+@dataclass(frozen=True, slots=True)
+class TransitSettings:
+    """How planning effort is shared among goals.
+
+    Attributes:
+        active_goals: goals of one arm and grasp that are planned for at the same time.
+        patience: iterations after which a goal that resists makes room for one that waits.
+        withdrawal: whether each backward tree begins with the way straight out of its goal, and
+            gets a winding one where the goal resists.
+        winding: iterations after which a winding way is sought, and again each time as many have
+            passed.
+        rrt: how the trees grow.
+    """
+
+    active_goals: int = 8
+    patience: int = 400
+    withdrawal: bool = True
+    winding: int = 100
+    rrt: GoalSetRRTSettings = field(default_factory=GoalSetRRTSettings)
+
+    def __post_init__(self) -> None:
+        for name in ("active_goals", "patience", "winding"):
+            if getattr(self, name) < 1:
+                raise ParameterError(name, getattr(self, name), "must be at least 1")
+
+
+class GoalPlanner(Protocol):
+    """PlanMotion with its state: the goals 𝒢, and what was learned of the ways to them."""
+
+    @property
+    def goals(self) -> int:
+        """|𝒢|."""
+        ...
+
+    @property
+    def iterations(self) -> int:
+        """Planning iterations spent so far."""
+        ...
+
+    def add(self, goal: Goal) -> None:
+        """𝒢 ← 𝒢 ∪ {g}."""
+        ...
+
+    def retire(self, goal: Goal) -> None:
+        """𝒢 ← 𝒢 \\ {g}."""
+        ...
+
+    def retire_up_to(self, bound: float) -> None:
+        """𝒢 ← 𝒢 \\ 𝒢_o with 𝒢_o = {g | ξ(g) ≤ bound}."""
+        ...
+
+    def plan(
+        self, max_iterations: int, should_stop: Callable[[], bool]
+    ) -> tuple[Goal, Array] | None:
+        """Spend up to m_max iterations, or less where told to stop; 𝒢 is not empty.
+
+        Returns:
+            A goal reached and the path (n, dof) from q_0 to its raised pre-placement, or None.
+        """
+        ...
+
+
+@dataclass(slots=True)
+class _Candidate:
+    """A goal of 𝒢, its key in the RRT and when (in iterations) it was last made active.
+
+    `branch` is the way out of it that is known, None until it is first active; `widen` is when the
+    next is sought.
+    """
+
+    goal: Goal
+    key: int
+    turns: int = 0
+    activated: int = 0
+    branch: Array | None = None
+    widen: int = 0
+
+    def order(self) -> tuple[int, float]:
+        """Goals that had the fewest turns come first, of these the best ξ."""
+        return self.turns, -self.goal.objective
+
+
+class _Trees:
+    """The RRT of one holding with its active and waiting goals."""
+
+    def __init__(
+        self, holding: Holding, settings: TransitSettings, rng: np.random.Generator
+    ) -> None:
+        self._holding = holding
+        self._settings = settings
+        self._rng = rng
+        self._active: dict[int, _Candidate] = {}
+        self._waiting: list[_Candidate] = []
+        self._next_key = 0
+        self.rrt = GoalSetRRT(
+            holding.arm.lower,
+            holding.arm.upper,
+            holding.q_start,
+            holding.transit_free,
+            settings.rrt,
+            rng,
+        )
+
+    @property
+    def goals(self) -> int:
+        """Active and waiting."""
+        return len(self._active) + len(self._waiting)
+
+    def add(self, goal: Goal) -> None:
+        self._waiting.append(_Candidate(goal, self._next_key))
+        self._next_key += 1
+        if len(self._waiting) > 2 * _MAX_WAITING:
+            self._waiting.sort(key=_Candidate.order)
+            del self._waiting[_MAX_WAITING:]
+
+    def retire(self, unwanted: Callable[[Goal], bool]) -> None:
+        self._waiting = [c for c in self._waiting if not unwanted(c.goal)]
+        for key, candidate in list(self._active.items()):
+            if unwanted(candidate.goal):
+                self.rrt.retire_goal(key)
+                del self._active[key]
+
+    def plan(
+        self, max_iterations: int, should_stop: Callable[[], bool]
+    ) -> tuple[Goal, Array] | None:
+        self._share()
+        self._widen(should_stop)
+        found = self.rrt.solve(max_iterations, should_stop)
+        if found is None:
+            return None
+        key, path = found
+        return self._active[key].goal, path
+
+    def _share(self) -> None:
+        """Let goals that resist wait; activate those that had the fewest turns, best ξ first."""
+        iterations, settings = self.rrt.iterations, self._settings
+        if self._waiting:
+            tired = settings.patience * max(1, len(self._active))
+            for key, candidate in list(self._active.items()):
+                if iterations - candidate.activated >= tired:
+                    self.rrt.retire_goal(key)
+                    candidate.turns += 1
+                    self._waiting.append(self._active.pop(key))
+        room = settings.active_goals - len(self._active)
+        if room <= 0 or not self._waiting:
+            return
+        self._waiting.sort(key=_Candidate.order)
+        for candidate in self._waiting[:room]:
+            candidate.activated = iterations
+            self._active[candidate.key] = candidate
+            self.rrt.add_goal(candidate.key, candidate.goal.q_raised)
+            if settings.withdrawal and candidate.branch is None:
+                candidate.branch = straight_way(self._holding, candidate.goal.q_raised)
+                candidate.widen = iterations + settings.winding
+                self.rrt.add_branch(candidate.key, candidate.branch)
+        del self._waiting[:room]
+
+    def _widen(self, should_stop: Callable[[], bool]) -> None:
+        """Seek a winding way out of one goal that resists, the one that has waited longest."""
+        iterations = self.rrt.iterations
+        due = [c for c in self._active.values() if c.branch is not None and c.widen <= iterations]
+        if not due:
+            return
+        candidate = min(due, key=lambda c: c.widen)
+        candidate.widen = iterations + self._settings.winding
+        assert candidate.branch is not None
+        way = winding_way(self._holding, candidate.branch, self._rng, should_stop)
+        if way is not None:
+            candidate.branch = way
+            self.rrt.add_branch(candidate.key, way)
+
+
+class MotionPlanner:
+    """Trees that persist over a run, and the goals they may connect to.
+
+    Args:
+        holdings: every usable arm with each of its grasps.
+        rng: split among the trees.
+    """
+
+    def __init__(
+        self, holdings: list[Holding], settings: TransitSettings, rng: np.random.Generator
+    ) -> None:
+        self._trees = {
+            (holding.arm.name, holding.grasp): _Trees(holding, settings, child)
+            for holding, child in zip(holdings, rng.spawn(len(holdings)), strict=True)
+        }
+
+    @property
+    def goals(self) -> int:
+        """|𝒢|."""
+        return sum(trees.goals for trees in self._trees.values())
+
+    @property
+    def iterations(self) -> int:
+        """RRT iterations spent so far."""
+        return sum(trees.rrt.iterations for trees in self._trees.values())
+
+    def add(self, goal: Goal) -> None:
+        """𝒢 ← 𝒢 ∪ {g}."""
+        self._trees[goal.arm, goal.grasp].add(goal)
+
+    def retire(self, goal: Goal) -> None:
+        """𝒢 ← 𝒢 \\ {g}; its tree is kept."""
+        self._trees[goal.arm, goal.grasp].retire(lambda g: g is goal)
+
+    def retire_up_to(self, bound: float) -> None:
+        """𝒢 ← 𝒢 \\ 𝒢_o with 𝒢_o = {g | ξ(g) ≤ bound}; their trees are kept."""
+        for trees in self._trees.values():
+            trees.retire(lambda g: g.objective <= bound)
+
+    def plan(
+        self, max_iterations: int, should_stop: Callable[[], bool]
+    ) -> tuple[Goal, Array] | None:
+        """Spend up to m_max iterations on each tree that has goals, the least used tree first.
+
+        Returns:
+            A goal reached and the path (n, dof) from q_0 to its raised pre-placement, or None.
+        """
+        for trees in sorted(self._trees.values(), key=lambda t: t.rrt.iterations):
+            if trees.goals == 0 or should_stop():
+                continue
+            found = trees.plan(max_iterations, should_stop)
+            if found is not None:
+                return found
+        return None

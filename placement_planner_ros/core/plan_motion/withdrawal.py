@@ -1,0 +1,125 @@
+"""Ways that draw the held object out of a goal, with which a backward tree begins.
+
+In shelves and between neighbours this is what random growth of joint angles takes longest to find.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pinocchio as pin
+
+from placement_planner_ros.core.grasp.holding import Holding
+from placement_planner_ros.core.types import Array
+
+_STEP = 0.03
+"""m, between the waypoints."""
+_STEPS = 12
+"""Waypoints of a straight way at most."""
+_OUT = 0.3
+"""m from the goal, where the object counts as drawn out."""
+_RUN = 6
+"""Waypoints at most that a winding way goes on in one direction."""
+_TRIES = 40
+"""Directions that a winding way tries at most."""
+_SMALLEST = 0.2
+"""Of the steps and turns of a winding way, as a share of the largest."""
+_TURN = 0.25
+"""rad, the standard deviation of each coordinate of the largest turn between waypoints."""
+
+
+def straight_way(holding: Holding, q: Array) -> Array:
+    """(k, dof) the longest free straight way of the object, from `q` (dof,) on.
+
+    Tried are towards the arm's base, upwards, and against the hand's pointing direction.
+    """
+    T_world_object = holding.object_pose(q)
+    hand = holding.tip_pose(T_world_object)[:3, 2]
+    best = [q]
+    for direction in (_inwards(holding, T_world_object), np.array([0.0, 0.0, 1.0]), -hand):
+        length = float(np.linalg.norm(direction))
+        if length < 1e-6:
+            continue
+        way = _run(holding, q, direction * (_STEP / length), np.eye(3), _STEPS)
+        if len(way) > len(best):
+            best = way
+        if len(best) > _STEPS:
+            break
+    return np.array(best)
+
+
+def winding_way(
+    holding: Holding,
+    branch: Array,
+    rng: np.random.Generator,
+    should_stop: Callable[[], bool] = lambda: False,
+) -> Array | None:
+    """(k, dof) a free way from branch[0] on that gets the object further out than `branch` does.
+
+    An expansive tree in the space of object poses: its nodes move in random directions, inwards
+    rather than outwards, turning or not, half of the time from the node that is furthest out.
+
+    Args:
+        branch: (m, dof) a free way from the goal on, which the tree begins with.
+        should_stop: asked before every direction; True ends the search.
+
+    Returns:
+        None where the object is out already, or no way further out is found.
+    """
+    nodes = list(branch)
+    parents = list(range(-1, len(nodes) - 1))
+    goal = holding.object_pose(nodes[0])
+    inwards = _inwards(holding, goal)
+    inwards /= max(float(np.linalg.norm(inwards)), 1e-6)
+    best = len(nodes) - 1
+    out = begun = _distance(holding, nodes[best], goal)
+    for _ in range(_TRIES):
+        if out >= _OUT or should_stop():
+            break
+        last = best if rng.random() < 0.5 else int(rng.integers(len(nodes)))
+        direction = rng.standard_normal(3) + inwards
+        size = rng.uniform(_SMALLEST, 1.0)
+        direction *= size * _STEP / max(float(np.linalg.norm(direction)), 1e-6)
+        turn = np.eye(3)
+        if rng.random() < 0.5:
+            turn = pin.exp3(size * _TURN * rng.standard_normal(3))
+        for q in _run(holding, nodes[last], direction, turn, _RUN)[1:]:
+            parents.append(last)
+            last = len(nodes)
+            nodes.append(q)
+        reached = _distance(holding, nodes[last], goal)
+        if reached > out:
+            best, out = last, reached
+    if out <= begun:
+        return None
+    way = []
+    while best >= 0:
+        way.append(nodes[best])
+        best = parents[best]
+    return np.array(way[::-1])
+
+
+def _inwards(holding: Holding, T_world_object: pin.SE3) -> Array:
+    """(3,) horizontally from the object to the arm's base."""
+    inwards = np.array(holding.chain.fixed[0, :3, 3] - T_world_object.translation)
+    inwards[2] = 0.0
+    return inwards
+
+
+def _distance(holding: Holding, q: Array, goal: pin.SE3) -> float:
+    """Of the object's origin at `q` from where it is at the goal, metres."""
+    return float(np.linalg.norm(holding.object_pose(q).translation - goal.translation))
+
+
+def _run(holding: Holding, q: Array, step: Array, turn: Array, steps: int) -> list[Array]:
+    """Configurations from `q` on, moving the object by `step` (3,) and turning it by `turn` (3, 3)
+    about its origin from one to the next, as far as that is free."""
+    way, T = [q], holding.object_pose(q)
+    for _ in range(steps):
+        T = pin.SE3(turn @ T.rotation, T.translation + step)
+        q_next = holding.follow(T, way[-1])
+        if q_next is None or not holding.transit_free(way[-1], q_next):
+            break
+        way.append(q_next)
+    return way

@@ -1,0 +1,210 @@
+"""Inverse kinematics of one arm by damped least squares, many seeds at once.
+
+A redundant arm reaches a pose in many ways; which one comes out depends on the seed, so spread
+seeds give a spread over the null space. `sweep` lists the ways between and beyond them.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.reach import ik_kernels, self_motion
+from placement_planner_ros.core.reach.kinematics import Chain, kernel_input
+from placement_planner_ros.core.reach.reach_bound import ReachBound
+from placement_planner_ros.core.types import Array
+
+
+@dataclass(frozen=True, slots=True)
+class IKSettings:
+    """When a pose counts as reached, and how much to try.
+
+    Attributes:
+        position_tolerance: m.
+        rotation_tolerance: rad.
+        max_iterations: per seed.
+        max_solutions: seeds left over once so many distinct solutions are found are not tried.
+        min_difference: rad or m; solutions closer than this in every joint are the same one.
+        sweep_step: rad or m, the largest change of a joint between neighbours of `sweep`.
+        max_sweep: configurations of `sweep` at most.
+        max_joint_step: rad or m; a larger change between waypoints of `track` is a jump.
+        line_tolerance: m (and rad); how far the tip may be from the middle between two waypoints
+            of `track` when the joints are.
+    """
+
+    position_tolerance: float = 1e-5
+    rotation_tolerance: float = 1e-4
+    max_iterations: int = 60
+    max_solutions: int = 32
+    min_difference: float = 0.1
+    sweep_step: float = 0.1
+    max_sweep: int = 384
+    max_joint_step: float = 0.2
+    line_tolerance: float = 5e-4
+
+    def __post_init__(self) -> None:
+        for name in ("max_iterations", "max_solutions", "max_sweep"):
+            if getattr(self, name) < 1:
+                raise ParameterError(f"ik.{name}", getattr(self, name), "must be at least 1")
+        for name in (
+            "position_tolerance",
+            "rotation_tolerance",
+            "min_difference",
+            "sweep_step",
+            "max_joint_step",
+            "line_tolerance",
+        ):
+            if not 0.0 < getattr(self, name) < math.inf:
+                raise ParameterError(f"ik.{name}", getattr(self, name), "must be positive")
+
+
+class InverseKinematics:
+    """Solves T_world_tip(q) = T for one arm.
+
+    Every configuration returned has been checked to lie within the joint limits and the
+    tolerances of the settings.
+
+    Args:
+        chain: the arm.
+        settings: tolerances and effort.
+    """
+
+    def __init__(self, chain: Chain, settings: IKSettings | None = None) -> None:
+        self.chain = chain
+        self.settings = settings or IKSettings()
+        self._reach = ReachBound.of(chain)
+        self._slack = self.settings.position_tolerance
+        self._slack += self.settings.rotation_tolerance * float(np.linalg.norm(self._reach.wrist))
+
+    def random_seeds(self, rng: np.random.Generator, shape: int | tuple[int, ...]) -> Array:
+        """(*shape, dof) configurations, uniform within the limits."""
+        shape = (shape,) if isinstance(shape, int) else shape
+        return rng.uniform(self.chain.lower, self.chain.upper, (*shape, self.chain.dof))
+
+    def reachable(self, T_world_tip: Array) -> bool:
+        """False where the pose (4, 4) is further away than the arm is long: no q reaches it."""
+        return bool(self._reach.within(T_world_tip, self._slack))
+
+    def reachable_batch(self, T_world_tip: Array) -> npt.NDArray[np.bool_]:
+        """`reachable` of (n, 4, 4) poses."""
+        return self._reach.within(T_world_tip, self._slack)
+
+    def solve(self, T_world_tip: Array, seeds: Array) -> Array:
+        """Distinct solutions (k, dof) for a pose (4, 4) from seeds (s, dof), in seed order.
+
+        k <= settings.max_solutions; k = 0 where no seed led to one. Solutions that differ by full
+        turns of a joint count as one: see `full_turns`.
+        """
+        solutions, counts = self.solve_batch(T_world_tip[None], seeds[None])
+        return np.asarray(solutions[0, : counts[0]])
+
+    def solve_batch(self, T_world_tip: Array, seeds: Array) -> tuple[Array, npt.NDArray[np.int64]]:
+        """`solve` for (n, 4, 4) poses from (n, s, dof) seeds.
+
+        Returns:
+            solutions (n, max_solutions, dof), of which the first counts[i] (n,) are filled (the
+            rest is NaN).
+        """
+        chain, settings = self.chain, self.settings
+        T = kernel_input(T_world_tip)
+        Q = kernel_input(seeds)
+        solutions = np.full((len(T), settings.max_solutions, chain.dof), np.nan)
+        counts = np.zeros(len(T), dtype=np.int64)
+        ik_kernels.solve_batch(
+            chain.fixed,
+            chain.prismatic,
+            chain.lower,
+            chain.upper,
+            T,
+            Q,
+            settings.position_tolerance,
+            settings.rotation_tolerance,
+            settings.max_iterations,
+            settings.min_difference,
+            solutions,
+            counts,
+        )
+        return solutions, counts
+
+    def sweep(self, T_world_tip: Array, Q: Array) -> Array:
+        """More solutions (k, dof) for a pose (4, 4), on the self-motions of solutions Q (s, dof).
+
+        They lie some sweep_step apart, closer only at limits and in tight bends. k = 0 for arms of
+        six joints or fewer, whose solutions are isolated.
+        """
+        found, counts = self.sweep_batch(T_world_tip[None], Q[None], np.array([len(Q)]))
+        return np.asarray(found[0, : counts[0]])
+
+    def sweep_batch(
+        self, T_world_tip: Array, solutions: Array, counts: npt.NDArray[np.int64]
+    ) -> tuple[Array, npt.NDArray[np.int64]]:
+        """`sweep` for (n, 4, 4) poses from what `solve_batch` returned for them.
+
+        Returns:
+            the same again, but (n, max_sweep, dof), without the solutions given.
+        """
+        chain, settings = self.chain, self.settings
+        T = kernel_input(T_world_tip)
+        found = np.full((len(T), settings.max_sweep, chain.dof), np.nan)
+        numbers = np.zeros(len(T), dtype=np.int64)
+        self_motion.sweep_batch(
+            chain.fixed,
+            chain.prismatic,
+            chain.lower,
+            chain.upper,
+            T,
+            kernel_input(solutions),
+            np.require(counts, np.int64, ["C", "W"]),
+            settings.position_tolerance,
+            settings.rotation_tolerance,
+            settings.sweep_step,
+            found,
+            numbers,
+        )
+        return found, numbers
+
+    def full_turns(self, q: Array) -> Array:
+        """q (dof,) and all that differ from it by full turns within the limits: (k, dof).
+
+        All put the links in the same place; only the way there differs. q itself comes first.
+        """
+        chain = self.chain
+        options = []
+        for value, low, high, slides in zip(
+            q, chain.lower, chain.upper, chain.prismatic, strict=True
+        ):
+            turns = () if slides else (-4.0 * math.pi, -2.0 * math.pi, 2.0 * math.pi, 4.0 * math.pi)
+            options.append([value] + [value + t for t in turns if low <= value + t <= high])
+        return np.array(list(itertools.product(*options)))
+
+    def track(self, T_world_tip: Sequence[Array] | Array, q0: Array) -> Array | None:
+        """Follow poses (n, 4, 4), each close to the one before, from q0 (dof,) near the first.
+
+        Returns:
+            (n, dof), each within limits and tolerances; None where a pose is not reached, a joint
+            jumps, or the tip leaves the straight line between two poses by more than
+            settings.line_tolerance (then denser poses may succeed).
+        """
+        chain, settings = self.chain, self.settings
+        T = kernel_input(T_world_tip)
+        path = np.empty((len(T), chain.dof))
+        tracked = ik_kernels.track(
+            chain.fixed,
+            chain.prismatic,
+            chain.lower,
+            chain.upper,
+            T,
+            np.clip(np.asarray(q0, dtype=np.float64), chain.lower, chain.upper),
+            settings.position_tolerance,
+            settings.rotation_tolerance,
+            settings.max_joint_step,
+            settings.line_tolerance,
+            path,
+        )
+        return path if tracked else None

@@ -1,0 +1,303 @@
+"""One arm as a serial chain: forward kinematics and Jacobians in compiled kernels.
+
+Every joint frame is turned so that its axis is z. With A_i (4, 4) the fixed transform from joint
+i-1's moved frame to joint i's, and Z(q) a rotation about z or a translation along it,
+
+    T_world_tip(q) = A_0 Z(q_0) A_1 Z(q_1) … A_{dof-1} Z(q_{dof-1}) A_tip
+
+where A_0 contains everything between the root link and the first joint, all other joints of the
+robot standing at q_rest. World is the frame of the robot's root link.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+from collections.abc import Hashable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from placement_planner_ros.core.errors import RobotError
+from placement_planner_ros.core.kernels import kernel
+from placement_planner_ros.core.robot.arm import Arm
+from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.core.types import Array, frozen_array
+
+Flags = npt.NDArray[np.bool_]
+
+_CHAINS = 16
+"""How many chains are remembered."""
+
+
+@kernel(lean=True)
+def chain_frames(fixed: Array, prismatic: Flags, q: Array, frames: Array) -> None:
+    """Joint frames and tip at q.
+
+    Args:
+        fixed: (dof + 1, 4, 4) A_0 … A_tip.
+        prismatic: (dof,) bool.
+        q: (dof,).
+        frames: (dof + 1, 4, 4), filled: the moved frame of each joint (axis z), then the tip.
+            The bottom rows are left alone.
+    """
+    dof = len(q)
+    r00, r01, r02 = 1.0, 0.0, 0.0
+    r10, r11, r12 = 0.0, 1.0, 0.0
+    r20, r21, r22 = 0.0, 0.0, 1.0
+    px, py, pz = 0.0, 0.0, 0.0
+    for i in range(dof + 1):
+        A = fixed[i]
+        px += r00 * A[0, 3] + r01 * A[1, 3] + r02 * A[2, 3]
+        py += r10 * A[0, 3] + r11 * A[1, 3] + r12 * A[2, 3]
+        pz += r20 * A[0, 3] + r21 * A[1, 3] + r22 * A[2, 3]
+        x0 = r00 * A[0, 0] + r01 * A[1, 0] + r02 * A[2, 0]
+        x1 = r10 * A[0, 0] + r11 * A[1, 0] + r12 * A[2, 0]
+        x2 = r20 * A[0, 0] + r21 * A[1, 0] + r22 * A[2, 0]
+        y0 = r00 * A[0, 1] + r01 * A[1, 1] + r02 * A[2, 1]
+        y1 = r10 * A[0, 1] + r11 * A[1, 1] + r12 * A[2, 1]
+        y2 = r20 * A[0, 1] + r21 * A[1, 1] + r22 * A[2, 1]
+        r02, r12, r22 = x1 * y2 - x2 * y1, x2 * y0 - x0 * y2, x0 * y1 - x1 * y0
+        if i == dof:
+            r00, r10, r20, r01, r11, r21 = x0, x1, x2, y0, y1, y2
+        elif prismatic[i]:
+            r00, r10, r20, r01, r11, r21 = x0, x1, x2, y0, y1, y2
+            px += q[i] * r02
+            py += q[i] * r12
+            pz += q[i] * r22
+        else:
+            c, s = math.cos(q[i]), math.sin(q[i])
+            r00, r10, r20 = c * x0 + s * y0, c * x1 + s * y1, c * x2 + s * y2
+            r01, r11, r21 = c * y0 - s * x0, c * y1 - s * x1, c * y2 - s * x2
+        F = frames[i]
+        F[0, 0], F[0, 1], F[0, 2], F[0, 3] = r00, r01, r02, px
+        F[1, 0], F[1, 1], F[1, 2], F[1, 3] = r10, r11, r12, py
+        F[2, 0], F[2, 1], F[2, 2], F[2, 3] = r20, r21, r22, pz
+
+
+@kernel(lean=True)
+def frames_jacobian(frames: Array, prismatic: Flags, point: Array, jacobian: Array) -> None:
+    """Jacobian of a point carried by the tip.
+
+    Args:
+        frames: (dof + 1, 4, 4) of `chain_frames`.
+        prismatic: (dof,) bool.
+        point: (3,) in the world.
+        jacobian: (6, dof), filled: linear then angular velocity, in world axes.
+    """
+    for i in range(len(prismatic)):
+        F = frames[i]
+        zx, zy, zz = F[0, 2], F[1, 2], F[2, 2]
+        if prismatic[i]:
+            jacobian[0, i], jacobian[1, i], jacobian[2, i] = zx, zy, zz
+            jacobian[3, i], jacobian[4, i], jacobian[5, i] = 0.0, 0.0, 0.0
+        else:
+            dx, dy, dz = point[0] - F[0, 3], point[1] - F[1, 3], point[2] - F[2, 3]
+            jacobian[0, i] = zy * dz - zz * dy
+            jacobian[1, i] = zz * dx - zx * dz
+            jacobian[2, i] = zx * dy - zy * dx
+            jacobian[3, i], jacobian[4, i], jacobian[5, i] = zx, zy, zz
+
+
+@kernel()
+def _forward_batch(fixed: Array, prismatic: Flags, Q: Array, tips: Array) -> None:
+    frames = np.zeros((len(prismatic) + 1, 4, 4))
+    for k in range(len(Q)):
+        chain_frames(fixed, prismatic, Q[k], frames)
+        tips[k, :3] = frames[-1, :3]
+        tips[k, 3, 3] = 1.0
+
+
+@kernel()
+def _joint_frames_batch(
+    fixed: Array, prismatic: Flags, aligned: Array, Q: Array, out: Array
+) -> None:
+    dof = len(prismatic)
+    frames = np.zeros((dof + 1, 4, 4))
+    for k in range(len(Q)):
+        chain_frames(fixed, prismatic, Q[k], frames)
+        for i in range(dof):
+            for a in range(3):
+                for b in range(3):
+                    value = 0.0
+                    for c in range(3):
+                        value += frames[i, a, c] * aligned[i, c, b]
+                    out[k, i, a, b] = value
+                out[k, i, a, 3] = frames[i, a, 3]
+            out[k, i, 3, 3] = 1.0
+
+
+@kernel()
+def _jacobian_batch(
+    fixed: Array, prismatic: Flags, T_tip_object: Array, Q: Array, out: Array
+) -> None:
+    frames = np.zeros((len(prismatic) + 1, 4, 4))
+    point = np.empty(3)
+    for k in range(len(Q)):
+        chain_frames(fixed, prismatic, Q[k], frames)
+        T = frames[-1]
+        for a in range(3):
+            point[a] = T[a, 3]
+            for b in range(3):
+                point[a] += T[a, b] * T_tip_object[b, 3]
+        frames_jacobian(frames, prismatic, point, out[k])
+
+
+def kernel_input(values: npt.ArrayLike) -> Array:
+    """Contiguous writable float64, so that a kernel compiles once and not for read-only anew."""
+    if type(values) is np.ndarray and values.dtype == np.float64:
+        flags = values.flags
+        if flags.c_contiguous and flags.writeable and flags.aligned:
+            return values
+    return np.require(values, np.float64, ["C", "W"])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Chain:
+    """The serial chain of one arm; the robot's other joints stand at q_rest.
+
+    Chains are equal where all values are.
+
+    Attributes:
+        joints: (dof) names, root to tip.
+        fixed: (dof + 1, 4, 4) A_0 … A_tip of the module's formula.
+        prismatic: (dof,) bool; the others are revolute.
+        aligned: (dof, 3, 3) rotation from the URDF's (pinocchio's) joint frame to the one with
+            its axis along z, R_aligned_joint.
+        lower, upper: (dof,) joint limits, rad or m.
+    """
+
+    joints: tuple[str, ...]
+    fixed: Array
+    prismatic: Flags
+    aligned: Array
+    lower: Array
+    upper: Array
+
+    def __post_init__(self) -> None:
+        dof = len(self.joints)
+        object.__setattr__(self, "fixed", frozen_array(self.fixed, (dof + 1, 4, 4)))
+        object.__setattr__(self, "aligned", frozen_array(self.aligned, (dof, 3, 3)))
+        prismatic = np.array(self.prismatic, dtype=np.bool_)
+        prismatic.setflags(write=False)
+        object.__setattr__(self, "prismatic", prismatic)
+        for name in ("lower", "upper"):
+            object.__setattr__(self, name, frozen_array(getattr(self, name), (dof,)))
+
+    @classmethod
+    def from_robot(cls, robot: Robot, arm: Arm, q_rest: Array) -> Chain:
+        """The chain of `arm` of `robot`, all other joints at q_rest (nq,).
+
+        Raises:
+            RobotError: q_rest has the wrong length.
+        """
+        q = np.array(q_rest, dtype=np.float64)
+        if q.shape != (robot.model.nq,):
+            raise RobotError(
+                "q_rest", q.shape, f"give {robot.model.nq} values: {robot.joint_names}"
+            )
+        q[arm.q_index] = 0.0
+        return _chain(robot, arm, q.tobytes())
+
+    @classmethod
+    def _of(cls, robot: Robot, arm: Arm, q: Array) -> Chain:
+        model = robot.model
+        data = model.createData()
+        pin.framesForwardKinematics(model, data, q)
+        aligned, prismatic, T_world_aligned = [], [], []
+        for index in arm.q_index:
+            joint = int(index) + 1  # one coordinate per joint; joint 0 is the universe
+            axis, slides = _axis(model.joints[joint])
+            R_joint_aligned = _rotation_from_z(axis)
+            T_world_aligned.append(data.oMi[joint] * pin.SE3(R_joint_aligned, np.zeros(3)))
+            aligned.append(R_joint_aligned.T)
+            prismatic.append(slides)
+        T_world_tip = data.oMf[robot.frame_id(arm.tip_frame)]
+        T_world = [pin.SE3.Identity(), *T_world_aligned, T_world_tip]
+        fixed = [(a.inverse() * b).homogeneous for a, b in itertools.pairwise(T_world)]
+        return cls(
+            joints=arm.joints,
+            fixed=np.array(fixed),
+            prismatic=np.array(prismatic),
+            aligned=np.array(aligned),
+            lower=arm.lower,
+            upper=arm.upper,
+        )
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Chain) and self._content == other._content
+
+    def __hash__(self) -> int:
+        return hash(self._content)
+
+    @property
+    def _content(self) -> tuple[Hashable, ...]:
+        arrays = (self.fixed, self.prismatic, self.aligned, self.lower, self.upper)
+        return (self.joints, *(array.tobytes() for array in arrays))
+
+    @property
+    def dof(self) -> int:
+        """Number of joints."""
+        return len(self.joints)
+
+    def forward(self, q: Array) -> Array:
+        """T_world_tip (4, 4) at q (dof,)."""
+        return self.forward_batch(q[None])[0]
+
+    def forward_batch(self, Q: Array) -> Array:
+        """T_world_tip (n, 4, 4) at Q (n, dof)."""
+        Q = kernel_input(Q)
+        tips = np.zeros((len(Q), 4, 4))
+        _forward_batch(self.fixed, self.prismatic, Q, tips)
+        return tips
+
+    def joint_frames(self, q: Array) -> Array:
+        """T_world_joint (dof, 4, 4) at q (dof,): pinocchio's data.oMi of the arm's joints."""
+        return self.joint_frames_batch(q[None])[0]
+
+    def joint_frames_batch(self, Q: Array) -> Array:
+        """T_world_joint (n, dof, 4, 4) at Q (n, dof)."""
+        Q = kernel_input(Q)
+        out = np.zeros((len(Q), self.dof, 4, 4))
+        _joint_frames_batch(self.fixed, self.prismatic, self.aligned, Q, out)
+        return out
+
+    def jacobian(self, q: Array, T_tip_object: Array) -> Array:
+        """J (6, dof) at q (dof,): velocity of the object's origin, then angular velocity.
+
+        Both in world axes; T_tip_object is (4, 4).
+        """
+        return self.jacobian_batch(q[None], T_tip_object)[0]
+
+    def jacobian_batch(self, Q: Array, T_tip_object: Array) -> Array:
+        """J (n, 6, dof) at Q (n, dof), as `jacobian`."""
+        Q = kernel_input(Q)
+        T = kernel_input(T_tip_object)
+        out = np.empty((len(Q), 6, self.dof))
+        _jacobian_batch(self.fixed, self.prismatic, T, Q, out)
+        return out
+
+
+@functools.lru_cache(maxsize=_CHAINS)
+def _chain(robot: Robot, arm: Arm, q_zero: bytes) -> Chain:
+    """The chain with `arm` at zero and the rest of the robot as in q (nq,)."""
+    return Chain._of(robot, arm, np.frombuffer(q_zero))
+
+
+def _axis(joint: pin.JointModel) -> tuple[Array, bool]:
+    """Axis in the joint frame, and whether the joint slides along it."""
+    data = joint.createData()
+    # calc reads its own coordinates out of the whole robot's, without a check of their length
+    joint.calc(data, np.zeros(joint.idx_q + joint.nq), np.ones(joint.idx_v + joint.nv))
+    motion = np.asarray(data.S).reshape(6)
+    linear, angular = motion[:3], motion[3:]
+    slides = bool(np.linalg.norm(linear) > np.linalg.norm(angular))
+    return (linear if slides else angular), slides
+
+
+def _rotation_from_z(axis: Array) -> Array:
+    """A rotation (3, 3) that takes z to the unit axis."""
+    return np.asarray(pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), axis).matrix())

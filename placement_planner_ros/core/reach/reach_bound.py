@@ -1,0 +1,74 @@
+"""How far an arm reaches at most: a bound that no configuration exceeds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import minimize
+
+from placement_planner_ros.core.reach.kinematics import Chain
+from placement_planner_ros.core.types import Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReachBound:
+    """No configuration takes `wrist` further than `length` from `shoulder`.
+
+    A point on a joint's axis stays where it is when the joint turns, so the distance from a point
+    on the first axis to one on the last is at most the sum of the distances between the points
+    chosen on consecutive axes. They are chosen to make that sum small. A sliding joint counts
+    from the middle of its range and adds half of it.
+
+    Attributes:
+        shoulder: (3,) point on the first axis, in the world.
+        wrist: (3,) point on the last axis, in the tip frame.
+        length: m.
+    """
+
+    shoulder: Array
+    wrist: Array
+    length: float
+
+    @classmethod
+    def of(cls, chain: Chain) -> ReachBound:
+        """The bound of a chain, remembered."""
+        arrays = (chain.fixed, chain.prismatic, chain.lower, chain.upper)
+        return _of(chain.dof, *(np.asarray(array).tobytes() for array in arrays))
+
+    def within(self, T_world_tip: Array, slack: float) -> npt.NDArray[np.bool_]:
+        """Which of the (..., 4, 4) poses are no further than `slack` m beyond `length`."""
+        gap = T_world_tip[..., :3, :3] @ self.wrist + T_world_tip[..., :3, 3] - self.shoulder
+        return np.asarray((gap * gap).sum(axis=-1) <= (self.length + slack) ** 2)
+
+
+@lru_cache(maxsize=64)
+def _of(dof: int, fixed: bytes, prismatic: bytes, lower: bytes, upper: bytes) -> ReachBound:
+    frames = np.frombuffer(fixed).reshape(-1, 4, 4)
+    sliding = np.frombuffer(prismatic, dtype=np.bool_)
+    low, high = np.frombuffer(lower), np.frombuffer(upper)
+    middle = np.where(sliding, 0.5 * (low + high), 0.0)
+    half = np.where(sliding, 0.5 * (high - low), 0.0)
+
+    def gaps(along: Array) -> Array:
+        """(dof - 1, 3) vectors between points at `along` on consecutive axes."""
+        links = frames[1:-1]
+        ahead = links[:, :3, 3] + links[:, :3, 2] * (along + middle)[1:, None]
+        behind = np.zeros_like(ahead)
+        behind[:, 2] = along[:-1]
+        return ahead - behind
+
+    def total(along: Array) -> float:
+        return float(np.linalg.norm(gaps(along), axis=1).sum())
+
+    along = np.asarray(minimize(total, np.zeros(dof), method="Powell").x).reshape(-1)
+    T_last_tip = frames[-1]
+    on_last = np.array([0.0, 0.0, along[-1]])
+    on_first = np.array([0.0, 0.0, along[0] + middle[0], 1.0])
+    return ReachBound(
+        shoulder=(frames[0] @ on_first)[:3],
+        wrist=T_last_tip[:3, :3].T @ (on_last - T_last_tip[:3, 3]),
+        length=total(along) + float(half.sum()) + 1e-9,
+    )

@@ -1,0 +1,237 @@
+"""From a sample of the hierarchy to a goal: every constraint of the sampling problem, in order."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.constraints import PoseConstraints, placement_pose
+from placement_planner_ros.core.grasp.holding import Holding
+from placement_planner_ros.core.objective.ascent import AscentSettings, climb
+from placement_planner_ros.core.objective.objective import (
+    EstimatedObjective,
+    Objective,
+    evaluate,
+    evaluate_batch,
+    moved,
+)
+from placement_planner_ros.core.search.sampler import Draws, Outcome
+from placement_planner_ros.core.types import Array, Goal, Verdict
+
+_FORGETTING = 0.95
+"""Share of the best recent climb that is still expected after one that brought less."""
+_COMPARISONS = 128
+"""Samples whose ξ is both estimated and computed, to learn how good the estimates are."""
+_ERROR_RESERVE = 1.5
+"""Estimates are taken to be off by at most so many times the largest error seen."""
+_ATTEMPTS = 2
+"""Configurations at most whose approach and retreat are tried at one pose."""
+
+
+class GoalFinder:
+    """Checks s(x), c_f(x), ξ(x) > ξ_best, then hand, IK, q ∈ C_free, release, approach, retreat.
+
+    Args:
+        holdings: per arm, per grasp.
+        ik_seeds: starts of the inverse kinematics for each pose, beside q_0.
+        min_improvement: ξ must exceed ξ_best by this much.
+        rng: chooses the seeds.
+        ascent: how far to follow the gradient from a stable and free pose before it is judged;
+            None to take samples as they are.
+    """
+
+    def __init__(
+        self,
+        body: Body,
+        poses: PoseConstraints,
+        holdings: Sequence[Sequence[Holding]],
+        objective: Objective,
+        ik_seeds: int,
+        min_improvement: float,
+        rng: np.random.Generator,
+        ascent: AscentSettings | None = None,
+    ) -> None:
+        self._body = body
+        self._poses = poses
+        self._holdings = holdings
+        self._objective = objective
+        self._ik_seeds = ik_seeds
+        self._min_improvement = min_improvement
+        self._ascent = ascent
+        self._gain = np.inf  # what a climb brought lately, at its best
+        self._error = 0.0  # of the objective's estimates, at most so far
+        self._compared = 0
+        self._rng = rng
+
+    def check_batch(
+        self, draws: Draws, best: float, goals: int, should_stop: Callable[[], bool]
+    ) -> Outcome:
+        """Each up to its first constraint that fails; the cheap ones of all draws together."""
+        bound = best + self._min_improvement
+        verdicts, T = self._poses.verdicts(draws.face, draws.contact, draws.angle)
+        values = np.full(len(verdicts), -np.inf)
+        free = np.flatnonzero(verdicts == Verdict.FEASIBLE)
+        if len(free):
+            values[free] = self._values(T[free], bound)
+            verdicts[free] = Verdict.NOT_BETTER
+        found: list[Goal] = []
+        for row in free[values[free] + (0.0 if self._ascent is None else self._gain) > bound]:
+            if should_stop():
+                return Outcome(verdicts[:row], values[:row], found)
+            face, height = int(draws.face[row]), float(draws.contact[row, 2])
+            for x, value in self._candidates(
+                pin.SE3(T[row]), float(values[row]), face, height, bound
+            ):
+                reached = self._reach_any(draws, int(row), x, value, should_stop)
+                if isinstance(reached, Verdict):
+                    verdicts[row] = max(verdicts[row], reached)
+                    continue
+                verdicts[row] = Verdict.FEASIBLE
+                values[row] = value
+                found.append(reached)
+                break
+            if len(found) == goals:
+                return Outcome(verdicts[: row + 1], values[: row + 1], found)
+        return Outcome(verdicts, values, found)
+
+    def _values(self, T: Array, bound: float) -> Array:
+        """(n,) ξ of the poses (n, 4, 4); only estimated where that shows it is not above `bound`.
+
+        How far estimates are off is learned from the first poses.
+        """
+        if self._ascent is not None or not isinstance(self._objective, EstimatedObjective):
+            return evaluate_batch(self._objective, T)
+        estimates = np.asarray(self._objective.estimates(T))
+        if self._compared < _COMPARISONS:
+            values = evaluate_batch(self._objective, T)
+            self._compared += len(T)
+            self._error = max(self._error, float(np.abs(values - estimates).max()))
+            return values
+        near = estimates + _ERROR_RESERVE * self._error > bound
+        if near.any():
+            estimates[near] = evaluate_batch(self._objective, T[near])
+        return estimates
+
+    def _candidates(
+        self, x: pin.SE3, value: float, face: int, height: float, bound: float
+    ) -> list[tuple[pin.SE3, float]]:
+        """The pose, and before it where the gradient leads, each with its ξ, as far as better."""
+        candidates = [(x, value)] if value > bound else []
+        if self._ascent is not None:
+            higher = self._climb(x, value, face, height, self._ascent)
+            self._gain = max(higher[1] - value, _FORGETTING * self._gain)
+            if higher[1] > max(value, bound):
+                candidates.insert(0, higher)
+        return candidates
+
+    def check_all(
+        self, draws: Draws, best: float, goals: int, should_stop: Callable[[], bool]
+    ) -> Outcome:
+        """The same with every check made on every sample, as the authors' reward needs."""
+        bound = best + self._min_improvement
+        verdicts, values, terms = [], [], []
+        found: list[Goal] = []
+        for row in range(len(draws.face)):
+            if should_stop():
+                break
+            face, contact = int(draws.face[row]), draws.contact[row]
+            x = placement_pose(self._body.faces[face], contact, float(draws.angle[row]))
+            verdict = self._poses.verdict(x, face, contact[2])
+            value = evaluate(self._objective, x)
+            goal = self._reach_any(draws, row, x, value, should_stop, hand_first=False)
+            reached = goal is not Verdict.NO_IK
+            arm_free = reached and goal is not Verdict.ARM_COLLIDING
+            stable, free = self._poses.stable(x, face), self._poses.free(x, contact[2])
+            if verdict is Verdict.FEASIBLE and not value > bound:
+                verdict = Verdict.NOT_BETTER
+            if verdict is Verdict.FEASIBLE and isinstance(goal, Verdict):
+                verdict = goal
+            verdicts.append(int(verdict))
+            values.append(value)
+            terms.append((reached, arm_free, free, stable))
+            if verdict is Verdict.FEASIBLE and isinstance(goal, Goal):
+                found.append(goal)
+                if len(found) == goals:
+                    break
+        return Outcome(np.array(verdicts), np.array(values), found, terms)
+
+    def _reach_any(
+        self,
+        draws: Draws,
+        row: int,
+        x: pin.SE3,
+        value: float,
+        should_stop: Callable[[], bool],
+        hand_first: bool = True,
+    ) -> Goal | Verdict:
+        """A goal with the arm and grasp drawn, or where none was drawn, with the first that can."""
+        if draws.arm[row] >= 0:
+            candidates = [self._holdings[draws.arm[row]][draws.grasp[row]]]
+        else:
+            candidates = [holding for of_arm in self._holdings for holding in of_arm]
+            candidates = [candidates[k] for k in self._rng.permutation(len(candidates))]
+        furthest = Verdict.NO_IK
+        for holding in candidates:
+            goal = self._reach_goal(
+                holding, x, int(draws.face[row]), float(draws.contact[row, 2]), value, hand_first
+            )
+            if not isinstance(goal, Verdict):
+                return goal
+            furthest = max(furthest, goal)
+            if should_stop():
+                break
+        return furthest
+
+    def _climb(
+        self, x: pin.SE3, value: float, face: int, contact_height: float, settings: AscentSettings
+    ) -> tuple[pin.SE3, float]:
+        """The highest pose that the gradient leads to within s(x) and c_f(x), and its ξ."""
+
+        def attempt(change: Array) -> pin.SE3 | None:
+            nonlocal x, value
+            trial = moved(x, change)
+            higher = evaluate(self._objective, trial)
+            if not higher > value + self._min_improvement:
+                return None
+            if self._poses.verdict(trial, face, contact_height) is not Verdict.FEASIBLE:
+                return None
+            x, value = trial, higher
+            return x
+
+        climb(self._objective, x, attempt, settings, lambda: False)
+        return x, value
+
+    def _reach_goal(
+        self,
+        holding: Holding,
+        x: pin.SE3,
+        face: int,
+        contact_height: float,
+        value: float,
+        hand_first: bool,
+    ) -> Goal | Verdict:
+        found = holding.configurations(x, self._ik_seeds, self._rng, hand_first)
+        if isinstance(found, Verdict):
+            return found
+        furthest, attempts = Verdict.ARM_COLLIDING, 0
+        for q in found:
+            motion = holding.placing_motion(q, x, contact_height, self._poses)
+            if not isinstance(motion, Verdict):
+                return Goal(
+                    holding.arm.name,
+                    holding.grasp,
+                    face,
+                    x,
+                    float(contact_height),
+                    motion.approach,
+                    value,
+                    motion.retreat,
+                )
+            furthest = max(furthest, motion)
+            attempts += motion > Verdict.NO_RELEASE
+            if attempts == _ATTEMPTS:
+                break
+        return furthest

@@ -1,0 +1,94 @@
+"""Polylines with rounded corners, twice continuously differentiable."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.interpolate import PPoly
+
+from placement_planner_ros.core.timing.quintic import control_points
+from placement_planner_ros.core.types import Array
+
+_DEVIATION_PER_CUT = 0.1875
+"""A blend's distance from its corner, over cut length times |v - u| (at its middle: 6/32)."""
+
+_SHARPEST = np.cos(np.radians(150.0))
+
+
+class RoundedPolyline:
+    """Straight segments joined by quintic blends.
+
+    A blend leaves the incoming segment `cut` before the corner and joins the outgoing one `cut`
+    after it, with unit speed and no curvature at both ends, so the curve is C2 in its parameter s
+    (the arc length, on the straight parts). A blend lies in the triangle of its ends and the
+    corner.
+
+    Attributes:
+        curve: q(s) as a piecewise polynomial of degree 5; its breakpoints are the pieces' ends.
+        is_blend: (m,) which pieces are blends.
+        corner: (m,) for a blend, the waypoint it rounds; for a segment, the waypoint it comes from.
+    """
+
+    def __init__(self, waypoints: Array, cuts: Array) -> None:
+        """Build the curve.
+
+        Args:
+            waypoints: (n, dof), consecutive ones distinct, n ≥ 2.
+            cuts: (n,) cut lengths; the first and last are zero, the others above zero, and two
+                neighbours together shorter than the segment between them.
+        """
+        steps = np.diff(waypoints, axis=0)
+        lengths = np.linalg.norm(steps, axis=1)
+        directions = steps / lengths[:, None]
+        coefficients, spans, self.is_blend, self.corner = [], [], [], []
+        for i, direction in enumerate(directions):
+            if cuts[i] > 0.0:
+                blend = blend_control_points(waypoints, cuts, i)
+                coefficients.append(_power_basis(blend, 2.0 * cuts[i]))
+                spans.append(2.0 * cuts[i])
+                self.is_blend.append(True)
+                self.corner.append(i)
+            line = np.zeros((6, waypoints.shape[1]))
+            line[4] = direction
+            line[5] = waypoints[i] + cuts[i] * direction
+            coefficients.append(line)
+            spans.append(lengths[i] - cuts[i] - cuts[i + 1])
+            self.is_blend.append(False)
+            self.corner.append(i)
+        breaks = np.concatenate([[0.0], np.cumsum(spans)])
+        self.curve = PPoly(np.stack(coefficients, axis=1), breaks)
+
+
+def blend_control_points(waypoints: Array, cuts: Array, corner: int) -> Array:
+    """Bézier control points (6, dof) of the blend around a waypoint."""
+    u = waypoints[corner] - waypoints[corner - 1]
+    v = waypoints[corner + 1] - waypoints[corner]
+    u, v = cuts[corner] * u / np.linalg.norm(u), cuts[corner] * v / np.linalg.norm(v)
+    ends = waypoints[corner] + np.array([-u, v])
+    # unit speed over a span of twice the cut
+    return control_points(np.array([0.0, 2.0]), ends, np.array([u, v]), np.zeros_like(ends))[0]
+
+
+def largest_cuts(waypoints: Array, deviation: float) -> Array:
+    """Cut lengths (n,) for which no blend is further than `deviation` from its corner.
+
+    Zero (stop there) at both ends and where the path nearly turns back.
+    """
+    steps = np.diff(waypoints, axis=0)
+    lengths = np.linalg.norm(steps, axis=1)
+    directions = steps / lengths[:, None]
+    cuts = np.zeros(len(waypoints))
+    turns = np.linalg.norm(np.diff(directions, axis=0), axis=1)
+    room = 0.49 * np.minimum(lengths[:-1], lengths[1:])
+    cuts[1:-1] = np.minimum(room, deviation / (_DEVIATION_PER_CUT * np.maximum(turns, 1e-12)))
+    cuts[1:-1][(directions[:-1] * directions[1:]).sum(axis=1) < _SHARPEST] = 0.0
+    return cuts
+
+
+def _power_basis(points: Array, span: float) -> Array:
+    """Coefficients (6, dof), highest power first, in s ∈ [0, span] of a Bézier quintic."""
+    d, binomial = points, np.array([1.0, 5.0, 10.0, 10.0, 5.0, 1.0])
+    coefficients = np.empty_like(points)
+    for k in range(6):
+        coefficients[5 - k] = binomial[k] * d[0] / span**k
+        d = np.diff(d, axis=0)
+    return coefficients

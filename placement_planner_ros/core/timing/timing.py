@@ -1,0 +1,313 @@
+"""Time parameterization: from a certified polyline to the curve a controller plays.
+
+The polyline's corners are rounded, the speed along the rounded curve is made time-optimal under
+the joints' velocity and acceleration limits (toppra, reachability analysis), averaged over a short
+window so that accelerations are continuous, and sampled. What is published and certified is the
+quintic between the samples (`quintic`), not the curve they were taken from.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.interpolate import PPoly
+from toppra.algorithm import TOPPRA
+from toppra.constraint import JointAccelerationConstraint, JointVelocityConstraint
+from toppra.interpolator import AbstractGeometricPath
+
+from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.timing.quintic import (
+    concatenate,
+    control_points,
+    evaluate,
+    first_uncertified,
+    limit_ratio,
+)
+from placement_planner_ros.core.timing.rounding import (
+    RoundedPolyline,
+    blend_control_points,
+    largest_cuts,
+)
+from placement_planner_ros.core.types import Array, Trajectory
+
+__all__ = ["TimingSettings", "concatenate", "evaluate", "parameterize"]
+
+EdgeFree = Callable[[Array, Array, Array], bool]
+
+_SAME = 1e-9  # waypoints closer than this (radians) are one
+_ROUNDS = 12  # timed curves tried, each with smaller blends than the one before, the last with none
+_BLEND_SIZES = 5  # sizes a blend is tried at, each half of the one before
+
+# toppra logs each numerical retry as a warning; failures are handled here
+logging.getLogger("toppra").setLevel(logging.CRITICAL)
+
+
+@dataclass(frozen=True, slots=True)
+class TimingSettings:
+    """How finely the timed curve is made.
+
+    Attributes:
+        blend_deviation: radians (norm over the joints) a rounded corner may miss its waypoint by.
+        chord_tolerance: radians by which pieces of the curve may stray from the chords that are
+            certified for them, joint by joint.
+        smoothing_time: seconds over which the path speed is averaged; bounds the jerk.
+        max_interval: seconds between two points at most, as long as `max_points` allows it.
+        max_points: points of a trajectory at most, per stretch between two stops.
+    """
+
+    blend_deviation: float = 0.2
+    chord_tolerance: float = 1e-3
+    smoothing_time: float = 0.08
+    max_interval: float = 0.05
+    max_points: int = 2000
+
+    def __post_init__(self) -> None:
+        for name in ("blend_deviation", "chord_tolerance", "smoothing_time", "max_interval"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0.0):
+                raise ParameterError(name, value, "give a finite number above zero")
+        if self.max_points < 10:
+            raise ParameterError("max_points", self.max_points, "give at least 10")
+
+
+def parameterize(
+    path: Array,
+    joints: Sequence[str],
+    velocity: Array,
+    acceleration: Array,
+    edge_free: EdgeFree,
+    settings: TimingSettings | None = None,
+    should_stop: Callable[[], bool] = lambda: False,
+) -> Trajectory | None:
+    """Time a path from rest to rest, and certify the timed curve.
+
+    Corners are rounded as far as `blend_deviation` and `edge_free` allow; where they do not, the
+    motion stops at the waypoint. Both limits hold on the whole quintic interpolation. The curve
+    starts exactly at `path[0]` and ends exactly at `path[-1]`, both with zero velocity and
+    acceleration.
+
+    Args:
+        path: (n, dof) waypoints, n ≥ 1. Waypoints within 1e-9 of their predecessor are left out.
+        joints: names, in column order.
+        velocity, acceleration: (dof,) limits, finite and above zero.
+        edge_free: (a, b, deviation) -> whether every motion that stays within `deviation` (dof,),
+            joint by joint, of the straight motion from a to b is free.
+        settings: how finely.
+        should_stop: asked before every edge and every timing, which takes some 10 ms.
+
+    Returns:
+        The trajectory; of a path that does not move, its one point. None where no timed curve
+        could be certified (even with a stop at every waypoint), or where it was stopped.
+
+    Raises:
+        ParameterError: shapes or limits are unusable.
+    """
+    settings = settings if settings is not None else TimingSettings()
+    path = np.array(path, dtype=np.float64)
+    limits = np.array([velocity, acceleration], dtype=np.float64)
+    if path.ndim != 2 or len(path) == 0 or not np.isfinite(path).all():
+        raise ParameterError("path", path.shape, "give at least one finite waypoint")
+    if path.shape[1] != len(joints) or limits.shape != (2, len(joints)):
+        raise ParameterError("joints", tuple(joints), "give one path column and limit for each")
+    if not (np.isfinite(limits) & (limits > 0.0)).all():
+        raise ParameterError("limits", limits.tolist(), "give finite numbers above zero")
+
+    waypoints = _distinct(path)
+    if len(waypoints) == 1:
+        still = np.zeros_like(waypoints)
+        return Trajectory(tuple(joints), np.zeros(1), waypoints, still, still)
+
+    def free_until_stopped(a: Array, b: Array, deviation: Array) -> bool:
+        return not should_stop() and edge_free(a, b, deviation)
+
+    cuts = largest_cuts(waypoints, settings.blend_deviation)
+    refused = np.zeros(len(cuts), dtype=bool)
+    for round_ in range(_ROUNDS):
+        if round_ == 1:
+            cuts = _certified_cuts(waypoints, cuts, free_until_stopped, settings)
+        elif round_ == _ROUNDS - 1:
+            cuts = np.zeros_like(cuts)
+        timed = None if should_stop() else _timed_curve(waypoints, cuts, limits, settings)
+        if timed is None:
+            return None
+        points = control_points(*timed)
+        failed = first_uncertified(points, free_until_stopped, settings.chord_tolerance)
+        if failed is None:
+            return Trajectory(tuple(joints), *timed)
+        distance = np.linalg.norm(waypoints - points[failed].mean(axis=0), axis=1)
+        distance[cuts == 0.0] = np.inf
+        corner = int(distance.argmin())
+        length = float(np.linalg.norm(points[failed, -1] - points[failed, 0]))
+        if distance[corner] > 2.0 * (cuts[corner] + length):
+            return None  # a straight part: no smaller blend would help
+        if round_ > 0:  # halve the blend once, then stop there
+            cuts[corner] = 0.0 if refused[corner] else 0.5 * cuts[corner]
+            refused[corner] = True
+    return None
+
+
+def _distinct(path: Array) -> Array:
+    """The waypoints less those that repeat their predecessor; both ends stay exact."""
+    kept = [path[0]]
+    for q in path[1:]:
+        if np.linalg.norm(q - kept[-1]) > _SAME:
+            kept.append(q)
+    if len(kept) > 1:
+        kept[-1] = path[-1]
+    return np.array(kept)
+
+
+def _certified_cuts(
+    waypoints: Array, cuts: Array, edge_free: EdgeFree, settings: TimingSettings
+) -> Array:
+    """Per corner the largest of a few halvings of its cut whose blend is free; 0 where none is."""
+    certified = cuts.copy()
+    for corner in np.flatnonzero(cuts):
+        for _ in range(_BLEND_SIZES):
+            blend = blend_control_points(waypoints, certified, int(corner))[None]
+            if first_uncertified(blend, edge_free, settings.chord_tolerance) is None:
+                break
+            certified[corner] *= 0.5
+        else:
+            certified[corner] = 0.0
+    return certified
+
+
+def _timed_curve(
+    waypoints: Array, cuts: Array, limits: Array, settings: TimingSettings
+) -> tuple[Array, Array, Array, Array] | None:
+    """Times, positions, velocities and accelerations; at rest at both ends and where cuts are 0."""
+    stops = np.flatnonzero(cuts == 0.0)
+    stretches = []
+    for i, j in pairwise(stops):
+        stretch = _timed_stretch(waypoints[i : j + 1], cuts[i : j + 1], limits, settings)
+        if stretch is None:
+            return None
+        stretches.append(stretch)
+    times, positions, velocities, accelerations = stretches[0]
+    for t, q, v, a in stretches[1:]:
+        times = np.concatenate([times, times[-1] + t[1:]])
+        positions = np.concatenate([positions, q[1:]])
+        velocities = np.concatenate([velocities, v[1:]])
+        accelerations = np.concatenate([accelerations, a[1:]])
+    return times, positions, velocities, accelerations
+
+
+def _timed_stretch(
+    waypoints: Array, cuts: Array, limits: Array, settings: TimingSettings
+) -> tuple[Array, Array, Array, Array] | None:
+    """One stretch from rest to rest; sampled more finely where that makes it faster."""
+    rounded = RoundedPolyline(waypoints, cuts)
+    profile = None
+    for refinement in (1, 2, 4):
+        profile = _fastest_profile(rounded.curve, _grid(rounded, refinement), limits)
+        if profile is not None:
+            break
+    if profile is None:
+        return None
+    times, s, speed = profile
+    window = min(settings.smoothing_time, 0.2 * times[-1])
+    duration = times[-1] + window
+    interval = min(settings.max_interval, 0.5 * window)
+    best = None
+    for finer in (1, 2, 4):
+        count = min(int(np.ceil(finer * duration / interval)) + 1, settings.max_points)
+        t = np.linspace(0.0, duration, count)
+        timed = _sampled(rounded.curve, t, *_averaged(times, s, speed, t, window))
+        timed[1][[0, -1]] = waypoints[[0, -1]]
+        ratio = limit_ratio(control_points(*timed), np.diff(t), limits[0], limits[1])
+        if best is None or ratio < best[0]:
+            best = ratio, timed
+        if ratio < 1.05:
+            break
+    assert best is not None
+    stretch, (t, q, v, a) = best[0] * (1.0 + 1e-9), best[1]
+    return t * stretch, q, v / stretch, a / stretch**2
+
+
+class _Geometry(AbstractGeometricPath):
+    """A piecewise polynomial as toppra reads paths."""
+
+    def __init__(self, curve: PPoly) -> None:
+        self._derivatives = (curve, curve.derivative(1), curve.derivative(2))
+
+    def __call__(self, path_positions: Array, order: int = 0) -> Array:
+        return np.asarray(self._derivatives[order](path_positions))
+
+    @property
+    def dof(self) -> int:
+        return int(self._derivatives[0].c.shape[2])
+
+    @property
+    def path_interval(self) -> Array:
+        return np.asarray(self._derivatives[0].x[[0, -1]])
+
+
+def _grid(rounded: RoundedPolyline, refinement: int) -> Array:
+    """Path positions for toppra: some on every piece, more on blends that turn far."""
+    breaks = rounded.curve.x
+    directions = rounded.curve.derivative()(breaks)
+    spans = np.diff(breaks)
+    grid = [breaks[:1]]
+    for i, blend in enumerate(rounded.is_blend):
+        if blend:
+            turn = np.linalg.norm(directions[i + 1] - directions[i])
+            count = 4 + int(4.0 * turn)
+        else:
+            count = 3 + int(40.0 * spans[i] / breaks[-1])
+        inner = np.linspace(breaks[i], breaks[i + 1], refinement * count + 1)
+        grid.append(inner[1:])
+    return np.concatenate(grid)
+
+
+def _fastest_profile(curve: PPoly, grid: Array, limits: Array) -> tuple[Array, Array, Array] | None:
+    """Times, path positions and path speeds (k,) of the time-optimal motion from rest to rest."""
+    constraints = [JointVelocityConstraint(limits[0]), JointAccelerationConstraint(limits[1])]
+    solver = TOPPRA(constraints, _Geometry(curve), gridpoints=grid, solver_wrapper="seidel")
+    _, speed, _ = solver.compute_parameterization(0.0, 0.0)
+    if speed is None or not np.isfinite(speed).all():
+        return None
+    mean = 0.5 * (speed[:-1] + speed[1:])
+    if not (mean > 0.0).all():
+        return None
+    return np.concatenate([[0.0], np.cumsum(np.diff(grid) / mean)]), grid, np.asarray(speed)
+
+
+def _averaged(
+    times: Array, s: Array, speed: Array, t: Array, window: float
+) -> tuple[Array, Array, Array]:
+    """s(t) averaged over the last `window` seconds, with its first and second derivative (k,).
+
+    s is quadratic between `times`; the average of a motion from rest to rest is one too, lasts
+    longer by `window`, and its acceleration is continuous.
+    """
+    steps = np.diff(times)
+    position = PPoly(np.stack([0.5 * np.diff(speed) / steps, speed[:-1], s[:-1]]), times)
+    area = position.antiderivative()
+    velocity = position.derivative()
+
+    def at(x: Array) -> tuple[Array, Array, Array]:
+        x = np.maximum(x, 0.0)
+        inside = np.minimum(x, times[-1])
+        moving = (x > 0.0) & (x < times[-1])
+        over = x - inside
+        return area(inside) + over * s[-1], position(inside), np.where(moving, velocity(inside), 0)
+
+    now, before = at(t), at(t - window)
+    value, first, second = ((a - b) / window for a, b in zip(now, before, strict=True))
+    first[[0, -1]] = second[[0, -1]] = 0.0
+    return np.clip(value, s[0], s[-1]), first, second
+
+
+def _sampled(
+    curve: PPoly, t: Array, s: Array, first: Array, second: Array
+) -> tuple[Array, Array, Array, Array]:
+    """The curve at s(t): times, positions, velocities and accelerations."""
+    tangent = curve(s, 1)
+    velocities = tangent * first[:, None]
+    accelerations = curve(s, 2) * (first**2)[:, None] + tangent * second[:, None]
+    return t, curve(s), velocities, accelerations

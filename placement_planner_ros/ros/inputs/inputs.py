@@ -1,0 +1,203 @@
+"""Everything the node is told, and one consistent snapshot of it."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterable
+from functools import partial
+from typing import TypeVar
+
+import numpy as np
+import trimesh
+from rclpy.clock import Clock
+from rclpy.time import Time
+from sensor_msgs.msg import JointState, PointCloud2
+
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.errors import PlacementPlannerError
+from placement_planner_ros.core.robot.model import Arm
+from placement_planner_ros.core.types import Array, Placement
+from placement_planner_ros.ros.inputs.cloud_store import CloudStore, StoredCloud
+from placement_planner_ros.ros.inputs.frames import CloudFrameError, cloud_pose
+from placement_planner_ros.ros.inputs.joint_states import JointStates
+from placement_planner_ros.ros.inputs.object_input import ObjectInput
+from placement_planner_ros.ros.inputs.point_cloud import points_from_message
+from placement_planner_ros.ros.inputs.robot_input import (
+    RobotInput,
+    make_arm,
+    require_grasp,
+    require_limits,
+)
+from placement_planner_ros.ros.inputs.transforms import Transforms
+from placement_planner_ros.ros.parameters import ParameterSet
+from placement_planner_ros.ros.run.planning import Snapshot
+from placement_planner_ros.ros.run.surroundings import require_grid
+
+CONFIRMED_SPACING = 0.004
+"""Largest distance between neighbouring points on the surface of a confirmed object, metres."""
+
+Made = TypeVar("Made")
+
+
+class Inputs:
+    """Robot, clouds, joint states and object. Safe to use from several threads.
+
+    Args:
+        robot: where the robot comes from.
+        topics: cloud topics; of each a cloud is needed.
+        clock: the node's, to judge how old a stamp is.
+    """
+
+    def __init__(
+        self,
+        robot: RobotInput,
+        parameters: ParameterSet,
+        topics: Iterable[str],
+        transforms: Transforms,
+        clock: Clock,
+    ) -> None:
+        self.robot = robot
+        self.joints = JointStates()
+        self.object = ObjectInput(parameters)
+        self.clouds = CloudStore(tuple(topics))
+        self._transforms = transforms
+        self._clock = clock
+        self._lock = threading.Lock()
+        self._waiting: dict[str, tuple[PointCloud2, float]] = {}
+
+    def take_joint_state(self, message: JointState) -> None:
+        """Merge a joint state.
+
+        Raises:
+            JointStateError: it is malformed.
+        """
+        self.joints.update(message.name, message.position, message.velocity, time.monotonic())
+
+    def take_cloud(self, topic: str, message: PointCloud2, parameters: ParameterSet) -> None:
+        """Store a cloud in the planning frame.
+
+        Raises:
+            PlacementPlannerError: it is malformed, or nobody knows its frame. A cloud whose frame
+                is unknown is tried again at the next snapshot.
+        """
+        with self._lock:
+            self._waiting.pop(topic, None)
+        taken = time.monotonic() - self._age(message)
+        try:
+            self._store(topic, message, taken, parameters)
+        except CloudFrameError:
+            with self._lock:
+                self._waiting[topic] = (message, taken)
+            raise
+
+    def state(self, parameters: ParameterSet) -> tuple[object, ...]:
+        """Equal at two moments where nothing that a snapshot is taken of has changed."""
+        try:
+            robot = self.robot.robot
+        except PlacementPlannerError:
+            robot = None
+        return self.clouds.changes, self.joints.positions(), self.object.mesh, robot, parameters
+
+    def snapshot(
+        self, parameters: ParameterSet, overridden: Iterable[str] = ()
+    ) -> Snapshot | list[PlacementPlannerError]:
+        """All inputs at this moment, or everything that is missing or wrong.
+
+        Args:
+            overridden: parameters that hold for this run only.
+        """
+        now = time.monotonic()
+        faults: list[PlacementPlannerError] = []
+        self._retry_waiting(parameters)
+
+        def attempt(make: Callable[[], Made]) -> Made | None:
+            try:
+                return make()
+            except PlacementPlannerError as error:
+                faults.append(error)
+                return None
+
+        mode, max_age = parameters["cloud.mode"], parameters["cloud.max_age"]
+        faults += self.clouds.faults(mode, max_age, now)
+        clouds = None if faults else attempt(lambda: self.clouds.snapshot(mode, max_age, now))
+        robot = attempt(lambda: self.robot.robot)
+        q_start: Array | None = None
+        arms: tuple[Arm, ...] = ()
+        if robot is not None:
+            q_start = attempt(
+                lambda: self.joints.resting(
+                    robot, now, parameters["joint_state_timeout"], parameters["start_tolerance"]
+                )
+            )
+            made = [
+                attempt(partial(make_arm, robot, parameters, name)) for name in parameters["arms"]
+            ]
+            arms = tuple(arm for arm in made if arm is not None)
+            if len(arms) == len(made):
+                attempt(lambda: require_grasp(arms))
+                attempt(lambda: require_limits(arms, parameters["acceleration_limits"]))
+        body = attempt(lambda: self.object.body(parameters, overridden))
+        if faults or robot is None or clouds is None or q_start is None or body is None:
+            return faults
+        points = tuple(cloud.points for cloud in clouds)
+        origins = tuple(cloud.origin for cloud in clouds)
+        placed = tuple(cloud.placed for cloud in clouds)
+        snapshot = Snapshot(
+            robot, arms, q_start, body, points, parameters, robot.root_link, origins, placed
+        )
+        attempt(lambda: require_grid(snapshot))
+        return faults or snapshot
+
+    def confirm(self, placement: Placement, body: Body) -> None:
+        """The object stands where it was placed: its surface is part of the environment now."""
+        self.clouds.confirm(surface_points(body, placement))
+
+    def _age(self, message: PointCloud2) -> float:
+        """Seconds since the cloud was taken, by its stamp; 0 without one."""
+        stamp = Time.from_msg(message.header.stamp, clock_type=self._clock.clock_type)
+        if stamp.nanoseconds == 0:
+            return 0.0
+        return max(0.0, (self._clock.now() - stamp).nanoseconds * 1e-9)
+
+    def _store(
+        self, topic: str, message: PointCloud2, taken: float, parameters: ParameterSet
+    ) -> None:
+        robot = self.robot.robot
+        T_planning_cloud = cloud_pose(
+            message.header.frame_id,
+            parameters,
+            robot,
+            self.joints.positions(),
+            lambda frame: self._transforms.pose(robot.root_link, frame, message.header.stamp),
+        )
+        points = points_from_message(message)
+        points = points @ T_planning_cloud.rotation.T + T_planning_cloud.translation
+        # In the planning frame a cloud no longer tells where it was seen from.
+        moved = message.header.frame_id != robot.root_link
+        origin = np.array(T_planning_cloud.translation) if moved else None
+        self.clouds.add(topic, StoredCloud(points, taken, origin))
+        if parameters["cloud.mode"] == "merge":
+            self.clouds.merge(points, parameters["cloud.cell_size"])
+
+    def _retry_waiting(self, parameters: ParameterSet) -> None:
+        with self._lock:
+            waiting = dict(self._waiting)
+        for topic, (message, taken) in waiting.items():
+            try:
+                self._store(topic, message, taken, parameters)
+            except PlacementPlannerError as error:
+                self.clouds.refuse(topic, error)
+            else:
+                with self._lock:
+                    self._waiting.pop(topic, None)
+
+
+def surface_points(body: Body, placement: Placement) -> Array:
+    """(n, 3) points on the placed object's surface, at most `CONFIRMED_SPACING` apart."""
+    vertices, _ = trimesh.remesh.subdivide_to_size(
+        body.vertices, body.triangles, CONFIRMED_SPACING, max_iter=20
+    )
+    points = np.unique(np.round(vertices, 9), axis=0)
+    T = placement.T_world_object
+    return np.asarray(points @ T.rotation.T + T.translation)

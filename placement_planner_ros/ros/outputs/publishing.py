@@ -1,0 +1,206 @@
+"""The node's outputs. For one solution the parts come first, the manifest last."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Mapping
+
+import numpy as np
+import pinocchio as pin
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import PoseStamped
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Float64, Header
+from trajectory_msgs.msg import JointTrajectory
+from visualization_msgs.msg import Marker, MarkerArray
+
+from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.types import Array, Placement
+from placement_planner_ros.ros.inputs.point_cloud import message_from_points
+from placement_planner_ros.ros.outputs.conversions import (
+    stamped_pose,
+    time_message,
+    trajectory_message,
+    with_all_joints,
+)
+from placement_planner_ros.ros.outputs.markers import no_markers, placement_markers, scene_markers
+from placement_planner_ros.ros.run.planning import Snapshot
+
+LATCHED = QoSProfile(
+    depth=1,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+_PATH_POINTS = 60
+_DRAW_AFTER = 0.5
+"""Seconds from the beginning of a search to its first markers, unless a placement comes before."""
+
+
+class Outputs:
+    """Publishers of one node. Safe to use from several threads."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._lock = threading.Lock()
+        self._last_stamp = 0
+        self._scene: list[Marker] = []
+        self._drawn: Environment | None = None
+        self._undrawn: tuple[Snapshot, Environment, float] | None = None
+        self._trajectory = node.create_publisher(JointTrajectory, "~/trajectory", LATCHED)
+        self._retreat = node.create_publisher(JointTrajectory, "~/retreat_trajectory", LATCHED)
+        self._pose = node.create_publisher(PoseStamped, "~/placement_pose", LATCHED)
+        self._objective = node.create_publisher(Float64, "~/objective", LATCHED)
+        self._solution = node.create_publisher(DiagnosticArray, "~/solution", LATCHED)
+        self._status = node.create_publisher(DiagnosticStatus, "~/status", LATCHED)
+        self._markers = node.create_publisher(MarkerArray, "~/markers", LATCHED)
+        self._occupancy = node.create_publisher(PointCloud2, "~/occupancy", LATCHED)
+        self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+
+    def clear(self, run: int, frame: str) -> None:
+        """A run begins: withdraw whatever is latched from the one before."""
+        key = f"{run}/0"
+        with self._lock:
+            self._undrawn = None
+            self._trajectory.publish(trajectory_message(None, key))
+            self._retreat.publish(trajectory_message(None, key))
+            self._markers.publish(no_markers())
+            values = {"run": run, "solution": 0, "has_retreat": "false"}
+            self._solution.publish(self._manifest(self._stamp(), frame, values))
+
+    def environment(self, snapshot: Snapshot, environment: Environment) -> None:
+        """Obstacle set and regions, once they are known.
+
+        They are drawn by `draw`, as that takes time which the search for a first placement needs.
+        """
+        with self._lock:
+            self._undrawn = snapshot, environment, time.monotonic()
+
+    def draw(self) -> None:
+        """Publish obstacle set and regions of a run that has gone on for a moment."""
+        with self._lock:
+            if self._undrawn is not None and time.monotonic() >= self._undrawn[2] + _DRAW_AFTER:
+                self._draw()
+
+    def _draw(self) -> None:
+        if self._undrawn is None:
+            return
+        snapshot, environment, _ = self._undrawn
+        self._undrawn = None
+        stamp = self._now()
+        header = Header(frame_id=snapshot.frame, stamp=stamp)
+        obstacles = environment.obstacles
+        centres = (obstacles.lower + obstacles.upper) / 2
+        self._occupancy.publish(message_from_points(centres, header))
+        if self._drawn is not environment:
+            volume = snapshot.parameters.volume
+            self._scene = scene_markers(snapshot.frame, stamp, volume, environment.regions)
+            self._drawn = environment
+        self._markers.publish(MarkerArray(markers=self._scene))
+
+    def solution(
+        self,
+        run: int,
+        number: int,
+        placement: Placement,
+        search_time: float,
+        snapshot: Snapshot,
+    ) -> None:
+        """Publish one placement, found `search_time` seconds after the run's start.
+
+        Its markers come last, as nobody acts on them.
+        """
+        key = f"{run}/{number}"
+        goal = placement.goal
+        trajectory, retreat = placement.trajectory, placement.retreat
+        if snapshot.parameters["trajectory_joints"] == "all":
+            robot, q = snapshot.robot, snapshot.q_start
+            trajectory = with_all_joints(trajectory, robot, q)
+            if retreat is not None:
+                arm = next(a for a in snapshot.arms if a.name == goal.arm)
+                retreat = with_all_joints(retreat, robot, robot.with_open_hand(q, arm))
+        with self._lock:
+            stamp = self._stamp()
+            self._trajectory.publish(trajectory_message(trajectory, key))
+            self._retreat.publish(trajectory_message(retreat, key))
+            self._pose.publish(stamped_pose(placement.T_world_object, snapshot.frame, stamp))
+            self._objective.publish(Float64(data=float(placement.objective)))
+            values = {
+                "run": run,
+                "solution": number,
+                "objective": float(placement.objective),
+                "arm": goal.arm,
+                "grasp": goal.grasp,
+                "face": goal.face,
+                "approach_start": float(placement.approach_start),
+                "has_retreat": str(retreat is not None).lower(),
+                "search_time": float(search_time),
+            }
+            self._solution.publish(self._manifest(stamp, snapshot.frame, values))
+            self._draw()
+            shown = placement_markers(
+                snapshot.frame,
+                stamp,
+                snapshot.body,
+                placement.T_world_object,
+                tip_path(placement, snapshot),
+            )
+            self._markers.publish(MarkerArray(markers=self._scene + shown))
+
+    def status(self, level: bytes, message: str, values: Mapping[str, object]) -> None:
+        """What the node is doing."""
+        self._status.publish(
+            DiagnosticStatus(
+                level=level, name=self._node.get_name(), message=message, values=_pairs(values)
+            )
+        )
+
+    def diagnostics(self, level: bytes, message: str, values: Mapping[str, object]) -> None:
+        """Input ages and state, for whoever collects diagnostics."""
+        status = DiagnosticStatus(
+            level=level, name=self._node.get_name(), message=message, values=_pairs(values)
+        )
+        self._diagnostics.publish(
+            DiagnosticArray(header=Header(stamp=self._now()), status=[status])
+        )
+
+    def _manifest(self, stamp: Time, frame: str, values: Mapping[str, object]) -> DiagnosticArray:
+        status = DiagnosticStatus(
+            level=DiagnosticStatus.OK, name=self._node.get_name(), values=_pairs(values)
+        )
+        return DiagnosticArray(header=Header(frame_id=frame, stamp=stamp), status=[status])
+
+    def _now(self) -> Time:
+        return self._node.get_clock().now().to_msg()
+
+    def _stamp(self) -> Time:
+        """The time, later than that of any manifest before."""
+        self._last_stamp = max(self._last_stamp + 1, self._node.get_clock().now().nanoseconds)
+        return time_message(self._last_stamp)
+
+
+def tip_path(placement: Placement, snapshot: Snapshot) -> Array:
+    """(n, 3) positions of the arm's tip along the trajectory."""
+    robot = snapshot.robot
+    arm = next(a for a in snapshot.arms if a.name == placement.goal.arm)
+    frame = robot.frame_id(arm.tip_frame)
+    trajectory = placement.trajectory
+    chosen = np.linspace(0, len(trajectory.times) - 1, min(_PATH_POINTS, len(trajectory.times)))
+    q = np.array(snapshot.q_start)
+    data = robot.model.createData()
+    path = []
+    for row in chosen.round().astype(int):
+        q[arm.q_index] = trajectory.positions[row]
+        pin.framesForwardKinematics(robot.model, data, q)
+        path.append(data.oMf[frame].translation.copy())
+    return np.array(path)
+
+
+def _pairs(values: Mapping[str, object]) -> list[KeyValue]:
+    return [
+        KeyValue(key=k, value=repr(v) if isinstance(v, float) else str(v))
+        for k, v in values.items()
+    ]

@@ -1,0 +1,93 @@
+"""From one snapshot of all inputs to a planner ready to run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.objective.objective import ObjectiveContext, make_objective
+from placement_planner_ros.core.planner import PlacementPlanner, Problem
+from placement_planner_ros.core.robot.model import Arm, Robot
+from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.types import Array, Placement
+from placement_planner_ros.ros.parameters import ParameterSet
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Snapshot:
+    """Every input of a run, taken at one moment and never changed.
+
+    Attributes:
+        q_start: (nq,) q_0.
+        clouds: point sets (n, 3) in the planning frame.
+        parameters: of this run.
+        frame: the planning frame.
+        origins: per cloud, (3,) where its sensor was, None where that is not known.
+        placed: per cloud, whether it is an object placed before, which is never filtered.
+    """
+
+    robot: Robot
+    arms: tuple[Arm, ...]
+    q_start: Array
+    body: Body
+    clouds: tuple[Array, ...]
+    parameters: ParameterSet
+    frame: str
+    origins: tuple[Array | None, ...] = ()
+    placed: tuple[bool, ...] = ()
+
+
+class Counters(Protocol):
+    """What a run reports of its planner."""
+
+    @property
+    def samples(self) -> int: ...
+    @property
+    def rejected(self) -> dict[str, int]: ...
+    def why_nothing(self) -> str: ...
+
+
+class Planner(Protocol):
+    """What a run needs of a planner; `PlacementPlanner` is one."""
+
+    exhausted: str
+    unusable: tuple[str, ...]
+
+    @property
+    def statistics(self) -> Counters: ...
+    def run(self, should_stop: Callable[[], bool]) -> Iterator[Placement]: ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prepared:
+    """A planner and what it plans in."""
+
+    planner: Planner
+    environment: Environment
+
+
+Prepare = Callable[[Snapshot, Callable[[], bool]], Prepared | None]
+"""Makes the planner of a run; None where it was told to stop first."""
+
+
+def make_planner(snapshot: Snapshot, environment: Environment) -> Prepared:
+    """The planner of a run.
+
+    Raises:
+        PlacementPlannerError: an input is unusable.
+    """
+    parameters, volume = snapshot.parameters, snapshot.parameters.volume
+    problem = Problem(
+        snapshot.robot, snapshot.arms, snapshot.q_start, snapshot.body, volume, environment
+    )
+    objective = make_objective(
+        parameters["objective"], ObjectiveContext(environment, volume, snapshot.body)
+    )
+    seed = parameters["seed"]
+    rng = np.random.default_rng(None if seed < 0 else seed)
+    planner = PlacementPlanner(problem, objective, parameters.planner_settings, rng)
+    return Prepared(planner, environment)

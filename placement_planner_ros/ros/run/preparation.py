@@ -1,0 +1,199 @@
+"""Environments made as clouds arrive, so that start finds them ready."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.collision.boxes import box_arrays
+from placement_planner_ros.core.errors import PlacementPlannerError
+from placement_planner_ros.core.planner import PlacementPlanner, Problem
+from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.ros.run.planning import Prepared, Snapshot, make_planner
+from placement_planner_ros.ros.run.surroundings import Surroundings
+
+LOOK = 0.2
+"""Seconds between looks at whether the inputs have changed, at least."""
+SHARE = 0.25
+"""Of one core that preparing ahead takes at most, on average."""
+_CLOSING = 0.5
+"""Seconds that closing waits at most."""
+_PATIENCE = 0.005
+"""Seconds between looks at whether a run that waits for its environment has been stopped."""
+
+Inputs = Callable[[], tuple[object, Callable[[], Snapshot | None]]]
+"""What tells one state of the inputs from another, and their snapshot; None where some miss."""
+
+
+class _Build:
+    """An environment in the making, with the fields that every search needs.
+
+    Attributes:
+        ended: set once there is an environment, an error, or neither as nobody wants it any more.
+    """
+
+    def __init__(self, surroundings: Surroundings) -> None:
+        self.surroundings = surroundings
+        self.ended = threading.Event()
+        self.unwanted = False
+        self.error: BaseException | None = None
+        self._environment: Environment | None = None
+
+    @property
+    def made(self) -> bool:
+        """Whether the environment is there."""
+        return self._environment is not None
+
+    @property
+    def environment(self) -> Environment:
+        """What was made.
+
+        Raises:
+            PlacementPlannerError: the clouds are unusable.
+        """
+        if self.error is not None:
+            raise self.error
+        assert self._environment is not None
+        return self._environment
+
+    def work(self) -> None:
+        """Make it; gives up between two steps where it is unwanted."""
+        try:
+            environment = self.surroundings.environment()
+            if not self.unwanted:
+                box_arrays(environment.obstacles)
+            if not self.unwanted:
+                _ = environment.clearance
+                self._environment = environment
+        except Exception as error:  # raised again in the thread that asks for the environment
+            self.error = error
+        finally:
+            self.ended.set()
+
+
+class Preparation:
+    """Keeps the environment of the newest inputs ready. Safe to use from several threads.
+
+    What a run gets depends on its snapshot alone: an environment made ahead is taken only where
+    the run's own points, bounds and settings are the same.
+
+    Args:
+        inputs: what there is now.
+        idle: whether there is leisure to prepare anything.
+    """
+
+    def __init__(self, inputs: Inputs, idle: Callable[[], bool]) -> None:
+        self._inputs = inputs
+        self._idle = idle
+        self._lock = threading.Lock()
+        self._newest: _Build | None = None
+        self._runs = 0
+        self._seen: object = None
+        self._rehearsed: tuple[Robot, Body] | None = None
+        self._closed = threading.Event()
+        self._ahead = threading.Thread(target=self._look_ahead, name="preparation", daemon=True)
+
+    def start(self) -> None:
+        """From now on prepare ahead."""
+        self._ahead.start()
+
+    def close(self) -> None:
+        """Begin nothing more, and wait a little for what is being made."""
+        self._closed.set()
+        if self._ahead.is_alive():
+            self._ahead.join(_CLOSING)
+
+    @property
+    def busy(self) -> bool:
+        """Whether something is being made."""
+        build = self._newest
+        return self._ahead.is_alive() or (build is not None and not build.ended.is_set())
+
+    def prepare(self, snapshot: Snapshot, should_stop: Callable[[], bool]) -> Prepared | None:
+        """The planner of a run; None where it is stopped before its environment is there.
+
+        Raises:
+            PlacementPlannerError: an input is unusable.
+        """
+        with self._lock:
+            self._runs += 1  # from now on nothing is prepared ahead
+        try:
+            surroundings = Surroundings.of(snapshot, self._before())
+            with self._lock:
+                build, new = self._build(surroundings)
+            if new:
+                threading.Thread(target=build.work, name="environment", daemon=True).start()
+            while not build.ended.wait(_PATIENCE):
+                if should_stop():
+                    return None
+            return make_planner(snapshot, build.environment)
+        finally:
+            with self._lock:
+                self._runs -= 1
+
+    def ahead(self, snapshot: Snapshot) -> None:
+        """Prepare for a run that may come, in this thread; its errors are left to that run."""
+        surroundings = Surroundings.of(snapshot, self._before())
+        with self._lock:
+            if self._runs:
+                return
+            build, new = self._build(surroundings)
+        if new:
+            build.work()
+        wanted = snapshot.robot, snapshot.body
+        if build.made and self._rehearsed != wanted:
+            self._rehearsed = wanted
+            _rehearse(snapshot, build.environment)
+
+    def _before(self) -> Surroundings | None:
+        build = self._newest
+        return None if build is None else build.surroundings
+
+    def _build(self, surroundings: Surroundings) -> tuple[_Build, bool]:
+        """The build of these surroundings, and whether it is yet to be worked on; lock held."""
+        newest = self._newest
+        if newest is not None:
+            if newest.error is None and newest.surroundings.same(surroundings):
+                return newest, False
+            newest.unwanted = True
+        self._newest = _Build(surroundings)
+        return self._newest, True
+
+    def _look_ahead(self) -> None:
+        rest = LOOK
+        while not self._closed.wait(rest):
+            began = time.thread_time()
+            if self._idle():
+                self._look()
+            rest = max(LOOK, (time.thread_time() - began) * (1.0 / SHARE - 1.0))
+
+    def _look(self) -> None:
+        state, take_snapshot = self._inputs()
+        if state == self._seen:
+            return
+        snapshot = take_snapshot()
+        if snapshot is not None:
+            self._seen = state
+            self.ahead(snapshot)
+
+
+def _rehearse(snapshot: Snapshot, environment: Environment) -> None:
+    """Make a planner once: fills the caches that depend on robot and object alone."""
+    problem = Problem(
+        snapshot.robot,
+        snapshot.arms,
+        snapshot.q_start,
+        snapshot.body,
+        environment.volume,
+        environment,
+    )
+    settings = snapshot.parameters.planner_settings
+    try:
+        PlacementPlanner(problem, lambda _: 0.0, settings, np.random.default_rng(0))
+    except PlacementPlannerError:
+        return

@@ -1,0 +1,223 @@
+"""From the clouds of a snapshot to the environment, without the robot and the held object."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.grasp.holding import workspace
+from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.scene.grid import GridSettings
+from placement_planner_ros.core.scene.regions import RegionSettings
+from placement_planner_ros.core.scene.visibility import View
+from placement_planner_ros.core.types import Array, TargetVolume
+from placement_planner_ros.ros.inputs.self_filter import outside_robot
+from placement_planner_ros.ros.run.planning import Snapshot
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surroundings:
+    """All that an environment is made from, and nothing else.
+
+    Attributes:
+        points: (n, 3) neither on the robot nor on the held object, planning frame.
+        bounds: lower (3,) and upper (3,) corner of what the obstacle set covers.
+        views: for `unknown_space`; empty where that is free.
+        snapshot: where the robot is, which only views look at.
+    """
+
+    points: Array
+    bounds: tuple[Array, Array]
+    volume: TargetVolume
+    grid: GridSettings
+    views: tuple[View, ...]
+    snapshot: Snapshot
+
+    @classmethod
+    def of(cls, snapshot: Snapshot, before: Surroundings | None = None) -> Surroundings:
+        """Filter the robot and what it holds out of the clouds.
+
+        Args:
+            before: what was made of an earlier snapshot; returned where nothing has changed.
+        """
+        if before is not None and _same_inputs(snapshot, before.snapshot):
+            return before
+        points = np.vstack(snapshot.clouds)
+        kept = np.ones(len(points), np.bool_)
+        if snapshot.parameters["self_filter.enabled"]:
+            kept = _outside(snapshot, points, snapshot.parameters["self_filter.padding"])
+            if any(snapshot.placed):
+                kept |= np.repeat(snapshot.placed, [len(cloud) for cloud in snapshot.clouds])
+        views: list[View] = []
+        if snapshot.parameters["unknown_space"] == "occupied":
+            ends = np.cumsum([len(cloud) for cloud in snapshot.clouds])[:-1]
+            for cloud, hides, origin in zip(
+                snapshot.clouds, np.split(kept, ends), snapshot.origins, strict=True
+            ):
+                if origin is not None:
+                    views.append(View(cloud, origin, hides))
+        points = points[kept]
+        return cls(
+            points,
+            grid_bounds(snapshot, points),
+            snapshot.parameters.volume,
+            snapshot.parameters.grid_settings,
+            tuple(views),
+            snapshot,
+        )
+
+    def same(self, other: Surroundings) -> bool:
+        """Whether both make the same environment."""
+        return self is other or (
+            self.grid == other.grid
+            and _equal(
+                (self.volume.lower, self.volume.upper), (other.volume.lower, other.volume.upper)
+            )
+            and _equal(self.bounds, other.bounds)
+            and np.array_equal(self.points, other.points)
+            and len(self.views) == len(other.views)
+            and all(map(_same_view, self.views, other.views))
+            and (not self.views or _same_hands(self.snapshot, other.snapshot))
+        )
+
+    def environment(self) -> Environment:
+        """Preprocess the points.
+
+        Raises:
+            PlacementPlannerError: they are unusable.
+        """
+        parameters = self.snapshot.parameters
+        around = max(parameters["self_filter.padding"], parameters["collision_margin"])
+        return Environment.from_points(
+            self.points,
+            self.volume,
+            self.grid,
+            RegionSettings(),
+            self.bounds,
+            views=self.views,
+            outside_robot=lambda centers, distance: _outside(
+                self.snapshot, centers, around + distance
+            ),
+        )
+
+
+def _outside(snapshot: Snapshot, points: Array, distance: float) -> npt.NDArray[np.bool_]:
+    return outside_robot(
+        points, snapshot.robot, snapshot.q_start, snapshot.arms, snapshot.body, distance
+    )
+
+
+def _equal(some: tuple[Array, Array], others: tuple[Array, Array]) -> bool:
+    return all(map(np.array_equal, some, others))
+
+
+def _same_view(a: View, b: View) -> bool:
+    return _equal((a.origin, a.points), (b.origin, b.points)) and np.array_equal(
+        np.asarray(a.hides), np.asarray(b.hides)
+    )
+
+
+def _same_inputs(a: Snapshot, b: Snapshot) -> bool:
+    names = ("target_volume", "cloud.cell_size", "self_filter.enabled", "unknown_space")
+    return (
+        len(a.clouds) == len(b.clouds)
+        and all(x is y for x, y in zip(a.clouds, b.clouds, strict=True))
+        and a.placed == b.placed
+        and all(map(np.array_equal, map(_known, a.origins), map(_known, b.origins)))
+        and all(a.parameters[name] == b.parameters[name] for name in names)
+        and _same_hands(a, b)
+    )
+
+
+def _known(origin: Array | None) -> Array:
+    return np.empty(0) if origin is None else origin
+
+
+def _same_hands(a: Snapshot, b: Snapshot) -> bool:
+    """Whether robot and held object fill the same space."""
+    names = ("self_filter.padding", "collision_margin")
+    return (
+        a.robot is b.robot
+        and a.body is b.body
+        and np.array_equal(a.q_start, b.q_start)
+        and [(arm.joints, arm.tip_frame, arm.grasps) for arm in a.arms]
+        == [(arm.joints, arm.tip_frame, arm.grasps) for arm in b.arms]
+        and all(a.parameters[name] == b.parameters[name] for name in names)
+    )
+
+
+def _workspace(snapshot: Snapshot) -> tuple[Array, Array]:
+    return workspace(
+        snapshot.robot,
+        snapshot.arms,
+        snapshot.q_start,
+        snapshot.body,
+        snapshot.parameters.volume,
+    )
+
+
+def grid_bounds(snapshot: Snapshot, points: Array) -> tuple[Array, Array]:
+    """Box (lower (3,), upper (3,)) that the obstacle set must cover.
+
+    Where arm, hand and object can be; of that, only what points (n, 3) lie in, unless unseen space
+    counts too.
+    """
+    lower, upper = _workspace(snapshot)
+    if _is_unknown_occupied(snapshot):
+        return lower, upper
+    inside = points[((points >= lower) & (points <= upper)).all(axis=1)]
+    if len(inside) == 0:
+        return snapshot.parameters.volume.lower, snapshot.parameters.volume.upper
+    # A rim, for neighbours of measured cells count as known, see `validity.KnownSpace`; by whole
+    # cells, so that the cells are the same whatever was seen.
+    size = snapshot.parameters["cloud.cell_size"]
+    skipped = np.floor((inside.min(axis=0) - lower) / size) - 2.0
+    return (
+        lower + np.maximum(skipped, 0.0) * size,
+        np.minimum(upper, inside.max(axis=0) + 2.0 * size),
+    )
+
+
+def require_grid(snapshot: Snapshot) -> None:
+    """Refuse cells so small that the obstacle set would have too many.
+
+    Raises:
+        ParameterError: they are.
+    """
+    settings = snapshot.parameters.grid_settings
+
+    def too_many(lower: Array, upper: Array) -> bool:
+        return float(np.prod((upper - lower) / settings.cell_size + 2.0)) > settings.max_cells
+
+    if not too_many(*_workspace(snapshot)):
+        return  # Without a look at the points, as start has little time.
+    lower, upper = grid_bounds(snapshot, np.vstack(snapshot.clouds))
+    if too_many(lower, upper):
+        size = " x ".join(f"{side:.3g}" for side in upper - lower)
+        raise ParameterError(
+            "cloud.cell_size",
+            settings.cell_size,
+            f"makes more than {settings.max_cells} cells of the {size} m that are of interest; "
+            "set it higher, or a target_volume nearer to the robot",
+        )
+
+
+def _is_unknown_occupied(snapshot: Snapshot) -> bool:
+    return snapshot.parameters["unknown_space"] == "occupied" and any(
+        origin is not None for origin in snapshot.origins
+    )
+
+
+def sight_notes(snapshot: Snapshot) -> list[str]:
+    """What to tell of `unknown_space` where it cannot be told what was seen."""
+    if snapshot.parameters["unknown_space"] == "free" or any(
+        origin is not None for origin in snapshot.origins
+    ):
+        return []
+    return [
+        "unknown_space: occupied has no effect, for every cloud is in the planning frame and "
+        "nobody knows where it was seen from; publish clouds in their sensor's frame"
+    ]

@@ -1,0 +1,132 @@
+"""`placement_scene`: one bundled scene as cameras and a robot would publish it."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+import numpy as np
+import rclpy
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.exceptions import ParameterException
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState, PointCloud2
+from std_msgs.msg import Header, String
+
+from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError
+from placement_planner_ros.experiments.cases import start_configuration
+from placement_planner_ros.ros.inputs.point_cloud import message_from_points
+from placement_planner_ros.ros.outputs.publishing import LATCHED
+from placement_planner_ros.ros.spinning import catch_signals, spin_until
+from placement_planner_ros.scenes.clouds import camera_clouds, complete_cloud
+from placement_planner_ros.scenes.scenes import SCENE_NAMES, Scene, scene_by_name
+from placement_planner_ros.share import share_path
+
+FRAME = "yumi_body"
+JOINT_STATE_RATE = 50.0
+"""Hz."""
+
+RELIABLE = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+
+
+class ScenePublisher(Node):
+    """Publishes clouds, joint states and the robot's description.
+
+    The complete surface goes to `points` in the planning frame; the cameras' views go to
+    `<camera>/points`, in the cameras' optical frames.
+
+    Raises:
+        ParameterError: an unknown scene, object or kind of cloud.
+    """
+
+    def __init__(self, overrides: Sequence[Parameter] = ()) -> None:
+        super().__init__("placement_scene", parameter_overrides=list(overrides))
+        scene = scene_by_name(
+            self._choice("name", "cabinet_high_clutter", f"Scene: {', '.join(SCENE_NAMES)}.")
+        )
+        held = self._choice(
+            "object", "small_crayons_box", "Object that the fingers are closed around."
+        )
+        kind = self._choice(
+            "clouds", "complete", "complete: the whole surface; cameras: what two cameras see."
+        )
+        rate = self.declare_parameter(
+            "rate",
+            2.0,
+            ParameterDescriptor(description="Clouds per second.", dynamic_typing=True),
+        ).value
+        if not isinstance(rate, (int, float)) or not 0.0 < rate <= 100.0:
+            raise ParameterError("rate", rate, "must be above 0 and at most 100 Hz")
+        self._positions = start_configuration(held)
+        self._clouds = self._make_clouds(scene, kind)
+        self._joint_states = self.create_publisher(JointState, "joint_states", 10)
+        self._latched = [
+            (self.create_publisher(String, topic, LATCHED), share_path("urdf", name))
+            for topic, name in (
+                ("robot_description", "yumi.urdf"),
+                ("robot_description_semantic", "yumi.srdf"),
+            )
+        ]
+        for publisher, path in self._latched:
+            publisher.publish(String(data=path.read_text(encoding="utf-8")))
+        self.create_timer(1.0 / rate, self._publish_clouds)
+        self.create_timer(1.0 / JOINT_STATE_RATE, self._publish_joint_states)
+        self.get_logger().info(f"publishing scene {scene.name}, clouds: {kind}")
+
+    def _choice(self, name: str, default: str, text: str) -> str:
+        return str(
+            self.declare_parameter(name, default, ParameterDescriptor(description=text)).value
+        )
+
+    def _make_clouds(self, scene: Scene, kind: str) -> list[tuple[Publisher, PointCloud2]]:
+        if kind == "complete":
+            publisher = self.create_publisher(PointCloud2, "points", RELIABLE)
+            return [(publisher, message_from_points(complete_cloud(scene), Header(frame_id=FRAME)))]
+        if kind != "cameras":
+            raise ParameterError("clouds", kind, "choose complete or cameras")
+        made: list[tuple[Publisher, PointCloud2]] = []
+        for cloud in camera_clouds(scene, np.random.default_rng(0)):
+            frame = cloud.camera.name
+            topic = f"{frame.removesuffix('_optical_frame')}/points"
+            message = message_from_points(cloud.points, Header(frame_id=frame))
+            made.append((self.create_publisher(PointCloud2, topic, RELIABLE), message))
+        return made
+
+    def _publish_clouds(self) -> None:
+        for publisher, message in self._clouds:
+            message.header.stamp = self.get_clock().now().to_msg()
+            publisher.publish(message)
+
+    def _publish_joint_states(self) -> None:
+        message = JointState(
+            name=list(self._positions),
+            position=list(self._positions.values()),
+            velocity=[0.0] * len(self._positions),
+        )
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._joint_states.publish(message)
+
+
+def main(args: list[str] | None = None) -> None:
+    """Publish until interrupted."""
+    asked = catch_signals()
+    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        node = ScenePublisher()
+    except (PlacementPlannerError, ParameterException) as error:
+        sys.exit(f"placement_scene: {error}")
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    spin_until(executor, asked)
+    executor.shutdown()
+    node.destroy_node()
+    rclpy.shutdown()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,237 @@
+"""The grasped object: parts, placement faces, B_o, and meshes that are not what they should be."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import trimesh
+from shared import SHARED
+
+from placement_planner_ros.core.body.body import Body, BodySettings
+from placement_planner_ros.core.errors import ObjectError, ParameterError
+from placement_planner_ros.scenes.objects import object_by_name
+
+
+def body_of(mesh, **options):
+    return Body.from_mesh(mesh.vertices, mesh.faces, **options)
+
+
+def bundled(name):
+    thing = object_by_name(name)
+    return Body.from_mesh(thing.vertices, thing.triangles, thing.center_of_mass)
+
+
+def box(*size):
+    return trimesh.creation.box(size)
+
+
+@pytest.mark.parametrize(
+    ("name", "count"),
+    [("large_crayons_box", 6), ("small_crayons_box", 6), ("wine_glass", 2), ("toy_table", 6)],
+)
+def test_bundled_objects_have_the_faces_a_person_would_name(name, count):
+    body = bundled(name)
+    assert len(body.faces) == count
+    assert body.warnings == ()
+    assert [f.area for f in body.faces] == sorted((f.area for f in body.faces), reverse=True)
+
+
+def test_faces_stand_flat_with_the_reference_vertex_at_the_origin():
+    for name in ("large_crayons_box", "wine_glass", "toy_table"):
+        body = bundled(name)
+        for face in body.faces:
+            contact = pin.SE3(pin.utils.rotate("z", 0.4), np.array([0.3, -0.2, 0.176]))
+            T = contact * face.T_face_object
+            on_plane = face.vertices @ T.rotation.T + T.translation
+            np.testing.assert_allclose(on_plane[0], contact.translation, atol=1e-12)
+            np.testing.assert_allclose(on_plane[:, 2], 0.176, atol=1e-12)
+            np.testing.assert_allclose(T.rotation @ face.normal, [0.0, 0.0, -1.0], atol=1e-12)
+            world = body.vertices @ T.rotation.T + T.translation
+            assert world[:, 2].min() >= 0.176 - 1e-9
+            # boundary order: convex, one way round; the centre of mass projects inside
+            edges = np.roll(on_plane, -1, axis=0) - on_plane
+            following = np.roll(edges, -1, axis=0)
+            turns = edges[:, 0] * following[:, 1] - edges[:, 1] * following[:, 0]
+            assert (turns > 0).all() or (turns < 0).all()
+            center = T.act(body.center_of_mass) - on_plane
+            sides = edges[:, 0] * center[:, 1] - edges[:, 1] * center[:, 0]
+            assert (sides > 0).all() or (sides < 0).all()
+
+
+def test_vertices_of_a_box_face_are_its_corners():
+    body = body_of(box(0.144, 0.124, 0.036))
+    for face in body.faces:
+        assert len(face.vertices) == 4
+        assert (np.abs(face.vertices) == np.array([0.072, 0.062, 0.018])).all()
+    assert body.faces[0].area == pytest.approx(0.144 * 0.124)
+
+
+@pytest.mark.parametrize("sections", [16, 24, 64, 200])
+def test_a_cylinder_stands_on_its_ends_only(sections):
+    body = body_of(trimesh.creation.cylinder(radius=0.034, height=0.102, sections=sections))
+    assert sorted(round(face.normal[2]) for face in body.faces) == [-1, 1]
+    assert all(len(face.vertices) <= 16 for face in body.faces)
+    # the thinned polygon still covers the round face
+    for face in body.faces:
+        assert np.linalg.norm(face.vertices[:, :2], axis=1).min() == pytest.approx(0.034)
+        gaps = np.diff(np.sort(np.arctan2(face.vertices[:, 1], face.vertices[:, 0])))
+        assert gaps.max() < 0.6
+
+
+def test_a_ball_has_no_face_and_says_so():
+    body = body_of(trimesh.creation.icosphere(subdivisions=3, radius=0.04))
+    assert body.faces == ()
+    assert any("no face" in warning for warning in body.warnings)
+
+
+def test_a_low_center_of_mass_is_needed_to_stand():
+    rod = box(0.02, 0.02, 0.3)
+    assert len(body_of(rod).faces) == 4
+    ends = body_of(rod, center_of_mass=(0.0, 0.0, -0.13)).faces
+    assert any(face.normal[2] < -0.9 for face in ends)
+    assert not any(face.normal[2] > 0.9 for face in ends)
+    aside = body_of(box(0.1, 0.1, 0.1), center_of_mass=(0.045, 0.0, 0.0))
+    assert {tuple(np.round(f.normal)) for f in aside.faces} == {(1, 0, 0), (-1, 0, 0)}
+
+
+def test_bent_sides_do_not_chain_into_one_face():
+    angles = np.radians([-90, -82, -74, -66, -58, -50])
+    arc = np.c_[0.2 * np.cos(angles), np.zeros(6), 0.2 * np.sin(angles)]
+    ends = [arc + np.array([0.0, y, 0.0]) for y in (-0.1, 0.1)]
+    points = np.vstack([*ends, [[0.0, -0.1, 0.0], [0.0, 0.1, 0.0]]])
+    hull = trimesh.convex.convex_hull(points)
+    body = body_of(hull)
+    for face in body.faces:
+        depth = (face.vertices[0] - body.vertices) @ face.normal
+        assert depth.min() > -1e-9  # a supporting plane
+        assert ((face.vertices[0] - face.vertices) @ face.normal < 1e-9).all()
+
+
+def test_volume_points_fill_the_union_of_overlapping_pieces():
+    a, b = box(0.1, 0.1, 0.1), box(0.1, 0.1, 0.1)
+    b.apply_translation([0.05, 0.0, 0.0])
+    body = body_of(trimesh.util.concatenate([a, b]))
+    assert len(body.volume_points) * 0.005**3 == pytest.approx(0.15 * 0.01, rel=0.01)
+    np.testing.assert_allclose(body.center_of_mass, [0.025, 0.0, 0.0], atol=1e-6)
+    assert len(body.parts) == 2
+    hollow = bundled("toy_table")
+    inside = np.zeros(len(hollow.volume_points), bool)
+    for part in hollow.parts:
+        inside |= (hollow.volume_points @ part.normals.T <= part.offsets + 1e-9).all(axis=1)
+    assert inside.all()
+
+
+def test_volume_points_are_bounded_and_thin_things_have_some():
+    body = body_of(box(0.8, 0.8, 0.8), settings=BodySettings(max_volume_points=3000))
+    assert 1000 < len(body.volume_points) <= 3000
+    plate = body_of(box(0.2, 0.2, 0.001))
+    assert len(plate.volume_points) == 1600
+    np.testing.assert_allclose(plate.volume_points[:, 2], 0.0, atol=1e-12)
+
+
+def test_parts_are_outward_polytopes_that_hold_their_vertices():
+    body = bundled("wine_glass")
+    for part in body.parts:
+        slack = part.vertices @ part.normals.T - part.offsets
+        assert slack.max() <= 1e-12
+        np.testing.assert_allclose(slack.max(axis=0), 0.0, atol=1e-12)
+        corners = part.vertices[part.triangles]
+        facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        outward = corners.mean(axis=1) - part.vertices.mean(axis=0)
+        assert (np.einsum("ij,ij->i", facing, outward) > 0).all()
+    assert len(body_of(box(0.1, 0.1, 0.1)).parts[0].normals) == 6
+
+
+def test_triangle_soup_and_shared_vertices_give_the_same_body():
+    mesh = box(0.1, 0.06, 0.04)
+    soup = Body.from_mesh(mesh.triangles.reshape(-1, 3), np.arange(36).reshape(-1, 3))
+    assert soup.warnings == ()
+    assert len(soup.parts) == 1
+    assert len(soup.faces) == 6
+    np.testing.assert_allclose(soup.center_of_mass, 0.0, atol=1e-12)
+
+
+def test_inside_out_meshes_are_turned():
+    mesh = box(0.1, 0.06, 0.04)
+    body = Body.from_mesh(mesh.vertices, mesh.faces[:, ::-1])
+    assert len(body.volume_points) == 20 * 12 * 8
+    assert body.warnings == ()
+
+
+def test_an_open_mesh_counts_as_its_hull_and_says_so():
+    mesh = box(0.1, 0.06, 0.04)
+    body = Body.from_mesh(mesh.vertices, mesh.faces[:-2])
+    assert any("not closed" in warning for warning in body.warnings)
+    assert len(body.faces) == 6
+    np.testing.assert_allclose(body.center_of_mass, 0.0, atol=1e-12)
+    assert len(body.volume_points) == 20 * 12 * 8
+
+
+def test_a_piece_that_is_not_convex_is_replaced_by_its_hull_and_says_so():
+    ring = trimesh.creation.annulus(r_min=0.03, r_max=0.05, height=0.02)
+    body = body_of(ring)
+    assert any("not convex" in warning for warning in body.warnings)
+    radius = np.linalg.norm(body.volume_points[:, :2], axis=1)
+    assert radius.min() > 0.027  # B_o is that of the mesh itself
+
+
+def test_a_sheet_among_the_pieces_gets_a_thickness():
+    sheet = trimesh.Trimesh([[0.1, 0, 0], [0.2, 0, 0], [0.1, 0.1, 0]], [[0, 1, 2]])
+    body = body_of(trimesh.util.concatenate([box(0.1, 0.1, 0.1), sheet]))
+    assert any("no thickness" in warning for warning in body.warnings)
+    assert len(body.parts) == 2
+
+
+def test_scale_applies_to_mesh_and_center_of_mass():
+    body = body_of(box(144, 124, 36), scale=0.001, center_of_mass=(0.0, 0.0, 5.0))
+    assert np.ptp(body.vertices, axis=0) == pytest.approx([0.144, 0.124, 0.036])
+    np.testing.assert_allclose(body.center_of_mass, [0.0, 0.0, 0.005])
+
+
+GOOD = box(0.1, 0.1, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("vertices", "triangles", "options", "message"),
+    [
+        (np.zeros((0, 3)), np.zeros((0, 3), int), {}, "empty"),
+        (GOOD.vertices, np.zeros((0, 3), int), {}, "empty"),
+        (GOOD.vertices[:, :2], GOOD.faces, {}, "shape"),
+        (GOOD.vertices, GOOD.faces[:, :2], {}, "shape"),
+        (GOOD.vertices, GOOD.faces + 1, {}, "index"),
+        (GOOD.vertices, GOOD.faces - 1, {}, "index"),
+        (GOOD.vertices, GOOD.faces.astype(float), {}, "integers"),
+        (GOOD.vertices * np.nan, GOOD.faces, {}, "finite"),
+        (GOOD.vertices * 1000.0, GOOD.faces, {}, "object.scale"),
+        (GOOD.vertices * 1e-3, GOOD.faces, {"scale": 1e-3}, "object.scale"),
+        (GOOD.vertices * [1, 1, 0], GOOD.faces, {}, "no volume"),
+        (GOOD.vertices * [1, 0, 0], GOOD.faces, {}, "no volume"),
+        (GOOD.vertices, GOOD.faces, {"scale": 0.0}, "scale"),
+        (GOOD.vertices, GOOD.faces, {"center_of_mass": (0.0, 0.0, 0.2)}, "outside"),
+        (GOOD.vertices, GOOD.faces, {"center_of_mass": (0.0, 0.0)}, "three"),
+        (GOOD.vertices, GOOD.faces, {"center_of_mass": (0.0, 0.0, np.nan)}, "finite"),
+    ],
+)
+def test_bad_meshes_are_refused(vertices, triangles, options, message):
+    with pytest.raises(ObjectError, match=message) as refused:
+        Body.from_mesh(vertices, triangles, **options)
+    assert refused.value.code == "BAD_OBJECT"
+
+
+def test_bad_settings_are_refused():
+    for change in ({"voxel_size": 0.0}, {"center_margin": -1.0}, {"max_face_vertices": 3}):
+        with pytest.raises(ParameterError):
+            BodySettings(**change)
+
+
+@pytest.mark.parametrize(
+    ("name", "count"),
+    [("bowl", 2), ("plate", 2), ("plastic_glass", 2), ("milk", 5), ("cereal", 6)],
+)
+def test_household_objects(name, count):
+    path = SHARED / "data" / "objects" / f"{name}.stl"
+    if not path.exists():
+        pytest.skip("shared data not here")
+    mesh = trimesh.load(path)
+    body = body_of(mesh)
+    assert len(body.faces) == count
+    assert len(body.volume_points) > 500

@@ -1,0 +1,569 @@
+"""The arm's collision checks against coal on every part and box; edges against dense samples."""
+
+import gc
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import trimesh
+
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.collision import boxes as collision_boxes
+from placement_planner_ros.core.collision.against_boxes import layer_range
+from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
+from placement_planner_ros.core.collision.hand import WristTurns
+from placement_planner_ros.core.collision.separation import COLLIDING, FREE, UNDECIDED
+from placement_planner_ros.core.errors import GraspError, JointStateError, ParameterError
+from placement_planner_ros.core.reach.ik import InverseKinematics
+from placement_planner_ros.core.reach.kinematics import Chain
+from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
+from placement_planner_ros.experiments.exact_collision import ExactCollision, compare
+from placement_planner_ros.scenes.clouds import complete_cloud
+from placement_planner_ros.scenes.objects import object_by_name
+from placement_planner_ros.scenes.scenes import scene_by_name
+from placement_planner_ros.scenes.yumi import START_CONFIGURATION, load_yumi, yumi_arm
+
+BOUNDS = np.array([[-1.0, -1.0, -1.0], [1.5, 1.0, 1.0]])
+
+
+def plate(size, center, spacing=0.004):
+    """Points on an axis-aligned box."""
+    size, center = np.array(size), np.array(center)
+    axes = [np.linspace(-s / 2, s / 2, max(2, int(s / spacing) + 2)) for s in size]
+    points = np.array(np.meshgrid(*axes, indexing="ij")).reshape(3, -1).T
+    on_face = (np.abs(np.abs(points) - size / 2) < 1e-12).any(axis=1)
+    return points[on_face] + center
+
+
+def obstacles_of(*clouds, cell=0.01):
+    points = np.vstack(clouds) if clouds else np.zeros((0, 3))
+    return ObstacleSet.from_points(points, GridSettings(cell_size=cell), bounds=BOUNDS)
+
+
+def small_body(size=(0.04, 0.04, 0.04)):
+    mesh = trimesh.creation.box(size)
+    return Body.from_mesh(mesh.vertices, mesh.faces)
+
+
+# ---- robots -------------------------------------------------------------------------------------
+
+SLIDER = """
+<robot name="slider">
+  <link name="base"/>
+  <link name="rail"/>
+  <link name="ball"><collision><geometry><sphere radius="0.02"/></geometry></collision></link>
+  <joint name="x" type="prismatic"><parent link="base"/><child link="rail"/><axis xyz="1 0 0"/>
+    <limit lower="-1" upper="2" velocity="1" effort="1"/></joint>
+  <joint name="y" type="prismatic"><parent link="rail"/><child link="ball"/><axis xyz="0 1 0"/>
+    <limit lower="-1" upper="1" velocity="1" effort="1"/></joint>
+</robot>
+"""
+
+
+def mixed_urdf(mesh_file):
+    """Four joints, every kind of shape, a mesh that is not convex, and a post that stands still."""
+    return f"""
+<robot name="mixed">
+  <link name="base"><collision><origin xyz="0 0 -0.05"/>
+    <geometry><box size="0.2 0.2 0.1"/></geometry></collision></link>
+  <link name="post"><collision>
+    <geometry><cylinder radius="0.05" length="0.5"/></geometry></collision></link>
+  <joint name="stand" type="fixed"><parent link="base"/><child link="post"/>
+    <origin xyz="-0.3 0 0.2"/></joint>
+  <link name="upper"><collision><origin xyz="0 0 0.15"/>
+    <geometry><cylinder radius="0.03" length="0.3"/></geometry></collision></link>
+  <link name="fore"><collision><origin xyz="0.12 0 0"/>
+    <geometry><box size="0.24 0.05 0.04"/></geometry></collision>
+    <collision><origin xyz="0.24 0 0"/>
+    <geometry><sphere radius="0.04"/></geometry></collision></link>
+  <link name="ring"><collision><origin xyz="0.1 0 0"/>
+    <geometry><mesh filename="{mesh_file}"/></geometry></collision></link>
+  <link name="tip"/>
+  <joint name="j1" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0.6 0 0.8"/>
+    <limit lower="-2.5" upper="2.5" velocity="1" effort="1"/></joint>
+  <joint name="j2" type="revolute"><parent link="upper"/><child link="fore"/><axis xyz="0 1 0"/>
+    <origin xyz="0 0 0.33"/><limit lower="-2.5" upper="2.5" velocity="1" effort="1"/></joint>
+  <joint name="j3" type="prismatic"><parent link="fore"/><child link="ring"/><axis xyz="1 0 0"/>
+    <origin xyz="0.3 0 0"/><limit lower="0" upper="0.2" velocity="1" effort="1"/></joint>
+  <joint name="j4" type="revolute"><parent link="ring"/><child link="tip"/><axis xyz="1 0 0"/>
+    <origin xyz="0.25 0 0"/><limit lower="-3" upper="3" velocity="1" effort="1"/></joint>
+</robot>
+"""
+
+
+MIXED_SRDF = """
+<robot name="mixed">
+  <disable_collisions link1="base" link2="upper" reason="Adjacent"/>
+  <disable_collisions link1="upper" link2="fore" reason="Adjacent"/>
+  <disable_collisions link1="fore" link2="ring" reason="Adjacent"/>
+</robot>
+"""
+
+
+@pytest.fixture(scope="module")
+def ring_file(tmp_path_factory):
+    file = tmp_path_factory.mktemp("meshes") / "ring.stl"
+    trimesh.creation.torus(0.07, 0.015, major_sections=16, minor_sections=8).export(file)
+    return file.as_uri()
+
+
+@pytest.fixture(scope="module")
+def mixed(ring_file):
+    return Robot.from_urdf(mixed_urdf(ring_file), srdf=MIXED_SRDF)
+
+
+@pytest.fixture(scope="module")
+def slider():
+    return Robot.from_urdf(SLIDER)
+
+
+@pytest.fixture(scope="module")
+def yumi():
+    return load_yumi()
+
+
+def slider_checker(slider, obstacles, body=None, **kwargs):
+    arm = slider.arm("arm", "ball", grasps=[pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.0405]))])
+    return ArmCollision(slider, arm, 0, body, obstacles, np.zeros(2), **kwargs)
+
+
+# ---- scenes -------------------------------------------------------------------------------------
+
+
+def yumi_setup(yumi, scene, thing, side):
+    obj = object_by_name(thing)
+    arm = yumi_arm(yumi, side, obj.grasps[side])
+    start = dict(START_CONFIGURATION)
+    start["gripper_l_joint"] = start["gripper_r_joint"] = obj.finger_opening
+    q_rest = yumi.configuration(start)
+    points = complete_cloud(scene_by_name(scene), spacing=0.008, bounds=BOUNDS * 0.9)
+    body = Body.from_mesh(obj.vertices, obj.triangles, obj.center_of_mass)
+    return yumi, arm, 0, body, obstacles_of(points), q_rest
+
+
+def mixed_setup(mixed):
+    rng = np.random.default_rng(3)
+    blocks = [
+        plate(rng.uniform(0.01, 0.2, 3), rng.uniform([-0.6, -0.6, 0.0], [0.6, 0.6, 0.8]))
+        for _ in range(14)
+    ]
+    grasp = pin.SE3(pin.utils.rotate("y", 0.4), np.array([0.06, 0.0, 0.01]))
+    arm = mixed.arm("arm", "tip", grasps=[grasp], touch_links=["ring"])
+    return mixed, arm, 0, small_body((0.03, 0.1, 0.05)), obstacles_of(*blocks), np.zeros(4)
+
+
+# ---- configurations -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("scene", "thing", "side"),
+    [("cabinet_high_clutter", "wine_glass", "left"), ("table", "toy_table", "right")],
+)
+def test_agrees_with_coal_on_the_yumi(yumi, scene, thing, side):
+    setup = yumi_setup(yumi, scene, thing, side)
+    settings = CollisionSettings()
+    checker, reference = ArmCollision(*setup, settings), ExactCollision(*setup, settings)
+    arm, q_start = setup[1], setup[5][setup[1].q_index]
+    rng = np.random.default_rng(11)
+    Q = np.vstack(
+        [
+            rng.uniform(arm.lower, arm.upper, (60, arm.dof)),
+            q_start + rng.normal(size=(60, arm.dof)) * 0.4,
+        ]
+    )
+    expected = np.array([reference.free(q) for q in Q])
+    assert 0.2 < expected.mean() < 0.9
+    answers = compare(checker, reference, Q)
+    assert (answers.free, answers.colliding) == (expected.sum(), (~expected).sum())
+    assert not len(answers.disagreements)
+    assert answers.ties == 0
+    assert [checker.free(q) for q in Q[:40]] == expected[:40].tolist()
+    assert [checker.explain(q) == "" for q in Q] == expected.tolist()
+
+
+@pytest.mark.parametrize("self_margin", [0.0, 0.004])
+def test_agrees_with_coal_on_every_kind_of_shape(mixed, self_margin):
+    setup = mixed_setup(mixed)
+    settings = CollisionSettings(collision_margin=0.005, self_margin=self_margin)
+    checker, reference = ArmCollision(*setup, settings), ExactCollision(*setup, settings)
+    arm = setup[1]
+    Q = np.random.default_rng(5).uniform(arm.lower, arm.upper, (600, arm.dof))
+    expected = np.array([reference.free(q) for q in Q])
+    assert 0.1 < expected.mean() < 0.9
+    assert (checker.free_batch(Q) == expected).all()
+
+
+def test_comparison_counts_disagreements_and_sets_ties_apart(slider):
+    wall = obstacles_of(plate((0.002, 0.3, 0.3), (0.5, 0.0, 0.0)))
+    arm = slider.arm("arm", "ball")
+    setup = (slider, arm, 0, None, wall, np.zeros(2))
+    checker = ArmCollision(*setup)
+    touching = wall.lower[:, 0].min() - 0.02 - 0.003
+    Q = np.array([[touching - gap, 0.0] for gap in (0.01, 0.0005, 3e-7, -3e-7, -0.0005, -0.01)])
+    assert [ExactCollision(*setup).ties(q) for q in Q] == [False, False, True, True, False, False]
+    # A margin that is off by a millimetre shows; one that is off by less than a tie does not.
+    for off, expected in ((0.001, 2), (5e-7, 0)):
+        exact = ExactCollision(*setup, CollisionSettings(collision_margin=0.003 + off))
+        answers = compare(checker, exact, Q)
+        assert len(answers.disagreements) == expected
+
+
+def test_exact_edges_take_samples_no_further_apart_than_asked(yumi):
+    setup = yumi_setup(yumi, "table", "toy_table", "right")
+    exact, arm = ExactCollision(*setup), setup[1]
+    rng = np.random.default_rng(3)
+    tip = np.array([0.05, 0.0, 0.1])
+    for a, b in rng.uniform(arm.lower, arm.upper, (10, 2, arm.dof)):
+        chain = Chain.from_robot(yumi, arm, setup[5])
+        T = chain.forward_batch(a + np.linspace(0, 1, 200)[:, None] * (b - a))
+        way = np.linalg.norm(np.diff(T[:, :3, :3] @ tip + T[:, :3, 3], axis=0), axis=1).sum()
+        assert exact.length(a, b) > 0.9 * way
+    certified = ArmCollision(*setup)
+    Q = setup[5][arm.q_index] + rng.normal(size=(30, 2, arm.dof)) * 0.3
+    ours = np.array([certified.edge_free(a, b) for a, b in Q])
+    sampled = np.array([exact.edge_free(a, b) for a, b in Q])
+    assert not (ours & ~sampled).any()
+    assert 0 < ours.sum() <= sampled.sum() < len(Q)
+
+
+def test_hardly_anything_is_left_to_coal(yumi):
+    setup = yumi_setup(yumi, "table", "wine_glass", "left")
+    checker, arm = ArmCollision(*setup), setup[1]
+    Q = np.random.default_rng(2).uniform(arm.lower, arm.upper, (3000, arm.dof))
+    answers = checker.classify(Q)
+    assert (answers == UNDECIDED).mean() < 0.002
+    assert (answers == FREE).mean() > 0.2
+    assert (answers == COLLIDING).mean() > 0.2
+
+
+def test_answers_do_not_depend_on_what_was_asked_before(yumi):
+    setup = yumi_setup(yumi, "table", "wine_glass", "left")
+    arm = setup[1]
+    rng = np.random.default_rng(8)
+    Q = rng.uniform(arm.lower, arm.upper, (400, arm.dof))
+    first = ArmCollision(*setup).free_batch(Q)
+    order = rng.permutation(len(Q))
+    assert (ArmCollision(*setup).free_batch(Q[order]) == first[order]).all()
+
+
+def test_where_the_hand_surely_collides_no_configuration_is_free(yumi):
+    """Neither those the poses were made from nor others that reach them."""
+    rng = np.random.default_rng(30)
+    for scene, side in (("cabinet_high_clutter", "left"), ("table", "right")):
+        robot, arm, grasp, body, obstacles, q_rest = yumi_setup(yumi, scene, "toy_table", side)
+        checker = ArmCollision(robot, arm, grasp, body, obstacles, q_rest)
+        ik = InverseKinematics(Chain.from_robot(robot, arm, q_rest))
+        Q = ik.random_seeds(rng, 3000)
+        T = ik.chain.forward_batch(Q)
+        sure = np.array([checker.hand_collides(x, 1e-4, 0.001, contact=True) for x in T])
+        assert not checker.free_batch(Q[sure], 0.001, contact=True).any()
+        checker._wrist = WristTurns(np.inf, -1.0, 1.0)
+        by_hand = np.array([checker.hand_collides(x, 1e-4, 0.001, contact=True) for x in T])
+        assert (sure >= by_hand).all()
+        by_wrist = sure & ~by_hand
+        assert by_hand.sum() > 100
+        assert by_wrist.sum() > 20
+        for poses in (T[by_hand][:40], T[by_wrist][:40]):
+            starts = ik.random_seeds(rng, (len(poses), 32))
+            solutions, counts = ik.solve_batch(poses, starts)
+            for found, count in zip(solutions, counts, strict=True):
+                assert not checker.free_batch(found[:count], 0.001, contact=True).any()
+            assert counts.sum() > 5 * len(poses)
+
+
+def test_intervals_of_the_wrist_cover_its_range_within_the_margin():
+    for lower, upper in ((-1.0, 2.0), (-4.0, 4.0)):
+        middles, moved = WristTurns(0.1, lower, upper).intervals(0.004)
+        half = moved / 0.1
+        assert moved < 0.004
+        assert middles[0] - half <= lower + 1e-12
+        assert middles[-1] + half >= min(upper, lower + 2 * np.pi) - 1e-12
+        assert np.diff(middles).max() <= 2 * half + 1e-12
+    for radius, margin in ((np.inf, 0.004), (0.1, 0.0), (0.1, 1e-5)):
+        assert len(WristTurns(radius, -4.0, 4.0).intervals(margin)[0]) == 0
+
+
+def test_margin_is_kept_to_the_hair(slider):
+    obstacles = obstacles_of(plate((0.002, 0.3, 0.3), (0.5, 0.0, 0.0)))
+    checker = slider_checker(slider, obstacles)
+    edge = obstacles.lower[:, 0].min()
+    touching = edge - 0.02 - 0.003
+    assert not checker.free(np.array([touching + 1e-5, 0.0]))
+    assert checker.free(np.array([touching - 1e-5, 0.0]))
+    assert not checker.free(np.array([touching - 1e-5, 0.0]), reserve=0.001)
+    assert checker.free(np.array([touching - 0.00101, 0.0]), reserve=0.001)
+
+
+def test_curved_shapes_are_settled_exactly_however_many_boxes_they_meet(tmp_path):
+    urdf = SLIDER.replace(
+        '<sphere radius="0.02"/>', '<cylinder radius="0.2" length="0.1"/>'
+    ).replace('xyz="0 1 0"', 'xyz="0 0 1"')
+    robot = Robot.from_urdf(urdf)
+    arm = robot.arm("arm", "ball")
+    floor = obstacles_of(plate((0.8, 0.8, 0.02), (0.0, 0.0, -0.1), spacing=0.01))
+    checker = ArmCollision(robot, arm, 0, None, floor, np.zeros(2))
+    top = floor.upper[:, 2].max()
+    assert not checker.free(np.array([0.0, top + 0.05 + 0.00299]))
+    assert checker.free(np.array([0.0, top + 0.05 + 0.00301]))
+    # Beside the wall the rim counts, not the polygon around it.
+    wall = obstacles_of(plate((0.02, 0.01, 0.3), (0.5, 0.0, 0.0)))
+    checker = ArmCollision(robot, arm, 0, None, wall, np.zeros(2))
+    face = wall.lower[:, 0].min()
+    angle = np.pi / 32
+    assert checker.free(np.array([face - 0.2 - 0.0031, 0.0]))
+    assert not checker.free(np.array([face - 0.2 - 0.0029, 0.0]))
+    assert 0.2 / np.cos(angle) > 0.2 + 0.0009
+
+
+def test_empty_environment_and_empty_hand(slider):
+    checker = slider_checker(slider, obstacles_of())
+    assert checker.free(np.zeros(2))
+    assert checker.edge_free(np.array([-1.0, -1.0]), np.array([2.0, 1.0]))
+    assert checker.free_batch(np.zeros((0, 2))).shape == (0,)
+
+
+def test_a_ball_in_two_links_shows_that_they_overlap(yumi):
+    setup = yumi_setup(yumi, "table", "toy_table", "right")
+    exact, arm = ExactCollision(*setup), setup[1]
+    rng = np.random.default_rng(5)
+    overlapping = 0
+    for q in rng.uniform(arm.lower, arm.upper, (150, arm.dof)):
+        ball = exact.common_ball(q)
+        free = exact.free(q)
+        assert not (free and ball > 1e-5)
+        overlapping += ball > 0.0
+    assert 10 < overlapping < 140
+
+
+def test_boxes_are_made_once_and_go_with_their_obstacle_set():
+    obstacles = obstacles_of(plate((0.1, 0.1, 0.1), (0.0, 0.0, 0.0)))
+    before = len(collision_boxes._made)
+    boxes = collision_boxes.box_arrays(obstacles)
+    assert collision_boxes.box_arrays(obstacles) is boxes
+    assert len(collision_boxes._made) == before + 1
+    del obstacles, boxes
+    gc.collect()
+    assert len(collision_boxes._made) <= before
+
+
+def test_columns_hold_each_box_in_its_cell_once():
+    floor = plate((0.2, 0.2, 0.001), (0.0, 0.0, 0.0))
+    wall = plate((0.001, 0.2, 0.2), (0.05, 0.0, 0.1))
+    measured = ObstacleSet.from_points(np.vstack([floor, wall]))
+    empty = np.argwhere(measured.index < 0)[::7].astype(np.int32)
+    obstacles = measured.with_full_cells(empty)
+    boxes = collision_boxes.box_arrays(obstacles)
+    nx, ny, nz = obstacles.shape
+    assert (obstacles.next >= 0).any(), "some cell has more than one box"
+    for i, j in np.ndindex(nx, ny):
+        first, last = boxes.columns[i, j], boxes.columns[i, j + 1]
+        for low, high in ((-5, nz + 5), (0, nz), (3, 4), (2, nz // 2), (nz, nz + 9), (-9, 0)):
+            expected = []
+            for k in range(max(low, 0), min(high, nz)):
+                row = obstacles.index[i, j, k]
+                while row >= 0:
+                    expected.append(row)
+                    row = obstacles.next[row]
+            got = range(*layer_range(boxes.layers, first, last, low, high))
+            assert sorted(got) == sorted(expected)
+
+
+def test_allowed_pairs_are_left_out(mixed, ring_file):
+    q = np.array([0.0, 1.0, 0.1, 0.0])
+    arm = mixed.arm("arm", "tip")
+    assert ArmCollision(mixed, arm, 0, None, obstacles_of(), np.zeros(4)).free(q)
+    line = '<disable_collisions link1="upper" link2="fore" reason="Adjacent"/>'
+    strict = Robot.from_urdf(mixed_urdf(ring_file), srdf=MIXED_SRDF.replace(line, ""))
+    checker = ArmCollision(strict, strict.arm("arm", "tip"), 0, None, obstacles_of(), np.zeros(4))
+    said = checker.explain(q)
+    assert said.startswith("fore meets upper at (")
+
+
+def test_explain_names_the_link_and_the_place(slider):
+    obstacles = obstacles_of(plate((0.002, 0.3, 0.3), (0.5, 0.0, 0.0)))
+    said = slider_checker(slider, obstacles).explain(np.array([0.49, 0.1]))
+    assert said.startswith("ball meets the environment at (")
+    x, y, z = (float(word) for word in said[said.index("(") + 1 : -1].split(","))
+    assert np.linalg.norm(np.array([x, y, z]) - [0.5, 0.1, 0.0]) < 0.04
+    held = slider_checker(slider, obstacles, small_body()).explain(np.array([0.477, 0.1]))
+    assert held.startswith("the held object meets the environment")
+
+
+def test_settings_refuse_what_makes_no_sense():
+    for bad in ({"collision_margin": -0.001}, {"cover_excess": 0.0}, {"self_margin": np.nan}):
+        with pytest.raises(ParameterError, match=next(iter(bad))):
+            CollisionSettings(**bad)
+
+
+def test_what_is_not_finite_or_of_the_wrong_length_is_refused(slider):
+    checker = slider_checker(slider, obstacles_of())
+    good, bad = np.zeros(2), np.array([0.0, np.nan])
+    for ask in (
+        lambda: checker.free(bad),
+        lambda: checker.free_batch(np.array([good, bad])),
+        lambda: checker.edge_free(good, bad),
+        lambda: checker.edge_free(good, good, deviation=np.array([np.inf, 0.0])),
+    ):
+        with pytest.raises(JointStateError, match="finite"):
+            ask()
+    with pytest.raises(ValueError, match="reshape"):
+        checker.edge_free(good, np.zeros(3))
+
+
+# ---- the object in the hand ---------------------------------------------------------------------
+
+
+def test_contact_leaves_out_the_object_against_its_support_only(slider):
+    # The object hangs under the ball: its bottom is 0.0605 below the rail.
+    floor = obstacles_of(plate((0.6, 0.6, 0.01), (0.0, 0.0, -0.0655)))
+    checker = slider_checker(slider, floor, small_body())
+    a, b = np.array([-0.1, 0.0]), np.array([0.1, 0.05])
+    assert not checker.free(a)
+    assert checker.free(a, contact=True)
+    assert not checker.edge_free(a, b)
+    assert checker.edge_free(a, b, contact=True)
+    # Without the object, the hand itself must keep away.
+    near = obstacles_of(plate((0.6, 0.6, 0.01), (0.0, 0.0, -0.027)))
+    checker = slider_checker(slider, near, small_body())
+    assert not checker.free(a, contact=True)
+    assert not checker.edge_free(a, b, contact=True)
+
+
+def test_object_may_touch_only_the_touch_links(mixed):
+    grasp = pin.SE3(np.eye(3), np.array([-0.06, 0.0, 0.0]))  # in the ring that carries the tip
+    plain = mixed.arm("arm", "tip", grasps=[grasp], touch_links=["ring"])
+    checker = ArmCollision(mixed, plain, 0, small_body(), obstacles_of(), np.zeros(4))
+    assert checker.free(np.zeros(4))
+    rail = Robot.from_urdf(SLIDER)
+    strict = rail.arm("arm", "ball", grasps=[pin.SE3.Identity()], touch_links=[])
+    with pytest.raises(GraspError, match=r"grasps\[0\].*ball"):
+        ArmCollision(rail, strict, 0, small_body(), obstacles_of(), np.zeros(2))
+
+
+def test_placed_object_is_an_obstacle_to_all_but_the_touch_links(slider):
+    there = pin.SE3(np.eye(3), np.array([0.5, 0.0, 0.0]))
+    arm = slider.arm("arm", "ball", touch_links=[])
+    checker = ArmCollision(
+        slider, arm, 0, small_body(), obstacles_of(), np.zeros(2), T_world_object=there
+    )
+    assert "the placed object" in checker.explain(np.array([0.48, 0.0]))
+    assert checker.free(np.array([0.4, 0.0]))
+    assert not checker.edge_free(np.array([0.4, 0.0]), np.array([0.6, 0.0]))
+    touching = slider.arm("arm", "ball", touch_links=["ball"])
+    checker = ArmCollision(
+        slider, touching, 0, small_body(), obstacles_of(), np.zeros(2), T_world_object=there
+    )
+    assert checker.free(np.array([0.48, 0.0]))
+
+
+# ---- edges --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("thickness", [0.0, 0.002])
+def test_nothing_thin_slips_between_the_samples(slider, thickness):
+    rng = np.random.default_rng(4)
+    obstacles = obstacles_of(plate((thickness, 0.4, 0.4), (0.5, 0.0, 0.0)))
+    checker = slider_checker(slider, obstacles)
+    for _ in range(60):
+        a = np.array([0.46 - rng.exponential(0.3), rng.uniform(-0.15, 0.15)])
+        b = np.array([0.54 + rng.exponential(0.3), rng.uniform(-0.15, 0.15)])
+        assert checker.free(a)
+        assert checker.free(b)
+        assert not checker.edge_free(a, b)
+        assert not checker.edge_free(b, a)
+
+
+def test_passing_beside_an_obstacle_is_certified(slider):
+    obstacles = obstacles_of(plate((0.002, 0.4, 0.4), (0.5, 0.0, 0.0)))
+    checker = slider_checker(slider, obstacles)
+    side = obstacles.upper[:, 1].max() + 0.02 + 0.003
+    for gap, certified in ((0.0006, True), (-0.0001, False)):
+        a, b = np.array([-0.9, side + gap]), np.array([1.9, side + gap])
+        assert checker.edge_free(a, b) == certified
+        assert not checker.edge_free(a, b, reserve=0.001)
+    assert checker.edge_free(
+        np.array([-0.9, side + 0.0016]), np.array([1.9, side + 0.0016]), reserve=0.001
+    )
+
+
+def test_deviation_is_respected(slider):
+    obstacles = obstacles_of(plate((0.002, 0.4, 0.4), (0.5, 0.0, 0.0)))
+    checker = slider_checker(slider, obstacles)
+    side = obstacles.upper[:, 1].max() + 0.02 + 0.003
+    a, b = np.array([-0.5, side + 0.005]), np.array([1.5, side + 0.005])
+    assert checker.edge_free(a, b, deviation=np.array([0.0, 0.004]))
+    assert not checker.edge_free(a, b, deviation=np.array([0.0, 0.006]))
+
+
+@pytest.mark.parametrize("length", [0.15, 1.0])
+def test_certified_edges_are_free_at_dense_samples(yumi, mixed, length):
+    for setup in (yumi_setup(yumi, "table", "toy_table", "right"), mixed_setup(mixed)):
+        checker, arm = ArmCollision(*setup), setup[1]
+        rng = np.random.default_rng(6)
+        Q = rng.uniform(arm.lower, arm.upper, (2000, arm.dof))
+        A = Q[checker.free_batch(Q)][:60]
+        B = A + rng.normal(size=A.shape) * length / np.sqrt(arm.dof)
+        certified = np.array([checker.edge_free(a, b) for a, b in zip(A, B, strict=True)])
+        sampled = np.array(
+            [
+                checker.free_batch(a + np.linspace(0, 1, 150)[:, None] * (b - a)).all()
+                for a, b in zip(A, B, strict=True)
+            ]
+        )
+        assert not (certified & ~sampled).any()
+        assert certified.sum() >= 0.85 * sampled.sum()
+        assert 0.05 < certified.mean() < 1.0
+
+
+def test_strayed_motions_of_certified_edges_are_free(yumi):
+    setup = yumi_setup(yumi, "cabinet_high_clutter", "wine_glass", "left")
+    checker, arm = ArmCollision(*setup), setup[1]
+    rng = np.random.default_rng(9)
+    Q = setup[5][arm.q_index] + rng.normal(size=(400, arm.dof)) * 0.3
+    A = Q[checker.free_batch(Q)][:40]
+    B = A + rng.normal(size=A.shape) * 0.1
+    deviation = np.full(arm.dof, 0.01)
+    certified = 0
+    for a, b in zip(A, B, strict=True):
+        if checker.edge_free(a, b, deviation=deviation):
+            certified += 1
+            path = a + rng.random(300)[:, None] * (b - a)
+            corners = rng.choice([-1.0, 1.0], size=path.shape)
+            assert checker.free_batch(path + corners * deviation).all()
+    assert certified >= 5
+
+
+def test_certified_edges_keep_their_distance_all_the_way(mixed):
+    """The bound on motion itself: no margin is lost between the middles of certified intervals."""
+    setup = mixed_setup(mixed)
+    checker, arm = ArmCollision(*setup), setup[1]
+    stricter = ArmCollision(*setup, CollisionSettings(self_reserve=0.0))
+    rng = np.random.default_rng(12)
+    Q = rng.uniform(arm.lower, arm.upper, (1500, arm.dof))
+    A = Q[stricter.free_batch(Q, reserve=0.002)][:50]
+    B = A + rng.normal(size=A.shape) * 0.2
+    for a, b in zip(A, B, strict=True):
+        if stricter.edge_free(a, b, reserve=0.002):
+            path = a + np.linspace(0, 1, 200)[:, None] * (b - a)
+            assert stricter.free_batch(path, reserve=0.002).all()
+            assert checker.edge_free(a, b)
+
+
+def test_a_short_queue_changes_no_answer(slider, monkeypatch):
+    obstacles = obstacles_of(plate((0.002, 0.4, 0.4), (0.5, 0.0, 0.0)))
+    long = slider_checker(slider, obstacles)
+    monkeypatch.setattr("placement_planner_ros.core.collision.arm._QUEUE", 2)
+    short = slider_checker(slider, obstacles)
+    side = obstacles.upper[:, 1].max() + 0.02 + 0.003
+    for gap in (0.0006, 0.002, -0.0001):
+        a, b = np.array([-0.9, side + gap]), np.array([1.9, side + gap])
+        assert short.edge_free(a, b) == long.edge_free(a, b)
+
+
+def test_an_edge_of_no_length_is_its_configuration(slider):
+    obstacles = obstacles_of(plate((0.002, 0.4, 0.4), (0.5, 0.0, 0.0)))
+    checker = slider_checker(slider, obstacles)
+    for x in (0.3, 0.47, 0.49, 0.7):
+        q = np.array([x, 0.0])
+        assert checker.edge_free(q, q) == checker.free(q)

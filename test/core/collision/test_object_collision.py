@@ -1,0 +1,205 @@
+"""c_f: the swept object against coal on every part and box, and what counts as support."""
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+import trimesh
+
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.collision import object as object_collision
+from placement_planner_ros.core.collision.arm import CollisionSettings
+from placement_planner_ros.core.collision.object import ObjectCollision, swept_hull
+from placement_planner_ros.core.collision.separation import UNDECIDED
+from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
+from placement_planner_ros.scenes.clouds import complete_cloud
+from placement_planner_ros.scenes.objects import object_by_name
+from placement_planner_ros.scenes.scenes import scene_by_name
+
+BOUNDS = np.array([[-1.0, -1.0, -1.0], [1.5, 1.0, 1.0]])
+CUBE = 0.1
+
+
+def block(lower, upper, spacing=0.005):
+    """Points on an axis-aligned box."""
+    lower, upper = np.array(lower), np.array(upper)
+    axes = [
+        np.linspace(a, b, int((b - a) / spacing) + 2) for a, b in zip(lower, upper, strict=True)
+    ]
+    points = np.array(np.meshgrid(*axes, indexing="ij")).reshape(3, -1).T
+    return points[((points == lower) | (points == upper)).any(axis=1)]
+
+
+def obstacles_of(*clouds):
+    return ObstacleSet.from_points(np.vstack(clouds), GridSettings(cell_size=0.01), bounds=BOUNDS)
+
+
+TABLE = block((-0.4, -0.4, -0.05), (0.4, 0.4, 0.0))
+
+
+@pytest.fixture(scope="module")
+def cube():
+    mesh = trimesh.creation.box((CUBE, CUBE, CUBE))
+    return Body.from_mesh(mesh.vertices, mesh.faces)
+
+
+def standing(x=0.0, y=0.0, z=0.0):
+    return pin.SE3(np.eye(3), np.array([x, y, z + CUBE / 2])).homogeneous
+
+
+def reference(body, obstacles, T, contact, raised, settings):
+    """coal on the sweep of every part against every box that is not support."""
+    request = coal.CollisionRequest()
+    request.security_margin = settings.collision_margin
+    keep = np.abs(obstacles.upper[:, 2] - contact) > settings.contact_tolerance
+    at = coal.Transform3s(T[:3, :3], T[:3, 3])
+    for part in body.parts:
+        up = T[2, :3] * raised
+        corners = np.vstack([part.vertices, part.vertices + up])
+        hull = trimesh.convex.convex_hull(corners)
+        points, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+        for vertex in hull.vertices:
+            points.append(vertex)
+        for face in hull.faces:
+            faces.append(coal.Triangle(*map(int, face)))
+        shape = coal.Convex(points, faces)
+        world = corners @ T[:3, :3].T + T[:3, 3]
+        near = keep & (obstacles.lower < world.max(axis=0) + 0.01).all(axis=1)
+        near &= (obstacles.upper > world.min(axis=0) - 0.01).all(axis=1)
+        for i in np.flatnonzero(near):
+            lower, upper = obstacles.lower[i], obstacles.upper[i]
+            box = coal.Transform3s(np.eye(3), (lower + upper) / 2)
+            if coal.collide(
+                shape, at, coal.Box(upper - lower), box, request, coal.CollisionResult()
+            ):
+                return False
+    return True
+
+
+@pytest.mark.parametrize(
+    ("scene", "thing"),
+    [
+        ("cabinet_high_clutter", "wine_glass"),
+        ("table", "toy_table"),
+        ("table", "large_crayons_box"),
+    ],
+)
+def test_agrees_with_coal(scene, thing):
+    made = object_by_name(thing)
+    body = Body.from_mesh(made.vertices, made.triangles, made.center_of_mass)
+    world = scene_by_name(scene)
+    obstacles = obstacles_of(complete_cloud(world, spacing=0.008, bounds=BOUNDS * 0.9))
+    settings = CollisionSettings()
+    checker = ObjectCollision(body, obstacles, settings)
+    rng = np.random.default_rng(1)
+    floor = 0.0 if scene == "table" else 0.176
+    poses, raised = [], []
+    corners = np.vstack([part.vertices for part in body.parts])
+    for i in range(240):
+        R = pin.utils.rotate("z", rng.uniform(-3, 3))
+        if i % 2:
+            R = R @ pin.exp3(rng.normal(size=3))
+        xy = rng.uniform(world.volume.lower[:2], world.volume.upper[:2])
+        z = floor - (corners @ R.T)[:, 2].min()
+        poses.append(pin.SE3(R, np.array([*xy, z])).homogeneous)
+        raised.append(rng.choice([0.0, 0.02, 0.1]))
+    expected = np.array(
+        [
+            reference(body, obstacles, T, floor, up, settings)
+            for T, up in zip(poses, raised, strict=True)
+        ]
+    )
+    assert 0.1 < expected.mean() < 0.9
+    assert (checker.free_at(np.array(poses), floor, raised) == expected).all()
+    single = [checker.free(T, floor, up) for T, up in zip(poses[:50], raised, strict=False)]
+    assert single == expected[:50].tolist()
+
+
+def test_stands_on_its_support_but_not_on_lower_or_higher_cells(cube):
+    checker = ObjectCollision(cube, obstacles_of(TABLE))
+    assert checker.free(standing(), 0.0, 0.05)
+    # The same pose, said to stand elsewhere: the table is an obstacle then.
+    assert not checker.free(standing(), 0.01, 0.05)
+    assert not checker.free(standing(), -0.01, 0.05)
+    assert checker.free(standing(z=0.0031), 0.01, 0.05)
+    assert not checker.free(standing(z=0.0029), 0.01, 0.05)
+
+
+def test_support_ends_at_the_contact_tolerance(cube):
+    step = block((0.0, -0.4, -0.05), (0.4, 0.4, 0.002))
+    obstacles = obstacles_of(block((-0.4, -0.4, -0.05), (-0.005, 0.4, 0.0)), step)
+    wide = ObjectCollision(cube, obstacles, CollisionSettings(contact_tolerance=0.0025))
+    tight = ObjectCollision(cube, obstacles, CollisionSettings(contact_tolerance=0.0015))
+    assert wide.free(standing(), 0.0, 0.05)
+    assert not tight.free(standing(), 0.0, 0.05)
+
+
+def test_keeps_the_margin_beside(cube):
+    wall = block((0.2, -0.3, 0.0), (0.25, 0.3, 0.3))
+    obstacles = obstacles_of(TABLE, wall)
+    checker = ObjectCollision(cube, obstacles)
+    beside = obstacles.lower[obstacles.lower[:, 2] > 0.02][:, 0].min() - CUBE / 2
+    assert checker.free(standing(beside - 0.0031), 0.0, 0.05)
+    assert not checker.free(standing(beside - 0.0029), 0.0, 0.05)
+
+
+def test_checks_the_way_down(cube):
+    shelf = block((-0.1, -0.1, 0.15), (0.1, 0.1, 0.16))
+    obstacles = obstacles_of(TABLE, shelf)
+    checker = ObjectCollision(cube, obstacles)
+    assert checker.free(standing(), 0.0, 0.0)
+    assert checker.free(standing(), 0.0, 0.15 - CUBE - 0.004)
+    assert not checker.free(standing(), 0.0, 0.15 - CUBE - 0.002)
+    assert not checker.free(standing(), 0.0, 0.2)
+    # A bar narrower than the gap between any two samples of the way.
+    bar = obstacles_of(TABLE, block((-0.3, 0.0, 0.3), (0.3, 0.0005, 0.3005), 0.002))
+    assert not ObjectCollision(cube, bar).free(standing(), 0.0, 0.4)
+
+
+def test_support_may_be_left_but_not_its_edge_wall(cube):
+    rim = block((0.03, -0.4, 0.0), (0.04, 0.4, 0.03))
+    assert not ObjectCollision(cube, obstacles_of(TABLE, rim)).free(standing(), 0.0, 0.05)
+    assert ObjectCollision(cube, obstacles_of(TABLE, rim)).free(standing(-0.1), 0.0, 0.05)
+
+
+def test_far_from_everything_and_in_an_empty_world(cube):
+    assert ObjectCollision(cube, obstacles_of(TABLE)).free(standing(5.0, 5.0, 5.0), 5.0, 0.1)
+    empty = ObstacleSet.from_points(np.zeros((0, 3)), bounds=BOUNDS)
+    assert ObjectCollision(cube, empty).free(standing(), 0.0, 0.1)
+    assert ObjectCollision(cube, empty).free_at(np.zeros((0, 4, 4)), 0.0, 0.1).shape == (0,)
+
+
+def test_undecided_pairs_go_to_coal(cube, monkeypatch):
+    """The kernel says UNDECIDED to everything: the answers stay."""
+    obstacles = obstacles_of(block((0.2, -0.1, -0.02), (0.22, 0.1, 0.1)))
+    assert len(obstacles) > 256
+    checker = ObjectCollision(cube, obstacles)
+    poses = [standing(x) for x in (0.1, 0.14, 0.15, 0.2)]
+    expected = [checker.free(T, 0.0, 0.05) for T in poses]
+    assert len(set(expected)) == 2
+    kernel = object_collision.check_poses
+
+    def undecided(thing, boxes, scratch, poses, contact, raised, margin, tolerance, answers):
+        kernel(thing, boxes, scratch, poses, contact, raised, margin, tolerance, answers)
+        support = np.abs(boxes.corners[:, 5] - contact[0]) <= tolerance
+        rows = np.flatnonzero(~support)
+        scratch.counters[0] = len(rows)
+        kept = min(len(rows), len(scratch.undecided))
+        scratch.undecided[:kept, 0] = 0
+        scratch.undecided[:kept, 1] = rows[:kept]
+        answers[:] = UNDECIDED
+
+    monkeypatch.setattr(object_collision, "check_poses", undecided)
+    assert [checker.free(T, 0.0, 0.05) for T in poses] == expected
+    assert checker.free_at(np.array(poses), 0.0, 0.05).tolist() == expected
+
+
+def test_swept_hull_is_outward_and_holds_both_copies(cube):
+    corners = cube.parts[0].vertices
+    shift = np.array([0.0, 0.02, 0.07])
+    vertices, triangles = swept_hull(corners, shift)
+    mesh = trimesh.Trimesh(vertices, triangles)
+    assert mesh.is_volume
+    heights = np.einsum("ij,ij->i", mesh.face_normals, mesh.triangles_center)
+    both = np.vstack([corners, corners + shift])
+    assert (both @ mesh.face_normals.T <= heights + 1e-9).all()

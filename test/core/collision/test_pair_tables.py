@@ -1,0 +1,150 @@
+"""Cells of the joint tables against coal's distances all over them."""
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
+from placement_planner_ros.core.collision.pair_tables import CELL, apart_within
+from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
+from placement_planner_ros.scenes.yumi import load_yumi, yumi_arm
+
+MARGIN = 0.0002
+"""Some of the YuMi's links pass each other at a millimetre."""
+
+ELBOW = """
+<robot name="elbow">
+  <link name="base"><collision><origin xyz="0 0 0.05"/>
+    <geometry><box size="0.2 0.2 0.1"/></geometry></collision>
+    <collision><origin xyz="0.1 0 0.1"/>
+    <geometry><sphere radius="0.06"/></geometry></collision></link>
+  <link name="upper"/>
+  <link name="fore"><collision><origin xyz="0.15 0 0"/>
+    <geometry><cylinder radius="0.03" length="0.3"/></geometry></collision>
+    <collision><origin xyz="0.3 0 0"/>
+    <geometry><box size="0.05 0.1 0.04"/></geometry></collision></link>
+  <joint name="j1" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0.6 0 0.8"/>
+    <origin xyz="0 0 0.2" rpy="0.1 0.2 0"/>
+    <limit lower="-2.5" upper="2.5" velocity="1" effort="1"/></joint>
+  <joint name="j2" type="{kind}"><parent link="upper"/><child link="fore"/><axis xyz="0 1 0"/>
+    <origin xyz="0.05 0 0.1"/><limit lower="-2" upper="2.5" velocity="1" effort="1"/></joint>
+</robot>
+"""
+
+
+def checker_for(robot, arm):
+    nothing = ObstacleSet.from_points(
+        np.zeros((0, 3)), GridSettings(), bounds=np.array([[-1.0] * 3, [1.0] * 3])
+    )
+    settings = CollisionSettings(self_margin=MARGIN, self_reserve=0.0)
+    return ArmCollision(robot, arm, 0, None, nothing, np.zeros(robot.model.nq), settings)
+
+
+def distance(robot, links, q):
+    """Between the geometry of two links, by coal."""
+    data, placements = robot.model.createData(), robot.geometry.createData()
+    pin.updateGeometryPlacements(robot.model, data, robot.geometry, placements, q)
+    at = [
+        [
+            (g.geometry, coal.Transform3s(T.rotation, T.translation))
+            for g, T, owner in zip(
+                robot.geometry.geometryObjects, placements.oMg, robot.geometry_links, strict=True
+            )
+            if owner == link
+        ]
+        for link in links
+    ]
+    return min(
+        coal.distance(*a, *b, coal.DistanceRequest(), coal.DistanceResult())
+        for a in at[0]
+        for b in at[1]
+    )
+
+
+def tabled_pairs(checker):
+    names = [body.name for body in checker._flat.bodies]
+    return {
+        (names[a], names[b]): (table, first)
+        for a, b, _, first, table in checker._flat.arrays.pairs.tolist()
+        if table >= 0
+    }
+
+
+@pytest.fixture(scope="module")
+def elbow():
+    robot = Robot.from_urdf(ELBOW.format(kind="revolute"), srdf="<robot name='elbow'/>")
+    return robot, robot.arm("arm", "fore")
+
+
+@pytest.fixture(scope="module")
+def yumi():
+    robot = load_yumi()
+    return robot, yumi_arm(robot, "right", ())
+
+
+def test_links_two_revolute_joints_apart_have_a_table(elbow, yumi):
+    assert list(tabled_pairs(checker_for(*elbow))) == [("base", "fore")]
+    assert ("yumi_link_5_r", "yumi_link_7_r") in tabled_pairs(checker_for(*yumi))
+    # Neither what the other arm's joints move, nor what fingers do: it changes with q_rest.
+    for pair in tabled_pairs(checker_for(*yumi)):
+        assert not any(link.endswith("_l") or "finger" in link for link in pair), pair
+    sliding = Robot.from_urdf(ELBOW.format(kind="prismatic"), srdf="<robot name='elbow'/>")
+    assert not tabled_pairs(checker_for(sliding, sliding.arm("arm", "fore")))
+
+
+@pytest.mark.parametrize("which", ["elbow", "yumi"])
+def test_links_are_apart_throughout_the_cells_that_say_so(request, which):
+    robot, arm = request.getfixturevalue(which)
+    checker = checker_for(robot, arm)
+    tables = checker._flat.arrays.tables
+    rng = np.random.default_rng(1)
+    for links, (table, first) in tabled_pairs(checker).items():
+        joints = slice(first, first + 2)
+        lower, upper = arm.lower[joints], arm.upper[joints]
+        closest, certified = np.inf, 0
+        for at in rng.uniform(lower, upper, (150, 2)):
+            if not apart_within(tables, table, *at, 0.0, 0.0):
+                continue
+            certified += 1
+            corner = lower + np.floor((at - lower) / CELL) * CELL
+            for share in (rng.random(2), rng.integers(0, 2, 2)):
+                q = np.zeros(robot.model.nq)
+                q[arm.q_index[joints]] = corner + share * CELL
+                closest = min(closest, distance(robot, links, q))
+        assert certified >= 15
+        assert closest >= MARGIN - 1e-6
+
+
+def test_a_range_is_apart_where_all_its_cells_are(elbow):
+    checker = checker_for(*elbow)
+    tables, arm = checker._flat.arrays.tables, elbow[1]
+    rng = np.random.default_rng(2)
+    answers = []
+    for at in rng.uniform(arm.lower, arm.upper, (200, 2)):
+        wide = apart_within(tables, 0, *at, 2 * CELL, CELL)
+        offsets = rng.uniform(-1.0, 1.0, (60, 2)) * [2 * CELL, CELL]
+        inside = [apart_within(tables, 0, *(at + offset), 0.0, 0.0) for offset in offsets]
+        assert all(inside) or not wide
+        answers.append((wide, all(inside)))
+    assert {(True, True), (False, False)} <= set(answers)
+    assert not apart_within(tables, 0, *(arm.lower - 0.01), 0.0, 0.0)
+    assert not apart_within(tables, 0, *(arm.upper + 2 * CELL), 0.0, 0.0)
+    assert not apart_within(tables, 0, 0.0, 0.0, 1e300, np.inf)
+
+
+def test_tables_belong_to_the_robot_and_are_shared(yumi):
+    first, second = checker_for(*yumi), checker_for(*yumi)
+    assert np.shares_memory(first._flat.arrays.tables.apart, second._flat.arrays.tables.apart)
+
+
+def test_a_wider_margin_than_the_tables_were_made_for_is_checked_without_them(yumi):
+    links = ("yumi_link_5_r", "yumi_link_7_r")
+    checker = checker_for(*yumi)
+    at_zero = distance(yumi[0], links, np.zeros(yumi[0].model.nq))
+    for margin in (at_zero - 1e-4, at_zero + 1e-4):
+        wide = checker.with_pairs(
+            lambda a, b: {a, b} == set(links), CollisionSettings(self_margin=margin)
+        )
+        assert wide.free(np.zeros(7)) == (margin < at_zero)

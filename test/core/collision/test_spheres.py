@@ -1,0 +1,173 @@
+"""Covers contain what they cover; shapes are what coal makes of the same geometry."""
+
+import coal
+import numpy as np
+import pytest
+import trimesh
+
+from placement_planner_ros.core.collision.shapes import Shape, polytope, shape_of
+from placement_planner_ros.core.collision.spheres import bounding_sphere, sphere_tree
+from placement_planner_ros.core.errors import RobotError
+
+EXCESS = 0.01
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(7)
+
+
+def bvh(mesh: trimesh.Trimesh) -> coal.BVHModelOBBRSS:
+    model = coal.BVHModelOBBRSS()
+    model.beginModel(len(mesh.faces), len(mesh.vertices))
+    vertices = coal.StdVec_Vec3s()
+    for vertex in mesh.vertices:
+        vertices.append(vertex)
+    triangles = coal.StdVec_Triangle()
+    for face in mesh.faces:
+        triangles.append(coal.Triangle(*map(int, face)))
+    model.addSubModel(vertices, triangles)
+    model.endModel()
+    return model
+
+
+SHAPES = {
+    "box": (coal.Box(0.1, 0.3, 0.02), trimesh.creation.box((0.1, 0.3, 0.02))),
+    "sphere": (coal.Sphere(0.07), trimesh.creation.icosphere(3, 0.07)),
+    "capsule": (coal.Capsule(0.03, 0.2), trimesh.creation.capsule(0.2, 0.03)),
+    "cylinder": (coal.Cylinder(0.06, 0.25), trimesh.creation.cylinder(0.06, 0.25, 60)),
+    "cone": (coal.Cone(0.06, 0.2), trimesh.creation.cone(0.06, 0.2, 60)),
+    "ellipsoid": (
+        coal.Ellipsoid(0.05, 0.1, 0.02),
+        trimesh.creation.icosphere(4).apply_scale((0.05, 0.1, 0.02)),
+    ),
+    "torus": (
+        bvh(trimesh.creation.torus(0.1, 0.02)),
+        trimesh.creation.torus(0.1, 0.02),
+    ),
+}
+for _key in ("capsule", "cone"):
+    _mesh = SHAPES[_key][1]
+    _mesh.apply_translation(-_mesh.bounds.mean(axis=0))
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_surface_lies_in_every_level_of_the_cover(name):
+    geometry, mesh = SHAPES[name]
+    tree = sphere_tree(shape_of(geometry, name), EXCESS)
+    points = trimesh.sample.sample_surface(mesh, 4000, seed=1)[0]
+    distance = np.linalg.norm(points[:, None] - tree.centers, axis=2) - tree.radii
+    leaves = tree.first >= 0
+    assert distance[:, leaves].min(axis=1).max() <= 1e-9
+    assert distance[:, 0].max() <= 1e-9
+
+
+@pytest.mark.parametrize("name", ["box", "sphere", "capsule", "cylinder", "cone"])
+def test_inside_of_a_solid_is_covered_too(name, rng):
+    geometry, mesh = SHAPES[name]
+    tree = sphere_tree(shape_of(geometry, name), EXCESS)
+    points = rng.uniform(*mesh.bounds, size=(4000, 3))
+    heights = np.einsum("ij,ij->i", mesh.face_normals, mesh.triangles_center)
+    points = points[(points @ mesh.face_normals.T <= heights).all(axis=1)]
+    assert len(points) > 500
+    leaves = tree.first >= 0
+    distance = np.linalg.norm(points[:, None] - tree.centers[leaves], axis=2) - tree.radii[leaves]
+    assert distance.min(axis=1).max() <= 1e-9
+
+
+@pytest.mark.parametrize("name", ["box", "sphere", "capsule", "cylinder"])
+def test_leaves_stick_out_by_no_more_than_stated(name, rng):
+    geometry, _ = SHAPES[name]
+    tree = sphere_tree(shape_of(geometry, name), EXCESS)
+    leaves = np.flatnonzero(tree.first >= 0)
+    directions = rng.normal(size=(200, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    worst = 0.0
+    for leaf in leaves:
+        for point in tree.centers[leaf] + tree.radii[leaf] * directions[:20]:
+            result = coal.DistanceResult()
+            at = coal.Transform3s(np.eye(3), point)
+            ball = coal.Sphere(1e-6)
+            distance = coal.distance(
+                geometry, coal.Transform3s(), ball, at, coal.DistanceRequest(), result
+            )
+            worst = max(worst, distance)
+    assert worst <= tree.excess + 1e-4
+    assert tree.excess < 2 * EXCESS
+
+
+INSIDE = {
+    "box": lambda p: (np.abs(p) - (0.05, 0.15, 0.01)).max(axis=1),
+    "sphere": lambda p: np.linalg.norm(p, axis=1) - 0.07,
+    "capsule": lambda p: np.linalg.norm(p - np.clip(p, (0, 0, -0.1), (0, 0, 0.1)), axis=1) - 0.03,
+}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_inner_balls_lie_inside_of_what_is_known_exactly(name, rng):
+    tree = sphere_tree(shape_of(SHAPES[name][0], name), EXCESS)
+    if name not in INSIDE:
+        assert (tree.inner == -np.inf).all(), "larger than the shape, or hollow"
+        return
+    directions = rng.normal(size=(300, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    outside = [
+        INSIDE[name](center + inner * directions).max()
+        for center, inner in zip(tree.centers, tree.inner, strict=True)
+    ]
+    assert max(outside) <= 0.0
+    assert tree.inner.max() > 0.9 * {"box": 0.01, "sphere": 0.07, "capsule": 0.03}[name]
+
+
+def test_skips_lead_past_exactly_what_lies_below():
+    tree = sphere_tree(shape_of(coal.Box(0.1, 0.3, 0.1), "box"), EXCESS)
+    nodes = np.arange(len(tree.radii))
+    assert (tree.skip > nodes).all()
+    assert (tree.skip[tree.first >= 0] == nodes[tree.first >= 0] + 1).all()
+    assert tree.skip[0] == len(nodes)
+
+
+def test_surface_keeps_its_area_when_cut_small():
+    mesh = trimesh.creation.torus(0.1, 0.02)
+    tree = sphere_tree(shape_of(bvh(mesh), "torus"), EXCESS)
+    area = sum(trimesh.triangles.area(s.vertices[None])[0] for s in tree.sets)
+    assert area == pytest.approx(mesh.area, rel=1e-9)
+
+
+def test_bounding_sphere_is_nearly_the_smallest(rng):
+    points = rng.normal(size=(40, 3))
+    points /= np.linalg.norm(points, axis=1)[:, None]
+    center, radius = bounding_sphere(np.vstack([points, -points]))
+    assert np.linalg.norm(points - center, axis=1).max() <= radius + 1e-12
+    assert radius <= 1.01
+
+
+@pytest.mark.parametrize("name", ["box", "cylinder", "cone", "ellipsoid"])
+def test_polytopes_hold_the_shape_they_stand_for(name):
+    geometry, mesh = SHAPES[name]
+    hull = shape_of(geometry, name).sets[0]
+    points = np.asarray(mesh.vertices)
+    assert (points @ hull.normals.T <= hull.offsets + 1e-9).all()
+    assert (hull.vertices @ hull.normals.T <= hull.offsets + 1e-9).all()
+    assert hull.exact == (name == "box")
+
+
+@pytest.mark.parametrize(
+    "geometry",
+    [
+        coal.Box(0.1, 0.0, 0.1),
+        coal.Sphere(0.0),
+        coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0),
+        coal.BVHModelOBBRSS(),
+    ],
+)
+def test_unusable_geometry_is_refused_by_name(geometry):
+    with pytest.raises(RobotError, match="link elbow"):
+        shape_of(geometry, "link elbow")
+
+
+def test_cube_has_six_planes():
+    corners = np.array(np.meshgrid([0, 1], [0, 1], [0, 1]), dtype=float).reshape(3, -1).T
+    cube = polytope(corners)
+    assert len(cube.offsets) == 6
+    assert Shape((cube,), solid=True).solid

@@ -1,0 +1,412 @@
+"""Release and retreat: the open hand against brute force, and refusals of the checker."""
+
+from dataclasses import asdict, replace
+from types import SimpleNamespace
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+import trimesh
+from checker import Solution, SolutionChecker
+from scipy.spatial import ConvexHull
+from verify_cases import case_checker
+
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.collision.arm import (
+    PLACED_OBJECT,
+    ArmCollision,
+    CollisionSettings,
+)
+from placement_planner_ros.core.errors import GraspError, ParameterError
+from placement_planner_ros.core.grasp.hand_opening import check_opening
+from placement_planner_ros.core.grasp.hand_sweep import openings, with_opening_hand
+from placement_planner_ros.core.grasp.open_hand import OpenHand, RetreatSettings
+from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
+from placement_planner_ros.core.reach.ik import IKSettings
+from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
+from placement_planner_ros.experiments.cases import Case, make_problem
+from placement_planner_ros.scenes.objects import object_by_name
+from placement_planner_ros.scenes.primitives import box
+
+CASE = Case("table", "toy_table", "maximize_clearance")
+NOTHING = ObstacleSet.from_points(np.zeros((0, 3)), GridSettings(), (np.zeros(3), np.ones(3)))
+
+CLAW = """<robot name="claw">
+  <link name="base"/>
+  <link name="hand"><collision><geometry><box size="0.06 0.06 0.02"/></geometry></collision></link>
+  <joint name="lift" type="prismatic"><parent link="base"/><child link="hand"/>
+    <axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint>
+  <link name="finger"><collision><origin xyz="0 0 0.05"/>
+    <geometry><box size="0.01 0.02 0.1"/></geometry></collision></link>
+  <joint name="grip" type="revolute"><parent link="hand"/><child link="finger"/>
+    <axis xyz="0 1 0"/><limit lower="0" upper="1.5" velocity="1" effort="1"/></joint>
+  <link name="thumb"><collision><geometry><sphere radius="0.01"/></geometry></collision></link>
+  <joint name="thumb_joint" type="revolute"><parent link="finger"/><child link="thumb"/>
+    <origin xyz="0 0 0.1"/><axis xyz="1 0 0"/>
+    <limit lower="-2" upper="2" velocity="1" effort="1"/>
+    <mimic joint="grip" multiplier="-1"/></joint>
+</robot>"""
+
+
+@pytest.fixture(scope="module")
+def problem():
+    return make_problem(CASE, np.random.default_rng(0))[0]
+
+
+@pytest.fixture(scope="module")
+def planned():
+    problem, objective = make_problem(CASE, np.random.default_rng(0))
+    planner = PlacementPlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
+    placement = next(planner.run(lambda: planner.statistics.samples > 5000))
+    return problem, planner, placement
+
+
+def open_hand_of(problem, arm, obstacles=NOTHING, **settings):
+    return OpenHand(
+        problem.robot,
+        arm,
+        problem.body,
+        obstacles,
+        problem.q_start,
+        CollisionSettings(),
+        IKSettings(),
+        RetreatSettings(**settings),
+    )
+
+
+def random_pose(rng, center):
+    quaternion = rng.normal(size=4)
+    rotation = pin.Quaternion(quaternion / np.linalg.norm(quaternion)).toRotationMatrix()
+    return pin.SE3(rotation, center + rng.uniform(-0.3, 0.3, 3))
+
+
+def test_a_placed_object_that_was_moved_is_where_a_new_one_would_be(problem):
+    arm = replace(problem.arms[0], touch_links=())
+    rng = np.random.default_rng(0)
+
+    def at(T):
+        obstacles, q = problem.environment.obstacles, problem.q_start
+        return ArmCollision(problem.robot, arm, 0, problem.body, obstacles, q, None, T)
+
+    moved = at(pin.SE3.Identity())
+    differing = 0
+    for _ in range(4):
+        T = random_pose(rng, np.array([0.35, 0.1, 0.3]))
+        before = moved.free_batch(Q := rng.uniform(arm.lower, arm.upper, (500, arm.dof)))
+        moved.place(T)
+        fresh = at(T)
+        free = moved.free_batch(Q)
+        assert np.array_equal(free, fresh.free_batch(Q))
+        differing += int((before != free).sum())
+        assert [moved.explain(q) == "" for q in Q[:50]] == free[:50].tolist()
+    assert differing > 0
+
+
+def test_left_out_pairs_and_the_environment_no_longer_count(problem):
+    arm = replace(problem.arms[0], touch_links=())
+    obstacles, q = problem.environment.obstacles, problem.q_start
+    whole = ArmCollision(
+        problem.robot, arm, 0, problem.body, obstacles, q, None, pin.SE3.Identity()
+    )
+    Q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (300, arm.dof))
+    assert not whole.free_batch(Q).all()
+    assert whole.with_pairs(lambda a, b: False, environment=False).free_batch(Q).all()
+    whole.place(pin.SE3(problem.robot.link_pose(problem.q_start, arm.tip_frame)))
+    only = whole.with_pairs(lambda a, b: PLACED_OBJECT in (a, b), environment=False)
+    assert PLACED_OBJECT in only.explain(problem.q_start[arm.q_index])
+
+
+def hulls(robot: Robot, q, link: str):
+    """Convex pieces (n, 3) of a link in the world."""
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, q)
+    for name, thing in zip(robot.geometry_links, robot.geometry.geometryObjects, strict=True):
+        if name == link:
+            shape, T = thing.geometry, data.oMi[thing.parentJoint] * thing.placement
+            if isinstance(shape, coal.Sphere):
+                points = np.random.default_rng(0).normal(size=(200, 3))
+                points *= shape.radius / np.linalg.norm(points, axis=1)[:, None]
+            elif isinstance(shape, coal.Box):
+                points = np.array(np.meshgrid(*[(-1, 1)] * 3)).reshape(3, -1).T * shape.halfSide
+            else:
+                points = np.array([shape.point(i) for i in range(shape.num_points)])
+            yield points @ T.rotation.T + T.translation, shape.getSweptSphereRadius()
+
+
+def outside(points, pieces):
+    """How far the furthest of the points is from all of the pieces, about."""
+    least = np.full(len(points), np.inf)
+    for vertices, radius in pieces:
+        planes = ConvexHull(vertices).equations
+        least = np.minimum(least, (points @ planes[:, :3].T + planes[:, 3]).max(axis=1) - radius)
+    return float(least.max())
+
+
+@pytest.mark.parametrize("which", ["sliding", "turning"])
+def test_the_opening_hand_holds_every_stage_of_its_opening_and_little_more(which, problem):
+    if which == "sliding":
+        robot, arm, q = problem.robot, problem.arms[0], problem.q_start
+        fingers = [link for link in arm.touch_links if "finger" in link]
+        thickness = 1e-9
+    else:
+        robot = Robot.from_urdf(CLAW, srdf="<robot name='claw'/>")
+        arm = robot.arm("claw", "hand", gripper_joints=("grip",), gripper_open=(1.2,))
+        q = robot.configuration({"lift": 0.1, "grip": 0.0})
+        fingers = ["finger", "thumb"]
+        thickness = 5e-4
+    sweep = with_opening_hand(robot, arm, q)
+    unmoved = len([link for link in robot.geometry_links if link not in fingers])
+    assert len([link for link in sweep.geometry_links if link not in fingers]) == unmoved
+    q_open = robot.with_open_hand(q, arm)
+    for link in fingers:
+        pieces = list(hulls(sweep, q, link))
+        for share in np.linspace(0.0, 1.0, 37):
+            stage = robot.with_positions(
+                q,
+                {
+                    j: (1 - share) * q[robot.index(j)] + share * q_open[robot.index(j)]
+                    for j in arm.gripper_joints
+                },
+            )
+            for points, _ in hulls(robot, stage, link):
+                assert outside(points, pieces) <= 1e-9
+        assert all(radius <= thickness for _, radius in pieces)
+    assert len(openings(robot, arm, q)) == (2 if which == "sliding" else 1 + 48)
+
+
+def test_a_hand_without_gripper_joints_sweeps_nothing(problem):
+    arm = replace(problem.arms[0], gripper_joints=(), gripper_open=())
+    sweep = with_opening_hand(problem.robot, arm, problem.q_start)
+    assert sweep.geometry_links == problem.robot.geometry_links
+
+
+@pytest.fixture(scope="module")
+def post(planned):
+    """(3,) a point that a finger passes as it opens at the goal."""
+    problem, _, placement = planned
+    arm = next(a for a in problem.arms if a.name == placement.goal.arm)
+    reached = dict(zip(arm.joints, placement.goal.q, strict=True))
+    q = problem.robot.with_positions(problem.q_start, reached)
+    closed, opened = (
+        np.vstack([p for link in arm.touch_links for p, _ in hulls(problem.robot, s, link)])
+        for s in (q, problem.robot.with_open_hand(q, arm))
+    )
+    moving = np.argmax(np.linalg.norm(opened - closed, axis=1))
+    return closed[moving] + 0.8 * (opened - closed)[moving]
+
+
+def test_release_is_refused_where_a_finger_would_open_into_something(planned, post):
+    problem, _, placement = planned
+    arm = next(a for a in problem.arms if a.name == placement.goal.arm)
+    assert open_hand_of(problem, arm).release_free(placement.goal.q)
+    near = post + 0.002 * np.random.default_rng(0).uniform(-1, 1, (50, 3))
+    obstacles = ObstacleSet.from_points(near, GridSettings(), (post - 0.3, post + 0.3))
+    assert len(obstacles.lower) > 0
+    assert not open_hand_of(problem, arm, obstacles).release_free(placement.goal.q)
+
+
+def test_the_retreat_is_straight_long_enough_and_ends_free_of_the_object(planned):
+    _, planner, placement = planned
+    goal = placement.goal
+    holding = planner.holdings[goal.arm, goal.grasp]
+    assert np.array_equal(goal.retreat[0], goal.q)
+    tips = holding.chain.forward_batch(goal.retreat)
+    way = tips[:, :3, 3] - tips[0, :3, 3]
+    direction = way[-1] / np.linalg.norm(way[-1])
+    assert np.linalg.norm(way[-1]) >= 0.1 - 1e-4
+    assert np.abs(way - (way @ direction)[:, None] * direction).max() < 1e-4
+    assert np.abs(tips[:, :3, :3] - tips[0, :3, :3]).max() < 1e-3
+    assert np.array_equal(placement.retreat.positions[0], placement.trajectory.positions[-1])
+    assert placement.retreat.joints == placement.trajectory.joints
+
+
+def test_it_goes_on_until_the_hand_has_parted(planned):
+    problem, _, placement = planned
+    goal = placement.goal
+    arm = next(a for a in problem.arms if a.name == goal.arm)
+    barely = replace(arm, gripper_open=(object_by_name(CASE.object).finger_opening + 0.002,))
+    hand = open_hand_of(problem, barely, retreat_distance=0.01, retreat_step=0.005)
+    way = hand.retreat(goal.q, goal.grasp, goal.T_world_object)
+    assert way is not None
+    parted = hand._parted.free_batch(way, CollisionSettings().planning_reserve)
+    assert len(way) > 4
+    assert parted[-1]
+    assert not parted[2:-1].any()
+
+
+def test_no_finger_is_dragged_through_what_it_held(planned):
+    """Sideways along its closing direction, the hand would take the object with it."""
+    problem, _, placement = planned
+    goal = placement.goal
+    arm = next(a for a in problem.arms if a.name == goal.arm)
+    for side in (-1.0, 1.0):
+        hand = open_hand_of(problem, arm, tip_directions=((side, 0.0, 0.0),), world_directions=())
+        assert hand.retreat(goal.q, goal.grasp, goal.T_world_object) is None
+
+
+@pytest.fixture(scope="module")
+def judged(planned):
+    problem, _, placement = planned
+    arm = next(a for a in problem.arms if a.name == placement.goal.arm)
+    return case_checker(asdict(CASE)), Solution.of(placement, arm)
+
+
+def curve(retreat, **changes):
+    names = ("joints", "times", "positions", "velocities", "accelerations")
+    return SimpleNamespace(**{n: getattr(retreat, n) for n in names} | changes)
+
+
+def test_the_checker_accepts_it(judged):
+    checker, solution = judged
+    assert solution.retreat is not None
+    assert checker.check(solution) == []
+
+
+def test_the_checker_refuses_a_retreat_that_begins_elsewhere_or_too_fast(judged):
+    checker, solution = judged
+    retreat = solution.retreat
+    shifted = replace(solution, retreat=curve(retreat, positions=retreat.positions + 1e-4))
+    assert "retreat: does not begin where the trajectory ends" in checker.check(shifted)
+    hurried = curve(
+        retreat,
+        times=retreat.times / 20,
+        velocities=retreat.velocities * 20,
+        accelerations=retreat.accelerations * 400,
+    )
+    found = checker.check(replace(solution, retreat=hurried))
+    assert found
+    assert all(violation.startswith("retreat: limits") for violation in found)
+
+
+def at_rest(retreat, positions):
+    """Slowly from one configuration (n, dof) to the next, at rest at each."""
+    still = np.zeros_like(positions)
+    return curve(
+        retreat,
+        times=5.0 * np.arange(len(positions)),
+        positions=positions,
+        velocities=still,
+        accelerations=still,
+    )
+
+
+def test_the_checker_refuses_to_end_in_touch_with_the_object(judged):
+    checker, solution = judged
+    q = solution.retreat.positions[[0, 0]]
+    closed = replace(
+        solution,
+        retreat=at_rest(solution.retreat, q),
+        gripper_open={j: checker.task.q_start[j] for j in solution.gripper_open},
+    )
+    found = checker.check(closed)
+    assert found
+    assert all(violation.startswith("retreat: ends with gripper") for violation in found)
+
+
+def test_the_checker_refuses_a_finger_dragged_through_the_object(planned, judged):
+    """The hand leaves along its closing direction."""
+    _, planner, placement = planned
+    checker, solution = judged
+    ik = planner.holdings[placement.goal.arm, placement.goal.grasp].open_hand._ik
+    tip = ik.chain.forward(placement.goal.q)
+    for side in (-1.0, 1.0):
+        poses = np.repeat(tip[None], 8, axis=0)
+        poses[:, :3, 3] += side * np.linspace(0.005, 0.04, 8)[:, None] * tip[:3, 0]
+        tracked = ik.track(poses, placement.goal.q)
+        if tracked is not None:
+            break
+    positions = np.vstack([solution.retreat.positions[:1], tracked])
+    found = checker.check(replace(solution, retreat=at_rest(solution.retreat, positions)))
+    assert any("finger" in v and "object" in v for v in found if v.startswith("retreat: coll"))
+
+
+def test_the_checker_refuses_fingers_that_open_into_something(judged, post):
+    checker, solution = judged
+    solid = box("post", post - 0.001, post + 0.001, (1.0, 0.0, 0.0))
+    task = replace(checker.task, solids=[*checker.task.solids, solid], objective="none")
+    found = SolutionChecker(task, checker.tolerances).check(solution)
+    assert any("finger" in v and "post" in v for v in found if v.startswith("release"))
+
+
+def test_without_requiring_it_a_placement_may_be_without_retreat():
+    problem, objective = make_problem(CASE, np.random.default_rng(0))
+    impossible = RetreatSettings(
+        retreat_distance=0.5, tip_directions=((0.0, 0.0, 1.0),), world_directions=()
+    )
+    settings = replace(PlannerSettings(), require_retreat=False, retreat=impossible)
+    planner = PlacementPlanner(problem, objective, settings, np.random.default_rng(0))
+    placement = next(planner.run(lambda: planner.statistics.samples > 3000))
+    assert placement.retreat is None
+    settings = replace(settings, require_retreat=True)
+    planner = PlacementPlanner(problem, objective, settings, np.random.default_rng(0))
+    assert list(planner.run(lambda: planner.statistics.samples > 300)) == []
+    assert planner.statistics.rejected["no_retreat"] > 0
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"retreat_distance": 0.0},
+        {"retreat_distance": 0.6},
+        {"retreat_step": 0.0},
+        {"tip_directions": (), "world_directions": ()},
+        {"tip_directions": ((0.0, 0.0, 0.0),)},
+        {"world_directions": ((0.0, 1.0),)},
+    ],
+)
+def test_wrong_settings_are_refused(bad):
+    with pytest.raises(ParameterError):
+        RetreatSettings(**bad)
+
+
+JAWS = """<robot name="jaws">
+  <link name="base"/>
+  <link name="hand"><collision><origin xyz="0 0 -0.02"/>
+    <geometry><box size="0.1 0.03 0.02"/></geometry></collision></link>
+  <joint name="lift" type="prismatic"><parent link="base"/><child link="hand"/>
+    <axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint>
+  <link name="finger"><collision><origin xyz="0 0 0.03"/>
+    <geometry><box size="0.01 0.02 0.06"/></geometry></collision></link>
+  <joint name="slide" type="prismatic"><parent link="hand"/><child link="finger"/>
+    <axis xyz="1 0 0"/><limit lower="0" upper="0.1" velocity="1" effort="1"/></joint>
+</robot>"""
+
+
+def block(parts):
+    """An object of boxes, each centre and size."""
+    meshes = []
+    for centre, size in parts:
+        mesh = trimesh.creation.box(size)
+        mesh.apply_translation(centre)
+        meshes.append(mesh)
+    joined = trimesh.util.concatenate(meshes)
+    return Body.from_mesh(joined.vertices, joined.faces)
+
+
+@pytest.mark.parametrize(
+    ("wall", "depth"),
+    [(None, None), (0.15, None), (0.061, None), (0.055, "5.5 mm"), (0.035, "9")],
+)
+def test_a_hand_whose_finger_opens_into_the_object_is_refused(wall, depth):
+    robot = Robot.from_urdf(JAWS)
+    pads = [((-0.02, 0.0, 0.05), (0.03, 0.02, 0.04))]
+    if wall is not None:  # beyond the open finger, met by its end, or passed through
+        pads.append(((wall, 0.0, 0.05), (0.01, 0.02, 0.04)))
+        pads.append(((wall / 2 - 0.01, 0.0, 0.1), (wall + 0.05, 0.02, 0.01)))
+    body = block(pads)
+    arm = robot.arm(
+        "arm",
+        "hand",
+        grasps=[pin.SE3.Identity()],
+        touch_links=["finger"],
+        gripper_joints=["slide"],
+        gripper_open=[0.0505],
+    )
+    q = robot.configuration({"lift": 0.0, "slide": 0.0005})
+    if depth is None:
+        check_opening(robot, arm, 0, body, q)
+    else:
+        with pytest.raises(GraspError, match=rf"arm.grasps\[0\].*pushes finger {depth}"):
+            check_opening(robot, arm, 0, body, q)

@@ -1,0 +1,345 @@
+"""Inverse kinematics: tolerances and limits of all that is returned, success, straight lines."""
+
+import math
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from shared import SHARED
+
+from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.reach.ik import IKSettings, InverseKinematics
+from placement_planner_ros.core.reach.kinematics import Chain
+from placement_planner_ros.core.reach.seeds import SeedTable
+from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.scenes.yumi import START_CONFIGURATION, load_yumi, yumi_arm
+
+PANDA = SHARED / "data/robots/panda_description/urdf/panda_collision.urdf"
+
+SCARA = """
+<robot name="scara">
+  <link name="base"/><link name="upper"/><link name="fore"/><link name="quill"/><link name="tip"/>
+  <joint name="shoulder" type="revolute">
+    <parent link="base"/><child link="upper"/><origin xyz="0 0 0.5"/>
+    <axis xyz="0 0 1"/><limit lower="-2.5" upper="2.5" velocity="1" effort="1"/>
+  </joint>
+  <joint name="elbow" type="revolute">
+    <parent link="upper"/><child link="fore"/><origin xyz="0.4 0 0"/>
+    <axis xyz="0 0 1"/><limit lower="-2.5" upper="2.5" velocity="1" effort="1"/>
+  </joint>
+  <joint name="lift" type="prismatic">
+    <parent link="fore"/><child link="quill"/><origin xyz="0.3 0 0"/>
+    <axis xyz="0 0 -1"/><limit lower="0" upper="0.3" velocity="1" effort="1"/>
+  </joint>
+  <joint name="wrist" type="continuous">
+    <parent link="quill"/><child link="tip"/><origin xyz="0 0 -0.1"/><axis xyz="0 0 -1"/>
+  </joint>
+</robot>
+"""
+
+
+def chain_of(name: str) -> Chain:
+    if name == "scara":
+        robot = Robot.from_urdf(SCARA)
+        return Chain.from_robot(robot, robot.arm("arm", "tip"), np.zeros(4))
+    if name == "panda":
+        if not PANDA.is_file():
+            pytest.skip("needs the shared Panda")
+        robot = Robot.from_urdf(PANDA.read_text(encoding="utf-8"))
+        return Chain.from_robot(robot, robot.arm("arm", "panda_hand"), np.zeros(robot.model.nq))
+    robot = load_yumi()
+    q_rest = robot.configuration(START_CONFIGURATION)
+    return Chain.from_robot(robot, yumi_arm(robot, name), q_rest)
+
+
+def six_joints() -> Chain:
+    """The YuMi's left arm with its third joint at rest."""
+    robot = load_yumi()
+    arm = yumi_arm(robot, "left")
+    joints = [name for i, name in enumerate(arm.joints) if i != 2]
+    return Chain.from_robot(
+        robot,
+        robot.arm("six", arm.tip_frame, joints),
+        robot.configuration(START_CONFIGURATION),
+    )
+
+
+@pytest.fixture(scope="module", params=["left", "right"])
+def yumi_chain(request) -> Chain:
+    return chain_of(request.param)
+
+
+@pytest.fixture(scope="module")
+def scara_chain() -> Chain:
+    return chain_of("scara")
+
+
+def pose_errors(T: np.ndarray, wanted: np.ndarray) -> tuple[float, float]:
+    """Metres and radians between two (4, 4) poses."""
+    turn = pin.log3(wanted[:3, :3].T @ T[:3, :3])
+    return float(np.linalg.norm(T[:3, 3] - wanted[:3, 3])), float(np.linalg.norm(turn))
+
+
+def assert_solutions(chain: Chain, settings: IKSettings, T: np.ndarray, Q: np.ndarray) -> None:
+    assert (chain.lower <= Q).all()
+    assert (chain.upper >= Q).all()
+    for q in Q:
+        position, rotation = pose_errors(chain.forward(q), T)
+        assert position <= settings.position_tolerance * (1 + 1e-6)
+        assert rotation <= settings.rotation_tolerance * (1 + 1e-6)
+
+
+def test_poses_of_random_configurations_are_solved(yumi_chain):
+    rng = np.random.default_rng(3)
+    settings = IKSettings(max_solutions=4)
+    ik = InverseKinematics(yumi_chain, settings)
+    table = SeedTable(yumi_chain, rng)
+    T = yumi_chain.forward_batch(ik.random_seeds(rng, 1000))
+    solutions, counts = ik.solve_batch(T, table.near(T, 16, rng))
+    assert (counts > 0).mean() >= 0.99
+    for i in range(len(T)):
+        assert_solutions(yumi_chain, settings, T[i], solutions[i, : counts[i]])
+        assert np.isnan(solutions[i, counts[i] :]).all()
+
+
+def test_random_seeds_solve_too(yumi_chain):
+    rng = np.random.default_rng(4)
+    ik = InverseKinematics(yumi_chain, IKSettings(max_solutions=1))
+    T = yumi_chain.forward_batch(ik.random_seeds(rng, 500))
+    _, counts = ik.solve_batch(T, ik.random_seeds(rng, (500, 16)))
+    assert (counts > 0).mean() >= 0.98
+
+
+def test_solutions_are_distinct_and_spread(yumi_chain):
+    rng = np.random.default_rng(5)
+    settings = IKSettings(max_solutions=16)
+    ik = InverseKinematics(yumi_chain, settings)
+    T = yumi_chain.forward(0.5 * (yumi_chain.lower + yumi_chain.upper) + 0.3)
+    Q = ik.solve(T, ik.random_seeds(rng, 64))
+    assert len(Q) >= 8
+    assert_solutions(yumi_chain, settings, T, Q)
+    for i in range(len(Q)):
+        for j in range(i):
+            turns = np.abs((Q[i] - Q[j] + math.pi) % (2 * math.pi) - math.pi)
+            assert turns.max() > settings.min_difference
+
+
+def test_equal_seeds_give_one_solution(yumi_chain):
+    ik = InverseKinematics(yumi_chain)
+    q = 0.5 * (yumi_chain.lower + yumi_chain.upper)
+    Q = ik.solve(yumi_chain.forward(q), np.tile(q, (5, 1)))
+    assert len(Q) == 1
+    assert Q[0] == pytest.approx(q, abs=1e-12)
+
+
+def apart(a: np.ndarray, b: np.ndarray) -> float:
+    """Largest difference of a joint, full turns aside."""
+    return float(np.abs((a - b + math.pi) % (2 * math.pi) - math.pi).max())
+
+
+@pytest.mark.parametrize("name", ["left", "right", "panda"])
+def test_sweep_is_sound_distinct_and_repeatable(name):
+    chain = chain_of(name)
+    rng = np.random.default_rng(11)
+    ik = InverseKinematics(chain)
+    T = chain.forward_batch(ik.random_seeds(rng, 40))
+    solutions, counts = ik.solve_batch(T, ik.random_seeds(rng, (40, 8)))
+    swept, numbers = ik.sweep_batch(T, solutions, counts)
+    again, _ = ik.sweep_batch(T, solutions, counts)
+    assert np.array_equal(swept, again, equal_nan=True)
+    assert numbers.sum() > 4 * counts.sum()
+    for i in range(len(T)):
+        Q = swept[i, : numbers[i]]
+        assert_solutions(chain, ik.settings, T[i], Q)
+        assert np.isnan(swept[i, numbers[i] :]).all()
+        for k in range(len(Q)):
+            assert all(apart(Q[k], other) > 0.1 * ik.settings.sweep_step for other in Q[:k])
+        assert np.array_equal(Q, ik.sweep(T[i], solutions[i, : counts[i]]))
+
+
+def test_sweep_covers_what_dense_seeds_find(yumi_chain):
+    """64 seeds and the sweep come near what 256 others lead to; alone they leave a third out."""
+    rng = np.random.default_rng(12)
+    dense = InverseKinematics(yumi_chain, IKSettings(max_solutions=256))
+    ik = InverseKinematics(yumi_chain, IKSettings(max_solutions=64))
+    swept, alone = [], []
+    for pose in yumi_chain.forward_batch(dense.random_seeds(rng, 12)):
+        seeded = ik.solve(pose, ik.random_seeds(rng, 64))
+        more = ik.sweep(pose, seeded)
+        for q in dense.solve(pose, dense.random_seeds(rng, 256)):
+            near = [apart(q, x) <= 0.3 for x in [*seeded, *more]]
+            swept.append(any(near))
+            alone.append(any(near[: len(seeded)]))
+    assert np.mean(swept) >= 0.93
+    assert np.mean(alone) <= 0.67
+
+
+def test_nothing_to_sweep_without_joints_to_spare(scara_chain):
+    for chain in (scara_chain, six_joints()):
+        rng = np.random.default_rng(13)
+        ik = InverseKinematics(chain)
+        T = chain.forward(0.5 * (chain.lower + chain.upper) + 0.1)
+        Q = ik.solve(T, ik.random_seeds(rng, 16))
+        assert len(Q) > 0
+        assert ik.sweep(T, Q).shape == (0, chain.dof)
+
+
+def test_half_turn_error_is_left(scara_chain):
+    """The seed's tip is turned by exactly half a turn."""
+    ik = InverseKinematics(scara_chain)
+    q = np.array([0.3, 0.8, 0.1, 0.2])
+    seed = q + np.array([0.0, 0.0, 0.0, math.pi])
+    Q = ik.solve(scara_chain.forward(q), seed[None])
+    assert len(Q) == 1
+    assert_solutions(scara_chain, ik.settings, scara_chain.forward(q), Q)
+
+
+def test_sliding_joint_and_fewer_than_six_joints(scara_chain):
+    rng = np.random.default_rng(6)
+    ik = InverseKinematics(scara_chain)
+    T = scara_chain.forward_batch(ik.random_seeds(rng, 200))
+    solutions, counts = ik.solve_batch(T, ik.random_seeds(rng, (200, 16)))
+    assert (counts > 0).mean() >= 0.99
+    for i in range(len(T)):
+        assert_solutions(scara_chain, ik.settings, T[i], solutions[i, : counts[i]])
+    tilted = T[0].copy()
+    tilted[:3, :3] = tilted[:3, :3] @ pin.rpy.rpyToMatrix(0.1, 0.0, 0.0)
+    assert len(ik.solve(tilted, ik.random_seeds(rng, 32))) == 0
+
+
+def test_limits_keep_a_pose_from_being_solved(scara_chain):
+    """Reachable but for the lift, which would have to go below its range."""
+    ik = InverseKinematics(scara_chain)
+    T = scara_chain.forward(np.array([0.3, 0.8, 0.3, 0.2]))
+    T[2, 3] -= 0.01
+    assert len(ik.solve(T, ik.random_seeds(np.random.default_rng(7), 16))) == 0
+
+
+@pytest.mark.parametrize("name", ["left", "right", "scara"])
+def test_reach_never_rejects_what_is_reached(name):
+    chain = chain_of(name)
+    ik = InverseKinematics(chain)
+    rng = np.random.default_rng(8)
+    Q = ik.random_seeds(rng, 20_000)
+    corners = rng.random(Q.shape) < 0.3
+    Q = np.where(corners, np.where(rng.random(Q.shape) < 0.5, chain.lower, chain.upper), Q)
+    straight = np.where(rng.random(Q.shape) < 0.5, 0.0, Q).clip(chain.lower, chain.upper)
+    assert ik.reachable_batch(chain.forward_batch(Q)).all()
+    assert ik.reachable_batch(chain.forward_batch(straight)).all()
+
+
+def test_reach_rejects_what_is_far(yumi_chain, scara_chain):
+    for chain, far in ((yumi_chain, 0.95), (scara_chain, 1.2)):
+        T = np.eye(4)
+        T[0, 3] = far
+        assert not InverseKinematics(chain).reachable(T)
+
+
+def test_reach_is_tight_where_the_arm_can_stretch(scara_chain):
+    """The SCARA stretches to 0.7 m sideways; 1 cm more must not pass, but for the lift's slack."""
+    ik = InverseKinematics(scara_chain)
+    stretched = scara_chain.forward(np.array([0.0, 0.0, 0.15, 0.0]))
+    assert ik.reachable(stretched)
+    stretched[0, 3] += 0.16
+    assert not ik.reachable(stretched)
+
+
+def test_full_turns(yumi_chain):
+    ik = InverseKinematics(yumi_chain)
+    q = np.zeros(7)
+    q[4], q[6] = math.radians(100.0), math.radians(-140.0)
+    Q = ik.full_turns(q)
+    assert np.array_equal(Q[0], q)
+    degrees = {tuple(np.round(np.degrees(x[[4, 6]]), 6)) for x in Q}
+    assert degrees == {(100, -140), (-260, -140), (100, 220), (-260, 220)}
+    assert np.abs(yumi_chain.forward_batch(Q) - yumi_chain.forward(q)).max() < 1e-12
+    assert len(ik.full_turns(np.zeros(7))) == 1
+
+
+def line(T: np.ndarray, offset: np.ndarray, count: int) -> np.ndarray:
+    poses = np.tile(T, (count, 1, 1))
+    poses[:, :3, 3] += np.linspace(0.0, 1.0, count)[:, None] * offset
+    return poses
+
+
+def test_track_follows_straight_lines(yumi_chain):
+    rng = np.random.default_rng(9)
+    ik = InverseKinematics(yumi_chain)
+    tracked = 0
+    for q in ik.random_seeds(rng, 60):
+        poses = line(yumi_chain.forward(q), np.array([0.0, 0.0, 0.04]), 9)
+        path = ik.track(poses, q)
+        if path is None:
+            continue
+        tracked += 1
+        assert np.abs(np.diff(path, axis=0)).max() <= ik.settings.max_joint_step
+        for T, x in zip(poses, path, strict=True):
+            assert_solutions(yumi_chain, ik.settings, T, x[None])
+        for a, b, T_a, T_b in zip(path[:-1], path[1:], poses[:-1], poses[1:], strict=True):
+            middle = yumi_chain.forward(0.5 * (a + b))
+            wanted = T_a.copy()
+            wanted[:3, 3] = 0.5 * (T_a + T_b)[:3, 3]
+            position, rotation = pose_errors(middle, wanted)
+            assert max(position, rotation) <= 1.01 * ik.settings.line_tolerance
+    assert tracked >= 25
+
+
+def test_track_refuses_jumps_coarse_lines_and_limits(scara_chain):
+    ik = InverseKinematics(scara_chain)
+    q = np.array([0.5, 1.0, 0.1, 0.0])
+    T = scara_chain.forward(q)
+    sideways = np.array([0.0, 0.1, 0.0])
+    assert ik.track(line(T, sideways, 21), q) is not None
+    assert ik.track(line(T, sideways, 2), q) is None  # too coarse to be straight
+    assert ik.track(line(T, sideways, 21), q + np.array([0.5, 0, 0, 0])) is None  # jump at once
+    raised = np.array([0.5, 1.0, 0.0, 0.0])
+    far = line(scara_chain.forward(raised), np.array([0.0, 0.0, -0.24]), 2)
+    assert ik.track(far, raised) is None  # straight, but the lift moves 0.24 m at once
+    down = np.array([0.0, 0.0, -0.15])
+    assert ik.track(line(T, down, 6), q) is not None
+    assert ik.track(line(T, 2 * down, 6), q) is None  # the lift ends at 0.3
+
+
+def test_track_starts_within_limits(scara_chain):
+    """A start a hair beyond a limit is brought back, not returned."""
+    ik = InverseKinematics(scara_chain)
+    q = np.array([0.5, 2.5, 0.1, 0.0])
+    path = ik.track(scara_chain.forward(q)[None], q + np.array([0.0, 1e-6, 0.0, 0.0]))
+    assert path is not None
+    assert path[0, 1] <= 2.5
+
+
+def test_poses_that_are_not_numbers_have_no_solution(yumi_chain):
+    ik = InverseKinematics(yumi_chain)
+    T = np.full((4, 4), np.nan)
+    assert len(ik.solve(T, ik.random_seeds(np.random.default_rng(0), 4))) == 0
+
+
+def test_seed_table(yumi_chain):
+    rng = np.random.default_rng(10)
+    table = SeedTable(yumi_chain, rng, size=512)  # as large as a window: every row is compared
+    T = yumi_chain.forward_batch(
+        rng.uniform(yumi_chain.lower, yumi_chain.upper, (4, yumi_chain.dof))
+    )
+    seeds = table.near(T, 512, rng)
+    assert len(np.unique(seeds[0], axis=0)) == 512
+    for k in range(4):
+        tips = yumi_chain.forward_batch(seeds[k])
+        turn = np.linalg.norm((tips - T[k])[:, :3, :3], axis=(1, 2)) / math.sqrt(2.0)
+        shift = np.linalg.norm((tips - T[k])[:, :3, 3], axis=1)
+        assert (np.diff(np.hypot(shift, 0.25 * turn)) >= -1e-12).all()
+    assert np.array_equal(table.near(T, 3, rng), seeds[:, :3])
+    for count in (0, 513):
+        with pytest.raises(ParameterError, match="seed count"):
+            table.near(T, count, rng)
+    with pytest.raises(ParameterError, match="size"):
+        SeedTable(yumi_chain, rng, size=100)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("max_iterations", 0), ("max_solutions", 0), ("position_tolerance", 0.0), ("sweep_step", 0.0)],
+)
+def test_bad_settings_are_refused(field, value):
+    with pytest.raises(ParameterError, match=field):
+        IKSettings(**{field: value})

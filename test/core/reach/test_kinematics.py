@@ -1,0 +1,136 @@
+"""Chains against pinocchio, on the YuMi, the Panda and an arm with a sliding joint."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from shared import SHARED
+
+from placement_planner_ros.core.errors import RobotError
+from placement_planner_ros.core.reach import kinematics
+from placement_planner_ros.core.reach.kinematics import Chain
+from placement_planner_ros.core.robot.arm import Arm
+from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.scenes.yumi import START_CONFIGURATION, load_yumi, yumi_arm
+
+GANTRY = """
+<robot name="gantry">
+  <link name="base"/><link name="cart"/><link name="mast"/><link name="boom"/><link name="tip"/>
+  <joint name="along" type="prismatic">
+    <parent link="base"/><child link="cart"/><origin xyz="0.1 0.2 0.3" rpy="0.4 -0.2 0.9"/>
+    <axis xyz="1 0 0"/><limit lower="-0.5" upper="1.0" velocity="1" effort="1"/>
+  </joint>
+  <joint name="turn" type="revolute">
+    <parent link="cart"/><child link="mast"/><origin xyz="0 0 0.4" rpy="0 1 0"/>
+    <axis xyz="0.6 0 -0.8"/><limit lower="-2" upper="2" velocity="1" effort="1"/>
+  </joint>
+  <joint name="reach" type="prismatic">
+    <parent link="mast"/><child link="boom"/><origin xyz="0 0.3 0"/>
+    <axis xyz="0 -1 0"/><limit lower="0" upper="0.7" velocity="1" effort="1"/>
+  </joint>
+  <joint name="wrist" type="continuous">
+    <parent link="boom"/><child link="tip"/><origin xyz="0.2 0 0"/><axis xyz="0 0 -1"/>
+  </joint>
+</robot>
+"""
+
+
+def panda() -> Robot:
+    urdf = SHARED / "data/robots/panda_description/urdf/panda_collision.urdf"
+    if not urdf.is_file():
+        pytest.skip("needs the shared Panda")
+    return Robot.from_urdf(urdf.read_text(encoding="utf-8"))
+
+
+def case(name: str) -> tuple[Robot, Arm, np.ndarray]:
+    if name == "panda":
+        robot = panda()
+        return robot, robot.arm("arm", "panda_hand"), np.zeros(robot.model.nq)
+    if name == "gantry":
+        robot = Robot.from_urdf(GANTRY)
+        return robot, robot.arm("arm", "tip"), np.zeros(4)
+    if name == "part":  # some joints on the way stand still
+        robot = Robot.from_urdf(GANTRY)
+        return robot, robot.arm("arm", "tip", ["turn", "wrist"]), np.array([0.3, 0, 0.2, 0])
+    robot = load_yumi()
+    return robot, yumi_arm(robot, name), robot.configuration(START_CONFIGURATION)
+
+
+@pytest.mark.parametrize("name", ["left", "right", "panda", "gantry", "part"])
+def test_agrees_with_pinocchio(name):
+    robot, arm, q_rest = case(name)
+    chain = Chain.from_robot(robot, arm, q_rest)
+    rng = np.random.default_rng(0)
+    T_tip_object = pin.SE3(pin.rpy.rpyToMatrix(0.3, -1.0, 2.0), np.array([0.1, -0.05, 0.2]))
+    Q = rng.uniform(arm.lower, arm.upper, (20, arm.dof))
+    tips, frames = chain.forward_batch(Q), chain.joint_frames_batch(Q)
+    jacobians = chain.jacobian_batch(Q, T_tip_object.homogeneous)
+    model = robot.model.copy()
+    tip = robot.frame_id(arm.tip_frame)
+    carried = model.frames[tip].placement * T_tip_object
+    object_id = model.addFrame(
+        pin.Frame("object", model.frames[tip].parentJoint, tip, carried, pin.FrameType.OP_FRAME)
+    )
+    data = model.createData()
+    for k, x in enumerate(Q):
+        q = q_rest.copy()
+        q[arm.q_index] = x
+        pin.framesForwardKinematics(model, data, q)
+        J = pin.computeFrameJacobian(model, data, q, object_id, pin.LOCAL_WORLD_ALIGNED)
+        assert np.abs(tips[k] - data.oMf[tip].homogeneous).max() < 1e-12
+        assert np.abs(jacobians[k] - J[:, arm.q_index]).max() < 1e-12
+        for i, joint in enumerate(arm.joints):
+            T_world_joint = data.oMi[model.getJointId(joint)].homogeneous
+            assert np.abs(frames[k, i] - T_world_joint).max() < 1e-12
+
+
+def test_single_and_batch_agree():
+    robot, arm, q_rest = case("gantry")
+    chain = Chain.from_robot(robot, arm, q_rest)
+    Q = np.random.default_rng(1).uniform(chain.lower, chain.upper, (3, 4))
+    T = np.eye(4)
+    assert np.array_equal(chain.forward(Q[2]), chain.forward_batch(Q)[2])
+    assert np.array_equal(chain.joint_frames(Q[2]), chain.joint_frames_batch(Q)[2])
+    assert np.array_equal(chain.jacobian(Q[2], T), chain.jacobian_batch(Q, T)[2])
+
+
+def test_read_only_input_compiles_nothing_new():
+    robot, arm, q_rest = case("gantry")
+    chain = Chain.from_robot(robot, arm, q_rest)
+    Q = np.zeros((2, 4))
+    writable = chain.forward_batch(Q)
+    compiled = len(kinematics._forward_batch.signatures)
+    Q.setflags(write=False)
+    assert np.array_equal(chain.forward_batch(Q), writable)
+    assert len(kinematics._forward_batch.signatures) == compiled
+
+
+def test_jacobian_is_the_derivative():
+    robot, arm, q_rest = case("left")
+    chain = Chain.from_robot(robot, arm, q_rest)
+    T_tip_object = np.eye(4)
+    T_tip_object[:3, 3] = 0.05, 0.02, 0.15
+    q = np.random.default_rng(2).uniform(chain.lower, chain.upper)
+    J, h = chain.jacobian(q, T_tip_object), 1e-6
+    for i in range(chain.dof):
+        dq = h * np.eye(chain.dof)[i]
+        ahead = chain.forward(q + dq) @ T_tip_object
+        behind = chain.forward(q - dq) @ T_tip_object
+        twist = pin.log3(ahead[:3, :3] @ behind[:3, :3].T) / (2 * h)
+        assert J[:3, i] == pytest.approx((ahead - behind)[:3, 3] / (2 * h), abs=1e-8)
+        assert J[3:, i] == pytest.approx(twist, abs=1e-8)
+
+
+def test_resting_joints_are_folded_in():
+    robot, arm, q_rest = case("part")
+    elsewhere = q_rest + np.array([0.1, 0.0, 0.0, 0.0])
+    q = np.array([0.5, 0.2])
+    moved = Chain.from_robot(robot, arm, elsewhere).forward(q)
+    stays = Chain.from_robot(robot, arm, q_rest).forward(q)
+    along = pin.rpy.rpyToMatrix(0.4, -0.2, 0.9)[:, 0]
+    assert (moved - stays)[:3, 3] == pytest.approx(0.1 * along, abs=1e-12)
+
+
+def test_rest_of_wrong_length_is_refused():
+    robot, arm, _ = case("gantry")
+    with pytest.raises(RobotError, match="q_rest"):
+        Chain.from_robot(robot, arm, np.zeros(3))

@@ -1,0 +1,523 @@
+"""Robots from any URDF: what is derived, what is refused and in which words."""
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+import trimesh
+from shared import SHARED
+
+from placement_planner_ros.core.errors import GraspError, JointStateError, RobotError
+from placement_planner_ros.core.robot.geometry import package_names
+from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.scenes.yumi import HOME, load_yumi, yumi_arm
+
+BOX = '<collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>'
+
+
+def link(name: str, inside: str = "") -> str:
+    return f'<link name="{name}">{inside}</link>'
+
+
+def joint(
+    name: str,
+    parent: str,
+    child: str,
+    kind: str = "revolute",
+    xyz: str = "0 0 0.3",
+    limit: str | None = '<limit lower="-1" upper="1" velocity="2" effort="1"/>',
+    more: str = "",
+) -> str:
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{xyz}"/><axis xyz="0 1 0"/>{limit or ""}{more}</joint>'
+    )
+
+
+def urdf(*elements: str) -> str:
+    return f'<robot name="test">{"".join(elements)}</robot>'
+
+
+def hand_urdf() -> str:
+    """Two arm joints, a flange, a hand with two coupled fingers, a tool point."""
+    finger = '<limit lower="0" upper="0.04" velocity="0.1" effort="1"/>'
+    return urdf(
+        link("base", BOX),
+        link("one", BOX),
+        link("two", BOX),
+        link("flange"),
+        link("hand", BOX),
+        link("finger_a", BOX),
+        link("finger_b", BOX),
+        link("tool"),
+        joint("j1", "base", "one"),
+        joint("j2", "one", "two"),
+        joint("mount", "two", "flange", "fixed", limit=None),
+        joint("palm", "flange", "hand", "fixed", limit=None),
+        joint("point", "hand", "tool", "fixed", limit=None),
+        joint("fa", "hand", "finger_a", "prismatic", "0 0.1 0.1", finger),
+        joint(
+            "fb",
+            "hand",
+            "finger_b",
+            "prismatic",
+            "0 -0.1 0.1",
+            finger,
+            '<mimic joint="fa" multiplier="-1" offset="0.04"/>',
+        ),
+    )
+
+
+# --- joints -------------------------------------------------------------------------------------
+
+
+def test_one_coordinate_per_joint():
+    robot = Robot.from_urdf(
+        urdf(
+            *map(link, "abcd"),
+            joint("spin", "a", "b", "continuous", limit=None),
+            joint("turn", "b", "c", limit='<limit lower="-1" upper="2"/>'),
+            joint("lift", "c", "d", "prismatic", limit='<limit upper="1" velocity="inf"/>'),
+        )
+    )
+    assert robot.joint_names == ("spin", "turn", "lift")
+    assert robot.model.nq == robot.model.nv == 3
+    assert robot.lower == pytest.approx([-2 * np.pi, -1, 0])
+    assert robot.upper == pytest.approx([2 * np.pi, 2, 1])
+    assert robot.velocity_limits == pytest.approx([1.0, 1.0, 0.1])
+    text = "\n".join(robot.warnings)
+    for sentence in (
+        "joint spin has no end stops: planned within ±2π",
+        "joint spin has no usable velocity limit: planned with 1 rad/s",
+        "joint turn has no usable velocity limit: planned with 1 rad/s",
+        "joint lift has no usable velocity limit: planned with 0.1 m/s",
+    ):
+        assert sentence in text
+    for array in (robot.lower, robot.upper, robot.velocity_limits):
+        assert not array.flags.writeable
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("not xml", "robot_description.*XML"),
+        ("<sdf/>", "root element is <robot>"),
+        (urdf(), "no links"),
+        (urdf(link("a"), link("a")), "'a'.*twice"),
+        (urdf(link("a"), link("b")), "one tree"),
+        (urdf(link("a"), joint("j", "a", "b")), "joint j: child = 'b'"),
+        (urdf(link("a"), link("b"), joint("j", "a", "b", "planar")), "joint j = 'planar'"),
+        (urdf(link("a"), link("b"), joint("j", "a", "b", "floating")), "joint j = 'floating'"),
+        (urdf(link("a"), link("b"), joint("j", "a", "b", limit=None)), "joint j.*<limit>"),
+        (
+            urdf(link("a"), link("b"), joint("j", "a", "b", limit='<limit lower="1" upper="0"/>')),
+            "joint j.*lower <= upper",
+        ),
+        (urdf(link("a"), link("b"), joint("j", "a", "b", xyz="0 nan 0")), "joint j: origin xyz"),
+        (
+            urdf(link("a"), link("b"), joint("j", "a", "b").replace("0 1 0", "0 0 0")),
+            "joint j: axis.*zero",
+        ),
+        (
+            urdf(link("a"), link("b"), joint("j", "a", "b", limit='<limit upper="x"/>')),
+            "joint j: upper = 'x'",
+        ),
+        (
+            urdf(
+                link("a"),
+                link("b"),
+                joint("j", "a", "b", "prismatic", limit='<limit lower="-inf" upper="0"/>'),
+            ),
+            "joint j.*finite limits",
+        ),
+        (
+            urdf(link("a"), link("b"), joint("j", "a", "b", more='<mimic joint="none"/>')),
+            "joint j: mimic = 'none'",
+        ),
+        (
+            urdf(
+                link("a"),
+                link("b"),
+                link("c"),
+                joint("j", "a", "b", more='<mimic joint="k"/>'),
+                joint("k", "b", "c", more='<mimic joint="j"/>'),
+            ),
+            "circle",
+        ),
+        (
+            urdf(link("r"), link("a"), link("b"), joint("j", "a", "b"), joint("k", "b", "a")),
+            "loop",
+        ),
+    ],
+)
+def test_bad_descriptions_are_refused(text, message):
+    with pytest.raises(RobotError, match=message):
+        Robot.from_urdf(text)
+
+
+# --- configurations -----------------------------------------------------------------------------
+
+
+def test_configuration_fills_what_mimics():
+    robot = Robot.from_urdf(hand_urdf())
+    q = robot.configuration({"j1": 0.1, "j2": 0.2, "fa": 0.03, "fb": 9.0, "unrelated": np.nan})
+    assert robot.joint_names == ("j1", "j2", "fa", "fb")
+    assert q == pytest.approx([0.1, 0.2, 0.03, 0.01])
+    moved = robot.with_positions(q, {"fa": 0.0})
+    assert moved == pytest.approx([0.1, 0.2, 0.0, 0.04])
+    assert q[2] == 0.03
+    with pytest.raises(RobotError, match=r"fb.*follows fa"):
+        robot.with_positions(q, {"fb": 0.0})
+
+
+def test_configuration_names_every_missing_or_bad_joint():
+    robot = Robot.from_urdf(hand_urdf())
+    with pytest.raises(JointStateError, match=r"\['j1', 'fa'\]"):
+        robot.configuration({"j2": 0.0})
+    with pytest.raises(JointStateError, match=r"j1 = nan.*fa = inf"):
+        robot.configuration({"j1": np.nan, "j2": 0.0, "fa": np.inf})
+
+
+def test_limit_violations_are_told_not_raised():
+    robot = Robot.from_urdf(hand_urdf())
+    q = robot.configuration({"j1": -1.5, "j2": 0.5, "fa": 0.065})
+    assert robot.limit_violations(q) == [
+        "joint j1 = -1.5 is beyond its limits [-1, 1]",
+        "joint fa = 0.065 is beyond its limits [0, 0.04]",
+        "joint fb = -0.025 is beyond its limits [0, 0.04]",
+    ]
+    assert robot.limit_violations(robot.configuration({"j1": 1.0, "j2": 0, "fa": 0})) == []
+
+
+def test_mimic_of_a_mimic_is_followed_to_the_end():
+    text = hand_urdf().replace(
+        "</robot>",
+        link("tip")
+        + joint("fc", "finger_b", "tip", "prismatic", more='<mimic joint="fb" multiplier="2"/>')
+        + "</robot>",
+    )
+    robot = Robot.from_urdf(text)
+    q = robot.configuration({"j1": 0, "j2": 0, "fa": 0.03})
+    assert q[robot.index("fc")] == pytest.approx(2 * 0.01)
+
+
+# --- arms ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("tip", ["hand", "tool", "flange"])
+def test_arm_is_derived(tip):
+    robot = Robot.from_urdf(hand_urdf())
+    grasp = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.2]))
+    arm = robot.arm("arm", tip, grasps=[grasp], gripper_joints=["fa"], gripper_open=[0.04])
+    assert arm.joints == ("j1", "j2")
+    assert arm.dof == 2
+    assert list(arm.q_index) == [0, 1]
+    assert list(arm.velocity) == [2.0, 2.0]
+    assert set(arm.touch_links) - {"flange"} == {"hand", "finger_a", "finger_b", "tool"}
+    assert arm.grasps[0] == grasp
+    q = robot.configuration({"j1": 0.0, "j2": 0.0, "fa": 0.0})
+    assert robot.with_open_hand(q, arm) == pytest.approx([0, 0, 0.04, 0.0])
+
+
+def test_hand_without_geometry_is_the_last_moving_link():
+    robot = Robot.from_urdf(
+        urdf(
+            link("a", BOX),
+            link("b", BOX),
+            link("c", BOX),
+            link("t"),
+            joint("j", "a", "b"),
+            joint("k", "b", "c"),
+            joint("f", "c", "t", "fixed", limit=None),
+        )
+    )
+    assert set(robot.arm("arm", "t").touch_links) == {"c", "t"}
+
+
+@pytest.mark.parametrize(
+    ("changed", "error", "message"),
+    [
+        ({"tip_frame": "nowhere"}, RobotError, "arm x: tip_frame = 'nowhere'"),
+        ({"tip_frame": "base"}, RobotError, "no movable joint leads to base"),
+        ({"joints": ["j1", "fa"]}, RobotError, "'fa': is not on the way"),
+        ({"joints": ["j2", "j1"]}, RobotError, r"root to tip: \['j1', 'j2'\]"),
+        ({"joints": ["j1", "j1"]}, RobotError, "each once"),
+        ({"joints": []}, RobotError, "no movable joint"),
+        ({"tip_frame": "finger_b"}, RobotError, "fb.*mimics fa"),
+        ({"tip_frame": "finger_a"}, RobotError, "fb.*mimics fa"),
+        ({"touch_links": ["thumb"]}, RobotError, "touch_links = 'thumb'"),
+        ({"gripper_joints": ["fa"]}, RobotError, "one value for each"),
+        ({"gripper_joints": ["fb"], "gripper_open": [0.0]}, RobotError, "follows fa"),
+        ({"gripper_joints": ["j1"], "gripper_open": [0.0]}, RobotError, "joint of the arm"),
+        ({"gripper_joints": ["zz"], "gripper_open": [0.0]}, RobotError, "'zz'"),
+        ({"gripper_joints": ["fa"], "gripper_open": [0.05]}, RobotError, "0.05.*fa's"),
+        ({"grasps": [pin.SE3(2 * np.eye(3), np.zeros(3))]}, GraspError, r"grasps\[0\].*rotation"),
+        ({"grasps": [pin.SE3(np.eye(3), np.full(3, np.nan))]}, GraspError, r"grasps\[0\].*finite"),
+    ],
+)
+def test_bad_arms_are_refused(changed, error, message):
+    robot = Robot.from_urdf(hand_urdf())
+    with pytest.raises(error, match=message):
+        robot.arm(**({"name": "x", "tip_frame": "hand"} | changed))
+
+
+# --- pairs --------------------------------------------------------------------------------------
+
+
+def test_pairs_are_derived_without_srdf():
+    """Neighbours (through `flange`, which has no geometry), coupled fingers, always touching."""
+    robot = Robot.from_urdf(hand_urdf())
+    assert robot.allowed_pairs == {
+        ("base", "one"),
+        ("one", "two"),
+        ("hand", "two"),
+        ("finger_a", "hand"),
+        ("finger_b", "hand"),
+        ("finger_a", "finger_b"),
+    }
+    assert any("no SRDF: 6 link pairs" in warning for warning in robot.warnings)
+    stuck = urdf(
+        link("a", BOX),
+        link("b", BOX),
+        link("c", BOX),
+        joint("j", "a", "b", xyz="0 0 0.05"),
+        joint("k", "b", "c", xyz="0 0 0.02"),
+    )
+    assert ("a", "c") in Robot.from_urdf(stuck).allowed_pairs
+    assert Robot.from_urdf(stuck).allowed_pairs == Robot.from_urdf(stuck).allowed_pairs
+
+
+def test_collision_pairs_are_what_moves_and_may_not_touch():
+    robot = Robot.from_urdf(hand_urdf())
+    links = {
+        tuple(sorted((robot.geometry_links[p.first], robot.geometry_links[p.second])))
+        for p in robot.geometry.collisionPairs
+    }
+    assert links == {
+        ("base", "two"),
+        ("base", "hand"),
+        ("base", "finger_a"),
+        ("base", "finger_b"),
+        ("hand", "one"),
+        ("finger_a", "one"),
+        ("finger_b", "one"),
+        ("finger_a", "two"),
+        ("finger_b", "two"),
+    }
+
+
+def test_srdf():
+    srdf = (
+        '<robot name="test"><disable_collisions link1="two" link2="base" reason="Never"/>'
+        '<disable_collisions link1="two" link2="ghost" reason="Never"/>'
+        '<disable_default_collisions link="hand"/>'
+        '<enable_collisions link1="hand" link2="base"/></robot>'
+    )
+    robot = Robot.from_urdf(hand_urdf(), srdf=srdf)
+    assert ("base", "two") in robot.allowed_pairs
+    assert ("hand", "one") in robot.allowed_pairs
+    assert ("base", "hand") not in robot.allowed_pairs
+    assert ("base", "one") not in robot.allowed_pairs
+    assert any("ghost" in warning for warning in robot.warnings)
+    for bad in ("nonsense", "<sdf/>"):
+        with pytest.raises(RobotError, match="robot_description_semantic"):
+            Robot.from_urdf(hand_urdf(), srdf=bad)
+
+
+# --- geometry -----------------------------------------------------------------------------------
+
+
+def with_geometry(shape: str) -> str:
+    return urdf(link("thing", f"<collision><geometry>{shape}</geometry></collision>"))
+
+
+def cube(side: float = 0.1, lid: bool = True) -> str:
+    corners = [(x, y, z) for x in (0, side) for y in (0, side) for z in (0, side)]
+    quads = [(1, 2, 4, 3), (5, 7, 8, 6), (1, 5, 6, 2), (3, 4, 8, 7), (1, 3, 7, 5)]
+    quads += [(2, 6, 8, 4)] if lid else []
+    lines = [f"v {x} {y} {z}" for x, y, z in corners]
+    return "\n".join(lines + [f"f {a} {b} {c}\nf {a} {c} {d}" for a, b, c, d in quads])
+
+
+@pytest.mark.parametrize(
+    ("shape", "kind"),
+    [
+        ('<box size="1 2 3"/>', coal.Box),
+        ('<sphere radius="0.1"/>', coal.Sphere),
+        ('<cylinder radius="0.1" length="0.2"/>', coal.Cylinder),
+        ('<capsule radius="0.1" length="0.2"/>', coal.Capsule),
+    ],
+)
+def test_primitives_stay_primitives(shape, kind):
+    robot = Robot.from_urdf(with_geometry(shape))
+    assert isinstance(robot.geometry.geometryObjects[0].geometry, kind)
+    assert robot.geometry_links == ("thing",)
+
+
+@pytest.mark.parametrize(("lid", "kind"), [(True, coal.Convex), (False, coal.BVHModelOBBRSS)])
+def test_only_convex_meshes_become_convex(tmp_path, lid, kind):
+    (tmp_path / "cube.obj").write_text(cube(lid=lid))
+    robot = Robot.from_urdf(
+        with_geometry('<mesh filename="cube.obj" scale="1 -2 3"/>'), package_dirs=[tmp_path]
+    )
+    shape = robot.geometry.geometryObjects[0].geometry
+    assert isinstance(shape, kind)
+    points = np.asarray(shape.points() if lid else shape.vertices())
+    assert points.min(axis=0) == pytest.approx([0, -0.2, 0])
+    assert points.max(axis=0) == pytest.approx([0.1, 0, 0.3])
+    inside = coal.collide(
+        shape,
+        coal.Transform3s(),
+        coal.Sphere(0.01),
+        coal.Transform3s(np.eye(3), np.array([0.05, -0.1, 0.15])),
+        coal.CollisionRequest(),
+        coal.CollisionResult(),
+    )
+    assert bool(inside) == lid  # an open box is hollow
+
+
+def test_fine_convex_mesh(tmp_path):
+    """A sphere of 5,120 triangles, and the same with a dent of 5 mm."""
+    ball = trimesh.creation.icosphere(subdivisions=4, radius=0.1)
+    ball.export(tmp_path / "ball.stl")
+    ball.vertices[np.argmax(ball.vertices[:, 2])] *= 0.95
+    ball.export(tmp_path / "dented.stl")
+    kinds = []
+    for name in ("ball", "dented"):
+        text = with_geometry(f'<mesh filename="{name}.stl"/>')
+        robot = Robot.from_urdf(text, package_dirs=[tmp_path])
+        kinds.append(type(robot.geometry.geometryObjects[0].geometry))
+    assert kinds == [coal.Convex, coal.BVHModelOBBRSS]
+
+
+def test_placements_go_through_fixed_joints():
+    origin = (
+        '<collision><origin xyz="0 0.1 0"/><geometry><sphere radius="0.1"/></geometry></collision>'
+    )
+    robot = Robot.from_urdf(
+        urdf(
+            link("a"),
+            link("b"),
+            link("c", origin),
+            joint("j", "a", "b"),
+            joint("f", "b", "c", "fixed", xyz="1 0 0", limit=None),
+        )
+    )
+    item = robot.geometry.geometryObjects[0]
+    assert item.parentJoint == 1
+    assert item.placement.translation == pytest.approx([1, 0.1, 0])
+    assert robot.link_pose(np.zeros(1), "c").translation == pytest.approx([1, 0, 0.3])
+    with pytest.raises(RobotError, match="'d'"):
+        robot.link_pose(np.zeros(1), "d")
+
+
+def test_mesh_paths(tmp_path):
+    folder = tmp_path / "my_robot" / "meshes"
+    folder.mkdir(parents=True)
+    (folder / "cube.obj").write_text(cube())
+    packaged = with_geometry('<mesh filename="package://my_robot/meshes/cube.obj"/>')
+    for dirs in ([tmp_path], [tmp_path / "my_robot"], {"my_robot": tmp_path / "my_robot"}):
+        assert Robot.from_urdf(packaged, package_dirs=dirs).geometry.ngeoms == 1
+    absolute = with_geometry(f'<mesh filename="file://{folder}/cube.obj"/>')
+    assert Robot.from_urdf(absolute).geometry.ngeoms == 1
+    assert package_names(packaged) == ("my_robot",)
+    for dirs in ((), [folder], {"other": tmp_path / "my_robot"}):
+        with pytest.raises(RobotError, match=r"link thing, collision 0: mesh.*no such file"):
+            Robot.from_urdf(packaged, package_dirs=dirs)
+    with pytest.raises(RobotError, match="https"):
+        Robot.from_urdf(with_geometry('<mesh filename="https://x.org/cube.obj"/>'))
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", "cannot be read"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\n", "(is empty|cannot be read)"),
+        ("v 0 0 0\nv 1 0 0\nv nan 1 0\nf 1 2 3\n", "not finite"),
+        ("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "no surface"),
+        (cube(100.0), "100 m long.*millimetres"),
+    ],
+)
+def test_bad_meshes_are_refused(tmp_path, content, message):
+    (tmp_path / "bad.obj").write_text(content)
+    with pytest.raises(RobotError, match=rf"link thing, collision 0: mesh.*{message}"):
+        Robot.from_urdf(with_geometry('<mesh filename="bad.obj"/>'), package_dirs=[tmp_path])
+
+
+def test_flat_mesh_is_kept_as_it_is(tmp_path):
+    (tmp_path / "flat.obj").write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3\nf 1 3 4\n")
+    robot = Robot.from_urdf(with_geometry('<mesh filename="flat.obj"/>'), package_dirs=[tmp_path])
+    assert isinstance(robot.geometry.geometryObjects[0].geometry, coal.BVHModelOBBRSS)
+
+
+@pytest.mark.parametrize(
+    ("shape", "message"),
+    [
+        ('<box size="0.1 0 0.1"/>', "link thing, collision 0: box.*positive"),
+        ('<sphere radius="-1"/>', "sphere.*positive"),
+        ('<cylinder radius="0.1"/>', "link thing, collision 0: length"),
+        ('<box size="0.1 nan 0.1"/>', "finite"),
+        ("<torus/>", "'torus'"),
+        ("", "exactly one shape"),
+    ],
+)
+def test_bad_primitives_are_refused(shape, message):
+    with pytest.raises(RobotError, match=message):
+        Robot.from_urdf(with_geometry(shape))
+
+
+# --- whole robots -------------------------------------------------------------------------------
+
+
+def test_yumi():
+    robot = load_yumi()
+    assert robot.warnings == ()
+    assert robot.root_link == "yumi_body"
+    assert robot.model.nq == 18
+    assert all(isinstance(o.geometry, coal.Convex) for o in robot.geometry.geometryObjects)
+    q = robot.configuration(HOME)
+    assert robot.limit_violations(q) == []
+    data, geometry_data = robot.model.createData(), robot.geometry.createData()
+    assert not pin.computeCollisions(robot.model, data, robot.geometry, geometry_data, q, True)
+    for name, side in (("left", "l"), ("right", "r")):
+        arm = yumi_arm(robot, name)
+        assert arm.joints == tuple(f"yumi_joint_{n}_{side}" for n in (1, 2, 7, 3, 4, 5, 6))
+        assert arm.touch_links == tuple(
+            f"gripper_{side}_{part}" for part in ("base", "finger_r", "finger_l")
+        )
+        opened = robot.with_open_hand(q, arm)
+        for finger in ("joint", "joint_m"):
+            assert opened[robot.index(f"gripper_{side}_{finger}")] == 0.025
+
+
+@pytest.mark.parametrize("with_srdf", [True, False])
+def test_panda(tmp_path, with_srdf):
+    source = SHARED / "data/robots/panda_description"
+    if not source.is_dir():
+        pytest.skip("needs the shared Panda")
+    (tmp_path / "example-robot-data/robots").mkdir(parents=True)
+    (tmp_path / "example-robot-data/robots/panda_description").symlink_to(source)
+    robot = Robot.from_urdf(
+        (source / "urdf/panda.urdf").read_text(),
+        package_dirs=[tmp_path],
+        srdf=(source / "srdf/panda.srdf").read_text() if with_srdf else None,
+    )
+    arm = robot.arm(
+        "arm", "panda_hand_tcp", gripper_joints=["panda_finger_joint1"], gripper_open=[0.04]
+    )
+    assert arm.joints == tuple(f"panda_joint{i}" for i in range(1, 8))
+    assert set(arm.touch_links) == {
+        "panda_hand",
+        "panda_hand_tcp",
+        "panda_leftfinger",
+        "panda_rightfinger",
+    }
+    ready = dict(zip(arm.joints, (0, -0.785, 0, -2.356, 0, 1.571, 0.785), strict=True))
+    q = robot.configuration(ready | {"panda_finger_joint1": 0.065})
+    assert q[robot.index("panda_finger_joint2")] == 0.065
+    assert len(robot.limit_violations(q)) == 2
+    q = robot.with_positions(q, {"panda_finger_joint1": 0.0})
+    data, geometry_data = robot.model.createData(), robot.geometry.createData()
+    assert not pin.computeCollisions(robot.model, data, robot.geometry, geometry_data, q, True)
+    folded = robot.with_positions(q, {"panda_joint4": -3.07, "panda_joint6": 0.0})
+    assert pin.computeCollisions(robot.model, data, robot.geometry, geometry_data, folded, True)

@@ -1,0 +1,311 @@
+"""Unknown space: what clouds with known sensors leave unseen, and what the planner makes of it."""
+
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+from verify_cases import case_checker, load_solution
+
+from placement_planner_ros.core.collision.arm import ArmCollision
+from placement_planner_ros.core.errors import CloudError
+from placement_planner_ros.core.grasp.holding import workspace
+from placement_planner_ros.core.objective.objective import ObjectiveContext, make_objective
+from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
+from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
+from placement_planner_ros.core.scene.visibility import View, seen_free, unknown_cells
+from placement_planner_ros.core.types import TargetVolume
+from placement_planner_ros.experiments.cases import Case, make_problem
+from placement_planner_ros.experiments.record import save_solution
+from placement_planner_ros.ros.inputs.self_filter import outside_robot
+from placement_planner_ros.scenes.clouds import CameraNoise, DepthCamera, camera_clouds
+from placement_planner_ros.scenes.primitives import box
+from placement_planner_ros.scenes.scenes import Scene, scene_by_name
+
+SIZE = GridSettings().cell_size
+VOLUME = TargetVolume([-0.3, -0.3, -0.02], [0.3, 0.3, 0.3])
+BOUNDS = (np.array([-0.5, -0.5, -0.1]), np.array([0.5, 0.5, 0.6]))
+EYE = np.array([-0.8, 0.0, 0.5])
+
+FLOOR = box("floor", (-1.5, -1.5, -0.05), (1.5, 1.5, 0.004), (0.5, 0.5, 0.5))
+WALL = box("wall", (1.4, -3.0, 0.0), (1.5, 3.0, 2.0), (0.5, 0.5, 0.5))
+CRATE = box("crate", (-0.05, -0.1, 0.004), (0.05, 0.1, 0.154), (0.5, 0.5, 0.5))
+TOP_EDGE_BACK = np.array([0.05, 0.154])
+
+
+def view_of(*parts, eye=EYE, noise=0.0, **changes):
+    camera = DepthCamera.looking_at("eye", eye, (0.0, 0.0, 0.05))
+    (cloud,) = camera_clouds(
+        Scene("test", VOLUME, parts),
+        np.random.default_rng(0),
+        cameras=[camera],
+        noise=CameraNoise(noise, 0.0),
+    )
+    return View(cloud.world_points(), eye, **changes)
+
+
+def measured(*views):
+    return ObstacleSet.from_points(np.vstack([v.points for v in views]), bounds=BOUNDS)
+
+
+def mask(obstacles, cells):
+    found = np.zeros(obstacles.shape, bool)
+    found[tuple(np.asarray(cells).T)] = True
+    return found
+
+
+def cell_of(obstacles, point):
+    return tuple(np.floor((np.array(point) - obstacles.origin) / SIZE).astype(int))
+
+
+def under_shadow_line(x):
+    """Height at which the line of sight over the crate's far top edge passes, at y = 0."""
+    edge_x, edge_z = TOP_EDGE_BACK
+    return edge_z - (x - edge_x) * (EYE[2] - edge_z) / (edge_x - EYE[0])
+
+
+def crossed(a, b, lower, upper):
+    """How far each segment from a to b (n, 3) runs through a box, as a share of its length."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        low, high = (lower - a) / (b - a), (upper - a) / (b - a)
+    first = np.minimum(low, high).max(axis=1).clip(0.0)
+    last = np.maximum(low, high).min(axis=1).clip(max=1.0)
+    return last - first
+
+
+@pytest.mark.parametrize("sensor", [EYE, [0.1, 0.2, 0.3], [0.0, 0.0, 2.0], [-0.445, 0.055, 0.1]])
+def test_cells_that_lines_of_sight_cross_are_seen_free_and_no_others(sensor):
+    rng = np.random.default_rng(1)
+    points = rng.uniform([-0.9, -0.9, -0.3], [0.9, 0.9, 1.1], (40, 3))
+    points[::9] = np.nan
+    points[1] = [*sensor[:2], 0.25]
+    settings = GridSettings(cell_size=0.1, min_points=0)
+    obstacles = ObstacleSet.from_points(points, settings, BOUNDS)
+    free = seen_free(obstacles, [View(points, sensor)])
+    points = points[np.isfinite(points).all(axis=1)]
+    assert free.any()
+    assert not free.all()
+    for cell in np.ndindex(*obstacles.shape):
+        lower = obstacles.origin + np.array(cell) * 0.1
+        upper = lower + 0.1
+        ends = ((points >= lower) & (points < upper)).all(axis=1)
+        share = crossed(np.array(sensor), points[~ends], lower, upper)
+        if free[cell]:
+            assert share.max() > -1e-9
+        else:
+            assert share.max() < 1e-9
+
+
+def test_the_shadow_of_a_crate_is_unknown_up_to_the_line_over_its_edge():
+    view = view_of(FLOOR, WALL, CRATE)
+    obstacles = measured(view)
+    unknown = mask(obstacles, unknown_cells(obstacles, [view], VOLUME))
+    for x in (0.1, 0.15, 0.2):
+        column = unknown[cell_of(obstacles, (x, 0.0, 0.0))[:2]]
+        top = obstacles.origin[2] + SIZE * (np.flatnonzero(column).max() + 1)
+        assert top == pytest.approx(under_shadow_line(x), abs=1.5 * SIZE)
+
+
+def test_what_is_seen_free_stays_free_with_and_without_noise():
+    for noise in (0.0, 0.002):
+        view = view_of(FLOOR, WALL, CRATE, noise=noise)
+        obstacles = measured(view)
+        cells = unknown_cells(obstacles, [view], VOLUME)
+        assert (obstacles.index[tuple(cells.T)] == -1).all()
+        low = obstacles.origin + cells * SIZE
+        above_floor = low[:, 2] > 0.004 + noise
+        beside = np.abs(low[:, 1]) > 0.25
+        before = low[:, 0] < -0.05 - 2 * SIZE
+        over = low[:, 2] > 0.154 + 2 * SIZE
+        assert not (above_floor & (beside | before | over)).any()
+
+
+def test_the_inside_of_the_crate_cannot_be_entered_nor_its_shadow():
+    view = view_of(FLOOR, WALL, CRATE)
+    environment = Environment.from_points(view.points, VOLUME, bounds=BOUNDS, views=[view])
+    occupied = environment.obstacles.index >= 0
+    for into in ((0.0, 0.0, 0.05), (0.1, 0.0, 0.05)):
+        for axis in range(3):
+            for side in (-1, 1):
+                line = [cell_of(environment.obstacles, into)]
+                while all(0 <= c < n for c, n in zip(line[-1], occupied.shape, strict=True)):
+                    following = list(line[-1])
+                    following[axis] += side
+                    line.append(tuple(following))
+                if axis == 2 and side == -1:
+                    continue  # all of it is unknown, down to the end of the workspace
+                assert any(occupied[c] for c in line[:-1])
+
+
+def test_regions_support_and_clearance_are_those_of_what_was_measured():
+    view = view_of(FLOOR, WALL, CRATE, noise=0.001)
+    plain = Environment.from_points(view.points, VOLUME, bounds=BOUNDS)
+    careful = Environment.from_points(view.points, VOLUME, bounds=BOUNDS, views=[view])
+    assert len(careful.obstacles) > len(plain.obstacles)
+    assert [r.z for r in careful.regions] == [r.z for r in plain.regions]
+    assert {round(r.z, 2) for r in careful.regions} == {0.0, 0.15}
+    for a, b in zip(careful.regions, plain.regions, strict=True):
+        assert np.array_equal(a.rectangles, b.rectangles)
+    assert np.array_equal(careful.measured.index, plain.obstacles.index)
+    hidden = np.array([[0.12, 0.0, 0.004], [-0.2, 0.0, 0.004]])
+    assert careful.support.supported(hidden, 0.003).tolist() == [False, True]
+
+
+def test_a_second_sensor_takes_the_shadow_away():
+    front = view_of(FLOOR, CRATE)
+    back = view_of(FLOOR, CRATE, eye=np.array([0.8, 0.0, 0.5]))
+    both = measured(front, back)
+    one = unknown_cells(both, [front], VOLUME)
+    two = unknown_cells(both, [front, back], VOLUME)
+    in_shadow = cell_of(both, (0.12, 0.0, 0.02))
+    assert mask(both, one)[:, in_shadow[1], in_shadow[2]][in_shadow[0] - 8 :].any()
+    assert not seen_free(both, [front])[in_shadow]
+    assert seen_free(both, [front, back])[in_shadow]
+    assert not mask(both, two)[in_shadow]
+
+
+def test_without_a_known_sensor_nothing_is_unknown():
+    view = view_of(FLOOR, WALL, CRATE)
+    assert len(unknown_cells(measured(view), [], VOLUME)) == 0
+    environment = Environment.from_points(view.points, VOLUME, bounds=BOUNDS)
+    assert environment.obstacles is environment.measured
+
+
+def test_outside_v_only_hidden_space_is_unknown_and_in_v_all_that_is_unseen():
+    # A camera that sees nothing but the crate's front: what is beside it, it does not look at.
+    view = view_of(CRATE)
+    obstacles = measured(view)
+    cells = unknown_cells(obstacles, [view], VOLUME)
+    centers = obstacles.origin + (cells + 0.5) * SIZE
+    unhidden = np.abs(centers[:, 1]) > 0.25
+    assert unhidden.any()
+    assert VOLUME.contains(centers[unhidden]).all()
+    assert (centers[:, 0] > VOLUME.upper[0]).any()
+
+
+def test_points_on_the_robot_hide_nothing_outside_v():
+    view = view_of(CRATE)
+    obstacles = measured(view)
+    robot = replace(view, hides=np.zeros(len(view.points), bool))
+    cells = unknown_cells(obstacles, [robot], VOLUME)
+    assert VOLUME.contains(obstacles.origin + (cells + 0.5) * SIZE).all()
+
+
+def test_cells_that_the_robot_reaches_into_are_not_unknown():
+    view = view_of(FLOOR, WALL, CRATE)
+    obstacles = measured(view)
+    center, radius = np.array([0.15, 0.0, 0.04]), 0.05
+
+    def outside_ball(points, distance):
+        return np.linalg.norm(points - center, axis=1) > radius + distance
+
+    def nearest_of(cells):
+        low = obstacles.origin + cells * SIZE
+        return np.linalg.norm(center - center.clip(low, low + SIZE), axis=1)
+
+    before = nearest_of(unknown_cells(obstacles, [view], VOLUME))
+    after = nearest_of(unknown_cells(obstacles, [view], VOLUME, outside_ball))
+    assert before.min() < radius
+    assert radius - 1e-9 <= after.min() <= radius + 2 * SIZE
+
+
+def test_full_cells_join_the_boxes_of_the_set_in_order():
+    view = view_of(FLOOR, WALL, CRATE, noise=0.002)
+    obstacles = measured(view)
+    cells = unknown_cells(obstacles, [view], VOLUME)
+    joined = obstacles.with_full_cells(cells)
+    assert len(joined) == len(obstacles) + len(cells)
+    order = np.lexsort(joined.cells.T[::-1])
+    assert np.array_equal(order, np.arange(len(joined)))
+
+    def boxes(found, cell):
+        row, rows = found.index[tuple(cell)], []
+        while row >= 0:
+            assert (found.cells[row] == cell).all()
+            rows.append((*found.lower[row], *found.upper[row]))
+            row = found.next[row]
+        return rows
+
+    for cell in np.unique(obstacles.cells, axis=0)[::50]:
+        assert boxes(joined, cell) == boxes(obstacles, cell)
+    for cell in cells[::200]:
+        low = joined.origin + cell * SIZE
+        np.testing.assert_allclose(boxes(joined, cell), [(*low, *(low + SIZE))])
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"points": np.zeros((3, 2))},
+        {"origin": [0.0, np.nan, 0.0]},
+        {"origin": [0.0, 0.0]},
+        {"hides": np.ones(2, bool)},
+    ],
+)
+def test_bad_views_are_refused(bad):
+    with pytest.raises(CloudError, match=next(iter(bad))):
+        View(**{"points": np.zeros((3, 3)), "origin": EYE, **bad})
+
+
+def careful_problem(case, seed):
+    """A case with unknown space as obstacle; the two cameras see it as `make_problem` has it."""
+    problem, _ = make_problem(case, np.random.default_rng(seed))
+    clouds = camera_clouds(scene_by_name(case.scene), np.random.default_rng(seed))
+    views = [View(c.world_points(), c.camera.T_world_camera.translation) for c in clouds]
+    robot, arms, q, body = problem.robot, problem.arms, problem.q_start, problem.body
+    environment = Environment.from_points(
+        np.vstack([v.points for v in views]),
+        problem.volume,
+        bounds=workspace(robot, arms, q, body, problem.volume),
+        views=views,
+        outside_robot=lambda points, distance: outside_robot(
+            points, robot, q, arms, body, 0.02 + distance
+        ),
+    )
+    assert [r.z for r in environment.regions] == [r.z for r in problem.environment.regions]
+    careful = replace(problem, environment=environment)
+    context = ObjectiveContext(environment, problem.volume, body)
+    return problem, careful, make_objective(case.objective, context)
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        Case("cabinet_high_clutter", "wine_glass", "maximize_clearance", "cameras"),
+        Case("table", "small_crayons_box", "minimize_clearance", "cameras"),
+    ],
+    ids=str,
+)
+def test_with_unknown_space_as_obstacle_placements_pass_the_checker(case, tmp_path):
+    _, problem, objective = careful_problem(case, 0)
+    planner = PlacementPlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
+    placements = list(planner.run(lambda: planner.statistics.samples >= 4000))
+    assert placements
+    checker = case_checker(asdict(case))
+    touch = {arm.name: arm.touch_links for arm in problem.arms}
+    previous = None
+    for placement in placements:
+        save_solution(tmp_path / "solution.npz", case, 0, placement)
+        _, solution = load_solution(tmp_path / "solution.npz", touch)
+        assert checker.check(solution, previous) == []
+        previous = placement.objective
+
+
+def test_an_arm_may_start_but_not_enter_hidden_space():
+    case = Case("cabinet_high_clutter", "wine_glass", "maximize_clearance", "cameras")
+    plain, careful, _ = careful_problem(case, 0)
+    arm = plain.arms[0]
+
+    def collision(problem):
+        return ArmCollision(
+            problem.robot, arm, 0, problem.body, problem.environment.obstacles, problem.q_start
+        )
+
+    q = plain.q_start[arm.q_index]
+    assert collision(careful).free(q)
+    rng = np.random.default_rng(0)
+    samples = np.ascontiguousarray(rng.uniform(arm.lower, arm.upper, (3000, len(q))))
+    free, allowed = collision(plain).free_batch(samples), collision(careful).free_batch(samples)
+    assert (free & ~allowed).any()
+    assert allowed.any()
+    assert not (allowed & ~free).any()

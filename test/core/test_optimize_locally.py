@@ -1,0 +1,114 @@
+"""OptimizeLocally on a planar robot whose joints are x, y and the angle of the object."""
+
+import itertools
+from types import SimpleNamespace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from placement_planner_ros.core.grasp.holding import PlacingMotion
+from placement_planner_ros.core.objective.ascent import AscentSettings
+from placement_planner_ros.core.objective.objective import gradient, moved
+from placement_planner_ros.core.optimize_locally import LocalOptimizer
+from placement_planner_ros.core.types import Goal, Verdict
+
+
+def yaw(T: pin.SE3) -> float:
+    return float(np.arctan2(T.rotation[1, 0], T.rotation[0, 0]))
+
+
+class PlanarReach:
+    """q = (x, y, e_z); everything but x > limit is reachable."""
+
+    def __init__(self, x_limit: float = np.inf, blocked=lambda a, b: False) -> None:
+        self.arm = SimpleNamespace(
+            grasps=(pin.SE3.Identity(),), lower=np.full(3, -10.0), upper=np.full(3, 10.0)
+        )
+        jacobian = np.zeros((6, 3))
+        jacobian[0, 0] = jacobian[1, 1] = jacobian[5, 2] = 1.0
+        self.chain = SimpleNamespace(jacobian=lambda q, grasp: jacobian)
+        self.x_limit = x_limit
+        self.transit_free = lambda a, b: not blocked(a, b)
+
+    def follow(self, T, q):
+        goal = np.array([T.translation[0], T.translation[1], yaw(T)])
+        assert np.allclose(q, goal, atol=1e-9), "the Jacobian step should predict the pose"
+        return goal if goal[0] <= self.x_limit else None
+
+    def placing_motion(self, q, T, contact_height, poses):
+        return PlacingMotion(np.array([q, q]), None)
+
+
+class Bowl:
+    """ξ with its maximum at (0.3, 0.2, 0.5), steeper in y than in x."""
+
+    def __call__(self, T) -> float:
+        x, y, _ = T.translation
+        return float(-((x - 0.3) ** 2) - 4 * (y - 0.2) ** 2 - 0.1 * (yaw(T) - 0.5) ** 2)
+
+
+def optimize(poses=None, holding=None, objective=None, should_stop=lambda: False, **settings):
+    poses = poses or SimpleNamespace(verdict=lambda T, face, z: Verdict.FEASIBLE)
+    objective = objective or Bowl()
+    start = pin.SE3.Identity()
+    goal = Goal("a", 0, 0, start, 0.0, np.zeros((2, 3)), objective(start))
+    optimizer = LocalOptimizer(poses, objective, 1e-9, AscentSettings(**settings))
+    return optimizer.optimize(goal, holding or PlanarReach(), should_stop)
+
+
+def test_climbs_to_the_optimum():
+    refined = optimize(max_steps=400, last_step=1e-5)
+    assert refined.goal.T_world_object.translation == pytest.approx([0.3, 0.2, 0.0], abs=2e-3)
+    assert yaw(refined.goal.T_world_object) == pytest.approx(0.5, abs=0.05)
+    assert refined.goal.objective == Bowl()(refined.goal.T_world_object)
+
+
+def test_each_pose_of_the_slide_is_better_and_the_slide_ends_at_the_goal():
+    refined = optimize()
+    poses = [moved(pin.SE3.Identity(), q) for q in refined.slide]
+    values = [Bowl()(pose) for pose in poses]
+    assert len(values) > 3
+    assert all(b > a for a, b in itertools.pairwise(values))
+    assert np.array_equal(refined.slide[-1], refined.goal.q_raised)
+
+
+def test_slides_along_a_wall_that_blocks_the_gradient():
+    poses = SimpleNamespace(
+        verdict=lambda T, face, z: (
+            Verdict.FEASIBLE if T.translation[0] <= 0.1 else Verdict.COLLIDING
+        )
+    )
+    refined = optimize(poses=poses, max_steps=400, last_step=1e-5)
+    x, y, _ = refined.goal.T_world_object.translation
+    assert x <= 0.1
+    assert x == pytest.approx(0.1, abs=2e-3)
+    assert y == pytest.approx(0.2, abs=2e-3)
+
+
+def test_never_leaves_what_the_arm_can_reach_or_cross_a_blocked_edge():
+    refined = optimize(holding=PlanarReach(x_limit=0.15))
+    assert refined.goal.T_world_object.translation[0] <= 0.15
+    refined = optimize(holding=PlanarReach(blocked=lambda a, b: True))
+    assert refined.goal.T_world_object.translation == pytest.approx([0, 0, 0])
+    assert len(refined.slide) == 1
+
+
+def test_stops_when_told():
+    calls = iter(range(1000))
+    refined = optimize(should_stop=lambda: next(calls) >= 3)
+    assert 1 <= len(refined.slide) <= 4
+
+
+def test_numerical_gradient_matches_the_analytic_one_of_a_black_box():
+    T = moved(pin.SE3.Identity(), np.array([0.1, 0.05, 0.2]))
+    expected = [-2 * (0.1 - 0.3), -8 * (0.05 - 0.2), -0.2 * (0.2 - 0.5)]
+    assert gradient(Bowl(), T) == pytest.approx(expected, abs=1e-6)
+
+
+def test_own_gradient_is_used_where_there_is_one():
+    class Known(Bowl):
+        def gradient(self, T):
+            return np.array([1.0, 2.0, 3.0])
+
+    assert gradient(Known(), pin.SE3.Identity()) == pytest.approx([1, 2, 3])

@@ -1,0 +1,338 @@
+"""Algorithm 1 on the bundled robot: every placement it yields is judged by the checker."""
+
+import itertools
+import re
+from dataclasses import asdict, replace
+from unittest import mock
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from verify_cases import case_checker, load_solution
+
+from placement_planner_ros.core.collision.arm import (
+    PLACED_OBJECT,
+    ArmCollision,
+    _flat_arm,
+    _link_shapes,
+    _object_solids,
+)
+from placement_planner_ros.core.constraints import placement_pose
+from placement_planner_ros.core.errors import GraspError, ParameterError, RobotError, StartError
+from placement_planner_ros.core.grasp.hand_sweep import _swept
+from placement_planner_ros.core.grasp.holding import Holding
+from placement_planner_ros.core.objective.objective import ObjectiveContext, make_objective
+from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
+from placement_planner_ros.core.reach.kinematics import _chain
+from placement_planner_ros.core.reach.seeds import seed_table
+from placement_planner_ros.core.search.sampler import SamplerSettings
+from placement_planner_ros.core.types import TargetVolume, Verdict
+from placement_planner_ros.experiments.cases import Case, make_problem
+from placement_planner_ros.experiments.record import save_solution
+
+TABLE = Case("table", "small_crayons_box", "maximize_clearance")
+CABINET = Case("cabinet_low_clutter", "wine_glass", "minimize_clearance")
+
+
+def plan(case=TABLE, seed=0, samples=1500, objective=None, **settings):
+    problem, own = make_problem(case, np.random.default_rng(seed))
+    chosen = replace(PlannerSettings(), **settings)
+    planner = PlacementPlanner(problem, objective or own, chosen, np.random.default_rng(seed))
+    budget = lambda: planner.statistics.samples >= samples  # noqa: E731
+    return planner, list(planner.run(budget))
+
+
+@pytest.mark.parametrize("case", [TABLE, CABINET], ids=str)
+def test_every_placement_passes_the_independent_checker(case, tmp_path):
+    planner, placements = plan(case, samples=4000)
+    assert len(placements) >= 2
+    checker = case_checker(asdict(case))
+    arms = {
+        arm.name: arm.touch_links for arm in make_problem(case, np.random.default_rng(0))[0].arms
+    }
+    previous = None
+    for placement in placements:
+        save_solution(tmp_path / "solution.npz", case, 0, placement)
+        _, solution = load_solution(tmp_path / "solution.npz", arms)
+        assert checker.check(solution, previous) == []
+        previous = placement.objective
+    assert planner.statistics.solutions == len(placements)
+    assert planner.statistics.best == placements[-1].objective
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"sampler": "uniform"},
+        {"local_optimization": False},
+        {"sampler": "uniform", "local_optimization": False},
+    ],
+    ids=["uniform", "without local optimisation", "uniform without local optimisation"],
+)
+def test_the_ablations_plan_too(settings):
+    _, placements = plan(**settings)
+    assert placements
+    objectives = [p.objective for p in placements]
+    assert all(b > a for a, b in itertools.pairwise(objectives))
+
+
+def test_local_optimisation_ends_where_its_trajectory_ends():
+    planner, placements = plan()
+    for placement in placements:
+        holding = planner.holdings[placement.goal.arm, placement.goal.grasp]
+        reached = holding.object_pose(placement.trajectory.positions[-1])
+        assert reached.isApprox(placement.T_world_object, 1e-4)
+
+
+def test_the_same_seed_and_budget_give_the_same_placements():
+    first, second = (plan(samples=800)[1] for _ in range(2))
+    assert [p.objective for p in first] == [p.objective for p in second]
+    for a, b in zip(first, second, strict=True):
+        assert np.array_equal(a.trajectory.positions, b.trajectory.positions)
+    other = plan(samples=800, seed=1)[1]
+    assert [p.objective for p in first] != [p.objective for p in other]
+
+
+def test_what_is_remembered_from_start_to_start_changes_no_result():
+    def forget():
+        for remembered in (_chain, _flat_arm, _link_shapes, _object_solids, _swept, seed_table):
+            remembered.cache_clear()
+
+    problem, objective = make_problem(TABLE, np.random.default_rng(0))
+
+    def run():
+        planner = PlacementPlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
+        found = planner.run(lambda: planner.statistics.samples >= 400)
+        return [placement.trajectory.positions for placement in found]
+
+    forget()
+    anew = run()
+    made = _flat_arm.cache_info().misses
+    remembered = run()
+    assert _flat_arm.cache_info().misses == made
+    assert len(anew) == len(remembered) > 0
+    assert all(map(np.array_equal, anew, remembered))
+
+
+def test_planners_of_one_problem_place_the_object_each_for_itself():
+    problem, _ = make_problem(TABLE, np.random.default_rng(0))
+    arm = problem.arms[0]
+    two = [
+        ArmCollision(
+            problem.robot,
+            replace(arm, touch_links=()),
+            0,
+            problem.body,
+            problem.environment.obstacles,
+            problem.q_start,
+            T_world_object=pin.SE3.Identity(),
+        ).with_pairs(lambda a, b: PLACED_OBJECT in (a, b), environment=False)
+        for _ in range(2)
+    ]
+    q = problem.q_start[arm.q_index]
+    at_tip = pin.SE3(problem.robot.link_pose(problem.q_start, arm.tip_frame))
+    far = pin.SE3.Identity()
+    far.translation = np.array([0.0, 0.0, 5.0])
+    two[0].place(at_tip)
+    two[1].place(far)
+    assert not two[0].free(q)
+    assert two[1].free(q)
+
+
+def test_a_black_box_objective_steers_where_things_go():
+    def to_the_left(T: pin.SE3) -> float:
+        return float(T.translation[1])
+
+    _, placements = plan(objective=to_the_left)
+    assert placements[-1].T_world_object.translation[1] > 0.25
+
+
+def test_it_stops_when_told_before_any_sample():
+    problem, objective = make_problem(TABLE, np.random.default_rng(0))
+    planner = PlacementPlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
+    assert list(planner.run(lambda: True)) == []
+    assert planner.statistics.samples == 0
+    assert "no sample" in planner.statistics.why_nothing()
+
+
+def test_a_volume_without_surfaces_is_exhausted_at_once_and_says_why():
+    problem, _ = make_problem(TABLE, np.random.default_rng(0))
+    shift = np.array([0.0, 0.0, 0.5])
+    above = TargetVolume(problem.volume.lower + shift, problem.volume.upper + shift)
+    environment = type(problem.environment).from_points(
+        np.zeros((1, 3)), above, bounds=(above.lower, above.upper)
+    )
+    empty = replace(problem, volume=above, environment=environment)
+    objective = make_objective(
+        "maximize_clearance", ObjectiveContext(environment, above, problem.body)
+    )
+    planner = PlacementPlanner(empty, objective, PlannerSettings(), np.random.default_rng(0))
+    assert "no placement region" in planner.exhausted
+    assert list(planner.run(lambda: False)) == []
+
+
+def test_a_start_in_collision_is_refused_with_the_link_and_the_place():
+    problem, objective = make_problem(TABLE, np.random.default_rng(0))
+    q = problem.q_start.copy()
+    for arm in problem.arms:
+        q[arm.q_index] = 0.0
+    with pytest.raises(StartError, match=r"meets .* at \("):
+        PlacementPlanner(
+            replace(problem, q_start=q), objective, PlannerSettings(), np.random.default_rng(0)
+        )
+
+
+def test_a_start_that_meets_the_robot_or_the_cloud_is_told_apart():
+    problem, objective = make_problem(TABLE, np.random.default_rng(0))
+    left, robot = problem.arms[0], problem.robot
+    q = problem.q_start.copy()
+    other = problem.arms[1]
+    q[left.q_index] = 0.0
+    q[other.q_index] = 0.0
+
+    def refusal(**changes):
+        changed = replace(problem, arms=(left,), **changes)
+        with pytest.raises(StartError) as caught:
+            PlacementPlanner(changed, objective, PlannerSettings(), np.random.default_rng(0))
+        return str(caught.value)
+
+    def surrounded(q):
+        wrist = robot.link_pose(q, left.tip_frame).translation
+        points = wrist + np.random.default_rng(0).uniform(-0.02, 0.02, (500, 3))
+        volume = problem.volume
+        return type(problem.environment).from_points(points, volume)
+
+    itself = refusal(q_start=q)
+    assert "self-collision" in itself
+    assert "clouds" not in itself
+    cloud = refusal(environment=surrounded(problem.q_start))
+    assert re.search(
+        r"with the clouds: (gripper_l_base|yumi_link_7_l) meets the environment at \(", cloud
+    )
+    assert "self-collision" not in cloud
+
+
+def test_a_start_beyond_the_joint_limits_is_refused_with_the_joint():
+    problem, objective = make_problem(TABLE, np.random.default_rng(0))
+    q = problem.q_start.copy()
+    for arm in problem.arms:
+        q[arm.q_index[0]] = arm.upper[0] + 0.01
+    with pytest.raises(StartError, match=r"yumi_joint_1_l = 2\.95\d* is not in \["):
+        PlacementPlanner(
+            replace(problem, q_start=q), objective, PlannerSettings(), np.random.default_rng(0)
+        )
+
+
+def test_plans_stay_a_little_within_the_joint_limits():
+    problem, objective = make_problem(TABLE, np.random.default_rng(0))
+    planner = PlacementPlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
+    for holding in planner.holdings.values():
+        real = next(arm for arm in problem.arms if arm.name == holding.arm.name)
+        assert (holding.chain.lower >= real.lower + 0.9e-3).all()
+        assert (holding.chain.upper <= real.upper - 0.9e-3).all()
+    q = problem.q_start.copy()
+    arm = problem.arms[0]
+    q[arm.q_index[4]] = arm.upper[4]
+    at_limit = replace(problem, q_start=q, arms=(arm,))
+    planner = PlacementPlanner(at_limit, objective, PlannerSettings(), np.random.default_rng(0))
+    budget = lambda: planner.statistics.samples >= 300  # noqa: E731
+    for placement in planner.run(budget):
+        assert np.array_equal(placement.trajectory.positions[0], q[arm.q_index])
+
+
+def test_the_first_placement_comes_before_its_local_optimisation():
+    _, with_it = plan(samples=400)
+    _, without = plan(samples=400, local_optimization=False)
+    assert with_it[0].objective == without[0].objective
+    assert with_it[1].objective > with_it[0].objective
+
+
+def test_a_grasp_that_cannot_be_is_left_out_and_named():
+    problem, objective = make_problem(TABLE, np.random.default_rng(0))
+    inside_the_wrist = pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.05]))
+    left, right = problem.arms
+
+    def planner(*arms):
+        changed = replace(problem, arms=arms)
+        return PlacementPlanner(changed, objective, PlannerSettings(), np.random.default_rng(0))
+
+    some = planner(replace(left, grasps=(inside_the_wrist, *left.grasps)), right)
+    assert len(some.unusable) == 1
+    assert "left.grasps[0]" in some.unusable[0]
+    with pytest.raises(GraspError, match=r"left\.grasps\[0\]"):
+        planner(replace(left, grasps=(inside_the_wrist,)))
+
+
+def test_without_any_grasp_a_problem_is_refused():
+    problem, _ = make_problem(TABLE, np.random.default_rng(0))
+    arms = tuple(replace(arm, grasps=()) for arm in problem.arms)
+    with pytest.raises(RobotError, match="at least one arm with a grasp"):
+        replace(problem, arms=arms)
+
+
+def test_wrong_settings_are_refused():
+    with pytest.raises(ParameterError, match="sampler"):
+        PlannerSettings(sampler="random")
+    with pytest.raises(ParameterError, match="motion_iterations"):
+        PlannerSettings(motion_iterations=0)
+
+
+def test_statistics_name_the_constraint_that_rejects_most():
+    planner, _ = plan(samples=300)
+    statistics = planner.statistics
+    assert sum(statistics.count.verdicts.values()) == statistics.samples
+    statistics.goals = 0
+    statistics.count.verdicts[Verdict.NO_IK] = 10 * statistics.samples
+    assert "no arm reaches" in statistics.why_nothing()
+    assert statistics.rejected["no_ik"] == 10 * statistics.samples
+
+
+@pytest.fixture(scope="module")
+def finder_and_draws():
+    """The glass in the cabinet: its GoalFinder, and poses drawn uniformly."""
+    problem, objective = make_problem(CABINET, np.random.default_rng(0))
+    settings = replace(PlannerSettings(), sampler="uniform")
+    planner = PlacementPlanner(problem, objective, settings, np.random.default_rng(0))
+    return problem, objective, planner.sampler._checker, planner.sampler._draw(3000)
+
+
+def test_poses_checked_in_a_batch_get_the_verdict_they_get_alone(finder_and_draws):
+    problem, _, finder, draws = finder_and_draws
+    verdicts, T = finder._poses.verdicts(draws.face, draws.contact, draws.angle)
+    assert {int(v) for v in verdicts} == {0, 1, 2, int(Verdict.FEASIBLE)}
+    for k in range(0, 3000, 5):
+        face = int(draws.face[k])
+        x = placement_pose(problem.body.faces[face], draws.contact[k], float(draws.angle[k]))
+        assert np.allclose(x.homogeneous, T[k], atol=1e-12)
+        assert finder._poses.verdict(x, face, draws.contact[k, 2]) == verdicts[k]
+
+
+def test_estimates_hide_no_pose_that_is_better_and_raise_none(finder_and_draws):
+    _, objective, finder, draws = finder_and_draws
+    verdicts, T = finder._poses.verdicts(draws.face, draws.contact, draws.angle)
+    T = T[verdicts == Verdict.FEASIBLE]
+    exact = objective.values(T)
+    assert exact == pytest.approx([objective(pin.SE3(x)) for x in T])
+    finder._values(T[:200], -np.inf)
+    for bound in np.quantile(exact, [0.1, 0.5, 0.9]):
+        values = finder._values(T, bound)
+        assert ((values > bound) == (exact > bound)).all()
+        assert (values[values > bound] == exact[values > bound]).all()
+        assert (values != exact).any()
+
+
+def test_it_stops_between_the_poses_of_a_batch():
+    """Told to stop while it seeks configurations, it seeks no more, and counts what it checked."""
+    problem, objective = make_problem(TABLE, np.random.default_rng(0))
+    planner = PlacementPlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
+    asked = 0
+
+    def should_stop() -> bool:
+        nonlocal asked
+        asked += 1
+        return asked > 10
+
+    with mock.patch.object(Holding, "configurations", return_value=Verdict.NO_IK) as sought:
+        assert planner.sampler.sample_goals(-np.inf, should_stop) == []
+    assert 0 < sought.call_count <= 10
+    assert 0 < planner.statistics.samples < SamplerSettings().samples_per_call

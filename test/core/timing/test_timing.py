@@ -1,0 +1,324 @@
+"""Timed curves: limits, continuity, and that what is certified is what a controller plays.
+
+The evaluator here solves for each quintic's coefficients itself and shares nothing with the code.
+"""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.timing.timing import (
+    TimingSettings,
+    concatenate,
+    evaluate,
+    parameterize,
+)
+from placement_planner_ros.core.types import Trajectory
+
+JOINTS = ("a", "b")
+VELOCITY = np.array([1.0, 2.0])
+ACCELERATION = np.array([4.0, 3.0])
+
+
+def always(a, b, deviation):
+    return True
+
+
+def sample(trajectory, per_piece=40):
+    """Dense t, q, v, a of the quintics, from the linear system of each piece."""
+    t_all, q_all, v_all, a_all = [], [], [], []
+    for i in range(len(trajectory.times) - 1):
+        h = trajectory.times[i + 1] - trajectory.times[i]
+        powers = np.arange(6)
+
+        def rows(t, powers=powers):
+            t = np.atleast_1d(t)[:, None]
+            one = t**powers
+            two = powers * t ** np.maximum(powers - 1, 0)
+            three = powers * (powers - 1) * t ** np.maximum(powers - 2, 0)
+            return one, two, three
+
+        system = np.vstack([*rows(0.0), *rows(h)])
+        ends = np.vstack(
+            [
+                getattr(trajectory, name)[k]
+                for k in (i, i + 1)
+                for name in ("positions", "velocities", "accelerations")
+            ]
+        )
+        coefficients = np.linalg.solve(system, ends)
+        t = np.linspace(0.0, h, per_piece)
+        for target, matrix in zip((q_all, v_all, a_all), rows(t), strict=True):
+            target.append(matrix @ coefficients)
+        t_all.append(trajectory.times[i] + t)
+    return tuple(np.concatenate(x) for x in (t_all, q_all, v_all, a_all))
+
+
+def distance_to_polyline(points, path):
+    best = np.full(len(points), np.inf)
+    for a, b in pairwise(path):
+        d = b - a
+        s = np.clip((points - a) @ d / max(d @ d, 1e-300), 0.0, 1.0)
+        best = np.minimum(best, np.linalg.norm(points - a - s[:, None] * d, axis=1))
+    return best
+
+
+def assert_sound(trajectory, path, velocity, acceleration, deviation):
+    np.testing.assert_array_equal(trajectory.positions[0], path[0])
+    np.testing.assert_array_equal(trajectory.positions[-1], path[-1])
+    for ends in (trajectory.velocities[[0, -1]], trajectory.accelerations[[0, -1]]):
+        np.testing.assert_array_equal(ends, 0.0)
+    assert trajectory.times[0] == 0.0
+    assert (np.diff(trajectory.times) > 0.0).all()
+    _, q, v, a = sample(trajectory)
+    assert (np.abs(v) <= velocity * (1.0 + 1e-6)).all()
+    assert (np.abs(a) <= acceleration * (1.0 + 1e-6)).all()
+    assert distance_to_polyline(q, path).max() <= deviation
+    assert max(distance_to_polyline(path, q)) <= deviation + 0.02, "no waypoint is left out"
+
+
+def random_path(rng, dof, points, step):
+    return np.cumsum(rng.normal(size=(points, dof)) * step, axis=0)
+
+
+@pytest.mark.parametrize("seed", range(24))
+def test_random_paths_keep_limits_and_polyline(seed):
+    rng = np.random.default_rng(seed)
+    dof = int(rng.integers(1, 8))
+    path = random_path(rng, dof, int(rng.integers(2, 15)), 10.0 ** rng.uniform(-2.5, 0.5))
+    velocity, acceleration = rng.uniform(0.1, 6.0, dof), rng.uniform(0.5, 20.0, dof)
+    trajectory = parameterize(path, [f"j{i}" for i in range(dof)], velocity, acceleration, always)
+    assert_sound(trajectory, path, velocity, acceleration, 0.2)
+
+
+def test_a_straight_line_takes_about_the_shortest_time():
+    path = np.array([[0.0, 0.0], [1.5, 0.3]])
+    trajectory = parameterize(path, JOINTS, VELOCITY, ACCELERATION, always)
+    assert_sound(trajectory, path, VELOCITY, ACCELERATION, 1e-9)
+    shortest = 1.5 / 1.0 + 1.0 / 4.0  # trapezoid of the first joint
+    assert shortest <= trajectory.duration <= 1.1 * shortest
+
+
+def test_points_are_dense_and_bounded():
+    path = np.array([[0.0, 0.0], [1.5, 0.3], [0.0, 2.0]])
+    trajectory = parameterize(path, JOINTS, VELOCITY, ACCELERATION, always)
+    assert np.diff(trajectory.times).max() <= 0.1
+    crawl = parameterize(path, JOINTS, VELOCITY * 1e-4, ACCELERATION, always)
+    assert len(crawl.times) <= TimingSettings().max_points
+    assert_sound(crawl, path, VELOCITY * 1e-4, ACCELERATION, 0.2)
+
+
+def test_corners_are_rounded_without_a_stop():
+    path = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
+    trajectory = parameterize(path, JOINTS, VELOCITY, ACCELERATION, always)
+    _, q, v, _ = sample(trajectory)
+    near_corner = np.linalg.norm(q - path[1], axis=1) < 0.3
+    assert near_corner.any()
+    assert np.linalg.norm(v[near_corner], axis=1).min() > 0.2
+
+
+class Square:
+    """An obstacle in the plane; tests chords with a box of slack exactly, and keeps count."""
+
+    def __init__(self, lower, upper):
+        self.lower, self.upper = np.array(lower), np.array(upper)
+        self.refused = 0
+
+    def contains(self, points):
+        return ((points > self.lower) & (points < self.upper)).all(axis=1)
+
+    def edge_free(self, a, b, deviation):
+        """Whether a → b keeps out of the square grown by the deviation (slab test)."""
+        lower, upper = self.lower - deviation, self.upper + deviation
+        d = b - a
+        enter, leave = 0.0, 1.0
+        for j in range(2):
+            if d[j] == 0.0:
+                if not lower[j] < a[j] < upper[j]:
+                    enter = 2.0
+                continue
+            t = np.sort([(lower[j] - a[j]) / d[j], (upper[j] - a[j]) / d[j]])
+            enter, leave = max(enter, t[0]), min(leave, t[1])
+        if enter < leave:
+            self.refused += 1
+            return False
+        return True
+
+
+@pytest.mark.parametrize("gap", [0.1, 0.03, 0.01, 0.003, 1e-4])
+def test_an_obstacle_inside_the_corner_is_never_entered(gap):
+    path = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
+    square = Square([0.1, gap], [1.0 - gap, 0.9])
+    trajectory = parameterize(path, JOINTS, VELOCITY, ACCELERATION, square.edge_free)
+    assert trajectory is not None
+    assert_sound(trajectory, path, VELOCITY, ACCELERATION, 0.2)
+    _, q, _, _ = sample(trajectory, 200)
+    assert not square.contains(q).any()
+    if gap < 0.05:
+        assert square.refused > 0
+        free = parameterize(path, JOINTS, VELOCITY, ACCELERATION, always)
+        assert square.contains(sample(free)[1]).any(), "the obstacle matters"
+        assert trajectory.duration > free.duration
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_every_point_of_the_curve_lies_within_a_certified_chord(seed):
+    rng = np.random.default_rng(seed)
+    path = random_path(rng, 3, 6, 0.5)
+    certified = []
+
+    def record(a, b, deviation):
+        if rng.random() < 0.1 and deviation.max() > 1e-4:
+            return False  # now and then, to see finer chords
+        certified.append((a.copy(), b.copy(), deviation.copy()))
+        return True
+
+    velocity, acceleration = np.full(3, 1.5), np.full(3, 5.0)
+    trajectory = parameterize(path, "abc", velocity, acceleration, record)
+    _, q, _, _ = sample(trajectory)
+    covered = np.zeros(len(q), dtype=bool)
+    for a, b, deviation in certified:
+        assert deviation.shape == (3,)
+        assert (deviation > 0.0).all()
+        assert deviation.max() <= TimingSettings().chord_tolerance
+        d = b - a
+        # the chord points within reach of q, coordinate by coordinate: an interval each
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = np.sort(((q - a)[:, :, None] + np.array([-1, 1]) * deviation[:, None]) / d[:, None])
+        low, high = np.maximum(t[:, :, 0].max(axis=1), 0), np.minimum(t[:, :, 1].min(axis=1), 1)
+        covered |= low <= high + 1e-12
+    assert covered.all()
+
+
+def test_refused_everywhere_gives_none():
+    path = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
+    assert parameterize(path, JOINTS, VELOCITY, ACCELERATION, lambda a, b, d: False) is None
+
+
+def test_where_only_the_polyline_is_free_it_stops_at_each_waypoint():
+    path = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [2.0, 1.5]])
+
+    def on_polyline(a, b, deviation):
+        ends = distance_to_polyline(np.array([a, b, 0.5 * (a + b)]), path)
+        return bool(max(ends.max(), deviation.max()) < 1e-8)
+
+    trajectory = parameterize(path, JOINTS, VELOCITY, ACCELERATION, on_polyline)
+    assert_sound(trajectory, path, VELOCITY, ACCELERATION, 1e-8)
+    for waypoint in path[1:-1]:
+        (k,) = np.flatnonzero((trajectory.positions == waypoint).all(axis=1))
+        np.testing.assert_array_equal(trajectory.velocities[k], 0.0)
+
+
+def test_turning_back_stops_at_the_tip():
+    path = np.array([[0.0, 0.0], [1.0, 0.0], [0.2, 0.0]])
+    trajectory = parameterize(path, JOINTS, VELOCITY, ACCELERATION, always)
+    assert_sound(trajectory, path, VELOCITY, ACCELERATION, 1e-8)
+    assert (trajectory.positions == path[1]).all(axis=1).any()
+
+
+def test_repeated_waypoints_and_paths_that_do_not_move():
+    path = np.array([[0.0, 0.0], [0.0, 0.0], [1.0, 0.0], [1.0, 1e-12], [1.0, 1.0], [1.0, 1.0]])
+    trajectory = parameterize(path, JOINTS, VELOCITY, ACCELERATION, always)
+    assert_sound(trajectory, path, VELOCITY, ACCELERATION, 0.2)
+    for still in ([[1.0, 2.0]], [[1.0, 2.0], [1.0, 2.0]]):
+        trajectory = parameterize(np.array(still), JOINTS, VELOCITY, ACCELERATION, always)
+        np.testing.assert_array_equal(trajectory.positions, [[1.0, 2.0]])
+        np.testing.assert_array_equal(trajectory.velocities, 0.0)
+        assert trajectory.duration == 0.0
+
+
+def test_tiny_and_dense_paths():
+    tiny = np.array([[0.3, 0.3], [0.3 + 1e-7, 0.3]])
+    trajectory = parameterize(tiny, JOINTS, VELOCITY, ACCELERATION, always)
+    assert_sound(trajectory, tiny, VELOCITY, ACCELERATION, 1e-9)
+    x = np.linspace(0.0, 0.5, 60)
+    dense = np.stack([x, 0.2 * np.sin(3.0 * x)], axis=1)
+    trajectory = parameterize(dense, JOINTS, VELOCITY, ACCELERATION, always)
+    assert_sound(trajectory, dense, VELOCITY, ACCELERATION, 1e-3)
+    assert trajectory.duration < 1.0, "no stops on a smooth line"
+
+
+def test_evaluate_is_the_quintic_and_stands_still_outside():
+    path = random_path(np.random.default_rng(0), 2, 5, 1.0)
+    trajectory = parameterize(path, JOINTS, VELOCITY, ACCELERATION, always)
+    t, q, v, a = sample(trajectory)
+    for ours, theirs in zip(evaluate(trajectory, t), (q, v, a), strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=1e-8)
+    at, va, aa = evaluate(trajectory, np.array([-1.0, trajectory.duration + 1.0]))
+    np.testing.assert_array_equal(at, path[[0, -1]])
+    np.testing.assert_array_equal(va, 0.0)
+    np.testing.assert_array_equal(aa, 0.0)
+
+
+def test_evaluate_is_continuous_at_the_points():
+    path = random_path(np.random.default_rng(1), 2, 5, 1.0)
+    trajectory = parameterize(path, JOINTS, VELOCITY, ACCELERATION, always)
+    inner = trajectory.times[1:-1]
+    for left, right in zip(
+        evaluate(trajectory, inner - 1e-9), evaluate(trajectory, inner + 1e-9), strict=True
+    ):
+        np.testing.assert_allclose(left, right, atol=1e-5)
+
+
+def test_concatenate_keeps_both_curves():
+    path = random_path(np.random.default_rng(2), 2, 6, 1.0)
+    first = parameterize(path[:3], JOINTS, VELOCITY, ACCELERATION, always)
+    second = parameterize(path[2:], JOINTS, 0.2 * VELOCITY, ACCELERATION, always)
+    both = concatenate(first, second)
+    assert both.duration == pytest.approx(first.duration + second.duration)
+    assert (np.diff(both.times) > 0.0).all()
+    t = np.linspace(0.0, first.duration, 50)
+    np.testing.assert_allclose(evaluate(both, t)[0], evaluate(first, t)[0], atol=1e-12)
+    t = np.linspace(0.0, second.duration, 50)
+    np.testing.assert_allclose(
+        evaluate(both, first.duration + t)[0], evaluate(second, t)[0], atol=1e-9
+    )
+    still = parameterize(path[[2]], JOINTS, VELOCITY, ACCELERATION, always)
+    np.testing.assert_array_equal(concatenate(first, still).times, first.times)
+    np.testing.assert_array_equal(concatenate(still, second).times, second.times)
+
+
+def test_concatenate_refuses_what_does_not_meet():
+    path = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
+    first = parameterize(path[:2], JOINTS, VELOCITY, ACCELERATION, always)
+    with pytest.raises(ParameterError, match="positions"):
+        concatenate(first, first)
+    other = Trajectory(("b", "a"), np.zeros(1), path[[1]], np.zeros((1, 2)), np.zeros((1, 2)))
+    with pytest.raises(ParameterError, match="joints"):
+        concatenate(first, other)
+    moving = Trajectory(JOINTS, np.zeros(1), path[[1]], np.ones((1, 2)), np.zeros((1, 2)))
+    with pytest.raises(ParameterError, match="velocities"):
+        concatenate(first, moving)
+
+
+def test_stop_gives_none():
+    path = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
+    stopped = parameterize(path, JOINTS, VELOCITY, ACCELERATION, always, should_stop=lambda: True)
+    assert stopped is None
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [
+        ({"path": np.zeros((0, 2))}, "path"),
+        ({"path": np.array([[0.0, np.nan]])}, "path"),
+        ({"joints": ("a",)}, "joints"),
+        ({"velocity": np.array([1.0, np.inf])}, "limits"),
+        ({"acceleration": np.array([0.0, 1.0])}, "limits"),
+        ({"velocity": np.ones(3), "acceleration": np.ones(3)}, "joints"),
+    ],
+)
+def test_bad_input_is_named(change, name):
+    arguments = {
+        "path": np.array([[0.0, 0.0], [1.0, 0.0]]),
+        "joints": JOINTS,
+        "velocity": VELOCITY,
+        "acceleration": ACCELERATION,
+        "edge_free": always,
+    }
+    with pytest.raises(ParameterError, match=name):
+        parameterize(**(arguments | change))
+    with pytest.raises(ParameterError, match="max_interval"):
+        TimingSettings(max_interval=0.0)

@@ -1,0 +1,102 @@
+import numpy as np
+import pytest
+
+from placement_planner_ros.core.errors import CloudError
+from placement_planner_ros.ros.inputs.cloud_store import CloudStaleError, CloudStore, StoredCloud
+from placement_planner_ros.ros.inputs.frames import CloudFrameError
+
+A = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+B = np.array([[5.0, 0.0, 0.0]])
+
+
+def points_of(parts):
+    return np.vstack([part.points for part in parts])
+
+
+def test_every_required_topic_must_have_delivered():
+    store = CloudStore(["left", "right"])
+    store.add("left", StoredCloud(A, 0.0))
+    with pytest.raises(CloudError, match="right"):
+        store.snapshot("latest", 0.0, 1.0)
+    store.add("right", StoredCloud(B, 0.0))
+    np.testing.assert_array_equal(points_of(store.snapshot("latest", 0.0, 1.0)), np.vstack([A, B]))
+
+
+def test_every_topic_with_a_fault_is_told():
+    store = CloudStore(["left", "right", "top", "front"])
+    store.refuse("left", CloudFrameError("cloud frame_id", "a", "publish it"))
+    store.refuse("right", CloudFrameError("cloud frame_id", "b", "publish it"))
+    store.add("top", StoredCloud(A, 0.0))
+    codes = [fault.code for fault in store.faults("latest", 1.0, 5.0)]
+    assert codes == ["CLOUD_FRAME", "CLOUD_FRAME", "NO_CLOUD", "CLOUD_STALE"]
+
+
+def test_latest_replaces_and_merge_accumulates():
+    store = CloudStore(["points"])
+    for points in (A, B):
+        store.add("points", StoredCloud(points, 0.0))
+        store.merge(points, 0.01)
+    np.testing.assert_array_equal(points_of(store.snapshot("latest", 0.0, 0.0)), B)
+    merged = points_of(store.snapshot("merge", 0.0, 0.0))
+    assert {tuple(p) for p in merged} == {tuple(p) for p in np.vstack([A, B])}
+    store.clear()
+    np.testing.assert_array_equal(points_of(store.snapshot("merge", 0.0, 0.0)), B)
+
+
+def test_merged_points_are_thinned():
+    store = CloudStore(["points"])
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        store.merge(rng.uniform(0.0, 0.02, (5000, 3)), 0.01)
+    store.add("points", StoredCloud(B, 0.0))
+    merged = points_of(store.snapshot("merge", 0.0, 0.0))
+    assert 8**3 <= len(merged) <= 8**3 + 2
+
+
+def test_old_clouds_are_stale_unless_any_age_will_do():
+    store = CloudStore(["points"])
+    store.add("points", StoredCloud(A, 10.0))
+    assert store.snapshot("latest", 5.0, 14.9)
+    with pytest.raises(CloudStaleError, match="points") as error:
+        store.snapshot("latest", 5.0, 15.1)
+    assert error.value.code == "CLOUD_STALE"
+    assert store.snapshot("latest", 0.0, 1e6)
+
+
+def test_a_refused_cloud_is_a_fault_until_a_good_one_comes():
+    store = CloudStore(["points"])
+    store.add("points", StoredCloud(A, 0.0))
+    error = CloudFrameError("cloud frame_id", "", "publish it")
+    assert store.refuse("points", error)
+    assert not store.refuse("points", CloudFrameError("cloud frame_id", "", "publish it"))
+    with pytest.raises(CloudFrameError):
+        store.snapshot("latest", 0.0, 0.0)
+    store.add("points", StoredCloud(B, 0.0))
+    assert store.snapshot("latest", 0.0, 0.0)
+
+
+def test_confirmed_objects_stay_until_cleared():
+    store = CloudStore(["points"])
+    store.add("points", StoredCloud(A, 0.0))
+    store.confirm(B)
+    assert len(points_of(store.snapshot("latest", 0.0, 0.0))) == 3
+    store.clear()
+    assert len(points_of(store.snapshot("latest", 0.0, 0.0))) == 2
+
+
+def test_clouds_without_a_point_are_no_environment():
+    store = CloudStore(["points"])
+    store.add("points", StoredCloud(np.empty((0, 3)), 0.0))
+    with pytest.raises(CloudError, match="no finite point"):
+        store.snapshot("latest", 0.0, 0.0)
+
+
+def test_only_clouds_as_a_sensor_sent_them_have_an_origin():
+    store = CloudStore(["points"])
+    store.add("points", StoredCloud(A, 0.0, np.array([0.0, 0.0, 1.0])))
+    store.merge(A, 0.01)
+    store.confirm(B)
+    cloud, merged, confirmed = store.snapshot("merge", 0.0, 0.0)
+    assert cloud.origin.tolist() == [0.0, 0.0, 1.0]
+    assert merged.origin is None
+    assert confirmed.origin is None

@@ -1,0 +1,73 @@
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.ros.inputs.self_filter import outside_robot
+from placement_planner_ros.scenes.objects import object_by_name
+from placement_planner_ros.scenes.yumi import START_CONFIGURATION, load_yumi, yumi_arm
+
+URDF = """<robot name="three">
+<link name="base"><collision><geometry><box size="0.2 0.2 0.2"/></geometry></collision></link>
+<joint name="turn" type="revolute"><parent link="base"/><child link="ball"/>
+<origin xyz="0 0 1"/><axis xyz="0 1 0"/><limit lower="-3" upper="3" velocity="1" effort="1"/>
+</joint>
+<link name="ball"><collision><origin xyz="0.5 0 0"/><geometry><sphere radius="0.1"/></geometry>
+</collision></link>
+</robot>"""
+BOX = Body.from_mesh(
+    object_by_name("small_crayons_box").vertices, object_by_name("small_crayons_box").triangles
+)
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return Robot.from_urdf(URDF)
+
+
+def kept(robot, q, points, padding=0.0, arms=()):
+    return outside_robot(np.array(points, dtype=float), robot, q, arms, BOX, padding).tolist()
+
+
+def test_points_on_a_link_go_and_those_beside_it_stay(robot):
+    q = np.zeros(1)
+    assert kept(robot, q, [[0, 0, 0], [0.099, 0, 0], [0.101, 0, 0]]) == [False, False, True]
+    assert kept(robot, q, [[0.5, 0, 1.0], [0.5, 0, 1.2]]) == [False, True]
+
+
+def test_padding_grows_every_link(robot):
+    q = np.zeros(1)
+    assert kept(robot, q, [[0.109, 0, 0], [0.111, 0, 0]], padding=0.01) == [False, True]
+
+
+def test_links_are_where_the_joints_put_them(robot):
+    q = np.array([np.pi / 2])
+    assert kept(robot, q, [[0.5, 0, 1.0], [0, 0, 0.5]]) == [True, False]
+
+
+def test_the_held_object_is_left_out_where_a_hand_holds_it():
+    yumi = load_yumi()
+    q = yumi.configuration(START_CONFIGURATION)
+    grasp = object_by_name("small_crayons_box").grasps["left"][0]
+    T = yumi.link_pose(q, "gripper_l_base") * grasp
+    corner = BOX.vertices[np.argmax((T.act(np.zeros(3)) - BOX.vertices) @ T.rotation[2])]
+    point = T.act(0.99 * corner)
+    away = T.act(5.0 * corner)
+    holding = yumi_arm(yumi, "left", [grasp])
+    assert kept(yumi, q, [point, away], arms=[holding]) == [False, True]
+
+
+def test_the_whole_surface_of_the_robot_is_left_out():
+    yumi = load_yumi()
+    q = yumi.configuration(START_CONFIGURATION)
+    data, placed = yumi.model.createData(), yumi.geometry.createData()
+    pin.updateGeometryPlacements(yumi.model, data, yumi.geometry, placed, q)
+    points = [
+        placed.oMg[i].act(shape.geometry.point(k))
+        for i, shape in enumerate(yumi.geometry.geometryObjects)
+        if hasattr(shape.geometry, "num_points")
+        for k in range(shape.geometry.num_points)
+    ]
+    assert len(points) > 500
+    assert not any(kept(yumi, q, points, padding=1e-6))

@@ -1,0 +1,84 @@
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from placement_planner_ros.core.types import Trajectory
+from placement_planner_ros.ros.outputs.conversions import (
+    duration_message,
+    mesh_from_message,
+    mesh_message,
+    pose_message,
+    time_message,
+    trajectory_message,
+    with_all_joints,
+)
+from placement_planner_ros.scenes.objects import object_by_name
+from placement_planner_ros.scenes.yumi import HOME, load_yumi
+
+TRAJECTORY = Trajectory(
+    ("yumi_joint_1_l", "yumi_joint_2_l"),
+    np.array([0.0, 0.1 + 0.2, 2.9999999999]),
+    np.array([[0.0, 1.0], [0.5, 1.5], [1.0, 2.0]]),
+    np.array([[0.0, 0.0], [0.1, 0.2], [0.0, 0.0]]),
+    np.array([[0.3, 0.4], [0.0, 0.0], [-0.3, -0.4]]),
+)
+
+
+def test_a_trajectory_message_holds_every_column():
+    message = trajectory_message(TRAJECTORY, "3/2")
+    assert message.header.frame_id == "3/2"
+    assert (message.header.stamp.sec, message.header.stamp.nanosec) == (0, 0)
+    assert message.joint_names == ["yumi_joint_1_l", "yumi_joint_2_l"]
+    for name in ("positions", "velocities", "accelerations"):
+        got = [list(getattr(point, name)) for point in message.points]
+        np.testing.assert_array_equal(got, getattr(TRAJECTORY, name))
+    times = [p.time_from_start.sec + p.time_from_start.nanosec * 1e-9 for p in message.points]
+    np.testing.assert_allclose(times, TRAJECTORY.times, atol=1e-9)
+
+
+def test_no_trajectory_is_an_empty_message():
+    message = trajectory_message(None, "3/0")
+    assert (message.header.frame_id, message.joint_names, message.points) == ("3/0", [], [])
+
+
+@pytest.mark.parametrize("seconds", [0.0, 1e-9, 0.999999999, 0.9999999999, 1.5, 12345.000000001])
+def test_durations_keep_their_nanoseconds(seconds):
+    message = duration_message(seconds)
+    assert 0 <= message.nanosec < 1_000_000_000
+    assert abs(message.sec * 10**9 + message.nanosec - seconds * 1e9) <= 1.0
+
+
+def test_times_split_at_the_second():
+    message = time_message(3_000_000_001)
+    assert (message.sec, message.nanosec) == (3, 1)
+
+
+def test_all_joints_are_held_where_the_robot_is():
+    robot = load_yumi()
+    q = robot.configuration(HOME)
+    complete = with_all_joints(TRAJECTORY, robot, q)
+    assert set(complete.joints) == set(HOME)
+    for i, name in enumerate(complete.joints):
+        if name in TRAJECTORY.joints:
+            column = TRAJECTORY.joints.index(name)
+            np.testing.assert_array_equal(complete.positions[:, i], TRAJECTORY.positions[:, column])
+        else:
+            assert (complete.positions[:, i] == q[robot.index(name)]).all()
+            assert (complete.velocities[:, i] == 0.0).all()
+
+
+def test_poses_keep_rotation_and_position():
+    T = pin.SE3.Random()
+    message = pose_message(T)
+    r = message.orientation
+    rotation = pin.Quaternion(np.array([r.x, r.y, r.z, r.w])).toRotationMatrix()
+    np.testing.assert_allclose(rotation, T.rotation, atol=1e-12)
+    p = message.position
+    np.testing.assert_array_equal([p.x, p.y, p.z], T.translation)
+
+
+def test_meshes_survive_the_way_there_and_back():
+    held = object_by_name("toy_table")
+    vertices, triangles = mesh_from_message(mesh_message(held.vertices, held.triangles))
+    np.testing.assert_array_equal(vertices, held.vertices)
+    np.testing.assert_array_equal(triangles, held.triangles)

@@ -1,0 +1,173 @@
+"""What a run gets does not depend on whether its environment was made ahead."""
+
+import threading
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.errors import CloudError
+from placement_planner_ros.ros.parameters import ParameterSet, arm_specs, arms_spec, fixed_specs
+from placement_planner_ros.ros.run.planning import Snapshot
+from placement_planner_ros.ros.run.preparation import Preparation
+from placement_planner_ros.ros.run.surroundings import Surroundings
+from placement_planner_ros.scenes.objects import object_by_name
+from placement_planner_ros.scenes.yumi import START_CONFIGURATION, load_yumi, yumi_arm
+
+ARMS = ("left", "right")
+VOLUME = [0.2, -0.3, -0.1, 0.6, 0.3, 0.2]
+TABLE = np.stack(np.meshgrid(np.arange(0.2, 0.6, 0.005), np.arange(-0.3, 0.3, 0.005)), -1)
+TABLE = np.column_stack([TABLE.reshape(-1, 2), np.zeros(TABLE.size // 2)])
+SENSOR = np.array([0.4, 0.0, 1.0])
+
+
+@pytest.fixture(scope="module")
+def snapshot():
+    held = object_by_name("small_crayons_box")
+    specs = [
+        *fixed_specs(),
+        arms_spec(list(ARMS)),
+        *(s for a in ARMS for s in arm_specs(a, yumi=True)),
+    ]
+    parameters = ParameterSet({s.name: s for s in specs})
+    robot = load_yumi()
+    return Snapshot(
+        robot,
+        tuple(yumi_arm(robot, name, grasps) for name, grasps in held.grasps.items()),
+        robot.configuration(START_CONFIGURATION),
+        Body.from_mesh(held.vertices, held.triangles, held.center_of_mass),
+        (TABLE,),
+        parameters.changed({"target_volume": VOLUME, "seed": 3}),
+        robot.root_link,
+        (SENSOR,),
+        (False,),
+    )
+
+
+def preparation(inputs=None):
+    return Preparation(inputs, lambda: True)
+
+
+def never():
+    return False
+
+
+def again(snapshot, **changes):
+    """The same once more, as the node would take it: other arrays, arms made anew."""
+    arms = tuple(yumi_arm(snapshot.robot, arm.name, arm.grasps) for arm in snapshot.arms)
+    clouds = tuple(cloud.copy() for cloud in snapshot.clouds)
+    own = {"arms": arms, "clouds": clouds, "q_start": snapshot.q_start.copy()}
+    return replace(snapshot, **own | changes)
+
+
+@pytest.mark.parametrize("unknown_space", ["free", "occupied"])
+def test_a_run_is_the_same_whether_prepared_for_or_not(snapshot, unknown_space):
+    parameters = snapshot.parameters.changed({"unknown_space": unknown_space})
+    early, late = preparation(), preparation()
+    early.ahead(replace(snapshot, parameters=parameters))
+    ahead = early._newest.environment
+    one = early.prepare(again(snapshot, parameters=parameters), never)
+    other = late.prepare(again(snapshot, parameters=parameters), never)
+    assert one.environment is ahead
+    assert other.environment is not ahead
+    results = []
+    for each in (one, other):
+        planner = each.planner
+        placements = planner.run(lambda planner=planner: planner.statistics.samples >= 300)
+        results.append([(p.objective, p.trajectory.positions.tolist()) for p in placements])
+    assert results[0]
+    assert results[0] == results[1]
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"target_volume": [0.25, -0.2, -0.1, 0.6, 0.2, 0.2]},
+        {"cloud.cell_size": 0.02},
+        {"unknown_space": "occupied"},
+    ],
+    ids=str,
+)
+def test_other_parameters_get_an_environment_of_their_own(snapshot, changes):
+    early = preparation()
+    early.ahead(snapshot)
+    changed = again(snapshot, parameters=snapshot.parameters.changed(changes))
+    made = early.prepare(changed, never).environment
+    expected = Surroundings.of(changed).environment()
+    assert made.volume.lower.tolist() == changed.parameters.volume.lower.tolist()
+    for name in ("origin", "cells", "lower", "upper"):
+        assert np.array_equal(getattr(made.obstacles, name), getattr(expected.obstacles, name))
+
+
+def test_points_that_the_robot_now_covers_are_left_out(snapshot):
+    moved = snapshot.q_start.copy()
+    left = snapshot.arms[0]
+    moved[left.q_index] += 0.01  # free of the table still: the points are the same
+    same = again(snapshot)
+    assert Surroundings.of(replace(same, q_start=moved)).same(Surroundings.of(snapshot))
+    tip = snapshot.robot.link_pose(snapshot.q_start, left.tip_frame).translation
+    on_the_hand = again(snapshot, clouds=(np.vstack([TABLE, [tip]]),))
+    assert Surroundings.of(on_the_hand).same(Surroundings.of(snapshot))
+    plain = on_the_hand.parameters.changed({"self_filter.enabled": False})
+    unfiltered = replace(on_the_hand, parameters=plain)
+    assert not Surroundings.of(unfiltered).same(Surroundings.of(snapshot))
+
+
+def test_the_robot_matters_where_unknown_space_is_occupied(snapshot):
+    parameters = snapshot.parameters.changed({"unknown_space": "occupied"})
+    before = replace(snapshot, parameters=parameters)
+    moved = snapshot.q_start.copy()
+    moved[snapshot.arms[0].q_index] += 0.01
+    known = Surroundings.of(before)
+    assert Surroundings.of(again(before)).same(known)
+    assert Surroundings.of(before, known) is known
+    assert Surroundings.of(again(before), known) is not known
+    assert not Surroundings.of(replace(before, q_start=moved), known).same(known)
+
+
+def test_a_run_is_stopped_at_once_and_leaves_its_environment_to_the_next(snapshot, monkeypatch):
+    made, go_on = [], threading.Event()
+    real = Surroundings.environment
+
+    def slow(surroundings):
+        made.append(surroundings)
+        assert go_on.wait(60.0)
+        return real(surroundings)
+
+    monkeypatch.setattr(Surroundings, "environment", slow)
+    preparing = preparation()
+    assert preparing.prepare(snapshot, lambda: True) is None
+    assert preparing.busy
+    go_on.set()
+    assert preparing.prepare(again(snapshot), never) is not None
+    assert len(made) == 1
+    assert not preparing.busy
+
+
+def test_what_fails_ahead_fails_the_run_and_is_tried_again(snapshot, monkeypatch):
+    def refuse(_):
+        raise CloudError("clouds", 0, "unusable")
+
+    preparing = preparation()
+    with monkeypatch.context() as patch:
+        patch.setattr(Surroundings, "environment", refuse)
+        preparing.ahead(snapshot)
+        with pytest.raises(CloudError):
+            preparing.prepare(snapshot, never)
+    assert preparing.prepare(snapshot, never) is not None
+
+
+def test_nothing_is_done_while_nothing_changes(snapshot):
+    taken, state = [], [1]
+
+    def inputs():
+        return tuple(state), lambda: taken.append(1) or snapshot
+
+    preparing = preparation(inputs)
+    preparing._look()
+    preparing._look()
+    assert len(taken) == 1
+    state.append(2)
+    preparing._look()
+    assert len(taken) == 2
