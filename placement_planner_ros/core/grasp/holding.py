@@ -18,6 +18,7 @@ from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.reach.seeds import SeedTable
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.scene.grid import ObstacleSet
+from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.types import Array, TargetVolume, Verdict
 
 _FIRST_SEEDS = 16
@@ -29,28 +30,32 @@ _HAND_LENGTH = 0.3
 
 
 @dataclass(frozen=True, slots=True)
-class ApproachSettings:
+class ApproachSettings(Settings):
     """The straight way down onto the support.
 
     Attributes:
-        approach_distance: height of the raised pre-placement above contact, metres.
-        approach_minimum: the least height it may shrink to where there is less room, metres.
-        approach_step: distance between joint waypoints, metres.
+        approach_distance: height of the raised pre-placement above contact.
+        approach_minimum: the least height it may shrink to where there is less room.
+        approach_step: distance between joint waypoints.
     """
 
-    approach_distance: float = 0.05
-    approach_minimum: float = 0.01
-    approach_step: float = 0.01
+    approach_distance: float = setting(
+        0.05,
+        "[0.01, 0.5]",
+        "m",
+        "Length of the straight way down onto the support; shorter where there is less room.",
+    )
+    approach_minimum: float = setting(0.01, "(0, 0.5]", "m")
+    approach_step: float = setting(0.01, "(0, inf)", "m")
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.approach_minimum <= self.approach_distance:
+        Settings.__post_init__(self)
+        if self.approach_minimum > self.approach_distance:
             raise ParameterError(
                 "approach_distance",
                 self.approach_distance,
                 f"must be at least approach_minimum ({self.approach_minimum} m)",
             )
-        if not self.approach_step > 0.0:
-            raise ParameterError("approach_step", self.approach_step, "must be above zero")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -21,6 +21,7 @@ from placement_planner_ros.core.reach.ik import IKSettings, InverseKinematics
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.scene.grid import ObstacleSet
+from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.types import Array
 
 _LIMIT = 0.5
@@ -34,20 +35,25 @@ EdgeFree = Callable[[Array, Array, Array], bool]
 
 
 @dataclass(frozen=True, slots=True)
-class RetreatSettings:
+class RetreatSettings(Settings):
     """The straight way of the open hand from the placed object.
 
     Attributes:
-        retreat_distance: how far it goes at least, metres; it goes on until the hand keeps the
-            collision margin from the object.
-        retreat_step: distance between joint waypoints, metres.
+        retreat_distance: at least; it goes on until the hand keeps the collision margin from the
+            object.
+        retreat_step: distance between joint waypoints.
         tip_directions: tried first, in the tip frame: the grasps' own directions of withdrawal. By
             default back along z, slanting to each side, then sideways.
         world_directions: tried next, in the planning frame.
     """
 
-    retreat_distance: float = 0.1
-    retreat_step: float = 0.01
+    retreat_distance: float = setting(
+        0.1,
+        f"[0.01, {_LIMIT}]",
+        "m",
+        "Length of the straight way that the open hand takes off the placed object.",
+    )
+    retreat_step: float = setting(0.01, "[0.001, 0.1]", "m")
     tip_directions: tuple[Direction, ...] = (
         (0.0, 0.0, -1.0),
         *((x, y, -1.0) for x, y in _SIDEWAYS),
@@ -56,12 +62,7 @@ class RetreatSettings:
     world_directions: tuple[Direction, ...] = ((0.0, 0.0, 1.0),)
 
     def __post_init__(self) -> None:
-        if not 0.01 <= self.retreat_distance <= _LIMIT:
-            raise ParameterError(
-                "retreat_distance", self.retreat_distance, f"choose from 0.01 to {_LIMIT} m"
-            )
-        if not 0.001 <= self.retreat_step <= 0.1:
-            raise ParameterError("retreat_step", self.retreat_step, "choose from 0.001 to 0.1 m")
+        Settings.__post_init__(self)
         if not (self.tip_directions or self.world_directions):
             raise ParameterError("tip_directions", (), "give at least one direction of retreat")
         for name in ("tip_directions", "world_directions"):
