@@ -38,8 +38,8 @@ class Meaning:
     @property
     def ends(self) -> tuple[float, float]:
         """Lower and upper end of the interval, inside it or not."""
-        lower, upper = self.interval[1:-1].split(",")
-        return float(lower), float(upper)
+        lower, upper = self.interval[1:-1].split(", ")
+        return _number(lower), _number(upper)
 
     def check(self, name: str, value: object) -> None:
         """Refuse a value, or one number of a list, that the setting may not have.
@@ -85,6 +85,11 @@ class Settings:
             if meaning is not None:
                 for one in value if isinstance(value, tuple) else (value,):
                     meaning.check(each.name, one)
+
+
+def _number(text: str) -> float:
+    """An integer as such, since not every one is a float."""
+    return int(text) if text.removeprefix("-").isdigit() else float(text)
 
 
 def setting(

@@ -46,8 +46,8 @@ from placement_planner_ros.ros.outputs.answers import Answer, answer, refusal
 from placement_planner_ros.ros.outputs.conversions import mesh_from_message
 from placement_planner_ros.ros.outputs.publishing import LATCHED, Outputs
 from placement_planner_ros.ros.outputs.reporting import Reporter
-from placement_planner_ros.ros.parameter_server import ParameterServer
-from placement_planner_ros.ros.parameters import ParameterSet
+from placement_planner_ros.ros.parameters.server import ParameterServer
+from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.ros.run.planning import Prepare, Prepared, Snapshot
 from placement_planner_ros.ros.run.preparation import Preparation
 from placement_planner_ros.ros.run.run import Run, State

@@ -8,7 +8,7 @@ import pinocchio as pin
 
 from placement_planner_ros.core.errors import JointStateError, PlacementPlannerError
 from placement_planner_ros.core.robot.model import Robot
-from placement_planner_ros.ros.parameters import ParameterSet
+from placement_planner_ros.ros.parameters.values import ParameterSet
 
 
 class CloudFrameError(PlacementPlannerError):

@@ -30,7 +30,7 @@ from placement_planner_ros.ros.inputs.robot_input import (
     require_limits,
 )
 from placement_planner_ros.ros.inputs.transforms import Transforms
-from placement_planner_ros.ros.parameters import ParameterSet
+from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.ros.run.planning import Snapshot
 from placement_planner_ros.ros.run.surroundings import require_grid
 

@@ -14,7 +14,7 @@ from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.errors import ObjectError, PlacementPlannerError
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.resources import load_mesh
-from placement_planner_ros.ros.parameters import ParameterSet
+from placement_planner_ros.ros.parameters.values import ParameterSet
 
 Source = Literal["none", "topic", "mesh", "vertices"]
 _SOURCE_OF: dict[str, Source] = {

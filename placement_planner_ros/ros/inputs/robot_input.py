@@ -16,7 +16,8 @@ from placement_planner_ros.core.errors import (
 )
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.ros.inputs.resources import description_text, package_dirs
-from placement_planner_ros.ros.parameters import ParameterSet, poses_from_list
+from placement_planner_ros.ros.parameters.checks import poses_from_list
+from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.share import share_path
 
 FramePose = Callable[[str, str], pin.SE3 | None]

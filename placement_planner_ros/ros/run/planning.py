@@ -14,7 +14,7 @@ from placement_planner_ros.core.planner import PlacementPlanner, Problem
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.types import Array, Placement
-from placement_planner_ros.ros.parameters import ParameterSet
+from placement_planner_ros.ros.parameters.values import ParameterSet
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,7 +8,8 @@ import pytest
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.errors import CloudError
-from placement_planner_ros.ros.parameters import ParameterSet, arm_specs, arms_spec, fixed_specs
+from placement_planner_ros.ros.parameters.table import arm_specs, arms_spec, fixed_specs
+from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.ros.run.planning import Snapshot
 from placement_planner_ros.ros.run.preparation import Preparation
 from placement_planner_ros.ros.run.surroundings import Surroundings
