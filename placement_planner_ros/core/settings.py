@@ -14,7 +14,8 @@ from typing import TypeVar, cast
 from placement_planner_ros.core.errors import ParameterError
 
 _KEY = "meaning"
-_FINITE = "(-inf, inf)"
+FINITE = "(-inf, inf)"
+"""The interval of every finite number."""
 
 Value = TypeVar("Value")
 
@@ -32,7 +33,7 @@ class Meaning:
 
     text: str = ""
     unit: str = ""
-    interval: str = _FINITE
+    interval: str = FINITE
     choices: tuple[str, ...] = ()
 
     @property
@@ -94,7 +95,7 @@ def _number(text: str) -> float:
 
 def setting(
     default: Value,
-    interval: str = _FINITE,
+    interval: str = FINITE,
     unit: str = "",
     text: str = "",
     choices: tuple[str, ...] = (),

@@ -162,9 +162,7 @@ def _descriptor(spec: Spec) -> ParameterDescriptor:
     if spec.startup:
         notes.append("read at start-up")
     descriptor = ParameterDescriptor(
-        description=meaning.text,
-        additional_constraints="; ".join(notes),
-        dynamic_typing=True,
+        description=meaning.text, additional_constraints="; ".join(notes), dynamic_typing=True
     )
     lower, upper = meaning.ends
     if math.isfinite(lower) and math.isfinite(upper):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 
@@ -14,13 +14,18 @@ from placement_planner_ros.core.settings import Meaning, Settings, meaning_of
 Kind = Literal["bool", "integer", "double", "string", "double[]", "integer[]", "string[]"]
 Value = bool | int | float | str | list[float] | list[int] | list[str]
 
+Check = Callable[[str, Any], None]
+"""Raises a PlacementPlannerError where a value alone, given with its name, shows to be bad."""
+
 _KIND: dict[type, Kind] = {bool: "bool", int: "integer", float: "double", str: "string"}
-_AN = {
-    "bool": "true or false",
-    "integer": "an integer",
-    "double": "a number",
-    "string": "a string",
-}
+_AN = {"bool": "true or false", "integer": "an integer", "double": "a number", "string": "a string"}
+
+
+def kind_of(value: Value) -> Kind:
+    """The type of a value; of a list that is not empty, by its first element."""
+    if isinstance(value, list):
+        return cast("Kind", f"{_KIND[type(value[0])]}[]")
+    return _KIND[type(value)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +39,7 @@ class Spec:
         meaning: its words and unit, and what each of its numbers or names may be.
         length: how many elements a list has; -1 for any.
         startup: read once at start-up; refused afterwards.
-        check: raises a PlacementPlannerError where the value alone shows that it is bad.
+        check: what else the value must fulfil.
     """
 
     name: str
@@ -43,7 +48,7 @@ class Spec:
     meaning: Meaning
     length: int = -1
     startup: bool = False
-    check: Callable[[str, Any], None] | None = None
+    check: Check | None = None
 
     @classmethod
     def of(cls, name: str, settings: Settings, path: str) -> Spec:
@@ -52,9 +57,8 @@ class Spec:
         for group in groups:
             settings = getattr(settings, group)
         default, meaning = getattr(settings, field), meaning_of(settings, field)
-        if isinstance(default, tuple):
-            return cls(name, "double[]", list(default), meaning)
-        return cls(name, _KIND[type(default)], default, meaning)
+        default = list(default) if isinstance(default, tuple) else default
+        return cls(name, kind_of(default), default, meaning)
 
     def convert(self, value: object) -> Value:
         """The value in this parameter's type.

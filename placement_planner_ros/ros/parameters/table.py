@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from placement_planner_ros.core.objective.objective import objective_names
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.scene.grid import GridSettings
-from placement_planner_ros.core.settings import Meaning
+from placement_planner_ros.core.settings import FINITE, Meaning
 from placement_planner_ros.ros.parameters import checks
-from placement_planner_ros.ros.parameters.spec import Spec
+from placement_planner_ros.ros.parameters.spec import Check, Kind, Spec, Value, kind_of
 from placement_planner_ros.scenes.scenes import scene_by_name
 from placement_planner_ros.scenes.yumi import GRIPPER_JOINTS, GRIPPER_OPEN, TIP_FRAMES
 
@@ -53,49 +53,58 @@ def fixed_specs() -> list[Spec]:
     ]
 
 
+def _own(
+    name: str,
+    default: Value,
+    text: str,
+    unit: str = "",
+    interval: str = FINITE,
+    *,
+    choices: tuple[str, ...] = (),
+    kind: Kind | None = None,
+    length: int = -1,
+    startup: bool = False,
+    check: Check | None = None,
+) -> Spec:
+    """A parameter of ROS' own; where its default does not show its type, `kind` does."""
+    meaning = Meaning(text, unit, interval, choices)
+    return Spec(name, kind or kind_of(default), default, meaning, length, startup, check)
+
+
 def _start_up() -> list[Spec]:
     return [
-        Spec(
+        _own(
             "robot_description",
-            "string",
             "",
-            Meaning(
-                "URDF text, a path or a package:// URI; empty: the topic robot_description, "
-                "and the bundled YuMi until one arrives there."
-            ),
+            "URDF text, a path or a package:// URI; empty: the topic robot_description, "
+            "and the bundled YuMi until one arrives there.",
             startup=True,
         ),
-        Spec(
+        _own(
             "robot_description_semantic",
-            "string",
             "",
-            Meaning(
-                "SRDF text, a path or a package:// URI: link pairs that self-collision checks "
-                "leave out. Optional."
-            ),
+            "SRDF text, a path or a package:// URI: link pairs that self-collision checks "
+            "leave out. Optional.",
             startup=True,
         ),
-        Spec(
+        _own(
             "planning_frame",
-            "string",
             "",
-            Meaning(
-                "Frame of target_volume and of all results, z up; empty: the robot's root link."
-            ),
+            "Frame of target_volume and of all results, z up; empty: the robot's root link.",
             startup=True,
         ),
-        Spec(
+        _own(
             "cloud_topics",
-            "string[]",
             [],
-            Meaning("Topics with clouds of the environment, besides points."),
+            "Topics with clouds of the environment, besides points.",
+            kind="string[]",
             startup=True,
         ),
-        Spec(
+        _own(
             "sensor_frames",
-            "string[]",
             [],
-            Meaning("Frames of clouds whose poses are given as sensor_poses.<frame>."),
+            "Frames of clouds whose poses are given as sensor_poses.<frame>.",
+            kind="string[]",
             startup=True,
             check=checks.names,
         ),
@@ -105,169 +114,138 @@ def _start_up() -> list[Spec]:
 def _runs() -> list[Spec]:
     volume = [*map(float, _SCENE.volume.lower), *map(float, _SCENE.volume.upper)]
     return [
-        Spec(
+        _own(
             "target_volume",
-            "double[]",
             volume,
-            Meaning("Minimum and maximum corner of the target volume V in planning_frame.", "m"),
+            "Minimum and maximum corner of the target volume V in planning_frame.",
+            "m",
             length=6,
             check=checks.volume,
         ),
-        Spec(
+        _own(
             "objective",
-            "string",
             "maximize_clearance",
-            Meaning(
-                "What to maximise: maximize_clearance, minimize_clearance, or the name of an entry "
-                "point in the group placement_planner_ros.objectives.",
-                choices=tuple(objective_names()),
-            ),
+            "What to maximise: maximize_clearance, minimize_clearance, or the name of an entry "
+            "point in the group placement_planner_ros.objectives.",
+            choices=tuple(objective_names()),
         ),
-        Spec(
+        _own(
             "time_limit",
-            "double",
             30.0,
-            Meaning(
-                "Time after which a run ends, by a steady clock; 0: it runs until stopped.",
-                "s",
-                "[0, 1e6]",
-            ),
+            "Time after which a run ends, by a steady clock; 0: it runs until stopped.",
+            "s",
+            "[0, 1e6]",
         ),
-        Spec(
+        _own(
             "seed",
-            "integer",
             -1,
-            Meaning(
-                "Seed of every random choice of a run; -1: from the machine's entropy.",
-                "",
-                f"[-1, {_MAX_SEED}]",
-            ),
+            "Seed of every random choice of a run; -1: from the machine's entropy.",
+            "",
+            f"[-1, {_MAX_SEED}]",
         ),
     ]
 
 
 def _robot() -> list[Spec]:
     return [
-        Spec(
+        _own(
             "trajectory_joints",
-            "string",
             "arm",
-            Meaning(
-                "Which joints trajectories name: the arm's, or all with the others held.",
-                choices=("arm", "all"),
-            ),
+            "Which joints trajectories name: the arm's, or all with the others held.",
+            choices=("arm", "all"),
         ),
-        Spec(
+        _own(
             "start_tolerance",
-            "double",
             0.02,
-            Meaning(
-                "A robot further from where a run began ends that run.", "rad or m", "[0.0001, 1]"
-            ),
+            "A robot further from where a run began ends that run.",
+            "rad or m",
+            "[0.0001, 1]",
         ),
-        Spec(
+        _own(
             "joint_state_timeout",
-            "double",
             1.0,
-            Meaning("Joint values older than this are stale.", "s", "[0.01, 3600]"),
+            "Joint values older than this are stale.",
+            "s",
+            "[0.01, 3600]",
         ),
     ]
 
 
 def _environment() -> list[Spec]:
     return [
-        Spec(
+        _own(
             "cloud.mode",
-            "string",
             "latest",
-            Meaning(
-                "latest: the newest cloud of each topic; merge: all clouds since "
-                "clear_environment.",
-                choices=("latest", "merge"),
-            ),
+            "latest: the newest cloud of each topic; merge: all clouds since clear_environment.",
+            choices=("latest", "merge"),
         ),
-        Spec(
+        _own(
             "cloud.max_age",
-            "double",
             60.0,
-            Meaning(
-                "In mode latest, clouds older than this are stale; 0: any age will do.",
-                "s",
-                "[0, 1e6]",
-            ),
+            "In mode latest, clouds older than this are stale; 0: any age will do.",
+            "s",
+            "[0, 1e6]",
         ),
-        Spec(
+        _own(
             "unknown_space",
-            "string",
             "free",
-            Meaning(
-                "What no sensor has seen, by the lines of sight of clouds in their sensor's frame: "
-                "free, or occupied, so that nothing enters it.",
-                choices=("free", "occupied"),
-            ),
+            "What no sensor has seen, by the lines of sight of clouds in their sensor's frame: "
+            "free, or occupied, so that nothing enters it.",
+            choices=("free", "occupied"),
         ),
-        Spec(
+        _own(
             "self_filter.enabled",
-            "bool",
             True,
-            Meaning("Whether points on the robot and on the held object are left out of clouds."),
+            "Whether points on the robot and on the held object are left out of clouds.",
         ),
-        Spec(
+        _own(
             "self_filter.padding",
-            "double",
             0.02,
-            Meaning(
-                "Points this close to the robot or the held object are left out.", "m", "[0, 0.2]"
-            ),
+            "Points this close to the robot or the held object are left out.",
+            "m",
+            "[0, 0.2]",
         ),
     ]
 
 
 def _object() -> list[Spec]:
     return [
-        Spec(
-            "object.mesh",
-            "string",
-            "",
-            Meaning("Mesh file of the grasped object, a path or a package:// URI."),
-        ),
-        Spec(
+        _own("object.mesh", "", "Mesh file of the grasped object, a path or a package:// URI."),
+        _own(
             "object.vertices",
-            "double[]",
             [],
-            Meaning("Vertices of the grasped object: x y z, one after the other.", "m"),
+            "Vertices of the grasped object: x y z, one after the other.",
+            "m",
+            kind="double[]",
             check=checks.triples,
         ),
-        Spec(
+        _own(
             "object.triangles",
-            "integer[]",
             [],
-            Meaning("Triangles of the grasped object: three vertex indices each.", "", "[0, inf)"),
+            "Triangles of the grasped object: three vertex indices each.",
+            "",
+            "[0, inf)",
+            kind="integer[]",
             check=checks.triples,
         ),
-        Spec(
+        _own(
             "object.center_of_mass",
-            "double[]",
             [],
-            Meaning("Centre of mass in the mesh's frame and unit; empty: from the mesh."),
+            "Centre of mass in the mesh's frame and unit; empty: from the mesh.",
+            kind="double[]",
             check=checks.center,
         ),
-        Spec(
-            "object.scale",
-            "double",
-            1.0,
-            Meaning("Factor from the mesh's unit to metres.", "", "(0, 1e6]"),
-        ),
+        _own("object.scale", 1.0, "Factor from the mesh's unit to metres.", "", "(0, 1e6]"),
     ]
 
 
 def arms_spec(default: Sequence[str]) -> Spec:
     """The parameter `arms`; at start-up it also says for which arms parameters exist."""
-    return Spec(
+    return _own(
         "arms",
-        "string[]",
         list(default),
-        Meaning("Arms that could be holding the object, by name."),
+        "Arms that could be holding the object, by name.",
+        kind="string[]",
         check=checks.names,
     )
 
@@ -276,56 +254,54 @@ def arm_specs(arm: str, *, yumi: bool) -> list[Spec]:
     """Parameters of one arm; `yumi` chooses the bundled robot's values as defaults."""
     known = yumi and arm in TIP_FRAMES
     return [
-        Spec(
+        _own(
             f"{arm}.tip_frame",
-            "string",
             TIP_FRAMES[arm] if known else "",
-            Meaning("Link that the arm's grasps refer to."),
+            "Link that the arm's grasps refer to.",
         ),
-        Spec(
+        _own(
             f"{arm}.joints",
-            "string[]",
             [],
-            Meaning(
-                "The arm's joints, root to tip; empty: every movable joint on the way to the tip."
-            ),
+            "The arm's joints, root to tip; empty: every movable joint on the way to the tip.",
+            kind="string[]",
         ),
-        Spec(
+        _own(
             f"{arm}.grasps",
-            "double[]",
             [],
-            Meaning(
-                "Poses of the object in the tip frame: x y z qx qy qz qw, one after the other.", "m"
-            ),
+            "Poses of the object in the tip frame: x y z qx qy qz qw, one after the other.",
+            "m",
+            kind="double[]",
             check=checks.poses,
         ),
-        Spec(
+        _own(
             f"{arm}.touch_links",
-            "string[]",
             [],
-            Meaning("Links that may touch the held object; empty: the hand's, from the URDF."),
+            "Links that may touch the held object; empty: the hand's, from the URDF.",
+            kind="string[]",
         ),
-        Spec(
+        _own(
             f"{arm}.gripper_joints",
-            "string[]",
             [GRIPPER_JOINTS[arm]] if known else [],
-            Meaning("Joints that open the hand."),
+            "Joints that open the hand.",
+            kind="string[]",
         ),
-        Spec(
+        _own(
             f"{arm}.gripper_open",
-            "double[]",
             [GRIPPER_OPEN] if known else [],
-            Meaning("Values of gripper_joints when the hand is open.", "rad or m"),
+            "Values of gripper_joints when the hand is open.",
+            "rad or m",
+            kind="double[]",
         ),
     ]
 
 
 def sensor_pose_spec(frame: str) -> Spec:
     """Pose of one declared sensor frame."""
-    return Spec(
+    return _own(
         f"sensor_poses.{frame}",
-        "double[]",
         [],
-        Meaning("Pose of the frame in planning_frame: x y z qx qy qz qw; empty: not given.", "m"),
+        "Pose of the frame in planning_frame: x y z qx qy qz qw; empty: not given.",
+        "m",
+        kind="double[]",
         check=checks.one_pose,
     )

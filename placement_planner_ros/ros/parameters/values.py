@@ -126,9 +126,7 @@ class ParameterSet:
         for arm in self["arms"]:
             if f"{arm}.tip_frame" not in self.specs:
                 raise ParameterError(
-                    "arms",
-                    arm,
-                    "this arm was not among arms at start-up, so it has no parameters",
+                    "arms", arm, "this arm was not among arms at start-up, so it has no parameters"
                 )
         if len(set(self["arms"])) != len(self["arms"]):
             raise ParameterError("arms", self["arms"], "name each arm once")
