@@ -5,13 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
 from placement_planner_ros.core.collision.arm import CollisionSettings
 from placement_planner_ros.core.constraints import PoseConstraints
-from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.grasp.settings import (
     ApproachSettings,
@@ -41,35 +40,43 @@ from placement_planner_ros.core.search.sampler import (
     SamplerSettings,
     UniformSampler,
 )
+from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.statistics import Statistics
 from placement_planner_ros.core.timing.trajectory_maker import ExecutionSettings, TrajectoryMaker
 from placement_planner_ros.core.types import Array, Goal, Placement
 
+SamplerName = Literal["mcts", "uniform"]
+
 
 @dataclass(frozen=True, slots=True)
-class PlannerSettings:
+class PlannerSettings(Settings):
     """How to search. Budgets count samples and iterations, so a seed fixes the result.
 
     Attributes:
-        sampler: `mcts`, or `uniform` for the ablation.
+        sampler: `uniform` is the ablation.
         local_optimization: False for the ablation without OptimizeLocally.
         motion_iterations: m_max, RRT iterations per arm and grasp in one iteration of Algorithm 1.
         ik_seeds: starts of the inverse kinematics per sampled pose, beside q_0.
         gradient_sampling: whether samples that are stable and free first follow ∂ξ/∂(x, y, e_z),
             without the arm, as `ascent` says.
         min_improvement: ξ counts as better from this much.
-        edge_margin: how far beyond each vertex of v(f) its support must still reach, metres.
-        require_retreat: a goal counts only with certified approach, release and retreat; False: it
-            may be without release and retreat.
+        edge_margin: how far beyond each vertex of v(f) its support must still reach.
+        require_retreat: False: a placement may be without release and retreat.
     """
 
-    sampler: Literal["mcts", "uniform"] = "mcts"
-    local_optimization: bool = True
-    motion_iterations: int = 50
-    ik_seeds: int = 63
-    min_improvement: float = 1e-4
-    edge_margin: float = 0.003
-    require_retreat: bool = True
+    sampler: SamplerName = setting(
+        "mcts", text="How goals are sampled.", choices=get_args(SamplerName)
+    )
+    local_optimization: bool = setting(
+        True, text="Whether each placement is optimised locally before it is published."
+    )
+    motion_iterations: int = setting(50, "[1, inf)")
+    ik_seeds: int = setting(63, "[1, inf)")
+    min_improvement: float = setting(1e-4, "[0, inf)")
+    edge_margin: float = setting(0.003, "[0, inf)", "m")
+    require_retreat: bool = setting(
+        True, text="Whether a placement counts only with a certified release and retreat."
+    )
     gradient_sampling: bool = False
     hierarchy: HierarchySettings = field(default_factory=HierarchySettings)
     sampling: SamplerSettings = field(default_factory=SamplerSettings)
@@ -83,16 +90,6 @@ class PlannerSettings:
     )
     refine: AscentSettings = field(default_factory=AscentSettings)
     execution: ExecutionSettings = field(default_factory=ExecutionSettings)
-
-    def __post_init__(self) -> None:
-        if self.sampler not in ("mcts", "uniform"):
-            raise ParameterError("sampler", self.sampler, "choose mcts or uniform")
-        for name in ("motion_iterations", "ik_seeds"):
-            if getattr(self, name) < 1:
-                raise ParameterError(name, getattr(self, name), "must be at least 1")
-        for name in ("min_improvement", "edge_margin"):
-            if not getattr(self, name) >= 0.0:
-                raise ParameterError(name, getattr(self, name), "must not be negative")
 
     @property
     def grasp(self) -> GraspSettings:
