@@ -8,7 +8,6 @@ quintic between the samples (`quintic`), not the curve they were taken from.
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -42,9 +41,6 @@ EdgeFree = Callable[[Array, Array, Array], bool]
 _SAME = 1e-9  # waypoints closer than this (radians) are one
 _ROUNDS = 12  # timed curves tried, each with smaller blends than the one before, the last with none
 _BLEND_SIZES = 5  # sizes a blend is tried at, each half of the one before
-
-# toppra logs each numerical retry as a warning; failures are handled here
-logging.getLogger("toppra").setLevel(logging.CRITICAL)
 
 
 @dataclass(frozen=True, slots=True)
