@@ -380,7 +380,8 @@ def test_a_signal_ends_the_node_cleanly(ros_module, tmp_path, signals):
 @pytest.mark.parametrize(
     ("value", "said"),
     [
-        ("sampler:=magic", "sampler = 'magic': choose one of mcts, uniform"),
+        ("sampler:=magic", "sampler = 'magic': choose one of optimistic, mcts, uniform"),
+        ("selection:=ucb1", "selection = 'ucb1': is gone; use sampler: optimistic or mcts"),
         ("cloud_topics:=['no topic']", "no topic"),
     ],
 )
