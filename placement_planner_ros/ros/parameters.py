@@ -21,7 +21,7 @@ from placement_planner_ros.core.errors import (
     PlacementPlannerError,
 )
 from placement_planner_ros.core.objective.objective import objective_names
-from placement_planner_ros.core.planner import PlannerSettings
+from placement_planner_ros.core.planner import SAMPLERS, PlannerSettings
 from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.types import TargetVolume
 from placement_planner_ros.scenes.scenes import scene_by_name
@@ -191,7 +191,6 @@ _SETTINGS = {
     "velocity_scaling": "execution",
     "acceleration_scaling": "execution",
     "acceleration_limits": "execution",
-    "selection": "sampling",
 }
 
 
@@ -285,15 +284,7 @@ def _changeable() -> list[Spec]:
             "string",
             _DEFAULTS.sampler,
             "How goals are sampled.",
-            choices=lambda: ("mcts", "uniform"),
-        ),
-        Spec(
-            "selection",
-            "string",
-            _setting("selection"),
-            "Where the sampler mcts looks next: by optimistic search over cells, or by UCB1 as in "
-            "the paper.",
-            choices=lambda: ("optimistic", "ucb1"),
+            choices=lambda: SAMPLERS,
         ),
         Spec(
             "local_optimization",

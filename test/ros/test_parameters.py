@@ -102,7 +102,6 @@ def test_unknown_names_are_refused():
 def test_every_search_setting_reaches_the_planner():
     changes = {
         "sampler": "uniform",
-        "selection": "ucb1",
         "local_optimization": False,
         "contact_tolerance": 0.002,
         "approach_distance": 0.08,
@@ -114,7 +113,6 @@ def test_every_search_setting_reaches_the_planner():
     }
     settings = ParameterSet(SPECS, changes).planner_settings
     assert settings.sampler == "uniform"
-    assert settings.sampling.selection == "ucb1"
     assert settings.local_optimization is False
     assert settings.collision.contact_tolerance == 0.002
     assert settings.approach.approach_distance == 0.08
