@@ -8,14 +8,13 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.constraints import contact_points
+from placement_planner_ros.core.constraints import PoseConstraints, contact_points
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.reach.reach_bound import ReachBound
-from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.regions import SupportMap
 from placement_planner_ros.core.search.cell_layout import ANGLE, FACE, X, Y, Z
 from placement_planner_ros.core.search.pruning import Ruling
-from placement_planner_ros.core.types import Array, TargetVolume
+from placement_planner_ros.core.types import Array
 
 Mask = npt.NDArray[np.bool_]
 
@@ -94,12 +93,10 @@ class _Support:
 
     def __init__(
         self,
-        body: Body,
-        environment: Environment,
-        volume: TargetVolume,
-        contact_tolerance: float,
-        edge_margin: float,
+        poses: PoseConstraints,
     ) -> None:
+        body, environment = poses.problem.body, poses.problem.environment
+        volume, edge_margin = poses.problem.volume, poses.edge_margin
         support = environment.support
         self._volume = volume
         contacts = []
@@ -124,7 +121,7 @@ class _Support:
         self._shape = np.maximum(last - first + 1, 0)
         heights = np.round(np.array([r.z for r in environment.regions]) / _SAME_HEIGHT)
         self._levels = np.unique(heights)
-        self._sums = self._tables(support, first, contact_tolerance + 0.51 * _SAME_HEIGHT)
+        self._sums = self._tables(support, first, poses.contact_tolerance + 0.51 * _SAME_HEIGHT)
 
     def _tables(self, support: SupportMap, first: npt.NDArray[np.int64], tolerance: float) -> Array:
         """(levels, nx + 1, ny + 1) columns with a surface at that height, summed up."""
@@ -175,21 +172,17 @@ class BranchBounds:
     """`CellBounds` of one problem: reach and support.
 
     Args:
+        poses: s(x), of one problem.
         holdings: every arm with every grasp that may be used.
-        contact_tolerance, edge_margin: of s(x), metres.
     """
 
     def __init__(
         self,
-        body: Body,
-        environment: Environment,
-        volume: TargetVolume,
+        poses: PoseConstraints,
         holdings: Iterable[Holding],
-        contact_tolerance: float,
-        edge_margin: float,
     ) -> None:
-        self._reach = _Reach(body, holdings)
-        self._support = _Support(body, environment, volume, contact_tolerance, edge_margin)
+        self._reach = _Reach(poses.problem.body, holdings)
+        self._support = _Support(poses)
 
     def rulings(self, cells: Array) -> npt.NDArray[np.int64]:
         """(n,) `Ruling` of each of the (n, 8) cells."""
