@@ -380,7 +380,7 @@ def test_a_signal_ends_the_node_cleanly(ros_module, tmp_path, signals):
 @pytest.mark.parametrize(
     ("value", "said"),
     [
-        ("sampler:=magic", "sampler = 'magic': choose one of mcts, uniform"),
+        ("sampler:=magic", "sampler = 'magic': choose one of optimistic, mcts, uniform"),
         ("cloud_topics:=['no topic']", "no topic"),
     ],
 )
