@@ -11,6 +11,7 @@ from pathlib import Path
 from ompl import util as ou
 
 from placement_planner_ros.core.errors import PlacementPlannerError
+from placement_planner_ros.core.planner import SAMPLERS
 from placement_planner_ros.experiments.cases import OBJECTIVES, Case, all_cases
 from placement_planner_ros.experiments.evaluation_commands import add_evaluation_commands
 from placement_planner_ros.experiments.motion_comparison import compare
@@ -34,7 +35,7 @@ def _parser() -> argparse.ArgumentParser:
     cases.add_argument("--scene", choices=SCENE_NAMES, action="append")
     cases.add_argument("--object", choices=OBJECT_NAMES, action="append")
     cases.add_argument("--objective", choices=OBJECTIVES, action="append")
-    cases.add_argument("--sampler", choices=("mcts", "uniform"), default="mcts")
+    cases.add_argument("--sampler", choices=SAMPLERS, default=SAMPLERS[0])
     cases.add_argument("--no-local-optimization", action="store_true")
     cases.add_argument("--output", type=Path, default=Path("results/cases"))
     motion = commands.add_parser(

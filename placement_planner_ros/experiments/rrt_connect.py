@@ -126,9 +126,7 @@ class BaselinePlanner(PlacementPlanner):
         settings: PlannerSettings,
         rng: np.random.Generator,
     ) -> None:
-        plain = replace(
-            settings, sampler="uniform", local_optimization=False, gradient_sampling=False
-        )
+        plain = replace(settings, sampler="uniform", local_optimization=False)
         super().__init__(problem, objective, plain, rng)
 
     def make_motion(self, rng: np.random.Generator) -> RRTConnectMotion:
