@@ -8,7 +8,8 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from placement_planner_ros.core.body.body import Body, PlacementFace
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.body.placement_face import PlacementFace
 from placement_planner_ros.core.collision.object import ObjectCollision
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.types import Array, TargetVolume, Verdict
