@@ -23,6 +23,7 @@ ORDER = [
     "core.objective",
     "core.collision",
     # what placing adds
+    "core.problem",
     "core.constraints",
     "core.grasp",
     # the paper's verbs

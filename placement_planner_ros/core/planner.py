@@ -9,13 +9,16 @@ from typing import Literal
 
 import numpy as np
 
-from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.arm import CollisionSettings
-from placement_planner_ros.core.collision.object import ObjectCollision
 from placement_planner_ros.core.constraints import PoseConstraints
-from placement_planner_ros.core.errors import GraspError, ParameterError, RobotError, StartError
-from placement_planner_ros.core.grasp.holding import ApproachSettings, Holding
-from placement_planner_ros.core.grasp.open_hand import OpenHand, RetreatSettings
+from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.grasp.holding import Holding
+from placement_planner_ros.core.grasp.settings import (
+    ApproachSettings,
+    GraspSettings,
+    RetreatSettings,
+)
+from placement_planner_ros.core.grasp.usable import usable_holdings
 from placement_planner_ros.core.objective.ascent import AscentSettings
 from placement_planner_ros.core.objective.objective import Objective
 from placement_planner_ros.core.optimize_locally import LocalOptimizer
@@ -24,13 +27,10 @@ from placement_planner_ros.core.plan_motion.transit import (
     MotionPlanner,
     TransitSettings,
 )
+from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.reach.ik import IKSettings
-from placement_planner_ros.core.reach.kinematics import Chain
-from placement_planner_ros.core.reach.seeds import seed_table
-from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.sample_goals.cell_bounds import BranchBounds
 from placement_planner_ros.core.sample_goals.goals import GoalFinder
-from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.search.cells import CellSampler
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy, HierarchySettings
 from placement_planner_ros.core.search.pruning import Remainder
@@ -43,36 +43,7 @@ from placement_planner_ros.core.search.sampler import (
 )
 from placement_planner_ros.core.statistics import Statistics
 from placement_planner_ros.core.timing.trajectory_maker import ExecutionSettings, TrajectoryMaker
-from placement_planner_ros.core.types import Array, Goal, Placement, TargetVolume
-
-_LIMIT_INSET = 1e-3
-"""rad or m, how far within the joint limits configurations are planned."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Problem:
-    """One placement task.
-
-    Attributes:
-        arms: 𝒜, the arms that could be holding the object, each with its grasps.
-        q_start: (nq,) q_0, every joint of the robot.
-        body: the object o.
-        volume: V.
-        environment: the obstacle set, R and their support.
-    """
-
-    robot: Robot
-    arms: tuple[Arm, ...]
-    q_start: Array
-    body: Body
-    volume: TargetVolume
-    environment: Environment
-
-    def __post_init__(self) -> None:
-        if not any(arm.grasps for arm in self.arms):
-            raise RobotError(
-                "arms", [arm.name for arm in self.arms], "give at least one arm with a grasp"
-            )
+from placement_planner_ros.core.types import Array, Goal, Placement
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,6 +94,13 @@ class PlannerSettings:
             if not getattr(self, name) >= 0.0:
                 raise ParameterError(name, getattr(self, name), "must not be negative")
 
+    @property
+    def grasp(self) -> GraspSettings:
+        """Of these, what holding, approach, release and retreat are checked by."""
+        return GraspSettings(
+            self.collision, self.ik, self.approach, self.retreat, self.require_retreat
+        )
+
 
 class PlacementPlanner:
     """Algorithm 1: sample goals, plan motions, optimise locally, publish, repeat.
@@ -157,20 +135,12 @@ class PlacementPlanner:
     ) -> None:
         self._settings = settings
         rng_sampler, rng_ik, rng_motion, rng_paths = rng.spawn(4)
-        environment, body = problem.environment, problem.body
         poses = PoseConstraints(
-            body,
-            environment,
-            problem.volume,
-            ObjectCollision(body, environment.obstacles, settings.collision),
-            settings.collision.contact_tolerance,
-            settings.edge_margin,
-            settings.approach.approach_minimum,
+            problem, settings.collision, settings.edge_margin, settings.approach.approach_minimum
         )
-        holdings, self.unusable = _usable_holdings(problem, settings)
+        holdings, self.unusable = usable_holdings(problem, settings.grasp)
         self.holdings = {(r.arm.name, r.grasp): r for of_arm in holdings for r in of_arm}
         finder = GoalFinder(
-            body,
             poses,
             holdings,
             objective,
@@ -181,21 +151,13 @@ class PlacementPlanner:
         )
         hierarchy = AfrHierarchy(
             [len(of_arm) for of_arm in holdings],
-            len(body.faces),
-            environment.regions,
+            len(problem.body.faces),
+            problem.environment.regions,
             settings.hierarchy,
         )
         self.exhausted = _nothing_to_search(hierarchy)
         self._bounds = BranchBounds(
-            body,
-            environment,
-            problem.volume,
-            self.holdings.values(),
-            objective,
-            settings.collision.contact_tolerance,
-            settings.edge_margin,
-            settings.min_improvement,
-            _pruning(settings),
+            poses, self.holdings.values(), objective, settings.min_improvement, _pruning(settings)
         )
         self._remainder = Remainder(hierarchy, self._bounds)
         self.sampler = self.make_sampler(hierarchy, finder, rng_sampler)
@@ -291,99 +253,6 @@ class PlacementPlanner:
             self.statistics.samples,
             made.retreat,
         )
-
-
-def _usable_holdings(
-    problem: Problem, settings: PlannerSettings
-) -> tuple[list[list[Holding]], tuple[str, ...]]:
-    """Per arm, its grasps for which q_0 is free, and why the others cannot be used."""
-    holdings: list[list[Holding]] = []
-    reasons: list[str] = []
-    bad_grasps: list[GraspError] = []
-    for arm in problem.arms:
-        of_arm: list[Holding] = []
-        q_start = problem.q_start[arm.q_index]
-        beyond = np.flatnonzero((q_start < arm.lower) | (q_start > arm.upper))
-        if len(beyond):
-            joints = ", ".join(
-                f"{arm.joints[j]} = {q_start[j]:.4f} is not in "
-                f"[{arm.lower[j]:.4f}, {arm.upper[j]:.4f}]"
-                for j in beyond
-            )
-            reasons.append(f"{arm.name}: beyond the joint limits: {joints}")
-            holdings.append(of_arm)
-            continue
-        arm = _within_limits(arm, q_start)
-        chain = Chain.from_robot(problem.robot, arm, problem.q_start)
-        seeds = seed_table(chain)
-        open_hand = OpenHand(
-            problem.robot,
-            arm,
-            problem.body,
-            problem.environment.obstacles,
-            problem.q_start,
-            settings.collision,
-            settings.ik,
-            settings.retreat,
-        )
-        for grasp in range(len(arm.grasps)):
-            try:
-                holding = Holding(
-                    problem.robot,
-                    arm,
-                    grasp,
-                    problem.body,
-                    problem.environment.obstacles,
-                    problem.q_start,
-                    settings.collision,
-                    settings.ik,
-                    settings.approach,
-                    seeds,
-                    open_hand,
-                    settings.require_retreat,
-                )
-            except GraspError as error:
-                bad_grasps.append(error)
-                continue
-            reason = _why_not_free(holding)
-            if reason:
-                reasons.append(f"{arm.name} with grasp {grasp}: {reason}")
-            else:
-                of_arm.append(holding)
-        holdings.append(of_arm)
-    if not any(holdings):
-        if not reasons:
-            raise bad_grasps[0]
-        raise StartError(
-            "joint_states",
-            "; ".join(reasons),
-            "the start configuration must lie within the joint limits and keep collision_margin "
-            "with the object in hand",
-        )
-    return holdings, (*map(str, bad_grasps), *reasons)
-
-
-def _why_not_free(holding: Holding) -> str:
-    """What q_0 collides with, '' where it is free."""
-    alone = holding.collision.with_pairs(lambda a, b: True, environment=False)
-    of_robot = alone.explain(holding.q_start)
-    if of_robot:
-        return f"in self-collision: {of_robot}"
-    with_cloud = holding.collision.explain(holding.q_start)
-    return f"in collision with the clouds: {with_cloud}" if with_cloud else ""
-
-
-def _within_limits(arm: Arm, q_start: Array) -> Arm:
-    """The arm with limits drawn in, so that a timed curve between them stays within the real ones.
-
-    A curve may stray from its chords by up to the timing's `chord_tolerance`.
-    """
-    inset = np.minimum(_LIMIT_INSET, 0.25 * (arm.upper - arm.lower))
-    return replace(
-        arm,
-        lower=np.minimum(arm.lower + inset, q_start),
-        upper=np.maximum(arm.upper - inset, q_start),
-    )
 
 
 def _pruning(settings: PlannerSettings) -> SamplerSettings:

@@ -17,6 +17,7 @@ from placement_planner_ros.core.collision.arm import (
     _link_shapes,
     _object_solids,
 )
+from placement_planner_ros.core.collision.load import Standing
 from placement_planner_ros.core.constraints import placement_pose
 from placement_planner_ros.core.errors import GraspError, ParameterError, RobotError, StartError
 from placement_planner_ros.core.grasp.hand_sweep import _swept
@@ -25,6 +26,7 @@ from placement_planner_ros.core.objective.objective import ObjectiveContext, mak
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.reach.kinematics import _chain
 from placement_planner_ros.core.reach.seeds import seed_table
+from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.search.sampler import SamplerSettings
 from placement_planner_ros.core.types import TargetVolume, Verdict
 from placement_planner_ros.experiments.cases import Case, make_problem
@@ -119,13 +121,9 @@ def test_planners_of_one_problem_place_the_object_each_for_itself():
     arm = problem.arms[0]
     two = [
         ArmCollision(
-            problem.robot,
-            replace(arm, touch_links=()),
-            0,
-            problem.body,
+            MovingArm(problem.robot, replace(arm, touch_links=()), problem.q_start),
+            Standing(problem.body, pin.SE3.Identity()),
             problem.environment.obstacles,
-            problem.q_start,
-            T_world_object=pin.SE3.Identity(),
         ).with_pairs(lambda a, b: PLACED_OBJECT in (a, b), environment=False)
         for _ in range(2)
     ]

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from test_scaling import record as scaling_record
 
-from placement_planner_ros.core.collision.object import ObjectCollision
 from placement_planner_ros.core.constraints import PoseConstraints, placement_pose
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.planner import PlannerSettings
@@ -364,13 +363,7 @@ def test_grid_placements_are_those_the_planner_would_let_pass():
     resolution = GridResolution(0.04, math.radians(60.0))
     found = grid_placements(problem, resolution, settings)
     poses = PoseConstraints(
-        problem.body,
-        problem.environment,
-        problem.volume,
-        ObjectCollision(problem.body, problem.environment.obstacles, settings.collision),
-        settings.collision.contact_tolerance,
-        settings.edge_margin,
-        settings.approach.approach_minimum,
+        problem, settings.collision, settings.edge_margin, settings.approach.approach_minimum
     )
     passed, tried = {}, 0
     for region in problem.environment.regions:

@@ -225,12 +225,9 @@ def test_stock_rrt_connect_reaches_one_of_the_goals(recording):
     query = recording.goal_sets[0]
     problem, holding = recording.problem, query.holding
     exact = ExactCollision(
-        problem.robot,
-        holding.arm,
-        holding.grasp,
-        problem.body,
+        holding.moving,
+        holding.held,
         problem.environment.obstacles,
-        problem.q_start,
     )
     goals = [goal.q_raised for goal in query.goals]
     path = rrt_connect(holding, goals, exact.edge_free, 20.0)

@@ -8,16 +8,15 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.constraints import contact_points
+from placement_planner_ros.core.constraints import PoseConstraints, contact_points
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.objective.objective import BoundedObjective, Objective, upper_bounds
 from placement_planner_ros.core.reach.reach_bound import ReachBound
-from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.regions import SupportMap
 from placement_planner_ros.core.search.cell_layout import ANGLE, FACE, X, Y, Z
 from placement_planner_ros.core.search.pruning import Ruling
 from placement_planner_ros.core.search.sampler import SamplerSettings
-from placement_planner_ros.core.types import Array, TargetVolume
+from placement_planner_ros.core.types import Array
 
 Mask = npt.NDArray[np.bool_]
 
@@ -106,12 +105,10 @@ class _Support:
 
     def __init__(
         self,
-        body: Body,
-        environment: Environment,
-        volume: TargetVolume,
-        contact_tolerance: float,
-        edge_margin: float,
+        poses: PoseConstraints,
     ) -> None:
+        body, environment = poses.problem.body, poses.problem.environment
+        volume, edge_margin = poses.problem.volume, poses.edge_margin
         support = environment.support
         self._volume = volume
         contacts = []
@@ -136,7 +133,7 @@ class _Support:
         self._shape = np.maximum(last - first + 1, 0)
         heights = np.round(np.array([r.z for r in environment.regions]) / _SAME_HEIGHT)
         self._levels = np.unique(heights)
-        self._sums = self._tables(support, first, contact_tolerance + 0.51 * _SAME_HEIGHT)
+        self._sums = self._tables(support, first, poses.contact_tolerance + 0.51 * _SAME_HEIGHT)
 
     def _tables(self, support: SupportMap, first: npt.NDArray[np.int64], tolerance: float) -> Array:
         """(levels, nx + 1, ny + 1) columns with a surface at that height, summed up."""
@@ -187,30 +184,23 @@ class BranchBounds:
     """`CellBounds` of one problem: reach, support, and ξ where the objective has upper bounds.
 
     Args:
+        poses: s(x), of one problem.
         holdings: every arm with every grasp that may be used.
-        contact_tolerance, edge_margin: of s(x), metres.
         min_improvement: ξ must exceed ξ_best by this much.
         settings: which bounds are asked.
     """
 
     def __init__(
         self,
-        body: Body,
-        environment: Environment,
-        volume: TargetVolume,
+        poses: PoseConstraints,
         holdings: Iterable[Holding],
         objective: Objective,
-        contact_tolerance: float,
-        edge_margin: float,
         min_improvement: float,
         settings: SamplerSettings,
     ) -> None:
+        body = poses.problem.body
         self._reach = _Reach(body, holdings) if settings.prune_reach else None
-        self._support = (
-            _Support(body, environment, volume, contact_tolerance, edge_margin)
-            if settings.prune_support
-            else None
-        )
+        self._support = _Support(poses) if settings.prune_support else None
         self._objective: BoundedObjective | None = None
         if settings.prune_objective and isinstance(objective, BoundedObjective):
             self._objective = objective

@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pinocchio as pin
 
-from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.constraints import PoseConstraints, placement_pose
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.objective.ascent import AscentSettings, climb
@@ -45,7 +44,6 @@ class GoalFinder:
 
     def __init__(
         self,
-        body: Body,
         poses: PoseConstraints,
         holdings: Sequence[Sequence[Holding]],
         objective: Objective,
@@ -54,7 +52,7 @@ class GoalFinder:
         rng: np.random.Generator,
         ascent: AscentSettings | None = None,
     ) -> None:
-        self._body = body
+        self._body = poses.problem.body
         self._poses = poses
         self._holdings = holdings
         self._objective = objective

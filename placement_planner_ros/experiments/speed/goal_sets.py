@@ -40,12 +40,9 @@ def measure_goal_sets(
         entry["cpu_seconds"] = time.process_time() - cpu
         if number in both:
             exact = ExactCollision(
-                recording.problem.robot,
-                query.holding.arm,
-                query.holding.grasp,
-                recording.problem.body,
+                query.holding.moving,
+                query.holding.held,
                 recording.problem.environment.obstacles,
-                recording.problem.q_start,
                 recording.settings.collision,
             )
             reserve = recording.settings.collision.planning_reserve

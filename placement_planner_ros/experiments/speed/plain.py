@@ -13,7 +13,8 @@ from ompl import util as ou
 
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.objective.objective import Objective
-from placement_planner_ros.core.planner import PlannerSettings, Problem
+from placement_planner_ros.core.planner import PlannerSettings
+from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.experiments.exact_collision import ExactCollision, box_tree
 from placement_planner_ros.experiments.rrt_connect import BaselinePlanner
@@ -76,12 +77,9 @@ class PlainPlanner(BaselinePlanner):
         for holding in self.holdings.values():
             holding.collision = CoalCollision(  # type: ignore[assignment]  # same methods
                 ExactCollision(
-                    problem.robot,
-                    holding.arm,
-                    holding.grasp,
-                    problem.body,
+                    holding.moving,
+                    holding.held,
                     problem.environment.obstacles,
-                    problem.q_start,
                     settings.collision,
                 )
             )

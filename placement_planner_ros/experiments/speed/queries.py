@@ -56,12 +56,9 @@ class Bench:
         holding, problem = queries.holding, self._recording.problem
         if id(queries) not in self._exact:
             self._exact[id(queries)] = ExactCollision(
-                problem.robot,
-                holding.arm,
-                holding.grasp,
-                problem.body,
+                holding.moving,
+                holding.held,
                 problem.environment.obstacles,
-                problem.q_start,
                 self._recording.settings.collision,
             )
         return self._exact[id(queries)]

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from placement_planner_ros.core.collision.boxes import box_arrays
-from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings, Problem
+from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
+from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.search.sampler import GoalSampler
 from placement_planner_ros.core.types import Goal, Placement
 from placement_planner_ros.experiments.cases import Case, build_problem, make_problem, read_inputs

@@ -10,7 +10,8 @@ import numpy as np
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.objective.objective import ObjectiveContext, make_objective
-from placement_planner_ros.core.planner import PlacementPlanner, Problem
+from placement_planner_ros.core.planner import PlacementPlanner
+from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.types import Array, Placement
