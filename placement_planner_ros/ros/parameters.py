@@ -20,7 +20,7 @@ from placement_planner_ros.core.errors import (
     ParameterError,
     PlacementPlannerError,
 )
-from placement_planner_ros.core.objective.objective import objective_names
+from placement_planner_ros.core.objective.by_name import objective_names
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.types import TargetVolume

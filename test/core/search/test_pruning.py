@@ -9,11 +9,8 @@ import pinocchio as pin
 import pytest
 
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.objective.objective import (
-    ObjectiveContext,
-    make_objective,
-    upper_bounds,
-)
+from placement_planner_ros.core.objective.by_name import make_objective
+from placement_planner_ros.core.objective.objective import ObjectiveContext, upper_bounds
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.slope import greatest_slope
