@@ -26,7 +26,7 @@ from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
 import placement_planner_ros
-from placement_planner_ros.core.objective.objective import objective_names
+from placement_planner_ros.core.objective.by_name import objective_names
 from placement_planner_ros.core.timing.trajectory_maker import ExecutionSettings
 from placement_planner_ros.core.types import Trajectory
 from placement_planner_ros.experiments.cases import start_configuration
