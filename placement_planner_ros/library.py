@@ -18,13 +18,13 @@ from placement_planner_ros.core.errors import (
     PlacementPlannerError,
     VolumeError,
 )
-from placement_planner_ros.core.grasp.holding import workspace
 from placement_planner_ros.core.objective.objective import (
     Objective,
     ObjectiveContext,
     make_objective,
 )
-from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings, Problem
+from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
+from placement_planner_ros.core.problem import Problem, workspace
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.scene.environment import Environment
