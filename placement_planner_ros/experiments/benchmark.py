@@ -12,9 +12,9 @@ from ompl import util as ou
 
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.experiments.cases import OBJECTIVES, Case, all_cases
-from placement_planner_ros.experiments.evaluation_commands import add_evaluation_commands
-from placement_planner_ros.experiments.motion_comparison import compare
-from placement_planner_ros.experiments.motion_problems import panda_problems
+from placement_planner_ros.experiments.evaluation.command import add_evaluation_commands
+from placement_planner_ros.experiments.motion.comparison import compare
+from placement_planner_ros.experiments.motion.problems import panda_problems
 from placement_planner_ros.experiments.record import Record, run_case
 from placement_planner_ros.experiments.speed.command import add_speed_command
 from placement_planner_ros.experiments.trial import warm_process

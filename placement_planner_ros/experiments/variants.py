@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
-from placement_planner_ros.experiments.rrt_connect import BaselinePlanner
+from placement_planner_ros.experiments.baselines.rrt_connect import BaselinePlanner
 
 
 @dataclass(frozen=True, slots=True)

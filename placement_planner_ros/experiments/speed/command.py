@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 
 from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.experiments.baselines.plain import PlainPlanner
 from placement_planner_ros.experiments.cases import OBJECTIVES, Case, all_cases
 from placement_planner_ros.experiments.json_lines import read_lines
 from placement_planner_ros.experiments.speed.checking import check_recorded
 from placement_planner_ros.experiments.speed.clouds import measure_clouds
 from placement_planner_ros.experiments.speed.goal_sets import measure_goal_sets
 from placement_planner_ros.experiments.speed.node import measure_node
-from placement_planner_ros.experiments.speed.plain import PlainPlanner
 from placement_planner_ros.experiments.speed.provenance import MADE_WITH, made_with
 from placement_planner_ros.experiments.speed.queries import Bench, CompareSettings
 from placement_planner_ros.experiments.speed.recorder import RecordSettings, record

@@ -10,8 +10,8 @@ import numpy as np
 
 from placement_planner_ros.core.plan_motion.transit import MotionPlanner
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.experiments.exact_collision import ExactCollision
-from placement_planner_ros.experiments.speed.plain import STEP, rrt_connect
+from placement_planner_ros.experiments.baselines.exact_collision import ExactCollision
+from placement_planner_ros.experiments.baselines.plain import STEP, rrt_connect
 from placement_planner_ros.experiments.speed.queries import Entry
 from placement_planner_ros.experiments.speed.recorder import GoalSetQuery, Recording
 

@@ -16,7 +16,7 @@ from placement_planner_ros.core.collision.separation import COLLIDING, FREE
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.reach.ik import InverseKinematics
 from placement_planner_ros.core.types import Array, Verdict
-from placement_planner_ros.experiments.exact_collision import ExactCollision, compare
+from placement_planner_ros.experiments.baselines.exact_collision import ExactCollision, compare
 from placement_planner_ros.experiments.speed.measures import cpu_seconds
 from placement_planner_ros.experiments.speed.recorder import HeldQueries, Recording
 

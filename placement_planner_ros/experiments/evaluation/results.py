@@ -10,8 +10,8 @@ from typing import Any
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.experiments.cases import Case
+from placement_planner_ros.experiments.evaluation.relative import Scale, Steps
 from placement_planner_ros.experiments.json_lines import read_lines
-from placement_planner_ros.experiments.relative import Scale, Steps
 from placement_planner_ros.experiments.variants import VARIANTS
 
 Record = Mapping[str, Any]

@@ -10,29 +10,29 @@ from pathlib import Path
 from typing import Any
 
 from placement_planner_ros.experiments.cases import OBJECTIVES, Case
-from placement_planner_ros.experiments.growth import growths
-from placement_planner_ros.experiments.json_lines import append_line, read_lines
-from placement_planner_ros.experiments.paper import (
+from placement_planner_ros.experiments.evaluation.paper import (
     PRESETS,
     RUNS_FILE,
     describe,
     preset_trials,
     run_paper,
 )
-from placement_planner_ros.experiments.placement_grid import GridResolution
-from placement_planner_ros.experiments.report import write_report
-from placement_planner_ros.experiments.results import Results
-from placement_planner_ros.experiments.scaling import (
+from placement_planner_ros.experiments.evaluation.report import write_report
+from placement_planner_ros.experiments.evaluation.results import Results
+from placement_planner_ros.experiments.json_lines import append_line, read_lines
+from placement_planner_ros.experiments.scaling.growth import growths
+from placement_planner_ros.experiments.scaling.report import draw_scaling
+from placement_planner_ros.experiments.scaling.runs import (
     AXES,
     SCALING_FILE,
     job_key,
     run_scaling_job,
     scaling_jobs,
 )
-from placement_planner_ros.experiments.scaling_report import draw_scaling
 from placement_planner_ros.experiments.spread import spread
 from placement_planner_ros.experiments.variants import PAPER_VARIANTS, VARIANTS
-from placement_planner_ros.experiments.yardstick import YardstickJob, measure
+from placement_planner_ros.experiments.yardstick.dense_search import YardstickJob, measure
+from placement_planner_ros.experiments.yardstick.placement_grid import GridResolution
 from placement_planner_ros.scenes.objects import OBJECT_NAMES
 from placement_planner_ros.scenes.scenes import SCENE_NAMES
 

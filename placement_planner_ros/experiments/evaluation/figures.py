@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from placement_planner_ros.experiments.cases import Case
-from placement_planner_ros.experiments.comparisons import (
+from placement_planner_ros.experiments.evaluation.comparisons import (
     BASELINE,
     REFERENCE,
     Comparison,
@@ -22,8 +22,8 @@ from placement_planner_ros.experiments.comparisons import (
     first_times,
     rejections,
 )
-from placement_planner_ros.experiments.resampling import Interval, mean_interval
-from placement_planner_ros.experiments.results import Results, final
+from placement_planner_ros.experiments.evaluation.resampling import Interval, mean_interval
+from placement_planner_ros.experiments.evaluation.results import Results, final
 
 COLOURS = {
     "mcts+lo": "#0072b2",

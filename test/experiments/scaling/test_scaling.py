@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.experiments.growth import growths
-from placement_planner_ros.experiments.scaling import (
+from placement_planner_ros.experiments.scaling.growth import growths
+from placement_planner_ros.experiments.scaling.report import draw_scaling, scaling_table
+from placement_planner_ros.experiments.scaling.runs import (
     FACTORS,
     ScalingJob,
     job_key,
@@ -17,7 +18,6 @@ from placement_planner_ros.experiments.scaling import (
     scaled_volume,
     scaling_jobs,
 )
-from placement_planner_ros.experiments.scaling_report import draw_scaling, scaling_table
 from placement_planner_ros.scenes.cluttered_table import MOST_THINGS, cluttered_table
 from placement_planner_ros.scenes.scenes import scene_by_name
 

@@ -10,8 +10,8 @@ from shared import SHARED
 
 from placement_planner_ros.core.errors import JointStateError, ParameterError
 from placement_planner_ros.core.timing.timing import evaluate
-from placement_planner_ros.experiments.motion_comparison import Workbench, path_length
-from placement_planner_ros.experiments.motion_problems import panda_problems, read_problem
+from placement_planner_ros.experiments.motion.comparison import Workbench, path_length
+from placement_planner_ros.experiments.motion.problems import panda_problems, read_problem
 
 DATA = SHARED / "data"
 SOME = (

@@ -15,8 +15,8 @@ from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.objective.objective import Objective
 from placement_planner_ros.core.planner import PlannerSettings, Problem
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.experiments.exact_collision import ExactCollision, box_tree
-from placement_planner_ros.experiments.rrt_connect import BaselinePlanner
+from placement_planner_ros.experiments.baselines.exact_collision import ExactCollision, box_tree
+from placement_planner_ros.experiments.baselines.rrt_connect import BaselinePlanner
 
 STEP = 0.005
 """m that any point of arm and object may move between two checked configurations."""

@@ -19,7 +19,13 @@ from scipy.spatial import ConvexHull
 
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.types import Array, TargetVolume
-from placement_planner_ros.experiments.rendering import Image, Mesh, View, render, render_points
+from placement_planner_ros.experiments.drawing.rendering import (
+    Image,
+    Mesh,
+    View,
+    render,
+    render_points,
+)
 from placement_planner_ros.scenes.primitives import Colour, ConvexPrimitive
 from placement_planner_ros.scenes.scenes import Scene
 

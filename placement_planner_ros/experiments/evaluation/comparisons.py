@@ -11,13 +11,13 @@ import numpy as np
 
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.experiments.cases import Case
-from placement_planner_ros.experiments.relative import (
+from placement_planner_ros.experiments.evaluation.relative import (
     area_under_curve,
     time_to_reach,
     values_at,
 )
-from placement_planner_ros.experiments.resampling import Interval, holm, mean_interval
-from placement_planner_ros.experiments.results import Results, final
+from placement_planner_ros.experiments.evaluation.resampling import Interval, holm, mean_interval
+from placement_planner_ros.experiments.evaluation.results import Results, final
 from placement_planner_ros.experiments.variants import VARIANTS
 
 REFERENCE = next(iter(VARIANTS))

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from placement_planner_ros.experiments.figures import OBJECTIVE_WORDS, new_figure, png
-from placement_planner_ros.experiments.growth import WANTED, Growth
-from placement_planner_ros.experiments.scaling import AXES
-from placement_planner_ros.experiments.tables import Table
+from placement_planner_ros.experiments.evaluation.figures import OBJECTIVE_WORDS, new_figure, png
+from placement_planner_ros.experiments.evaluation.tables import Table
+from placement_planner_ros.experiments.scaling.growth import WANTED, Growth
+from placement_planner_ros.experiments.scaling.runs import AXES
 
 _COLOURS = {"maximize_clearance": "#0072b2", "minimize_clearance": "#d55e00"}
 

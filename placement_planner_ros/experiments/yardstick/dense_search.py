@@ -17,13 +17,13 @@ from placement_planner_ros.core.search.sampler import Draws, GoalChecker, Sample
 from placement_planner_ros.core.types import Array, Goal, Placement
 from placement_planner_ros.experiments.cases import Case, build_problem, read_inputs
 from placement_planner_ros.experiments.machine import machine, versions
-from placement_planner_ros.experiments.placement_grid import (
+from placement_planner_ros.experiments.record import Solution
+from placement_planner_ros.experiments.trial import warm_process
+from placement_planner_ros.experiments.yardstick.placement_grid import (
     GridPlacements,
     GridResolution,
     grid_placements,
 )
-from placement_planner_ros.experiments.record import Solution
-from placement_planner_ros.experiments.trial import warm_process
 
 _SIGNS = {"maximize_clearance": 1.0, "minimize_clearance": -1.0}
 _CELL = 0.02

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from placement_planner_ros.experiments.cases import Case
-from placement_planner_ros.experiments.comparisons import (
+from placement_planner_ros.experiments.evaluation.comparisons import (
     BASELINE,
     REFERENCE,
     Comparison,
@@ -20,9 +20,9 @@ from placement_planner_ros.experiments.comparisons import (
     solved_in_every_run,
     times_to_pass_baseline,
 )
-from placement_planner_ros.experiments.figures import case_label, words
-from placement_planner_ros.experiments.resampling import Interval
-from placement_planner_ros.experiments.results import Results
+from placement_planner_ros.experiments.evaluation.figures import case_label, words
+from placement_planner_ros.experiments.evaluation.resampling import Interval
+from placement_planner_ros.experiments.evaluation.results import Results
 
 MARGIN = 0.02
 """By how much a single case may be worse before it counts against the reference."""

@@ -12,16 +12,16 @@ import pytest
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.planner import PlannerSettings
+from placement_planner_ros.experiments.baselines.exact_collision import ExactCollision
+from placement_planner_ros.experiments.baselines.plain import PlainPlanner, rrt_connect
 from placement_planner_ros.experiments.benchmark import main
 from placement_planner_ros.experiments.cases import Case, make_problem
-from placement_planner_ros.experiments.exact_collision import ExactCollision
 from placement_planner_ros.experiments.speed.measures import (
     Reservoir,
     cpu_seconds,
     median,
     percentile,
 )
-from placement_planner_ros.experiments.speed.plain import PlainPlanner, rrt_connect
 from placement_planner_ros.experiments.speed.provenance import MADE_WITH, made_with
 from placement_planner_ros.experiments.speed.recorder import Recording, RecordSettings, record
 from placement_planner_ros.experiments.speed.report import draw, markdown, plain_text

@@ -23,7 +23,7 @@ from placement_planner_ros.experiments.cases import (
 from placement_planner_ros.experiments.record import Record, recorded_run
 from placement_planner_ros.experiments.trial import warm_process
 from placement_planner_ros.experiments.variants import VARIANTS
-from placement_planner_ros.experiments.yardstick import sampled_placements
+from placement_planner_ros.experiments.yardstick.dense_search import sampled_placements
 from placement_planner_ros.scenes.clouds import complete_cloud
 from placement_planner_ros.scenes.cluttered_table import cluttered_table
 

@@ -15,8 +15,9 @@ import pinocchio as pin
 from PIL import Image
 
 from placement_planner_ros.experiments.cases import Case, start_configuration
-from placement_planner_ros.experiments.comparisons import REFERENCE, compare
-from placement_planner_ros.experiments.figures import (
+from placement_planner_ros.experiments.drawing.picture import draw_placement
+from placement_planner_ros.experiments.evaluation.comparisons import REFERENCE, compare
+from placement_planner_ros.experiments.evaluation.figures import (
     case_label,
     draw_by_scene,
     draw_differences,
@@ -25,11 +26,8 @@ from placement_planner_ros.experiments.figures import (
     draw_overall,
     draw_rejections,
 )
-from placement_planner_ros.experiments.growth import growths
-from placement_planner_ros.experiments.picture import draw_placement
-from placement_planner_ros.experiments.results import Record, Results
-from placement_planner_ros.experiments.scaling_report import draw_scaling, scaling_table
-from placement_planner_ros.experiments.tables import (
+from placement_planner_ros.experiments.evaluation.results import Record, Results
+from placement_planner_ros.experiments.evaluation.tables import (
     Table,
     aims_table,
     difference_table,
@@ -39,6 +37,8 @@ from placement_planner_ros.experiments.tables import (
     level_table,
     rate_table,
 )
+from placement_planner_ros.experiments.scaling.growth import growths
+from placement_planner_ros.experiments.scaling.report import draw_scaling, scaling_table
 from placement_planner_ros.experiments.variants import VARIANTS
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.scenes import scene_by_name

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.experiments.relative import Scale, time_to_reach
+from placement_planner_ros.experiments.evaluation.relative import Scale, time_to_reach
 
 WANTED = 0.9
 """The relative objective that is waited for."""

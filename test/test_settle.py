@@ -6,9 +6,10 @@ import pytest
 
 pytest.importorskip("mujoco")
 
+from settle import settle
+
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.experiments.cases import Case, make_problem
-from placement_planner_ros.experiments.settle import settle
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.scenes import scene_by_name
 

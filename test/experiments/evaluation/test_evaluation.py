@@ -20,7 +20,7 @@ from placement_planner_ros.core.types import TargetVolume, Verdict
 from placement_planner_ros.experiments import record as recording
 from placement_planner_ros.experiments.benchmark import main
 from placement_planner_ros.experiments.cases import Case, make_problem
-from placement_planner_ros.experiments.comparisons import (
+from placement_planner_ros.experiments.evaluation.comparisons import (
     compare,
     first_times,
     rejections,
@@ -28,25 +28,30 @@ from placement_planner_ros.experiments.comparisons import (
     solved_in_every_run,
     times_to_pass_baseline,
 )
-from placement_planner_ros.experiments.json_lines import append_line, read_lines
-from placement_planner_ros.experiments.paper import PRESETS, preset_trials, record_key, run_paper
-from placement_planner_ros.experiments.placement_grid import (
-    GridResolution,
-    grid_placements,
-    region_grid,
+from placement_planner_ros.experiments.evaluation.paper import (
+    PRESETS,
+    preset_trials,
+    record_key,
+    run_paper,
 )
-from placement_planner_ros.experiments.record import Record, Solution
-from placement_planner_ros.experiments.relative import (
+from placement_planner_ros.experiments.evaluation.relative import (
     Scale,
     area_under_curve,
     time_to_reach,
     values_at,
 )
-from placement_planner_ros.experiments.resampling import holm, mean_interval
-from placement_planner_ros.experiments.results import Results
+from placement_planner_ros.experiments.evaluation.resampling import holm, mean_interval
+from placement_planner_ros.experiments.evaluation.results import Results
+from placement_planner_ros.experiments.json_lines import append_line, read_lines
+from placement_planner_ros.experiments.record import Record, Solution
 from placement_planner_ros.experiments.spread import spread
 from placement_planner_ros.experiments.trial import Trial, run_trial
-from placement_planner_ros.experiments.yardstick import YardstickJob, measure
+from placement_planner_ros.experiments.yardstick.dense_search import YardstickJob, measure
+from placement_planner_ros.experiments.yardstick.placement_grid import (
+    GridResolution,
+    grid_placements,
+    region_grid,
+)
 
 TABLE = Case("table", "small_crayons_box", "maximize_clearance")
 CABINET = Case("cabinet_low_clutter", "wine_glass", "minimize_clearance")
@@ -300,7 +305,7 @@ def test_the_smoke_preset_runs_every_variant_and_is_reported(tmp_path, capsys):
 
 
 def test_the_baseline_reaches_its_placements_with_rrt_connect():
-    from placement_planner_ros.experiments.rrt_connect import BaselinePlanner
+    from placement_planner_ros.experiments.baselines.rrt_connect import BaselinePlanner
 
     problem, objective = make_problem(TABLE, np.random.default_rng(0))
     planner = BaselinePlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
@@ -315,7 +320,7 @@ def test_the_baseline_reaches_its_placements_with_rrt_connect():
 
 
 def test_the_report_holds_figures_tables_and_pictures(tmp_path):
-    from placement_planner_ros.experiments.report import write_report
+    from placement_planner_ros.experiments.evaluation.report import write_report
 
     scaling = [scaling_record("cloud", f, 0, [(1.0, 0.3), (2.0, 0.5)]) for f in (1, 2)]
     written = write_report(some_results(), tmp_path, scaling=scaling)

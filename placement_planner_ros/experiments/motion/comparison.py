@@ -22,7 +22,7 @@ from placement_planner_ros.core.motion.shortcut import shorten
 from placement_planner_ros.core.timing.timing import parameterize
 from placement_planner_ros.core.timing.trajectory_maker import ExecutionSettings
 from placement_planner_ros.core.types import Array, Trajectory
-from placement_planner_ros.experiments.motion_problems import MotionProblem
+from placement_planner_ros.experiments.motion.problems import MotionProblem
 
 _UNBOUNDED = 2**31
 """Iterations: time limits end the searches."""

@@ -7,8 +7,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from placement_planner_ros.experiments.picture import draw_objective, draw_placement
-from placement_planner_ros.experiments.rendering import Mesh, View, render, render_points
+from placement_planner_ros.experiments.drawing.picture import draw_objective, draw_placement
+from placement_planner_ros.experiments.drawing.rendering import Mesh, View, render, render_points
 from placement_planner_ros.scenes.clouds import complete_cloud
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.primitives import box
