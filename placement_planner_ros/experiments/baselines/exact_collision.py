@@ -15,6 +15,7 @@ from functools import lru_cache
 
 import coal
 import numpy as np
+import numpy.typing as npt
 import pinocchio as pin
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
@@ -22,6 +23,8 @@ from scipy.spatial import ConvexHull
 from placement_planner_ros.core.body.body import Body, ConvexPart
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
 from placement_planner_ros.core.collision.separation import UNDECIDED
+from placement_planner_ros.core.grasp.holding import Holding
+from placement_planner_ros.core.planner import Problem
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import Array
@@ -32,6 +35,8 @@ _LESS = (3e-6, 1e-5, 3e-5, 1e-4)
 """m below a margin at which coal is asked again."""
 _OVERLAP = 1e-7
 """m; two shapes overlap for certain where a ball of this radius lies in both."""
+STEP = 0.005
+"""m that any point of arm and object may move between two checked configurations."""
 _STRETCHES = 8
 """Pieces of an edge over which its length is summed up."""
 
@@ -95,7 +100,15 @@ class ExactCollision:
         self._corners = [(i, _corners(shapes[i].geometry)) for i in moving]
         self._boxes, self._environment = box_tree(obstacles)
         self._answer = coal.CollisionCallBackDefault()
-        self._keep(self.settings.collision_margin, self.settings.self_margin)
+        self._kept = (math.nan, math.nan)
+
+    @classmethod
+    def of(cls, holding: Holding, problem: Problem, settings: CollisionSettings) -> ExactCollision:
+        """The arm and grasp of a holding among a problem's obstacles."""
+        arm, obstacles = holding.arm, problem.environment.obstacles
+        return cls(
+            problem.robot, arm, holding.grasp, problem.body, obstacles, problem.q_start, settings
+        )
 
     def free(
         self, q: Array, reserve: float = 0.0, contact: bool = False, beyond: float = 0.0
@@ -113,21 +126,29 @@ class ExactCollision:
         self._keep(
             settings.collision_margin + reserve + beyond, settings.self_margin + kept + beyond
         )
-        self._q[self._q_index] = q
-        pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._placed, self._q)
-        poses, answer = self._placed.oMg, self._answer
+        poses, answer = self._place(q), self._answer
         for i, mover in self._movers:
             if contact and i in self._held:
                 continue
             pose = poses[i]
             mover.setTransform(coal.Transform3s(pose.rotation, pose.translation))
             mover.computeAABB()
-            mover.getAABB().expand(self._margin)
+            mover.getAABB().expand(self._kept[0])
             answer.init()
             self._environment.collide(mover, answer)
             if answer.data.result.isCollision():
                 return False
         return not pin.computeCollisions(self._geometry, self._placed, True)
+
+    def free_batch(
+        self, Q: Array, reserve: float = 0.0, contact: bool = False
+    ) -> npt.NDArray[np.bool_]:
+        """`free` for (n, dof) configurations, one after the other."""
+        return np.array([self.free(q, reserve, contact) for q in Q], dtype=np.bool_)
+
+    def hand_collides(self, *_: object, **__: object) -> bool:
+        """As `ArmCollision.hand_collides`: coal alone has no such check."""
+        return False
 
     def ties(self, q: Array, reserve: float = 0.0, contact: bool = False) -> bool:
         """Whether the distance at q (dof,) is within `TIE` of a margin."""
@@ -148,8 +169,7 @@ class ExactCollision:
         By a linear program, which settles what coal gets wrong: now and then it misses that two
         polytopes overlap by some µm. 0 where none do.
         """
-        self._q[self._q_index] = q
-        pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._placed, self._q)
+        self._place(q)
         largest = 0.0
         for pair in self._geometry.collisionPairs:
             a, b = self._world_hull(pair.first), self._world_hull(pair.second)
@@ -178,16 +198,18 @@ class ExactCollision:
         self,
         a: Array,
         b: Array,
-        step: float = 0.005,
-        reserve: float = 0.0,
+        *,
         contact: bool = False,
+        deviation: Array | None = None,
+        reserve: float = 0.0,
     ) -> bool:
         """Whether samples of the straight joint motion from a to b (dof,) are free.
 
-        They are so close that no point of arm or object moves further than `step` metres from one
-        to the next, and are taken by bisection, the ends first.
+        They are so close that no point of arm or object moves further than `STEP` from one to the
+        next, and are taken by bisection, the ends first. How far the motion may stray from the
+        line is left out.
         """
-        count = max(1, math.ceil(self.length(a, b) / step))
+        count = max(1, math.ceil(self.length(a, b) / STEP))
         if not (self.free(b, reserve, contact) and self.free(a, reserve, contact)):
             return False
         waiting = [(0, count)]
@@ -207,11 +229,7 @@ class ExactCollision:
         """
         stages = []
         for share in np.linspace(0.0, 1.0, _STRETCHES + 1):
-            self._q[self._q_index] = a + share * (b - a)
-            pin.updateGeometryPlacements(
-                self._model, self._data, self._geometry, self._placed, self._q
-            )
-            poses = self._placed.oMg
+            poses = self._place(a + share * (b - a))
             stages.append(
                 np.vstack(
                     [at @ poses[i].rotation.T + poses[i].translation for i, at in self._corners]
@@ -220,13 +238,17 @@ class ExactCollision:
         ways = np.linalg.norm(np.diff(stages, axis=0), axis=2)
         return float(ways.max(axis=1).sum())
 
+    def _place(self, q: Array) -> list[pin.SE3]:
+        """Where the shapes are in the world at q (dof,)."""
+        self._q[self._q_index] = q
+        pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._placed, self._q)
+        return self._placed.oMg
+
     def _keep(self, margin: float, self_margin: float) -> None:
         """Have coal keep these distances, metres."""
-        if getattr(self, "_margin", None) != margin:
-            self._margin = margin
+        if self._kept != (margin, self_margin):
+            self._kept = margin, self_margin
             self._answer.data.request.security_margin = margin
-        if getattr(self, "_self_margin", None) != self_margin:
-            self._self_margin = self_margin
             for request in self._placed.collisionRequests:
                 request.security_margin = self_margin
 
@@ -261,7 +283,7 @@ def compare(
 ) -> Agreement:
     """Ask both about Q (n, dof): the fast tier alone, and what it leaves undecided to the end."""
     undecided = fast.classify(Q, reserve, contact) == UNDECIDED
-    expected = np.array([exact.free(q, reserve, contact) for q in Q], dtype=np.bool_)
+    expected = exact.free_batch(Q, reserve, contact)
     differ = np.flatnonzero(fast.free_batch(Q, reserve, contact) != expected)
     ties = np.array([exact.ties(q, reserve, contact) for q in Q[differ]], dtype=np.bool_)
     doubted = np.array(

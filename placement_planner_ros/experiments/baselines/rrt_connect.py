@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from ompl import base as ob
 from ompl import geometric as og
 from ompl import util as ou
 
@@ -15,27 +14,26 @@ from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.objective.objective import Objective
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings, Problem
 from placement_planner_ros.core.types import Array, Goal
+from placement_planner_ros.experiments.motion.ompl_space import EdgeFree, EdgeSpace
 
 SECONDS_PER_GOAL = 5.0
 """How long RRTConnect may take for one goal, of processor time, as in the paper's experiments."""
 
 
-class _EdgeValidator(ob.MotionValidator):
-    """The certified edge check of the planner; counts how often it is asked."""
+def rrt_connect(
+    holding: Holding,
+    goals: Sequence[Array],
+    edge_free: EdgeFree,
+    should_stop: Callable[[], bool],
+) -> Array | None:
+    """A path (n, dof) from q_0 to one of the goals (dof,) by OMPL's RRTConnect as it comes.
 
-    def __init__(self, si: ob.SpaceInformation, holding: Holding) -> None:
-        super().__init__(si)
-        self._free = holding.transit_free
-        self._dof = len(holding.q_start)
-        self.asked = 0
-
-    def checkMotion(self, a: ob.State, b: ob.State, last_valid: object = None) -> bool:
-        self.asked += 1
-        return bool(self._free(_values(a, self._dof), _values(b, self._dof)))
-
-
-def _values(state: ob.State, dof: int) -> Array:
-    return np.array([state[i] for i in range(dof)])
+    Args:
+        edge_free: whether a straight motion is free, its ends included.
+    """
+    ou.setLogLevel(ou.LOG_ERROR)
+    space = EdgeSpace(holding.arm.lower, holding.arm.upper, edge_free)
+    return space.planner(og.RRTConnect, holding.q_start, goals)(should_stop)
 
 
 class RRTConnectMotion:
@@ -46,7 +44,6 @@ class RRTConnectMotion:
     """
 
     def __init__(self, holdings: Mapping[tuple[str, int], Holding]) -> None:
-        ou.setLogLevel(ou.LOG_ERROR)
         self._holdings = holdings
         self._waiting: list[Goal] = []
         self.iterations = 0
@@ -82,33 +79,16 @@ class RRTConnectMotion:
         goal = self._waiting.pop(0)
         holding = self._holdings[goal.arm, goal.grasp]
         deadline = time.process_time() + SECONDS_PER_GOAL
-        space = ob.RealVectorStateSpace(len(holding.q_start))
-        bounds = ob.RealVectorBounds(len(holding.q_start))
-        for i, (low, high) in enumerate(zip(holding.arm.lower, holding.arm.upper, strict=True)):
-            bounds.setLow(i, float(low))
-            bounds.setHigh(i, float(high))
-        space.setBounds(bounds)
-        si = ob.SpaceInformation(space)
-        validator = _EdgeValidator(si, holding)
-        si.setMotionValidator(validator)
-        si.setStateValidityChecker(lambda state: True)  # every edge's ends are checked with it
-        si.setup()
-        problem = ob.ProblemDefinition(si)
-        start, end = space.allocState(), space.allocState()
-        for i, (a, b) in enumerate(zip(holding.q_start, goal.q_raised, strict=True)):
-            start[i], end[i] = float(a), float(b)
-        problem.setStartAndGoalStates(start, end)
-        planner = og.RRTConnect(si)
-        planner.setProblemDefinition(problem)
-        planner.setup()
-        status = planner.solve(
-            ob.PlannerTerminationCondition(lambda: should_stop() or time.process_time() > deadline)
-        )
-        self.iterations += validator.asked
-        if status.getStatus() != ob.PlannerStatus.EXACT_SOLUTION:
-            return None
-        states = problem.getSolutionPath().getStates()
-        return goal, np.array([_values(state, len(holding.q_start)) for state in states])
+
+        def edge_free(a: Array, b: Array) -> bool:
+            self.iterations += 1
+            return holding.transit_free(a, b)
+
+        def late() -> bool:
+            return should_stop() or time.process_time() > deadline
+
+        path = rrt_connect(holding, [goal.q_raised], edge_free, late)
+        return None if path is None else (goal, path)
 
 
 class BaselinePlanner(PlacementPlanner):

@@ -2,29 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import coal
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
-import trimesh
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from scipy.ndimage import maximum_filter
 from scipy.spatial import ConvexHull
 
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.types import Array, TargetVolume
+from placement_planner_ros.experiments.drawing.plots import DPI, new_figure
 from placement_planner_ros.experiments.drawing.rendering import (
     Image,
     Mesh,
     View,
     render,
-    render_points,
 )
 from placement_planner_ros.scenes.primitives import Colour, ConvexPrimitive
 from placement_planner_ros.scenes.scenes import Scene
@@ -35,13 +32,14 @@ _PLACED: Colour = (0.15, 0.70, 0.25)
 _START: Colour = (0.55, 0.55, 0.60)
 _LINK: Colour = (0.88, 0.88, 0.90)
 _HAND: Colour = (0.35, 0.36, 0.42)
-_REGION: Colour = (0.20, 0.45, 0.90)
 _VOLUME: Colour = (0.85, 0.15, 0.55)
+_TOWARDS_EYE = (-2.3, 0.62)
+"""Azimuth and elevation, rad: over the robot's right shoulder."""
 _SEE_THROUGH = 0.28
 _CLOSE_BY = 0.3
 _PLATE = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "boxstyle": "round"}
 _OVERSAMPLING = 2
-_SIZE, _DPI = (10.0, 7.5), 110
+_SIZE = (10.0, 7.5)
 
 
 def draw_placement(
@@ -52,72 +50,45 @@ def draw_placement(
     body_vertices: Array,
     body_triangles: Triangles,
     T_world_object: pin.SE3,
-    scene: Scene | None = None,
-    cloud: Array | None = None,
-    volume: TargetVolume | None = None,
-    regions: Iterable[tuple[Array, float]] = (),
+    scene: Scene,
     T_world_start: pin.SE3 | None = None,
     hand_links: Sequence[str] = (),
     title: str = "",
-    azimuth: float = -2.3,
-    elevation: float = 0.62,
 ) -> None:
     """Write a PNG: the scene, V, and the robot that has just put the object down.
 
-    Whatever part of scene or robot stands between the eye and the object is see-through.
+    The view is over the robot's right shoulder. Whatever part of scene or robot stands between the
+    eye and the object is see-through.
 
     Args:
         q: (nq,) final configuration.
         body_vertices, body_triangles: (n, 3) and (t, 3), the object in its own frame.
-        scene: drawn as solids; or
-        cloud: (n, 3) measured points, drawn where there is no scene, coloured by height.
-        volume: V; the scene's where not given.
-        regions: placement regions as ((k, 4) rectangles xmin ymin xmax ymax, height).
         T_world_start: where the object was at first, drawn as a ghost.
         hand_links: links in the darker colour, such as an arm's touch links.
-        azimuth, elevation: direction from the scene to the eye, rad; the default looks over the
-            robot's right shoulder.
     """
-    if volume is None and scene is not None:
-        volume = scene.volume
     placed = _moved(body_vertices, T_world_object)
     links = _robot_meshes(robot, q, hand_links)
-    parts = () if scene is None else scene.parts
-    width, height = (int(side * _DPI * _OVERSAMPLING) for side in _SIZE)
-    view = View.around(_shown(placed, volume, links), azimuth, elevation, width, height)
-    triangles = np.asarray(body_triangles, dtype=np.int64)
-    hiding = _hiding(view, placed, [*(p.vertices for p in parts), *(m.vertices for m in links)])
-    meshes = [Mesh(placed, triangles, _PLACED)]
-    for part, hides in zip(parts, hiding, strict=False):
-        meshes.append(
-            Mesh(part.vertices, part.triangles, part.colour, _SEE_THROUGH if hides else 1.0)
-        )
-    for mesh, hides in zip(links, hiding[len(parts) :], strict=True):
-        alpha = _SEE_THROUGH if hides else 1.0
-        meshes.append(Mesh(mesh.vertices, mesh.triangles, mesh.colour, alpha))
-    for rectangles, z in regions:
-        meshes.extend(_region_meshes(np.asarray(rectangles), z))
+    width, height = (int(side * DPI * _OVERSAMPLING) for side in _SIZE)
+    view = View.around(_shown(placed, scene.volume, links), *_TOWARDS_EYE, width, height)
+    solids = [Mesh(part.vertices, part.triangles, part.colour) for part in scene.parts] + links
+    meshes = [Mesh(placed, body_triangles, _PLACED)]
+    for mesh, hides in zip(solids, _hiding(view, placed, solids), strict=True):
+        meshes.append(replace(mesh, alpha=_SEE_THROUGH) if hides else mesh)
     if T_world_start is not None:
-        meshes.append(Mesh(_moved(body_vertices, T_world_start), triangles, _START, 0.5))
+        meshes.append(Mesh(_moved(body_vertices, T_world_start), body_triangles, _START, 0.5))
     image = render(view, meshes)
-    if cloud is not None and scene is None:
-        points = cloud[_beside(view, cloud, meshes[0])]
-        image = render_points(view, image, points, _height_colours(points), size=0.006)
 
-    figure = Figure(figsize=_SIZE, dpi=_DPI)
-    FigureCanvasAgg(figure)
+    figure = new_figure(*_SIZE, constrained=False)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.imshow(_averaged(image.colours), extent=(0, width, height, 0), interpolation="nearest")
     axes.set_axis_off()
-    if volume is not None:
-        _draw_volume(axes, view, image, volume)
+    _draw_volume(axes, view, image, scene.volume)
     _draw_frame(axes, view)
-    entries = [Patch(color=_PLACED, label="placed object")]
-    if volume is not None:
-        size = " × ".join(f"{side:.2f}" for side in volume.upper - volume.lower)
-        entries.append(Patch(color=_VOLUME, label=f"target volume, {size} m"))
-    if any(mesh.colour == _REGION for mesh in meshes):
-        entries.append(Patch(color=_REGION, alpha=0.5, label="placement regions"))
+    size = " × ".join(f"{side:.2f}" for side in scene.volume.upper - scene.volume.lower)
+    entries = [
+        Patch(color=_PLACED, label="placed object"),
+        Patch(color=_VOLUME, label=f"target volume, {size} m"),
+    ]
     if T_world_start is not None:
         entries.append(Patch(color=_START, alpha=0.5, label="object at the start"))
     axes.legend(handles=entries, loc="upper right", fontsize=10, framealpha=0.9)
@@ -129,58 +100,42 @@ def draw_placement(
 
 
 def draw_objective(
-    path: str | Path,
-    series: Mapping[str, Sequence[tuple[float, float]]],
-    *,
-    end: float | None = None,
-    objective: str = "objective ξ [m]",
-    title: str = "",
+    path: str | Path, name: str, steps: Sequence[tuple[float, float]], *, end: float, title: str
 ) -> None:
-    """Write a PNG: the best objective over time as steps, one line per series.
+    """Write a PNG: the best objective over time as steps.
 
     Args:
-        series: name -> (seconds since start, objective) of every improvement, in order.
-        end: seconds at which the runs ended; the steps are drawn up to there.
+        name: of the run.
+        steps: (seconds since start, objective) of every improvement, in order.
+        end: seconds at which the run ended; the steps are drawn up to there.
     """
-    figure = Figure(figsize=(8.0, 4.5), dpi=_DPI, layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(8.0, 4.5)
     axes = figure.add_subplot()
-    last = max((steps[-1][0] for steps in series.values() if steps), default=1.0)
-    end = 1.05 * last if end is None else end
-    for name, steps in series.items():
-        if not steps:
-            axes.plot([], [], label=f"{name} (no solution)")
-            continue
-        times = [time for time, _ in steps]
-        values = [value for _, value in steps]
-        (line,) = axes.step([*times, end], [*values, values[-1]], where="post", label=name)
-        axes.plot(times, values, "o", color=line.get_color(), markersize=5)
-        if len(series) == 1:
+    axes.plot([], [], label=name if steps else f"{name} (no solution)")
+    if steps:
+        times, values = zip(*steps, strict=True)
+        axes.step([*times, end], [*values, values[-1]], where="post", color="C0")
+        axes.plot(times, values, "o", color="C0", markersize=5)
+        for text, at, offset, align in (
+            (f"first after {times[0]:.2f} s", (times[0], values[0]), (8, -4), ("left", "top")),
+            (f"{values[-1]:.3f}", (end, values[-1]), (-4, 5), ("right", "baseline")),
+        ):
             axes.annotate(
-                f"first after {times[0]:.2f} s",
-                (times[0], values[0]),
+                text,
+                at,
                 textcoords="offset points",
-                xytext=(8, -4),
-                va="top",
-                fontsize=9,
-            )
-            axes.annotate(
-                f"{values[-1]:.3f}",
-                (end, values[-1]),
-                textcoords="offset points",
-                xytext=(-4, 5),
-                ha="right",
+                xytext=offset,
+                ha=align[0],
+                va=align[1],
                 fontsize=9,
             )
     axes.set_xlim(0.0, end)
     axes.margins(y=0.12)
     axes.set_xlabel("time since start [s]")
-    axes.set_ylabel(objective)
+    axes.set_ylabel("objective ξ [m]")
     axes.grid(alpha=0.3)
-    if len(series) > 1 or not all(series.values()):
-        axes.legend(fontsize=9)
-    if title:
-        axes.set_title(title)
+    axes.legend(fontsize=9)
+    axes.set_title(title)
     figure.savefig(path)
 
 
@@ -194,9 +149,9 @@ def _box_corners(volume: TargetVolume) -> Array:
     return np.where(upper == 1, volume.upper, volume.lower)
 
 
-def _shown(placed: Array, volume: TargetVolume | None, links: Sequence[Mesh]) -> Array:
+def _shown(placed: Array, volume: TargetVolume, links: Sequence[Mesh]) -> Array:
     """(n, 3) points the picture has to hold: the object, V, and the robot's part close by."""
-    points = placed if volume is None else np.vstack([placed, _box_corners(volume)])
+    points = np.vstack([placed, _box_corners(volume)])
     low, high = points.min(axis=0) - _CLOSE_BY, points.max(axis=0) + _CLOSE_BY
     robot = np.vstack([mesh.vertices for mesh in links])
     near = ((robot > low) & (robot < high)).all(axis=1)
@@ -224,7 +179,7 @@ def _robot_meshes(robot: Robot, q: Array, hand_links: Sequence[str]) -> list[Mes
 
 
 def _shape_mesh(shape: coal.CollisionGeometry) -> tuple[Array, Triangles]:
-    """Vertices (n, 3) and triangles (t, 3) of a collision shape in its own frame."""
+    """Vertices (n, 3) and triangles (t, 3) of a collision mesh in its own frame."""
     if isinstance(shape, coal.BVHModelBase):
         vertices = np.array(shape.vertices())
         indices = [[shape.tri_indices(i)[k] for k in range(3)] for i in range(shape.num_tris)]
@@ -232,57 +187,20 @@ def _shape_mesh(shape: coal.CollisionGeometry) -> tuple[Array, Triangles]:
     if isinstance(shape, coal.ConvexBase):
         vertices = np.array(shape.points())
         return vertices, ConvexHull(vertices).simplices.astype(np.int64)
-    if isinstance(shape, coal.Box):
-        mesh = trimesh.creation.box(2 * np.asarray(shape.halfSide).ravel())
-    elif isinstance(shape, coal.Sphere):
-        mesh = trimesh.creation.icosphere(2, shape.radius)
-    elif isinstance(shape, coal.Cylinder):
-        mesh = trimesh.creation.cylinder(shape.radius, 2 * shape.halfLength)
-    elif isinstance(shape, coal.Capsule):
-        mesh = trimesh.creation.capsule(2 * shape.halfLength, shape.radius)
-        mesh.apply_translation(-mesh.bounds.mean(axis=0))
-    else:
-        raise TypeError(f"cannot draw a {type(shape).__name__}")
-    return np.asarray(mesh.vertices), np.asarray(mesh.faces, dtype=np.int64)
+    raise TypeError(f"cannot draw a {type(shape).__name__}")
 
 
-def _hiding(view: View, placed: Array, solids: Sequence[Array]) -> list[bool]:
+def _hiding(view: View, placed: Array, solids: Sequence[Mesh]) -> list[bool]:
     """Which solids (their hulls) stand between the eye and the object's corners or centre."""
     targets = np.vstack([placed, placed.mean(axis=0)])
     targets = targets[:: max(1, len(targets) // 40)]
     shares = np.linspace(0.3, 0.98, 120)[:, None, None]
     along = (view.eye + shares * (targets - view.eye)).reshape(-1, 3)
     result = []
-    for vertices in solids:
-        inside = ConvexPrimitive("", vertices).depth(along).reshape(len(shares), -1) > 1e-3
+    for solid in solids:
+        inside = ConvexPrimitive("", solid.vertices).depth(along).reshape(len(shares), -1) > 1e-3
         result.append(bool(inside.any(axis=0).mean() > 0.1))
     return result
-
-
-def _beside(view: View, cloud: Array, placed: Mesh) -> npt.NDArray[np.bool_]:
-    """Which points (n,) of a cloud do not hide the object; those around it count as hiding too."""
-    depth = render(view, [placed]).depth
-    depth[~np.isfinite(depth)] = 0.0
-    depth = maximum_filter(depth, size=view.width // 60)
-    projected = view.project(cloud)
-    u = np.clip(projected[:, 0], 0, view.width - 1).astype(int)
-    v = np.clip(projected[:, 1], 0, view.height - 1).astype(int)
-    return np.asarray(projected[:, 2] > depth[v, u])
-
-
-def _region_meshes(rectangles: Array, z: float) -> list[Mesh]:
-    meshes = []
-    for x0, y0, x1, y1 in rectangles:
-        corners = np.array([[x0, y0, z], [x1, y0, z], [x1, y1, z], [x0, y1, z]])
-        corners[:, 2] += 0.001
-        meshes.append(Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]), _REGION, 0.5))
-    return meshes
-
-
-def _height_colours(cloud: Array) -> Array:
-    low, high = np.percentile(cloud[:, 2], [2, 98])
-    share = np.clip((cloud[:, 2] - low) / max(high - low, 1e-6), 0, 1)[:, None]
-    return np.asarray((1 - share) * np.array([0.45, 0.42, 0.40]) + share * [0.95, 0.80, 0.55])
 
 
 def _draw_volume(axes: Axes, view: View, image: Image, volume: TargetVolume) -> None:
@@ -295,16 +213,9 @@ def _draw_volume(axes: Axes, view: View, image: Image, volume: TargetVolume) -> 
                 steps = np.linspace(0, 1, 200)[:, None]
                 line = view.project(ends[0] + steps * (ends[1] - ends[0]))
                 seen = _seen(image, line)
-                for mask, style in ((seen, "-"), (np.logical_not(seen), ":")):
-                    shown = np.where(mask[:, None], line[:, :2], np.nan)
-                    axes.plot(
-                        shown[:, 0],
-                        shown[:, 1],
-                        style,
-                        color=_VOLUME,
-                        linewidth=1.4 if style == "-" else 1.0,
-                        alpha=1.0 if style == "-" else 0.6,
-                    )
+                for mask, style, thick, alpha in ((seen, "-", 1.4, 1.0), (~seen, ":", 1.0, 0.6)):
+                    u, v = np.where(mask[:, None], line[:, :2], np.nan).T
+                    axes.plot(u, v, style, color=_VOLUME, linewidth=thick, alpha=alpha)
 
 
 def _seen(image: Image, line: Array) -> npt.NDArray[np.bool_]:
@@ -325,27 +236,9 @@ def _draw_frame(axes: Axes, view: View) -> None:
     ):
         tip = origin + 0.1 * np.eye(3)[axis]
         ends = view.project(np.vstack([origin, tip]))[:, :2]
-        axes.annotate(
-            "",
-            ends[1],
-            ends[0],
-            arrowprops={"arrowstyle": "->", "color": colour, "linewidth": 2.0, "shrinkA": 0},
-        )
-        beyond = ends[0] + 1.25 * (ends[1] - ends[0])
-        axes.text(
-            float(beyond[0]),
-            float(beyond[1]),
-            name,
-            color=colour,
-            fontsize=11,
-            ha="center",
-            va="center",
-        )
-    axes.text(
-        pixels[0],
-        pixels[1] + 0.05 * view.height,
-        "arrows: 10 cm",
-        fontsize=9,
-        ha="center",
-        bbox=_PLATE,
-    )
+        arrow = {"arrowstyle": "->", "color": colour, "linewidth": 2.0, "shrinkA": 0}
+        axes.annotate("", ends[1], ends[0], arrowprops=arrow)
+        u, v = ends[0] + 1.25 * (ends[1] - ends[0])
+        axes.text(float(u), float(v), name, color=colour, fontsize=11, ha="center", va="center")
+    below = float(pixels[1] + 0.05 * view.height)
+    axes.text(float(pixels[0]), below, "arrows: 10 cm", fontsize=9, ha="center", bbox=_PLATE)

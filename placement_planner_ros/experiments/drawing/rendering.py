@@ -124,15 +124,6 @@ def render(view: View, meshes: Sequence[Mesh], background: Colour = (1.0, 1.0, 1
     return Image(colours, depth)
 
 
-def render_points(view: View, image: Image, points: Array, colours: Array, size: float) -> Image:
-    """The image with (n, 3) points as squares of `size` metres in (n, 3) colours."""
-    projected = view.project(points)
-    half = np.maximum(size * view.focal_length / projected[:, 2] / 2, 0.5)
-    result, depth = image.colours.copy(), image.depth.copy()
-    _splat(projected, half, np.ascontiguousarray(colours, dtype=np.float64), result, depth)
-    return Image(result, depth)
-
-
 def _draw(view: View, mesh: Mesh, colours: Array, depth: Array) -> None:
     a, b, c = (mesh.vertices[mesh.triangles[:, i]] for i in range(3))
     normals = np.cross(b - a, c - a)
@@ -186,18 +177,3 @@ def _fill(
                     depth[v, u] = z
                     for k in range(3):
                         colours[v, u, k] = shades[t, k]
-
-
-@kernel()
-def _splat(projected: Array, half: Array, shades: Array, colours: Array, depth: Array) -> None:
-    height, width = depth.shape
-    for i in range(len(projected)):
-        x, y, z = projected[i]
-        if not z > 1e-6:
-            continue
-        for v in range(max(0, int(y - half[i] + 0.5)), min(height, int(y + half[i] + 0.5))):
-            for u in range(max(0, int(x - half[i] + 0.5)), min(width, int(x + half[i] + 0.5))):
-                if z < depth[v, u]:
-                    depth[v, u] = z
-                    for k in range(3):
-                        colours[v, u, k] = shades[i, k]

@@ -1,68 +1,79 @@
-"""The subcommands of `placement_benchmark` that reproduce and extend the paper's evaluation."""
+"""The subcommands of `placement_benchmark` that run cases and report on them."""
 
 from __future__ import annotations
 
 import argparse
+import functools
 import math
-import time
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from placement_planner_ros.experiments.cases import OBJECTIVES, Case
-from placement_planner_ros.experiments.evaluation.paper import (
-    PRESETS,
-    RUNS_FILE,
-    describe,
-    preset_trials,
-    run_paper,
-)
-from placement_planner_ros.experiments.evaluation.report import write_report
+from placement_planner_ros.experiments.cases import all_cases
+from placement_planner_ros.experiments.evaluation.paper import PRESETS, preset_trials
 from placement_planner_ros.experiments.evaluation.results import Results
-from placement_planner_ros.experiments.json_lines import append_line, read_lines
+from placement_planner_ros.experiments.jobs import Entry, J, run_jobs, say
+from placement_planner_ros.experiments.json_lines import read_lines
+from placement_planner_ros.experiments.options import (
+    add_case_options,
+    add_job_options,
+    wanted_cases,
+)
+from placement_planner_ros.experiments.record import (
+    RUNS_FILE,
+    Trial,
+    describe,
+    record_key,
+    run_trial,
+)
 from placement_planner_ros.experiments.scaling.growth import growths
-from placement_planner_ros.experiments.scaling.report import draw_scaling
 from placement_planner_ros.experiments.scaling.runs import (
     AXES,
     SCALING_FILE,
-    job_key,
+    describe_scaling,
     run_scaling_job,
     scaling_jobs,
+    scaling_key,
 )
-from placement_planner_ros.experiments.spread import spread
 from placement_planner_ros.experiments.variants import PAPER_VARIANTS, VARIANTS
-from placement_planner_ros.experiments.yardstick.dense_search import YardstickJob, measure
+from placement_planner_ros.experiments.yardstick.dense_search import (
+    YardstickJob,
+    describe_yardstick,
+    measure,
+    yardstick_key,
+)
 from placement_planner_ros.experiments.yardstick.placement_grid import GridResolution
-from placement_planner_ros.scenes.objects import OBJECT_NAMES
-from placement_planner_ros.scenes.scenes import SCENE_NAMES
 
 YARDSTICK_FILE = "yardstick.jsonl"
-_FOLDER = Path("results/paper")
+_FOLDER = "results/paper"
 
 
 def add_evaluation_commands(commands: Any) -> None:
-    """Add `paper`, `yardstick`, `scaling` and `report`; each sets `command_function`.
+    """Add `cases`, `paper`, `yardstick`, `scaling` and `report`; each sets `command_function`.
 
     Args:
         commands: what `ArgumentParser.add_subparsers` returned.
     """
-    _add_paper(commands)
-    _add_yardstick(commands)
-    _add_scaling(commands)
-    _add_report(commands)
+    cases = commands.add_parser("cases", help="run the 24 cases and keep every solution")
+    cases.add_argument("--seeds", type=int, default=3, help="runs per case (default %(default)s)")
+    cases.add_argument("--seconds", type=float, default=30.0, help="time limit of a run")
+    cases.add_argument("--enough", type=int, help="end a run after so many solutions")
+    cases.add_argument("--cloud", choices=("complete", "cameras"), default="complete")
+    cases.add_argument("--variant", choices=tuple(VARIANTS), default=next(iter(VARIANTS)))
+    add_case_options(cases)
+    add_job_options(cases, "results/cases")
+    cases.set_defaults(command_function=_run_cases)
 
-
-def _add_paper(commands: Any) -> None:
     paper = commands.add_parser("paper", help="run the paper's protocol; resumes where it was cut")
     paper.add_argument("--preset", choices=tuple(PRESETS), default="quick")
     paper.add_argument("--variant", choices=tuple(VARIANTS), action="append")
     paper.add_argument("--seeds", type=int, help="runs per case, instead of the preset's")
     paper.add_argument("--seconds", type=float, help="time limit, instead of the preset's")
-    _add_common(paper)
+    add_case_options(paper)
+    add_job_options(paper, _FOLDER)
     paper.set_defaults(command_function=_run_paper)
 
-
-def _add_yardstick(commands: Any) -> None:
     yardstick = commands.add_parser(
         "yardstick", help="search each case densely for the best placement; takes minutes per case"
     )
@@ -75,22 +86,19 @@ def _add_yardstick(commands: Any) -> None:
         default=300.0,
         help="processor time for reaching the best ones, per objective",
     )
-    _add_common(yardstick)
+    add_case_options(yardstick)
+    add_job_options(yardstick, _FOLDER)
     yardstick.set_defaults(command_function=_run_yardstick)
 
-
-def _add_scaling(commands: Any) -> None:
     scaling = commands.add_parser(
         "scaling", help="time to a good placement as V, the cloud and clutter double three times"
     )
     scaling.add_argument("--axis", choices=tuple(AXES), action="append")
     scaling.add_argument("--seeds", type=int, default=5, help="runs per setting")
     scaling.add_argument("--seconds", type=float, default=20.0, help="processor time of a run")
-    _add_spread(scaling)
+    add_job_options(scaling, _FOLDER)
     scaling.set_defaults(command_function=_run_scaling)
 
-
-def _add_report(commands: Any) -> None:
     report = commands.add_parser("report", help="figures and tables of recorded runs")
     report.add_argument("folder", type=Path, help="what paper and yardstick wrote to")
     report.add_argument("--yardstick", type=Path, help=f"instead of the folder's {YARDSTICK_FILE}")
@@ -98,106 +106,93 @@ def _add_report(commands: Any) -> None:
     report.set_defaults(command_function=_run_report)
 
 
-def _add_common(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--scene", choices=SCENE_NAMES, action="append")
-    parser.add_argument("--object", choices=OBJECT_NAMES, action="append")
-    parser.add_argument("--objective", choices=OBJECTIVES, action="append")
-    _add_spread(parser)
+def _run(
+    run: Callable[[J], Entry | list[Entry]],
+    jobs: list[J],
+    name: str,
+    key: Callable[[Mapping[str, Any]], str] | None,
+    describe: Callable[[Mapping[str, Any]], str],
+    arguments: argparse.Namespace,
+) -> list[Entry]:
+    """`run_jobs` into a file of the output folder."""
+    path, scheduler = arguments.output / name, arguments.dask_scheduler
+    return run_jobs(run, jobs, path, key, describe, arguments.processes, scheduler)
 
 
-def _add_spread(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--processes", type=int, default=1, help="on this machine")
-    parser.add_argument(
-        "--dask-scheduler", metavar="ADDRESS", help="have the workers of a dask cluster do it"
-    )
-    parser.add_argument("--output", type=Path, default=_FOLDER)
+_run_trials = functools.partial(_run, run_trial, key=record_key, describe=describe)
 
 
-def _cases(arguments: argparse.Namespace) -> tuple[Case, ...]:
-    """The preset's cases that are wanted."""
-    return tuple(
-        case
-        for case in PRESETS[arguments.preset].cases
-        if (not arguments.scene or case.scene in arguments.scene)
-        and (not arguments.object or case.object in arguments.object)
-        and (not arguments.objective or case.objective in arguments.objective)
-    )
+def _run_cases(arguments: argparse.Namespace) -> int:
+    """1 where a run, be it recorded before, has no solution."""
+    jobs = [
+        Trial(
+            case,
+            arguments.variant,
+            seed,
+            arguments.seconds,
+            arguments.enough,
+            arguments.output / "solutions",
+        )
+        for case in wanted_cases(all_cases(arguments.cloud), arguments)
+        for seed in range(arguments.seeds)
+    ]
+    _run_trials(jobs, RUNS_FILE, arguments=arguments)
+    wanted = {job.key for job in jobs}
+    records = [r for r in read_lines(arguments.output / RUNS_FILE) if record_key(r) in wanted]
+    solved = sum(bool(record["solutions"]) for record in records)
+    say(f"{solved} of {len(records)} runs solved; recorded in {arguments.output}")
+    return 0 if solved == len(records) else 1
 
 
 def _run_paper(arguments: argparse.Namespace) -> int:
-    preset = replace(PRESETS[arguments.preset], cases=_cases(arguments))
+    preset = PRESETS[arguments.preset]
+    preset = replace(preset, cases=wanted_cases(preset.cases, arguments))
     if arguments.seeds is not None:
         seeds = arguments.seeds
         preset = replace(preset, seeds=seeds, baseline_seeds=min(seeds, preset.baseline_seeds))
     if arguments.seconds is not None:
         preset = replace(preset, seconds=arguments.seconds)
     trials = preset_trials(preset, arguments.variant or PAPER_VARIANTS)
-    failed = run_paper(trials, arguments.output, arguments.processes, arguments.dask_scheduler, say)
+    records = _run_trials(trials, RUNS_FILE, arguments=arguments)
+    failed = sum(not record["solutions"] for record in records)
     say(f"{failed} runs without a placement; recorded in {arguments.output / RUNS_FILE}")
     return 0
 
 
 def _run_yardstick(arguments: argparse.Namespace) -> int:
-    path = arguments.output / YARDSTICK_FILE
-    known = {Case(**entry["case"]) for entry in read_lines(path)}
+    """Objectives of one scene and object share the grid; those that are recorded are left out."""
+    known = {yardstick_key(entry) for entry in read_lines(arguments.output / YARDSTICK_FILE)}
     wanted: dict[tuple[str, str], list[str]] = {}
-    for case in _cases(arguments):
-        if case not in known:
+    for case in wanted_cases(PRESETS[arguments.preset].cases, arguments):
+        if str(case) not in known:
             wanted.setdefault((case.scene, case.object), []).append(case.objective)
     resolution = GridResolution(arguments.step / 1000.0, math.radians(arguments.turn))
     jobs = [
         YardstickJob(scene, name, tuple(objectives), resolution, arguments.seconds)
         for (scene, name), objectives in wanted.items()
     ]
-    say(f"{len(known)} cases are recorded in {path}")
-    started = time.monotonic()
-    measured = spread(measure, jobs, arguments.processes, arguments.dask_scheduler)
-    for done, entries in enumerate(measured, start=1):
-        left = (time.monotonic() - started) / done * (len(jobs) - done)
-        for entry in entries:
-            append_line(path, entry)
-            say(f"[{done}/{len(jobs)}, {left / 60:.0f} min left] {_describe(entry)}")
+    say(f"{len(known)} cases are recorded in {arguments.output / YARDSTICK_FILE}")
+    _run(measure, jobs, YARDSTICK_FILE, None, describe_yardstick, arguments)
     return 0
 
 
-def _describe(entry: dict[str, Any]) -> str:
-    best, random = (
-        "none" if entry[key] is None else f"{entry[key]:+.4f}" for key in ("best", "random")
-    )
-    return (
-        f"{Case(**entry['case'])!s:<62} best {best}{'' if entry['complete'] else ' (cut off)'}"
-        f"  random {random}  {entry['free_poses']} free poses"
-    )
-
-
 def _run_scaling(arguments: argparse.Namespace) -> int:
-    path = arguments.output / SCALING_FILE
-    known = {job_key(record) for record in read_lines(path)}
-    wanted = scaling_jobs(arguments.seeds, arguments.seconds, tuple(arguments.axis or ()))
-    jobs = [job for job in wanted if job.key not in known]
-    say(f"{len(wanted) - len(jobs)} of {len(wanted)} runs are recorded in {path}")
-    started = time.monotonic()
-    records = spread(run_scaling_job, jobs, arguments.processes, arguments.dask_scheduler)
-    for done, record in enumerate(records, start=1):
-        append_line(path, record)
-        left = (time.monotonic() - started) / done * (len(jobs) - done)
-        setting = f"{record['axis']:<8} x{record['factor']}"
-        say(f"[{done}/{len(jobs)}, {left / 60:.0f} min left] {setting} {describe(record)}")
-    (arguments.output / "scaling.png").write_bytes(draw_scaling(growths(read_lines(path))))
-    say(f"wrote {arguments.output / 'scaling.png'}")
+    jobs = scaling_jobs(arguments.seeds, arguments.seconds, tuple(arguments.axis or ()))
+    _run(run_scaling_job, jobs, SCALING_FILE, scaling_key, describe_scaling, arguments)
+    from placement_planner_ros.experiments.scaling.report import draw_scaling
+
+    picture = arguments.output / "scaling.png"
+    picture.write_bytes(draw_scaling(growths(read_lines(arguments.output / SCALING_FILE))))
+    say(f"wrote {picture}")
     return 0
 
 
 def _run_report(arguments: argparse.Namespace) -> int:
+    from placement_planner_ros.experiments.evaluation.report import write_report
+
     yardstick = arguments.yardstick or arguments.folder / YARDSTICK_FILE
     results = Results.read(arguments.folder / RUNS_FILE, yardstick)
     scaling = read_lines(arguments.folder / SCALING_FILE)
-    pictures = not arguments.no_pictures
-    for path in write_report(results, arguments.folder, pictures, scaling):
+    for path in write_report(results, arguments.folder, not arguments.no_pictures, scaling):
         say(f"wrote {path}")
     return 0
-
-
-def say(line: str) -> None:
-    """Print at once, also into a pipe."""
-    print(line, flush=True)

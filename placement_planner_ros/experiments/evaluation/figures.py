@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from placement_planner_ros.experiments.cases import Case
+from placement_planner_ros.experiments.cases import OBJECTIVE_WORDS, Case, case_label, words
+from placement_planner_ros.experiments.drawing.plots import new_figure, png
 from placement_planner_ros.experiments.evaluation.comparisons import (
     BASELINE,
     REFERENCE,
@@ -36,10 +34,6 @@ COLOURS = {
 }
 """Variant -> colour, told apart also by those who do not see all colours."""
 
-OBJECTIVE_WORDS = {
-    "maximize_clearance": "maximised clearance",
-    "minimize_clearance": "minimised clearance",
-}
 _REJECTIONS = {
     "outside_volume": ("outside V", "#dddddd"),
     "unstable": ("no support", "#bbbbbb"),
@@ -52,19 +46,7 @@ _REJECTIONS = {
     "no_retreat": ("no retreat", "#d55e00"),
     "goals": ("goal", "#009e73"),
 }
-_DPI = 110
 _POINTS = 240
-
-
-def words(name: str) -> str:
-    """A name of the code as text: `large_crayons_box` -> `large crayons box`."""
-    return name.replace("_", " ")
-
-
-def case_label(case: Case) -> str:
-    """A case in a line of a table or an axis."""
-    sign = "max" if case.objective == "maximize_clearance" else "min"
-    return f"{words(case.scene)}, {words(case.object)}, {sign}"
 
 
 def draw_overall(results: Results) -> bytes:
@@ -264,17 +246,3 @@ def _draw_interval(axes: Axes, row: float, found: Interval, colour: str, filled:
         color=colour,
         markerfacecolor=colour if filled else "white",
     )
-
-
-def new_figure(width: float, height: float) -> Figure:
-    """An empty figure, inches."""
-    figure = Figure(figsize=(width, height), dpi=_DPI, layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
-
-
-def png(figure: Figure) -> bytes:
-    """The figure as the bytes of a PNG."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png")
-    return buffer.getvalue()

@@ -14,11 +14,10 @@ import numpy as np
 import pinocchio as pin
 from PIL import Image
 
-from placement_planner_ros.experiments.cases import Case, start_configuration
+from placement_planner_ros.experiments.cases import Case, case_label, start_configuration
 from placement_planner_ros.experiments.drawing.picture import draw_placement
 from placement_planner_ros.experiments.evaluation.comparisons import REFERENCE, compare
 from placement_planner_ros.experiments.evaluation.figures import (
-    case_label,
     draw_by_scene,
     draw_differences,
     draw_first_solutions,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from placement_planner_ros.experiments.cases import Case
+from placement_planner_ros.experiments.cases import Case, case_label, words
 from placement_planner_ros.experiments.evaluation.comparisons import (
     BASELINE,
     REFERENCE,
@@ -20,7 +20,6 @@ from placement_planner_ros.experiments.evaluation.comparisons import (
     solved_in_every_run,
     times_to_pass_baseline,
 )
-from placement_planner_ros.experiments.evaluation.figures import case_label, words
 from placement_planner_ros.experiments.evaluation.resampling import Interval
 from placement_planner_ros.experiments.evaluation.results import Results
 

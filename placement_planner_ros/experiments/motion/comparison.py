@@ -1,28 +1,36 @@
-"""Goal-set RRT and shortcutting beside OMPL's RRTConnect and path simplifier, in one run.
+"""`placement_benchmark motion`: the goal-set RRT and shortcutting beside OMPL's own, in one run.
 
-Both planners, both ways of shortening and the timing ask the same edge test. OMPL draws from its
-own generator, which is seeded once per process at most: its figures vary from run to run.
+The goal-set RRT runs as it is and as a planner of OMPL (`GoalSetPlanner`), which adds what OMPL's
+states and Python bindings cost; RRTConnect is driven through the same interface. All planners,
+both ways of shortening and the timing ask the same edge test. OMPL draws from its own generator,
+which is seeded once per process at most: its figures vary from run to run.
 """
 
 from __future__ import annotations
 
+import argparse
+import functools
 import time
-import weakref
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from ompl import base as ob
 from ompl import geometric as og
+from ompl import util as ou
 
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
 from placement_planner_ros.core.motion.birrt import GoalSetRRT, GoalSetRRTSettings
+from placement_planner_ros.core.motion.ompl_planner import GoalSetPlanner
 from placement_planner_ros.core.motion.shortcut import shorten
 from placement_planner_ros.core.timing.timing import parameterize
 from placement_planner_ros.core.timing.trajectory_maker import ExecutionSettings
 from placement_planner_ros.core.types import Array, Trajectory
-from placement_planner_ros.experiments.motion.problems import MotionProblem
+from placement_planner_ros.experiments.jobs import Progress, Tell, say
+from placement_planner_ros.experiments.motion.ompl_space import EdgeSpace
+from placement_planner_ros.experiments.motion.problems import MotionProblem, panda_problems
 
 _UNBOUNDED = 2**31
 """Iterations: time limits end the searches."""
@@ -62,10 +70,10 @@ class Shortened:
 
 
 class Workbench:
-    """One problem, its edge test and the two planners.
+    """One problem, its edge test and the planners.
 
     Args:
-        limit: seconds either planner may search.
+        limit: seconds a planner may search.
     """
 
     def __init__(
@@ -77,18 +85,17 @@ class Workbench:
         self.problem = problem
         self.collision: ArmCollision = problem.collision(settings)
         self._limit = limit
-        self._reserve = self.collision.settings.planning_reserve
         self._edges = 0
+        self._edge_free = functools.partial(
+            self.collision.edge_free, reserve=self.collision.settings.planning_reserve
+        )
         self.edge_free(problem.start, problem.start)  # so that compiling is not timed
-
-    @cached_property
-    def _space(self) -> ob.SpaceInformation:
-        return _space_information(self)
+        self._space = EdgeSpace(problem.arm.lower, problem.arm.upper, self._edge_free)
 
     def edge_free(self, a: Array, b: Array) -> bool:
         """Whether the whole straight motion is free, with what planning keeps in reserve."""
         self._edges += 1
-        return self.collision.edge_free(a, b, reserve=self._reserve)
+        return self._edge_free(a, b)
 
     def goal_set_rrt(self, seed: int) -> Planned:
         """This project's search."""
@@ -108,26 +115,32 @@ class Workbench:
         path = None if found is None else found[1]
         return Planned(self.problem.name, time.perf_counter() - started, path, self._edges)
 
+    def goal_set_planner(self, seed: int) -> Planned:
+        """The same search as one of OMPL's planners."""
+        rng = np.random.default_rng(seed)
+        return self._by_ompl(lambda space: GoalSetPlanner(space, GoalSetRRTSettings(), rng))
+
     def rrt_connect(self, max_step: float = 0.0) -> Planned:
         """OMPL's.
 
         Args:
             max_step: its longest edge, radians; 0 leaves that to OMPL.
         """
-        query = ob.ProblemDefinition(self._space)
-        query.setStartAndGoalStates(
-            self._state(self.problem.start), self._state(self.problem.q_goal)
-        )
-        planner = og.RRTConnect(self._space)
-        planner.setRange(max_step)
-        planner.setProblemDefinition(query)
-        planner.setup()
-        self._edges = 0
+
+        def make(space: ob.SpaceInformation) -> ob.Planner:
+            planner = og.RRTConnect(space)
+            planner.setRange(max_step)
+            return planner
+
+        return self._by_ompl(make)
+
+    def _by_ompl(self, make: Callable[[ob.SpaceInformation], ob.Planner]) -> Planned:
+        solve = self._space.planner(make, self.problem.start, [self.problem.q_goal])
+        self._space.edges = 0
         started = time.perf_counter()
-        exact = planner.solve(self._limit).getStatus() == ob.PlannerStatus.EXACT_SOLUTION
+        path = solve(self._limit)
         seconds = time.perf_counter() - started
-        path = self._values(query.getSolutionPath()) if exact else None
-        return Planned(self.problem.name, seconds, path, self._edges)
+        return Planned(self.problem.name, seconds, path, self._space.edges)
 
     def shorten(self, path: Array, seed: int) -> Shortened:
         """This project's shortcutting, as much of it as planning does."""
@@ -137,15 +150,7 @@ class Workbench:
 
     def simplify(self, path: Array) -> Shortened:
         """OMPL's simplifier, to its end."""
-
-        def simplified() -> Array:
-            geometric = og.PathGeometric(self._space)
-            for q in path:
-                geometric.append(self._state(q))
-            og.PathSimplifier(self._space).simplifyMax(geometric)
-            return self._values(geometric)
-
-        return self._timed(simplified)
+        return self._timed(lambda: self._space.simplified(path))
 
     def _timed(self, make: Callable[[], Array]) -> Shortened:
         started = time.perf_counter()
@@ -160,53 +165,10 @@ class Workbench:
         trajectory = parameterize(path, arm.joints, arm.velocity, acceleration, timed_free)
         return Shortened(self.problem.name, seconds, path, path_length(path), trajectory)
 
-    def _state(self, q: Array) -> ob.State:
-        state = self._space.allocState()
-        for i, x in enumerate(q.tolist()):
-            state[i] = x
-        return state
-
-    def _values(self, path: og.PathGeometric) -> Array:
-        joints = range(self.problem.arm.dof)
-        return np.array([[state[i] for i in joints] for state in path.getStates()])
-
 
 def path_length(path: Array) -> float:
     """Radians, norm over the joints."""
     return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
-
-
-class _EdgeTest(ob.MotionValidator):
-    """An edge test as OMPL asks for it.
-
-    Its bindings never free the space information and its validator, hence the weak reference.
-    """
-
-    def __init__(self, space: ob.SpaceInformation, bench: Workbench) -> None:
-        super().__init__(space)
-        self._joints = range(bench.problem.arm.dof)
-        self._edge_free = weakref.WeakMethod(bench.edge_free)
-
-    def checkMotion(self, a: ob.State, b: ob.State, last_valid: object = None) -> bool:
-        edge_free = self._edge_free()
-        assert edge_free is not None
-        p, q = np.array([a[i] for i in self._joints]), np.array([b[i] for i in self._joints])
-        return edge_free(p, q)
-
-
-def _space_information(bench: Workbench) -> ob.SpaceInformation:
-    arm = bench.problem.arm
-    space = ob.RealVectorStateSpace(arm.dof)
-    bounds = ob.RealVectorBounds(arm.dof)
-    for i, (low, high) in enumerate(zip(arm.lower.tolist(), arm.upper.tolist(), strict=True)):
-        bounds.setLow(i, low)
-        bounds.setHigh(i, high)
-    space.setBounds(bounds)
-    information = ob.SpaceInformation(space)
-    information.setMotionValidator(_EdgeTest(information, bench))
-    information.setStateValidityChecker(lambda state: True)  # edges include their ends
-    information.setup()
-    return information
 
 
 def planning_table(runs: Mapping[str, Sequence[Planned]]) -> str:
@@ -215,7 +177,7 @@ def planning_table(runs: Mapping[str, Sequence[Planned]]) -> str:
     Ratios are those to the first planner's: of the medians, the 95th percentiles and the sums.
     """
     rows = [
-        "planner                solved      median ms     95 % ms    edges  length rad"
+        "planner                           solved      median ms     95 % ms    edges  length rad"
         "   ratio: median   95 %    sum"
     ]
     first = _summary(next(iter(runs.values())))
@@ -225,7 +187,7 @@ def planning_table(runs: Mapping[str, Sequence[Planned]]) -> str:
         own = _summary(planned)
         ratios = "".join(f"{a / b:8.2f}" for a, b in zip(own, first, strict=True))
         rows.append(
-            f"{name:<21} {len(paths):4d} of {len(planned):3d} {1e3 * own[0]:12.1f} "
+            f"{name:<32} {len(paths):4d} of {len(planned):3d} {1e3 * own[0]:12.1f} "
             f"{1e3 * own[1]:11.1f} {np.median([run.edges for run in planned]):8.0f} "
             f"{np.median(lengths) if lengths else np.nan:11.2f}       {ratios}"
         )
@@ -270,41 +232,77 @@ def compare(
     seeds: Sequence[int],
     paths: int,
     limit: float,
-    tell: Callable[[str], None],
+    tell: Tell,
 ) -> bool:
-    """Plan and shorten in both ways, and tell the tables.
+    """Plan and shorten in all ways, and tell the tables.
 
     Args:
         paths: how many of the planned paths, spread over the problems, are shortened.
         limit: seconds a search may take.
 
     Returns:
-        Whether the goal-set RRT solved every problem with every seed.
+        Whether the goal-set RRT solved every problem with every seed, both as it is and by OMPL.
     """
     step = GoalSetRRTSettings().max_step
-    ours, stock, same_step = "goal-set RRT", "OMPL RRTConnect", f"the same, {step:g} rad steps"
-    runs: dict[str, list[Planned]] = {ours: [], stock: [], same_step: []}
+    planners: dict[str, Callable[[Workbench, int], Planned]] = {
+        "goal-set RRT": Workbench.goal_set_rrt,
+        "the same as a planner of OMPL": Workbench.goal_set_planner,
+        "OMPL RRTConnect": lambda bench, _: bench.rrt_connect(),
+        f"the same, {step:g} rad steps": lambda bench, _: bench.rrt_connect(step),
+    }
+    runs: dict[str, list[Planned]] = {name: [] for name in planners}
+    ours, by_ompl = list(runs.values())[:2]
     shortened: list[Shortened] = []
     simplified: list[Shortened] = []
     wanted = set(np.linspace(0, len(problems) - 1, min(paths, len(problems))).astype(int).tolist())
+    progress = Progress([1.0] * len(problems), tell)
     for number, problem in enumerate(problems):
         bench = Workbench(problem, limit)
         if number == 0:  # fill caches
-            warm = bench.goal_set_rrt(0).path
-            bench.rrt_connect()
+            warm, *_ = [plan(bench, 0).path for plan in planners.values()]
             if warm is not None:
                 bench.shorten(warm, 0)
         for seed in seeds:
-            runs[ours].append(bench.goal_set_rrt(seed))
-            runs[stock].append(bench.rrt_connect())
-            runs[same_step].append(bench.rrt_connect(step))
-        path = runs[ours][-1].path
+            for name, plan in planners.items():
+                runs[name].append(plan(bench, seed))
+        path = ours[-1].path
         if number in wanted and path is not None:
             shortened.append(bench.shorten(path, seeds[-1]))
             simplified.append(bench.simplify(path))
-        latest = ", ".join(f"{name} {1e3 * each[-1].seconds:.1f} ms" for name, each in runs.items())
-        tell(f"[{number + 1}/{len(problems)}] {problem.name}: {latest}")
+        latest = ", ".join(
+            f"{name} {1e3 * each[-1].seconds:.1f} ms{' FAILED' if each[-1].path is None else ''}"
+            for name, each in runs.items()
+        )
+        progress.done(f"{problem.name}: {latest}")
     tell(planning_table(runs))
     if shortened:
         tell(shortening_table(shortened, simplified))
-    return all(run.path is not None for run in runs[ours])
+    return all(run.path is not None for run in [*ours, *by_ompl])
+
+
+def add_motion_command(commands: Any) -> None:
+    """Add `motion`, which sets `command_function`.
+
+    Args:
+        commands: what `ArgumentParser.add_subparsers` returned.
+    """
+    motion = commands.add_parser(
+        "motion", help="motion planning and shortening on MoveIt problems, beside OMPL's own"
+    )
+    motion.add_argument(
+        "data", type=Path, help="folder with problems/*/scene*.yaml and robots/panda_description"
+    )
+    motion.add_argument("--seeds", type=int, default=3, help="per problem (default %(default)s)")
+    motion.add_argument("--paths", type=int, default=20, help="paths to shorten in both ways")
+    motion.add_argument("--limit", type=float, default=10.0, help="seconds a search may take")
+    motion.set_defaults(command_function=_run_motion)
+
+
+def _run_motion(arguments: argparse.Namespace) -> int:
+    """1 where the goal-set RRT left a problem unsolved."""
+    ou.setLogLevel(ou.LogLevel.LOG_WARN)
+    problems = panda_problems(arguments.data)
+    for note in dict.fromkeys(note for problem in problems for note in problem.notes):
+        say(f"start states: {note}")
+    solved = compare(problems, range(arguments.seeds), arguments.paths, arguments.limit, say)
+    return 0 if solved else 1

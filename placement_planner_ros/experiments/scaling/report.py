@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from placement_planner_ros.experiments.evaluation.figures import OBJECTIVE_WORDS, new_figure, png
+from placement_planner_ros.experiments.cases import OBJECTIVE_WORDS
+from placement_planner_ros.experiments.drawing.plots import new_figure, png
 from placement_planner_ros.experiments.evaluation.tables import Table
 from placement_planner_ros.experiments.scaling.growth import WANTED, Growth
 from placement_planner_ros.experiments.scaling.runs import AXES

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import functools
-import traceback
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,8 +19,7 @@ from placement_planner_ros.experiments.cases import (
     build_problem,
     read_inputs,
 )
-from placement_planner_ros.experiments.record import Record, recorded_run
-from placement_planner_ros.experiments.trial import warm_process
+from placement_planner_ros.experiments.record import Trial, describe, record_key, run_trial
 from placement_planner_ros.experiments.variants import VARIANTS
 from placement_planner_ros.experiments.yardstick.dense_search import sampled_placements
 from placement_planner_ros.scenes.clouds import complete_cloud
@@ -54,35 +52,35 @@ class ScalingJob:
         axis: one of `AXES`.
         factor: V is factor / 8 of the table's, the cloud has factor times the points, or
             2 · factor things stand on the table.
-        time_limit: seconds of processor time.
+        trial: what is run there.
     """
 
     axis: str
     factor: int
-    objective: str
-    seed: int
-    time_limit: float = 20.0
+    trial: Trial
 
     def __post_init__(self) -> None:
         if self.axis not in AXES:
             raise ParameterError("axis", self.axis, f"choose one of {', '.join(AXES)}")
         if self.factor not in FACTORS:
             raise ParameterError("factor", self.factor, f"choose one of {FACTORS}")
-        if self.objective not in OBJECTIVES:
-            raise ParameterError("objective", self.objective, f"choose one of {OBJECTIVES}")
-        if not self.time_limit > 0.0:
-            raise ParameterError("seconds", self.time_limit, "must be above zero")
 
     @property
-    def key(self) -> tuple[str, int, str, int, float]:
+    def work(self) -> float:
+        """Seconds at most."""
+        return self.trial.work
+
+    @property
+    def key(self) -> str:
         """Tells jobs apart."""
-        return self.axis, self.factor, self.objective, self.seed, self.time_limit
+        return f"{self.axis} x{self.factor} {self.trial.key}"
 
 
 def scaling_jobs(seeds: int, seconds: float, axes: tuple[str, ...] = ()) -> list[ScalingJob]:
     """Every setting once per seed, so that a part of them is a smaller experiment."""
+    variant = next(iter(VARIANTS))
     return [
-        ScalingJob(axis, factor, objective, seed, seconds)
+        ScalingJob(axis, factor, Trial(Case("table", _OBJECT, objective), variant, seed, seconds))
         for seed in range(seeds)
         for axis in axes or tuple(AXES)
         for factor in FACTORS
@@ -90,15 +88,14 @@ def scaling_jobs(seeds: int, seconds: float, axes: tuple[str, ...] = ()) -> list
     ]
 
 
-def job_key(record: Mapping[str, Any]) -> tuple[str, int, str, int, float]:
+def scaling_key(record: Mapping[str, Any]) -> str:
     """The key of the job that a record is of."""
-    return (
-        str(record["axis"]),
-        int(record["factor"]),
-        str(record["case"]["objective"]),
-        int(record["seed"]),
-        float(record["time_limit"]),
-    )
+    return f"{record['axis']} x{record['factor']} {record_key(record)}"
+
+
+def describe_scaling(record: Mapping[str, Any]) -> str:
+    """One line for the terminal."""
+    return f"{record['axis']:<8} x{record['factor']} {describe(record)}"
 
 
 def scaled_volume(volume: TargetVolume, factor: int) -> TargetVolume:
@@ -120,25 +117,21 @@ def scaled_inputs(axis: str, factor: int) -> CaseInputs:
 
 
 def run_scaling_job(job: ScalingJob) -> dict[str, Any]:
-    """A `Record` in processor time as a dictionary of plain values, also of a run that failed.
+    """A `Record` as a dictionary of plain values, also of a run that failed.
 
     Further keys: axis, factor, size (m³, points, or things), random (median ξ of random feasible
     placements, None where there is none).
     """
-    warm_process()
-    case = Case("table", _OBJECT, job.objective)
-    record = Record(case, job.seed, job.time_limit, next(iter(VARIANTS)))
     extra: dict[str, Any] = {"axis": job.axis, "factor": job.factor, "size": None, "random": None}
-    try:
-        inputs = scaled_inputs(job.axis, job.factor)
-        extra["size"] = _size(job, inputs)
-        extra["random"] = random_value(job.axis, job.factor, job.objective)
-        rng = np.random.default_rng(job.seed)
-        for _ in recorded_run(record, inputs, rng):
-            pass
-    except Exception:
-        record.failure = traceback.format_exc()
-    return {**extra, **asdict(record)}
+
+    def inputs(case: Case, _: np.random.Generator) -> CaseInputs:
+        found = scaled_inputs(job.axis, job.factor)
+        extra["size"] = _size(job, found)
+        extra["random"] = random_value(job.axis, job.factor, case.objective)
+        return found
+
+    record = run_trial(job.trial, inputs)
+    return {**extra, **record}
 
 
 def _size(job: ScalingJob, inputs: CaseInputs) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -17,8 +17,7 @@ from placement_planner_ros.core.search.sampler import Draws, GoalChecker, Sample
 from placement_planner_ros.core.types import Array, Goal, Placement
 from placement_planner_ros.experiments.cases import Case, build_problem, read_inputs
 from placement_planner_ros.experiments.machine import machine, versions
-from placement_planner_ros.experiments.record import Solution
-from placement_planner_ros.experiments.trial import warm_process
+from placement_planner_ros.experiments.record import Solution, warm_process
 from placement_planner_ros.experiments.yardstick.placement_grid import (
     GridPlacements,
     GridResolution,
@@ -58,6 +57,16 @@ class YardstickJob:
                 raise ParameterError(
                     "objective", name, f"the grid knows clearance only: {', '.join(_SIGNS)}"
                 )
+
+    @property
+    def work(self) -> float:
+        """Seconds at most."""
+        return self.seconds * len(self.objectives)
+
+    @property
+    def key(self) -> str:
+        """Tells jobs apart."""
+        return f"{self.scene}/{self.object}/{', '.join(self.objectives)}"
 
 
 class DescendingSampler:
@@ -193,6 +202,22 @@ def sampled_placements(planner: PlacementPlanner, number: int, seconds: float) -
         goals = planner.sampler.sample_goals(-np.inf, lambda: time.process_time() > deadline)
         values += [goal.objective for goal in goals]
     return np.array(values)
+
+
+def yardstick_key(entry: Mapping[str, Any]) -> str:
+    """The case that an entry is of."""
+    return str(Case(**entry["case"]))
+
+
+def describe_yardstick(entry: Mapping[str, Any]) -> str:
+    """One line for the terminal."""
+    best, random = (
+        "none" if entry[key] is None else f"{entry[key]:+.4f}" for key in ("best", "random")
+    )
+    return (
+        f"{yardstick_key(entry):<62} best {best}{'' if entry['complete'] else ' (cut off)'}"
+        f"  random {random}  {entry['free_poses']} free poses"
+    )
 
 
 def measure(job: YardstickJob) -> list[dict[str, Any]]:

@@ -260,7 +260,8 @@ def _draw(options: argparse.Namespace, client: Client) -> None:
     )
     draw_objective(
         plot,
-        {f"{options.scene}, {options.object}": client.improvements},
+        f"{options.scene}, {options.object}",
+        client.improvements,
         end=options.seconds,
         title=options.objective,
     )

@@ -28,12 +28,7 @@ from placement_planner_ros.experiments.evaluation.comparisons import (
     solved_in_every_run,
     times_to_pass_baseline,
 )
-from placement_planner_ros.experiments.evaluation.paper import (
-    PRESETS,
-    preset_trials,
-    record_key,
-    run_paper,
-)
+from placement_planner_ros.experiments.evaluation.paper import PRESETS, preset_trials
 from placement_planner_ros.experiments.evaluation.relative import (
     Scale,
     area_under_curve,
@@ -42,10 +37,18 @@ from placement_planner_ros.experiments.evaluation.relative import (
 )
 from placement_planner_ros.experiments.evaluation.resampling import holm, mean_interval
 from placement_planner_ros.experiments.evaluation.results import Results
+from placement_planner_ros.experiments.jobs import run_jobs
 from placement_planner_ros.experiments.json_lines import append_line, read_lines
-from placement_planner_ros.experiments.record import Record, Solution
+from placement_planner_ros.experiments.record import (
+    RUNS_FILE,
+    Record,
+    Solution,
+    Trial,
+    describe,
+    record_key,
+    run_trial,
+)
 from placement_planner_ros.experiments.spread import spread
-from placement_planner_ros.experiments.trial import Trial, run_trial
 from placement_planner_ros.experiments.yardstick.dense_search import YardstickJob, measure
 from placement_planner_ros.experiments.yardstick.placement_grid import (
     GridResolution,
@@ -242,6 +245,10 @@ def test_a_torn_last_line_is_cut_off_and_any_other_damage_told(tmp_path):
     assert read_lines(tmp_path / "none.jsonl") == []
 
 
+def run_here(run, trials, folder, said):
+    return run_jobs(run, trials, folder / RUNS_FILE, record_key, describe, tell=said.append)
+
+
 def test_runs_resume_where_they_were_cut(tmp_path):
     trials = preset_trials(PRESETS["smoke"])
     ran, said = [], []
@@ -250,10 +257,10 @@ def test_runs_resume_where_they_were_cut(tmp_path):
         ran.append(wanted.key)
         return recorded(wanted.case, wanted.variant, wanted.seed, [0.1], wanted.time_limit)
 
-    run_paper(trials[:4], tmp_path, run=run, tell=said.append)
+    run_here(run, trials[:4], tmp_path, said)
     with (tmp_path / "runs.jsonl").open("a") as file:
         file.write('{"case": {"sce')
-    run_paper(trials, tmp_path, run=run, tell=said.append)
+    run_here(run, trials, tmp_path, said)
     assert ran == [wanted.key for wanted in trials]
     assert [record_key(r) for r in read_lines(tmp_path / "runs.jsonl")] == ran
     assert f"4 of {len(trials)} runs are recorded" in said[5]
@@ -265,9 +272,10 @@ def test_a_run_that_breaks_is_recorded_with_its_error(tmp_path, monkeypatch):
         raise RuntimeError("the cloud caught fire")
 
     monkeypatch.setattr(recording, "build_problem", broken)
-    failed = run_paper([Trial(TABLE, "mcts+lo", 3, 1.0)], tmp_path, tell=lambda line: None)
+    said = []
+    run_here(run_trial, [Trial(TABLE, "mcts+lo", 3, 1.0)], tmp_path, said)
     (record,) = read_lines(tmp_path / "runs.jsonl")
-    assert failed == 1
+    assert "FAILED: RuntimeError: the cloud caught fire" in said[-1]
     assert "the cloud caught fire" in record["failure"]
     assert (record["seed"], record["solutions"]) == (3, [])
 
@@ -427,14 +435,14 @@ def test_the_yardstick_is_better_than_random_and_no_better_than_its_grid_and_cli
 
 
 def test_jobs_run_here_by_default():
-    assert list(spread(operator.neg, [1, 2, 3])) == [-1, -2, -3]
+    assert list(spread(operator.neg, [1, 2, 3])) == [(1, -1), (2, -2), (3, -3)]
     with pytest.raises(ParameterError, match="processes"):
         list(spread(operator.neg, [1], processes=0))
 
 
 def test_jobs_spread_over_processes():
     pytest.importorskip("joblib")
-    assert sorted(spread(operator.neg, [1, 2, 3], processes=2)) == [-3, -2, -1]
+    assert sorted(spread(operator.neg, [1, 2, 3], processes=2)) == [(1, -1), (2, -2), (3, -3)]
 
 
 def test_jobs_spread_over_a_cluster_of_two_workers():
@@ -445,8 +453,9 @@ def test_jobs_spread_over_a_cluster_of_two_workers():
     )
     with cluster:
         address = cluster.scheduler_address
-        assert sorted(spread(operator.neg, [1, 2, 3], scheduler=address)) == [-3, -2, -1]
-        (record,) = spread(run_trial, [Trial(TABLE, "mcts+lo", 0, 1e-3)], scheduler=address)
+        found = sorted(spread(operator.neg, [1, 2, 3], scheduler=address))
+        assert found == [(1, -1), (2, -2), (3, -3)]
+        ((_, record),) = spread(run_trial, [Trial(TABLE, "mcts+lo", 0, 1e-3)], scheduler=address)
         assert "no sample was tried" in record["failure"]
 
 

@@ -128,6 +128,14 @@ def test_shortening_keeps_up_with_ompl(problems):
     assert ours.length < 0.9 * path_length(path)
 
 
+@pytest.mark.parametrize("name", ["bookshelf_small/0004", "table_pick/0012"])
+def test_the_planner_of_ompl_over_the_search_finds_the_same_path(problems, name):
+    bench = Workbench(problems[name])
+    own, by_ompl = bench.goal_set_rrt(0), bench.goal_set_planner(0)
+    np.testing.assert_array_equal(by_ompl.path, own.path)
+    assert by_ompl.edges == own.edges
+
+
 def test_stock_rrt_connect_solves_with_the_same_edge_test(problems):
     bench = Workbench(problems["table_pick/0012"])
     planned = bench.rrt_connect()

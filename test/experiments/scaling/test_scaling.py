@@ -8,16 +8,19 @@ import numpy as np
 import pytest
 
 from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.experiments.cases import Case
+from placement_planner_ros.experiments.record import Trial
 from placement_planner_ros.experiments.scaling.growth import growths
 from placement_planner_ros.experiments.scaling.report import draw_scaling, scaling_table
 from placement_planner_ros.experiments.scaling.runs import (
     FACTORS,
     ScalingJob,
-    job_key,
     run_scaling_job,
     scaled_volume,
     scaling_jobs,
+    scaling_key,
 )
+from placement_planner_ros.experiments.variants import VARIANTS
 from placement_planner_ros.scenes.cluttered_table import MOST_THINGS, cluttered_table
 from placement_planner_ros.scenes.scenes import scene_by_name
 
@@ -100,9 +103,10 @@ def test_runs_that_never_get_there_count_as_endless():
 
 
 def test_a_run_that_finds_nothing_is_recorded_with_its_setting():
-    job = ScalingJob("volume", 1, "minimize_clearance", seed=3, time_limit=1e-3)
+    case = Case("table", "small_crayons_box", "minimize_clearance")
+    job = ScalingJob("volume", 1, Trial(case, next(iter(VARIANTS)), 3, 1e-3))
     found = run_scaling_job(job)
-    assert job_key(found) == job.key
+    assert scaling_key(found) == job.key
     assert found["solutions"] == []
     assert "no sample was tried" in found["failure"]
     whole = scene_by_name("table").volume
@@ -116,6 +120,6 @@ def test_jobs_cover_every_setting_and_refuse_others():
     assert {job.axis for job in scaling_jobs(1, 5.0, ("cloud",))} == {"cloud"}
     for wrong in (("height", 1), ("volume", 3)):
         with pytest.raises(ParameterError):
-            ScalingJob(*wrong, "maximize_clearance", 0)
+            ScalingJob(*wrong, jobs[0].trial)
     with pytest.raises(ParameterError, match="seconds"):
-        ScalingJob("cloud", 1, "maximize_clearance", 0, 0.0)
+        scaling_jobs(1, 0.0)

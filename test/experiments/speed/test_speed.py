@@ -13,7 +13,8 @@ import pytest
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.experiments.baselines.exact_collision import ExactCollision
-from placement_planner_ros.experiments.baselines.plain import PlainPlanner, rrt_connect
+from placement_planner_ros.experiments.baselines.plain import PlainPlanner
+from placement_planner_ros.experiments.baselines.rrt_connect import rrt_connect
 from placement_planner_ros.experiments.benchmark import main
 from placement_planner_ros.experiments.cases import Case, make_problem
 from placement_planner_ros.experiments.speed.measures import (
@@ -22,13 +23,15 @@ from placement_planner_ros.experiments.speed.measures import (
     median,
     percentile,
 )
-from placement_planner_ros.experiments.speed.provenance import MADE_WITH, made_with
+from placement_planner_ros.experiments.speed.picture import draw
 from placement_planner_ros.experiments.speed.recorder import Recording, RecordSettings, record
-from placement_planner_ros.experiments.speed.report import draw, markdown, plain_text
+from placement_planner_ros.experiments.speed.report import markdown, plain_text
 from placement_planner_ros.experiments.speed.rows import (
+    MADE_WITH,
     Line,
     first_seconds,
     lines_of,
+    made_with,
     slope_per_hour,
 )
 from placement_planner_ros.experiments.speed.searches import measure_sampling
@@ -85,7 +88,8 @@ def test_cpu_time_is_that_of_one_call():
 
 
 def line(value, target, higher):
-    return Line("row", "what", value, target, higher, f"{value:g}", f"{target:g}", "detail")
+    bound = ">=" if higher else "<="
+    return Line("row", "what", value, target, f"{value:g}", f"{bound} {target:g}", "detail")
 
 
 @pytest.mark.parametrize(
@@ -224,20 +228,21 @@ def test_the_sampling_rate_counts_every_sample_of_the_run():
 def test_stock_rrt_connect_reaches_one_of_the_goals(recording):
     query = recording.goal_sets[0]
     problem, holding = recording.problem, query.holding
-    exact = ExactCollision(
-        problem.robot,
-        holding.arm,
-        holding.grasp,
-        problem.body,
-        problem.environment.obstacles,
-        problem.q_start,
-    )
+    exact = ExactCollision.of(holding, problem, recording.settings.collision)
     goals = [goal.q_raised for goal in query.goals]
-    path = rrt_connect(holding, goals, exact.edge_free, 20.0)
+    ends = time.monotonic() + 20.0
+    path = rrt_connect(holding, goals, exact.edge_free, lambda: time.monotonic() > ends)
     assert path is not None
     np.testing.assert_allclose(path[0], holding.q_start)
     assert min(np.abs(path[-1] - goal).max() for goal in goals) < 1e-9
-    assert rrt_connect(holding, goals, lambda a, b: False, 0.05) is None
+    asked = []
+
+    def never_free(a, b):
+        asked.append((a, b))
+        return False
+
+    assert rrt_connect(holding, goals, never_free, lambda: len(asked) > 50) is None
+    assert len(asked) > 50
 
 
 def test_the_command_on_one_case(tmp_path, capsys):
@@ -266,7 +271,7 @@ def test_the_command_on_one_case(tmp_path, capsys):
     assert "configurations per second" in table
     assert "goal samples tried per second" in table
     assert (tmp_path / "speed.png").read_bytes().startswith(b"\x89PNG")
-    assert "0 min left" in capsys.readouterr().out
+    assert "[1/1, 0 s left]" in capsys.readouterr().out
 
 
 def test_a_page_is_filled_between_its_marks(tmp_path, capsys):
