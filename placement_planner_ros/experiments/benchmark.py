@@ -28,8 +28,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if error.name not in ("matplotlib", "PIL"):
             raise
         print(
-            f"placement_benchmark: figures need {error.name}, which is not installed; whatever was "
-            "measured is recorded",
+            "placement_benchmark: figures need matplotlib and pillow, which are not installed; "
+            "whatever was measured is recorded",
             file=sys.stderr,
         )
     return 2

@@ -15,7 +15,8 @@ import numpy as np
 
 from placement_planner_ros.core.collision.boxes import box_arrays
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.planner import PlacementPlanner, Problem
+from placement_planner_ros.core.planner import PlacementPlanner
+from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.types import Placement
 from placement_planner_ros.core.warmup import warm_up
 from placement_planner_ros.experiments.cases import (

@@ -7,15 +7,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from fakes import FRAME, TABLE, Bench, values_of
+from geometry_msgs.msg import Point
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from scipy.spatial import ConvexHull
 from sensor_msgs.msg import PointCloud2
+from shape_msgs.msg import Mesh, MeshTriangle
 from std_msgs.msg import Header, String
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 from placement_planner_ros.ros.inputs.self_filter import outside_robot
-from placement_planner_ros.ros.outputs.publishing import LATCHED
+from placement_planner_ros.ros.qos import LATCHED
 from placement_planner_ros.ros.run.surroundings import Surroundings
 from placement_planner_ros.share import share_path
 
@@ -187,7 +190,7 @@ def test_stop_with_ends_that_run_only(bench):
     answer = b.call("stop_with", run=7)
     assert not answer.success
     assert answer.code == "WRONG_RUN"
-    assert b.node._run.active
+    assert b.node._commands.run.active
     assert b.call("stop_with", run="1").code == "BAD_PARAMETER"
     assert b.call("stop_with", run=1).code == "OK"
     assert b.call("stop_with", run=1).code == "NOT_RUNNING"
@@ -204,8 +207,8 @@ def test_a_worker_that_hangs_is_reported_and_publishes_nothing_more(bench):
     planner.offers.append(0.5)
     b.wait(lambda: not planner.offers)
     planner.done.set()
-    b.wait(lambda: not b.node._run.active)
-    assert b.node._run.solutions == 0
+    b.wait(lambda: not b.node._commands.run.active)
+    assert b.node._commands.run.solutions == 0
     assert b.manifests()[-1]["solution"] == "0"
     b.feed()
     assert b.call("start").run == "2"
@@ -253,7 +256,7 @@ def test_a_twitch_within_the_tolerance_does_not(bench):
     started(b, start_tolerance=0.5)
     b.joint_state(yumi_joint_5_l=0.3)
     b.wait(lambda: b.node._inputs.joints.positions()["yumi_joint_5_l"] == 0.3)
-    assert b.node._run.active
+    assert b.node._commands.run.active
 
 
 def test_start_with_changes_parameters_for_one_run(bench):
@@ -288,7 +291,7 @@ def test_bad_parameters_for_a_run_are_refused(bench, parameters, code):
     answer = b.call("start_with", **parameters)
     assert not answer.success
     assert answer.code == code, answer.text
-    assert b.node._run is None
+    assert b.node._commands.run is None
 
 
 def test_every_fault_has_a_line(bench):
@@ -436,7 +439,7 @@ def test_unknown_space_is_obstacle_where_asked_for_and_the_sensor_is_known(bench
 
 def test_reliability_follows_the_publishers(bench):
     b = bench()
-    subscriptions = b.node._clouds
+    subscriptions = b.node._reception.clouds
     b.wait(lambda: subscriptions.reliability("points") is ReliabilityPolicy.RELIABLE)
     loose = b.client.create_publisher(
         PointCloud2, "points", QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -549,6 +552,25 @@ def test_the_object_given_last_wins(bench):
     assert len(b.snapshots[-1].body.vertices) == 8
 
 
+def test_the_newest_object_wins_be_it_a_topic_or_a_parameter(bench):
+    b = bench()
+    publisher = b.client.create_publisher(Mesh, "placement_planner/object", LATCHED)
+    corners = [Point(x=x, y=y, z=z) for x in (0.0, 0.05) for y in (0.0, 0.04) for z in (0.0, 0.3)]
+    hull = ConvexHull([[p.x, p.y, p.z] for p in corners])
+    triangles = [MeshTriangle(vertex_indices=row.astype(np.uint32)) for row in hull.simplices]
+    publisher.publish(Mesh(vertices=corners, triangles=triangles))
+    b.wait(lambda: b.node._inputs.object.mesh is not None)
+    started(b)
+    extent = np.ptp(b.snapshots[-1].body.vertices, axis=0)
+    np.testing.assert_allclose(extent, [0.05, 0.04, 0.3])
+    b.call("stop")
+    vertices = b.node.get_parameter("object.vertices")
+    assert b.node.set_parameters([vertices])[0].successful
+    b.feed()
+    started(b)
+    assert np.ptp(b.snapshots[-1].body.vertices, axis=0).max() < 0.3
+
+
 def test_the_status_says_when_everything_is_compiled(bench):
     b = bench(warm=False)
     b.wait(lambda: b.status().get("warm") == "false")
@@ -564,7 +586,7 @@ def test_a_run_waits_for_compilation_and_its_time_does_not_count(bench):
     b.feed()
     assert b.call("start_with", time_limit=0.3).success
     time.sleep(0.5)
-    assert b.node._run.state == "preparing"
+    assert b.node._commands.run.state == "preparing"
     b.node._warm.set()
     b.wait(lambda: b.status()["state"] == "time_limit")
     assert b.planners

@@ -20,12 +20,12 @@ import pinocchio as pin
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
 
-from placement_planner_ros.core.body.body import Body, ConvexPart
+from placement_planner_ros.core.body.body import ConvexPart
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
+from placement_planner_ros.core.collision.load import Held
 from placement_planner_ros.core.collision.separation import UNDECIDED
-from placement_planner_ros.core.grasp.holding import Holding
-from placement_planner_ros.core.planner import Problem
-from placement_planner_ros.core.robot.model import Arm, Robot
+from placement_planner_ros.core.robot.model import Arm
+from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import Array
 
@@ -45,35 +45,32 @@ class ExactCollision:
     """One arm with one object in one grasp, all other joints at rest: `ArmCollision` by coal.
 
     Args:
-        robot, arm: who.
-        grasp: index into arm.grasps.
-        body: the object, or None for an empty hand.
+        moving: the arm, and where the rest of the robot is.
+        load: the object in a grasp, or None for an empty hand.
         obstacles: the environment.
-        q_rest: (nq,) joints of the whole robot; those of the arm are ignored.
         settings: margins.
     """
 
     def __init__(
         self,
-        robot: Robot,
-        arm: Arm,
-        grasp: int,
-        body: Body | None,
+        moving: MovingArm,
+        load: Held | None,
         obstacles: ObstacleSet,
-        q_rest: Array,
         settings: CollisionSettings | None = None,
     ) -> None:
         self.settings = settings or CollisionSettings()
+        robot, arm = moving.robot, moving.arm
+        parts = load.body.parts if load is not None else ()
         self._model, self._data = robot.model, robot.model.createData()
-        self._q = np.array(q_rest, dtype=np.float64)
+        self._q = np.array(moving.q_rest)
         self._q_index = arm.q_index
         links = list(robot.geometry_links)
         shapes = [pin.GeometryObject(thing) for thing in robot.geometry.geometryObjects]
         tip = robot.model.frames[robot.frame_id(arm.tip_frame)]
-        self._held = range(len(shapes), len(shapes) + (len(body.parts) if body else 0))
-        if body is not None:
-            T_joint_object = tip.placement * arm.grasps[grasp]
-            for i, part in enumerate(body.parts):
+        self._held = range(len(shapes), len(shapes) + len(parts))
+        if load is not None:
+            T_joint_object = tip.placement * arm.grasps[load.grasp]
+            for i, part in enumerate(parts):
                 name = f"held object {i}"
                 shape = _convex(part)
                 shapes.append(pin.GeometryObject(name, tip.parentJoint, T_joint_object, shape))
@@ -95,20 +92,12 @@ class ExactCollision:
             for request in self._placed.collisionRequests:
                 # With a guess from the last configuration, coal misses penetrations of 0.7 mm.
                 request.enable_cached_gjk_guess = False
-        moving = sorted((i for i in range(len(shapes)) if above[i] >= 0), key=lambda i: -above[i])
-        self._movers = [(i, coal.CollisionObject(shapes[i].geometry)) for i in moving]
-        self._corners = [(i, _corners(shapes[i].geometry)) for i in moving]
+        movers = sorted((i for i in range(len(shapes)) if above[i] >= 0), key=lambda i: -above[i])
+        self._movers = [(i, coal.CollisionObject(shapes[i].geometry)) for i in movers]
+        self._corners = [(i, _corners(shapes[i].geometry)) for i in movers]
         self._boxes, self._environment = box_tree(obstacles)
         self._answer = coal.CollisionCallBackDefault()
         self._kept = (math.nan, math.nan)
-
-    @classmethod
-    def of(cls, holding: Holding, problem: Problem, settings: CollisionSettings) -> ExactCollision:
-        """The arm and grasp of a holding among a problem's obstacles."""
-        arm, obstacles = holding.arm, problem.environment.obstacles
-        return cls(
-            problem.robot, arm, holding.grasp, problem.body, obstacles, problem.q_start, settings
-        )
 
     def free(
         self, q: Array, reserve: float = 0.0, contact: bool = False, beyond: float = 0.0

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from placement_planner_ros.core.objective.objective import Objective
-from placement_planner_ros.core.planner import PlannerSettings, Problem
+from placement_planner_ros.core.planner import PlannerSettings
+from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.experiments.baselines.exact_collision import ExactCollision, box_tree
 from placement_planner_ros.experiments.baselines.rrt_connect import BaselinePlanner
 from placement_planner_ros.experiments.record import boxes_ready
@@ -27,7 +28,9 @@ class PlainPlanner(BaselinePlanner):
     ) -> None:
         super().__init__(problem, objective, settings, rng)
         for holding in self.holdings.values():
-            exact = ExactCollision.of(holding, problem, settings.collision)
+            exact = ExactCollision(
+                holding.moving, holding.held, problem.environment.obstacles, settings.collision
+            )
             holding.collision = exact  # type: ignore[assignment]  # same methods
 
     @staticmethod

@@ -12,7 +12,8 @@ from ompl import util as ou
 
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.objective.objective import Objective
-from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings, Problem
+from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
+from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.types import Array, Goal
 from placement_planner_ros.experiments.motion.ompl_space import EdgeFree, EdgeSpace
 
@@ -105,9 +106,7 @@ class BaselinePlanner(PlacementPlanner):
         settings: PlannerSettings,
         rng: np.random.Generator,
     ) -> None:
-        plain = replace(
-            settings, sampler="uniform", local_optimization=False, gradient_sampling=False
-        )
+        plain = replace(settings, sampler="uniform", local_optimization=False)
         super().__init__(problem, objective, plain, rng)
 
     def make_motion(self, rng: np.random.Generator) -> RRTConnectMotion:

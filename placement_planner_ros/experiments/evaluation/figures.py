@@ -24,13 +24,14 @@ from placement_planner_ros.experiments.evaluation.resampling import Interval, me
 from placement_planner_ros.experiments.evaluation.results import Results, final
 
 COLOURS = {
-    "mcts+lo": "#0072b2",
+    "optimistic+lo": "#0072b2",
+    "mcts+lo": "#009e73",
     "uniform+lo": "#d55e00",
+    "optimistic": "#56b4e9",
+    "mcts": "#cc79a7",
     "uniform": "#e69f00",
-    "mcts": "#56b4e9",
     "baseline": "#777777",
-    "mcts+lo+gradient": "#009e73",
-    "mcts+lo+ucb1": "#cc79a7",
+    "optimistic+lo+unpruned": "#f0e442",
 }
 """Variant -> colour, told apart also by those who do not see all colours."""
 

@@ -18,6 +18,7 @@ from placement_planner_ros.core.errors import JointStateError, ParameterError
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.core.types import Array, TargetVolume, frozen_array
 from placement_planner_ros.scenes.clouds import complete_cloud
@@ -107,7 +108,9 @@ class MotionProblem:
 
     def collision(self, settings: CollisionSettings | None = None) -> ArmCollision:
         """C_free of the arm with an empty hand among the primitives."""
-        return ArmCollision(self.robot, self.arm, 0, None, self.obstacles(), self.q_start, settings)
+        return ArmCollision(
+            MovingArm(self.robot, self.arm, self.q_start), None, self.obstacles(), settings
+        )
 
 
 def read_problem(

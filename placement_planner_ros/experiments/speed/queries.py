@@ -58,9 +58,13 @@ class Bench:
     def exact(self, queries: HeldQueries) -> ExactCollision:
         """coal alone for that arm and grasp."""
         if id(queries) not in self._exact:
-            collision = self._recording.settings.collision
-            exact = ExactCollision.of(queries.holding, self._recording.problem, collision)
-            self._exact[id(queries)] = exact
+            holding, recording = queries.holding, self._recording
+            self._exact[id(queries)] = ExactCollision(
+                holding.moving,
+                holding.held,
+                recording.problem.environment.obstacles,
+                recording.settings.collision,
+            )
         return self._exact[id(queries)]
 
     def configurations(self) -> Entry:

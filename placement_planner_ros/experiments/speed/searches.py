@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from placement_planner_ros.core.plan_motion.transit import MotionPlanner
-from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings, Problem
+from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
+from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.search.sampler import GoalSampler
 from placement_planner_ros.core.types import Array, Goal
 from placement_planner_ros.experiments.baselines.exact_collision import ExactCollision
@@ -141,6 +142,7 @@ def measure_goal_sets(
         limit: seconds for a query.
     """
     queries, settings = recording.goal_sets, recording.settings
+    obstacles = recording.problem.environment.obstacles
     both = set(np.linspace(0, len(queries) - 1, min(plain, len(queries))).astype(int).tolist())
     for number, query in enumerate(queries):
         entry: Entry = {"row": "goal_sets", "case": str(recording.case)}
@@ -149,7 +151,9 @@ def measure_goal_sets(
         entry |= _timed("", partial(_goal_set_planner, recording, query, rng), limit)
         entry["cpu_seconds"] = time.process_time() - cpu
         if number in both:
-            exact = ExactCollision.of(query.holding, recording.problem, settings.collision)
+            exact = ExactCollision(
+                query.holding.moving, query.holding.held, obstacles, settings.collision
+            )
             edge_free = partial(exact.edge_free, reserve=settings.collision.planning_reserve)
             goals = [goal.q_raised for goal in query.goals]
             stock = partial(rrt_connect, query.holding, goals, edge_free)

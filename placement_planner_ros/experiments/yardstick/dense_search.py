@@ -11,7 +11,8 @@ import numpy as np
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.objective.objective import Objective
-from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings, Problem
+from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
+from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy
 from placement_planner_ros.core.search.sampler import Draws, GoalChecker, SampleCount
 from placement_planner_ros.core.types import Array, Goal, Placement

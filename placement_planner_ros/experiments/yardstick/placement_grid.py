@@ -13,7 +13,8 @@ from placement_planner_ros.core.body.body import PlacementFace
 from placement_planner_ros.core.collision.object import ObjectCollision
 from placement_planner_ros.core.constraints import contact_points
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.planner import PlannerSettings, Problem
+from placement_planner_ros.core.planner import PlannerSettings
+from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.scene.distance import ClearanceField
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.types import Array

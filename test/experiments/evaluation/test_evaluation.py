@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from test_scaling import record as scaling_record
 
-from placement_planner_ros.core.collision.object import ObjectCollision
 from placement_planner_ros.core.constraints import PoseConstraints, placement_pose
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.planner import PlannerSettings
@@ -80,12 +79,12 @@ def yardstick(case, best, random):
 def some_results():
     """Reference and two others; the second case is worth more by its run than by its yardstick."""
     runs = [
-        recorded(TABLE, "mcts+lo", 0, [0.2, 0.4]),
-        recorded(TABLE, "mcts+lo", 1, [0.4]),
+        recorded(TABLE, "optimistic+lo", 0, [0.2, 0.4]),
+        recorded(TABLE, "optimistic+lo", 1, [0.4]),
         recorded(TABLE, "uniform+lo", 0, [0.2]),
         recorded(TABLE, "uniform+lo", 1, []),
         recorded(TABLE, "baseline", 0, [0.1, 0.3]),
-        recorded(CABINET, "mcts+lo", 0, [-0.3]),
+        recorded(CABINET, "optimistic+lo", 0, [-0.3]),
         recorded(CABINET, "uniform+lo", 0, [-0.4]),
     ]
     return Results.of(runs, [yardstick(TABLE, 0.4, 0.0), yardstick(CABINET, -0.35, -0.5)])
@@ -167,11 +166,11 @@ def test_results_are_scaled_by_the_best_of_yardstick_and_runs():
     results = some_results()
     assert results.scales[TABLE] == Scale(0.4, 0.0)
     assert results.scales[CABINET] == Scale(-0.3, -0.5)
-    assert results.variants == ("mcts+lo", "uniform+lo", "baseline")
+    assert results.variants == ("optimistic+lo", "uniform+lo", "baseline")
     assert results.cases == (TABLE, CABINET)
-    assert results.best_run(CABINET)["variant"] == "mcts+lo"
+    assert results.best_run(CABINET)["variant"] == "optimistic+lo"
     assert [record["variant"] for record in results.failed()] == ["uniform+lo"]
-    assert solved_in_every_run(results, "mcts+lo") == 2
+    assert solved_in_every_run(results, "optimistic+lo") == 2
     assert solved_in_every_run(results, "uniform+lo") == 1
 
 
@@ -179,9 +178,9 @@ def test_results_need_runs_and_yardsticks():
     with pytest.raises(ParameterError, match="none recorded"):
         Results.of([], [])
     with pytest.raises(ParameterError, match="placement_benchmark yardstick"):
-        Results.of([recorded(TABLE, "mcts+lo", 0, [0.1])], [])
+        Results.of([recorded(TABLE, "optimistic+lo", 0, [0.1])], [])
     with pytest.raises(ParameterError, match="no run and no dense search"):
-        Results.of([recorded(TABLE, "mcts+lo", 0, [])], [yardstick(TABLE, None, 0.0)])
+        Results.of([recorded(TABLE, "optimistic+lo", 0, [])], [yardstick(TABLE, None, 0.0)])
 
 
 def test_differences_are_paired_by_seed_and_pooled_over_cases():
@@ -199,11 +198,11 @@ def test_differences_are_paired_by_seed_and_pooled_over_cases():
     assert by_case[CABINET].adjusted_p == 1.0
     assert by_case[TABLE].adjusted_p < 0.05
     assert comparison.worse_by(0.02) == []
-    assert compare(some_results(), "mcts") is None
+    assert compare(some_results(), "optimistic") is None
 
 
 def test_a_case_that_is_worse_is_named():
-    runs = [recorded(TABLE, "mcts+lo", seed, [0.1]) for seed in range(3)]
+    runs = [recorded(TABLE, "optimistic+lo", seed, [0.1]) for seed in range(3)]
     runs += [recorded(TABLE, "uniform", seed, [0.2]) for seed in range(3)]
     results = Results.of(runs, [yardstick(TABLE, 0.4, 0.0)])
     comparison = compare(results, "uniform")
@@ -215,17 +214,17 @@ def test_a_case_that_is_worse_is_named():
 def test_times_rates_and_rejections():
     results = some_results()
     np.testing.assert_array_equal(first_times(results, "uniform+lo", [TABLE]), [1.0, np.inf])
-    np.testing.assert_allclose(sample_rates(results, "mcts+lo"), 70 / 3.5)
+    np.testing.assert_allclose(sample_rates(results, "optimistic+lo"), 70 / 3.5)
     np.testing.assert_array_equal(times_to_pass_baseline(results), [2.0, 1.0])
-    shares = rejections(results, "mcts+lo", results.cases)
+    shares = rejections(results, "optimistic+lo", results.cases)
     assert shares == pytest.approx({"unstable": 0.6, "not_better": 0.2, "goals": 0.2})
 
 
 def test_presets_hold_what_they_say():
     quick = preset_trials(PRESETS["quick"])
-    assert len(quick) == 24 * (4 * 5 + 2)
+    assert len(quick) == 24 * (5 * 5 + 2)
     assert {t.time_limit for t in quick if t.variant == "baseline"} == {60.0}
-    full = preset_trials(PRESETS["full"], ["mcts+lo"])
+    full = preset_trials(PRESETS["full"], ["optimistic+lo"])
     assert len(full) == 24 * 20
     assert {t.time_limit for t in full} == {120.0}
     assert len({t.key for t in quick}) == len(quick)
@@ -273,7 +272,7 @@ def test_a_run_that_breaks_is_recorded_with_its_error(tmp_path, monkeypatch):
 
     monkeypatch.setattr(recording, "build_problem", broken)
     said = []
-    run_here(run_trial, [Trial(TABLE, "mcts+lo", 3, 1.0)], tmp_path, said)
+    run_here(run_trial, [Trial(TABLE, "optimistic+lo", 3, 1.0)], tmp_path, said)
     (record,) = read_lines(tmp_path / "runs.jsonl")
     assert "FAILED: RuntimeError: the cloud caught fire" in said[-1]
     assert "the cloud caught fire" in record["failure"]
@@ -281,7 +280,7 @@ def test_a_run_that_breaks_is_recorded_with_its_error(tmp_path, monkeypatch):
 
 
 def test_a_run_that_finds_nothing_says_why():
-    record = run_trial(Trial(TABLE, "mcts+lo", 0, 1e-3))
+    record = run_trial(Trial(TABLE, "optimistic+lo", 0, 1e-3))
     assert record["solutions"] == []
     assert "no sample was tried" in record["failure"]
 
@@ -290,7 +289,7 @@ def test_trials_refuse_unknown_variants_and_times():
     with pytest.raises(ParameterError, match="variant"):
         Trial(TABLE, "magic", 0, 1.0)
     with pytest.raises(ParameterError, match="seconds"):
-        Trial(TABLE, "mcts+lo", 0, 0.0)
+        Trial(TABLE, "optimistic+lo", 0, 0.0)
 
 
 def test_the_smoke_preset_runs_every_variant_and_is_reported(tmp_path, capsys):
@@ -338,8 +337,11 @@ def test_the_report_holds_figures_tables_and_pictures(tmp_path):
     assert "http" not in page
     assert "nothing was found" in page
     summary = (tmp_path / "summary.md").read_text()
-    assert "| mcts+lo minus uniform+lo | +0.438 [+0.313, +0.562] | 1 of 2 | 0 of 2 | 0 |" in summary
-    assert "| mcts+lo | 3 of 3 | 1.00 s | 1.00 s | 1.00 s |" in summary
+    assert (
+        "| optimistic+lo minus uniform+lo | +0.438 [+0.313, +0.562] | 1 of 2 | 0 of 2 | 0 |"
+        in summary
+    )
+    assert "| optimistic+lo | 3 of 3 | 1.00 s | 1.00 s | 1.00 s |" in summary
     assert "| uniform+lo | 2 of 3 | 1.00 s | never | never |" in summary
     for name in (
         "overall",
@@ -355,7 +357,7 @@ def test_the_report_holds_figures_tables_and_pictures(tmp_path):
 
 
 def test_a_report_without_yardstick_says_what_to_run(tmp_path, capsys):
-    append_line(tmp_path / "runs.jsonl", recorded(TABLE, "mcts+lo", 0, [0.1]))
+    append_line(tmp_path / "runs.jsonl", recorded(TABLE, "optimistic+lo", 0, [0.1]))
     assert main(["report", str(tmp_path)]) == 2
     assert "placement_benchmark yardstick" in capsys.readouterr().err
 
@@ -377,13 +379,7 @@ def test_grid_placements_are_those_the_planner_would_let_pass():
     resolution = GridResolution(0.04, math.radians(60.0))
     found = grid_placements(problem, resolution, settings)
     poses = PoseConstraints(
-        problem.body,
-        problem.environment,
-        problem.volume,
-        ObjectCollision(problem.body, problem.environment.obstacles, settings.collision),
-        settings.collision.contact_tolerance,
-        settings.edge_margin,
-        settings.approach.approach_minimum,
+        problem, settings.collision, settings.edge_margin, settings.approach.approach_minimum
     )
     passed, tried = {}, 0
     for region in problem.environment.regions:
@@ -455,7 +451,9 @@ def test_jobs_spread_over_a_cluster_of_two_workers():
         address = cluster.scheduler_address
         found = sorted(spread(operator.neg, [1, 2, 3], scheduler=address))
         assert found == [(1, -1), (2, -2), (3, -3)]
-        ((_, record),) = spread(run_trial, [Trial(TABLE, "mcts+lo", 0, 1e-3)], scheduler=address)
+        ((_, record),) = spread(
+            run_trial, [Trial(TABLE, "optimistic+lo", 0, 1e-3)], scheduler=address
+        )
         assert "no sample was tried" in record["failure"]
 
 

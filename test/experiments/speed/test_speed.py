@@ -228,7 +228,7 @@ def test_the_sampling_rate_counts_every_sample_of_the_run():
 def test_stock_rrt_connect_reaches_one_of_the_goals(recording):
     query = recording.goal_sets[0]
     problem, holding = recording.problem, query.holding
-    exact = ExactCollision.of(holding, problem, recording.settings.collision)
+    exact = ExactCollision(holding.moving, holding.held, problem.environment.obstacles)
     goals = [goal.q_raised for goal in query.goals]
     ends = time.monotonic() + 20.0
     path = rrt_connect(holding, goals, exact.edge_free, lambda: time.monotonic() > ends)

@@ -1,22 +1,33 @@
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 import rclpy
 from rcl_interfaces.msg import ParameterType
+from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
 
 from placement_planner_ros.core.errors import GraspError, ObjectError, ParameterError, VolumeError
-from placement_planner_ros.ros.parameter_server import ParameterServer
-from placement_planner_ros.ros.parameters import (
-    ParameterSet,
+from placement_planner_ros.core.objective.objective import objective_names
+from placement_planner_ros.core.planner import PlannerSettings
+from placement_planner_ros.core.scene.grid import GridSettings
+from placement_planner_ros.core.settings import meaning_of
+from placement_planner_ros.ros.parameters.checks import poses_from_list
+from placement_planner_ros.ros.parameters.server import ParameterServer
+from placement_planner_ros.ros.parameters.table import (
+    GONE,
+    GRID,
+    PLANNER,
     arm_specs,
     arms_spec,
     fixed_specs,
-    poses_from_list,
 )
+from placement_planner_ros.ros.parameters.values import ParameterSet
 
+PLUGINS = set(objective_names()) - {"maximize_clearance", "minimize_clearance"}
 SPECS = {s.name: s for s in [*fixed_specs(), arms_spec(["left"]), *arm_specs("left", yumi=True)]}
 
 
@@ -31,8 +42,18 @@ def test_every_default_is_accepted_by_its_own_checks():
 
 def test_every_parameter_is_described():
     for spec in SPECS.values():
-        assert spec.text.endswith(".")
-        assert len(spec.text) > 15
+        assert spec.meaning.text.endswith(".")
+        assert len(spec.meaning.text) > 15
+
+
+def test_parameters_that_are_settings_repeat_nothing_of_them():
+    for settings, paths in ((PlannerSettings(), PLANNER), (GridSettings(), GRID)):
+        for name, path in paths.items():
+            group, _, field = path.rpartition(".")
+            owner = getattr(settings, group) if group else settings
+            default = SPECS[name].default
+            assert SPECS[name].meaning is meaning_of(owner, field)
+            assert getattr(owner, field) == (tuple(default) if type(default) is list else default)
 
 
 def test_integers_stand_for_doubles():
@@ -102,7 +123,6 @@ def test_unknown_names_are_refused():
 def test_every_search_setting_reaches_the_planner():
     changes = {
         "sampler": "uniform",
-        "selection": "ucb1",
         "local_optimization": False,
         "contact_tolerance": 0.002,
         "approach_distance": 0.08,
@@ -114,7 +134,6 @@ def test_every_search_setting_reaches_the_planner():
     }
     settings = ParameterSet(SPECS, changes).planner_settings
     assert settings.sampler == "uniform"
-    assert settings.sampling.selection == "ucb1"
     assert settings.local_optimization is False
     assert settings.collision.contact_tolerance == 0.002
     assert settings.approach.approach_distance == 0.08
@@ -170,6 +189,26 @@ def test_a_bad_value_is_refused_with_its_reason_and_changes_nothing(node):
     assert server.current["target_volume"] == made.get_parameter("target_volume").value
 
 
+def test_a_parameter_of_a_former_version_is_refused_with_its_successor(node):
+    successor = "selection = 'ucb1'.*is gone; use sampler: optimistic or mcts"
+    with pytest.raises(ParameterError, match=successor):
+        parameter_set().changed({"selection": "ucb1"})
+    with pytest.raises(ParameterError, match=successor):
+        ParameterServer(node("-p", "selection:=ucb1"))
+    made = node()
+    ParameterServer(made)
+    assert not made.has_parameter("selection")
+    with pytest.raises(ParameterNotDeclaredException, match=successor):
+        made.set_parameters([Parameter("selection", value="ucb1")])
+    client = AsyncParameterClient(made, made.get_name())
+    assert client.wait_for_services(10.0)
+    answer = client.set_parameters([Parameter("selection", value="ucb1")])
+    rclpy.spin_until_future_complete(made, answer, timeout_sec=30.0)
+    (result,) = answer.result().results
+    assert not result.successful
+    assert re.match(successor, result.reason)
+
+
 def test_start_up_parameters_are_refused_afterwards(node):
     made = node()
     ParameterServer(made)
@@ -202,7 +241,9 @@ def test_descriptors_carry_text_unit_and_range(node):
     assert "unit: m" in descriptor.additional_constraints
     assert descriptor.floating_point_range[0].to_value == 0.1
     assert descriptor.type == ParameterType.PARAMETER_DOUBLE
-    assert "mcts" in made.describe_parameter("sampler").additional_constraints
+    choices = ", ".join(meaning_of(PlannerSettings(), "sampler").choices)
+    assert f"one of {choices}" in made.describe_parameter("sampler").additional_constraints
+    assert made.describe_parameter("seed").integer_range[0].to_value == 2**63 - 1
 
 
 def test_listeners_hear_of_what_was_set(node):
@@ -219,11 +260,21 @@ def test_rclpy_is_shut_down_between_tests():
 
 
 def test_the_readme_lists_every_parameter_with_its_default():
-    readme = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+    readme = (Path(__file__).parents[3] / "README.md").read_text(encoding="utf-8")
     for name, spec in SPECS.items():
         shown = name.replace("left.", "<arm>.")
         row = next((r for r in readme.splitlines() if r.startswith(f"| `{shown}` |")), None)
         assert row is not None, f"{shown} is missing"
-        assert spec.text.rstrip(".") in row
+        meaning, default = spec.meaning, row.split("|")[2].strip()
+        assert meaning.text.rstrip(".") in row
+        assert all(choice in row for choice in meaning.choices if choice not in PLUGINS)
+        assert not meaning.unit or f" ({meaning.unit})." in row
         if isinstance(spec.default, float):
-            assert row.split("|")[2].strip() == f"{spec.default:g}"
+            assert default == f"{spec.default:g}"
+        elif isinstance(spec.default, (bool, int)):
+            assert default == str(spec.default).lower()
+        elif isinstance(spec.default, str):
+            assert default in (spec.default or "(empty)", "gripper_l_base")
+        assert ("*Start-up only.*" in row) == spec.startup
+    listed = {r.split("`")[1] for r in readme.splitlines() if r.startswith("| `")}
+    assert not listed & set(GONE)

@@ -12,18 +12,20 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     SetParametersResult,
 )
+from rclpy.exceptions import ParameterException, ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from placement_planner_ros.core.errors import PlacementPlannerError
-from placement_planner_ros.ros.parameters import (
-    ParameterSet,
-    Spec,
+from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError
+from placement_planner_ros.ros.parameters.spec import Spec
+from placement_planner_ros.ros.parameters.table import (
+    GONE,
     arm_specs,
     arms_spec,
     fixed_specs,
     sensor_pose_spec,
 )
+from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.scenes.yumi import TIP_FRAMES
 
 _TYPES = {
@@ -35,6 +37,15 @@ _TYPES = {
     "integer[]": Parameter.Type.INTEGER_ARRAY,
     "string[]": Parameter.Type.STRING_ARRAY,
 }
+
+
+class ParameterGoneError(ParameterNotDeclaredException):
+    """A parameter of a former version was set; rclpy answers its client with these words."""
+
+    def __init__(self, name: str, value: object) -> None:
+        error = ParameterError(name, value, GONE[name])
+        ParameterException.__init__(self, f"{error.field} = {error.value!r}", error.remedy)
+
 
 OnChange = Callable[[Sequence[str], ParameterSet], None]
 
@@ -61,6 +72,7 @@ class ParameterServer:
                 specs[spec.name] = spec
                 values[spec.name] = self._declare(spec)
 
+        self._refuse_gone()
         declare(fixed_specs())
         declare([arms_spec(list(TIP_FRAMES))])
         for arm in values["arms"]:
@@ -92,6 +104,15 @@ class ParameterServer:
         """Everything for which `with_changes` would refuse these."""
         return self.current.faults({p.name: p.value for p in parameters})
 
+    def _refuse_gone(self) -> None:
+        """Refuse parameters of former versions given at start-up."""
+        for name, remedy in GONE.items():
+            anything = ParameterDescriptor(dynamic_typing=True)
+            given = self._node.declare_parameter(name, descriptor=anything).value
+            self._node.undeclare_parameter(name)
+            if given is not None:
+                raise ParameterError(name, given, remedy)
+
     def _declare(self, spec: Spec) -> Any:
         given = self._node.declare_parameter(spec.name, spec.default, _descriptor(spec)).value
         value = spec.convert([] if given is None and spec.kind.endswith("[]") else given)
@@ -103,6 +124,8 @@ class ParameterServer:
         return [self._converted(parameter) for parameter in parameters]
 
     def _converted(self, parameter: Parameter) -> Parameter:
+        if parameter.name in GONE:
+            raise ParameterGoneError(parameter.name, parameter.value)
         spec = self.current.specs.get(parameter.name)
         if spec is None:
             return parameter
@@ -131,25 +154,22 @@ class ParameterServer:
 
 
 def _descriptor(spec: Spec) -> ParameterDescriptor:
-    notes = []
-    if spec.unit:
-        notes.append(f"unit: {spec.unit}")
-    if spec.choices is not None:
-        notes.append(f"one of {', '.join(spec.choices())}")
+    meaning, notes = spec.meaning, []
+    if meaning.unit:
+        notes.append(f"unit: {meaning.unit}")
+    if meaning.choices:
+        notes.append(f"one of {', '.join(meaning.choices)}")
     if spec.startup:
         notes.append("read at start-up")
     descriptor = ParameterDescriptor(
-        description=spec.text,
-        additional_constraints="; ".join(notes),
-        dynamic_typing=True,
+        description=meaning.text, additional_constraints="; ".join(notes), dynamic_typing=True
     )
-    if math.isfinite(spec.lower) and math.isfinite(spec.upper):
+    lower, upper = meaning.ends
+    if math.isfinite(lower) and math.isfinite(upper):
         if spec.kind.startswith("double"):
             descriptor.floating_point_range = [
-                FloatingPointRange(from_value=float(spec.lower), to_value=float(spec.upper))
+                FloatingPointRange(from_value=float(lower), to_value=float(upper))
             ]
         elif spec.kind.startswith("integer"):
-            descriptor.integer_range = [
-                IntegerRange(from_value=int(spec.lower), to_value=int(spec.upper))
-            ]
+            descriptor.integer_range = [IntegerRange(from_value=int(lower), to_value=int(upper))]
     return descriptor

@@ -11,12 +11,12 @@ from __future__ import annotations
 
 import heapq
 import itertools
-from collections import Counter
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
-from placement_planner_ros.core.scene.region_points import RegionPoints
+from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.search.cell_layout import (
     COLUMNS,
     FACE,
@@ -28,16 +28,17 @@ from placement_planner_ros.core.search.cell_layout import (
     extent,
     halved,
 )
-from placement_planner_ros.core.search.hierarchy import FULL_TURN, AfrHierarchy
+from placement_planner_ros.core.search.hierarchy import AfrHierarchy
 from placement_planner_ros.core.search.pruning import CellBounds, Ruling
 from placement_planner_ros.core.search.sampler import (
+    BatchSampler,
     Draws,
     GoalChecker,
     Index,
     Outcome,
-    SampleCount,
     SamplerSettings,
 )
+from placement_planner_ros.core.search.uniform import UniformPoses
 from placement_planner_ros.core.types import Array, Goal, Verdict
 
 _COARSE = 4
@@ -52,37 +53,57 @@ _CLASS = np.array(
 _CLASS[Verdict.NOT_BETTER] = _CLASS[Verdict.FEASIBLE] = 0
 
 
-class CellSampler:
+@dataclass(frozen=True, slots=True)
+class OptimisticSettings(SamplerSettings):
+    """Budgets, and how much is looked at before and beside the best cells.
+
+    Attributes:
+        batch: as in `SamplerSettings`, of the uniform samples at the beginning.
+        uniform_first: samples before the search begins to refine; until then all are uniform, so
+            that the coarse cells have been graded.
+        uniform_share: of the samples after these, at least, in [0, 1).
+        even_share: of these, in [0, 1]: drawn from all regions alike instead of by area, since what
+            is best may stand on a small one.
+        prune: whether parts of cells that provably hold nothing are left out.
+    """
+
+    uniform_first: int = 2000
+    uniform_share: float = 0.5
+    even_share: float = 0.5
+    prune: bool = True
+
+    def __post_init__(self) -> None:
+        SamplerSettings.__post_init__(self)
+        if self.uniform_first < 0:
+            raise ParameterError("uniform_first", self.uniform_first, "must be zero or larger")
+        if not 0.0 <= self.uniform_share < 1.0:
+            raise ParameterError("uniform_share", self.uniform_share, "must be in [0, 1)")
+        if not 0.0 <= self.even_share <= 1.0:
+            raise ParameterError("even_share", self.even_share, "must be in [0, 1]")
+
+
+class OptimisticSampler(BatchSampler):
     """SampleGoals by optimistic search; arm and grasp are chosen once a pose is worth reaching.
 
     Args:
         checker: checks samples.
         rng: draws poses within cells.
         bounds: tell which cells hold nothing; None: none is known to.
-
-    Attributes:
-        rulings: how many parts of cells got each `Ruling`, those not asked about left open.
     """
 
     def __init__(
         self,
         hierarchy: AfrHierarchy,
         checker: GoalChecker,
-        settings: SamplerSettings,
+        settings: OptimisticSettings,
         rng: np.random.Generator,
         bounds: CellBounds | None = None,
     ) -> None:
-        self.count = SampleCount()
-        self.rulings: Counter[Ruling] = Counter()
-        self._bounds = bounds
-        self._checker = checker
+        super().__init__(checker, settings)
         self._settings = settings
+        self._bounds = bounds if settings.prune else None
         self._rng = rng
-        self._faces = hierarchy.faces
-        self._points = RegionPoints(hierarchy.regions)
-        surface = np.array([region.area for region in hierarchy.regions])
-        even = settings.even_share
-        self._shares = (1.0 - even) * surface / surface.sum() + even / max(len(surface), 1)
+        self._uniform = UniformPoses(hierarchy, rng, settings.even_share)
         self._extents = np.array([extent(region) for region in hierarchy.regions])
         self._steps = np.array([_COARSE, _COARSE, hierarchy.settings.angle_intervals**2])
         self._min_area = hierarchy.settings.min_area
@@ -100,42 +121,39 @@ class CellSampler:
 
     def sample_goals(self, best: float, should_stop: Callable[[], bool]) -> list[Goal]:
         """Algorithm 2, in rounds of uniform samples and of parts of the best cells."""
-        self._return_to(best)
-        goals: list[Goal] = []
-        left, wanted = self._settings.samples_per_call, self._settings.goals_per_call
-        while left > 0 and len(goals) < wanted and not should_stop():
-            if len(self._depths) == 0:
-                graded = self.count.samples >= self._settings.uniform_first
-                self._begin_round(best, refine=graded and best > -np.inf)
-            outcome = self._checker.check_batch(
-                self._draws(left), best, wanted - len(goals), should_stop
-            )
-            tried = len(outcome.verdicts)
-            self._remember(outcome, self._cells[:tried], self._depths[:tried])
-            self._keep(slice(tried, None))
-            self.count.add(outcome.verdicts)
-            left -= tried
-            goals += outcome.goals
-        return goals
+        # cells whose goal has been reached, or something as good, may be split again
+        while self._with_goal and self._with_goal[0][0] <= best:
+            value, _, depth, cell = heapq.heappop(self._with_goal)
+            self._push(depth, 0, -value, cell)
+        return super().sample_goals(best, should_stop)
+
+    def _draw(self, most: int, best: float) -> Draws:
+        """The next poses of the round, at most so many; of a new round where it is over."""
+        if len(self._depths) == 0:
+            graded = self.count.samples >= self._settings.uniform_first
+            self._begin_round(refine=graded and best > -np.inf)
+        cells, poses = self._cells[:most], self._poses[:most]
+        undecided = np.full(len(cells), -1)
+        contact = np.column_stack([poses[:, :2], cells[:, Z]])
+        return Draws(undecided, undecided, cells[:, FACE].astype(np.int64), contact, poses[:, 2])
+
+    def _learn(self, outcome: Outcome, best: float) -> None:
+        """The rest of the round is drawn from next."""
+        tried = len(outcome.verdicts)
+        self._remember(outcome, self._cells[:tried], self._depths[:tried])
+        self._keep(slice(tried, None))
 
     def _keep(self, rows: slice | Index) -> None:
         self._cells, self._depths = self._cells[rows], self._depths[rows]
         self._poses = self._poses[rows]
 
-    def _draws(self, count: int) -> Draws:
-        """The next poses of the round, at most `count`."""
-        cells, poses = self._cells[:count], self._poses[:count]
-        undecided = np.full(len(cells), -1)
-        contact = np.column_stack([poses[:, :2], cells[:, Z]])
-        return Draws(undecided, undecided, cells[:, FACE].astype(np.int64), contact, poses[:, 2])
-
-    def _begin_round(self, best: float, refine: bool) -> None:
+    def _begin_round(self, refine: bool) -> None:
         """Draw poses to be checked; each grades the cell it was drawn from."""
         share = self._settings.uniform_share
-        parts = [self._open_parts(best)] if refine else []
+        parts = [self._open_parts()] if refine else []
         finer = sum(len(cells) for cells, _ in parts)
-        count = round(finer * share / (1.0 - share)) if finer else self._settings.batch
-        coarse, drawn = self._uniform(max(1, count))
+        count = round(finer * share / (1.0 - share)) if finer else self._budget.batch
+        coarse, drawn = self._graded(max(1, count))
         parts.append((coarse, np.zeros(len(coarse), dtype=np.int64)))
         self._cells = np.concatenate([cells for cells, _ in parts])
         self._depths = np.concatenate([depths for _, depths in parts])
@@ -144,17 +162,15 @@ class CellSampler:
         self._poses[finer:] = drawn
         self._keep(self._rng.permutation(len(low)))
 
-    def _uniform(self, count: int) -> tuple[Array, Array]:
+    def _graded(self, count: int) -> tuple[Array, Array]:
         """Coarse cells (n, 8) of n uniform poses, and these (n, 3) as x, y, θ."""
-        rng = self._rng
-        regions = rng.choice(len(self._shares), size=count, p=self._shares)
-        contact = self._points.sample(regions, rng)
-        poses = np.column_stack([contact[:, :2], rng.uniform(0.0, FULL_TURN, size=count)])
+        regions, faces, contact, angle = self._uniform.draw(count)
+        poses = np.column_stack([contact[:, :2], angle])
         low, high = self._extents[regions, ::2], self._extents[regions, 1::2]
         size = (high - low) / self._steps
         place = np.clip(np.floor((poses - low) / size), 0, self._steps - 1)
         cells = np.empty((count, COLUMNS))
-        cells[:, FACE] = rng.integers(self._faces, size=count)
+        cells[:, FACE] = faces
         cells[:, Z] = contact[:, 2]
         cells[:, LOWER] = low + place * size
         cells[:, UPPER] = low + (place + 1.0) * size
@@ -188,27 +204,18 @@ class CellSampler:
         if len(level) > _MAX_CELLS:
             self._levels[depth] = heapq.nsmallest(_MAX_CELLS // 2, level)
 
-    def _return_to(self, best: float) -> None:
-        """Cells whose goal has been reached, or something as good, may be split again."""
-        while self._with_goal and self._with_goal[0][0] <= best:
-            value, _, depth, cell = heapq.heappop(self._with_goal)
-            self._push(depth, 0, -value, cell)
-
-    def _open_parts(self, best: float) -> tuple[Array, Index]:
+    def _open_parts(self) -> tuple[Array, Index]:
         """The parts of the best cell of each depth that may hold a goal, and their depths.
 
-        Where the cell's sample was free of collision only ξ could rule parts out.
+        Where the cell's sample was free of collision nothing is known to rule parts out.
         """
         cells, depths, kinds = self._split_best()
         parts, depths = halved(cells), np.repeat(depths + 1, PARTS)
-        doubtful = np.repeat((kinds > 0) | self._settings.prune_objective, PARTS)
+        doubtful = np.repeat(kinds > 0, PARTS)
         if self._bounds is None or not doubtful.any():
             return parts, depths
-        rulings = np.full(len(parts), Ruling.OPEN, dtype=np.int64)
-        rulings[doubtful] = self._bounds.rulings(parts[doubtful], best)
-        for ruling in Ruling:
-            self.rulings[ruling] += int((rulings == ruling).sum())
-        is_open = rulings == Ruling.OPEN
+        is_open = ~doubtful
+        is_open[doubtful] = self._bounds.rulings(parts[doubtful]) == Ruling.OPEN
         return parts[is_open], depths[is_open]
 
     def _split_best(self) -> tuple[Array, Index, Index]:

@@ -9,7 +9,8 @@ from typing import Protocol
 
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.types import Placement
-from placement_planner_ros.ros.run.planning import Planner, Prepare, Prepared, Snapshot
+from placement_planner_ros.ros.run.planning import Planner, Prepare, Prepared
+from placement_planner_ros.ros.run.snapshot import Snapshot
 
 
 class State(enum.StrEnum):
