@@ -19,7 +19,7 @@ J†, inverse kinematics                           robot.kinematics.Chain, robot
 C_free                                           robot.collision.ArmCollision
 AFR hierarchy, Ch(n)                             search.hierarchy
 G_s, v(n), r(n), UCB1; SelectAfrNode (Alg. 3)    search.tree.SearchTree
-SampleGoals (Alg. 2), g_max, H                   search.sampler, search.cells; goals.GoalFinder
+SampleGoals (Alg. 2), g_max; H                   search.sampler, search.mcts; goals.GoalFinder
 PlanMotion, M_s, 𝒢, m_max                        transit.MotionPlanner, motion.birrt.GoalSetRRT
 OptimizeLocally, μ                               refine.LocalOptimizer, ascent.climb
 Alg. 1, ξ_best, τ                                planner.PlacementPlanner
