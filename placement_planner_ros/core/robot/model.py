@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,7 +14,7 @@ from placement_planner_ros.core.errors import GraspError, JointStateError, Robot
 from placement_planner_ros.core.robot import allowed_pairs as pairs
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.description import Mimic, read_urdf
-from placement_planner_ros.core.robot.geometry import PackageDirs, build_geometry
+from placement_planner_ros.core.robot.geometry import MeshFiles, PackageDirs, build_geometry
 from placement_planner_ros.core.types import Array, frozen_array
 
 LIMIT_TOLERANCE = 1e-6
@@ -58,14 +59,15 @@ class Robot:
 
     @classmethod
     def from_urdf(
-        cls, urdf_text: str, package_dirs: PackageDirs = (), srdf: str | None = None
+        cls, urdf_text: str, package_dirs: PackageDirs | MeshFiles = (), srdf: str | None = None
     ) -> Robot:
         """Read a robot.
 
         Args:
             urdf_text: the URDF itself, not a path.
             package_dirs: where `package://` URIs lead: package name -> share folder, or folders
-                that hold packages (or that mesh paths are relative to).
+                that hold packages (or that mesh paths are relative to), or what finds and reads
+                mesh files.
             srdf: text that lists disabled collisions; without it they are derived
                 (`allowed_pairs.derive`).
 
@@ -75,7 +77,7 @@ class Robot:
         description = read_urdf(urdf_text)
         try:
             model = pin.buildModelFromXML(description.text)
-        except (ValueError, RuntimeError) as error:
+        except Exception as error:  # whatever pinocchio raises at what it is given
             raise RobotError(
                 "robot_description", description.root.get("name"), f"is refused: {error}"
             ) from error
@@ -333,14 +335,15 @@ def _add_collision_pairs(
     allowed: frozenset[pairs.Pair],
 ) -> None:
     """Pairs of objects on links that can move against each other and are not allowed to touch."""
-    objects = geometry.geometryObjects
-    for i in range(len(objects)):
-        for j in range(i + 1, len(objects)):
-            if (
-                objects[i].parentJoint != objects[j].parentJoint
-                and pairs.pair(geometry_links[i], geometry_links[j]) not in allowed
-            ):
-                geometry.addCollisionPair(pin.CollisionPair(i, j))
+    joints = [thing.parentJoint for thing in geometry.geometryObjects]
+    meet = np.zeros((len(joints), len(joints)), dtype=np.bool_)
+    for i, j in itertools.combinations(range(len(joints)), 2):
+        meet[i, j] = (
+            joints[i] != joints[j]
+            and pairs.pair(geometry_links[i], geometry_links[j]) not in allowed
+        )
+    # All at once: added one by one, each is compared with all before it.
+    geometry.setCollisionPairs(meet)
 
 
 def _checked_grasp(grasp: pin.SE3, field: str) -> pin.SE3:
