@@ -8,9 +8,15 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 import pinocchio as pin
 
-from placement_planner_ros.core.errors import GraspError, JointStateError, RobotError
+from placement_planner_ros.core.errors import (
+    GraspError,
+    JointStateError,
+    RobotError,
+    StartError,
+)
 from placement_planner_ros.core.robot import allowed_pairs as pairs
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.description import Mimic, read_urdf
@@ -19,6 +25,9 @@ from placement_planner_ros.core.types import Array, frozen_array
 
 LIMIT_TOLERANCE = 1e-6
 """rad or m by which a measured joint may exceed its limit before `limit_violations` says so."""
+
+FAR_BEYOND = 0.1
+"""rad or m beyond its limit from which on a value is none of this joint, or in another unit."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -154,6 +163,24 @@ class Robot:
     def with_open_hand(self, q: Array, arm: Arm) -> Array:
         """A copy of q (nq,) with the arm's gripper open."""
         return self.with_positions(q, dict(zip(arm.gripper_joints, arm.gripper_open, strict=True)))
+
+    def require_plausible(self, q: Array) -> None:
+        """Refuse a configuration q (nq,) with joints far beyond their limits.
+
+        Raises:
+            StartError: a joint is further than `FAR_BEYOND` from them.
+        """
+        far = np.maximum(self.lower - q, q - self.upper) > FAR_BEYOND
+        if far.any():
+            raise StartError(
+                "joint_states",
+                [f"{name} = {value:.6g}" for name, value in self._those(q, far)],
+                "; ".join(self.limit_violations(np.where(far, q, self.lower)))
+                + f", by more than {FAR_BEYOND:g}: publish rad or m",
+            )
+
+    def _those(self, q: Array, which: npt.NDArray[np.bool_]) -> list[tuple[str, float]]:
+        return [(self.joint_names[i], float(q[i])) for i in np.flatnonzero(which)]
 
     def limit_violations(self, q: Array) -> list[str]:
         """One sentence per joint of q (nq,) that is beyond its limits."""

@@ -6,6 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from placement_planner_ros.core.errors import RobotError
+from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.scenes.yumi import HOME, START_CONFIGURATION
 from placement_planner_ros.share import share_path
 
