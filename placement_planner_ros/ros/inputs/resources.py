@@ -83,11 +83,9 @@ class Files:
             if _is_file(path):
                 return path
         if uri.startswith("package://"):
-            tried = [str(path) for path in may] or ["no folder of that name"]
-            raise FileNotFoundError(
-                f"there is no such file in package_paths, the ament index and the folders above "
-                f"the URDF file; tried {', '.join(tried)}"
-            )
+            package = uri.removeprefix("package://").partition("/")[0]
+            tried = ", ".join(["the ament index", *map(str, may)])
+            raise FileNotFoundError(f"package {package} is not known or lacks it; tried {tried}")
         if not may:
             raise FileNotFoundError(_ELSEWHERE)
         raise FileNotFoundError(f"there is no file {' nor '.join(map(str, may))}")
