@@ -24,6 +24,10 @@ ALWAYS = 0.95
 """A pair that collides in this share of them or more is left out, as MoveIt's assistant does."""
 
 
+_NAMED = 20
+"""Unknown links that are warned of one by one."""
+
+
 def pair(a: str, b: str) -> Pair:
     """The two links in sorted order."""
     return (a, b) if a <= b else (b, a)
@@ -47,11 +51,16 @@ def read_srdf(text: str, links: tuple[str, ...]) -> tuple[frozenset[Pair], tuple
         return {pair(e.get("link1", ""), e.get("link2", "")) for e in root.findall(tag)}
 
     silent = {e.get("link", "") for e in root.findall("disable_default_collisions")}
-    disabled = {pair(a, b) for a in silent for b in links}
-    disabled = (disabled - pairs("enable_collisions")) | pairs("disable_collisions")
-    unknown = sorted({link for p in disabled for link in p} - set(links))
-    warnings = tuple(f"the SRDF names link {link!r}, which the URDF has not" for link in unknown)
-    return frozenset(p for p in disabled if not set(p) & set(unknown)), warnings
+    given = pairs("disable_collisions")
+    unknown = sorted((silent | {link for p in given for link in p}) - set(links))
+    disabled = {pair(a, b) for a in silent.intersection(links) for b in links}
+    disabled = (disabled - pairs("enable_collisions")) | given
+    warnings = [
+        f"the SRDF names link {link!r}, which the URDF has not" for link in unknown[:_NAMED]
+    ]
+    if len(unknown) > _NAMED:
+        warnings.append(f"the SRDF names {len(unknown) - _NAMED} more that the URDF has not")
+    return frozenset(p for p in disabled if set(p) <= set(links)), tuple(warnings)
 
 
 def derive(
