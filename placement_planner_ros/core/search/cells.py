@@ -226,7 +226,7 @@ class CellSampler:
                 depths.append(depth)
                 kinds.append(kind)
                 break
-        if len(cells) == len(self._levels):
+        if depths and depths[-1] == len(self._levels) - 1:
             self._levels.append([])
         return (
             np.array(cells).reshape(-1, COLUMNS),
