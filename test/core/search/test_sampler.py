@@ -8,7 +8,7 @@ import pytest
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.scene.regions import Region
-from placement_planner_ros.core.search.cell_layout import halved
+from placement_planner_ros.core.search.cell_layout import LOWER, UPPER, halved
 from placement_planner_ros.core.search.cells import CellSampler
 from placement_planner_ros.core.search.hierarchy import (
     FULL_TURN,
@@ -16,6 +16,7 @@ from placement_planner_ros.core.search.hierarchy import (
     AfrNode,
     HierarchySettings,
 )
+from placement_planner_ros.core.search.pruning import Ruling
 from placement_planner_ros.core.search.sampler import (
     Draws,
     MctsSampler,
@@ -229,6 +230,27 @@ def test_cells_follow_what_is_best_at_every_scale_without_forgetting_the_rest():
     assert (
         np.histogram2d(others[:, 0], others[:, 1], bins=4, range=[[0, 0.4]] * 2)[0] > 0
     ).sum() > 14
+
+
+class NearTheCorner:
+    """Rules out every part that does not hold one pose near a corner."""
+
+    def rulings(self, cells: np.ndarray, best: float) -> np.ndarray:
+        pose = np.array([0.01, 0.01, 0.01])
+        holds = (cells[:, LOWER] <= pose).all(axis=1) & (pose <= cells[:, UPPER]).all(axis=1)
+        return np.where(holds, Ruling.OPEN, Ruling.OUT_OF_REACH)
+
+
+def test_it_goes_on_where_pruning_empties_the_levels():
+    """One part of a part is left at most, so that all levels between run dry."""
+    checker = CornerChecker()
+    settings = SamplerSettings(samples_per_call=5000, goals_per_call=100, prune_objective=True)
+    afr = hierarchy(min_area=1e-6)
+    made = CellSampler(afr, checker, settings, np.random.default_rng(0), NearTheCorner())
+    assert made.sample_goals(-1e-9, never) == []
+    assert len(checker.contacts) == 5000
+    assert made.rulings[Ruling.OUT_OF_REACH] > 5 * made.rulings[Ruling.OPEN] > 0
+    assert len(made._levels) > 6
 
 
 def test_wrong_settings_are_refused():
