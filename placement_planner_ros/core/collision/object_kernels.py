@@ -20,12 +20,7 @@ from placement_planner_ros.core.collision.against_boxes import (
     layer_range,
     polytope_meets_box,
 )
-from placement_planner_ros.core.collision.separation import (
-    COLLIDING,
-    FREE,
-    TOLERANCE,
-    UNDECIDED,
-)
+from placement_planner_ros.core.collision.separation import FREE, TOLERANCE
 from placement_planner_ros.core.collision.shapes import ConvexSet
 from placement_planner_ros.core.collision.spheres import bounding_sphere
 from placement_planner_ros.core.kernels import kernel
@@ -69,22 +64,16 @@ class ObjectScratch(NamedTuple):
     """(f, 4) of the swept parts."""
     bounds: Array
     """(1, 6) box around the swept part."""
-    counters: npt.NDArray[np.int64]
-    """(1,) number of undecided pairs."""
     work: Array
-    undecided: npt.NDArray[np.int64]
-    """(k, 2) part, box."""
 
     @classmethod
-    def of(cls, arrays: ObjectArrays, rows: int) -> ObjectScratch:
-        """Work space with room for `rows` undecided pairs."""
+    def of(cls, arrays: ObjectArrays) -> ObjectScratch:
+        """Work space for one object."""
         return cls(
             vertices=np.zeros((2 * len(arrays.vertices), 3)),
             planes=np.zeros((len(arrays.planes), 4)),
             bounds=np.zeros((1, 6)),
-            counters=np.zeros(1, dtype=np.int64),
             work=np.zeros((6, 4)),
-            undecided=np.zeros((rows, 2), dtype=np.int64),
         )
 
 
@@ -132,12 +121,10 @@ def check_pose(
     margin: float,
     tolerance: float,
 ) -> int:
-    """One pose T (4, 4); pairs left UNDECIDED are noted in the scratch."""
-    scratch.counters[0] = 0
+    """One pose T (4, 4): FREE, or the answer to the first pair of part and box that is not."""
     if boxes.number == 0:
         return FREE
     parts = thing.part_vertices.shape[0] - 1
-    result = FREE
     columns, layers = boxes.columns, boxes.layers
     corners, grid, bounds = boxes.corners, boxes.grid, scratch.bounds
     size = grid[3]
@@ -187,16 +174,9 @@ def check_pose(
                         margin,
                         scratch.work,
                     )
-                    if answer == COLLIDING:
-                        return COLLIDING
-                    if answer == UNDECIDED:
-                        result = UNDECIDED
-                        n = scratch.counters[0]
-                        if n < scratch.undecided.shape[0]:
-                            scratch.undecided[n, 0] = part
-                            scratch.undecided[n, 1] = box
-                        scratch.counters[0] = n + 1
-    return result
+                    if answer != FREE:
+                        return answer
+    return FREE
 
 
 @kernel(lean=True, nogil=True)
