@@ -27,11 +27,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ModuleNotFoundError as error:
         if error.name not in ("matplotlib", "PIL"):
             raise
-        print(
-            "placement_benchmark: figures need matplotlib and pillow, which are not installed; "
-            "whatever was measured is recorded",
-            file=sys.stderr,
-        )
+        why = f"{error.name} is not installed; whatever was measured is recorded"
+        print(f"placement_benchmark: figures need matplotlib and pillow: {why}", file=sys.stderr)
     return 2
 
 
