@@ -11,34 +11,36 @@ Manipulators", live:
 ============================================  =====================================================
 paper                                         module under `placement_planner_ros.core`
 ============================================  =====================================================
-𝒜, a; q_0                                     robot.arm.Arm; planner.Problem
+𝒜, a; q_0                                     robot.arm.Arm; problem.Problem
 V, target volume                              types.TargetVolume
 𝒮, surface points; occupancy grid             scene.grid.ObstacleSet
 R, r, placement contact regions; z_r          scene.regions.find_regions, scene.regions.Region
-o, F, f, v(f), fT_o, B_o                      body.body.Body, body.body.PlacementFace
+o, F, f, v(f), fT_o, B_o                      body.body.Body, body.placement_face.PlacementFace
 gT_o, grasps; O(q)                            robot.arm.Arm; grasp.holding.Holding.object_pose
 Ŝ(r, f)                                       constraints.placement_pose
 s(x)                                          constraints.PoseConstraints.stable
 c_f(x)                                        constraints.PoseConstraints.free
 r(x), path-reachability                       plan_motion.transit.MotionPlanner
 C_free                                        collision.arm.ArmCollision
-ξ(x), clearance                               objective.objective.Clearance
+ξ(x), clearance                               objective.clearance.Clearance
 d_S, distance to the environment              scene.distance.ClearanceField
-Algorithm 1, ξ_best, 𝒢, τ                     planner.PlacementPlanner.run
-g_max; m_max                                search.sampler.SamplerSettings; planner.PlannerSettings
-SampleGoals (Algorithm 2)                     search.sampler.MctsSampler.sample_goals
-... its constraints and IKSolver, 𝒢_n         sample_goals.goals.GoalFinder, reach.ik
-... by optimistic search, the default         search.cells.CellSampler
+Algorithm 1, Terminate, ξ_best                planner.PlacementPlanner.run
+τ, published                                  types.Placement, timing.trajectory_maker
+g_max                                         search.sampler.SamplerSettings
+m_max                                         planner.PlannerSettings
+SampleGoals (Algorithm 2)                     search.mcts.MctsSampler.sample_goals
+... its constraints in order, 𝒢_n             sample_goals.goals.GoalFinder
+... Sample; IKSolver                          search.hierarchy.AfrNode.sample; reach.ik
+... by optimistic search, the default         search.optimistic.OptimisticSampler
 AFR hierarchy, Ch(n), l                       search.hierarchy.AfrHierarchy
 SelectAfrNode (Algorithm 3), UCB1, c          search.tree.SearchTree.select
 G_s, v(n), r(n), Update                       search.tree.SearchTree, search.tree.SearchTree.update
-Δr(n), H                                      search.sampler.checks_passed, search.sampler.four_term
-PlanMotion, M_s                               plan_motion.transit.MotionPlanner.plan
+Δr(n), H                                      search.mcts.checks_passed, search.mcts.four_term
+PlanMotion, 𝒢, M_s                            plan_motion.transit.MotionPlanner.plan
 ... its bidirectional RRT                     motion.birrt.GoalSetRRT
 OptimizeLocally                               optimize_locally.LocalOptimizer.optimize
 ... ∂ξ/∂(x, y, e_z), μ                        objective.objective.gradient, objective.ascent.climb
 ... J, J†                                     reach.kinematics.Chain.jacobian
-publish                                       types.Placement
 ============================================  =====================================================
 """
 

@@ -9,11 +9,8 @@ from typing import Literal
 import numpy as np
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.objective.objective import (
-    Objective,
-    ObjectiveContext,
-    make_objective,
-)
+from placement_planner_ros.core.objective.by_name import make_objective
+from placement_planner_ros.core.objective.objective import Objective, ObjectiveContext
 from placement_planner_ros.core.problem import Problem, workspace
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.scene.environment import Environment

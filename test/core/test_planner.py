@@ -22,7 +22,8 @@ from placement_planner_ros.core.constraints import placement_pose
 from placement_planner_ros.core.errors import GraspError, ParameterError, RobotError, StartError
 from placement_planner_ros.core.grasp.hand_sweep import _swept
 from placement_planner_ros.core.grasp.holding import Holding
-from placement_planner_ros.core.objective.objective import ObjectiveContext, make_objective
+from placement_planner_ros.core.objective.by_name import make_objective
+from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.reach.kinematics import _chain
 from placement_planner_ros.core.reach.seeds import seed_table

@@ -67,7 +67,10 @@ def all_settings():
     for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
         if "ompl" not in module.name:
             importlib.import_module(module.name)
-    return [kind for kind in Settings.__subclasses__() if kind is not Example]
+    found = [kind for kind in Settings.__subclasses__() if kind is not Example]
+    for kind in found:
+        found += kind.__subclasses__()
+    return found
 
 
 def test_every_setting_of_core_says_what_it_may_be():

@@ -16,7 +16,8 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from placement_planner_ros.core.body.body import Body, ConvexPart
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.body.convex_part import ConvexPart
 from placement_planner_ros.core.collision.arrays import (
     PART_FIRST_NODE,
     PART_FIRST_SET,

@@ -115,7 +115,7 @@ class ObstacleSet:
                 a grid of more than `max_cells`.
         """
         settings = settings or GridSettings()
-        cloud = _checked(points)
+        cloud = checked_cloud(points)
         lower, upper = _checked_bounds(cloud, bounds)
         origin = lower - _ORIGIN_SHIFT * settings.cell_size
         shape = _grid_shape(origin, upper, settings)
@@ -203,7 +203,12 @@ def _read_only(array: _AnyArray) -> _AnyArray:
     return array
 
 
-def _checked(points: npt.ArrayLike) -> Array:
+def checked_cloud(points: npt.ArrayLike) -> Array:
+    """(n, 3) the points as they are, NaN where nothing was seen.
+
+    Raises:
+        CloudError: not (n, 3), or points, but no finite one.
+    """
     try:
         cloud = np.ascontiguousarray(points, dtype=np.float64)
     except (TypeError, ValueError) as error:

@@ -20,7 +20,7 @@ import pinocchio as pin
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
 
-from placement_planner_ros.core.body.body import ConvexPart
+from placement_planner_ros.core.body.convex_part import ConvexPart
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
 from placement_planner_ros.core.collision.load import Held
 from placement_planner_ros.core.collision.separation import UNDECIDED

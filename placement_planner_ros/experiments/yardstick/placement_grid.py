@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from placement_planner_ros.core.body.body import PlacementFace
+from placement_planner_ros.core.body.placement_face import PlacementFace
 from placement_planner_ros.core.collision.object import ObjectCollision
 from placement_planner_ros.core.constraints import contact_points
 from placement_planner_ros.core.errors import ParameterError

@@ -11,7 +11,7 @@ from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 
 from placement_planner_ros.core.errors import GraspError, ObjectError, ParameterError, VolumeError
-from placement_planner_ros.core.objective.objective import objective_names
+from placement_planner_ros.core.objective.by_name import objective_names
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.settings import meaning_of
