@@ -1,7 +1,7 @@
 """Collision of an arm, its hand and the object it holds: with the obstacle set and with the robot.
 
-Two tiers over one geometry. The kernels of `collision_kernels` say free or colliding where that is
-certain, and leave the rest to coal on the exact shapes, pair by pair.
+Two tiers over one geometry. The kernels of `states` and `edges` say free or colliding where that is
+certain, and leave the rest of the configurations to coal on the exact shapes, pair by pair.
 """
 
 from __future__ import annotations
@@ -30,17 +30,13 @@ from placement_planner_ros.core.collision.arrays import (
     with_own_object,
 )
 from placement_planner_ros.core.collision.boxes import box_arrays
-from placement_planner_ros.core.collision.edges import (
-    NOT_FINITE,
-    OVERFLOW,
-    check_edge,
-    check_states,
-)
+from placement_planner_ros.core.collision.edges import OVERFLOW, check_edge
 from placement_planner_ros.core.collision.hand import WristTurns, hand_collides
 from placement_planner_ros.core.collision.load import Held, Standing
 from placement_planner_ros.core.collision.placed_object import PlacedObject
 from placement_planner_ros.core.collision.separation import COLLIDING, FREE
 from placement_planner_ros.core.collision.shapes import ConvexSet, Shape, shape_of
+from placement_planner_ros.core.collision.states import NOT_FINITE, check_states
 from placement_planner_ros.core.errors import GraspError, JointStateError, ParameterError
 from placement_planner_ros.core.reach.kinematics import Chain, kernel_input
 from placement_planner_ros.core.robot.arm import Arm
@@ -179,7 +175,7 @@ class ArmCollision:
     ) -> npt.NDArray[np.int64]:
         """The fast tier's answers (n,) to (n, dof) configurations.
 
-        `separation.FREE`, `COLLIDING` or `UNDECIDED`, or `collision_kernels.NOT_FINITE`.
+        `separation.FREE`, `COLLIDING` or `UNDECIDED`, or `states.NOT_FINITE`.
         """
         Q = kernel_input(Q).reshape(-1, self._dof)
         answers = np.empty(len(Q), dtype=np.int64)
@@ -202,7 +198,7 @@ class ArmCollision:
         """Whether it is certain that no configuration with the tip at (4, 4) is free.
 
         Hand and fingers against the obstacle set and the robot at rest, and the link before them,
-        which only turns about the last axis, against the obstacle set (`collision_hand`).
+        which only turns about the last axis, against the obstacle set (`hand`).
 
         Args:
             slack: metres that points of the hand may be off by at a configuration.
