@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
-from typing import Literal
+from dataclasses import dataclass, field
+from typing import Literal, get_args
 
 import numpy as np
 
 from placement_planner_ros.core.collision.arm import CollisionSettings
 from placement_planner_ros.core.constraints import PoseConstraints
-from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.grasp.settings import (
     ApproachSettings,
@@ -31,68 +30,58 @@ from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.reach.ik import IKSettings
 from placement_planner_ros.core.sample_goals.cell_bounds import BranchBounds
 from placement_planner_ros.core.sample_goals.goals import GoalFinder
-from placement_planner_ros.core.search.cells import CellSampler
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy, HierarchySettings
+from placement_planner_ros.core.search.mcts import MctsSampler, MctsSettings
+from placement_planner_ros.core.search.optimistic import OptimisticSampler, OptimisticSettings
 from placement_planner_ros.core.search.pruning import Remainder
-from placement_planner_ros.core.search.sampler import (
-    GoalChecker,
-    GoalSampler,
-    MctsSampler,
-    SamplerSettings,
-    UniformSampler,
-)
+from placement_planner_ros.core.search.sampler import GoalChecker, GoalSampler, SamplerSettings
+from placement_planner_ros.core.search.uniform import UniformSampler
+from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.statistics import Statistics
 from placement_planner_ros.core.timing.trajectory_maker import ExecutionSettings, TrajectoryMaker
 from placement_planner_ros.core.types import Array, Goal, Placement
 
+SamplerName = Literal["optimistic", "mcts", "uniform"]
+SAMPLERS: tuple[SamplerName, ...] = get_args(SamplerName)
+
 
 @dataclass(frozen=True, slots=True)
-class PlannerSettings:
+class PlannerSettings(Settings):
     """How to search. Budgets count samples and iterations, so a seed fixes the result.
 
     Attributes:
-        sampler: `mcts`, or `uniform` for the ablation.
+        sampler: how SampleGoals chooses where to sample: `optimistic` search over cells, `mcts` as
+            the paper does (Algorithms 2 and 3: UCB1 and H), or `uniform`, the ablation.
         local_optimization: False for the ablation without OptimizeLocally.
         motion_iterations: m_max, RRT iterations per arm and grasp in one iteration of Algorithm 1.
         ik_seeds: starts of the inverse kinematics per sampled pose, beside q_0.
-        gradient_sampling: whether samples that are stable and free first follow ∂ξ/∂(x, y, e_z),
-            without the arm, as `ascent` says.
         min_improvement: ξ counts as better from this much.
-        edge_margin: how far beyond each vertex of v(f) its support must still reach, metres.
-        require_retreat: a goal counts only with certified approach, release and retreat; False: it
-            may be without release and retreat.
+        edge_margin: how far beyond each vertex of v(f) its support must still reach.
+        require_retreat: False: a placement may be without release and retreat.
     """
 
-    sampler: Literal["mcts", "uniform"] = "mcts"
-    local_optimization: bool = True
-    motion_iterations: int = 50
-    ik_seeds: int = 63
-    min_improvement: float = 1e-4
-    edge_margin: float = 0.003
-    require_retreat: bool = True
-    gradient_sampling: bool = False
+    sampler: SamplerName = setting("optimistic", text="How goals are sampled.", choices=SAMPLERS)
+    local_optimization: bool = setting(
+        True, text="Whether each placement is optimised locally before it is published."
+    )
+    motion_iterations: int = setting(50, "[1, inf)")
+    ik_seeds: int = setting(63, "[1, inf)")
+    min_improvement: float = setting(1e-4, "[0, inf)")
+    edge_margin: float = setting(0.003, "[0, inf)", "m")
+    require_retreat: bool = setting(
+        True, text="Whether a placement counts only with a certified release and retreat."
+    )
     hierarchy: HierarchySettings = field(default_factory=HierarchySettings)
-    sampling: SamplerSettings = field(default_factory=SamplerSettings)
+    optimistic: OptimisticSettings = field(default_factory=OptimisticSettings)
+    mcts: MctsSettings = field(default_factory=MctsSettings)
+    uniform: SamplerSettings = field(default_factory=SamplerSettings)
     ik: IKSettings = field(default_factory=IKSettings)
     collision: CollisionSettings = field(default_factory=CollisionSettings)
     approach: ApproachSettings = field(default_factory=ApproachSettings)
     retreat: RetreatSettings = field(default_factory=RetreatSettings)
     transit: TransitSettings = field(default_factory=TransitSettings)
-    ascent: AscentSettings = field(
-        default_factory=lambda: AscentSettings(first_step=0.04, last_step=0.005, max_steps=30)
-    )
     refine: AscentSettings = field(default_factory=AscentSettings)
     execution: ExecutionSettings = field(default_factory=ExecutionSettings)
-
-    def __post_init__(self) -> None:
-        if self.sampler not in ("mcts", "uniform"):
-            raise ParameterError("sampler", self.sampler, "choose mcts or uniform")
-        for name in ("motion_iterations", "ik_seeds"):
-            if getattr(self, name) < 1:
-                raise ParameterError(name, getattr(self, name), "must be at least 1")
-        for name in ("min_improvement", "edge_margin"):
-            if not getattr(self, name) >= 0.0:
-                raise ParameterError(name, getattr(self, name), "must not be negative")
 
     @property
     def grasp(self) -> GraspSettings:
@@ -117,7 +106,7 @@ class PlacementPlanner:
         sampler: SampleGoals.
         motion: PlanMotion.
         statistics: live counters, safe to read from other threads.
-        exhausted: why there is nothing (left) to search, or '' while there is.
+        exhausted: why there is nothing to search, or '' while there is.
         unusable: why some of the arms and grasps are left out of the search.
 
     Raises:
@@ -147,7 +136,6 @@ class PlacementPlanner:
             settings.ik_seeds,
             settings.min_improvement,
             rng_ik,
-            settings.ascent if settings.gradient_sampling else None,
         )
         hierarchy = AfrHierarchy(
             [len(of_arm) for of_arm in holdings],
@@ -156,9 +144,7 @@ class PlacementPlanner:
             settings.hierarchy,
         )
         self.exhausted = _nothing_to_search(hierarchy)
-        self._bounds = BranchBounds(
-            poses, self.holdings.values(), objective, settings.min_improvement, _pruning(settings)
-        )
+        self._bounds = BranchBounds(poses, self.holdings.values())
         self._remainder = Remainder(hierarchy, self._bounds)
         self.sampler = self.make_sampler(hierarchy, finder, rng_sampler)
         self.motion = self.make_motion(rng_motion)
@@ -173,11 +159,11 @@ class PlacementPlanner:
     ) -> GoalSampler:
         """SampleGoals, as the settings ask for it."""
         settings = self._settings
+        if settings.sampler == "mcts":
+            return MctsSampler(hierarchy, checker, settings.mcts, rng)
         if settings.sampler == "uniform":
-            return UniformSampler(hierarchy, checker, settings.sampling, rng)
-        if settings.sampling.selection == "ucb1":
-            return MctsSampler(hierarchy, checker, settings.sampling, rng)
-        return CellSampler(hierarchy, checker, settings.sampling, rng, self._bounds)
+            return UniformSampler(hierarchy, checker, settings.uniform, rng)
+        return OptimisticSampler(hierarchy, checker, settings.optimistic, rng, self._bounds)
 
     def make_motion(self, rng: np.random.Generator) -> GoalPlanner:
         """PlanMotion over all of `holdings`."""
@@ -192,8 +178,8 @@ class PlacementPlanner:
                 self.motion.add(goal)
                 self.statistics.goals += 1
             if self.motion.goals == 0:
-                if self._remainder.empty(best):
-                    self.exhausted = self._remainder.why_empty(best)
+                if best == -np.inf and self._remainder.empty():
+                    self.exhausted = self._remainder.why_empty()
                 continue
             found = self.motion.plan(self._settings.motion_iterations, should_stop)
             self.statistics.motion_iterations = self.motion.iterations
@@ -253,13 +239,6 @@ class PlacementPlanner:
             self.statistics.samples,
             made.retreat,
         )
-
-
-def _pruning(settings: PlannerSettings) -> SamplerSettings:
-    """Following the gradient leads samples out of their cells: only s(x) is asked before that."""
-    if not settings.gradient_sampling:
-        return settings.sampling
-    return replace(settings.sampling, prune_reach=False, prune_objective=False)
 
 
 def _nothing_to_search(hierarchy: AfrHierarchy) -> str:

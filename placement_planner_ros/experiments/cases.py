@@ -27,7 +27,11 @@ from placement_planner_ros.scenes.yumi import (
     yumi_arm,
 )
 
-OBJECTIVES = ("maximize_clearance", "minimize_clearance")
+OBJECTIVE_WORDS = {
+    "maximize_clearance": "maximised clearance",
+    "minimize_clearance": "minimised clearance",
+}
+OBJECTIVES = tuple(OBJECTIVE_WORDS)
 Cloud = Literal["complete", "cameras"]
 
 
@@ -50,6 +54,17 @@ def all_cases(cloud: Cloud = "complete") -> list[Case]:
         Case(scene, name, objective, cloud)
         for scene, name, objective in itertools.product(SCENE_NAMES, OBJECT_NAMES, OBJECTIVES)
     ]
+
+
+def words(name: str) -> str:
+    """A name of the code as text: `large_crayons_box` -> `large crayons box`."""
+    return name.replace("_", " ")
+
+
+def case_label(case: Case) -> str:
+    """A case in a line of a table or an axis."""
+    sign = "max" if case.objective == "maximize_clearance" else "min"
+    return f"{words(case.scene)}, {words(case.object)}, {sign}"
 
 
 def start_configuration(object_name: str, arm: str | None = None) -> dict[str, float]:

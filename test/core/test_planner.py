@@ -66,13 +66,14 @@ def test_every_placement_passes_the_independent_checker(case, tmp_path):
 @pytest.mark.parametrize(
     "settings",
     [
+        {"sampler": "mcts"},
         {"sampler": "uniform"},
         {"local_optimization": False},
         {"sampler": "uniform", "local_optimization": False},
     ],
-    ids=["uniform", "without local optimisation", "uniform without local optimisation"],
+    ids=["mcts", "uniform", "without local optimisation", "uniform without local optimisation"],
 )
-def test_the_ablations_plan_too(settings):
+def test_the_paper_s_search_and_the_ablations_plan_too(settings):
     _, placements = plan(**settings)
     assert placements
     objectives = [p.objective for p in placements]
@@ -270,8 +271,8 @@ def test_without_any_grasp_a_problem_is_refused():
 
 
 def test_wrong_settings_are_refused():
-    with pytest.raises(ParameterError, match="sampler"):
-        PlannerSettings(sampler="random")
+    with pytest.raises(ParameterError, match="choose one of optimistic, mcts, uniform"):
+        PlannerSettings(sampler="ucb1")
     with pytest.raises(ParameterError, match="motion_iterations"):
         PlannerSettings(motion_iterations=0)
 
@@ -290,9 +291,11 @@ def test_statistics_name_the_constraint_that_rejects_most():
 def finder_and_draws():
     """The glass in the cabinet: its GoalFinder, and poses drawn uniformly."""
     problem, objective = make_problem(CABINET, np.random.default_rng(0))
-    settings = replace(PlannerSettings(), sampler="uniform")
+    batch = SamplerSettings(batch=3000)
+    settings = replace(PlannerSettings(), sampler="uniform", uniform=batch)
     planner = PlacementPlanner(problem, objective, settings, np.random.default_rng(0))
-    return problem, objective, planner.sampler._checker, planner.sampler._draw(3000)
+    finder = planner.sampler._checker
+    return problem, objective, finder, planner.sampler._draw(3000, -np.inf)
 
 
 def test_poses_checked_in_a_batch_get_the_verdict_they_get_alone(finder_and_draws):

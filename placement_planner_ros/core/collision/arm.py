@@ -37,12 +37,13 @@ from placement_planner_ros.core.collision.placed_object import PlacedObject
 from placement_planner_ros.core.collision.separation import COLLIDING, FREE
 from placement_planner_ros.core.collision.shapes import ConvexSet, Shape, shape_of
 from placement_planner_ros.core.collision.states import NOT_FINITE, check_states
-from placement_planner_ros.core.errors import GraspError, JointStateError, ParameterError
+from placement_planner_ros.core.errors import GraspError, JointStateError
 from placement_planner_ros.core.reach.kinematics import Chain, kernel_input
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import ObstacleSet
+from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.types import Array
 
 HELD_OBJECT = "the held object"
@@ -53,12 +54,10 @@ _REMEMBERED = 32
 
 
 @dataclass(frozen=True, slots=True)
-class CollisionSettings:
-    """Distances to keep, metres.
+class CollisionSettings(Settings):
+    """Distances to keep.
 
     Attributes:
-        collision_margin: arm, hand and object from the obstacle set.
-        contact_tolerance: a cell whose top is this close to the contact plane is support.
         self_margin: links and object from each other.
         planning_reserve: what planning keeps beyond both margins, so that a motion can still be
             certified when it is rounded and timed; pass it as `reserve`.
@@ -69,28 +68,21 @@ class CollisionSettings:
         cover_excess: how far the finest covering spheres may stick out of a link.
     """
 
-    collision_margin: float = 0.003
-    contact_tolerance: float = 0.003
-    self_margin: float = 0.0
-    planning_reserve: float = 0.001
-    self_reserve: float = 0.0002
-    edge_resolution: float = 0.0005
-    self_resolution: float = 0.00005
-    cover_excess: float = 0.02
-
-    def __post_init__(self) -> None:
-        for name in ("edge_resolution", "self_resolution", "cover_excess"):
-            if not 1e-5 <= getattr(self, name) <= 0.1:
-                raise ParameterError(name, getattr(self, name), "choose from 0.00001 to 0.1 m")
-        for name in (
-            "collision_margin",
-            "contact_tolerance",
-            "self_margin",
-            "planning_reserve",
-            "self_reserve",
-        ):
-            if not 0.0 <= getattr(self, name) <= 0.1:
-                raise ParameterError(name, getattr(self, name), "choose from 0 to 0.1 m")
+    collision_margin: float = setting(
+        0.003, "[0, 0.1]", "m", "Distance that arm, hand and object keep from obstacles."
+    )
+    contact_tolerance: float = setting(
+        0.003,
+        "[0.0001, 0.02]",
+        "m",
+        "Surface within this distance of the contact plane supports the object.",
+    )
+    self_margin: float = setting(0.0, "[0, 0.1]", "m")
+    planning_reserve: float = setting(0.001, "[0, 0.1]", "m")
+    self_reserve: float = setting(0.0002, "[0, 0.1]", "m")
+    edge_resolution: float = setting(0.0005, "[0.00001, 0.1]", "m")
+    self_resolution: float = setting(0.00005, "[0.00001, 0.1]", "m")
+    cover_excess: float = setting(0.02, "[0.00001, 0.1]", "m")
 
 
 class ArmCollision:

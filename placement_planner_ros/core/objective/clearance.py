@@ -6,11 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from placement_planner_ros.core.objective.objective import ObjectiveContext
-from placement_planner_ros.core.scene.slope import greatest_slope
 from placement_planner_ros.core.types import Array
-
-_ROUNDING = 1e-6
-"""m, more than single precision changes a clearance by."""
 
 
 class Clearance:
@@ -25,9 +21,6 @@ class Clearance:
         self._points = context.body.volume_points
         self._some_points = thinned(self._points)
         self._sign = sign
-        self._slope: float | None = None  # of d_S, found when first asked for
-        self._middle = self._points.mean(axis=0)
-        self._spread = np.cov(self._points.T, bias=True)
 
     def __call__(self, T_world_object: pin.SE3) -> float:
         """±C(x), metres."""
@@ -48,22 +41,6 @@ class Clearance:
         """±∂C/∂(x, y, e_z)."""
         _, gradient = self._field.mean_clearance(T_world_object.homogeneous, self._points)
         return np.asarray(self._sign * gradient)
-
-    def upper_bounds(self, T_world_object: Array, pivot: Array, shift: Array, turn: Array) -> Array:
-        """(n,) ±C of the poses, and what it may change by with the slope of d_S.
-
-        A point at distance ρ from the pivot's vertical moves by at most
-        shift + 2 sin(turn / 2) ρ, and the mean of ρ over B_o is at most the root of that of ρ².
-        """
-        if self._slope is None:
-            self._slope = greatest_slope(self._field)
-        R = T_world_object[:, :3, :3]
-        arm = R @ self._middle + T_world_object[:, :3, 3] - pivot
-        across = R[:, :2] @ self._spread
-        radius = np.sqrt((arm[:, :2] ** 2).sum(axis=1) + (across * R[:, :2]).sum(axis=(1, 2)))
-        moved_by = shift + 2.0 * np.sin(0.5 * np.minimum(turn, np.pi)) * radius
-        bounds = self.values(T_world_object) + self._slope * moved_by + _ROUNDING
-        return np.asarray(np.minimum(bounds, self._field.cap if self._sign > 0.0 else 0.0))
 
 
 def thinned(points: Array) -> Array:

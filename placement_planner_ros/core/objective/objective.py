@@ -50,19 +50,6 @@ class DifferentiableObjective(Objective, Protocol):
         ...
 
 
-@runtime_checkable
-class BoundedObjective(Objective, Protocol):
-    """An objective that can bound itself over many poses around one."""
-
-    def upper_bounds(self, T_world_object: Array, pivot: Array, shift: Array, turn: Array) -> Array:
-        """(n,) no less than ξ at any pose near each of the (n, 4, 4) poses.
-
-        Near are the poses reached by a turn of at most `turn` (n,) rad about the vertical through
-        `pivot` (n, 3), followed by a shift of at most `shift` (n,) m in x and y.
-        """
-        ...
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class ObjectiveContext:
     """What an objective may look at when it is made, once per run."""
@@ -100,26 +87,6 @@ def evaluate_batch(objective: Objective, T_world_object: Array) -> Array:
             "objective", values.tolist(), f"must be {len(T_world_object)} finite numbers"
         )
     return values
-
-
-def upper_bounds(
-    objective: BoundedObjective, T_world_object: Array, pivot: Array, shift: Array, turn: Array
-) -> Array:
-    """(n,) `BoundedObjective.upper_bounds`, checked; infinite where there is no bound.
-
-    Raises:
-        ParameterError: there is not a number for each pose.
-    """
-    bounds = np.asarray(
-        objective.upper_bounds(T_world_object, pivot, shift, turn), dtype=np.float64
-    )
-    if bounds.shape != (len(T_world_object),) or np.isnan(bounds).any():
-        raise ParameterError(
-            "objective",
-            bounds.tolist(),
-            f"its upper_bounds must be {len(T_world_object)} numbers, none of them NaN",
-        )
-    return bounds
 
 
 def gradient(

@@ -4,6 +4,6 @@
 into cells), `denoising` (flying pixels, noisy surfaces) and `tight_boxes` (boxes around what is
 left); `visibility` adds the space that no sensor has seen.
 `surfaces` are its level tops, `regions` the placement regions R and s(x), `region_points` points on
-them. `distance` is d_S of the clearance objective, `slope` how fast it changes, `distance_bound`
-the field that collision checks ask first.
+them. `distance` is d_S of the clearance objective, `distance_bound` the field that collision checks
+ask first.
 """

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.surfaces import level_surfaces
+from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.types import Array, TargetVolume, frozen_array
 
 _EPSILON = 1e-7
@@ -22,34 +22,24 @@ _SMALLEST = 1e-12
 
 
 @dataclass(frozen=True, slots=True)
-class RegionSettings:
+class RegionSettings(Settings):
     """What counts as a placement region.
 
     Attributes:
-        headroom: free height above a surface for it to support anything, metres.
-        max_tilt: slope up to which a surface is level, rad.
-        height_tolerance: heights in one region differ from its mean by no more, metres.
-        max_side: larger regions are cut into tiles of at most this side, metres.
-        min_area: smaller regions are left out, m².
+        headroom: free height above a surface for it to support anything.
+        max_tilt: slope up to which a surface is level.
+        height_tolerance: heights in one region differ from its mean by no more.
+        max_side: larger regions are cut into tiles of at most this side.
+        min_area: smaller regions are left out.
         max_regions: only so many are kept, the largest.
     """
 
-    headroom: float = 0.03
-    max_tilt: float = 0.06
-    height_tolerance: float = 0.002
-    max_side: float = 0.3
-    min_area: float = 1e-4
-    max_regions: int = 200
-
-    def __post_init__(self) -> None:
-        for name in ("headroom", "max_tilt", "height_tolerance", "max_side"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise ParameterError(name, value, "give a finite number above 0")
-        if not (math.isfinite(self.min_area) and self.min_area >= 0.0):
-            raise ParameterError("min_area", self.min_area, "give an area of at least 0 m²")
-        if self.max_regions < 1:
-            raise ParameterError("max_regions", self.max_regions, "give at least 1")
+    headroom: float = setting(0.03, "(0, inf)", "m")
+    max_tilt: float = setting(0.06, "(0, inf)", "rad")
+    height_tolerance: float = setting(0.002, "(0, inf)", "m")
+    max_side: float = setting(0.3, "(0, inf)", "m")
+    min_area: float = setting(1e-4, "[0, inf)", "m²")
+    max_regions: int = setting(200, "[1, inf)")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
