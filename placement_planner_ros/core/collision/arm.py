@@ -31,17 +31,13 @@ from placement_planner_ros.core.collision.arrays import (
     with_own_object,
 )
 from placement_planner_ros.core.collision.boxes import box_arrays
-from placement_planner_ros.core.collision.edges import (
-    NOT_FINITE,
-    OVERFLOW,
-    check_edge,
-    check_states,
-)
+from placement_planner_ros.core.collision.edges import OVERFLOW, check_edge
 from placement_planner_ros.core.collision.hand import WristTurns, hand_collides
 from placement_planner_ros.core.collision.load import Held, Standing
 from placement_planner_ros.core.collision.placed_object import PlacedObject
 from placement_planner_ros.core.collision.separation import COLLIDING, FREE
 from placement_planner_ros.core.collision.shapes import ConvexSet, Shape, shape_of
+from placement_planner_ros.core.collision.states import NOT_FINITE, check_states
 from placement_planner_ros.core.errors import GraspError, JointStateError
 from placement_planner_ros.core.reach.kinematics import Chain, kernel_input
 from placement_planner_ros.core.robot.arm import Arm
@@ -178,7 +174,7 @@ class ArmCollision:
     ) -> npt.NDArray[np.int64]:
         """The kernels' answers (n,) to (n, dof) configurations.
 
-        `separation.FREE`, `COLLIDING` or `UNDECIDED`, or `edges.NOT_FINITE`.
+        `separation.FREE`, `COLLIDING` or `UNDECIDED`, or `states.NOT_FINITE`.
         """
         Q = kernel_input(Q).reshape(-1, self._dof)
         answers = np.empty(len(Q), dtype=np.int64)
@@ -201,7 +197,7 @@ class ArmCollision:
         """Whether it is certain that no configuration with the tip at (4, 4) is free.
 
         Hand and fingers against the obstacle set and the robot at rest, and the link before them,
-        which only turns about the last axis, against the obstacle set (`collision_hand`).
+        which only turns about the last axis, against the obstacle set (`hand`).
 
         Args:
             slack: metres that points of the hand may be off by at a configuration.
