@@ -10,6 +10,7 @@ from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.experiments.evaluation.command import add_evaluation_commands
 from placement_planner_ros.experiments.motion.comparison import add_motion_command
 from placement_planner_ros.experiments.speed.command import add_speed_command
+from placement_planner_ros.share import PACKAGE
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -29,7 +30,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if missing not in ("matplotlib", "PIL"):
             raise
         why = f"{missing} is not installed; whatever was measured is recorded"
-        print(f"placement_benchmark: figures need matplotlib and pillow: {why}", file=sys.stderr)
+        remedy = f"{why}: run pip install '{PACKAGE}[evaluation]'"
+        print(f"placement_benchmark: figures need matplotlib and pillow; {remedy}", file=sys.stderr)
     return 2
 
 
