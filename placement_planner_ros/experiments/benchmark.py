@@ -25,13 +25,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except PlacementPlannerError as error:
         print(f"placement_benchmark: {error}", file=sys.stderr)
     except ModuleNotFoundError as error:
-        if error.name not in ("matplotlib", "PIL"):
+        missing = (error.name or "").partition(".")[0]
+        if missing not in ("matplotlib", "PIL"):
             raise
-        print(
-            "placement_benchmark: figures need matplotlib and pillow, which are not installed; "
-            "whatever was measured is recorded",
-            file=sys.stderr,
-        )
+        why = f"{missing} is not installed; whatever was measured is recorded"
+        print(f"placement_benchmark: figures need matplotlib and pillow: {why}", file=sys.stderr)
     return 2
 
 

@@ -22,12 +22,7 @@ from placement_planner_ros.core.collision.against_boxes import (
     layer_range,
     polytope_meets_box,
 )
-from placement_planner_ros.core.collision.separation import (
-    COLLIDING,
-    FREE,
-    TOLERANCE,
-    UNDECIDED,
-)
+from placement_planner_ros.core.collision.separation import FREE, TOLERANCE
 from placement_planner_ros.core.collision.shapes import ConvexSet
 from placement_planner_ros.core.collision.spheres import bounding_sphere
 from placement_planner_ros.core.kernels import kernel
@@ -71,22 +66,16 @@ class ObjectScratch(NamedTuple):
     """(f, 4) of the swept parts."""
     bounds: Array
     """(p, 6) box around each swept part, lower then upper corner."""
-    counters: npt.NDArray[np.int64]
-    """(1,) number of undecided pairs."""
     work: Array
-    undecided: npt.NDArray[np.int64]
-    """(k, 2) part, box."""
 
     @classmethod
-    def of(cls, arrays: ObjectArrays, rows: int) -> ObjectScratch:
-        """Work space with room for `rows` undecided pairs."""
+    def of(cls, arrays: ObjectArrays) -> ObjectScratch:
+        """Work space for one object."""
         return cls(
             vertices=np.zeros((2 * len(arrays.vertices), 3)),
             planes=np.zeros((len(arrays.planes), 4)),
             bounds=np.zeros((len(arrays.part_planes) - 1, 6)),
-            counters=np.zeros(1, dtype=np.int64),
             work=np.zeros((6, 4)),
-            undecided=np.zeros((rows, 2), dtype=np.int64),
         )
 
 
@@ -134,7 +123,10 @@ def _part_meets_boxes(
     margin: float,
     tolerance: float,
 ) -> int:
-    """A swept part, placed, against the boxes of all cells that the box around it touches."""
+    """A swept part, placed, against the boxes of all cells that the box around it touches.
+
+    FREE, or the answer to the first box that is not.
+    """
     corners, columns = boxes.corners, boxes.columns
     ox, oy, oz, size = boxes.grid[0], boxes.grid[1], boxes.grid[2], boxes.grid[3]
     reach = margin + TOLERANCE
@@ -154,7 +146,6 @@ def _part_meets_boxes(
         part,
         0.0,
     )
-    result = FREE
     for i in range(i0, i1):
         for j in range(j0, j1):
             first, last = layer_range(boxes.layers, columns[i, j], columns[i, j + 1], k0, k1)
@@ -165,16 +156,9 @@ def _part_meets_boxes(
                 ):
                     continue
                 answer = polytope_meets_box(world, rows, closed, corners, b, margin, margin)
-                if answer == COLLIDING:
-                    return COLLIDING
-                if answer == UNDECIDED:
-                    result = UNDECIDED
-                    n = scratch.counters[0]
-                    if n < scratch.undecided.shape[0]:
-                        scratch.undecided[n, 0] = part
-                        scratch.undecided[n, 1] = b
-                    scratch.counters[0] = n + 1
-    return result
+                if answer != FREE:
+                    return answer
+    return FREE
 
 
 @kernel(inline=True)
@@ -204,16 +188,14 @@ def check_pose(
     """Whether the object keeps the margin from `raised` above the pose T (4, 4) down to it.
 
     Balls around the object and around each part against the field of distances, then the swept
-    parts against boxes. Pairs left UNDECIDED are noted in the scratch.
+    parts against boxes. The answer is that of the first pair of part and box that is not FREE.
 
     Args:
         contact: boxes whose top is within `tolerance` of this height are support.
     """
-    scratch.counters[0] = 0
     parts = thing.part_vertices.shape[0] - 1
     if boxes.number == 0 or _ball_clear(boxes, thing.spheres[parts], T, raised, margin):
         return FREE
-    result = FREE
     for part in range(parts):
         if _ball_clear(boxes, thing.spheres[part], T, raised, margin):
             continue
@@ -222,11 +204,9 @@ def check_pose(
         answer = _part_meets_boxes(
             thing, boxes, scratch, part, contact, raised == 0.0, margin, tolerance
         )
-        if answer == COLLIDING:
-            return COLLIDING
-        if answer == UNDECIDED:
-            result = UNDECIDED
-    return result
+        if answer != FREE:
+            return answer
+    return FREE
 
 
 @kernel(lean=True, nogil=True)

@@ -70,30 +70,33 @@ class Checker:
 class Letter:
     """Algorithms 2 and 3 as the paper prints them, over lists.
 
-    Every sample is kept, and r(n) counts it as what it is with the ξ_best of the day.
+    Every sample is kept, and r(n) counts it as what it is with the ξ_best of the day. Differences
+    are added in the order of ξ, so that sums are rounded alike and equals stay equals.
     """
 
     def __init__(self, afr, c, reward, rng):
         self.afr, self.c, self.reward, self.rng = afr, c, reward, rng
         self.nodes, self.parents, self.children, self.missing = [afr.root], [None], [[]], {}
         self.v, self.r, self.samples, self.asked = [0], [0.0], [], []
+        self.best = -math.inf
 
     def sample_goals(self, g_max, best):
-        self.v, self.r = [0] * len(self.v), [0.0] * len(self.r)
-        for sample in self.samples:
-            self.update(*sample, best)
+        for sample in sorted(self.samples, key=lambda sample: sample[2]):
+            self.update(
+                sample[0], 0, self.delta_r(*sample, best) - self.delta_r(*sample, self.best)
+            )
+        self.best = best
         for _ in range(g_max):
             n = self.select_afr_node()
             node = self.nodes[n]
             contact, angle = node.sample(self.rng)
             self.asked.append((node.arm, node.grasp, node.face, *contact, angle))
             self.samples.append((n, *judge(node.arm, contact, angle)))
-            self.update(*self.samples[-1], best)
+            self.update(n, 1, self.delta_r(*self.samples[-1], best))
 
-    def update(self, n, terms, value, best):
-        reward = self.delta_r(n, terms, value, best)
+    def update(self, n, visits, reward):
         while n is not None:
-            self.v[n] += 1
+            self.v[n] += visits
             self.r[n] += reward
             n = self.parents[n]
 
@@ -147,7 +150,7 @@ class Letter:
 @pytest.mark.parametrize("c", [0.1, 0.7])
 @pytest.mark.parametrize("seed", range(3))
 def test_a_batch_of_one_selects_rewards_and_counts_as_the_paper_does(reward, c, seed):
-    afr = AfrHierarchy([2, 1], 2, plane(), HierarchySettings(min_area=0.02, min_angle=math.pi))
+    afr = AfrHierarchy([2, 1], 2, plane(), HierarchySettings(min_area=0.002, min_angle=0.8))
     letter = Letter(afr, c, reward, np.random.default_rng(seed))
     settings = MctsSettings(
         samples_per_call=150, goals_per_call=10**6, batch=1, exploration=c, reward=reward
