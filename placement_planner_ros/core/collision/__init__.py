@@ -1,10 +1,9 @@
 """An arm, its hand and the object against the obstacle set and the robot itself, certified.
 
-Two tiers over one geometry. Compiled kernels answer FREE or COLLIDING where that is certain, from
-coarse to fine: a field of distance bounds, spheres and balls, remembered planes and directions, and
-at last the distance between two convex sets, bounded from both sides. What lies so close to the
-margin that they leave it UNDECIDED goes to coal on the exact shapes, pair by pair; edges are
-certified by the kernels alone, or refused.
+Compiled kernels answer FREE or COLLIDING where that is certain, from coarse to fine: a field of
+distance bounds, spheres and balls, remembered planes and directions, and at last the distance
+between two convex sets, bounded from both sides. What lies so close to the margin that they leave
+it UNDECIDED is not free: no configuration, edge or pose passes that is not certain to be free.
 
 What is asked: `arm` (configurations, edges, what a pose of the hand decides), `object` (the object
 on its way straight down: c_f(x)), with `load` for what the arm holds or has left behind.

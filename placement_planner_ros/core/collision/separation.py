@@ -180,7 +180,7 @@ def _advance(
     return _OPEN, count, (x, y, z), (lower, upper)
 
 
-@kernel(lean=True)
+@kernel(inline=True)
 def _furthest(vertices: Array, first: int, last: int, x: float, y: float, z: float) -> int:
     """Which of vertices[first:last] lies furthest in direction (x, y, z)."""
     best = first
