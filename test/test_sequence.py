@@ -6,7 +6,8 @@ import numpy as np
 from checker import Solution, SolutionChecker, Task, Tolerances
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.objective.objective import ObjectiveContext, make_objective
+from placement_planner_ros.core.objective.by_name import make_objective
+from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.problem import Problem, workspace
 from placement_planner_ros.core.scene.environment import Environment

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from placement_planner_ros.core.body.body import PlacementFace
+from placement_planner_ros.core.body.placement_face import PlacementFace
 from placement_planner_ros.core.collision.arm import CollisionSettings
 from placement_planner_ros.core.collision.object import ObjectCollision
 from placement_planner_ros.core.problem import Problem

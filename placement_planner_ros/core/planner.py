@@ -11,7 +11,6 @@ import numpy as np
 
 from placement_planner_ros.core.collision.arm import CollisionSettings
 from placement_planner_ros.core.constraints import PoseConstraints
-from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.grasp.settings import (
     ApproachSettings,
@@ -37,6 +36,7 @@ from placement_planner_ros.core.search.optimistic import OptimisticSampler, Opti
 from placement_planner_ros.core.search.pruning import Remainder
 from placement_planner_ros.core.search.sampler import GoalChecker, GoalSampler, SamplerSettings
 from placement_planner_ros.core.search.uniform import UniformSampler
+from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.statistics import Statistics
 from placement_planner_ros.core.timing.trajectory_maker import ExecutionSettings, TrajectoryMaker
 from placement_planner_ros.core.types import Array, Goal, Placement
@@ -46,7 +46,7 @@ SAMPLERS: tuple[SamplerName, ...] = get_args(SamplerName)
 
 
 @dataclass(frozen=True, slots=True)
-class PlannerSettings:
+class PlannerSettings(Settings):
     """How to search. Budgets count samples and iterations, so a seed fixes the result.
 
     Attributes:
@@ -56,18 +56,21 @@ class PlannerSettings:
         motion_iterations: m_max, RRT iterations per arm and grasp in one iteration of Algorithm 1.
         ik_seeds: starts of the inverse kinematics per sampled pose, beside q_0.
         min_improvement: ξ counts as better from this much.
-        edge_margin: how far beyond each vertex of v(f) its support must still reach, metres.
-        require_retreat: a goal counts only with certified approach, release and retreat; False: it
-            may be without release and retreat.
+        edge_margin: how far beyond each vertex of v(f) its support must still reach.
+        require_retreat: False: a placement may be without release and retreat.
     """
 
-    sampler: SamplerName = "optimistic"
-    local_optimization: bool = True
-    motion_iterations: int = 50
-    ik_seeds: int = 63
-    min_improvement: float = 1e-4
-    edge_margin: float = 0.003
-    require_retreat: bool = True
+    sampler: SamplerName = setting("optimistic", text="How goals are sampled.", choices=SAMPLERS)
+    local_optimization: bool = setting(
+        True, text="Whether each placement is optimised locally before it is published."
+    )
+    motion_iterations: int = setting(50, "[1, inf)")
+    ik_seeds: int = setting(63, "[1, inf)")
+    min_improvement: float = setting(1e-4, "[0, inf)")
+    edge_margin: float = setting(0.003, "[0, inf)", "m")
+    require_retreat: bool = setting(
+        True, text="Whether a placement counts only with a certified release and retreat."
+    )
     hierarchy: HierarchySettings = field(default_factory=HierarchySettings)
     optimistic: OptimisticSettings = field(default_factory=OptimisticSettings)
     mcts: MctsSettings = field(default_factory=MctsSettings)
@@ -79,16 +82,6 @@ class PlannerSettings:
     transit: TransitSettings = field(default_factory=TransitSettings)
     refine: AscentSettings = field(default_factory=AscentSettings)
     execution: ExecutionSettings = field(default_factory=ExecutionSettings)
-
-    def __post_init__(self) -> None:
-        if self.sampler not in SAMPLERS:
-            raise ParameterError("sampler", self.sampler, f"choose one of {', '.join(SAMPLERS)}")
-        for name in ("motion_iterations", "ik_seeds"):
-            if getattr(self, name) < 1:
-                raise ParameterError(name, getattr(self, name), "must be at least 1")
-        for name in ("min_improvement", "edge_margin"):
-            if not getattr(self, name) >= 0.0:
-                raise ParameterError(name, getattr(self, name), "must not be negative")
 
     @property
     def grasp(self) -> GraspSettings:
@@ -209,21 +202,28 @@ class PlacementPlanner:
     ) -> Iterator[Placement]:
         """What a path to a goal gives: the locally optimised placement.
 
-        Where nothing was found before, the placement as it was reached comes first, at once.
+        Where nothing was found before, the placement as it was reached comes first, at once; else
+        it comes where the optimised one cannot be timed.
         """
         self.motion.retire(goal)
         holding = self.holdings[goal.arm, goal.grasp]
         optimize = self._settings.local_optimization
         first = best == -np.inf
-        if first or not optimize:
-            yield from self._timed(path, goal, holding, started, should_stop)
-        if not optimize or should_stop():
-            return
-        refined = self._optimizer.optimize(goal, holding, should_stop)
-        if first and refined.goal is goal:
-            return
-        path = np.vstack([path, refined.slide[1:]])
-        yield from self._timed(path, refined.goal, holding, started, should_stop)
+        reached = self._timed(path, goal, holding, started, should_stop) if first else None
+        if reached is not None:
+            yield reached
+        if optimize and not should_stop():
+            refined = self._optimizer.optimize(goal, holding, should_stop)
+            if refined.goal is not goal:
+                further = np.vstack([path, refined.slide[1:]])
+                better = self._timed(further, refined.goal, holding, started, should_stop)
+                if better is not None:
+                    yield better
+                    return
+        if not first:
+            reached = self._timed(path, goal, holding, started, should_stop)
+            if reached is not None:
+                yield reached
 
     def _timed(
         self,
@@ -232,13 +232,13 @@ class PlacementPlanner:
         holding: Holding,
         started: float,
         should_stop: Callable[[], bool],
-    ) -> Iterator[Placement]:
-        """Shorten, time and certify; nothing where that fails."""
+    ) -> Placement | None:
+        """Shorten, time and certify; None where that fails."""
         made = self._trajectories.make(path, goal, holding, should_stop)
         if made is None:
             self.statistics.unreached += not should_stop()
-            return
-        yield Placement(
+            return None
+        return Placement(
             goal,
             made.trajectory,
             made.approach_start,

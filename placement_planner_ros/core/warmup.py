@@ -15,11 +15,8 @@ from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.grasp.open_hand import OpenHand
 from placement_planner_ros.core.motion.birrt import GoalSetRRT
-from placement_planner_ros.core.objective.objective import (
-    ObjectiveContext,
-    gradient,
-    make_objective,
-)
+from placement_planner_ros.core.objective.by_name import make_objective
+from placement_planner_ros.core.objective.objective import ObjectiveContext, gradient
 from placement_planner_ros.core.plan_motion.withdrawal import straight_way
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.problem import Problem

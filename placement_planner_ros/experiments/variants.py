@@ -11,7 +11,7 @@ from placement_planner_ros.core.planner import (
     PlannerSettings,
     SamplerName,
 )
-from placement_planner_ros.experiments.rrt_connect import BaselinePlanner
+from placement_planner_ros.experiments.baselines.rrt_connect import BaselinePlanner
 
 
 @dataclass(frozen=True, slots=True)

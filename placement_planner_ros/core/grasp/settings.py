@@ -9,6 +9,7 @@ import numpy as np
 from placement_planner_ros.core.collision.arm import CollisionSettings
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.reach.ik import IKSettings
+from placement_planner_ros.core.settings import Settings, setting
 
 LONGEST_RETREAT = 0.5
 """m."""
@@ -18,45 +19,54 @@ Direction = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
-class ApproachSettings:
+class ApproachSettings(Settings):
     """The straight way down onto the support.
 
     Attributes:
-        approach_distance: height of the raised pre-placement above contact, metres.
-        approach_minimum: the least height it may shrink to where there is less room, metres.
-        approach_step: distance between joint waypoints, metres.
+        approach_distance: height of the raised pre-placement above contact.
+        approach_minimum: the least height it may shrink to where there is less room.
+        approach_step: distance between joint waypoints.
     """
 
-    approach_distance: float = 0.05
-    approach_minimum: float = 0.01
-    approach_step: float = 0.01
+    approach_distance: float = setting(
+        0.05,
+        "[0.01, 0.5]",
+        "m",
+        "Length of the straight way down onto the support; shorter where there is less room.",
+    )
+    approach_minimum: float = setting(0.01, "(0, 0.5]", "m")
+    approach_step: float = setting(0.01, "(0, inf)", "m")
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.approach_minimum <= self.approach_distance:
+        Settings.__post_init__(self)
+        if self.approach_minimum > self.approach_distance:
             raise ParameterError(
                 "approach_distance",
                 self.approach_distance,
                 f"must be at least approach_minimum ({self.approach_minimum} m)",
             )
-        if not self.approach_step > 0.0:
-            raise ParameterError("approach_step", self.approach_step, "must be above zero")
 
 
 @dataclass(frozen=True, slots=True)
-class RetreatSettings:
+class RetreatSettings(Settings):
     """The straight way of the open hand from the placed object.
 
     Attributes:
-        retreat_distance: how far it goes at least, metres; it goes on until the hand keeps the
-            collision margin from the object.
-        retreat_step: distance between joint waypoints, metres.
+        retreat_distance: at least; it goes on until the hand keeps the collision margin from the
+            object.
+        retreat_step: distance between joint waypoints.
         tip_directions: tried first, in the tip frame: the grasps' own directions of withdrawal. By
             default back along z, slanting to each side, then sideways.
         world_directions: tried next, in the planning frame.
     """
 
-    retreat_distance: float = 0.1
-    retreat_step: float = 0.01
+    retreat_distance: float = setting(
+        0.1,
+        f"[0.01, {LONGEST_RETREAT}]",
+        "m",
+        "Length of the straight way that the open hand takes off the placed object.",
+    )
+    retreat_step: float = setting(0.01, "[0.001, 0.1]", "m")
     tip_directions: tuple[Direction, ...] = (
         (0.0, 0.0, -1.0),
         *((x, y, -1.0) for x, y in _SIDEWAYS),
@@ -65,14 +75,7 @@ class RetreatSettings:
     world_directions: tuple[Direction, ...] = ((0.0, 0.0, 1.0),)
 
     def __post_init__(self) -> None:
-        if not 0.01 <= self.retreat_distance <= LONGEST_RETREAT:
-            raise ParameterError(
-                "retreat_distance",
-                self.retreat_distance,
-                f"choose from 0.01 to {LONGEST_RETREAT} m",
-            )
-        if not 0.001 <= self.retreat_step <= 0.1:
-            raise ParameterError("retreat_step", self.retreat_step, "choose from 0.001 to 0.1 m")
+        Settings.__post_init__(self)
         if not (self.tip_directions or self.world_directions):
             raise ParameterError("tip_directions", (), "give at least one direction of retreat")
         for name in ("tip_directions", "world_directions"):

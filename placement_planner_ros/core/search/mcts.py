@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
-from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy
 from placement_planner_ros.core.search.sampler import (
     BatchSampler,
@@ -19,7 +18,10 @@ from placement_planner_ros.core.search.sampler import (
     Terms,
 )
 from placement_planner_ros.core.search.tree import SearchTree
+from placement_planner_ros.core.settings import setting
 from placement_planner_ros.core.types import Goal, Verdict
+
+RewardName = Literal["checks_passed", "four_term"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,14 +38,9 @@ class MctsSettings(SamplerSettings):
         max_nodes: bound on the tree's size.
     """
 
-    exploration: float = 0.5
-    reward: Literal["checks_passed", "four_term"] = "checks_passed"
-    max_nodes: int = 200_000
-
-    def __post_init__(self) -> None:
-        SamplerSettings.__post_init__(self)
-        if self.reward not in ("checks_passed", "four_term"):
-            raise ParameterError("reward", self.reward, "choose checks_passed or four_term")
+    exploration: float = setting(0.5, "[0, inf)")
+    reward: RewardName = setting("checks_passed", choices=get_args(RewardName))
+    max_nodes: int = setting(200_000, "[1, inf)")
 
 
 def checks_passed(verdict: int, better: bool = True) -> float:

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.search.cell_layout import (
     COLUMNS,
     FACE,
@@ -39,6 +38,7 @@ from placement_planner_ros.core.search.sampler import (
     SamplerSettings,
 )
 from placement_planner_ros.core.search.uniform import UniformPoses
+from placement_planner_ros.core.settings import setting
 from placement_planner_ros.core.types import Array, Goal, Verdict
 
 _COARSE = 4
@@ -61,25 +61,16 @@ class OptimisticSettings(SamplerSettings):
         batch: as in `SamplerSettings`, of the uniform samples at the beginning.
         uniform_first: samples before the search begins to refine; until then all are uniform, so
             that the coarse cells have been graded.
-        uniform_share: of the samples after these, at least, in [0, 1).
-        even_share: of these, in [0, 1]: drawn from all regions alike instead of by area, since what
+        uniform_share: of the samples after these, at least.
+        even_share: of these: drawn from all regions alike instead of by area, since what
             is best may stand on a small one.
         prune: whether parts of cells that provably hold nothing are left out.
     """
 
-    uniform_first: int = 2000
-    uniform_share: float = 0.5
-    even_share: float = 0.5
+    uniform_first: int = setting(2000, "[0, inf)")
+    uniform_share: float = setting(0.5, "[0, 1)")
+    even_share: float = setting(0.5, "[0, 1]")
     prune: bool = True
-
-    def __post_init__(self) -> None:
-        SamplerSettings.__post_init__(self)
-        if self.uniform_first < 0:
-            raise ParameterError("uniform_first", self.uniform_first, "must be zero or larger")
-        if not 0.0 <= self.uniform_share < 1.0:
-            raise ParameterError("uniform_share", self.uniform_share, "must be in [0, 1)")
-        if not 0.0 <= self.even_share <= 1.0:
-            raise ParameterError("even_share", self.even_share, "must be in [0, 1]")
 
 
 class OptimisticSampler(BatchSampler):
@@ -233,7 +224,7 @@ class OptimisticSampler(BatchSampler):
                 depths.append(depth)
                 kinds.append(kind)
                 break
-        if len(cells) == len(self._levels):
+        if depths and depths[-1] == len(self._levels) - 1:
             self._levels.append([])
         return (
             np.array(cells).reshape(-1, COLUMNS),

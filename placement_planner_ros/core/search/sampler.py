@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.types import Array, Goal, Verdict
 
 Index = npt.NDArray[np.int64]
@@ -19,7 +19,7 @@ Terms = tuple[bool, bool, bool, bool]
 
 
 @dataclass(frozen=True, slots=True)
-class SamplerSettings:
+class SamplerSettings(Settings):
     """Budgets of SampleGoals.
 
     Attributes:
@@ -28,14 +28,9 @@ class SamplerSettings:
         batch: samples whose cheap checks are made together.
     """
 
-    samples_per_call: int = 200
-    goals_per_call: int = 1
-    batch: int = 16
-
-    def __post_init__(self) -> None:
-        for name in ("samples_per_call", "goals_per_call", "batch"):
-            if getattr(self, name) < 1:
-                raise ParameterError(name, getattr(self, name), "must be at least 1")
+    samples_per_call: int = setting(200, "[1, inf)")
+    goals_per_call: int = setting(1, "[1, inf)")
+    batch: int = setting(16, "[1, inf)")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,7 +15,8 @@ from placement_planner_ros.core.planner import PlacementPlanner
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.ros.run.planning import Prepared, Snapshot, make_planner
+from placement_planner_ros.ros.run.planning import Prepared, make_planner
+from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.run.surroundings import Surroundings
 
 LOOK = 0.2

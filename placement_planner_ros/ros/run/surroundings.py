@@ -15,7 +15,7 @@ from placement_planner_ros.core.scene.regions import RegionSettings
 from placement_planner_ros.core.scene.visibility import View
 from placement_planner_ros.core.types import Array, TargetVolume
 from placement_planner_ros.ros.inputs.self_filter import outside_robot
-from placement_planner_ros.ros.run.planning import Snapshot
+from placement_planner_ros.ros.run.snapshot import Snapshot
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,7 +14,7 @@ from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import Array, Placement
 from placement_planner_ros.ros.inputs.self_filter import outside_robot
-from placement_planner_ros.ros.run.planning import Snapshot
+from placement_planner_ros.ros.run.snapshot import Snapshot
 
 STEP = 0.02
 """rad or m, the largest joint step between checked configurations."""

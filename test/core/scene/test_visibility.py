@@ -9,7 +9,8 @@ from verify_cases import case_checker, load_solution
 from placement_planner_ros.core.collision.arm import ArmCollision
 from placement_planner_ros.core.collision.load import Held
 from placement_planner_ros.core.errors import CloudError
-from placement_planner_ros.core.objective.objective import ObjectiveContext, make_objective
+from placement_planner_ros.core.objective.by_name import make_objective
+from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.problem import workspace
 from placement_planner_ros.core.robot.moving_arm import MovingArm

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from placement_planner_ros.core.objective.objective import ObjectiveContext, make_objective
+from placement_planner_ros.core.objective.by_name import make_objective
+from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.search.cell_layout import LOWER, UPPER, halved, whole_cells
@@ -15,7 +16,10 @@ from placement_planner_ros.core.search.hierarchy import AfrHierarchy
 from placement_planner_ros.core.search.pruning import Remainder, Ruling
 from placement_planner_ros.core.types import TargetVolume, Verdict
 from placement_planner_ros.experiments.cases import Case, make_problem
-from placement_planner_ros.experiments.placement_grid import GridResolution, grid_placements
+from placement_planner_ros.experiments.yardstick.placement_grid import (
+    GridResolution,
+    grid_placements,
+)
 
 CASE = Case("cabinet_low_clutter", "large_crayons_box", "maximize_clearance")
 
