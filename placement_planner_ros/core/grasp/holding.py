@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,7 +88,10 @@ class Holding:
         self._settings = settings.approach
         self._reserve = settings.collision.planning_reserve
         self._stray = settings.collision.approach_stray
-        self._vertices = held.body.vertices
+        vertices = held.body.vertices
+        lower, upper = vertices.min(axis=0), vertices.max(axis=0)
+        corners = np.array(list(itertools.product(*zip(lower, upper, strict=True))))
+        self._corners = corners  # whatever bounds their strays bounds those of all they hold
 
     def tip_pose(self, T_world_object: pin.SE3) -> Array:
         """(4, 4) T_world_tip that brings the object to that pose."""
@@ -169,9 +173,9 @@ class Holding:
             share: of `approach_stray` that may be used.
         """
         T_tip_object = self.arm.grasps[self.grasp]
-        vertices = self._vertices @ T_tip_object.rotation.T + T_tip_object.translation
-        placed = self._vertices @ T_world_object.rotation.T + T_world_object.translation
-        return stray(self.chain, points, vertices, placed) <= share * self._stray
+        corners = self._corners @ T_tip_object.rotation.T + T_tip_object.translation
+        placed = self._corners @ T_world_object.rotation.T + T_world_object.translation
+        return stray(self.chain, points, corners, placed) <= share * self._stray
 
     def placing_motion(
         self, q: Array, T_world_object: pin.SE3, contact_height: float, poses: PoseConstraints

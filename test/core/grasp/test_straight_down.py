@@ -113,9 +113,9 @@ def chords(waypoints):
     return waypoints[:-1, None] + share * np.diff(waypoints, axis=0)[:, None]
 
 
-def lines(holding, T_world_object):
+def lines(holding, vertices, T_world_object):
     """The chain, the object's vertices in the tip's frame, and where they are placed."""
-    T, vertices = holding.arm.grasps[holding.grasp], holding._vertices
+    T = holding.arm.grasps[holding.grasp]
     placed = vertices @ T_world_object.rotation.T + T_world_object.translation
     return vertices @ T.rotation.T + T.translation, placed
 
@@ -135,7 +135,7 @@ def test_approaches_follow_the_vertical_where_evenly_spaced_steps_would_not(plan
             approach = holding._approach(q, T, -1.0, planner._optimizer._poses)
             if approach is None:
                 continue
-            vertices, placed = lines(holding, T)
+            vertices, placed = lines(holding, problem.body.vertices, T)
             above = [q]
             for height in (
                 holding.object_pose(approach[0]).translation[2]
@@ -157,7 +157,7 @@ def test_approaches_follow_the_vertical_where_evenly_spaced_steps_would_not(plan
 
 
 def test_timed_ways_down_stay_on_the_line(planned):
-    for _, _, planner, placements in planned:
+    for _, problem, planner, placements in planned:
         for placement in placements:
             goal, curve = placement.goal, placement.trajectory
             holding = planner.holdings[goal.arm, goal.grasp]
@@ -168,7 +168,7 @@ def test_timed_ways_down_stay_on_the_line(planned):
                     for name in ("times", "positions", "velocities", "accelerations")
                 )
             )
-            vertices, placed = lines(holding, goal.T_world_object)
+            vertices, placed = lines(holding, problem.body.vertices, goal.T_world_object)
             seen = sampled_stray(holding.chain, points, vertices, placed, 12)
             assert seen <= CollisionSettings().approach_stray
 
@@ -176,13 +176,13 @@ def test_timed_ways_down_stay_on_the_line(planned):
 def test_what_leaves_the_line_is_not_published(planned):
     """The same goal approached in one step of five centimetres."""
     refused = 0
-    for _, _, planner, placements in planned:
+    for _, problem, planner, placements in planned:
         for placement in placements:
             goal = placement.goal
             holding = planner.holdings[goal.arm, goal.grasp]
             path = np.array([holding.q_start, goal.q_raised])
             coarse = goal.approach[[0, -1]]
-            vertices, placed = lines(holding, goal.T_world_object)
+            vertices, placed = lines(holding, problem.body.vertices, goal.T_world_object)
             strays = sampled_stray(holding.chain, chords(coarse), vertices, placed)
             if strays < 0.001:
                 continue
