@@ -25,7 +25,8 @@ from placement_planner_ros.core.objective.objective import ObjectiveContext, mak
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.reach.kinematics import _chain
 from placement_planner_ros.core.reach.seeds import seed_table
-from placement_planner_ros.core.search.sampler import SamplerSettings
+from placement_planner_ros.core.search.cells import CellSampler
+from placement_planner_ros.core.search.sampler import MctsSampler, SamplerSettings, UniformSampler
 from placement_planner_ros.core.types import TargetVolume, Verdict
 from placement_planner_ros.experiments.cases import Case, make_problem
 from placement_planner_ros.experiments.record import save_solution
@@ -275,6 +276,21 @@ def test_wrong_settings_are_refused():
         PlannerSettings(sampler="random")
     with pytest.raises(ParameterError, match="motion_iterations"):
         PlannerSettings(motion_iterations=0)
+
+
+@pytest.mark.parametrize(
+    ("kind", "settings"),
+    [
+        (CellSampler, {}),
+        (MctsSampler, {"sampling": SamplerSettings(selection="ucb1")}),
+        (UniformSampler, {"sampler": "uniform"}),
+    ],
+)
+def test_the_settings_choose_the_sampler(kind, settings):
+    problem, objective = make_problem(TABLE, np.random.default_rng(0))
+    chosen = replace(PlannerSettings(), **settings)
+    planner = PlacementPlanner(problem, objective, chosen, np.random.default_rng(0))
+    assert type(planner.sampler) is kind
 
 
 def test_statistics_name_the_constraint_that_rejects_most():

@@ -205,6 +205,58 @@ def test_one_sample_at_a_time_is_what_the_paper_describes():
     assert rewards == list(range(500))
 
 
+def test_leaves_are_rewarded_with_one_or_nothing_and_all_other_nodes_with_h():
+    checker = CornerChecker()
+    settings = SamplerSettings(samples_per_call=4000, goals_per_call=10_000)
+    shallow = hierarchy(min_area=0.02, min_angle=1.0)
+    made = MctsSampler(shallow, checker, settings, np.random.default_rng(0))
+    verdicts, updates = [], []
+    check, update = checker.check_batch, made.tree.update
+
+    def checked(*args):
+        outcome = check(*args)
+        verdicts.extend(outcome.verdicts.tolist())
+        return outcome
+
+    def updated(node, *rest):
+        updates.append((made.tree.is_leaf(node), *rest))
+        update(node, *rest)
+
+    made._check, made.tree.update = checked, updated
+    made.sample_goals(-0.05, never)
+    assert len(updates) == len(verdicts) == 4000
+    seen = set()
+    for verdict, (leaf, reward, _, demoted) in zip(verdicts, updates, strict=True):
+        seen.add((leaf, Verdict(verdict)))
+        if leaf:
+            assert (reward, demoted) == (float(verdict == Verdict.FEASIBLE), 0.0)
+        else:
+            passed = int(verdict) / Verdict.FEASIBLE
+            lost = min(int(verdict), Verdict.NOT_BETTER) / Verdict.FEASIBLE
+            assert (reward, demoted) == pytest.approx((passed, lost))
+    judged = (Verdict.COLLIDING, Verdict.NOT_BETTER, Verdict.NO_IK, Verdict.FEASIBLE)
+    assert seen >= {(True, verdict) for verdict in judged}
+    assert {(False, Verdict.COLLIDING), (False, Verdict.NO_IK)} <= seen
+
+
+def test_what_no_longer_beats_the_best_value_loses_its_reward():
+    """Each call tells the tree of the best value so far before it selects anything."""
+    endless = hierarchy(min_area=1e-12, min_angle=1e-9)  # without leaves
+    settings = SamplerSettings(samples_per_call=3000, goals_per_call=10_000)
+    made = MctsSampler(endless, CornerChecker(), settings, np.random.default_rng(0))
+    found = made.sample_goals(-np.inf, never)
+    assert len(found) > 20
+    before = made.tree.reward(0)
+    values = sorted(goal.objective for goal in found)
+    made.sample_goals(values[9], lambda: True)
+    assert made.tree.reward(0) < before
+    made.sample_goals(0.0, lambda: True)
+    counts = made.count.verdicts
+    expected = sum(min(v, Verdict.NOT_BETTER) * n for v, n in counts.items()) / Verdict.FEASIBLE
+    assert made.tree.reward(0) == pytest.approx(expected)
+    assert made.count.samples == made.tree.visits(0) == 3000
+
+
 def test_parts_of_a_cell_cover_it_without_overlap():
     cell = np.array([1.0, 0.5, 0.0, 0.2, 0.1, 0.5, 1.0, 2.0])
     parts = halved(cell[None])

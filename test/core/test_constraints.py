@@ -1,0 +1,79 @@
+"""V, s(x) and c_f(x) of poses of a box near the edge of a table, against plain geometry."""
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from placement_planner_ros.core.constraints import placement_pose
+from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
+from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.types import TargetVolume, Verdict
+from placement_planner_ros.experiments.cases import Case, make_problem
+
+TABLE = Case("table", "small_crayons_box", "maximize_clearance")
+EDGE, HEIGHT = 0.4, 0.0
+
+
+@pytest.fixture(scope="module")
+def problem():
+    """A bare table that ends at x = EDGE, in a volume that goes on beyond."""
+    bare, _ = make_problem(TABLE, np.random.default_rng(0))
+    volume = TargetVolume([0.2, -0.2, -0.05], [0.6, 0.2, 0.2])
+    x, y = np.meshgrid(np.arange(0.15, EDGE + 1e-9, 0.004), np.arange(-0.3, 0.3, 0.004))
+    points = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, HEIGHT)])
+    environment = Environment.from_points(
+        points, volume, bounds=(volume.lower - 0.3, volume.upper + 0.3)
+    )
+    return replace(bare, volume=volume, environment=environment)
+
+
+def constraints(problem, **settings):
+    planner = PlacementPlanner(
+        problem,
+        lambda T: 0.0,
+        replace(PlannerSettings(), **settings),
+        np.random.default_rng(0),
+    )
+    return planner.sampler._checker._poses
+
+
+def across_the_edge(problem, face, angle):
+    """Contacts (n, 3) of poses that slide out over the edge, and how far out each reaches."""
+    turned = pin.utils.rotate("z", angle) @ problem.body.faces[face].T_face_object.rotation
+    corners = problem.body.faces[face].vertices @ turned.T
+    ahead = float((corners[:, 0] - corners[0, 0]).max())
+    furthest = EDGE + np.arange(-0.02, 0.004, 0.0002)
+    contacts = np.zeros((len(furthest), 3))
+    contacts[:, 0], contacts[:, 2] = furthest - ahead, HEIGHT
+    return contacts, furthest
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.6, 2.5])
+def test_support_must_reach_beyond_the_face_by_the_edge_margin(problem, angle):
+    for face in (0, len(problem.body.faces) - 1):
+        contacts, furthest = across_the_edge(problem, face, angle)
+        vertices = problem.body.faces[face].vertices
+        outward = vertices - vertices.mean(axis=0)
+        outward /= np.linalg.norm(outward, axis=1)[:, None]
+        turned = pin.utils.rotate("z", angle) @ problem.body.faces[face].T_face_object.rotation
+        x = (vertices @ turned.T)[:, 0]
+        last = {}
+        for margin in (0.0, 0.003, 0.008):
+            poses = constraints(problem, edge_margin=margin)
+            stable = [
+                poses.stable(placement_pose(problem.body.faces[face], c, angle), face)
+                for c in contacts
+            ]
+            verdicts, _ = poses.verdicts(
+                np.full(len(contacts), face), contacts, np.full(len(contacts), angle)
+            )
+            assert (verdicts > Verdict.UNSTABLE).tolist() == stable
+            assert stable[0]
+            assert not stable[-1]
+            beyond = (x + margin * (outward @ turned.T)[:, 0]).max() - x.max()
+            last[margin] = furthest[np.flatnonzero(stable)[-1]] + beyond
+        assert last[0.0] == pytest.approx(EDGE, abs=0.004)
+        assert last[0.003] == pytest.approx(last[0.0], abs=0.0003)
+        assert last[0.008] == pytest.approx(last[0.0], abs=0.0003)
