@@ -17,7 +17,7 @@ from placement_planner_ros.core.objective.objective import (
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.slope import greatest_slope
-from placement_planner_ros.core.search.cell_layout import LOWER, UPPER, halved, whole_cells
+from placement_planner_ros.core.search.cell_layout import LOWER, UPPER, X, halved, whole_cells
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy
 from placement_planner_ros.core.search.pruning import Remainder, Ruling
 from placement_planner_ros.core.types import TargetVolume, Verdict
@@ -83,24 +83,79 @@ def sampled(cabinet):
     return cells, poses_in(cells, rng, 16)
 
 
-def test_no_pose_of_a_cell_out_of_reach_is_reachable(cabinet, sampled):
+def tip_poses(robot, q_rest, arm, Q):
+    """T_world_tip (SE3) at each of Q (n, dof), by pinocchio."""
+    data, tip, q = robot.model.createData(), robot.frame_id(arm.tip_frame), q_rest.copy()
+    for x in Q:
+        q[arm.q_index] = x
+        pin.forwardKinematics(robot.model, data, q)
+        yield pin.SE3(pin.updateFramePlacement(robot.model, data, tip))
+
+
+def cell_around(face, contact, angle, rng):
+    """A cell of random size that holds that contact and angle, somewhere."""
+    size = rng.choice([0.0, 0.03, 0.3]) * rng.random(2)
+    turn = rng.choice([0.0, 0.1, 1.0, 1.0]) * rng.uniform(0.0, 2.0 * np.pi)
+    low = np.array([*contact[:2], angle]) - rng.random(3) * [*size, turn]
+    cell = np.array([face, contact[2], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    cell[LOWER], cell[UPPER] = low, low + np.array([*size, turn])
+    return cell
+
+
+def test_no_cell_is_out_of_reach_that_some_configuration_reaches(cabinet):
+    """Objects as pinocchio puts them, each on a face of its own, with the arms stretched out."""
+    problem, objective = cabinet
+    rng = np.random.default_rng(4)
+    faces, cells, away = [], [], []
+    for arm in problem.arms:
+        Q = rng.uniform(arm.lower + 0.002, arm.upper - 0.002, (4000, arm.dof))
+        tips = list(tip_poses(problem.robot, problem.q_start, arm, Q))
+        shoulder = problem.robot.link_pose(problem.q_start, "yumi_body").translation
+        far = np.argsort([-np.linalg.norm(T.translation - shoulder) for T in tips])
+        for k in (*far[:200], *rng.integers(len(tips), size=100)):
+            T = tips[k] * arm.grasps[k % len(arm.grasps)]
+            contact, angle = T.act(rng.uniform(-0.1, 0.1, 3)), rng.uniform(0.0, 2.0 * np.pi)
+            placed = pin.SE3(pin.utils.rotate("z", angle), contact)
+            faces.append(replace(problem.body.faces[0], T_face_object=placed.inverse() * T))
+            cells.append(cell_around(len(faces) - 1, contact, angle, rng))
+            outward = contact[:2] - shoulder[:2]
+            at = np.array([*(contact[:2] + outward / np.linalg.norm(outward)), angle])
+            away.append(cells[-1].copy())
+            away[-1][LOWER] = away[-1][UPPER] = at
+    standing = replace(problem, body=replace(problem.body, faces=tuple(faces)))
+    bounds = planner_of(standing, objective, "prune_reach")._bounds
+    assert len(cells) == 600
+    assert (bounds.rulings(np.array(cells), np.inf) == Ruling.OPEN).all()
+    # A metre further out there is nothing but the bound to tell.
+    assert (bounds.rulings(np.array(away), np.inf) == Ruling.OUT_OF_REACH).mean() > 0.9
+
+
+def test_cells_are_out_of_reach_where_no_configuration_takes_the_tip(cabinet, sampled):
+    """The bound is not idle: it rules out most of what lies beyond all tips ever sampled."""
     problem, objective = cabinet
     cells, poses = sampled
+    cells, shift = cells.copy(), 0.3  # further away than they are
+    cells[:, [X, X + 1]] += shift
     planner = planner_of(problem, objective, "prune_reach")
     rulings = planner._bounds.rulings(cells, np.inf)
     assert set(rulings) == {Ruling.OPEN, Ruling.OUT_OF_REACH}
     _, T = planner.sampler._checker._poses.verdicts(*poses)
     T = T.reshape(len(cells), -1, 4, 4)
-    reached = np.zeros(T.shape[:2], dtype=bool)
+    T[..., 0, 3] += shift
+    beyond = np.ones(T.shape[:2], dtype=bool)
+    rng = np.random.default_rng(5)
     for holding in planner.holdings.values():
-        tips = T @ holding.arm.grasps[holding.grasp].inverse().homogeneous
-        flat = holding._ik.reachable_batch(tips.reshape(-1, 4, 4))
-        reached |= flat.reshape(reached.shape)
-    assert reached.any()
-    assert not reached[rulings == Ruling.OUT_OF_REACH].any()
+        arm = holding.arm
+        shoulder = holding.chain.joint_frames(arm.lower)[0][:3, 3]
+        Q = rng.uniform(arm.lower, arm.upper, (1000, arm.dof))
+        tips = tip_poses(problem.robot, problem.q_start, arm, Q)
+        reach = max(np.linalg.norm(tip.translation - shoulder) for tip in tips)
+        wanted = T @ arm.grasps[holding.grasp].inverse().homogeneous
+        beyond &= np.linalg.norm(wanted[..., :3, 3] - shoulder, axis=-1) > reach
     small = slice(-len(whole_cells(hierarchy(problem))), None)
-    beyond = ~reached[small].any(axis=1)
-    assert (rulings[small][beyond] == Ruling.OUT_OF_REACH).mean() > 0.5  # the bound is not idle
+    never = beyond[small].all(axis=1)
+    assert never.sum() > 10
+    assert (rulings[small][never] == Ruling.OUT_OF_REACH).mean() > 0.5
 
 
 def test_no_pose_of_an_unsupported_cell_is_stable(cabinet, sampled):

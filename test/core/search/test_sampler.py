@@ -302,3 +302,87 @@ def test_cells_with_a_goal_wait_until_the_best_value_has_caught_up():
     assert set(waiting) <= {goal.objective for goal in goals}
     made.sample_goals(-1e-9, never)
     assert all(value > -1e-9 for value, *_ in made._with_goal)
+
+
+def searched(**settings):
+    """Optimistic search that has refined for a while, and what it split in each round."""
+    settings = {"samples_per_call": 6000, "goals_per_call": 10_000, "uniform_first": 500} | settings
+    made, checker = sampler(CellSampler, **settings)
+    split = []
+    choose = made._split_best
+
+    def split_best():
+        split.append(choose())
+        return split[-1]
+
+    made._split_best = split_best
+    made.sample_goals(-0.05, never)
+    return made, checker, split
+
+
+def test_each_cell_waits_at_the_depth_of_its_size():
+    made, _, _ = searched()
+    coarse = {
+        tuple(s)
+        for s in np.round((made._extents[:, 1::2] - made._extents[:, ::2]) / made._steps, 9)
+    }
+    waiting = [(depth, cell) for depth, level in enumerate(made._levels) for *_, cell in level]
+    waiting += [(depth, cell) for _, _, depth, cell in made._with_goal]
+    for depth, cell in waiting:
+        size = (cell[3::2] - cell[2::2]) * 2.0**depth
+        assert tuple(np.round(size, 9)) in coarse
+    assert max(depth for depth, _ in waiting) >= 3
+
+
+def test_no_coarse_cell_is_split_twice_and_each_round_splits_one_of_each_depth():
+    _, _, split = searched()
+    coarse = [cells[0].tobytes() for cells, depths, _ in split if len(depths) and depths[0] == 0]
+    assert len(coarse) > 50
+    assert len(set(coarse)) == len(coarse)
+    for _, depths, _ in split:
+        assert len(set(depths.tolist())) == len(depths)
+
+
+def test_a_cell_may_be_split_again_once_its_goal_has_been_reached():
+    """At that very value: nothing is worth more than what has been found there."""
+    made, _, _ = searched()
+    values = sorted(value for value, *_ in made._with_goal)
+    assert len(values) > 5
+    made.sample_goals(values[3], lambda: True)
+    assert sorted(value for value, *_ in made._with_goal) == values[4:]
+
+
+@pytest.mark.parametrize("even", [0.0, 0.5, 1.0])
+def test_regions_are_drawn_by_area_and_evenly_as_asked(even):
+    made, checker = sampler(
+        CellSampler,
+        samples_per_call=4000,
+        goals_per_call=10_000,
+        uniform_first=100_000,
+        even_share=even,
+    )
+    made.sample_goals(-np.inf, never)
+    in_strip = np.mean([contact[0] > 0.5 for contact in checker.contacts])
+    assert in_strip == pytest.approx((1 - even) * 0.01 / 0.17 + even * 0.5, abs=0.03)
+
+
+@pytest.mark.parametrize("kind", [CellSampler, UniformSampler])
+def test_uniform_poses_lie_on_their_region(kind):
+    """A region like the letter L, whose extent is mostly empty."""
+    bars = Region(np.array([[0.0, 0.0, 0.02, 0.4], [0.02, 0.0, 0.4, 0.02]]), 0.0)
+    afr = AfrHierarchy([2, 1], 2, [bars], HierarchySettings())
+    checker = CornerChecker()
+    settings = SamplerSettings(samples_per_call=1000, goals_per_call=1000, uniform_first=10_000)
+    made = kind(afr, checker, settings, np.random.default_rng(0))
+    made.sample_goals(-np.inf, never)
+    contacts = np.array(checker.contacts)
+    assert (contacts[:, :2] < 0.02).any(axis=1).all()
+    assert ((contacts[:, 0] > 0.02).mean()) == pytest.approx(0.38 / 0.78, abs=0.06)
+
+
+def test_uniform_sampling_draws_every_grasp_of_each_arm_alike():
+    made, _ = sampler(UniformSampler)
+    draws = made._draw(6000)
+    pairs = np.unique(np.column_stack([draws.arm, draws.grasp]), axis=0, return_counts=True)
+    assert pairs[0].tolist() == [[0, 0], [0, 1], [1, 0]]
+    assert pairs[1] / 6000 == pytest.approx([0.25, 0.25, 0.5], abs=0.03)
