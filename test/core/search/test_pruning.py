@@ -173,6 +173,30 @@ def test_no_pose_of_an_unsupported_cell_is_stable(cabinet, sampled):
     assert (rulings[small][never] == Ruling.UNSUPPORTED).mean() > 0.5
 
 
+def stepped(problem, lower, step):
+    """The same problem on a table at height `lower` whose further half is higher by `step`."""
+    volume = TargetVolume([0.25, -0.15, lower - 0.05], [0.6, 0.15, lower + 0.2])
+    x, y = (a.ravel() for a in np.meshgrid(*[np.arange(-0.2, 0.7, 0.004)] * 2))
+    z = np.where(x < 0.42, lower, lower + step)
+    environment = Environment.from_points(np.column_stack([x, y, z]), volume, bounds=around(volume))
+    return replace(problem, volume=volume, environment=environment)
+
+
+@pytest.mark.parametrize(("lower", "step"), [(0.00045, 0.0027), (-0.00045, -0.0027)])
+def test_support_almost_as_high_as_tolerated_is_support_to_cells_too(cabinet, lower, step):
+    """Cells look it up by rounded heights."""
+    problem = stepped(cabinet[0], lower, step)
+    planner = planner_of(problem, lambda T: 0.0, "prune_support")
+    rng = np.random.default_rng(3)
+    cells = np.concatenate([random_cells(problem, rng) for _ in range(40)])
+    verdicts, _ = planner.sampler._checker._poses.verdicts(*poses_in(cells, rng, 16))
+    stable = (verdicts > Verdict.UNSTABLE).reshape(len(cells), -1)
+    rulings = planner._bounds.rulings(cells, np.inf)
+    assert {Ruling.OPEN, Ruling.UNSUPPORTED} == set(rulings)
+    assert stable.any(axis=1).sum() > 100
+    assert not stable[rulings == Ruling.UNSUPPORTED].any()
+
+
 @pytest.mark.parametrize("name", ["maximize_clearance", "minimize_clearance"])
 def test_no_pose_of_a_cell_has_more_than_its_bound(cabinet, sampled, name):
     problem, _ = cabinet
@@ -386,3 +410,25 @@ def test_what_is_left_is_sought_again_only_when_the_best_value_has_risen(cabinet
     assert bounds.asked <= asked + 1
     assert any(remainder.empty(0.5) for _ in range(1000))
     assert "no placement better than 0.5" in remainder.why_empty(0.5)
+
+
+class OpenByFace:
+    """No pose on face f has ξ above worth[f], which cells tell only once they are small."""
+
+    def __init__(self, worth) -> None:
+        self.worth = np.array(worth)
+
+    def rulings(self, cells, best):
+        small = cells[:, X + 1] - cells[:, X] < 0.05
+        worse = self.worth[cells[:, 0].astype(np.int64)] <= best
+        return np.where(small & worse, Ruling.NOT_BETTER, Ruling.OPEN)
+
+
+def test_nothing_is_left_only_once_every_cell_has_been_ruled_out(cabinet):
+    afr = hierarchy(cabinet[0])
+    for seed in range(3):
+        worth = np.random.default_rng(seed).permutation(afr.faces).astype(np.float64)
+        remainder = Remainder(afr, OpenByFace(worth))
+        for best in (-np.inf, *np.arange(0.5, afr.faces - 1)):
+            assert not any(remainder.empty(best) for _ in range(300))
+        assert any(remainder.empty(afr.faces - 1.0) for _ in range(10_000))
