@@ -13,7 +13,9 @@ from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision import boxes as collision_boxes
 from placement_planner_ros.core.collision.against_boxes import layer_range
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
+from placement_planner_ros.core.collision.edges import bound_motion
 from placement_planner_ros.core.collision.hand import WristTurns
+from placement_planner_ros.core.collision.placing import place_all_spheres, place_joints
 from placement_planner_ros.core.collision.separation import COLLIDING, FREE, UNDECIDED
 from placement_planner_ros.core.errors import GraspError, JointStateError, ParameterError
 from placement_planner_ros.core.reach.ik import InverseKinematics
@@ -393,6 +395,29 @@ def test_margin_is_kept_to_the_hair(slider):
     assert checker.free(np.array([touching - 0.00101, 0.0]), reserve=0.001)
 
 
+def test_of_a_reserve_only_its_own_share_counts_for_the_robot_against_itself():
+    post = '<link name="base"><collision><origin xyz="1 0 0"/>'
+    post += '<geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>'
+    robot = Robot.from_urdf(
+        SLIDER.replace('<link name="base"/>', post), srdf="<robot name='slider'/>"
+    )
+    arm = robot.arm("arm", "ball")
+    settings = CollisionSettings(self_margin=0.001, self_reserve=0.0002)
+    checker = ArmCollision(robot, arm, 0, None, obstacles_of(), np.zeros(2), settings)
+    touching = 1.0 - 0.05 - 0.02 - 0.001
+    for gap, reserve, free in (
+        (1e-5, 0.0, True),
+        (-1e-5, 0.0, False),
+        (0.00021, 0.01, True),
+        (0.00019, 0.01, False),
+        (0.00006, 0.00005, True),
+        (0.00004, 0.00005, False),
+    ):
+        q = np.array([touching - gap, 0.0])
+        assert checker.free(q, reserve) == checker.edge_free(q, q, reserve=reserve) == free
+        assert checker.free_batch(q[None], reserve).tolist() == [free]
+
+
 def test_curved_shapes_are_settled_exactly_however_many_boxes_they_meet(tmp_path):
     urdf = SLIDER.replace(
         '<sphere radius="0.02"/>', '<cylinder radius="0.2" length="0.1"/>'
@@ -592,6 +617,69 @@ def test_deviation_is_respected(slider):
     a, b = np.array([-0.5, side + 0.005]), np.array([1.5, side + 0.005])
     assert checker.edge_free(a, b, deviation=np.array([0.0, 0.004]))
     assert not checker.edge_free(a, b, deviation=np.array([0.0, 0.006]))
+
+
+PLANAR = """
+<robot name="planar">
+  <link name="base"/>
+  <link name="upper"/>
+  <link name="ball"><collision><origin xyz="0.5 0 0"/>
+    <geometry><sphere radius="0.001"/></geometry></collision></link>
+  <joint name="j1" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 0 1"/>
+    <limit lower="-3" upper="3" velocity="1" effort="1"/></joint>
+  <joint name="j2" type="revolute"><parent link="upper"/><child link="ball"/><axis xyz="0 0 1"/>
+    <origin xyz="0.8 0 0"/><limit lower="-3" upper="3" velocity="1" effort="1"/></joint>
+</robot>
+"""
+
+
+@pytest.mark.parametrize("size", [0.02, 0.5])
+def test_no_motion_is_larger_than_its_bound(yumi, mixed, size):
+    """Of any point in the ball around a body, by pinocchio."""
+    planar = Robot.from_urdf(PLANAR, srdf="<robot name='planar'/>")
+    rng = np.random.default_rng(7)
+    closest = 0.0
+    setups = [
+        (planar, planar.arm("arm", "ball"), 0, None, obstacles_of(), np.zeros(2)),
+        mixed_setup(mixed),
+        yumi_setup(yumi, "table", "toy_table", "right"),
+    ]
+    for setup in setups:
+        robot, arm = setup[:2]
+        checker = ArmCollision(*setup)
+        arrays, scratch = checker._flat.arrays, checker._scratch
+        names = [body.name for body in checker._flat.bodies[: arrays.moving]]
+        data, q_robot = robot.model.createData(), np.array(setup[5])
+        tip = robot.frame_id(arm.tip_frame)
+
+        def at(x, name, local, robot=robot, arm=arm, data=data, q_robot=q_robot, tip=tip):
+            q_robot[arm.q_index] = x
+            pin.framesForwardKinematics(robot.model, data, q_robot)
+            frame = tip if name == "the held object" else robot.frame_id(name)
+            return data.oMf[frame], data.oMf[frame].act(local)
+
+        for _ in range(60):
+            q = rng.uniform(arm.lower, arm.upper)
+            delta = size * rng.random(arm.dof)
+            place_joints(arrays, scratch, q)
+            place_all_spheres(arrays, scratch)
+            bound = np.zeros((arrays.moving, arm.dof + 1))
+            bound_motion(arrays, scratch, delta, bound)
+            for body, name in enumerate(names):
+                T, _ = at(q, name, np.zeros(3))
+                x, y, z, radius = scratch.body_spheres[body]
+                center = T.actInv(np.array([x, y, z]))
+                for first in (0, arm.dof - 1):
+                    for _ in range(4):
+                        change = delta * rng.choice([-1.0, 1.0], arm.dof)
+                        change[:first] = 0.0
+                        outward = rng.normal(size=3)
+                        point = center + radius * outward / np.linalg.norm(outward)
+                        moved = at(q + change, name, point)[1] - at(q, name, point)[1]
+                        way = float(np.linalg.norm(moved))
+                        assert way <= bound[body, first] + 1e-9
+                        closest = max(closest, way / max(bound[body, first], 1e-9))
+    assert closest > 0.9
 
 
 def between(a, b, count):
