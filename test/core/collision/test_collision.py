@@ -372,6 +372,50 @@ def test_where_the_hand_surely_collides_no_configuration_is_free(yumi):
             assert counts.sum() > 5 * len(poses)
 
 
+SWINGING = """
+<robot name="swinging">
+  <link name="base"/>
+  <link name="bar"><collision><origin xyz="0.15 0 0"/>
+    <geometry><box size="0.3 0.02 0.02"/></geometry></collision></link>
+  <link name="tip"/>
+  <joint name="j1" type="revolute"><parent link="base"/><child link="bar"/><axis xyz="0 0 1"/>
+    <limit lower="-3" upper="3" velocity="1" effort="1"/></joint>
+  <joint name="j2" type="revolute"><parent link="bar"/><child link="tip"/><axis xyz="0 0 1"/>
+    <limit lower="{lower}" upper="{upper}" velocity="1" effort="1"/></joint>
+</robot>
+"""
+
+
+def ring_with_a_gap(width):
+    """A sheet around the swinging bar that leaves free what is within width / 2 of the x axis."""
+    x, y = (a.ravel() for a in np.meshgrid(*[np.arange(-0.33, 0.3301, 0.0025)] * 2))
+    y = y + np.where(y >= 0.0, 1.0, -1.0) * width / 2
+    radius = np.hypot(x, y)
+    kept = (radius > 0.2) & (radius < 0.33)
+    points = np.column_stack([x, y, np.zeros(len(x))])[kept]
+    return ObstacleSet.from_points(points, GridSettings(cell_size=0.005), bounds=0.4 * BOUNDS)
+
+
+def test_the_wrist_is_not_said_to_collide_where_it_fits_between_two_intervals():
+    settings = CollisionSettings(collision_margin=0.004)
+    for room, sure in ((-0.0002, True), (0.0005, False)):
+        obstacles = ring_with_a_gap(0.02 + 2 * (0.004 + room))
+        for shift in np.linspace(0.0, 0.024, 8):
+            urdf = SWINGING.format(lower=-2.5 + shift, upper=2.4 + shift)
+            robot = Robot.from_urdf(urdf)
+            checker = ArmCollision(
+                robot, robot.arm("arm", "tip"), 0, None, obstacles, np.zeros(2), settings
+            )
+            assert checker.free(np.zeros(2)) == (not sure)
+            assert not checker.free(np.array([0.01, -0.01]))
+            if not sure:
+                assert not checker.hand_collides(np.eye(4), 1e-4)
+    solid = ring_with_a_gap(0.0)
+    assert ArmCollision(
+        robot, robot.arm("arm", "tip"), 0, None, solid, np.zeros(2), settings
+    ).hand_collides(np.eye(4), 1e-4)
+
+
 def test_intervals_of_the_wrist_cover_its_range_within_the_margin():
     for lower, upper in ((-1.0, 2.0), (-4.0, 4.0)):
         middles, moved = WristTurns(0.1, lower, upper).intervals(0.004)
