@@ -412,23 +412,32 @@ def test_what_is_left_is_sought_again_only_when_the_best_value_has_risen(cabinet
     assert "no placement better than 0.5" in remainder.why_empty(0.5)
 
 
-class OpenByFace:
-    """No pose on face f has ξ above worth[f], which cells tell only once they are small."""
+class Treasures:
+    """ξ is above -1 at a few poses only; a cell is bounded by the best pose that it holds."""
 
-    def __init__(self, worth) -> None:
-        self.worth = np.array(worth)
+    def __init__(self, problem, rng, count) -> None:
+        regions = problem.environment.regions
+        faces = rng.integers(len(problem.body.faces), size=count)
+        contacts = np.array(
+            [regions[k].sample(rng) for k in rng.integers(len(regions), size=count)]
+        )
+        angles = rng.uniform(0.0, 2.0 * np.pi, count)
+        self.at = np.column_stack([faces, contacts[:, 2]])
+        self.place = np.column_stack([contacts[:, :2], angles])
+        self.value = rng.permutation(count) + 1.0
 
     def rulings(self, cells, best):
-        small = cells[:, X + 1] - cells[:, X] < 0.05
-        worse = self.worth[cells[:, 0].astype(np.int64)] <= best
-        return np.where(small & worse, Ruling.NOT_BETTER, Ruling.OPEN)
+        here = (cells[:, None, :2] == self.at).all(axis=-1)
+        here &= (cells[:, None, LOWER] <= self.place).all(axis=-1)
+        here &= (cells[:, None, UPPER] >= self.place).all(axis=-1)
+        bounds = np.where(here, self.value, -1.0).max(axis=1)
+        return np.where(bounds <= best, Ruling.NOT_BETTER, Ruling.OPEN)
 
 
-def test_nothing_is_left_only_once_every_cell_has_been_ruled_out(cabinet):
-    afr = hierarchy(cabinet[0])
-    for seed in range(3):
-        worth = np.random.default_rng(seed).permutation(afr.faces).astype(np.float64)
-        remainder = Remainder(afr, OpenByFace(worth))
-        for best in (-np.inf, *np.arange(0.5, afr.faces - 1)):
-            assert not any(remainder.empty(best) for _ in range(300))
-        assert any(remainder.empty(afr.faces - 1.0) for _ in range(10_000))
+@pytest.mark.parametrize("seed", range(5))
+def test_nothing_is_left_only_once_the_best_pose_has_been_found(cabinet, seed):
+    treasures = Treasures(cabinet[0], np.random.default_rng(seed), 40)
+    remainder = Remainder(hierarchy(cabinet[0]), treasures)
+    for best in (-np.inf, *np.arange(0.5, 40.0, 0.5)):
+        assert not any(remainder.empty(best) for _ in range(200)), best
+    assert any(remainder.empty(40.0) for _ in range(2000))
