@@ -352,6 +352,21 @@ def test_a_cell_may_be_split_again_once_its_goal_has_been_reached():
     assert sorted(value for value, *_ in made._with_goal) == values[4:]
 
 
+@pytest.mark.parametrize("share", [0.0, 0.2, 0.5, 0.8])
+def test_of_the_samples_of_a_round_the_share_asked_for_is_uniform(share):
+    made, _ = sampler(CellSampler, samples_per_call=500, uniform_share=share, uniform_first=500)
+    made.sample_goals(-np.inf, never)
+    rounds = 0
+    while made._levels[0]:
+        made._begin_round(-1.0, refine=True)
+        refined = int((made._depths > 0).sum())
+        if refined:
+            rounds += 1
+            wanted = max(1.0, refined * share / (1.0 - share))
+            assert (made._depths == 0).sum() == pytest.approx(wanted, abs=1.0)
+    assert rounds > 20
+
+
 @pytest.mark.parametrize("even", [0.0, 0.5, 1.0])
 def test_regions_are_drawn_by_area_and_evenly_as_asked(even):
     made, checker = sampler(

@@ -175,6 +175,9 @@ def test_the_tree_stays_within_its_bound_and_goes_on_sampling():
     assert len(tree) <= 52
     assert tree.visits(0) == 2000
     assert len(tree._records) <= 50
+    # What there was no room to remember counts as overtaken already.
+    kept = len(tree._records)
+    assert tree.reward(0) == pytest.approx(0.5 * kept + 0.1 * (2000 - kept))
 
 
 def test_the_same_seed_gives_the_same_tree():
