@@ -175,6 +175,8 @@ def test_undecided_pairs_go_to_coal(cube, monkeypatch):
     assert len(obstacles) > 256
     checker = ObjectCollision(cube, obstacles)
     poses = [standing(x) for x in (0.1, 0.14, 0.15, 0.2)]
+    tilt = pin.SE3(pin.utils.rotate("y", 0.6), np.zeros(3)).homogeneous
+    poses += [standing(x) @ tilt for x in np.arange(0.08, 0.16, 0.01)]
     expected = [checker.free(T, 0.0, 0.05) for T in poses]
     assert len(set(expected)) == 2
     kernel = object_collision.check_poses

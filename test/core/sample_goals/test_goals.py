@@ -1,12 +1,14 @@
 """What GoalFinder says of samples: the first check that failed, and goals that are as drawn."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
 from placement_planner_ros.core.constraints import placement_pose
+from placement_planner_ros.core.grasp.holding import PlacingMotion
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.search.sampler import Draws
 from placement_planner_ros.core.types import Verdict
@@ -111,6 +113,40 @@ def test_where_no_arm_is_drawn_the_furthest_that_any_gets_is_the_verdict(made, m
     finder._reach_any(drawn, 0, x, 0.0, never)
     holding = finder._holdings[drawn.arm[0]][drawn.grasp[0]]
     assert asked == [(holding.arm.name, holding.grasp)]
+
+
+@pytest.mark.parametrize(
+    ("answers", "tried"),
+    [
+        ([Verdict.ARM_COLLIDING] * 3 + [None], 4),
+        ([Verdict.NO_RELEASE] * 3 + [None], 4),
+        ([Verdict.NO_APPROACH, None], 2),
+        ([Verdict.NO_APPROACH, Verdict.NO_RELEASE, Verdict.NO_RETREAT, None], 3),
+        ([Verdict.NO_RETREAT] * 4, 2),
+        ([Verdict.NO_RETREAT, Verdict.NO_RELEASE], 2),
+    ],
+)
+def test_costly_checks_are_tried_at_two_configurations_and_cheap_ones_at_all(made, answers, tried):
+    finder = made[2].sampler._checker
+    asked = []
+
+    def placing_motion(q, *_):
+        asked.append(int(q[0]))
+        answer = answers[len(asked) - 1]
+        return PlacingMotion(np.array([q, q]), None) if answer is None else answer
+
+    holding = SimpleNamespace(
+        arm=SimpleNamespace(name="arm"),
+        grasp=0,
+        configurations=lambda *_: np.arange(len(answers), dtype=float)[:, None],
+        placing_motion=placing_motion,
+    )
+    reached = finder._reach_goal(holding, pin.SE3.Identity(), 0, 0.0, 1.0, True)
+    assert asked == list(range(tried))
+    if answers[tried - 1] is None:
+        assert reached.q.tolist() == [tried - 1]
+    else:
+        assert reached is max(answers[:tried])
 
 
 def test_every_check_of_a_sample_is_made_for_the_authors_reward(made, checked):
