@@ -7,6 +7,7 @@ import pinocchio as pin
 import pytest
 
 from placement_planner_ros.core.constraints import placement_pose
+from placement_planner_ros.core.grasp.settings import ApproachSettings
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.types import TargetVolume, Verdict
@@ -77,3 +78,28 @@ def test_support_must_reach_beyond_the_face_by_the_edge_margin(problem, angle):
         assert last[0.0] == pytest.approx(EDGE, abs=0.004)
         assert last[0.003] == pytest.approx(last[0.0], abs=0.0003)
         assert last[0.008] == pytest.approx(last[0.0], abs=0.0003)
+
+
+def test_the_way_down_is_free_from_the_height_that_is_asked_about(problem):
+    """Under a ceiling: there is less room above the box than an approach may ask for."""
+    face = problem.body.faces[0]
+    contact, angle = np.array([0.3, 0.0, HEIGHT]), 0.0
+    pose = placement_pose(face, contact, angle)
+    placed = np.vstack([part.vertices for part in problem.body.parts])
+    top = (placed @ pose.rotation.T + pose.translation)[:, 2].max()
+    x, y = (a.ravel() for a in np.meshgrid(*[np.arange(-0.3, 0.6, 0.004)] * 2))
+    levels = [np.column_stack([x, y, np.full(len(x), z)]) for z in (HEIGHT, top + 0.05)]
+    volume = problem.volume
+    environment = Environment.from_points(
+        np.vstack(levels), volume, bounds=(volume.lower - 0.3, volume.upper + 0.3)
+    )
+    changed = replace(problem, environment=environment)
+    for raised in (0.01, 0.03, 0.06):
+        approach = ApproachSettings(approach_minimum=raised, approach_distance=0.1)
+        poses = constraints(changed, approach=approach)
+        assert poses.free(pose, HEIGHT, 0.03)
+        assert not poses.free(pose, HEIGHT, 0.06)
+        free = raised < 0.045
+        assert poses.free(pose, HEIGHT) == free
+        verdicts, _ = poses.verdicts(np.zeros(1, int), contact[None], np.zeros(1))
+        assert verdicts[0] == (Verdict.FEASIBLE if free else Verdict.COLLIDING)

@@ -17,16 +17,23 @@ from placement_planner_ros.core.collision.arm import (
     _link_shapes,
     _object_solids,
 )
+from placement_planner_ros.core.collision.load import Standing
 from placement_planner_ros.core.constraints import placement_pose
 from placement_planner_ros.core.errors import GraspError, ParameterError, RobotError, StartError
 from placement_planner_ros.core.grasp.hand_sweep import _swept
 from placement_planner_ros.core.grasp.holding import Holding
-from placement_planner_ros.core.objective.objective import ObjectiveContext, make_objective
+from placement_planner_ros.core.objective.by_name import make_objective
+from placement_planner_ros.core.objective.objective import ObjectiveContext
+from placement_planner_ros.core.optimize_locally import LocalOptimizer
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.reach.kinematics import _chain
 from placement_planner_ros.core.reach.seeds import seed_table
-from placement_planner_ros.core.search.cells import CellSampler
-from placement_planner_ros.core.search.sampler import MctsSampler, SamplerSettings, UniformSampler
+from placement_planner_ros.core.robot.moving_arm import MovingArm
+from placement_planner_ros.core.search.mcts import MctsSampler
+from placement_planner_ros.core.search.optimistic import OptimisticSampler
+from placement_planner_ros.core.search.sampler import SamplerSettings
+from placement_planner_ros.core.search.uniform import UniformSampler
+from placement_planner_ros.core.timing.trajectory_maker import TrajectoryMaker
 from placement_planner_ros.core.types import TargetVolume, Verdict
 from placement_planner_ros.experiments.cases import Case, make_problem
 from placement_planner_ros.experiments.record import save_solution
@@ -64,17 +71,44 @@ def test_every_placement_passes_the_independent_checker(case, tmp_path):
 @pytest.mark.parametrize(
     "settings",
     [
+        {"sampler": "mcts"},
         {"sampler": "uniform"},
         {"local_optimization": False},
         {"sampler": "uniform", "local_optimization": False},
     ],
-    ids=["uniform", "without local optimisation", "uniform without local optimisation"],
+    ids=["mcts", "uniform", "without local optimisation", "uniform without local optimisation"],
 )
-def test_the_ablations_plan_too(settings):
+def test_the_paper_s_search_and_the_ablations_plan_too(settings):
     _, placements = plan(**settings)
     assert placements
     objectives = [p.objective for p in placements]
     assert all(b > a for a, b in itertools.pairwise(objectives))
+
+
+def test_where_the_optimised_path_cannot_be_timed_the_goal_reached_is_published():
+    optimised = []
+    optimize, make = LocalOptimizer.optimize, TrajectoryMaker.make
+
+    def watched(self, goal, *arguments):
+        refined = optimize(self, goal, *arguments)
+        optimised.append((goal, refined.goal))
+        return refined
+
+    def failing(self, path, goal, *arguments):
+        if any(goal is better and goal is not reached for reached, better in optimised):
+            return None
+        return make(self, path, goal, *arguments)
+
+    with (
+        mock.patch.object(LocalOptimizer, "optimize", watched),
+        mock.patch.object(TrajectoryMaker, "make", failing),
+    ):
+        planner, placements = plan(samples=3000)
+    improved = [reached for reached, better in optimised if better is not reached]
+    assert len(improved) >= 2
+    assert planner.statistics.unreached == len(improved)
+    assert [p.goal for p in placements] == [reached for reached, _ in optimised]
+    assert all(b.objective > a.objective for a, b in itertools.pairwise(placements))
 
 
 def test_local_optimisation_ends_where_its_trajectory_ends():
@@ -120,13 +154,9 @@ def test_planners_of_one_problem_place_the_object_each_for_itself():
     arm = problem.arms[0]
     two = [
         ArmCollision(
-            problem.robot,
-            replace(arm, touch_links=()),
-            0,
-            problem.body,
+            MovingArm(problem.robot, replace(arm, touch_links=()), problem.q_start),
+            Standing(problem.body, pin.SE3.Identity()),
             problem.environment.obstacles,
-            problem.q_start,
-            T_world_object=pin.SE3.Identity(),
         ).with_pairs(lambda a, b: PLACED_OBJECT in (a, b), environment=False)
         for _ in range(2)
     ]
@@ -272,24 +302,20 @@ def test_without_any_grasp_a_problem_is_refused():
 
 
 def test_wrong_settings_are_refused():
-    with pytest.raises(ParameterError, match="sampler"):
-        PlannerSettings(sampler="random")
+    with pytest.raises(ParameterError, match="choose one of optimistic, mcts, uniform"):
+        PlannerSettings(sampler="ucb1")
     with pytest.raises(ParameterError, match="motion_iterations"):
         PlannerSettings(motion_iterations=0)
 
 
 @pytest.mark.parametrize(
-    ("kind", "settings"),
-    [
-        (CellSampler, {}),
-        (MctsSampler, {"sampling": SamplerSettings(selection="ucb1")}),
-        (UniformSampler, {"sampler": "uniform"}),
-    ],
+    ("name", "kind"),
+    [("optimistic", OptimisticSampler), ("mcts", MctsSampler), ("uniform", UniformSampler)],
 )
-def test_the_settings_choose_the_sampler(kind, settings):
+def test_the_settings_choose_the_sampler(name, kind):
     problem, objective = make_problem(TABLE, np.random.default_rng(0))
-    chosen = replace(PlannerSettings(), **settings)
-    planner = PlacementPlanner(problem, objective, chosen, np.random.default_rng(0))
+    settings = replace(PlannerSettings(), sampler=name)
+    planner = PlacementPlanner(problem, objective, settings, np.random.default_rng(0))
     assert type(planner.sampler) is kind
 
 
@@ -307,9 +333,11 @@ def test_statistics_name_the_constraint_that_rejects_most():
 def finder_and_draws():
     """The glass in the cabinet: its GoalFinder, and poses drawn uniformly."""
     problem, objective = make_problem(CABINET, np.random.default_rng(0))
-    settings = replace(PlannerSettings(), sampler="uniform")
+    batch = SamplerSettings(batch=3000)
+    settings = replace(PlannerSettings(), sampler="uniform", uniform=batch)
     planner = PlacementPlanner(problem, objective, settings, np.random.default_rng(0))
-    return problem, objective, planner.sampler._checker, planner.sampler._draw(3000)
+    finder = planner.sampler._checker
+    return problem, objective, finder, planner.sampler._draw(3000, -np.inf)
 
 
 def test_poses_checked_in_a_batch_get_the_verdict_they_get_alone(finder_and_draws):

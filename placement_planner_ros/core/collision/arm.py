@@ -1,7 +1,8 @@
 """Collision of an arm, its hand and the object it holds: with the obstacle set and with the robot.
 
-Two tiers over one geometry. The kernels of `collision_kernels` say free or colliding where that is
-certain, and leave the rest to coal on the exact shapes, pair by pair.
+The kernels say free or colliding only where that is certain. What they leave undecided, within
+`separation.TOLERANCE` of a margin, or on the polytope around a curved shape, is not free: `free` is
+never true nearer than the margin.
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from placement_planner_ros.core.body.body import Body, ConvexPart
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.body.convex_part import ConvexPart
 from placement_planner_ros.core.collision.arrays import (
     PART_FIRST_NODE,
     PART_FIRST_SET,
@@ -29,21 +31,20 @@ from placement_planner_ros.core.collision.arrays import (
     with_own_object,
 )
 from placement_planner_ros.core.collision.boxes import box_arrays
-from placement_planner_ros.core.collision.edges import (
-    NOT_FINITE,
-    OVERFLOW,
-    check_edge,
-    check_states,
-)
+from placement_planner_ros.core.collision.edges import OVERFLOW, check_edge
 from placement_planner_ros.core.collision.hand import WristTurns, hand_collides
+from placement_planner_ros.core.collision.load import Held, Standing
 from placement_planner_ros.core.collision.placed_object import PlacedObject
 from placement_planner_ros.core.collision.separation import COLLIDING, FREE
 from placement_planner_ros.core.collision.shapes import ConvexSet, Shape, shape_of
-from placement_planner_ros.core.errors import GraspError, JointStateError, ParameterError
+from placement_planner_ros.core.collision.states import NOT_FINITE, check_states
+from placement_planner_ros.core.errors import GraspError, JointStateError
 from placement_planner_ros.core.reach.kinematics import Chain, kernel_input
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import ObstacleSet
+from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.types import Array
 
 HELD_OBJECT = "the held object"
@@ -54,15 +55,15 @@ _REMEMBERED = 32
 
 
 @dataclass(frozen=True, slots=True)
-class CollisionSettings:
-    """Distances to keep, metres.
+class CollisionSettings(Settings):
+    """Distances to keep.
 
     Attributes:
-        collision_margin: arm, hand and object from the obstacle set.
-        contact_tolerance: a cell whose top is this close to the contact plane is support.
         self_margin: links and object from each other.
         planning_reserve: what planning keeps beyond both margins, so that a motion can still be
             certified when it is rounded and timed; pass it as `reserve`.
+        approach_stray: how far the object may stray from the vertical on its straight way down;
+            c_f(x) keeps as much beyond the margin.
         self_reserve: how much of a `reserve` counts for the robot against itself, whose links may
             pass each other by less than a millimetre wherever they are.
         edge_resolution: an edge is refused where its distance to the margin is below the motion of
@@ -70,28 +71,22 @@ class CollisionSettings:
         cover_excess: how far the finest covering spheres may stick out of a link.
     """
 
-    collision_margin: float = 0.003
-    contact_tolerance: float = 0.003
-    self_margin: float = 0.0
-    planning_reserve: float = 0.001
-    self_reserve: float = 0.0002
-    edge_resolution: float = 0.0005
-    self_resolution: float = 0.00005
-    cover_excess: float = 0.02
-
-    def __post_init__(self) -> None:
-        for name in ("edge_resolution", "self_resolution", "cover_excess"):
-            if not 1e-5 <= getattr(self, name) <= 0.1:
-                raise ParameterError(name, getattr(self, name), "choose from 0.00001 to 0.1 m")
-        for name in (
-            "collision_margin",
-            "contact_tolerance",
-            "self_margin",
-            "planning_reserve",
-            "self_reserve",
-        ):
-            if not 0.0 <= getattr(self, name) <= 0.1:
-                raise ParameterError(name, getattr(self, name), "choose from 0 to 0.1 m")
+    collision_margin: float = setting(
+        0.003, "[0, 0.1]", "m", "Distance that arm, hand and object keep from obstacles."
+    )
+    contact_tolerance: float = setting(
+        0.003,
+        "[0.0001, 0.02]",
+        "m",
+        "Surface within this distance of the contact plane supports the object.",
+    )
+    self_margin: float = setting(0.0, "[0, 0.1]", "m")
+    planning_reserve: float = setting(0.001, "[0, 0.1]", "m")
+    approach_stray: float = setting(0.0002, "[0, 0.1]", "m")
+    self_reserve: float = setting(0.0002, "[0, 0.1]", "m")
+    edge_resolution: float = setting(0.0005, "[0.00001, 0.1]", "m")
+    self_resolution: float = setting(0.00005, "[0.00001, 0.1]", "m")
+    cover_excess: float = setting(0.02, "[0.00001, 0.1]", "m")
 
 
 class ArmCollision:
@@ -100,13 +95,10 @@ class ArmCollision:
     Not to be shared between threads: the kernels work in its buffers.
 
     Args:
-        robot, arm: who.
-        grasp: index into arm.grasps.
-        body: the object, or None for an empty hand.
+        moving: the arm, and where the rest of the robot is.
+        load: the object, held or standing; None for an empty hand with nothing around it.
         obstacles: the environment.
-        q_rest: (nq,) joints of the whole robot; those of the arm are ignored.
         settings: margins.
-        T_world_object: where the object stands once it is placed; None while it is held.
 
     Raises:
         GraspError: the held object overlaps a link that it does not move against and that is not
@@ -116,32 +108,26 @@ class ArmCollision:
 
     def __init__(
         self,
-        robot: Robot,
-        arm: Arm,
-        grasp: int,
-        body: Body | None,
+        moving: MovingArm,
+        load: Held | Standing | None,
         obstacles: ObstacleSet,
-        q_rest: Array,
         settings: CollisionSettings | None = None,
-        T_world_object: pin.SE3 | None = None,
     ) -> None:
         self.settings = settings or CollisionSettings()
         self._obstacles = obstacles
+        arm = moving.arm
         self._dof = arm.dof
-        q_zero = np.array(q_rest, dtype=np.float64)
-        q_zero[arm.q_index] = 0.0
-        placed = body is not None and T_world_object is not None
+        standing = isinstance(load, Standing)
         self._flat = _flat_arm(
-            robot,
+            moving.robot,
             arm,
-            grasp,
-            body,
-            q_zero.tobytes(),
-            placed,
+            None if load is None else load.body,
+            load.grasp if isinstance(load, Held) else None,
+            moving.q_zero.tobytes(),
             self.settings.cover_excess,
             self.settings.self_margin + self.settings.self_reserve,
         )
-        if placed:
+        if standing:
             T = pin.SE3.Identity()
             self._flat = with_own_object(self._flat, PLACED_OBJECT, T)
         self._boxes = box_arrays(obstacles)
@@ -150,16 +136,19 @@ class ArmCollision:
         self._wrist = WristTurns.of(arrays, float(arm.lower[-1]), float(arm.upper[-1]))
         self._T_tip_joint = np.linalg.inv(arrays.fixed[-1])
         self._placed: PlacedObject | None = None
-        if placed:
+        if isinstance(load, Standing):
             self._placed = PlacedObject(self._flat, self._scratch, PLACED_OBJECT, T)
-            self.place(T_world_object)
+            self.place(load.T_world_object)
         self._queue = np.zeros((_QUEUE, 2))
         self._settled = np.zeros((_QUEUE, arrays.moving + len(arrays.pairs)), dtype=np.bool_)
-        self._answer = np.zeros(1, dtype=np.int64)
         self._no_deviation = np.zeros(self._dof)
 
     def free(self, q: Array, reserve: float = 0.0, contact: bool = False) -> bool:
         """Whether q (dof,) keeps the margins, and of `reserve` metres what the settings say.
+
+        True is certain. False means a collision, or a distance so close to the margin (some
+        `separation.TOLERANCE`) that it is not certain; cylinders and cones count as the prisms
+        around them, up to 0.5 % of their radius wider, ellipsoids as polyhedra up to 2 % wider.
 
         Args:
             contact: leave out the held object against the obstacle set.
@@ -175,17 +164,17 @@ class ArmCollision:
         """`free` for (n, dof) configurations."""
         Q = kernel_input(Q).reshape(-1, self._dof)
         answers = self.classify(Q, reserve, contact)
-        free = answers == FREE
-        for i in np.flatnonzero((answers != FREE) & (answers != COLLIDING)):
-            free[i] = self.free(Q[i], reserve, contact)
-        return free
+        wrong = np.flatnonzero(answers == NOT_FINITE)
+        if len(wrong):
+            raise _not_finite(Q[wrong[0]])
+        return answers == FREE
 
     def classify(
         self, Q: Array, reserve: float = 0.0, contact: bool = False
     ) -> npt.NDArray[np.int64]:
-        """The fast tier's answers (n,) to (n, dof) configurations.
+        """The kernels' answers (n,) to (n, dof) configurations.
 
-        `separation.FREE`, `COLLIDING` or `UNDECIDED`, or `collision_kernels.NOT_FINITE`.
+        `separation.FREE`, `COLLIDING` or `UNDECIDED`, or `states.NOT_FINITE`.
         """
         Q = kernel_input(Q).reshape(-1, self._dof)
         answers = np.empty(len(Q), dtype=np.int64)
@@ -208,7 +197,7 @@ class ArmCollision:
         """Whether it is certain that no configuration with the tip at (4, 4) is free.
 
         Hand and fingers against the obstacle set and the robot at rest, and the link before them,
-        which only turns about the last axis, against the obstacle set (`collision_hand`).
+        which only turns about the last axis, against the obstacle set (`hand`).
 
         Args:
             slack: metres that points of the hand may be off by at a configuration.
@@ -329,44 +318,14 @@ class ArmCollision:
         return settings.collision_margin + reserve, settings.self_margin + kept
 
     def _collision(self, q: Array, reserve: float, contact: bool) -> tuple[int, int, int] | None:
-        """A collision at q, as `ArmScratch.hit`."""
-        q = kernel_input(q).reshape(1, self._dof)
-        margin, self_margin = self._margins(reserve)
-        while True:
-            scratch = self._scratch
-            check_states(
-                self._flat.arrays,
-                self._boxes,
-                scratch,
-                q,
-                margin,
-                self_margin,
-                contact,
-                self._answer,
-            )
-            answer = self._answer[0]
-            if answer == NOT_FINITE:
-                raise _not_finite(q)
-            if answer == FREE:
-                return None
-            if answer == COLLIDING:
-                return int(scratch.hit[0]), int(scratch.hit[1]), int(scratch.hit[2])
-            if scratch.counters[2] <= len(scratch.undecided):
-                break
-            more = np.zeros((2 * int(scratch.counters[2]), 3), dtype=np.int64)
-            self._scratch = scratch._replace(undecided=more)
-        pairs = scratch.undecided[: scratch.counters[2]].tolist()
-        for kind, s, other in pairs:
-            if self._exact(kind, s, other, margin if kind == 0 else self_margin):
-                return kind, s, other
-        return None
-
-    def _exact(self, kind: int, s: int, other: int, margin: float) -> bool:
-        """coal's answer for one pair, at the configuration the scratch holds."""
-        geometry, transform = self._part(s)
-        if kind == 0:
-            return meets(geometry, transform, *coal_box(self._boxes.corners[other]), margin)
-        return meets(geometry, transform, *self._part(other), margin)
+        """A collision at q, or what is not certain to be free of one, as `ArmScratch.hit`."""
+        answer = self.classify(q, reserve, contact)[0]
+        if answer == NOT_FINITE:
+            raise _not_finite(q)
+        if answer == FREE:
+            return None
+        found = self._scratch.hit if answer == COLLIDING else self._scratch.undecided[0]
+        return int(found[0]), int(found[1]), int(found[2])
 
     def _part(self, s: int) -> tuple[coal.CollisionGeometry, coal.Transform3s]:
         body = self._flat.bodies[self._flat.set_body[s]]
@@ -408,25 +367,6 @@ def part_set(part: ConvexPart) -> ConvexSet:
     return ConvexSet(part.vertices, part.normals, offsets)
 
 
-def coal_box(corners: Array) -> tuple[coal.Box, coal.Transform3s]:
-    """An axis-aligned box (6,), lower corner then upper, for coal, with its placement."""
-    lower, upper = corners[:3], corners[3:]
-    return coal.Box(upper - lower), coal.Transform3s(np.eye(3), (lower + upper) / 2)
-
-
-def meets(
-    a: coal.CollisionGeometry,
-    T_a: coal.Transform3s,
-    b: coal.CollisionGeometry,
-    T_b: coal.Transform3s,
-    margin: float,
-) -> bool:
-    """Whether two shapes are closer than `margin` metres, by coal."""
-    request = coal.CollisionRequest()
-    request.security_margin = margin
-    return bool(coal.collide(a, T_a, b, T_b, request, coal.CollisionResult()))
-
-
 def coal_convex(vertices: Array, triangles: npt.NDArray[np.int_]) -> coal.Convex:
     """A coal polytope from vertices (m, 3) and outward triangles (t, 3)."""
     points, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
@@ -448,18 +388,17 @@ def _arm_joint(model: pin.Model, joint_ids: list[int], joint: int) -> int:
 def _flat_arm(
     robot: Robot,
     arm: Arm,
-    grasp: int,
     body: Body | None,
+    grasp: int | None,
     q_zero: bytes,
-    placed: bool,
     excess: float,
     clear: float,
 ) -> FlatArm:
     """An arm laid out; remembered, as it is the same from start to start of a robot at rest.
 
     Args:
+        grasp: index into the arm's grasps; None where the body stands at the world's origin.
         q_zero: (nq,) joints of the whole robot, the arm's at zero.
-        placed: whether the object stands at the world's origin instead of being held.
         excess, clear: as for `flatten`.
     """
     q = np.frombuffer(q_zero)
@@ -471,7 +410,7 @@ def _flat_arm(
     if body is not None:
         tip = robot.frame_id(arm.tip_frame)
         others = [link for link in bodies if link.name not in arm.touch_links]
-        if placed:
+        if grasp is None:
             thing = CollisionBody(PLACED_OBJECT, -1, _object_parts(body, pin.SE3.Identity()))
         else:
             tip_joint = _arm_joint(model, joint_ids, model.frames[tip].parentJoint)
@@ -480,7 +419,7 @@ def _flat_arm(
             _check_grasp(arm, grasp, thing, others)
         pairs += [(link.name, thing.name) for link in others]
         bodies.append(thing)
-    held = HELD_OBJECT if body is not None and not placed else None
+    held = HELD_OBJECT if body is not None and grasp is not None else None
     return flatten(Chain.from_robot(robot, arm, q), bodies, held, pairs, excess, clear)
 
 
@@ -532,7 +471,14 @@ def _object_solids(body: Body) -> tuple[tuple[Shape, coal.CollisionGeometry], ..
 def _check_grasp(arm: Arm, grasp: int, thing: CollisionBody, links: list[CollisionBody]) -> None:
     for link in links:
         if link.joint == thing.joint and any(
-            meets(a.geometry, _coal(a.T_world_part), b.geometry, _coal(b.T_world_part), 0.0)
+            coal.collide(
+                a.geometry,
+                _coal(a.T_world_part),
+                b.geometry,
+                _coal(b.T_world_part),
+                coal.CollisionRequest(),
+                coal.CollisionResult(),
+            )
             for a, b in _products(thing, link)
         ):
             raise GraspError(

@@ -7,50 +7,28 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
+from placement_planner_ros.core.collision.arm import ArmCollision
+from placement_planner_ros.core.collision.load import Held
 from placement_planner_ros.core.constraints import PoseConstraints
-from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.grasp.hand_opening import check_opening
 from placement_planner_ros.core.grasp.open_hand import OpenHand
-from placement_planner_ros.core.reach.ik import IKSettings, InverseKinematics
+from placement_planner_ros.core.grasp.settings import GraspSettings
+from placement_planner_ros.core.grasp.straight_down import stray
+from placement_planner_ros.core.reach.ik import InverseKinematics
 from placement_planner_ros.core.reach.kinematics import Chain
-from placement_planner_ros.core.reach.seeds import SeedTable
-from placement_planner_ros.core.robot.model import Arm, Robot
+from placement_planner_ros.core.reach.seeds import seed_table
+from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import ObstacleSet
-from placement_planner_ros.core.types import Array, TargetVolume, Verdict
+from placement_planner_ros.core.types import Array, Verdict
 
 _FIRST_SEEDS = 16
 """Starts of the inverse kinematics beside q_0 that are tried before the others."""
 _HAND_SLACK = 1e-4
 """m, more than what inverse kinematics leaves open moves any point of a hand."""
-_HAND_LENGTH = 0.3
-"""m, how far a hand is taken to extend beyond its tip frame in `workspace`."""
-
-
-@dataclass(frozen=True, slots=True)
-class ApproachSettings:
-    """The straight way down onto the support.
-
-    Attributes:
-        approach_distance: height of the raised pre-placement above contact, metres.
-        approach_minimum: the least height it may shrink to where there is less room, metres.
-        approach_step: distance between joint waypoints, metres.
-    """
-
-    approach_distance: float = 0.05
-    approach_minimum: float = 0.01
-    approach_step: float = 0.01
-
-    def __post_init__(self) -> None:
-        if not 0.0 < self.approach_minimum <= self.approach_distance:
-            raise ParameterError(
-                "approach_distance",
-                self.approach_distance,
-                f"must be at least approach_minimum ({self.approach_minimum} m)",
-            )
-        if not self.approach_step > 0.0:
-            raise ParameterError("approach_step", self.approach_step, "must be above zero")
+_PLANNED_STRAY = 0.75
+"""Share of `approach_stray` that waypoints use; the rest is for the timed curve."""
+_HALVINGS = 4
+"""How often a step of the approach is halved at most, to keep the object on its line."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,7 +47,12 @@ class PlacingMotion:
 class Holding:
     """One arm a holding the object in one grasp g, the rest of the robot at rest.
 
+    Args:
+        moving: the arm at q_0.
+        open_hand: the same arm once it has let go, shared by its grasps.
+
     Attributes:
+        moving, held: as given.
         q_start: (dof,) the arm's part of q_0.
         collision: C_free of this arm with the object in this grasp.
         open_hand: the same arm once it has let go.
@@ -81,34 +64,30 @@ class Holding:
 
     def __init__(
         self,
-        robot: Robot,
-        arm: Arm,
-        grasp: int,
-        body: Body,
+        moving: MovingArm,
+        held: Held,
         obstacles: ObstacleSet,
-        q_robot: Array,
-        collision: CollisionSettings,
-        ik: IKSettings,
-        approach: ApproachSettings,
-        seeds: SeedTable,
         open_hand: OpenHand,
-        require_retreat: bool,
+        settings: GraspSettings,
     ) -> None:
-        self.arm = arm
-        self.grasp = grasp
-        self.q_start: Array = np.asarray(q_robot[arm.q_index])
-        self.chain = Chain.from_robot(robot, arm, q_robot)
-        self.collision = ArmCollision(robot, arm, grasp, body, obstacles, q_robot, collision)
-        if require_retreat:
-            check_opening(robot, arm, grasp, body, q_robot)
+        self.moving = moving
+        self.held = held
+        self.arm = moving.arm
+        self.grasp = held.grasp
+        self.q_start = moving.q
+        self.chain = Chain.from_robot(moving.robot, moving.arm, moving.q_rest)
+        self.collision = ArmCollision(moving, held, obstacles, settings.collision)
+        self.require_retreat = settings.require_retreat
+        if self.require_retreat:
+            check_opening(moving, held)
         self.open_hand = open_hand
-        self.require_retreat = require_retreat
-        self._ik = InverseKinematics(self.chain, ik)
-        self._T_object_tip = arm.grasps[grasp].inverse()
-        self._seeds = seeds
-        self._settings = approach
-        self._reserve = collision.planning_reserve
-        self._vertices = body.vertices
+        self._ik = InverseKinematics(self.chain, settings.ik)
+        self._T_object_tip = self.arm.grasps[held.grasp].inverse()
+        self._seeds = seed_table(self.chain)
+        self._settings = settings.approach
+        self._reserve = settings.collision.planning_reserve
+        self._stray = settings.collision.approach_stray
+        self._vertices = held.body.vertices
 
     def tip_pose(self, T_world_object: pin.SE3) -> Array:
         """(4, 4) T_world_tip that brings the object to that pose."""
@@ -180,19 +159,19 @@ class Holding:
         """Whether a whole straight joint motion is free, with what planning keeps in reserve."""
         return self.collision.edge_free(a, b, reserve=self._reserve)
 
-    def comes_straight_down(self, Q: Array, T_world_object: pin.SE3) -> bool:
-        """Whether at each of Q (n, dof) the object is where the swept object of c_f(x) was.
+    def comes_straight_down(
+        self, points: Array, T_world_object: pin.SE3, share: float = 1.0
+    ) -> bool:
+        """Whether on all of a curve the object is within `approach_stray` of where c_f(x) swept it.
 
-        It may stray from the vertical line above its placement by what planning keeps in reserve.
+        Args:
+            points: (m, 6, dof) Bézier control points of the curve's pieces, from above to rest.
+            share: of `approach_stray` that may be used.
         """
-        T_tip_object = self.arm.grasps[self.grasp].homogeneous
-        T = self.chain.forward_batch(Q) @ T_tip_object
+        T_tip_object = self.arm.grasps[self.grasp]
+        vertices = self._vertices @ T_tip_object.rotation.T + T_tip_object.translation
         placed = self._vertices @ T_world_object.rotation.T + T_world_object.translation
-        moving = self._vertices @ T[:, :3, :3].transpose(0, 2, 1) + T[:, None, :3, 3]
-        strayed = moving - placed
-        height = T[:, 2, 3] - T_world_object.translation[2]
-        strayed[..., 2] -= np.maximum(height, 0.0)[:, None]
-        return bool((np.linalg.norm(strayed, axis=-1) <= self._reserve).all())
+        return stray(self.chain, points, vertices, placed) <= share * self._stray
 
     def placing_motion(
         self, q: Array, T_world_object: pin.SE3, contact_height: float, poses: PoseConstraints
@@ -226,35 +205,46 @@ class Holding:
         heights = np.unique(np.append(heights, settings.approach_minimum))
         upward = [q]
         raised: list[Array] = []
-        for height in heights:
-            above = pin.SE3(T_world_object)
-            above.translation = T_world_object.translation + np.array([0.0, 0.0, height])
-            q_next = self.follow(above, upward[-1])
-            if q_next is None or not poses.free(T_world_object, contact_height, float(height)):
+        below = 0.0
+        for height in heights.tolist():
+            if not poses.free(T_world_object, contact_height, height + self._stray):
                 break
-            if not self.collision.edge_free(
-                upward[-1], q_next, contact=True, reserve=self._reserve
-            ):
+            way = self._straight_up(upward[-1], T_world_object, below, height)
+            if way is None:
                 break
-            upward.append(q_next)
+            upward += way
+            below = height
             enough = height >= settings.approach_minimum - 1e-9
-            if enough and self.collision.free(q_next, self._reserve):
+            if enough and self.collision.free(upward[-1], self._reserve):
                 raised = list(upward)
         return np.array(raised[::-1]) if raised else None
 
+    def _straight_up(
+        self,
+        q: Array,
+        T_world_object: pin.SE3,
+        below: float,
+        height: float,
+        halvings: int = _HALVINGS,
+    ) -> list[Array] | None:
+        """Waypoints (dof,) after `q` at height `below` up to another, metres, their edges free.
 
-def workspace(
-    robot: Robot, arms: tuple[Arm, ...], q_robot: Array, body: Body, volume: TargetVolume
-) -> tuple[Array, Array]:
-    """Box (lower (3,), upper (3,)) that holds V and whatever arm, hand and object can touch."""
-    size = float(np.linalg.norm(np.ptp(body.vertices, axis=0)))
-    lower, upper = volume.lower - size, volume.upper + size
-    for arm in arms:
-        chain = Chain.from_robot(robot, arm, q_robot)
-        lengths = np.linalg.norm(chain.fixed[1:, :3, 3], axis=1).sum()
-        slides = np.abs([chain.lower, chain.upper]).max(axis=0)[chain.prismatic].sum()
-        held = max((float(np.linalg.norm(g.translation)) for g in arm.grasps), default=0.0)
-        radius = lengths + slides + held + size + _HAND_LENGTH
-        base = chain.fixed[0, :3, 3]
-        lower, upper = np.minimum(lower, base - radius), np.maximum(upper, base + radius)
-    return lower, upper
+        Steps on which the object would leave its line are halved; None where that does not help.
+        """
+        above = pin.SE3(T_world_object)
+        above.translation = T_world_object.translation + np.array([0.0, 0.0, height])
+        q_next = self.follow(above, q)
+        if q_next is None:
+            return None
+        chord = np.linspace(q_next, q, 6)[None]
+        if self.comes_straight_down(chord, T_world_object, _PLANNED_STRAY):
+            is_free = self.collision.edge_free(q, q_next, contact=True, reserve=self._reserve)
+            return [q_next] if is_free else None
+        if halvings == 0:
+            return None
+        middle = 0.5 * (below + height)
+        lower = self._straight_up(q, T_world_object, below, middle, halvings - 1)
+        if lower is None:
+            return None
+        upper = self._straight_up(lower[-1], T_world_object, middle, height, halvings - 1)
+        return None if upper is None else lower + upper

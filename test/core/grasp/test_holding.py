@@ -31,7 +31,6 @@ def way_down(goal, holding, change):
         pose.translation = pose.translation + np.array([0.0, 0.0, height])
         share = np.sin(np.pi * height / heights[-1])
         moved = pin.exp6(share * pin.log6(change).vector)
-        pose = pin.SE3(pose.rotation, pose.translation)
         pose = pin.SE3(moved.rotation @ pose.rotation, pose.translation + moved.translation)
         q = holding.follow(pose, q)
         assert q is not None
@@ -39,9 +38,9 @@ def way_down(goal, holding, change):
     return np.array(way[::-1])
 
 
-def densely(way):
-    share = np.linspace(0.0, 1.0, 10)[:, None]
-    return np.vstack([a + share * (b - a) for a, b in pairwise(way)])
+def chords(way):
+    """(m, 6, dof) control points of the straight joint motions between (m + 1, dof) waypoints."""
+    return np.array([np.linspace(a, b, 6) for a, b in pairwise(way)])
 
 
 SIDEWAYS = [
@@ -55,14 +54,14 @@ SIDEWAYS = [
 def test_the_object_comes_straight_down_as_planned(planned):
     _, goal, holding = planned
     x = goal.T_world_object
-    assert holding.comes_straight_down(densely(goal.approach), x)
-    assert holding.comes_straight_down(densely(way_down(goal, holding, pin.SE3.Identity())), x)
+    assert holding.comes_straight_down(chords(goal.approach), x)
+    assert holding.comes_straight_down(chords(way_down(goal, holding, pin.SE3.Identity())), x)
 
 
 @pytest.mark.parametrize("change", SIDEWAYS, ids=["x", "y", "tilt", "turn"])
 def test_it_does_not_where_it_strays_in_the_middle(planned, change):
     _, goal, holding = planned
-    strayed = densely(way_down(goal, holding, change))
+    strayed = chords(way_down(goal, holding, change))
     assert not holding.comes_straight_down(strayed, goal.T_world_object)
 
 
@@ -71,7 +70,7 @@ def test_nor_where_it_goes_below_its_pose(planned):
     below = pin.SE3(goal.T_world_object)
     below.translation = below.translation - np.array([0.0, 0.0, 0.004])
     q = holding.follow(below, goal.q)
-    assert not holding.comes_straight_down(np.array([goal.q, q]), goal.T_world_object)
+    assert not holding.comes_straight_down(chords([goal.q, q]), goal.T_world_object)
 
 
 def test_a_motion_that_strays_is_not_published(planned):

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.objective.objective import (
     ObjectiveContext,
     evaluate,
     gradient,
-    make_objective,
     moved,
 )
 from placement_planner_ros.experiments.cases import Case, make_problem

@@ -8,23 +8,18 @@ import pytest
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.scene.regions import Region
-from placement_planner_ros.core.search.cell_layout import halved
-from placement_planner_ros.core.search.cells import CellSampler
+from placement_planner_ros.core.search.cell_layout import LOWER, UPPER, Y, halved
 from placement_planner_ros.core.search.hierarchy import (
     FULL_TURN,
     AfrHierarchy,
     AfrNode,
     HierarchySettings,
 )
-from placement_planner_ros.core.search.sampler import (
-    Draws,
-    MctsSampler,
-    Outcome,
-    SamplerSettings,
-    UniformSampler,
-    checks_passed,
-    four_term,
-)
+from placement_planner_ros.core.search.mcts import MctsSampler, MctsSettings
+from placement_planner_ros.core.search.optimistic import OptimisticSampler, OptimisticSettings
+from placement_planner_ros.core.search.pruning import Ruling
+from placement_planner_ros.core.search.sampler import Draws, Outcome, SamplerSettings
+from placement_planner_ros.core.search.uniform import UniformSampler
 from placement_planner_ros.core.types import Goal, Verdict
 
 
@@ -72,9 +67,17 @@ def hierarchy(**settings) -> AfrHierarchy:
     return AfrHierarchy([2, 1], 2, [square, strip], HierarchySettings(**settings))
 
 
-def sampler(kind=MctsSampler, seed=0, **settings):
+SETTINGS = {
+    MctsSampler: MctsSettings,
+    OptimisticSampler: OptimisticSettings,
+    UniformSampler: SamplerSettings,
+}
+
+
+def sampler(kind=MctsSampler, seed=0, bounds=(), **settings):
     checker = CornerChecker()
-    made = kind(hierarchy(), checker, SamplerSettings(**settings), np.random.default_rng(seed))
+    chosen = SETTINGS[kind](**settings)
+    made = kind(hierarchy(), checker, chosen, np.random.default_rng(seed), *bounds)
     return made, checker
 
 
@@ -113,7 +116,7 @@ def test_division_ends_at_the_minimal_area_and_angle():
     assert leaves > 100
 
 
-@pytest.mark.parametrize("kind", [MctsSampler, CellSampler, UniformSampler])
+@pytest.mark.parametrize("kind", [MctsSampler, OptimisticSampler, UniformSampler])
 def test_a_call_ends_at_its_budgets(kind):
     made, _ = sampler(kind, samples_per_call=30, goals_per_call=1000)
     made.sample_goals(-np.inf, never)
@@ -135,17 +138,20 @@ def test_tree_search_finds_more_goals_than_uniform_sampling():
 
 def test_optimistic_search_comes_closer_to_the_optimum_than_uniform_sampling():
     def gap(kind, seed):
-        made, _ = sampler(kind, seed=seed, uniform_first=500)
+        first = {"uniform_first": 500} if kind is OptimisticSampler else {}
+        made, _ = sampler(kind, seed=seed, **first)
         best = -np.inf
         while made.count.samples < 3000:
             best = max(best, *(g.objective for g in made.sample_goals(best, never)), best)
         return -best
 
-    gaps = {kind: [gap(kind, seed) for seed in range(9)] for kind in (CellSampler, UniformSampler)}
-    assert np.median(gaps[CellSampler]) < 0.5 * np.median(gaps[UniformSampler])
+    gaps = {
+        kind: [gap(kind, seed) for seed in range(9)] for kind in (OptimisticSampler, UniformSampler)
+    }
+    assert np.median(gaps[OptimisticSampler]) < 0.5 * np.median(gaps[UniformSampler])
 
 
-@pytest.mark.parametrize("kind", [MctsSampler, CellSampler, UniformSampler])
+@pytest.mark.parametrize("kind", [MctsSampler, OptimisticSampler, UniformSampler])
 def test_goals_beat_the_best_value_and_the_counts_add_up(kind):
     made, _ = sampler(kind, samples_per_call=2000, goals_per_call=10_000)
     goals = made.sample_goals(-0.05, never)
@@ -166,7 +172,7 @@ def test_uniform_sampling_is_uniform_over_the_regions_by_area():
     assert square[:, 2].mean() == pytest.approx(np.pi, abs=0.1)
 
 
-@pytest.mark.parametrize("kind", [MctsSampler, CellSampler, UniformSampler])
+@pytest.mark.parametrize("kind", [MctsSampler, OptimisticSampler, UniformSampler])
 def test_the_same_seed_gives_the_same_goals(kind):
     def run(seed):
         made, _ = sampler(kind, seed=seed, samples_per_call=2000, goals_per_call=10_000)
@@ -176,38 +182,103 @@ def test_the_same_seed_gives_the_same_goals(kind):
     assert run(1) != run(2)
 
 
-def test_reward_is_the_share_of_checks_passed_and_falls_to_not_better():
-    assert checks_passed(Verdict.FEASIBLE) == 1.0
-    assert checks_passed(Verdict.OUTSIDE_VOLUME) == 0.0
-    rewards = [checks_passed(v) for v in Verdict]
-    assert rewards == sorted(rewards)
-    demoted = checks_passed(Verdict.FEASIBLE, better=False)
-    assert demoted == checks_passed(Verdict.NOT_BETTER)
-    assert checks_passed(Verdict.UNSTABLE, better=False) == checks_passed(Verdict.UNSTABLE)
+def test_parts_of_a_cell_cover_it_without_overlap():
+    cell = np.array([1.0, 0.5, 0.0, 0.2, 0.1, 0.5, 1.0, 2.0])
+    parts = halved(cell[None])
+    volumes = np.prod(parts[:, 3::2] - parts[:, 2::2], axis=1)
+    assert volumes.sum() == pytest.approx(0.2 * 0.4 * 1.0)
+    centers = 0.5 * (parts[:, 2::2] + parts[:, 3::2])
+    for center in centers:
+        inside = (parts[:, 2::2] < center) & (center < parts[:, 3::2])
+        assert inside.all(axis=1).sum() == 1
+    assert (parts[:, :2] == cell[:2]).all()
 
 
-def test_four_term_reward_is_the_authors_form():
-    assert four_term((True, True, True, True), better=True) == 1.0
-    assert four_term((True, True, True, True), better=False) == 0.75
-    assert four_term((False, False, True, True), better=True) == 0.0
-    assert four_term((True, True, True, False), better=True) == 0.5
-    made, _ = sampler(samples_per_call=3000, goals_per_call=1000, reward="four_term")
-    assert made.sample_goals(-np.inf, never)
+def test_cells_follow_what_is_best_at_every_scale_without_forgetting_the_rest():
+    made, checker = sampler(OptimisticSampler, samples_per_call=6000, goals_per_call=10_000)
+    made.sample_goals(-0.001, never)
+    contacts = np.array(checker.contacts)
+    in_corner = (contacts[:, :2] < 0.1).all(axis=1)
+    assert in_corner.mean() > 5 * (0.01 / 0.17)
+    near = contacts[in_corner][-500:, 0]
+    assert np.median(near) < 0.03
+    others = contacts[~in_corner]
+    assert (
+        np.histogram2d(others[:, 0], others[:, 1], bins=4, range=[[0, 0.4]] * 2)[0] > 0
+    ).sum() > 14
 
 
-def test_one_sample_at_a_time_is_what_the_paper_describes():
-    """With a batch of one each selection knows every reward before it."""
-    made, _ = sampler(samples_per_call=500, goals_per_call=1000, batch=1)
-    rewards = []
-    update = made.tree.update
-    made.tree.update = lambda n, *rest: (rewards.append(made.tree.visits(0)), update(n, *rest))
-    made.sample_goals(-np.inf, never)
-    assert rewards == list(range(500))
+@pytest.mark.parametrize("name", ["samples_per_call", "goals_per_call", "batch"])
+@pytest.mark.parametrize("kind", SETTINGS.values())
+def test_budgets_below_one_are_refused(kind, name):
+    with pytest.raises(ParameterError, match=name):
+        kind(**{name: 0})
+
+
+def test_wrong_settings_are_refused():
+    with pytest.raises(ParameterError, match="uniform_first"):
+        OptimisticSettings(uniform_first=-1)
+    with pytest.raises(ParameterError, match="uniform_share"):
+        OptimisticSettings(uniform_share=1.0)
+    with pytest.raises(ParameterError, match="even_share"):
+        OptimisticSettings(even_share=1.1)
+    with pytest.raises(ParameterError, match="reward"):
+        MctsSettings(reward="best")
+    with pytest.raises(ParameterError, match="angle_intervals"):
+        HierarchySettings(angle_intervals=1)
+
+
+def test_cells_with_a_goal_wait_until_the_best_value_has_caught_up():
+    made, _ = sampler(OptimisticSampler, samples_per_call=2000, goals_per_call=10_000)
+    goals = made.sample_goals(-0.05, never)
+    waiting = [value for value, *_ in made._with_goal]
+    assert waiting
+    assert set(waiting) <= {goal.objective for goal in goals}
+    made.sample_goals(-1e-9, never)
+    assert all(value > -1e-9 for value, *_ in made._with_goal)
+
+
+class LowerHalf:
+    """Rules out the cells that lie beyond y = 0.2."""
+
+    def rulings(self, cells):
+        return np.where(cells[:, Y] >= 0.2, Ruling.OUT_OF_REACH, Ruling.OPEN)
+
+
+def test_parts_that_are_ruled_out_are_not_sampled():
+    def upper_share(prune):
+        settings = {"samples_per_call": 6000, "uniform_share": 0.0, "prune": prune}
+        made, checker = sampler(OptimisticSampler, bounds=(LowerHalf(),), **settings)
+        made.sample_goals(-1e-9, never)
+        return (np.array(checker.contacts)[3000:, 1] > 0.2).mean()
+
+    assert 4.0 * upper_share(prune=True) < upper_share(prune=False)
+
+
+class NearTheCorner:
+    """Rules out every part that does not hold one pose near a corner."""
+
+    def rulings(self, cells: np.ndarray) -> np.ndarray:
+        pose = np.array([0.01, 0.01, 0.01])
+        holds = (cells[:, LOWER] <= pose).all(axis=1) & (pose <= cells[:, UPPER]).all(axis=1)
+        return np.where(holds, Ruling.OPEN, Ruling.OUT_OF_REACH)
+
+
+def test_it_goes_on_where_pruning_empties_the_levels():
+    """One part of a part is left at most, so that all levels between run dry."""
+    checker = CornerChecker()
+    checker.judge = lambda *_: (Verdict.COLLIDING, -np.inf)  # so that every part is asked about
+    settings = OptimisticSettings(samples_per_call=5000, goals_per_call=100)
+    afr, rng = hierarchy(min_area=1e-6), np.random.default_rng(0)
+    made = OptimisticSampler(afr, checker, settings, rng, NearTheCorner())
+    assert made.sample_goals(-1e-9, never) == []
+    assert len(checker.contacts) == 5000
+    assert len(made._levels) > 6
 
 
 def test_leaves_are_rewarded_with_one_or_nothing_and_all_other_nodes_with_h():
     checker = CornerChecker()
-    settings = SamplerSettings(samples_per_call=4000, goals_per_call=10_000)
+    settings = MctsSettings(samples_per_call=4000, goals_per_call=10_000)
     shallow = hierarchy(min_area=0.02, min_angle=1.0)
     made = MctsSampler(shallow, checker, settings, np.random.default_rng(0))
     verdicts, updates = [], []
@@ -242,7 +313,7 @@ def test_leaves_are_rewarded_with_one_or_nothing_and_all_other_nodes_with_h():
 def test_what_no_longer_beats_the_best_value_loses_its_reward():
     """Each call tells the tree of the best value so far before it selects anything."""
     endless = hierarchy(min_area=1e-12, min_angle=1e-9)  # without leaves
-    settings = SamplerSettings(samples_per_call=3000, goals_per_call=10_000)
+    settings = MctsSettings(samples_per_call=3000, goals_per_call=10_000)
     made = MctsSampler(endless, CornerChecker(), settings, np.random.default_rng(0))
     found = made.sample_goals(-np.inf, never)
     assert len(found) > 20
@@ -257,57 +328,10 @@ def test_what_no_longer_beats_the_best_value_loses_its_reward():
     assert made.count.samples == made.tree.visits(0) == 3000
 
 
-def test_parts_of_a_cell_cover_it_without_overlap():
-    cell = np.array([1.0, 0.5, 0.0, 0.2, 0.1, 0.5, 1.0, 2.0])
-    parts = halved(cell[None])
-    volumes = np.prod(parts[:, 3::2] - parts[:, 2::2], axis=1)
-    assert volumes.sum() == pytest.approx(0.2 * 0.4 * 1.0)
-    centers = 0.5 * (parts[:, 2::2] + parts[:, 3::2])
-    for center in centers:
-        inside = (parts[:, 2::2] < center) & (center < parts[:, 3::2])
-        assert inside.all(axis=1).sum() == 1
-    assert (parts[:, :2] == cell[:2]).all()
-
-
-def test_cells_follow_what_is_best_at_every_scale_without_forgetting_the_rest():
-    made, checker = sampler(CellSampler, samples_per_call=6000, goals_per_call=10_000)
-    made.sample_goals(-0.001, never)
-    contacts = np.array(checker.contacts)
-    in_corner = (contacts[:, :2] < 0.1).all(axis=1)
-    assert in_corner.mean() > 5 * (0.01 / 0.17)
-    near = contacts[in_corner][-500:, 0]
-    assert np.median(near) < 0.03
-    others = contacts[~in_corner]
-    assert (
-        np.histogram2d(others[:, 0], others[:, 1], bins=4, range=[[0, 0.4]] * 2)[0] > 0
-    ).sum() > 14
-
-
-def test_wrong_settings_are_refused():
-    with pytest.raises(ParameterError, match="samples_per_call"):
-        SamplerSettings(samples_per_call=0)
-    with pytest.raises(ParameterError, match="uniform_first"):
-        SamplerSettings(uniform_first=-1)
-    with pytest.raises(ParameterError, match="reward"):
-        SamplerSettings(reward="best")
-    with pytest.raises(ParameterError, match="angle_intervals"):
-        HierarchySettings(angle_intervals=1)
-
-
-def test_cells_with_a_goal_wait_until_the_best_value_has_caught_up():
-    made, _ = sampler(CellSampler, samples_per_call=2000, goals_per_call=10_000)
-    goals = made.sample_goals(-0.05, never)
-    waiting = [value for value, *_ in made._with_goal]
-    assert waiting
-    assert set(waiting) <= {goal.objective for goal in goals}
-    made.sample_goals(-1e-9, never)
-    assert all(value > -1e-9 for value, *_ in made._with_goal)
-
-
 def searched(**settings):
     """Optimistic search that has refined for a while, and what it split in each round."""
     settings = {"samples_per_call": 6000, "goals_per_call": 10_000, "uniform_first": 500} | settings
-    made, checker = sampler(CellSampler, **settings)
+    made, checker = sampler(OptimisticSampler, **settings)
     split = []
     choose = made._split_best
 
@@ -354,11 +378,13 @@ def test_a_cell_may_be_split_again_once_its_goal_has_been_reached():
 
 @pytest.mark.parametrize("share", [0.0, 0.2, 0.5, 0.8])
 def test_of_the_samples_of_a_round_the_share_asked_for_is_uniform(share):
-    made, _ = sampler(CellSampler, samples_per_call=500, uniform_share=share, uniform_first=500)
+    made, _ = sampler(
+        OptimisticSampler, samples_per_call=500, uniform_share=share, uniform_first=500
+    )
     made.sample_goals(-np.inf, never)
     rounds = 0
     while made._levels[0]:
-        made._begin_round(-1.0, refine=True)
+        made._begin_round(refine=True)
         refined = int((made._depths > 0).sum())
         if refined:
             rounds += 1
@@ -370,7 +396,7 @@ def test_of_the_samples_of_a_round_the_share_asked_for_is_uniform(share):
 @pytest.mark.parametrize("even", [0.0, 0.5, 1.0])
 def test_regions_are_drawn_by_area_and_evenly_as_asked(even):
     made, checker = sampler(
-        CellSampler,
+        OptimisticSampler,
         samples_per_call=4000,
         goals_per_call=10_000,
         uniform_first=100_000,
@@ -381,13 +407,13 @@ def test_regions_are_drawn_by_area_and_evenly_as_asked(even):
     assert in_strip == pytest.approx((1 - even) * 0.01 / 0.17 + even * 0.5, abs=0.03)
 
 
-@pytest.mark.parametrize("kind", [CellSampler, UniformSampler])
+@pytest.mark.parametrize("kind", [OptimisticSampler, UniformSampler])
 def test_uniform_poses_lie_on_their_region(kind):
     """A region like the letter L, whose extent is mostly empty."""
     bars = Region(np.array([[0.0, 0.0, 0.02, 0.4], [0.02, 0.0, 0.4, 0.02]]), 0.0)
     afr = AfrHierarchy([2, 1], 2, [bars], HierarchySettings())
     checker = CornerChecker()
-    settings = SamplerSettings(samples_per_call=1000, goals_per_call=1000, uniform_first=10_000)
+    settings = SETTINGS[kind](samples_per_call=1000, goals_per_call=1000)
     made = kind(afr, checker, settings, np.random.default_rng(0))
     made.sample_goals(-np.inf, never)
     contacts = np.array(checker.contacts)
@@ -396,8 +422,8 @@ def test_uniform_poses_lie_on_their_region(kind):
 
 
 def test_uniform_sampling_draws_every_grasp_of_each_arm_alike():
-    made, _ = sampler(UniformSampler)
-    draws = made._draw(6000)
+    made, _ = sampler(UniformSampler, batch=6000)
+    draws = made._draw(6000, -np.inf)
     pairs = np.unique(np.column_stack([draws.arm, draws.grasp]), axis=0, return_counts=True)
     assert pairs[0].tolist() == [[0, 0], [0, 1], [1, 0]]
     assert pairs[1] / 6000 == pytest.approx([0.25, 0.25, 0.5], abs=0.03)
