@@ -9,7 +9,8 @@ import pytest
 
 from placement_planner_ros.core.constraints import placement_pose
 from placement_planner_ros.core.grasp.holding import PlacingMotion
-from placement_planner_ros.core.objective.objective import ObjectiveContext, make_objective
+from placement_planner_ros.core.objective.by_name import make_objective
+from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.scene.region_points import RegionPoints
 from placement_planner_ros.core.search.sampler import Draws
@@ -76,9 +77,10 @@ def never():
 def made():
     """Problem, objective, a planner that samples uniformly, and some of its draws."""
     problem, objective = make_problem(TABLE, np.random.default_rng(0))
-    settings = replace(PlannerSettings(), sampler="uniform")
+    settings = PlannerSettings()
+    settings = replace(settings, sampler="uniform", uniform=replace(settings.uniform, batch=400))
     planner = PlacementPlanner(problem, objective, settings, np.random.default_rng(0))
-    return problem, objective, planner, planner.sampler._draw(400)
+    return problem, objective, planner, planner.sampler._draw(400, -np.inf)
 
 
 @pytest.fixture(scope="module")
