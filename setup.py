@@ -6,22 +6,14 @@ from setuptools import find_packages, setup
 
 PACKAGE = "placement_planner_ros"
 
-EXECUTABLES = {
-    "placement_planner": "placement_planner_ros.ros.node",
-    "placement_demo": "placement_planner_ros.ros.tools.demo",
-    "placement_scene": "placement_planner_ros.ros.tools.scene_publisher",
-    "placement_benchmark": "placement_planner_ros.experiments.benchmark",
-}
+EXECUTABLES = ("placement_planner", "placement_demo", "placement_scene", "placement_benchmark")
 
+# The planner as a library.
 CORE = [
     "coal>=3.0,<4",
-    "matplotlib>=3.8,<4",
     "numba>=0.60,<0.70",
     "numpy>=1.26,<3",
-    "ompl>=2.0,<3",
-    "pillow>=10",
     "pin>=3.4,<5",
-    "PyYAML>=6,<7",
     "scipy>=1.12,<2",
     "toppra>=0.6,<0.7",
     "trimesh>=4.4,<6",
@@ -29,26 +21,34 @@ CORE = [
 
 # ROS 2 Jazzy as wheels, which exist for x86-64 only. Elsewhere, and wherever a Jazzy is sourced,
 # rclpy and the messages come from there.
-ROS = [
+ROS_WHEELS = [
     "ros-jazzy-common-interfaces>=5.3,<6",
     "ros-jazzy-rclpy>=7.1.6,<7.2",
     "ros-rclpy[fastrtps]>=7.1.6,<7.2",
 ]
-ROS_WHEELS = [f'{name} ; platform_machine == "x86_64"' for name in ROS]
+
+PICTURES = ["matplotlib>=3.8,<4"]
+
+ROS = [*(f'{name} ; platform_machine == "x86_64"' for name in ROS_WHEELS), *PICTURES]
 
 EVALUATION = [
-    "dask[distributed]>=2024.5",
+    *PICTURES,
+    "dask[distributed]>=2024.5,<2027",
     "joblib>=1.4,<2",
+    "ompl>=2.0,<3",
+    "pillow>=10,<14",
+    "PyYAML>=6,<7",
 ]
 
 TEST = [
+    *ROS,
     *EVALUATION,
-    "colcon-common-extensions>=0.3",
-    "hypothesis>=6",
-    "mujoco>=3",
-    "mypy>=1.10",
-    "pytest>=8",
-    "ruff>=0.5",
+    "colcon-common-extensions>=0.3,<0.4",
+    "hypothesis>=6,<7",
+    "mujoco>=3,<5",
+    "mypy>=1.10,<3",
+    "pytest>=8,<10",
+    "ruff>=0.5,<1",
 ]
 
 
@@ -69,16 +69,17 @@ def data_files():
 
 setup(
     name=PACKAGE,
-    version="0.1.0",
+    version="0.2.0",
     description="Anytime placement of a grasped object in clutter, with a certified arm motion",
     license="MIT",
     python_requires=">=3.11",
     packages=find_packages(include=[f"{PACKAGE}*"]),
+    package_data={PACKAGE: ["py.typed"]},
     data_files=data_files(),
-    install_requires=CORE + ROS_WHEELS,
-    extras_require={"evaluation": EVALUATION, "test": TEST},
+    install_requires=CORE,
+    extras_require={"ros": ROS, "evaluation": EVALUATION, "test": TEST},
     entry_points={
-        "console_scripts": [f"{name} = {module}:main" for name, module in EXECUTABLES.items()],
+        "console_scripts": [f"{name} = {PACKAGE}.__main__:{name}" for name in EXECUTABLES],
         "placement_planner_ros.objectives": [
             "toward_front = placement_planner_ros.objectives_example:TowardFront",
         ],

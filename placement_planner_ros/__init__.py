@@ -1,29 +1,74 @@
-"""Anytime placement planning for robot manipulators on ROS 2.
+"""Anytime placement planning for robot manipulators: a library, and a ROS 2 node around it.
+
+The library in a few names, loaded when they are first asked for: `Robot`, `Body`, `TargetVolume`
+and `Environment` are what is given, `plan` yields each `Placement` found. `PlannerSettings` says
+how to search, and all errors for bad input are `PlacementPlannerError`s. `examples/library.py`
+shows them together. `ros` is the adapter around them; nothing else imports ROS.
 
 Where the symbols of Haustein et al., "Object Placement Planning and Optimization for Robot
 Manipulators", live:
 
-===============================================  ==================================================
-paper                                            module under `placement_planner_ros.core`
-===============================================  ==================================================
-V, target volume                                 types.TargetVolume
-S, surface points; occupancy grid                scene.grid.ObstacleSet
-R, r, placement contact regions                  scene.regions.Region, find_regions
-d_S, distance to the environment                 scene.distance.ClearanceField
-B_o, F, f, v(f), fT_o                            body.Body, body.PlacementFace
-Ŝ(r, f)                                          feasibility.placement_pose
-s(x), c_f(x)                                     feasibility.PoseConstraints
-ξ(x), C(x)                                       objective
-A, a; gT_o; O(q)                                 robot.arm.Arm; holding.Holding.object_pose
-J†, inverse kinematics                           robot.kinematics.Chain, robot.ik
-C_free                                           robot.collision.ArmCollision
-AFR hierarchy, Ch(n)                             search.hierarchy
-G_s, v(n), r(n), UCB1; SelectAfrNode (Alg. 3)    search.tree.SearchTree
-SampleGoals (Alg. 2), g_max, H                   search.sampler, search.cells; goals.GoalFinder
-PlanMotion, M_s, 𝒢, m_max                        transit.MotionPlanner, motion.birrt.GoalSetRRT
-OptimizeLocally, μ                               refine.LocalOptimizer, ascent.climb
-Alg. 1, ξ_best, τ                                planner.PlacementPlanner
-===============================================  ==================================================
-
-`ros` is the adapter around it; nothing else imports ROS.
+============================================  =====================================================
+paper                                         module under `placement_planner_ros.core`
+============================================  =====================================================
+𝒜, a; q_0                                     robot.arm.Arm; problem.Problem
+V, target volume                              types.TargetVolume
+𝒮, surface points; occupancy grid             scene.grid.ObstacleSet
+R, r, placement contact regions; z_r          scene.regions.find_regions, scene.regions.Region
+o, F, f, v(f), fT_o, B_o                      body.body.Body, body.placement_face.PlacementFace
+gT_o, grasps; O(q)                            robot.arm.Arm; grasp.holding.Holding.object_pose
+Ŝ(r, f)                                       constraints.placement_pose
+s(x)                                          constraints.PoseConstraints.stable
+c_f(x)                                        constraints.PoseConstraints.free
+r(x), path-reachability                       plan_motion.transit.MotionPlanner
+C_free                                        collision.arm.ArmCollision
+ξ(x), clearance                               objective.clearance.Clearance
+d_S, distance to the environment              scene.distance.ClearanceField
+Algorithm 1, Terminate, ξ_best                planner.PlacementPlanner.run
+τ, published                                  types.Placement, timing.trajectory_maker
+g_max                                         search.sampler.SamplerSettings
+m_max                                         planner.PlannerSettings
+SampleGoals (Algorithm 2)                     search.mcts.MctsSampler.sample_goals
+... its constraints in order, 𝒢_n             sample_goals.goals.GoalFinder
+... Sample; IKSolver                          search.hierarchy.AfrNode.sample; reach.ik
+... by optimistic search, the default         search.optimistic.OptimisticSampler
+AFR hierarchy, Ch(n), l                       search.hierarchy.AfrHierarchy
+SelectAfrNode (Algorithm 3), UCB1, c          search.tree.SearchTree.select
+G_s, v(n), r(n), Update                       search.tree.SearchTree, search.tree.SearchTree.update
+Δr(n), H                                      search.mcts.checks_passed, search.mcts.four_term
+PlanMotion, 𝒢, M_s                            plan_motion.transit.MotionPlanner.plan
+... its bidirectional RRT                     motion.birrt.GoalSetRRT
+OptimizeLocally                               optimize_locally.LocalOptimizer.optimize
+... ∂ξ/∂(x, y, e_z), μ                        objective.objective.gradient, objective.ascent.climb
+... J, J†                                     reach.kinematics.Chain.jacobian
+============================================  =====================================================
 """
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from placement_planner_ros.core.body.body import Body
+    from placement_planner_ros.core.errors import PlacementPlannerError
+    from placement_planner_ros.core.planner import PlannerSettings
+    from placement_planner_ros.core.robot.model import Robot
+    from placement_planner_ros.core.scene.environment import Environment
+    from placement_planner_ros.core.types import Placement, TargetVolume
+    from placement_planner_ros.library import plan
+
+__all__ = [
+    "Body",
+    "Environment",
+    "Placement",
+    "PlacementPlannerError",
+    "PlannerSettings",
+    "Robot",
+    "TargetVolume",
+    "plan",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.library"), name)

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
+from settle import settle
 
-from placement_planner_ros.experiments.settle import settle
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.scenes import scene_by_name
 

@@ -1,6 +1,9 @@
 """Installs the package into scratch prefixes, by pip and by colcon, and looks at what is there."""
 
+import ast
 import os
+import re
+import runpy
 import shutil
 import stat
 import subprocess
@@ -9,6 +12,7 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import pytest
+import setuptools
 
 ROOT = Path(__file__).parent.parent
 PACKAGE = "placement_planner_ros"
@@ -104,7 +108,7 @@ def _eggs(prefix):
 
 def test_all_sub_packages_are_installed(prefix):
     places = [site_packages(prefix), *map(Path, _eggs(prefix))]
-    for path in (ROOT / PACKAGE).rglob("*.py"):
+    for path in [*(ROOT / PACKAGE).rglob("*.py"), ROOT / PACKAGE / "py.typed"]:
         inside = path.relative_to(ROOT)
         assert any((place / inside).is_file() for place in places), inside
 
@@ -116,7 +120,8 @@ def test_entry_points_are_registered(prefix):
         for path in place.glob("*/entry_points.txt")
     ]
     assert any("toward_front" in text for text in texts)
-    assert any("placement_planner = placement_planner_ros.ros.node:main" in text for text in texts)
+    for name in EXECUTABLES:
+        assert any(f"{name} = {PACKAGE}.__main__:{name}" in text for text in texts)
 
 
 def test_building_left_the_sources_alone(prefix, source):
@@ -133,3 +138,60 @@ def test_versions_agree():
 def test_every_wrapper_is_an_entry_point():
     wrappers = {p.name for p in (ROOT / "resource/executables").iterdir()}
     assert wrappers == set(EXECUTABLES)
+
+
+@pytest.fixture
+def requirements(monkeypatch):
+    """Extra ('' for the core) -> its requirements, as setup.py hands them to setuptools."""
+    given = {}
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setattr(setuptools, "setup", lambda **keywords: given.update(keywords))
+    runpy.run_path("setup.py")
+    return {"": given["install_requires"], **given["extras_require"]}
+
+
+def test_every_version_has_a_floor_and_a_ceiling(requirements):
+    for name in {name for extra in requirements.values() for name in extra}:
+        assert re.fullmatch(r"[\w.\[\]-]+>=[\d.]+,<[\d.]+( ;.*)?", name), name
+
+
+def test_only_the_extra_ros_asks_for_ros_and_test_asks_for_all(requirements):
+    assert not [name for name in requirements[""] if name.startswith("ros-")]
+    assert any(name.startswith("ros-jazzy-rclpy") for name in requirements["ros"])
+    assert set(requirements["ros"] + requirements["evaluation"]) <= set(requirements["test"])
+
+
+MODULES = {"pin": {"pinocchio"}, "pillow": {"PIL"}, "pyyaml": {"yaml"}}
+ROS_MODULES = {"rclpy", "ament_index_python", "builtin_interfaces", "rcl_interfaces"}
+ROS_MODULES |= {f"{name}_msgs" for name in ("std", "geometry", "sensor", "shape", "trajectory")}
+ROS_MODULES |= {"visualization_msgs", "diagnostic_msgs", "std_srvs"}
+OWN_EXTRA = {"core/motion/ompl_planner.py": "evaluation"}
+TF = {"tf2_ros", "tf2_msgs", "launch", "launch_ros"}  # looked up where they are installed
+
+
+def imported(path):
+    nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+    names = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
+    names |= {node.module for node in nodes if isinstance(node, ast.ImportFrom)}
+    return {name.split(".")[0] for name in names} - set(sys.stdlib_module_names) - {PACKAGE}
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / PACKAGE).rglob("*.py")), ids=lambda p: p.stem)
+def test_every_import_is_of_a_package_that_is_asked_for(path, requirements):
+    inside = path.relative_to(ROOT / PACKAGE)
+    extra = {"ros": "ros", "experiments": "evaluation"}.get(inside.parts[0], "")
+    extra = OWN_EXTRA.get(str(inside), extra)
+    names = {re.match(r"[\w-]+", name)[0].lower() for name in requirements[""]}
+    names |= {re.match(r"[\w-]+", name)[0].lower() for name in requirements.get(extra, [])}
+    modules = {module for name in names for module in MODULES.get(name, {name})}
+    if "ros-jazzy-rclpy" in names:
+        modules |= ROS_MODULES | TF
+    assert imported(path) <= modules
+
+
+def test_the_readme_installs_what_the_core_asks_for(requirements):
+    from_apt = {"numpy", "scipy"}
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    for name in requirements[""]:
+        if re.match(r"\w+", name)[0] not in from_apt:
+            assert f'"{name}"' in text, name

@@ -6,9 +6,10 @@ import numpy as np
 from checker import Solution, SolutionChecker, Task, Tolerances
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.grasp.holding import workspace
-from placement_planner_ros.core.objective.objective import ObjectiveContext, make_objective
-from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings, Problem
+from placement_planner_ros.core.objective.by_name import make_objective
+from placement_planner_ros.core.objective.objective import ObjectiveContext
+from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
+from placement_planner_ros.core.problem import Problem, workspace
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.experiments.cases import start_configuration
 from placement_planner_ros.scenes.clouds import complete_cloud

@@ -16,8 +16,8 @@ from types import SimpleNamespace
 import numpy as np
 from checker import Solution, SolutionChecker, Task, Tolerances
 
-from placement_planner_ros.core.grasp.holding import workspace
 from placement_planner_ros.core.planner import PlannerSettings
+from placement_planner_ros.core.problem import workspace
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.experiments.cases import Case, read_inputs, start_configuration
 from placement_planner_ros.scenes.objects import object_by_name

@@ -8,10 +8,11 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from placement_planner_ros.core.body.body import Body, PlacementFace
+from placement_planner_ros.core.body.placement_face import PlacementFace
+from placement_planner_ros.core.collision.arm import CollisionSettings
 from placement_planner_ros.core.collision.object import ObjectCollision
-from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.types import Array, TargetVolume, Verdict
+from placement_planner_ros.core.problem import Problem
+from placement_planner_ros.core.types import Array, Verdict
 
 
 def placement_pose(face: PlacementFace, contact: Array, angle: float) -> pin.SE3:
@@ -30,7 +31,8 @@ class PoseConstraints:
     """V, s(x) and c_f(x) of one body in one environment.
 
     Args:
-        contact_tolerance: how far below a vertex of v(f) its support may lie, metres.
+        problem: o, the environment and V.
+        collision: c_f(x)'s margin, and how far below a vertex of v(f) its support may lie.
         edge_margin: how far beyond each vertex of v(f), away from the face, the support must still
             reach, metres: measured edges are true to some two millimetres only.
         raise_height: the least height from which the body must come straight down, metres.
@@ -38,19 +40,19 @@ class PoseConstraints:
 
     def __init__(
         self,
-        body: Body,
-        environment: Environment,
-        volume: TargetVolume,
-        collision: ObjectCollision,
-        contact_tolerance: float,
+        problem: Problem,
+        collision: CollisionSettings,
         edge_margin: float,
         raise_height: float,
     ) -> None:
+        body, environment = problem.body, problem.environment
+        self.problem = problem
+        self.contact_tolerance = collision.contact_tolerance
+        self.edge_margin = edge_margin
         self._body = body
         self._environment = environment
-        self._volume = volume
-        self._collision = collision
-        self._tolerance = contact_tolerance
+        self._volume = problem.volume
+        self._collision = ObjectCollision(body, environment.obstacles, collision)
         self._raise_height = raise_height
         self._contacts = [contact_points(face, edge_margin) for face in body.faces]
         self._T_face_object = np.array([face.T_face_object.homogeneous for face in body.faces])
@@ -66,7 +68,7 @@ class PoseConstraints:
         """s(x): every vertex of v(f), and a little beyond it, has support within the tolerance."""
         points = self._contacts[face] @ T_world_object.rotation.T
         points += T_world_object.translation
-        return bool(self._environment.support.supported(points, self._tolerance).all())
+        return bool(self._environment.support.supported(points, self.contact_tolerance).all())
 
     def free(
         self, T_world_object: pin.SE3, contact_height: float, raise_height: float | None = None
@@ -114,7 +116,9 @@ class PoseConstraints:
             rows = np.flatnonzero(inside & (faces == face))
             points = self._contacts[face] @ T[rows, :3, :3].transpose(0, 2, 1)
             points += T[rows, None, :3, 3]
-            supported = self._environment.support.supported(points.reshape(-1, 3), self._tolerance)
+            supported = self._environment.support.supported(
+                points.reshape(-1, 3), self.contact_tolerance
+            )
             result[rows[supported.reshape(len(rows), -1).all(axis=1)]] = Verdict.COLLIDING
         stable = np.flatnonzero(result == Verdict.COLLIDING)
         if len(stable):

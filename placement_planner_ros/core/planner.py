@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
-from typing import Literal
+from dataclasses import dataclass, field
+from typing import Literal, get_args
 
 import numpy as np
 
-from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.arm import CollisionSettings
-from placement_planner_ros.core.collision.object import ObjectCollision
 from placement_planner_ros.core.constraints import PoseConstraints
-from placement_planner_ros.core.errors import GraspError, ParameterError, RobotError, StartError
-from placement_planner_ros.core.grasp.holding import ApproachSettings, Holding
-from placement_planner_ros.core.grasp.open_hand import OpenHand, RetreatSettings
+from placement_planner_ros.core.grasp.holding import Holding
+from placement_planner_ros.core.grasp.settings import (
+    ApproachSettings,
+    GraspSettings,
+    RetreatSettings,
+)
+from placement_planner_ros.core.grasp.usable import usable_holdings
 from placement_planner_ros.core.objective.ascent import AscentSettings
 from placement_planner_ros.core.objective.objective import Objective
 from placement_planner_ros.core.optimize_locally import LocalOptimizer
@@ -24,104 +26,69 @@ from placement_planner_ros.core.plan_motion.transit import (
     MotionPlanner,
     TransitSettings,
 )
+from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.reach.ik import IKSettings
-from placement_planner_ros.core.reach.kinematics import Chain
-from placement_planner_ros.core.reach.seeds import seed_table
-from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.sample_goals.cell_bounds import BranchBounds
 from placement_planner_ros.core.sample_goals.goals import GoalFinder
-from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.search.cells import CellSampler
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy, HierarchySettings
+from placement_planner_ros.core.search.mcts import MctsSampler, MctsSettings
+from placement_planner_ros.core.search.optimistic import OptimisticSampler, OptimisticSettings
 from placement_planner_ros.core.search.pruning import Remainder
-from placement_planner_ros.core.search.sampler import (
-    GoalChecker,
-    GoalSampler,
-    MctsSampler,
-    SamplerSettings,
-    UniformSampler,
-)
+from placement_planner_ros.core.search.sampler import GoalChecker, GoalSampler, SamplerSettings
+from placement_planner_ros.core.search.uniform import UniformSampler
+from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.statistics import Statistics
 from placement_planner_ros.core.timing.trajectory_maker import ExecutionSettings, TrajectoryMaker
-from placement_planner_ros.core.types import Array, Goal, Placement, TargetVolume
+from placement_planner_ros.core.types import Array, Goal, Placement
 
-_LIMIT_INSET = 1e-3
-"""rad or m, how far within the joint limits configurations are planned."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Problem:
-    """One placement task.
-
-    Attributes:
-        arms: 𝒜, the arms that could be holding the object, each with its grasps.
-        q_start: (nq,) q_0, every joint of the robot.
-        body: the object o.
-        volume: V.
-        environment: the obstacle set, R and their support.
-    """
-
-    robot: Robot
-    arms: tuple[Arm, ...]
-    q_start: Array
-    body: Body
-    volume: TargetVolume
-    environment: Environment
-
-    def __post_init__(self) -> None:
-        if not any(arm.grasps for arm in self.arms):
-            raise RobotError(
-                "arms", [arm.name for arm in self.arms], "give at least one arm with a grasp"
-            )
+SamplerName = Literal["optimistic", "mcts", "uniform"]
+SAMPLERS: tuple[SamplerName, ...] = get_args(SamplerName)
 
 
 @dataclass(frozen=True, slots=True)
-class PlannerSettings:
+class PlannerSettings(Settings):
     """How to search. Budgets count samples and iterations, so a seed fixes the result.
 
     Attributes:
-        sampler: `mcts`, or `uniform` for the ablation.
+        sampler: how SampleGoals chooses where to sample: `optimistic` search over cells, `mcts` as
+            the paper does (Algorithms 2 and 3: UCB1 and H), or `uniform`, the ablation.
         local_optimization: False for the ablation without OptimizeLocally.
         motion_iterations: m_max, RRT iterations per arm and grasp in one iteration of Algorithm 1.
         ik_seeds: starts of the inverse kinematics per sampled pose, beside q_0.
-        gradient_sampling: whether samples that are stable and free first follow ∂ξ/∂(x, y, e_z),
-            without the arm, as `ascent` says.
         min_improvement: ξ counts as better from this much.
-        edge_margin: how far beyond each vertex of v(f) its support must still reach, metres.
-        require_retreat: a goal counts only with certified approach, release and retreat; False: it
-            may be without release and retreat.
+        edge_margin: how far beyond each vertex of v(f) its support must still reach.
+        require_retreat: False: a placement may be without release and retreat.
     """
 
-    sampler: Literal["mcts", "uniform"] = "mcts"
-    local_optimization: bool = True
-    motion_iterations: int = 50
-    ik_seeds: int = 63
-    min_improvement: float = 1e-4
-    edge_margin: float = 0.003
-    require_retreat: bool = True
-    gradient_sampling: bool = False
+    sampler: SamplerName = setting("optimistic", text="How goals are sampled.", choices=SAMPLERS)
+    local_optimization: bool = setting(
+        True, text="Whether each placement is optimised locally before it is published."
+    )
+    motion_iterations: int = setting(50, "[1, inf)")
+    ik_seeds: int = setting(63, "[1, inf)")
+    min_improvement: float = setting(1e-4, "[0, inf)")
+    edge_margin: float = setting(0.003, "[0, inf)", "m")
+    require_retreat: bool = setting(
+        True, text="Whether a placement counts only with a certified release and retreat."
+    )
     hierarchy: HierarchySettings = field(default_factory=HierarchySettings)
-    sampling: SamplerSettings = field(default_factory=SamplerSettings)
+    optimistic: OptimisticSettings = field(default_factory=OptimisticSettings)
+    mcts: MctsSettings = field(default_factory=MctsSettings)
+    uniform: SamplerSettings = field(default_factory=SamplerSettings)
     ik: IKSettings = field(default_factory=IKSettings)
     collision: CollisionSettings = field(default_factory=CollisionSettings)
     approach: ApproachSettings = field(default_factory=ApproachSettings)
     retreat: RetreatSettings = field(default_factory=RetreatSettings)
     transit: TransitSettings = field(default_factory=TransitSettings)
-    ascent: AscentSettings = field(
-        default_factory=lambda: AscentSettings(first_step=0.04, last_step=0.005, max_steps=30)
-    )
     refine: AscentSettings = field(default_factory=AscentSettings)
     execution: ExecutionSettings = field(default_factory=ExecutionSettings)
 
-    def __post_init__(self) -> None:
-        if self.sampler not in ("mcts", "uniform"):
-            raise ParameterError("sampler", self.sampler, "choose mcts or uniform")
-        for name in ("motion_iterations", "ik_seeds"):
-            if getattr(self, name) < 1:
-                raise ParameterError(name, getattr(self, name), "must be at least 1")
-        for name in ("min_improvement", "edge_margin"):
-            if not getattr(self, name) >= 0.0:
-                raise ParameterError(name, getattr(self, name), "must not be negative")
+    @property
+    def grasp(self) -> GraspSettings:
+        """Of these, what holding, approach, release and retreat are checked by."""
+        return GraspSettings(
+            self.collision, self.ik, self.approach, self.retreat, self.require_retreat
+        )
 
 
 class PlacementPlanner:
@@ -139,7 +106,7 @@ class PlacementPlanner:
         sampler: SampleGoals.
         motion: PlanMotion.
         statistics: live counters, safe to read from other threads.
-        exhausted: why there is nothing (left) to search, or '' while there is.
+        exhausted: why there is nothing to search, or '' while there is.
         unusable: why some of the arms and grasps are left out of the search.
 
     Raises:
@@ -157,46 +124,27 @@ class PlacementPlanner:
     ) -> None:
         self._settings = settings
         rng_sampler, rng_ik, rng_motion, rng_paths = rng.spawn(4)
-        environment, body = problem.environment, problem.body
         poses = PoseConstraints(
-            body,
-            environment,
-            problem.volume,
-            ObjectCollision(body, environment.obstacles, settings.collision),
-            settings.collision.contact_tolerance,
-            settings.edge_margin,
-            settings.approach.approach_minimum,
+            problem, settings.collision, settings.edge_margin, settings.approach.approach_minimum
         )
-        holdings, self.unusable = _usable_holdings(problem, settings)
+        holdings, self.unusable = usable_holdings(problem, settings.grasp)
         self.holdings = {(r.arm.name, r.grasp): r for of_arm in holdings for r in of_arm}
         finder = GoalFinder(
-            body,
             poses,
             holdings,
             objective,
             settings.ik_seeds,
             settings.min_improvement,
             rng_ik,
-            settings.ascent if settings.gradient_sampling else None,
         )
         hierarchy = AfrHierarchy(
             [len(of_arm) for of_arm in holdings],
-            len(body.faces),
-            environment.regions,
+            len(problem.body.faces),
+            problem.environment.regions,
             settings.hierarchy,
         )
         self.exhausted = _nothing_to_search(hierarchy)
-        self._bounds = BranchBounds(
-            body,
-            environment,
-            problem.volume,
-            self.holdings.values(),
-            objective,
-            settings.collision.contact_tolerance,
-            settings.edge_margin,
-            settings.min_improvement,
-            _pruning(settings),
-        )
+        self._bounds = BranchBounds(poses, self.holdings.values())
         self._remainder = Remainder(hierarchy, self._bounds)
         self.sampler = self.make_sampler(hierarchy, finder, rng_sampler)
         self.motion = self.make_motion(rng_motion)
@@ -211,11 +159,11 @@ class PlacementPlanner:
     ) -> GoalSampler:
         """SampleGoals, as the settings ask for it."""
         settings = self._settings
+        if settings.sampler == "mcts":
+            return MctsSampler(hierarchy, checker, settings.mcts, rng)
         if settings.sampler == "uniform":
-            return UniformSampler(hierarchy, checker, settings.sampling, rng)
-        if settings.sampling.selection == "ucb1":
-            return MctsSampler(hierarchy, checker, settings.sampling, rng)
-        return CellSampler(hierarchy, checker, settings.sampling, rng, self._bounds)
+            return UniformSampler(hierarchy, checker, settings.uniform, rng)
+        return OptimisticSampler(hierarchy, checker, settings.optimistic, rng, self._bounds)
 
     def make_motion(self, rng: np.random.Generator) -> GoalPlanner:
         """PlanMotion over all of `holdings`."""
@@ -230,8 +178,8 @@ class PlacementPlanner:
                 self.motion.add(goal)
                 self.statistics.goals += 1
             if self.motion.goals == 0:
-                if self._remainder.empty(best):
-                    self.exhausted = self._remainder.why_empty(best)
+                if best == -np.inf and self._remainder.empty():
+                    self.exhausted = self._remainder.why_empty()
                 continue
             found = self.motion.plan(self._settings.motion_iterations, should_stop)
             self.statistics.motion_iterations = self.motion.iterations
@@ -298,106 +246,6 @@ class PlacementPlanner:
             self.statistics.samples,
             made.retreat,
         )
-
-
-def _usable_holdings(
-    problem: Problem, settings: PlannerSettings
-) -> tuple[list[list[Holding]], tuple[str, ...]]:
-    """Per arm, its grasps for which q_0 is free, and why the others cannot be used."""
-    holdings: list[list[Holding]] = []
-    reasons: list[str] = []
-    bad_grasps: list[GraspError] = []
-    for arm in problem.arms:
-        of_arm: list[Holding] = []
-        q_start = problem.q_start[arm.q_index]
-        beyond = np.flatnonzero((q_start < arm.lower) | (q_start > arm.upper))
-        if len(beyond):
-            joints = ", ".join(
-                f"{arm.joints[j]} = {q_start[j]:.4f} is not in "
-                f"[{arm.lower[j]:.4f}, {arm.upper[j]:.4f}]"
-                for j in beyond
-            )
-            reasons.append(f"{arm.name}: beyond the joint limits: {joints}")
-            holdings.append(of_arm)
-            continue
-        arm = _within_limits(arm, q_start)
-        chain = Chain.from_robot(problem.robot, arm, problem.q_start)
-        seeds = seed_table(chain)
-        open_hand = OpenHand(
-            problem.robot,
-            arm,
-            problem.body,
-            problem.environment.obstacles,
-            problem.q_start,
-            settings.collision,
-            settings.ik,
-            settings.retreat,
-        )
-        for grasp in range(len(arm.grasps)):
-            try:
-                holding = Holding(
-                    problem.robot,
-                    arm,
-                    grasp,
-                    problem.body,
-                    problem.environment.obstacles,
-                    problem.q_start,
-                    settings.collision,
-                    settings.ik,
-                    settings.approach,
-                    seeds,
-                    open_hand,
-                    settings.require_retreat,
-                )
-            except GraspError as error:
-                bad_grasps.append(error)
-                continue
-            reason = _why_not_free(holding)
-            if reason:
-                reasons.append(f"{arm.name} with grasp {grasp}: {reason}")
-            else:
-                of_arm.append(holding)
-        holdings.append(of_arm)
-    if not any(holdings):
-        if not reasons:
-            raise bad_grasps[0]
-        raise StartError(
-            "joint_states",
-            "; ".join(reasons),
-            "the start configuration must lie within the joint limits and keep collision_margin "
-            "with the object in hand",
-        )
-    return holdings, (*map(str, bad_grasps), *reasons)
-
-
-def _why_not_free(holding: Holding) -> str:
-    """What q_0 collides with, '' where it is free."""
-    alone = holding.collision.with_pairs(lambda a, b: True, environment=False)
-    of_robot = alone.explain(holding.q_start)
-    if of_robot:
-        return f"in self-collision: {of_robot}"
-    with_cloud = holding.collision.explain(holding.q_start)
-    return f"in collision with the clouds: {with_cloud}" if with_cloud else ""
-
-
-def _within_limits(arm: Arm, q_start: Array) -> Arm:
-    """The arm with limits drawn in, so that a timed curve between them stays within the real ones.
-
-    A curve may stray from its chords by up to the timing's `chord_tolerance`.
-    """
-    inset = np.minimum(_LIMIT_INSET, 0.25 * (arm.upper - arm.lower))
-    return replace(
-        arm,
-        lower=np.minimum(arm.lower + inset, q_start),
-        upper=np.maximum(arm.upper - inset, q_start),
-    )
-
-
-def _pruning(settings: PlannerSettings) -> SamplerSettings:
-    """Following the gradient leads samples out of their cells: only s(x) is asked before that."""
-    if not settings.gradient_sampling:
-        return settings.sampling
-    return replace(settings.sampling, prune_reach=False, prune_objective=False)
 
 
 def _nothing_to_search(hierarchy: AfrHierarchy) -> str:

@@ -10,22 +10,20 @@ import pinocchio as pin
 import trimesh
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.collision.object import ObjectCollision
+from placement_planner_ros.core.collision.load import Held
 from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.grasp.open_hand import OpenHand
 from placement_planner_ros.core.motion.birrt import GoalSetRRT
-from placement_planner_ros.core.objective.objective import (
-    ObjectiveContext,
-    gradient,
-    make_objective,
-)
+from placement_planner_ros.core.objective.by_name import make_objective
+from placement_planner_ros.core.objective.objective import ObjectiveContext, gradient
 from placement_planner_ros.core.plan_motion.withdrawal import straight_way
 from placement_planner_ros.core.planner import PlannerSettings
+from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.reach.ik import InverseKinematics
 from placement_planner_ros.core.reach.kinematics import Chain
-from placement_planner_ros.core.reach.seeds import SeedTable
 from placement_planner_ros.core.robot.model import Arm, Robot
+from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.regions import RegionSettings
@@ -53,42 +51,17 @@ def warm_up(robot: Robot, arms: Sequence[Arm], q_robot: Array) -> None:
         q = q_robot[arm.q_index]
         x = pin.SE3(chain.forward(q))
         environment, volume = _surface_below(x.translation, rng)
-        poses = PoseConstraints(
-            body,
-            environment,
-            volume,
-            ObjectCollision(body, environment.obstacles, settings.collision),
-            settings.collision.contact_tolerance,
-            settings.edge_margin,
-            settings.approach.approach_minimum,
-        )
         arm = replace(
             arm, grasps=(pin.SE3.Identity(),), touch_links=tuple(set(robot.geometry_links))
         )
-        open_hand = OpenHand(
-            robot,
-            arm,
-            body,
-            environment.obstacles,
-            q_robot,
-            settings.collision,
-            settings.ik,
-            settings.retreat,
+        problem = Problem(robot, (arm,), q_robot, body, volume, environment)
+        poses = PoseConstraints(
+            problem, settings.collision, settings.edge_margin, settings.approach.approach_minimum
         )
-        holding = Holding(
-            robot,
-            arm,
-            0,
-            body,
-            environment.obstacles,
-            q_robot,
-            settings.collision,
-            settings.ik,
-            settings.approach,
-            SeedTable(chain, rng),
-            open_hand,
-            False,
-        )
+        moving, obstacles = MovingArm(robot, arm, q_robot), environment.obstacles
+        grasping = replace(settings.grasp, require_retreat=False)
+        open_hand = OpenHand(moving, body, obstacles, grasping)
+        holding = Holding(moving, Held(body), obstacles, open_hand, grasping)
         InverseKinematics(chain, settings.ik).sweep(x.homogeneous, q[None])
         reached = holding.configurations(x, 8, rng)
         for found in () if isinstance(reached, Verdict) else reached[:1]:

@@ -9,13 +9,9 @@ from typing import Literal
 import numpy as np
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.grasp.holding import workspace
-from placement_planner_ros.core.objective.objective import (
-    Objective,
-    ObjectiveContext,
-    make_objective,
-)
-from placement_planner_ros.core.planner import Problem
+from placement_planner_ros.core.objective.by_name import make_objective
+from placement_planner_ros.core.objective.objective import Objective, ObjectiveContext
+from placement_planner_ros.core.problem import Problem, workspace
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.grid import GridSettings
@@ -31,7 +27,11 @@ from placement_planner_ros.scenes.yumi import (
     yumi_arm,
 )
 
-OBJECTIVES = ("maximize_clearance", "minimize_clearance")
+OBJECTIVE_WORDS = {
+    "maximize_clearance": "maximised clearance",
+    "minimize_clearance": "minimised clearance",
+}
+OBJECTIVES = tuple(OBJECTIVE_WORDS)
 Cloud = Literal["complete", "cameras"]
 
 
@@ -54,6 +54,17 @@ def all_cases(cloud: Cloud = "complete") -> list[Case]:
         Case(scene, name, objective, cloud)
         for scene, name, objective in itertools.product(SCENE_NAMES, OBJECT_NAMES, OBJECTIVES)
     ]
+
+
+def words(name: str) -> str:
+    """A name of the code as text: `large_crayons_box` -> `large crayons box`."""
+    return name.replace("_", " ")
+
+
+def case_label(case: Case) -> str:
+    """A case in a line of a table or an axis."""
+    sign = "max" if case.objective == "maximize_clearance" else "min"
+    return f"{words(case.scene)}, {words(case.object)}, {sign}"
 
 
 def start_configuration(object_name: str, arm: str | None = None) -> dict[str, float]:

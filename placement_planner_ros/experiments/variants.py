@@ -5,8 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
-from placement_planner_ros.experiments.rrt_connect import BaselinePlanner
+from placement_planner_ros.core.planner import (
+    SAMPLERS,
+    PlacementPlanner,
+    PlannerSettings,
+    SamplerName,
+)
+from placement_planner_ros.experiments.baselines.rrt_connect import BaselinePlanner
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,46 +25,29 @@ class Variant:
 
 _DEFAULTS = PlannerSettings()
 
+_WORDS = {"optimistic": "optimistic search", "mcts": "tree search by UCB1 and H, as in the paper"}
+
+
+def _planner(sampler: SamplerName, local_optimization: bool) -> Variant:
+    settings = replace(_DEFAULTS, sampler=sampler, local_optimization=local_optimization)
+    words = _WORDS.get(sampler, f"{sampler} sampling")
+    how = "with" if local_optimization else "without"
+    return Variant(PlacementPlanner, settings, f"{words}, {how} local optimisation")
+
+
 VARIANTS: Mapping[str, Variant] = {
-    "mcts+lo": Variant(PlacementPlanner, _DEFAULTS, "MCTS with local optimisation"),
-    "uniform+lo": Variant(
-        PlacementPlanner,
-        replace(_DEFAULTS, sampler="uniform"),
-        "uniform sampling with local optimisation",
-    ),
-    "uniform": Variant(
-        PlacementPlanner,
-        replace(_DEFAULTS, sampler="uniform", local_optimization=False),
-        "uniform sampling without local optimisation",
-    ),
-    "mcts": Variant(
-        PlacementPlanner,
-        replace(_DEFAULTS, local_optimization=False),
-        "MCTS without local optimisation",
-    ),
+    **{f"{sampler}+lo": _planner(sampler, True) for sampler in SAMPLERS},
+    **{sampler: _planner(sampler, False) for sampler in SAMPLERS},
     "baseline": Variant(
         BaselinePlanner, _DEFAULTS, "uniform samples, each planned for with stock RRTConnect"
     ),
-    "mcts+lo+ucb1": Variant(
+    "optimistic+lo+unpruned": Variant(
         PlacementPlanner,
-        replace(_DEFAULTS, sampling=replace(_DEFAULTS.sampling, selection="ucb1")),
-        "MCTS that selects by UCB1, as the paper does, with local optimisation",
-    ),
-    "mcts+lo+unpruned": Variant(
-        PlacementPlanner,
-        replace(
-            _DEFAULTS,
-            sampling=replace(_DEFAULTS.sampling, prune_reach=False, prune_support=False),
-        ),
-        "MCTS with local optimisation, without ruling out branches that hold nothing",
-    ),
-    "mcts+lo+gradient": Variant(
-        PlacementPlanner,
-        replace(_DEFAULTS, gradient_sampling=True),
-        "MCTS with local optimisation, and samples that follow the gradient",
+        replace(_DEFAULTS, optimistic=replace(_DEFAULTS.optimistic, prune=False)),
+        "optimistic search with local optimisation, also where provably nothing is",
     ),
 }
 """Name -> variant; the first is what the others are compared with."""
 
-PAPER_VARIANTS = ("mcts+lo", "uniform+lo", "uniform", "mcts", "baseline")
+PAPER_VARIANTS = ("optimistic+lo", "mcts+lo", "uniform+lo", "uniform", "optimistic", "baseline")
 """Those that the presets run unless told otherwise."""

@@ -17,15 +17,18 @@ from placement_planner_ros.core.collision.arm import (
     _link_shapes,
     _object_solids,
 )
+from placement_planner_ros.core.collision.load import Standing
 from placement_planner_ros.core.constraints import placement_pose
 from placement_planner_ros.core.errors import GraspError, ParameterError, RobotError, StartError
 from placement_planner_ros.core.grasp.hand_sweep import _swept
 from placement_planner_ros.core.grasp.holding import Holding
-from placement_planner_ros.core.objective.objective import ObjectiveContext, make_objective
+from placement_planner_ros.core.objective.by_name import make_objective
+from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.optimize_locally import LocalOptimizer
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.reach.kinematics import _chain
 from placement_planner_ros.core.reach.seeds import seed_table
+from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.search.sampler import SamplerSettings
 from placement_planner_ros.core.timing.trajectory_maker import TrajectoryMaker
 from placement_planner_ros.core.types import TargetVolume, Verdict
@@ -65,13 +68,14 @@ def test_every_placement_passes_the_independent_checker(case, tmp_path):
 @pytest.mark.parametrize(
     "settings",
     [
+        {"sampler": "mcts"},
         {"sampler": "uniform"},
         {"local_optimization": False},
         {"sampler": "uniform", "local_optimization": False},
     ],
-    ids=["uniform", "without local optimisation", "uniform without local optimisation"],
+    ids=["mcts", "uniform", "without local optimisation", "uniform without local optimisation"],
 )
-def test_the_ablations_plan_too(settings):
+def test_the_paper_s_search_and_the_ablations_plan_too(settings):
     _, placements = plan(**settings)
     assert placements
     objectives = [p.objective for p in placements]
@@ -147,13 +151,9 @@ def test_planners_of_one_problem_place_the_object_each_for_itself():
     arm = problem.arms[0]
     two = [
         ArmCollision(
-            problem.robot,
-            replace(arm, touch_links=()),
-            0,
-            problem.body,
+            MovingArm(problem.robot, replace(arm, touch_links=()), problem.q_start),
+            Standing(problem.body, pin.SE3.Identity()),
             problem.environment.obstacles,
-            problem.q_start,
-            T_world_object=pin.SE3.Identity(),
         ).with_pairs(lambda a, b: PLACED_OBJECT in (a, b), environment=False)
         for _ in range(2)
     ]
@@ -299,8 +299,8 @@ def test_without_any_grasp_a_problem_is_refused():
 
 
 def test_wrong_settings_are_refused():
-    with pytest.raises(ParameterError, match="sampler"):
-        PlannerSettings(sampler="random")
+    with pytest.raises(ParameterError, match="choose one of optimistic, mcts, uniform"):
+        PlannerSettings(sampler="ucb1")
     with pytest.raises(ParameterError, match="motion_iterations"):
         PlannerSettings(motion_iterations=0)
 
@@ -319,9 +319,11 @@ def test_statistics_name_the_constraint_that_rejects_most():
 def finder_and_draws():
     """The glass in the cabinet: its GoalFinder, and poses drawn uniformly."""
     problem, objective = make_problem(CABINET, np.random.default_rng(0))
-    settings = replace(PlannerSettings(), sampler="uniform")
+    batch = SamplerSettings(batch=3000)
+    settings = replace(PlannerSettings(), sampler="uniform", uniform=batch)
     planner = PlacementPlanner(problem, objective, settings, np.random.default_rng(0))
-    return problem, objective, planner.sampler._checker, planner.sampler._draw(3000)
+    finder = planner.sampler._checker
+    return problem, objective, finder, planner.sampler._draw(3000, -np.inf)
 
 
 def test_poses_checked_in_a_batch_get_the_verdict_they_get_alone(finder_and_draws):

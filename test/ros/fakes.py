@@ -24,7 +24,7 @@ from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.types import Goal, Placement, Trajectory
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 from placement_planner_ros.ros.node import PlacementPlannerNode
-from placement_planner_ros.ros.outputs.publishing import LATCHED
+from placement_planner_ros.ros.qos import LATCHED
 from placement_planner_ros.ros.run.planning import Prepared
 from placement_planner_ros.ros.spinning import callbacks_end, spin_until
 from placement_planner_ros.scenes.objects import object_by_name

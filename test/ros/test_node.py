@@ -7,16 +7,19 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from fakes import FRAME, TABLE, Bench, values_of
+from geometry_msgs.msg import Point
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
+from shape_msgs.msg import Mesh, MeshTriangle
 from std_msgs.msg import Header, String
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 from placement_planner_ros.ros.inputs.self_filter import outside_robot
-from placement_planner_ros.ros.outputs.publishing import LATCHED
+from placement_planner_ros.ros.qos import LATCHED
 from placement_planner_ros.ros.run.surroundings import Surroundings
+from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.share import share_path
 
 
@@ -89,8 +92,9 @@ def test_parts_come_first_and_carry_the_key(bench):
     assert pose.header.frame_id == FRAME
     assert pose.header.stamp == b.messages("solution")[-1].header.stamp
     assert b.messages("objective")[-1].data == 0.25
-    namespaces = {m.ns for m in b.messages("markers")[-1].markers}
-    assert namespaces == {"target_volume", "regions", "object", "path"}
+    # Markers come after the manifest, and those of the scene before those of the placement.
+    drawn = {"target_volume", "regions", "object", "path"}
+    b.wait(lambda: {m.ns for m in b.messages("markers")[-1].markers} == drawn)
 
 
 def test_all_joints_are_named_where_asked_for(bench):
@@ -187,7 +191,7 @@ def test_stop_with_ends_that_run_only(bench):
     answer = b.call("stop_with", run=7)
     assert not answer.success
     assert answer.code == "WRONG_RUN"
-    assert b.node._run.active
+    assert b.node._commands.run.active
     assert b.call("stop_with", run="1").code == "BAD_PARAMETER"
     assert b.call("stop_with", run=1).code == "OK"
     assert b.call("stop_with", run=1).code == "NOT_RUNNING"
@@ -204,8 +208,8 @@ def test_a_worker_that_hangs_is_reported_and_publishes_nothing_more(bench):
     planner.offers.append(0.5)
     b.wait(lambda: not planner.offers)
     planner.done.set()
-    b.wait(lambda: not b.node._run.active)
-    assert b.node._run.solutions == 0
+    b.wait(lambda: not b.node._commands.run.active)
+    assert b.node._commands.run.solutions == 0
     assert b.manifests()[-1]["solution"] == "0"
     b.feed()
     assert b.call("start").run == "2"
@@ -253,7 +257,7 @@ def test_a_twitch_within_the_tolerance_does_not(bench):
     started(b, start_tolerance=0.5)
     b.joint_state(yumi_joint_5_l=0.3)
     b.wait(lambda: b.node._inputs.joints.positions()["yumi_joint_5_l"] == 0.3)
-    assert b.node._run.active
+    assert b.node._commands.run.active
 
 
 def test_start_with_changes_parameters_for_one_run(bench):
@@ -288,7 +292,7 @@ def test_bad_parameters_for_a_run_are_refused(bench, parameters, code):
     answer = b.call("start_with", **parameters)
     assert not answer.success
     assert answer.code == code, answer.text
-    assert b.node._run is None
+    assert b.node._commands.run is None
 
 
 def test_every_fault_has_a_line(bench):
@@ -436,7 +440,7 @@ def test_unknown_space_is_obstacle_where_asked_for_and_the_sensor_is_known(bench
 
 def test_reliability_follows_the_publishers(bench):
     b = bench()
-    subscriptions = b.node._clouds
+    subscriptions = b.node._reception.clouds
     b.wait(lambda: subscriptions.reliability("points") is ReliabilityPolicy.RELIABLE)
     loose = b.client.create_publisher(
         PointCloud2, "points", QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -549,6 +553,24 @@ def test_the_object_given_last_wins(bench):
     assert len(b.snapshots[-1].body.vertices) == 8
 
 
+def test_the_newest_object_wins_be_it_a_topic_or_a_parameter(bench):
+    b = bench()
+    publisher = b.client.create_publisher(Mesh, "placement_planner/object", LATCHED)
+    held = object_by_name("large_crayons_box")
+    corners = [Point(x=x, y=y, z=z) for x, y, z in held.vertices.tolist()]
+    triangles = [MeshTriangle(vertex_indices=t.astype(np.uint32)) for t in held.triangles]
+    publisher.publish(Mesh(vertices=corners, triangles=triangles))
+    b.wait(lambda: b.node._inputs.object.mesh is not None)
+    started(b)
+    np.testing.assert_array_equal(b.snapshots[-1].body.vertices, held.vertices)
+    b.call("stop")
+    again = b.node.get_parameter("object.vertices")
+    assert b.node.set_parameters([again])[0].successful
+    started(b)
+    small = np.reshape(again.value, (-1, 3))
+    np.testing.assert_array_equal(b.snapshots[-1].body.vertices, small)
+
+
 def test_the_status_says_when_everything_is_compiled(bench):
     b = bench(warm=False)
     b.wait(lambda: b.status().get("warm") == "false")
@@ -564,7 +586,7 @@ def test_a_run_waits_for_compilation_and_its_time_does_not_count(bench):
     b.feed()
     assert b.call("start_with", time_limit=0.3).success
     time.sleep(0.5)
-    assert b.node._run.state == "preparing"
+    assert b.node._commands.run.state == "preparing"
     b.node._warm.set()
     b.wait(lambda: b.status()["state"] == "time_limit")
     assert b.planners

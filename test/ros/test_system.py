@@ -26,11 +26,11 @@ from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
 import placement_planner_ros
-from placement_planner_ros.core.objective.objective import objective_names
+from placement_planner_ros.core.objective.by_name import objective_names
 from placement_planner_ros.core.timing.trajectory_maker import ExecutionSettings
 from placement_planner_ros.core.types import Trajectory
 from placement_planner_ros.experiments.cases import start_configuration
-from placement_planner_ros.ros.outputs.publishing import LATCHED
+from placement_planner_ros.ros.qos import LATCHED
 from placement_planner_ros.ros.tools.scene_publisher import ScenePublisher
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.primitives import ConvexPrimitive
@@ -380,7 +380,8 @@ def test_a_signal_ends_the_node_cleanly(ros_module, tmp_path, signals):
 @pytest.mark.parametrize(
     ("value", "said"),
     [
-        ("sampler:=magic", "sampler = 'magic': choose one of mcts, uniform"),
+        ("sampler:=magic", "sampler = 'magic': choose one of optimistic, mcts, uniform"),
+        ("selection:=ucb1", "selection = 'ucb1': is gone; use sampler: optimistic or mcts"),
         ("cloud_topics:=['no topic']", "no topic"),
     ],
 )

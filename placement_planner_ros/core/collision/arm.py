@@ -17,7 +17,8 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from placement_planner_ros.core.body.body import Body, ConvexPart
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.body.convex_part import ConvexPart
 from placement_planner_ros.core.collision.arrays import (
     PART_FIRST_NODE,
     PART_FIRST_SET,
@@ -30,21 +31,20 @@ from placement_planner_ros.core.collision.arrays import (
     with_own_object,
 )
 from placement_planner_ros.core.collision.boxes import box_arrays
-from placement_planner_ros.core.collision.edges import (
-    NOT_FINITE,
-    OVERFLOW,
-    check_edge,
-    check_states,
-)
+from placement_planner_ros.core.collision.edges import OVERFLOW, check_edge
 from placement_planner_ros.core.collision.hand import WristTurns, hand_collides
+from placement_planner_ros.core.collision.load import Held, Standing
 from placement_planner_ros.core.collision.placed_object import PlacedObject
 from placement_planner_ros.core.collision.separation import COLLIDING, FREE
 from placement_planner_ros.core.collision.shapes import ConvexSet, Shape, shape_of
-from placement_planner_ros.core.errors import GraspError, JointStateError, ParameterError
+from placement_planner_ros.core.collision.states import NOT_FINITE, check_states
+from placement_planner_ros.core.errors import GraspError, JointStateError
 from placement_planner_ros.core.reach.kinematics import Chain, kernel_input
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import ObstacleSet
+from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.types import Array
 
 HELD_OBJECT = "the held object"
@@ -55,12 +55,10 @@ _REMEMBERED = 32
 
 
 @dataclass(frozen=True, slots=True)
-class CollisionSettings:
-    """Distances to keep, metres.
+class CollisionSettings(Settings):
+    """Distances to keep.
 
     Attributes:
-        collision_margin: arm, hand and object from the obstacle set.
-        contact_tolerance: a cell whose top is this close to the contact plane is support.
         self_margin: links and object from each other.
         planning_reserve: what planning keeps beyond both margins, so that a motion can still be
             certified when it is rounded and timed; pass it as `reserve`.
@@ -73,30 +71,22 @@ class CollisionSettings:
         cover_excess: how far the finest covering spheres may stick out of a link.
     """
 
-    collision_margin: float = 0.003
-    contact_tolerance: float = 0.003
-    self_margin: float = 0.0
-    planning_reserve: float = 0.001
-    approach_stray: float = 0.0002
-    self_reserve: float = 0.0002
-    edge_resolution: float = 0.0005
-    self_resolution: float = 0.00005
-    cover_excess: float = 0.02
-
-    def __post_init__(self) -> None:
-        for name in ("edge_resolution", "self_resolution", "cover_excess"):
-            if not 1e-5 <= getattr(self, name) <= 0.1:
-                raise ParameterError(name, getattr(self, name), "choose from 0.00001 to 0.1 m")
-        for name in (
-            "collision_margin",
-            "contact_tolerance",
-            "self_margin",
-            "planning_reserve",
-            "approach_stray",
-            "self_reserve",
-        ):
-            if not 0.0 <= getattr(self, name) <= 0.1:
-                raise ParameterError(name, getattr(self, name), "choose from 0 to 0.1 m")
+    collision_margin: float = setting(
+        0.003, "[0, 0.1]", "m", "Distance that arm, hand and object keep from obstacles."
+    )
+    contact_tolerance: float = setting(
+        0.003,
+        "[0.0001, 0.02]",
+        "m",
+        "Surface within this distance of the contact plane supports the object.",
+    )
+    self_margin: float = setting(0.0, "[0, 0.1]", "m")
+    planning_reserve: float = setting(0.001, "[0, 0.1]", "m")
+    approach_stray: float = setting(0.0002, "[0, 0.1]", "m")
+    self_reserve: float = setting(0.0002, "[0, 0.1]", "m")
+    edge_resolution: float = setting(0.0005, "[0.00001, 0.1]", "m")
+    self_resolution: float = setting(0.00005, "[0.00001, 0.1]", "m")
+    cover_excess: float = setting(0.02, "[0.00001, 0.1]", "m")
 
 
 class ArmCollision:
@@ -105,13 +95,10 @@ class ArmCollision:
     Not to be shared between threads: the kernels work in its buffers.
 
     Args:
-        robot, arm: who.
-        grasp: index into arm.grasps.
-        body: the object, or None for an empty hand.
+        moving: the arm, and where the rest of the robot is.
+        load: the object, held or standing; None for an empty hand with nothing around it.
         obstacles: the environment.
-        q_rest: (nq,) joints of the whole robot; those of the arm are ignored.
         settings: margins.
-        T_world_object: where the object stands once it is placed; None while it is held.
 
     Raises:
         GraspError: the held object overlaps a link that it does not move against and that is not
@@ -121,32 +108,26 @@ class ArmCollision:
 
     def __init__(
         self,
-        robot: Robot,
-        arm: Arm,
-        grasp: int,
-        body: Body | None,
+        moving: MovingArm,
+        load: Held | Standing | None,
         obstacles: ObstacleSet,
-        q_rest: Array,
         settings: CollisionSettings | None = None,
-        T_world_object: pin.SE3 | None = None,
     ) -> None:
         self.settings = settings or CollisionSettings()
         self._obstacles = obstacles
+        arm = moving.arm
         self._dof = arm.dof
-        q_zero = np.array(q_rest, dtype=np.float64)
-        q_zero[arm.q_index] = 0.0
-        placed = body is not None and T_world_object is not None
+        standing = isinstance(load, Standing)
         self._flat = _flat_arm(
-            robot,
+            moving.robot,
             arm,
-            grasp,
-            body,
-            q_zero.tobytes(),
-            placed,
+            None if load is None else load.body,
+            load.grasp if isinstance(load, Held) else None,
+            moving.q_zero.tobytes(),
             self.settings.cover_excess,
             self.settings.self_margin + self.settings.self_reserve,
         )
-        if placed:
+        if standing:
             T = pin.SE3.Identity()
             self._flat = with_own_object(self._flat, PLACED_OBJECT, T)
         self._boxes = box_arrays(obstacles)
@@ -155,9 +136,9 @@ class ArmCollision:
         self._wrist = WristTurns.of(arrays, float(arm.lower[-1]), float(arm.upper[-1]))
         self._T_tip_joint = np.linalg.inv(arrays.fixed[-1])
         self._placed: PlacedObject | None = None
-        if placed:
+        if isinstance(load, Standing):
             self._placed = PlacedObject(self._flat, self._scratch, PLACED_OBJECT, T)
-            self.place(T_world_object)
+            self.place(load.T_world_object)
         self._queue = np.zeros((_QUEUE, 2))
         self._settled = np.zeros((_QUEUE, arrays.moving + len(arrays.pairs)), dtype=np.bool_)
         self._no_deviation = np.zeros(self._dof)
@@ -193,7 +174,7 @@ class ArmCollision:
     ) -> npt.NDArray[np.int64]:
         """The kernels' answers (n,) to (n, dof) configurations.
 
-        `separation.FREE`, `COLLIDING` or `UNDECIDED`, or `edges.NOT_FINITE`.
+        `separation.FREE`, `COLLIDING` or `UNDECIDED`, or `states.NOT_FINITE`.
         """
         Q = kernel_input(Q).reshape(-1, self._dof)
         answers = np.empty(len(Q), dtype=np.int64)
@@ -216,7 +197,7 @@ class ArmCollision:
         """Whether it is certain that no configuration with the tip at (4, 4) is free.
 
         Hand and fingers against the obstacle set and the robot at rest, and the link before them,
-        which only turns about the last axis, against the obstacle set (`collision_hand`).
+        which only turns about the last axis, against the obstacle set (`hand`).
 
         Args:
             slack: metres that points of the hand may be off by at a configuration.
@@ -407,18 +388,17 @@ def _arm_joint(model: pin.Model, joint_ids: list[int], joint: int) -> int:
 def _flat_arm(
     robot: Robot,
     arm: Arm,
-    grasp: int,
     body: Body | None,
+    grasp: int | None,
     q_zero: bytes,
-    placed: bool,
     excess: float,
     clear: float,
 ) -> FlatArm:
     """An arm laid out; remembered, as it is the same from start to start of a robot at rest.
 
     Args:
+        grasp: index into the arm's grasps; None where the body stands at the world's origin.
         q_zero: (nq,) joints of the whole robot, the arm's at zero.
-        placed: whether the object stands at the world's origin instead of being held.
         excess, clear: as for `flatten`.
     """
     q = np.frombuffer(q_zero)
@@ -430,7 +410,7 @@ def _flat_arm(
     if body is not None:
         tip = robot.frame_id(arm.tip_frame)
         others = [link for link in bodies if link.name not in arm.touch_links]
-        if placed:
+        if grasp is None:
             thing = CollisionBody(PLACED_OBJECT, -1, _object_parts(body, pin.SE3.Identity()))
         else:
             tip_joint = _arm_joint(model, joint_ids, model.frames[tip].parentJoint)
@@ -439,7 +419,7 @@ def _flat_arm(
             _check_grasp(arm, grasp, thing, others)
         pairs += [(link.name, thing.name) for link in others]
         bodies.append(thing)
-    held = HELD_OBJECT if body is not None and not placed else None
+    held = HELD_OBJECT if body is not None and grasp is not None else None
     return flatten(Chain.from_robot(robot, arm, q), bodies, held, pairs, excess, clear)
 
 

@@ -11,11 +11,12 @@ import pinocchio as pin
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.arm import coal_convex
+from placement_planner_ros.core.collision.load import Held
 from placement_planner_ros.core.errors import GraspError
 from placement_planner_ros.core.grasp.hand_sweep import revolute
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.robot.moving_arm import MovingArm
 
 _TRAVEL = 1e-3
 _TURN = 0.01
@@ -26,8 +27,8 @@ _DEEPER = 1e-4
 """m that a finger may get deeper into the object, for the numerics."""
 
 
-def check_opening(robot: Robot, arm: Arm, grasp: int, body: Body, q: Array) -> None:
-    """Raise if opening the hand from q (nq,) on pushes a finger into the object it holds.
+def check_opening(moving: MovingArm, held: Held) -> None:
+    """Raise if opening the hand, from where it is on, pushes a finger into the object it holds.
 
     A finger that lies in the object to begin with, as joint states and meshes may have it, must
     not get deeper.
@@ -35,13 +36,12 @@ def check_opening(robot: Robot, arm: Arm, grasp: int, body: Body, q: Array) -> N
     Raises:
         GraspError: names the grasp, the link and how deep it gets.
     """
-    still = q.copy()
-    still[arm.q_index] = 0.0
-    link, depth = _deepest(robot, arm, grasp, body, still.tobytes())
+    arm = moving.arm
+    link, depth = _deepest(moving.robot, arm, held.grasp, held.body, moving.q_zero.tobytes())
     if depth > _DEEPER:
         raise GraspError(
-            f"{arm.name}.grasps[{grasp}]",
-            arm.grasps[grasp].homogeneous.round(4).tolist(),
+            f"{arm.name}.grasps[{held.grasp}]",
+            arm.grasps[held.grasp].homogeneous.round(4).tolist(),
             f"opening the hand pushes {link} {1000 * depth:.1f} mm into the object; "
             "move the grasp, check gripper_open, or set require_retreat to false",
         )

@@ -8,55 +8,28 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
+from placement_planner_ros.core.collision.arm import ArmCollision
+from placement_planner_ros.core.collision.load import Held
 from placement_planner_ros.core.constraints import PoseConstraints
-from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.grasp.hand_opening import check_opening
 from placement_planner_ros.core.grasp.open_hand import OpenHand
+from placement_planner_ros.core.grasp.settings import GraspSettings
 from placement_planner_ros.core.grasp.straight_down import stray, stray_at
-from placement_planner_ros.core.reach.ik import IKSettings, InverseKinematics
+from placement_planner_ros.core.reach.ik import InverseKinematics
 from placement_planner_ros.core.reach.kinematics import Chain
-from placement_planner_ros.core.reach.seeds import SeedTable
-from placement_planner_ros.core.robot.model import Arm, Robot
+from placement_planner_ros.core.reach.seeds import seed_table
+from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import ObstacleSet
-from placement_planner_ros.core.types import Array, TargetVolume, Verdict
+from placement_planner_ros.core.types import Array, Verdict
 
 _FIRST_SEEDS = 16
 """Starts of the inverse kinematics beside q_0 that are tried before the others."""
 _HAND_SLACK = 1e-4
 """m, more than what inverse kinematics leaves open moves any point of a hand."""
-_HAND_LENGTH = 0.3
-"""m, how far a hand is taken to extend beyond its tip frame in `workspace`."""
 _PLANNED_STRAY = 0.75
 """Share of `approach_stray` that waypoints use; the rest is for the timed curve."""
 _HALVINGS = 4
 """How often a step of the approach is halved at most, to keep the object on its line."""
-
-
-@dataclass(frozen=True, slots=True)
-class ApproachSettings:
-    """The straight way down onto the support.
-
-    Attributes:
-        approach_distance: height of the raised pre-placement above contact, metres.
-        approach_minimum: the least height it may shrink to where there is less room, metres.
-        approach_step: distance between joint waypoints at most, metres.
-    """
-
-    approach_distance: float = 0.05
-    approach_minimum: float = 0.01
-    approach_step: float = 0.01
-
-    def __post_init__(self) -> None:
-        if not 0.0 < self.approach_minimum <= self.approach_distance:
-            raise ParameterError(
-                "approach_distance",
-                self.approach_distance,
-                f"must be at least approach_minimum ({self.approach_minimum} m)",
-            )
-        if not self.approach_step > 0.0:
-            raise ParameterError("approach_step", self.approach_step, "must be above zero")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,7 +48,12 @@ class PlacingMotion:
 class Holding:
     """One arm a holding the object in one grasp g, the rest of the robot at rest.
 
+    Args:
+        moving: the arm at q_0.
+        open_hand: the same arm once it has let go, shared by its grasps.
+
     Attributes:
+        moving, held: as given.
         q_start: (dof,) the arm's part of q_0.
         collision: C_free of this arm with the object in this grasp.
         open_hand: the same arm once it has let go.
@@ -87,35 +65,31 @@ class Holding:
 
     def __init__(
         self,
-        robot: Robot,
-        arm: Arm,
-        grasp: int,
-        body: Body,
+        moving: MovingArm,
+        held: Held,
         obstacles: ObstacleSet,
-        q_robot: Array,
-        collision: CollisionSettings,
-        ik: IKSettings,
-        approach: ApproachSettings,
-        seeds: SeedTable,
         open_hand: OpenHand,
-        require_retreat: bool,
+        settings: GraspSettings,
     ) -> None:
-        self.arm = arm
-        self.grasp = grasp
-        self.q_start: Array = np.asarray(q_robot[arm.q_index])
-        self.chain = Chain.from_robot(robot, arm, q_robot)
-        self.collision = ArmCollision(robot, arm, grasp, body, obstacles, q_robot, collision)
-        if require_retreat:
-            check_opening(robot, arm, grasp, body, q_robot)
+        self.moving = moving
+        self.held = held
+        self.arm = moving.arm
+        self.grasp = held.grasp
+        self.q_start = moving.q
+        self.chain = Chain.from_robot(moving.robot, moving.arm, moving.q_rest)
+        self.collision = ArmCollision(moving, held, obstacles, settings.collision)
+        self.require_retreat = settings.require_retreat
+        if self.require_retreat:
+            check_opening(moving, held)
         self.open_hand = open_hand
-        self.require_retreat = require_retreat
-        self._ik = InverseKinematics(self.chain, ik)
-        self._T_object_tip = arm.grasps[grasp].inverse()
-        self._seeds = seeds
-        self._settings = approach
-        self._reserve = collision.planning_reserve
-        self._stray = collision.approach_stray
-        lower, upper = body.vertices.min(axis=0), body.vertices.max(axis=0)
+        self._ik = InverseKinematics(self.chain, settings.ik)
+        self._T_object_tip = self.arm.grasps[held.grasp].inverse()
+        self._seeds = seed_table(self.chain)
+        self._settings = settings.approach
+        self._reserve = settings.collision.planning_reserve
+        self._stray = settings.collision.approach_stray
+        vertices = held.body.vertices
+        lower, upper = vertices.min(axis=0), vertices.max(axis=0)
         corners = np.array(list(itertools.product(*zip(lower, upper, strict=True))))
         self._corners = corners  # whatever bounds their strays bounds those of all they hold
 
@@ -279,20 +253,3 @@ class Holding:
             return None
         upper = self._straight_up(lower[-1], T_world_object, middle, height, halvings - 1)
         return None if upper is None else lower + upper
-
-
-def workspace(
-    robot: Robot, arms: tuple[Arm, ...], q_robot: Array, body: Body, volume: TargetVolume
-) -> tuple[Array, Array]:
-    """Box (lower (3,), upper (3,)) that holds V and whatever arm, hand and object can touch."""
-    size = float(np.linalg.norm(np.ptp(body.vertices, axis=0)))
-    lower, upper = volume.lower - size, volume.upper + size
-    for arm in arms:
-        chain = Chain.from_robot(robot, arm, q_robot)
-        lengths = np.linalg.norm(chain.fixed[1:, :3, 3], axis=1).sum()
-        slides = np.abs([chain.lower, chain.upper]).max(axis=0)[chain.prismatic].sum()
-        held = max((float(np.linalg.norm(g.translation)) for g in arm.grasps), default=0.0)
-        radius = lengths + slides + held + size + _HAND_LENGTH
-        base = chain.fixed[0, :3, 3]
-        lower, upper = np.minimum(lower, base - radius), np.maximum(upper, base + radius)
-    return lower, upper

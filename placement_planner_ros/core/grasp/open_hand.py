@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -13,62 +13,21 @@ from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.arm import (
     PLACED_OBJECT,
     ArmCollision,
-    CollisionSettings,
 )
-from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.collision.load import Standing
 from placement_planner_ros.core.grasp.hand_sweep import with_opening_hand
-from placement_planner_ros.core.reach.ik import IKSettings, InverseKinematics
+from placement_planner_ros.core.grasp.settings import LONGEST_RETREAT, GraspSettings
+from placement_planner_ros.core.reach.ik import InverseKinematics
 from placement_planner_ros.core.reach.kinematics import Chain
-from placement_planner_ros.core.robot.model import Arm, Robot
+from placement_planner_ros.core.robot.model import Arm
+from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import Array
 
-_LIMIT = 0.5
-"""m, the longest retreat."""
 _TOUCHING = 1e-3
 """m; a touch link of the open hand that is closer to the object than this touches it still."""
-_SIDEWAYS = ((0.0, 1.0), (0.0, -1.0), (1.0, 0.0), (-1.0, 0.0))
 
-Direction = tuple[float, float, float]
 EdgeFree = Callable[[Array, Array, Array], bool]
-
-
-@dataclass(frozen=True, slots=True)
-class RetreatSettings:
-    """The straight way of the open hand from the placed object.
-
-    Attributes:
-        retreat_distance: how far it goes at least, metres; it goes on until the hand keeps the
-            collision margin from the object.
-        retreat_step: distance between joint waypoints, metres.
-        tip_directions: tried first, in the tip frame: the grasps' own directions of withdrawal. By
-            default back along z, slanting to each side, then sideways.
-        world_directions: tried next, in the planning frame.
-    """
-
-    retreat_distance: float = 0.1
-    retreat_step: float = 0.01
-    tip_directions: tuple[Direction, ...] = (
-        (0.0, 0.0, -1.0),
-        *((x, y, -1.0) for x, y in _SIDEWAYS),
-        *((x, y, 0.0) for x, y in _SIDEWAYS),
-    )
-    world_directions: tuple[Direction, ...] = ((0.0, 0.0, 1.0),)
-
-    def __post_init__(self) -> None:
-        if not 0.01 <= self.retreat_distance <= _LIMIT:
-            raise ParameterError(
-                "retreat_distance", self.retreat_distance, f"choose from 0.01 to {_LIMIT} m"
-            )
-        if not 0.001 <= self.retreat_step <= 0.1:
-            raise ParameterError("retreat_step", self.retreat_step, "choose from 0.001 to 0.1 m")
-        if not (self.tip_directions or self.world_directions):
-            raise ParameterError("tip_directions", (), "give at least one direction of retreat")
-        for name in ("tip_directions", "world_directions"):
-            for direction in getattr(self, name):
-                length = float(np.linalg.norm(direction))
-                if len(direction) != 3 or not 1e-6 < length < np.inf:
-                    raise ParameterError(name, direction, "give three numbers, not all zero")
 
 
 class OpenHand:
@@ -77,52 +36,41 @@ class OpenHand:
     Shared by the arm's grasps; not to be shared between threads.
 
     Args:
+        moving: the arm, its hand closed on the object.
         body: the object o.
-        q_robot: (nq,) q_0, the hand closed on the object.
     """
 
     def __init__(
         self,
-        robot: Robot,
-        arm: Arm,
+        moving: MovingArm,
         body: Body,
         obstacles: ObstacleSet,
-        q_robot: Array,
-        collision: CollisionSettings,
-        ik: IKSettings,
-        settings: RetreatSettings,
+        settings: GraspSettings,
     ) -> None:
-        q_open = robot.with_open_hand(q_robot, arm)
-        self._settings = settings
+        robot, arm, collision = moving.robot, moving.arm, settings.collision
+        opened = moving.with_open_hand()
+        self._settings = settings.retreat
         self._reserve = collision.planning_reserve
-        self._ik = InverseKinematics(Chain.from_robot(robot, arm, q_open), ik)
-        self._opening = ArmCollision(
-            with_opening_hand(robot, arm, q_robot), arm, 0, None, obstacles, q_robot, collision
-        )
+        self._ik = InverseKinematics(Chain.from_robot(robot, arm, opened.q_rest), settings.ik)
+        sweeping = replace(moving, robot=with_opening_hand(robot, arm, moving.q_rest))
+        self._opening = ArmCollision(sweeping, None, obstacles, collision)
         # Every link is paired with the object, then those pairs are left out that do not count.
-        self._open = ArmCollision(
-            robot,
-            replace(arm, touch_links=()),
-            0,
-            body,
-            obstacles,
-            q_open,
-            collision,
-            pin.SE3.Identity(),
-        )
+        touching_nothing = replace(opened, arm=replace(arm, touch_links=()))
+        standing = Standing(body, pin.SE3.Identity())
+        self._open = ArmCollision(touching_nothing, standing, obstacles, collision)
         self._parted = self._open.with_pairs(
             lambda a, b: PLACED_OBJECT in (a, b),
             replace(collision, self_margin=collision.collision_margin),
             environment=False,
         )
-        tip = Chain.from_robot(robot, arm, q_robot).forward(np.zeros(arm.dof))
+        tip = Chain.from_robot(robot, arm, moving.q_rest).forward(np.zeros(arm.dof))
         self._leaving = [self._leaving_grasp(arm, pin.SE3(tip) * grasp) for grasp in arm.grasps]
         self._placed: pin.SE3 | None = None
         self._directions = [
             (np.array(direction) / np.linalg.norm(direction), in_tip)
             for in_tip, directions in (
-                (True, settings.tip_directions),
-                (False, settings.world_directions),
+                (True, settings.retreat.tip_directions),
+                (False, settings.retreat.world_directions),
             )
             for direction in directions
         ]
@@ -169,7 +117,7 @@ class OpenHand:
         way = q[None]
         while len(way) == 1 or not self._parted.free(way[-1], self._reserve):
             further = np.arange(len(way), max(steps, len(way)) + 1)
-            if further[-1] * step > _LIMIT + 1e-9:
+            if further[-1] * step > LONGEST_RETREAT + 1e-9:
                 return None
             poses = np.repeat(T_world_tip[None], len(further), axis=0)
             poses[:, :3, 3] += (further * step)[:, None] * direction

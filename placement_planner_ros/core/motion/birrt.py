@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.kernels import kernel
+from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.types import Array
 
 _FORWARD = 0
@@ -29,7 +30,7 @@ _BLOCK = 256
 
 
 @dataclass(frozen=True, slots=True)
-class GoalSetRRTSettings:
+class GoalSetRRTSettings(Settings):
     """How the trees grow.
 
     Attributes:
@@ -45,23 +46,17 @@ class GoalSetRRTSettings:
             hand per radian; None = all one.
     """
 
-    max_step: float = 1.2
-    local_share: float = 0.15
-    between_share: float = 0.65
-    max_nodes: int = 20_000
+    max_step: float = setting(1.2, "(0, inf)")
+    local_share: float = setting(0.15, "[0, 1)")
+    between_share: float = setting(0.65, "[0, 1)")
+    max_nodes: int = setting(20_000, "[2, inf)")
     weights: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.max_step) and self.max_step > 0.0):
-            raise ParameterError("max_step", self.max_step, "give a finite length above zero")
-        for name in ("local_share", "between_share"):
-            if not 0.0 <= getattr(self, name) < 1.0:
-                raise ParameterError(name, getattr(self, name), "give a share from 0 to below 1")
+        Settings.__post_init__(self)
         if self.local_share + self.between_share >= 1.0:
             shares = (self.local_share, self.between_share)
             raise ParameterError("local_share + between_share", shares, "leave some to uniform")
-        if self.max_nodes < 2:
-            raise ParameterError("max_nodes", self.max_nodes, "give at least 2")
         if self.weights is not None:
             weights = np.asarray(self.weights, dtype=np.float64)
             if weights.ndim != 1 or not (np.isfinite(weights) & (weights > 0.0)).all():

@@ -99,34 +99,6 @@ class GoalSetPlanner(ob.Planner):
         self._goals_read = 0
         self._search = None
 
-    def planner_data(self) -> ob.PlannerData:
-        """All trees as a graph, each vertex tagged with its tree (0 = forward).
-
-        OMPL's own `getPlannerData` is left alone: its bindings cannot hand the result of a Python
-        override to C++ and end the process.
-        """
-        data = ob.PlannerData(self.getSpaceInformation())
-        if self._search is None:
-            return data
-        nodes, parents, labels = self._search.trees()
-        states = [self._state(q) for q in nodes]  # vertices only point to them until decoupled
-        vertices = [
-            ob.PlannerDataVertex(state, int(label))
-            for state, label in zip(states, labels, strict=True)
-        ]
-        for parent, label, vertex in zip(parents, labels, vertices, strict=True):
-            if parent >= 0:
-                data.addVertex(vertex)
-            elif label == 0:
-                data.addStartVertex(vertex)
-            else:
-                data.addGoalVertex(vertex)
-        for node, parent in enumerate(parents):
-            if parent >= 0:
-                data.addEdge(int(parent), node)
-        data.decoupleFromPlanner()
-        return data
-
     def _plant(self, start: Array) -> GoalSetRRT:
         si = self.getSpaceInformation()
         bounds = si.getStateSpace().getBounds()

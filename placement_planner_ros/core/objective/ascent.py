@@ -10,34 +10,32 @@ import pinocchio as pin
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.objective.objective import Objective, gradient
+from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.types import Array
 
 _MASKS = np.array([(1, 1, 1), (1, 1, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True)
-class AscentSettings:
+class AscentSettings(Settings):
     """Step control.
 
     Attributes:
-        first_step: length of the first step, and of the longest, metres.
-        last_step: the ascent ends once steps are shorter than this, metres.
+        first_step: length of the first step, and of the longest.
+        last_step: the ascent ends once steps are shorter than this.
         turn_radius: metres that one radian of e_z counts as.
         max_steps: trial steps at most.
     """
 
-    first_step: float = 0.02
-    last_step: float = 2e-4
-    turn_radius: float = 0.1
-    max_steps: int = 100
+    first_step: float = setting(0.02, "(0, inf)", "m")
+    last_step: float = setting(2e-4, "(0, inf)", "m")
+    turn_radius: float = setting(0.1, "(0, inf)", "m")
+    max_steps: int = setting(100, "[0, inf)")
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.last_step <= self.first_step:
+        Settings.__post_init__(self)
+        if self.last_step > self.first_step:
             raise ParameterError("last_step", self.last_step, "must be in (0, first_step]")
-        if not self.turn_radius > 0.0:
-            raise ParameterError("turn_radius", self.turn_radius, "must be above zero")
-        if self.max_steps < 0:
-            raise ParameterError("max_steps", self.max_steps, "must be zero or larger")
 
 
 def climb(

@@ -1,12 +1,9 @@
-"""Objectives ξ: clearance (maximised or minimised) and any user-given black box of poses."""
+"""ξ, what the planner asks of an objective: a value per pose, and what else it may know."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
-from importlib.metadata import EntryPoint, entry_points
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -15,12 +12,7 @@ import pinocchio as pin
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.scene.slope import greatest_slope
 from placement_planner_ros.core.types import Array, TargetVolume
-
-ENTRY_POINT_GROUP = "placement_planner_ros.objectives"
-_ROUNDING = 1e-6
-"""m, more than single precision changes a clearance by."""
 
 
 class Objective(Protocol):
@@ -58,19 +50,6 @@ class DifferentiableObjective(Objective, Protocol):
         ...
 
 
-@runtime_checkable
-class BoundedObjective(Objective, Protocol):
-    """An objective that can bound itself over many poses around one."""
-
-    def upper_bounds(self, T_world_object: Array, pivot: Array, shift: Array, turn: Array) -> Array:
-        """(n,) no less than ξ at any pose near each of the (n, 4, 4) poses.
-
-        Near are the poses reached by a turn of at most `turn` (n,) rad about the vertical through
-        `pivot` (n, 3), followed by a shift of at most `shift` (n,) m in x and y.
-        """
-        ...
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class ObjectiveContext:
     """What an objective may look at when it is made, once per run."""
@@ -78,106 +57,6 @@ class ObjectiveContext:
     environment: Environment
     volume: TargetVolume
     body: Body
-
-
-class Clearance:
-    """ξ = ±C(x), the mean distance d_S over the object's volume points B_o.
-
-    Args:
-        sign: +1 maximises clearance, -1 minimises it.
-    """
-
-    def __init__(self, context: ObjectiveContext, sign: float) -> None:
-        self._field = context.environment.clearance
-        self._points = context.body.volume_points
-        self._some_points = thinned(self._points)
-        self._sign = sign
-        self._slope: float | None = None  # of d_S, found when first asked for
-        self._middle = self._points.mean(axis=0)
-        self._spread = np.cov(self._points.T, bias=True)
-
-    def __call__(self, T_world_object: pin.SE3) -> float:
-        """±C(x), metres."""
-        value, _ = self._field.mean_clearance(T_world_object.homogeneous, self._points)
-        return self._sign * value
-
-    def values(self, T_world_object: Array) -> Array:
-        """(n,) ±C of the (n, 4, 4) poses, metres."""
-        values, _ = self._field.mean_clearance_batch(T_world_object, self._points)
-        return self._sign * values
-
-    def estimates(self, T_world_object: Array) -> Array:
-        """(n,) ±C over a few hundred of B_o, metres."""
-        values, _ = self._field.mean_clearance_batch(T_world_object, self._some_points)
-        return self._sign * values
-
-    def gradient(self, T_world_object: pin.SE3) -> Array:
-        """±∂C/∂(x, y, e_z)."""
-        _, gradient = self._field.mean_clearance(T_world_object.homogeneous, self._points)
-        return np.asarray(self._sign * gradient)
-
-    def upper_bounds(self, T_world_object: Array, pivot: Array, shift: Array, turn: Array) -> Array:
-        """(n,) ±C of the poses, and what it may change by with the slope of d_S.
-
-        A point at distance ρ from the pivot's vertical moves by at most
-        shift + 2 sin(turn / 2) ρ, and the mean of ρ over B_o is at most the root of that of ρ².
-        """
-        if self._slope is None:
-            self._slope = greatest_slope(self._field)
-        R = T_world_object[:, :3, :3]
-        arm = R @ self._middle + T_world_object[:, :3, 3] - pivot
-        across = R[:, :2] @ self._spread
-        radius = np.sqrt((arm[:, :2] ** 2).sum(axis=1) + (across * R[:, :2]).sum(axis=(1, 2)))
-        moved_by = shift + 2.0 * np.sin(0.5 * np.minimum(turn, np.pi)) * radius
-        bounds = self.values(T_world_object) + self._slope * moved_by + _ROUNDING
-        return np.asarray(np.minimum(bounds, self._field.cap if self._sign > 0.0 else 0.0))
-
-
-def thinned(points: Array) -> Array:
-    """Every second, fourth or eighth of the (n, 3) voxel centres, spread evenly, 300 at least."""
-    share = next((s for s in (8, 4, 2) if len(points) >= 300 * s), 1)
-    index = [np.unique(np.round(line, 6), return_inverse=True)[1] for line in points.T]
-    return np.asarray(points[(index[0] + 3 * index[1] + 5 * index[2]) % share == 0])
-
-
-ObjectiveFactory = Callable[[ObjectiveContext], Objective]
-
-_BUILT_IN: dict[str, ObjectiveFactory] = {
-    "maximize_clearance": lambda context: Clearance(context, 1.0),
-    "minimize_clearance": lambda context: Clearance(context, -1.0),
-}
-
-
-def objective_names() -> list[str]:
-    """Every name `make_objective` knows: the built-in ones and the installed plug-ins."""
-    return sorted({*_BUILT_IN, *(e.name for e in _plug_ins())})
-
-
-def make_objective(name: str, context: ObjectiveContext) -> Objective:
-    """Make the objective of that name for one run.
-
-    Raises:
-        ParameterError: the name is unknown, or what its entry point makes cannot be called.
-    """
-    factory = _BUILT_IN.get(name)
-    if factory is None:
-        found = [e for e in _plug_ins() if e.name == name]
-        if not found:
-            known = ", ".join(objective_names())
-            raise ParameterError("objective", name, f"is not known; choose one of {known}")
-        factory = found[0].load()
-    objective = factory(context)
-    if not callable(objective):
-        raise ParameterError(
-            "objective", name, f"its factory made a {type(objective).__name__}, not a callable"
-        )
-    return objective
-
-
-@cache
-def _plug_ins() -> tuple[EntryPoint, ...]:
-    """What is installed; looked for once, as that takes some 20 ms."""
-    return tuple(entry_points(group=ENTRY_POINT_GROUP))
 
 
 def evaluate(objective: Objective, T_world_object: pin.SE3) -> float:
@@ -208,26 +87,6 @@ def evaluate_batch(objective: Objective, T_world_object: Array) -> Array:
             "objective", values.tolist(), f"must be {len(T_world_object)} finite numbers"
         )
     return values
-
-
-def upper_bounds(
-    objective: BoundedObjective, T_world_object: Array, pivot: Array, shift: Array, turn: Array
-) -> Array:
-    """(n,) `BoundedObjective.upper_bounds`, checked; infinite where there is no bound.
-
-    Raises:
-        ParameterError: there is not a number for each pose.
-    """
-    bounds = np.asarray(
-        objective.upper_bounds(T_world_object, pivot, shift, turn), dtype=np.float64
-    )
-    if bounds.shape != (len(T_world_object),) or np.isnan(bounds).any():
-        raise ParameterError(
-            "objective",
-            bounds.tolist(),
-            f"its upper_bounds must be {len(T_world_object)} numbers, none of them NaN",
-        )
-    return bounds
 
 
 def gradient(

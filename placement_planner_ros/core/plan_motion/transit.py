@@ -8,10 +8,10 @@ from typing import Protocol
 
 import numpy as np
 
-from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.motion.birrt import GoalSetRRT, GoalSetRRTSettings
 from placement_planner_ros.core.plan_motion.withdrawal import straight_way, winding_way
+from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.types import Array, Goal
 
 _MAX_WAITING = 1000
@@ -19,7 +19,7 @@ _MAX_WAITING = 1000
 
 
 @dataclass(frozen=True, slots=True)
-class TransitSettings:
+class TransitSettings(Settings):
     """How planning effort is shared among goals.
 
     Attributes:
@@ -32,16 +32,11 @@ class TransitSettings:
         rrt: how the trees grow.
     """
 
-    active_goals: int = 8
-    patience: int = 400
+    active_goals: int = setting(8, "[1, inf)")
+    patience: int = setting(400, "[1, inf)")
     withdrawal: bool = True
-    winding: int = 100
+    winding: int = setting(100, "[1, inf)")
     rrt: GoalSetRRTSettings = field(default_factory=GoalSetRRTSettings)
-
-    def __post_init__(self) -> None:
-        for name in ("active_goals", "patience", "winding"):
-            if getattr(self, name) < 1:
-                raise ParameterError(name, getattr(self, name), "must be at least 1")
 
 
 class GoalPlanner(Protocol):

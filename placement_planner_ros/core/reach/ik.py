@@ -14,54 +14,37 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.reach import ik_kernels, self_motion
 from placement_planner_ros.core.reach.kinematics import Chain, kernel_input
 from placement_planner_ros.core.reach.reach_bound import ReachBound
+from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.types import Array
 
 
 @dataclass(frozen=True, slots=True)
-class IKSettings:
+class IKSettings(Settings):
     """When a pose counts as reached, and how much to try.
 
     Attributes:
-        position_tolerance: m.
-        rotation_tolerance: rad.
         max_iterations: per seed.
         max_solutions: seeds left over once so many distinct solutions are found are not tried.
-        min_difference: rad or m; solutions closer than this in every joint are the same one.
-        sweep_step: rad or m, the largest change of a joint between neighbours of `sweep`.
+        min_difference: solutions closer than this in every joint are the same one.
+        sweep_step: the largest change of a joint between neighbours of `sweep`.
         max_sweep: configurations of `sweep` at most.
-        max_joint_step: rad or m; a larger change between waypoints of `track` is a jump.
+        max_joint_step: a larger change between waypoints of `track` is a jump.
         line_tolerance: m (and rad); how far the tip may be from the middle between two waypoints
             of `track` when the joints are.
     """
 
-    position_tolerance: float = 1e-5
-    rotation_tolerance: float = 1e-4
-    max_iterations: int = 60
-    max_solutions: int = 32
-    min_difference: float = 0.1
-    sweep_step: float = 0.1
-    max_sweep: int = 384
-    max_joint_step: float = 0.2
-    line_tolerance: float = 5e-4
-
-    def __post_init__(self) -> None:
-        for name in ("max_iterations", "max_solutions", "max_sweep"):
-            if getattr(self, name) < 1:
-                raise ParameterError(f"ik.{name}", getattr(self, name), "must be at least 1")
-        for name in (
-            "position_tolerance",
-            "rotation_tolerance",
-            "min_difference",
-            "sweep_step",
-            "max_joint_step",
-            "line_tolerance",
-        ):
-            if not 0.0 < getattr(self, name) < math.inf:
-                raise ParameterError(f"ik.{name}", getattr(self, name), "must be positive")
+    position_tolerance: float = setting(1e-5, "(0, inf)", "m")
+    rotation_tolerance: float = setting(1e-4, "(0, inf)", "rad")
+    max_iterations: int = setting(60, "[1, inf)")
+    max_solutions: int = setting(32, "[1, inf)")
+    min_difference: float = setting(0.1, "(0, inf)", "rad or m")
+    sweep_step: float = setting(0.1, "(0, inf)", "rad or m")
+    max_sweep: int = setting(384, "[1, inf)")
+    max_joint_step: float = setting(0.2, "(0, inf)", "rad or m")
+    line_tolerance: float = setting(5e-4, "(0, inf)", "m")
 
 
 class InverseKinematics:
@@ -78,6 +61,14 @@ class InverseKinematics:
     def __init__(self, chain: Chain, settings: IKSettings | None = None) -> None:
         self.chain = chain
         self.settings = settings or IKSettings()
+        self._arm = ik_kernels.IKArm(
+            chain.fixed,
+            chain.prismatic,
+            chain.lower,
+            chain.upper,
+            self.settings.position_tolerance,
+            self.settings.rotation_tolerance,
+        )
         self._reach = ReachBound.of(chain)
         self._slack = self.settings.position_tolerance
         self._slack += self.settings.rotation_tolerance * float(np.linalg.norm(self._reach.wrist))
@@ -117,14 +108,9 @@ class InverseKinematics:
         solutions = np.full((len(T), settings.max_solutions, chain.dof), np.nan)
         counts = np.zeros(len(T), dtype=np.int64)
         ik_kernels.solve_batch(
-            chain.fixed,
-            chain.prismatic,
-            chain.lower,
-            chain.upper,
+            self._arm,
             T,
             Q,
-            settings.position_tolerance,
-            settings.rotation_tolerance,
             settings.max_iterations,
             settings.min_difference,
             solutions,
@@ -154,15 +140,10 @@ class InverseKinematics:
         found = np.full((len(T), settings.max_sweep, chain.dof), np.nan)
         numbers = np.zeros(len(T), dtype=np.int64)
         self_motion.sweep_batch(
-            chain.fixed,
-            chain.prismatic,
-            chain.lower,
-            chain.upper,
+            self._arm,
             T,
             kernel_input(solutions),
             np.require(counts, np.int64, ["C", "W"]),
-            settings.position_tolerance,
-            settings.rotation_tolerance,
             settings.sweep_step,
             found,
             numbers,
@@ -195,14 +176,9 @@ class InverseKinematics:
         T = kernel_input(T_world_tip)
         path = np.empty((len(T), chain.dof))
         tracked = ik_kernels.track(
-            chain.fixed,
-            chain.prismatic,
-            chain.lower,
-            chain.upper,
+            self._arm,
             T,
             np.clip(np.asarray(q0, dtype=np.float64), chain.lower, chain.upper),
-            settings.position_tolerance,
-            settings.rotation_tolerance,
             settings.max_joint_step,
             settings.line_tolerance,
             path,

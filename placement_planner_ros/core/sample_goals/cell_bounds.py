@@ -8,16 +8,13 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.constraints import contact_points
+from placement_planner_ros.core.constraints import PoseConstraints, contact_points
 from placement_planner_ros.core.grasp.holding import Holding
-from placement_planner_ros.core.objective.objective import BoundedObjective, Objective, upper_bounds
 from placement_planner_ros.core.reach.reach_bound import ReachBound
-from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.regions import SupportMap
 from placement_planner_ros.core.search.cell_layout import ANGLE, FACE, X, Y, Z
 from placement_planner_ros.core.search.pruning import Ruling
-from placement_planner_ros.core.search.sampler import SamplerSettings
-from placement_planner_ros.core.types import Array, TargetVolume
+from placement_planner_ros.core.types import Array
 
 Mask = npt.NDArray[np.bool_]
 
@@ -44,11 +41,10 @@ class _Placed:
         self.contact = np.column_stack([cells[:, X], cells[:, Y], cells[:, Z]])
         self.contact[:, :2] += self.half
         angle = 0.5 * (cells[:, ANGLE] + cells[:, ANGLE + 1])
-        half_angle = 0.5 * (cells[:, ANGLE + 1] - cells[:, ANGLE])
-        self.half_angle = np.minimum(half_angle, np.pi)
+        half_angle = np.minimum(0.5 * (cells[:, ANGLE + 1] - cells[:, ANGLE]), np.pi)
         self.cos, self.sin = np.cos(angle), np.sin(angle)
         # how far a point at distance 1 from the vertical through c is from its middle at most
-        self.turn = 2.0 * np.sin(0.5 * self.half_angle)
+        self.turn = 2.0 * np.sin(0.5 * half_angle)
 
     def middles(self, points: Array) -> Array:
         """(n, m, 2) x and y of points (n, m, >= 2) of the face frame at the middle of each cell."""
@@ -60,15 +56,6 @@ class _Placed:
     def strays(self, points: Array) -> Array:
         """(n, m) m, how far turning takes each point from there at most, in the plane."""
         return np.asarray(self.turn[:, None] * np.hypot(points[..., 0], points[..., 1]))
-
-    def poses(self, T_face_object: Array) -> Array:
-        """(n, 4, 4) T_world_object at the middle of each cell, from (|F|, 4, 4)."""
-        T = np.zeros((len(self.face), 4, 4))
-        T[:, 0, 0] = T[:, 1, 1] = self.cos
-        T[:, 1, 0], T[:, 0, 1] = self.sin, -self.sin
-        T[:, 2, 2] = T[:, 3, 3] = 1.0
-        T[:, :3, 3] = self.contact
-        return np.asarray(T @ T_face_object[self.face])
 
 
 class _Reach:
@@ -106,12 +93,10 @@ class _Support:
 
     def __init__(
         self,
-        body: Body,
-        environment: Environment,
-        volume: TargetVolume,
-        contact_tolerance: float,
-        edge_margin: float,
+        poses: PoseConstraints,
     ) -> None:
+        body, environment = poses.problem.body, poses.problem.environment
+        volume, edge_margin = poses.problem.volume, poses.edge_margin
         support = environment.support
         self._volume = volume
         contacts = []
@@ -136,7 +121,7 @@ class _Support:
         self._shape = np.maximum(last - first + 1, 0)
         heights = np.round(np.array([r.z for r in environment.regions]) / _SAME_HEIGHT)
         self._levels = np.unique(heights)
-        self._sums = self._tables(support, first, contact_tolerance + 0.51 * _SAME_HEIGHT)
+        self._sums = self._tables(support, first, poses.contact_tolerance + 0.51 * _SAME_HEIGHT)
 
     def _tables(self, support: SupportMap, first: npt.NDArray[np.int64], tolerance: float) -> Array:
         """(levels, nx + 1, ny + 1) columns with a surface at that height, summed up."""
@@ -184,55 +169,25 @@ def _columns(
 
 
 class BranchBounds:
-    """`CellBounds` of one problem: reach, support, and ξ where the objective has upper bounds.
+    """`CellBounds` of one problem: reach and support.
 
     Args:
+        poses: s(x), of one problem.
         holdings: every arm with every grasp that may be used.
-        contact_tolerance, edge_margin: of s(x), metres.
-        min_improvement: ξ must exceed ξ_best by this much.
-        settings: which bounds are asked.
     """
 
     def __init__(
         self,
-        body: Body,
-        environment: Environment,
-        volume: TargetVolume,
+        poses: PoseConstraints,
         holdings: Iterable[Holding],
-        objective: Objective,
-        contact_tolerance: float,
-        edge_margin: float,
-        min_improvement: float,
-        settings: SamplerSettings,
     ) -> None:
-        self._reach = _Reach(body, holdings) if settings.prune_reach else None
-        self._support = (
-            _Support(body, environment, volume, contact_tolerance, edge_margin)
-            if settings.prune_support
-            else None
-        )
-        self._objective: BoundedObjective | None = None
-        if settings.prune_objective and isinstance(objective, BoundedObjective):
-            self._objective = objective
-        self._min_improvement = min_improvement
-        self._T_face_object = np.array([f.T_face_object.homogeneous for f in body.faces])
+        self._reach = _Reach(poses.problem.body, holdings)
+        self._support = _Support(poses)
 
-    def rulings(self, cells: Array, best: float) -> npt.NDArray[np.int64]:
+    def rulings(self, cells: Array) -> npt.NDArray[np.int64]:
         """(n,) `Ruling` of each of the (n, 8) cells."""
         placed = _Placed(cells)
         result = np.full(len(cells), Ruling.OPEN, dtype=np.int64)
-        if self._support is not None:
-            result[self._support.unsupported(placed)] = Ruling.UNSUPPORTED
-        if self._reach is not None:
-            result[self._reach.out_of_reach(placed)] = Ruling.OUT_OF_REACH
-        rest = np.flatnonzero(result == Ruling.OPEN)
-        if self._objective is not None and best > -np.inf and len(rest):
-            bounds = upper_bounds(
-                self._objective,
-                placed.poses(self._T_face_object)[rest],
-                placed.contact[rest],
-                np.hypot(*placed.half[rest].T),
-                placed.half_angle[rest],
-            )
-            result[rest[bounds <= best + self._min_improvement]] = Ruling.NOT_BETTER
+        result[self._support.unsupported(placed)] = Ruling.UNSUPPORTED
+        result[self._reach.out_of_reach(placed)] = Ruling.OUT_OF_REACH
         return result

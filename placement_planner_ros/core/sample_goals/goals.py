@@ -7,22 +7,17 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pinocchio as pin
 
-from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.constraints import PoseConstraints, placement_pose
 from placement_planner_ros.core.grasp.holding import Holding
-from placement_planner_ros.core.objective.ascent import AscentSettings, climb
 from placement_planner_ros.core.objective.objective import (
     EstimatedObjective,
     Objective,
     evaluate,
     evaluate_batch,
-    moved,
 )
 from placement_planner_ros.core.search.sampler import Draws, Outcome
 from placement_planner_ros.core.types import Array, Goal, Verdict
 
-_FORGETTING = 0.95
-"""Share of the best recent climb that is still expected after one that brought less."""
 _COMPARISONS = 128
 """Samples whose ξ is both estimated and computed, to learn how good the estimates are."""
 _ERROR_RESERVE = 1.5
@@ -39,29 +34,23 @@ class GoalFinder:
         ik_seeds: starts of the inverse kinematics for each pose, beside q_0.
         min_improvement: ξ must exceed ξ_best by this much.
         rng: chooses the seeds.
-        ascent: how far to follow the gradient from a stable and free pose before it is judged;
-            None to take samples as they are.
     """
 
     def __init__(
         self,
-        body: Body,
         poses: PoseConstraints,
         holdings: Sequence[Sequence[Holding]],
         objective: Objective,
         ik_seeds: int,
         min_improvement: float,
         rng: np.random.Generator,
-        ascent: AscentSettings | None = None,
     ) -> None:
-        self._body = body
+        self._body = poses.problem.body
         self._poses = poses
         self._holdings = holdings
         self._objective = objective
         self._ik_seeds = ik_seeds
         self._min_improvement = min_improvement
-        self._ascent = ascent
-        self._gain = np.inf  # what a climb brought lately, at its best
         self._error = 0.0  # of the objective's estimates, at most so far
         self._compared = 0
         self._rng = rng
@@ -78,21 +67,17 @@ class GoalFinder:
             values[free] = self._values(T[free], bound)
             verdicts[free] = Verdict.NOT_BETTER
         found: list[Goal] = []
-        for row in free[values[free] + (0.0 if self._ascent is None else self._gain) > bound]:
+        for row in free[values[free] > bound]:
             if should_stop():
                 return Outcome(verdicts[:row], values[:row], found)
-            face, height = int(draws.face[row]), float(draws.contact[row, 2])
-            for x, value in self._candidates(
-                pin.SE3(T[row]), float(values[row]), face, height, bound
-            ):
-                reached = self._reach_any(draws, int(row), x, value, should_stop)
-                if isinstance(reached, Verdict):
-                    verdicts[row] = max(verdicts[row], reached)
-                    continue
-                verdicts[row] = Verdict.FEASIBLE
-                values[row] = value
-                found.append(reached)
-                break
+            reached = self._reach_any(
+                draws, int(row), pin.SE3(T[row]), float(values[row]), should_stop
+            )
+            if isinstance(reached, Verdict):
+                verdicts[row] = reached
+                continue
+            verdicts[row] = Verdict.FEASIBLE
+            found.append(reached)
             if len(found) == goals:
                 return Outcome(verdicts[: row + 1], values[: row + 1], found)
         return Outcome(verdicts, values, found)
@@ -105,7 +90,7 @@ class GoalFinder:
         their 99th percentile: none of 822,037 better poses was skipped. A bound from the slope of
         d_S between the points would be 6 mm or more, where estimates are off by 2 mm at most.
         """
-        if self._ascent is not None or not isinstance(self._objective, EstimatedObjective):
+        if not isinstance(self._objective, EstimatedObjective):
             return evaluate_batch(self._objective, T)
         estimates = np.asarray(self._objective.estimates(T))
         if self._compared < _COMPARISONS:
@@ -117,18 +102,6 @@ class GoalFinder:
         if near.any():
             estimates[near] = evaluate_batch(self._objective, T[near])
         return estimates
-
-    def _candidates(
-        self, x: pin.SE3, value: float, face: int, height: float, bound: float
-    ) -> list[tuple[pin.SE3, float]]:
-        """The pose, and before it where the gradient leads, each with its ξ, as far as better."""
-        candidates = [(x, value)] if value > bound else []
-        if self._ascent is not None:
-            higher = self._climb(x, value, face, height, self._ascent)
-            self._gain = max(higher[1] - value, _FORGETTING * self._gain)
-            if higher[1] > max(value, bound):
-                candidates.insert(0, higher)
-        return candidates
 
     def check_all(
         self, draws: Draws, best: float, goals: int, should_stop: Callable[[], bool]
@@ -187,25 +160,6 @@ class GoalFinder:
             if should_stop():
                 break
         return furthest
-
-    def _climb(
-        self, x: pin.SE3, value: float, face: int, contact_height: float, settings: AscentSettings
-    ) -> tuple[pin.SE3, float]:
-        """The highest pose that the gradient leads to within s(x) and c_f(x), and its ξ."""
-
-        def attempt(change: Array) -> pin.SE3 | None:
-            nonlocal x, value
-            trial = moved(x, change)
-            higher = evaluate(self._objective, trial)
-            if not higher > value + self._min_improvement:
-                return None
-            if self._poses.verdict(trial, face, contact_height) is not Verdict.FEASIBLE:
-                return None
-            x, value = trial, higher
-            return x
-
-        climb(self._objective, x, attempt, settings, lambda: False)
-        return x, value
 
     def _reach_goal(
         self,

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.scene.distance import ClearanceField
-from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
+from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet, checked_cloud
 from placement_planner_ros.core.scene.regions import (
     Region,
     RegionSettings,
@@ -65,13 +66,17 @@ class Environment:
             volume: V.
             grid: GridSettings() unless given.
             regions: RegionSettings() unless given.
-            bounds: lower and upper corner of the workspace; around the points unless given.
+            bounds: lower and upper corner of the workspace; around the points and V unless given.
             views: what sensors at known places measured, see `visibility`.
             outside_robot: tells the cells that the robot is in, which are not unknown.
 
         Raises:
             CloudError: see `ObstacleSet.from_points`.
         """
+        if bounds is None:  # around the points alone, a level surface had no room above
+            corners = np.vstack([checked_cloud(points), volume.lower, volume.upper])
+            corners = corners[np.isfinite(corners).all(axis=1)]
+            bounds = corners.min(axis=0), corners.max(axis=0)
         measured = ObstacleSet.from_points(points, grid, bounds)
         found, support = find_regions(measured, volume, regions)
         unknown = unknown_cells(measured, views, volume, outside_robot)

@@ -8,16 +8,16 @@ the neighbouring cell, up to the face the two cells share; nothing grows where n
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from placement_planner_ros.core.errors import CloudError, ParameterError
+from placement_planner_ros.core.errors import CloudError
 from placement_planner_ros.core.scene import denoising, tight_boxes
 from placement_planner_ros.core.scene.binning import Bins, sort_into_cells
+from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.types import Array, frozen_array
 
 _AnyArray = TypeVar("_AnyArray", bound=npt.NDArray)
@@ -28,36 +28,40 @@ fall onto a face between two layers, where rounding would scatter its points ove
 
 
 @dataclass(frozen=True, slots=True)
-class GridSettings:
+class GridSettings(Settings):
     """How points become the obstacle set.
 
     Attributes:
-        cell_size: edge of a cell, metres; about twice the spacing of the points, or more.
-        noise_floor: clouds whose surfaces scatter by less than this (standard deviation, metres)
-            are clean: their points are used exactly as they are.
+        cell_size: about twice the spacing of the points, or more.
+        noise_floor: clouds whose surfaces scatter by less than this (standard deviation) are
+            clean: their points are used exactly as they are.
         min_points: pieces of at most two cells with fewer points than this, surrounded by free
-            space, are flying pixels. Sparse clouds (median below 4 points per cell) are spared.
+            space, are flying pixels; 0 for none. Sparse clouds (median below 4 points per cell)
+            are spared.
         max_boxes_per_cell: into how many boxes a cell may be cut where surfaces meet.
         max_cells: a grid with more cells than this is refused (4 bytes each).
     """
 
-    cell_size: float = 0.01
-    noise_floor: float = 0.0003
-    min_points: int = 3
-    max_boxes_per_cell: int = 4
-    max_cells: int = 30_000_000
+    cell_size: float = setting(0.01, "[0.002, 0.1]", "m", "Edge of the obstacle set's cells.")
+    noise_floor: float = setting(0.0003, "[0, inf)", "m")
+    min_points: int = setting(3, "[0, inf)")
+    max_boxes_per_cell: int = setting(4, "[1, 4]")
+    max_cells: int = setting(30_000_000, "[1, inf)")
 
-    def __post_init__(self) -> None:
-        if not (math.isfinite(self.cell_size) and 0.001 <= self.cell_size <= 0.5):
-            raise ParameterError("cloud.cell_size", self.cell_size, "give 0.001 to 0.5 m")
-        if not (math.isfinite(self.noise_floor) and self.noise_floor >= 0.0):
-            raise ParameterError("noise_floor", self.noise_floor, "give a length of at least 0 m")
-        if self.min_points < 0:
-            raise ParameterError("min_points", self.min_points, "give 0 (off) or more")
-        if not 1 <= self.max_boxes_per_cell <= 4:
-            raise ParameterError("max_boxes_per_cell", self.max_boxes_per_cell, "give 1 to 4")
-        if self.max_cells < 1:
-            raise ParameterError("max_cells", self.max_cells, "give at least 1")
+
+class ObstacleArrays(NamedTuple):
+    """What kernels read of an `ObstacleSet`: its fields of these names."""
+
+    origin: Array
+    cell_size: float
+    cells: npt.NDArray[np.int32]
+    lower: Array
+    upper: Array
+    first_at: npt.NDArray[np.int32]
+    """`ObstacleSet.index`"""
+    next: npt.NDArray[np.int32]
+    surface_height: Array
+    surface_extent: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,6 +99,21 @@ class ObstacleSet:
         return len(self.cells)
 
     @property
+    def arrays(self) -> ObstacleArrays:
+        """For kernels."""
+        return ObstacleArrays(
+            self.origin,
+            self.cell_size,
+            self.cells,
+            self.lower,
+            self.upper,
+            self.index,
+            self.next,
+            self.surface_height,
+            self.surface_extent,
+        )
+
+    @property
     def bounds(self) -> tuple[Array, Array]:
         """Lower and upper corner (3,) of the grid, metres."""
         return self.origin, self.origin + self.cell_size * np.array(self.shape)
@@ -126,7 +145,7 @@ class ObstacleSet:
                 a grid of more than `max_cells`.
         """
         settings = settings or GridSettings()
-        cloud = _checked(points)
+        cloud = checked_cloud(points)
         lower, upper = _checked_bounds(cloud, bounds)
         origin = lower - _ORIGIN_SHIFT * settings.cell_size
         shape = _grid_shape(origin, upper, settings)
@@ -135,25 +154,9 @@ class ObstacleSet:
         if len(bins.cells):
             bins, noise = _cleaned(bins, origin, settings, shape, lower, upper)
         skin = surface_tolerance(noise)
-        boxes = tight_boxes.tight_boxes(
-            bins.points,
-            bins.start,
-            bins.cells,
-            bins.row_of,
-            origin,
-            settings.cell_size,
-            skin,
-            settings.max_boxes_per_cell,
-        )
+        boxes = tight_boxes.tight_boxes(bins, skin, settings.max_boxes_per_cell)
         box_lower, box_upper = tight_boxes.close_gaps(
-            boxes.cells,
-            boxes.lower,
-            boxes.upper,
-            bins.row_of,
-            boxes.next,
-            origin,
-            settings.cell_size,
-            skin,
+            boxes, bins.row_of, origin, settings.cell_size, skin
         )
         return cls(
             origin=frozen_array(origin, (3,)),
@@ -214,7 +217,12 @@ def _read_only(array: _AnyArray) -> _AnyArray:
     return array
 
 
-def _checked(points: npt.ArrayLike) -> Array:
+def checked_cloud(points: npt.ArrayLike) -> Array:
+    """(n, 3) the points as they are, NaN where nothing was seen.
+
+    Raises:
+        CloudError: not (n, 3), or points, but no finite one.
+    """
     try:
         cloud = np.ascontiguousarray(points, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -270,7 +278,7 @@ def _cleaned(
     counts = np.diff(bins.start)
     min_points = settings.min_points if np.median(counts) >= 4 else 0
     if min_points > 1:
-        keep = denoising.connected(bins.cells, counts, bins.row_of, min_points)
+        keep = denoising.connected(bins, counts, min_points)
         if not keep.all():
             points = bins.points[np.repeat(keep, counts)]
             bins = sort_into_cells(points, origin, size, shape, lower, upper)

@@ -13,34 +13,26 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.scene.regions import Region
+from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.types import Array
 
 FULL_TURN = 2.0 * math.pi
 
 
 @dataclass(frozen=True, slots=True)
-class HierarchySettings:
+class HierarchySettings(Settings):
     """How finely the hierarchy divides a pose set Ŝ(r, f).
 
     Attributes:
         angle_intervals: l, intervals an angle range is split into.
-        min_area: regions of at most this area are not split, m².
-        min_angle: angle ranges of at most this length are not split, rad.
+        min_area: regions of at most this area are not split.
+        min_angle: angle ranges of at most this length are not split.
     """
 
-    angle_intervals: int = 4
-    min_area: float = 1e-4
-    min_angle: float = FULL_TURN / 256
-
-    def __post_init__(self) -> None:
-        if self.angle_intervals < 2:
-            raise ParameterError("angle_intervals", self.angle_intervals, "must be at least 2")
-        if not (self.min_area > 0.0 and self.min_angle > 0.0):
-            raise ParameterError(
-                "min_area, min_angle", (self.min_area, self.min_angle), "must be above zero"
-            )
+    angle_intervals: int = setting(4, "[2, inf)")
+    min_area: float = setting(1e-4, "(0, inf)", "m²")
+    min_angle: float = setting(FULL_TURN / 256, "(0, inf)", "rad")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

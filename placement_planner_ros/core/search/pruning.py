@@ -15,9 +15,7 @@ from placement_planner_ros.core.types import Array
 _AT_ONCE = 8
 """Cells that are judged together: enough to make use of arrays, few enough to go deep first."""
 _ROUNDS = 500
-"""Rounds of judging in one call at most while there is no placement, some 0.1 s."""
-_ROUNDS_LATER = 4
-"""And once there is one, where each rise of ξ_best asks anew and ξ has to be bounded too."""
+"""Rounds of judging in one call at most, some 0.1 s."""
 
 
 class Ruling(enum.IntEnum):
@@ -29,14 +27,12 @@ class Ruling(enum.IntEnum):
     """At every pose the object is out of reach of every arm in every grasp."""
     UNSUPPORTED = 2
     """At every pose a vertex of v(f) has no support, or the centre of mass is outside V."""
-    NOT_BETTER = 3
-    """No pose has ξ(x) > ξ_best."""
 
 
 class CellBounds(Protocol):
     """Judges whole cells at once."""
 
-    def rulings(self, cells: Array, best: float) -> npt.NDArray[np.int64]:
+    def rulings(self, cells: Array) -> npt.NDArray[np.int64]:
         """(n,) `Ruling` of each of the (n, 8) cells; any but OPEN is proven for all its poses."""
         ...
 
@@ -51,15 +47,13 @@ _WORDS = {
         "target_volume",
         "choose a target_volume with larger surfaces, or look at ~/occupancy for holes in them",
     ),
-    Ruling.NOT_BETTER: ("no better than that", ""),
 }
 
 
 class Remainder:
-    """What of the hierarchy is not ruled out: all of it at first, and less as ξ_best rises.
+    """What of the hierarchy is not ruled out: all of it at first.
 
-    A depth-first search for a leaf that may hold a goal. Such a leaf is a witness that the search
-    goes on until ξ_best rules that out too; where there is none, nothing is left.
+    A depth-first search for a leaf that may hold a goal. Where there is none, nothing is left.
 
     Attributes:
         rulings: what the parts ruled out so far were ruled out for.
@@ -70,37 +64,32 @@ class Remainder:
         self._min_area = hierarchy.settings.min_area
         self._min_angle = hierarchy.settings.min_angle * (1 + 1e-9)
         self._open = list(whole_cells(hierarchy))
-        self._witness = np.nan  # ξ_best up to which the last open cell is known to be open
+        self._found = False  # whether a leaf is known that may hold a goal
         self.rulings: set[Ruling] = set()
 
-    def empty(self, best: float) -> bool:
-        """Whether no goal with ξ above `best` exists; False as long as that is not proven."""
-        if self._witness >= best:
-            return False
-        for _ in range(_ROUNDS if best == -np.inf else _ROUNDS_LATER):
+    def empty(self) -> bool:
+        """Whether there is no goal; False as long as that is not proven."""
+        for _ in range(_ROUNDS):
+            if self._found:
+                return False
             if not self._open:
                 return True
             cells = np.array(self._open[-_AT_ONCE:])
             del self._open[-_AT_ONCE:]
-            rulings = self._bounds.rulings(cells, best)
+            rulings = self._bounds.rulings(cells)
             self.rulings |= {Ruling(r) for r in rulings if r != Ruling.OPEN}
             cells = cells[rulings == Ruling.OPEN]
-            leaf = (areas(cells) <= self._min_area) & (
-                cells[:, ANGLE + 1] - cells[:, ANGLE] <= self._min_angle
+            angles = cells[:, ANGLE + 1] - cells[:, ANGLE]
+            self._found = bool(
+                ((areas(cells) <= self._min_area) & (angles <= self._min_angle)).any()
             )
-            if leaf.any():
-                self._open += [*cells[~leaf], *cells[leaf]]
-                self._witness = best
-                return False
             self._open += list(halved(cells))
         return False
 
-    def why_empty(self, best: float) -> str:
+    def why_empty(self) -> str:
         """In words, why nothing is left, and what to do about it."""
         rulings = sorted(self.rulings)
         poses = "every pose on the placement regions is "
         poses += ", or ".join(_WORDS[ruling][0] for ruling in rulings)
-        if best > -np.inf:
-            return f"no placement better than {best:.6g} is left: {poses}"
         remedies = "; ".join(_WORDS[ruling][1] for ruling in rulings)
         return f"no placement is possible: {poses}: {remedies}"

@@ -8,7 +8,6 @@ quintic between the samples (`quintic`), not the curve they were taken from.
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -20,6 +19,7 @@ from toppra.constraint import JointAccelerationConstraint, JointVelocityConstrai
 from toppra.interpolator import AbstractGeometricPath
 
 from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.timing.quintic import (
     concatenate,
     control_points,
@@ -42,36 +42,25 @@ _SAME = 1e-9  # waypoints closer than this (radians) are one
 _ROUNDS = 12  # timed curves tried, each with smaller blends than the one before, the last with none
 _BLEND_SIZES = 5  # sizes a blend is tried at, each half of the one before
 
-# toppra logs each numerical retry as a warning; failures are handled here
-logging.getLogger("toppra").setLevel(logging.CRITICAL)
-
 
 @dataclass(frozen=True, slots=True)
-class TimingSettings:
+class TimingSettings(Settings):
     """How finely the timed curve is made.
 
     Attributes:
-        blend_deviation: radians (norm over the joints) a rounded corner may miss its waypoint by.
-        chord_tolerance: radians by which pieces of the curve may stray from the chords that are
-            certified for them, joint by joint.
-        smoothing_time: seconds over which the path speed is averaged; bounds the jerk.
-        max_interval: seconds between two points at most, as long as `max_points` allows it.
+        blend_deviation: norm over the joints, by which a rounded corner may miss its waypoint.
+        chord_tolerance: by which pieces of the curve may stray from the chords that are certified
+            for them, joint by joint.
+        smoothing_time: over which the path speed is averaged; bounds the jerk.
+        max_interval: between two points at most, as long as `max_points` allows it.
         max_points: points of a trajectory at most, per stretch between two stops.
     """
 
-    blend_deviation: float = 0.2
-    chord_tolerance: float = 1e-3
-    smoothing_time: float = 0.08
-    max_interval: float = 0.05
-    max_points: int = 2000
-
-    def __post_init__(self) -> None:
-        for name in ("blend_deviation", "chord_tolerance", "smoothing_time", "max_interval"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0.0):
-                raise ParameterError(name, value, "give a finite number above zero")
-        if self.max_points < 10:
-            raise ParameterError("max_points", self.max_points, "give at least 10")
+    blend_deviation: float = setting(0.2, "(0, inf)", "rad")
+    chord_tolerance: float = setting(1e-3, "(0, inf)", "rad")
+    smoothing_time: float = setting(0.08, "(0, inf)", "s")
+    max_interval: float = setting(0.05, "(0, inf)", "s")
+    max_points: int = setting(2000, "[10, inf)")
 
 
 def parameterize(

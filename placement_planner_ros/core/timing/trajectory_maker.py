@@ -10,42 +10,40 @@ import numpy as np
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.motion.shortcut import shorten
+from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.timing.quintic import control_points
 from placement_planner_ros.core.timing.timing import concatenate, parameterize
 from placement_planner_ros.core.types import Array, Goal, Trajectory
 
 
 @dataclass(frozen=True, slots=True)
-class ExecutionSettings:
+class ExecutionSettings(Settings):
     """Speeds and the effort spent on short paths.
 
     Attributes:
-        velocity_scaling: share of the joints' velocity limits used, (0, 1].
-        acceleration_scaling: share of the acceleration limits used, (0, 1].
-        acceleration_limits: rad/s² (m/s²), one for all joints or one for each of the arm's.
-        approach_scaling: share of the transit's speed used in approach and retreat, (0, 1].
+        approach_scaling: share of the transit's speed used in approach and retreat.
         shortcut_attempts: random shortcuts tried.
     """
 
-    velocity_scaling: float = 1.0
-    acceleration_scaling: float = 1.0
-    acceleration_limits: tuple[float, ...] = (5.0,)
-    approach_scaling: float = 0.25
-    shortcut_attempts: int = 100
+    velocity_scaling: float = setting(
+        1.0, "(0, 1]", "", "Share of the joints' velocity limits that is used."
+    )
+    acceleration_scaling: float = setting(
+        1.0, "(0, 1]", "", "Share of acceleration_limits that is used."
+    )
+    acceleration_limits: tuple[float, ...] = setting(
+        (5.0,),
+        "[0.001, 10000]",
+        "rad/s^2 or m/s^2",
+        "One limit for all joints, or one for each joint of the arm.",
+    )
+    approach_scaling: float = setting(0.25, "(0, 1]")
+    shortcut_attempts: int = setting(100, "[0, inf)")
 
     def __post_init__(self) -> None:
-        for name in ("velocity_scaling", "acceleration_scaling", "approach_scaling"):
-            if not 0.0 < getattr(self, name) <= 1.0:
-                raise ParameterError(name, getattr(self, name), "must be in (0, 1]")
-        limits = np.array(self.acceleration_limits, dtype=np.float64)
-        if limits.size == 0 or not (np.isfinite(limits).all() and (limits > 0.0).all()):
-            raise ParameterError(
-                "acceleration_limits", self.acceleration_limits, "must be finite and above zero"
-            )
-        if self.shortcut_attempts < 0:
-            raise ParameterError(
-                "shortcut_attempts", self.shortcut_attempts, "must be zero or larger"
-            )
+        Settings.__post_init__(self)
+        if not self.acceleration_limits:
+            raise ParameterError("acceleration_limits", (), "give at least one")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,7 +15,7 @@ from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.regions import RegionSettings
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.experiments.speed.queries import Entry
+from placement_planner_ros.experiments.speed.rows import Entry
 from placement_planner_ros.scenes.clouds import camera_clouds, complete_cloud, scene_cameras
 from placement_planner_ros.scenes.scenes import Scene, scene_by_name
 

@@ -15,35 +15,45 @@ from typing import Any
 import numpy as np
 
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.experiments.cases import OBJECTIVES, Case, all_cases
+from placement_planner_ros.experiments.baselines.plain import PlainPlanner
+from placement_planner_ros.experiments.cases import Case, all_cases
+from placement_planner_ros.experiments.jobs import Progress, say
 from placement_planner_ros.experiments.json_lines import read_lines
-from placement_planner_ros.experiments.speed.checking import check_recorded
+from placement_planner_ros.experiments.options import add_case_options, wanted_cases
+from placement_planner_ros.experiments.record import RUNS_FILE, warm_process
 from placement_planner_ros.experiments.speed.clouds import measure_clouds
-from placement_planner_ros.experiments.speed.goal_sets import measure_goal_sets
-from placement_planner_ros.experiments.speed.node import measure_node
-from placement_planner_ros.experiments.speed.plain import PlainPlanner
-from placement_planner_ros.experiments.speed.provenance import MADE_WITH, made_with
+from placement_planner_ros.experiments.speed.processes import check_recorded, measure_node
 from placement_planner_ros.experiments.speed.queries import Bench, CompareSettings
 from placement_planner_ros.experiments.speed.recorder import RecordSettings, record
 from placement_planner_ros.experiments.speed.report import (
-    draw,
     fill_page,
     markdown,
     plain_text,
     require_marks,
 )
-from placement_planner_ros.experiments.speed.rows import ROWS, Entry, lines_of
-from placement_planner_ros.experiments.speed.searches import measure_first, measure_sampling
-from placement_planner_ros.experiments.trial import warm_process
-from placement_planner_ros.scenes.objects import OBJECT_NAMES
-from placement_planner_ros.scenes.scenes import SCENE_NAMES
+from placement_planner_ros.experiments.speed.rows import (
+    MADE_WITH,
+    ROWS,
+    Entry,
+    lines_of,
+    made_with,
+)
+from placement_planner_ros.experiments.speed.searches import (
+    measure_first,
+    measure_goal_sets,
+    measure_sampling,
+)
 
 RAW_FILE, TABLE_FILE, PICTURE_FILE = "raw.jsonl", "speed.md", "speed.png"
 _RECORDED = ("configurations", "answers", "edges", "ik", "agreement", "goal_sets")
 """Rows measured on the queries of recorded runs."""
 _BROUGHT = {"first": ("checked",), "node": ("memory",)}
 """Rows that come with others."""
-_FIRST_FOLDER = "first"
+_SEED = 0
+_SAMPLING_SECONDS = 1.5
+_FIRST_SEEDS, _PLAIN_SEEDS, _FIRST_LIMIT = 5, 1, 10.0
+_PLAIN_QUERIES, _QUERY_LIMIT = 1, 5.0
+_CLOUD_REPEATS = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,37 +80,21 @@ def add_speed_command(commands: Any) -> None:
         metavar="ROW,ROW",
         help=f"of {', '.join(ROWS)}; what the folder holds of other rows is kept",
     )
-    speed.add_argument("--scene", choices=SCENE_NAMES, action="append")
-    speed.add_argument("--object", choices=OBJECT_NAMES, action="append")
-    speed.add_argument("--objective", choices=OBJECTIVES, action="append")
-    speed.add_argument("--seed", type=int, default=0, help="of everything random")
-    count = _at_least_one
-    speed.add_argument("--runs", type=count, default=3, help="recorded per case")
-    speed.add_argument("--samples", type=count, default=2000, help="goal samples of a recorded run")
-    speed.add_argument(
-        "--agreement",
-        type=count,
-        default=2000,
-        metavar="N",
-        help="configurations per scene put to the exact check too; 1000000 takes some hours",
-    )
-    speed.add_argument("--sampling-seconds", type=_positive, default=1.5, help="of search per case")
-    speed.add_argument("--seeds", type=count, default=5, help="first placements per case")
-    speed.add_argument(
-        "--plain-seeds", type=count, default=1, help="the same by the plain path, per case"
-    )
-    speed.add_argument(
-        "--limit", type=_positive, default=10.0, help="seconds until a run counts as unsolved"
-    )
-    speed.add_argument("--plain-queries", type=count, default=1, help="goal sets per case")
-    speed.add_argument(
-        "--query-limit", type=_positive, default=5.0, help="seconds until a goal set is given up"
-    )
-    speed.add_argument("--cloud-repeats", type=count, default=5, help="per scene and kind")
-    speed.add_argument("--stops", type=count, default=30, help="runs of the node, stopped anywhere")
-    speed.add_argument(
-        "--minutes", type=_positive, default=1.0, help="of the node's search, for its memory"
-    )
+    add_case_options(speed)
+    for name, default, what in (
+        ("runs", 3, "recorded per case"),
+        ("samples", 2000, "goal samples of a recorded run"),
+        (
+            "agreement",
+            2000,
+            "configurations per scene put to the exact check too; 1000000 takes some hours",
+        ),
+        ("stops", 30, "runs of the node, stopped anywhere"),
+        ("minutes", 1.0, "of the node's search, for its memory"),
+    ):
+        speed.add_argument(
+            f"--{name}", type=partial(_positive, type(default)), default=default, help=what
+        )
     speed.add_argument("--output", type=Path, default=Path("results/speed"))
     speed.add_argument(
         "--page",
@@ -123,16 +117,10 @@ def _row_names(text: str) -> tuple[str, ...]:
     return rows
 
 
-def _at_least_one(text: str) -> int:
-    if int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text}: give at least 1")
-    return int(text)
-
-
-def _positive(text: str) -> float:
-    if not 0.0 < float(text) < float("inf"):
+def _positive(kind: Callable[[str], float], text: str) -> float:
+    if not 0.0 < kind(text) < float("inf"):
         raise argparse.ArgumentTypeError(f"{text}: give a number above zero")
-    return float(text)
+    return kind(text)
 
 
 def run_speed(arguments: argparse.Namespace) -> int:
@@ -148,14 +136,17 @@ def run_speed(arguments: argparse.Namespace) -> int:
     if not entries:
         raise ParameterError("output", str(raw), "holds no figures yet: run without --report-only")
     lines = lines_of(entries)
-    text, picture = markdown(lines, entries), draw(lines, entries)
+    text = markdown(lines, entries)
     (arguments.output / TABLE_FILE).write_text(text, encoding="utf-8")
+    say(plain_text(lines))
+    met = sum(line.met for line in lines)
+    say(f"{met} of {len(lines)} targets met; wrote {arguments.output}")
+    from placement_planner_ros.experiments.speed.picture import draw
+
+    picture = draw(lines, entries)
     (arguments.output / PICTURE_FILE).write_bytes(picture)
     if arguments.page is not None:
         fill_page(arguments.page, text, picture)
-    print(plain_text(lines))
-    met = sum(line.met for line in lines)
-    print(f"{met} of {len(lines)} targets met; wrote {arguments.output}")
     return 1 if any("error" in entry for entry in entries) else 0
 
 
@@ -179,7 +170,7 @@ def _measure(arguments: argparse.Namespace, raw: Path) -> list[Entry]:
             entries.append(entry)
     entries.append(made_with(arguments.only))
     raw.parent.mkdir(parents=True, exist_ok=True)
-    print("warming up", flush=True)
+    say("warming up")
     warm_process()
     with raw.open("w", encoding="utf-8") as file:
         for entry in entries:
@@ -193,96 +184,60 @@ def _measure(arguments: argparse.Namespace, raw: Path) -> list[Entry]:
 
 def _run_all(jobs: list[Job]) -> Iterator[Entry]:
     """Every job's entries; one that fails leaves an entry with `error`, and the rest goes on."""
-    started, done, total = time.monotonic(), 0.0, sum(job.seconds for job in jobs)
-    for number, job in enumerate(jobs, start=1):
-        began = time.monotonic()
-        error = ""
+    progress = Progress([job.seconds for job in jobs])
+    for job in jobs:
+        began, failed = time.monotonic(), ""
         try:
             yield from job.run()
         except Exception as raised:
-            error = f"{type(raised).__name__}: {raised}"
+            failed = "  FAILED"
             traceback.print_exc()
             for row in job.rows:
-                yield {"row": row, "job": job.name, "error": error}
-        done += job.seconds
-        left = (time.monotonic() - started) / done * (total - done)
-        print(
-            f"[{number}/{len(jobs)}, {left / 60:.0f} min left] {job.name}: "
-            f"{time.monotonic() - began:.1f} s{'  FAILED' if error else ''}",
-            flush=True,
-        )
+                yield {"row": row, "job": job.name, "error": f"{type(raised).__name__}: {raised}"}
+        progress.done(f"{job.name}: {time.monotonic() - began:.1f} s{failed}", job.seconds)
 
 
 def _jobs(arguments: argparse.Namespace) -> Iterator[Job]:
     rows = set(arguments.only)
-    cases = [case for case in all_cases() if _wanted(case, arguments)]
-    recorded = tuple(row for row in _RECORDED if row in rows)
-    by_scene = {scene: [c for c in cases if c.scene == scene] for scene in SCENE_NAMES}
+    cases = wanted_cases(all_cases(), arguments)
+    scenes = [case.scene for case in cases]
+    recorded = [row for row in _RECORDED if row in rows]
     for case in cases:
         wanted = [row for row in recorded if row != "goal_sets" or "cabinet" in case.scene]
         if wanted:
-            share = -(-arguments.agreement // len(by_scene[case.scene]))
+            share = -(-arguments.agreement // scenes.count(case.scene))
             seconds = 5.0 + 2.0 * len(wanted) + 2e-4 * share * ("agreement" in rows)
-            yield Job(
-                f"recorded queries of {case}",
-                tuple(wanted),
-                seconds,
-                partial(_recorded, case, wanted, share, arguments),
-            )
+            run = partial(_recorded, case, wanted, share, arguments)
+            yield Job(f"recorded queries of {case}", tuple(wanted), seconds, run)
     if "samples" in rows:
         for case in cases:
-            yield Job(
-                f"sampling, {case}",
-                ("samples",),
-                1.5 + arguments.sampling_seconds,
-                partial(_sampling, case, arguments),
-            )
+            seconds, run = 1.5 + _SAMPLING_SECONDS, partial(_sampling, case)
+            yield Job(f"sampling, {case}", ("samples",), seconds, run)
     if "clouds" in rows:
-        for scene in (scene for scene, own in by_scene.items() if own):
-            yield Job(
-                f"clouds, {scene}",
-                ("clouds",),
-                5.0 + arguments.cloud_repeats,
-                partial(_clouds, scene, arguments),
-            )
-    if "first" in rows:
-        yield Job(
-            "first placements",
-            ("first", "checked"),
-            2.5 * arguments.seeds * len(cases),
-            partial(_first_placements, cases, arguments),
-        )
+        for scene in dict.fromkeys(scenes):
+            rng = np.random.default_rng(_SEED)
+            run = partial(measure_clouds, scene, _CLOUD_REPEATS, rng)
+            yield Job(f"clouds, {scene}", ("clouds",), 5.0 + _CLOUD_REPEATS, run)
+    if "first" in rows and cases:
+        seconds, run = 2.5 * _FIRST_SEEDS * len(cases), partial(_first, cases, arguments.output)
+        yield Job("first placements", ("first", "checked"), seconds, run)
     if "plain" in rows:
         for case in cases:
-            yield Job(
-                f"first placements by the plain path, {case}",
-                ("plain",),
-                10.0 * arguments.plain_seeds,
-                partial(_plain_placements, case, arguments),
-            )
+            name = f"first placements by the plain path, {case}"
+            run = partial(_plain, case, arguments.output / "plain")
+            yield Job(name, ("plain",), 10.0 * _PLAIN_SEEDS, run)
     if "node" in rows:
-        yield Job(
-            "the node",
-            ("node", "memory"),
-            30.0 + 2.5 * arguments.stops + 60.0 * arguments.minutes,
-            partial(measure_node, arguments.stops, arguments.minutes, arguments.seed),
-        )
-
-
-def _wanted(case: Case, arguments: argparse.Namespace) -> bool:
-    return (
-        (not arguments.scene or case.scene in arguments.scene)
-        and (not arguments.object or case.object in arguments.object)
-        and (not arguments.objective or case.objective in arguments.objective)
-    )
+        seconds = 30.0 + 2.5 * arguments.stops + 60.0 * arguments.minutes
+        run = partial(measure_node, arguments.stops, arguments.minutes, _SEED)
+        yield Job("the node", ("node", "memory"), seconds, run)
 
 
 def _recorded(
     case: Case, rows: list[str], agreement: int, arguments: argparse.Namespace
 ) -> Iterator[Entry]:
     settings = RecordSettings(runs=arguments.runs, samples=arguments.samples)
-    recording = record(case, arguments.seed, settings)
-    rng = np.random.default_rng([arguments.seed, *str(case).encode()])  # differs from case to case
+    recording = record(case, _SEED, settings)
+    rng = np.random.default_rng([_SEED, *str(case).encode()])  # differs from case to case
     bench = Bench(recording, CompareSettings(), rng)
     for row, measure in (
         ("configurations", bench.configurations),
@@ -295,43 +250,28 @@ def _recorded(
     if "agreement" in rows:
         yield from bench.agreement(agreement)
     if "goal_sets" in rows:
-        yield from measure_goal_sets(recording, arguments.plain_queries, arguments.query_limit, rng)
+        yield from measure_goal_sets(recording, _PLAIN_QUERIES, _QUERY_LIMIT, rng)
 
 
-def _sampling(case: Case, arguments: argparse.Namespace) -> Iterator[Entry]:
-    yield measure_sampling(case, arguments.seed, arguments.sampling_seconds)
+def _sampling(case: Case) -> Iterator[Entry]:
+    yield measure_sampling(case, _SEED, _SAMPLING_SECONDS)
 
 
-def _clouds(scene: str, arguments: argparse.Namespace) -> Iterator[Entry]:
-    rng = np.random.default_rng(arguments.seed)
-    yield from measure_clouds(scene, arguments.cloud_repeats, rng)
-
-
-def _first_placements(cases: list[Case], arguments: argparse.Namespace) -> Iterator[Entry]:
+def _first(cases: tuple[Case, ...], output: Path) -> Iterator[Entry]:
     """The first one of a process is not counted: it fills what no warm-up reaches."""
-    folder = arguments.output / _FIRST_FOLDER
+    folder = output / "first"
     folder.mkdir(parents=True, exist_ok=True)
-    measure_first(cases[0], arguments.seed, arguments.limit, folder)
-    with (folder / "runs.jsonl").open("w", encoding="utf-8") as runs:
+    measure_first(cases[0], _SEED, _FIRST_LIMIT, folder)
+    with (folder / RUNS_FILE).open("w", encoding="utf-8") as runs:
         for case in cases:
-            for seed in range(arguments.seed, arguments.seed + arguments.seeds):
-                entry, run = measure_first(case, seed, arguments.limit, folder)
-                runs.write(run.to_json() + "\n")
+            for seed in range(_SEED, _SEED + _FIRST_SEEDS):
+                entry, run = measure_first(case, seed, _FIRST_LIMIT, folder)
+                runs.write(json.dumps(run) + "\n")
                 yield entry
-    checked = check_recorded(folder)
-    if checked is not None:
-        yield checked
+    yield from check_recorded(folder)
 
 
-def _plain_placements(case: Case, arguments: argparse.Namespace) -> Iterator[Entry]:
-    for seed in range(arguments.seed, arguments.seed + arguments.plain_seeds):
-        entry, _ = measure_first(
-            case,
-            seed,
-            arguments.limit,
-            arguments.output / "plain",
-            PlainPlanner,
-            "plain",
-            PlainPlanner.register,
-        )
-        yield entry
+def _plain(case: Case, folder: Path) -> Iterator[Entry]:
+    for seed in range(_SEED, _SEED + _PLAIN_SEEDS):
+        make, ready = PlainPlanner, PlainPlanner.register
+        yield measure_first(case, seed, _FIRST_LIMIT, folder, make, "plain", ready)[0]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -16,15 +17,18 @@ from placement_planner_ros.core.collision.separation import COLLIDING, FREE
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.reach.ik import InverseKinematics
 from placement_planner_ros.core.types import Array, Verdict
-from placement_planner_ros.experiments.exact_collision import ExactCollision, compare
+from placement_planner_ros.experiments.baselines.exact_collision import (
+    Agreement,
+    ExactCollision,
+    compare,
+)
 from placement_planner_ros.experiments.speed.measures import cpu_seconds
 from placement_planner_ros.experiments.speed.recorder import HeldQueries, Recording
+from placement_planner_ros.experiments.speed.rows import Entry
 
 EXHAUSTIVE_SEEDS = 256
 _NOISE = 0.05
 """rad, of configurations around recorded ones."""
-
-Entry = dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,71 +57,52 @@ class Bench:
 
     def exact(self, queries: HeldQueries) -> ExactCollision:
         """coal alone for that arm and grasp."""
-        holding, problem = queries.holding, self._recording.problem
         if id(queries) not in self._exact:
+            holding, recording = queries.holding, self._recording
             self._exact[id(queries)] = ExactCollision(
-                problem.robot,
-                holding.arm,
-                holding.grasp,
-                problem.body,
-                problem.environment.obstacles,
-                problem.q_start,
-                self._recording.settings.collision,
+                holding.moving,
+                holding.held,
+                recording.problem.environment.obstacles,
+                recording.settings.collision,
             )
         return self._exact[id(queries)]
 
     def configurations(self) -> Entry:
         """The fast tier on every recorded configuration, in the order they came; then by answer."""
-        count, free, undecided, seconds, free_seconds, hit_seconds = 0, 0, 0, 0.0, 0.0, 0.0
+        parts = []
         for queries in self._recording.held:
-            collision = queries.holding.collision
+            classify = queries.holding.collision.classify
             for contact, states in _by_contact(queries.states, queries.contact):
-                answers = collision.classify(states, contact=contact)
-                count += len(states)
-                free += int((answers == FREE).sum())
-                undecided += int(((answers != FREE) & (answers != COLLIDING)).sum())
+                answers = classify(states, contact=contact)
                 clear = answers == FREE
-                seconds += cpu_seconds(partial(collision.classify, states, contact=contact))
-                free_seconds += cpu_seconds(
-                    partial(collision.classify, states[clear], contact=contact)
+                decided = clear | (answers == COLLIDING)
+                parts.append(
+                    {"queries": len(states), "free": int(clear.sum())}
+                    | {"undecided": int((~decided).sum())}
+                    | _timed("seconds", classify, states, contact=contact)
+                    | _timed("free_seconds", classify, states[clear], contact=contact)
+                    | _timed("colliding_seconds", classify, states[~clear], contact=contact)
                 )
-                hit_seconds += cpu_seconds(
-                    partial(collision.classify, states[~clear], contact=contact)
-                )
-        return self._entry(
-            "configurations",
-            queries=count,
-            free=free,
-            undecided=undecided,
-            seconds=seconds,
-            free_seconds=free_seconds,
-            colliding_seconds=hit_seconds,
-        )
+        return self._entry("configurations", parts)
 
     def answers(self) -> Entry:
         """Configurations answered to the end, by the fast path and by coal alone."""
-        entry = self._entry("answers", queries=0, free=0, ties=0, contradictions=0, disagreements=0)
-        entry |= {"seconds": 0.0, "exact_seconds": 0.0}
+        parts = []
         shares = _shares([len(q.states) for q in self._recording.held], self._settings.states)
         for queries, share in zip(self._recording.held, shares, strict=True):
             kept = self._choice(len(queries.states), share)
             exact, collision = self.exact(queries), queries.holding.collision
             for contact, states in _by_contact(queries.states[kept], queries.contact[kept]):
-                both = compare(collision, exact, states, contact=contact)
-                entry["queries"] += len(states)
-                entry["free"] += both.free
-                entry["ties"] += both.ties
-                entry["contradictions"] += both.contradictions
-                entry["disagreements"] += len(both.disagreements)
-                entry["seconds"] += cpu_seconds(
-                    partial(collision.free_batch, states, contact=contact)
+                parts.append(
+                    _agreement(compare(collision, exact, states, contact=contact), len(states))
+                    | _timed("seconds", collision.free_batch, states, contact=contact)
+                    | _timed("exact_seconds", exact.free_batch, states, contact=contact)
                 )
-                entry["exact_seconds"] += cpu_seconds(partial(_free, exact, states, contact))
-        return entry
+        return self._entry("answers", parts)
 
     def edges(self) -> Entry:
         """Edges certified to the end beside coal's samples every 5 mm."""
-        count, certified, refuted, sampled_free, seconds, exact_seconds = 0, 0, 0, 0, 0.0, 0.0
+        parts = []
         shares = _shares([len(q.edges) for q in self._recording.held], self._settings.edges)
         for queries, share in zip(self._recording.held, shares, strict=True):
             kept = self._choice(len(queries.edges), share)
@@ -125,21 +110,13 @@ class Bench:
             for contact, edges in _by_contact(queries.edges[kept], queries.edge_contact[kept]):
                 ours = _edges_free(collision, edges, contact)
                 theirs = _edges_free(exact, edges, contact)
-                seconds += cpu_seconds(partial(_edges_free, collision, edges, contact))
-                exact_seconds += cpu_seconds(partial(_edges_free, exact, edges, contact))
-                count += len(edges)
-                certified += sum(ours)
-                sampled_free += sum(theirs)
-                refuted += sum(a and not b for a, b in zip(ours, theirs, strict=True))
-        return self._entry(
-            "edges",
-            queries=count,
-            certified=certified,
-            sampled_free=sampled_free,
-            refuted=refuted,
-            seconds=seconds,
-            exact_seconds=exact_seconds,
-        )
+                parts.append(
+                    {"queries": len(edges), "certified": sum(ours), "sampled_free": sum(theirs)}
+                    | {"refuted": sum(a and not b for a, b in zip(ours, theirs, strict=True))}
+                    | _timed("seconds", _edges_free, collision, edges, contact)
+                    | _timed("exact_seconds", _edges_free, exact, edges, contact)
+                )
+        return self._entry("edges", parts)
 
     def kinematics(self) -> Entry:
         """Collision-free configurations for recorded poses, and what an exhaustive search adds.
@@ -148,9 +125,7 @@ class Bench:
         checks: of all recorded poses, and of those that the exhaustive search solves. That one
         keeps the solutions of all its seeds, but sweeps no self-motions.
         """
-        settings = self._recording.settings
-        entry = self._entry("ik", poses=0, found=0, seconds=0.0, reached=0, exhaustive=0, missed=0)
-        entry |= {"solvable_found": 0, "solvable_seconds": 0.0}
+        settings, parts = self._recording.settings, []
         shares = _shares([len(q.poses) for q in self._recording.held], self._settings.poses)
         for queries, share in zip(self._recording.held, shares, strict=True):
             kept = self._choice(len(queries.poses), share)
@@ -170,18 +145,15 @@ class Bench:
             random = solver.random_seeds(self._rng, (len(T), EXHAUSTIVE_SEEDS))
             solvable = _free_counts(holding, *solver.solve_batch(T, random)) > 0
             ours = solve(poses)
-            entry["poses"] += len(T)
-            entry["found"] += int(ours.sum())
-            entry["seconds"] += cpu_seconds(partial(solve, poses))
-            entry["reached"] += int((ours > 0).sum())
-            entry["exhaustive"] += int(solvable.sum())
-            entry["missed"] += int((solvable & (ours == 0)).sum())
+            part = {"poses": len(T), "found": int(ours.sum()), **_timed("seconds", solve, poses)}
+            part |= {"reached": int((ours > 0).sum()), "exhaustive": int(solvable.sum())}
+            part |= {"missed": int((solvable & (ours == 0)).sum())}
+            part |= {"solvable_found": int(ours[solvable].sum()), "solvable_seconds": 0.0}
             if solvable.any():
-                entry["solvable_found"] += int(ours[solvable].sum())
-                entry["solvable_seconds"] += cpu_seconds(
-                    partial(solve, [poses[i] for i in np.flatnonzero(solvable)])
-                )
-        return entry
+                solved = [poses[i] for i in np.flatnonzero(solvable)]
+                part |= _timed("solvable_seconds", solve, solved)
+            parts.append(part)
+        return self._entry("ik", parts)
 
     def agreement(self, number: int) -> Iterator[Entry]:
         """Fast answers beside coal's, half at random, half around recorded configurations.
@@ -199,30 +171,43 @@ class Bench:
             states = np.clip(states, arm.lower, arm.upper)
             states[::2] = random[::2]
             contact = self._rng.random(share) < 0.5
-            parts = [
-                compare(collision, exact, group, contact=kind)
+            both = [
+                (len(group), compare(collision, exact, group, contact=kind))
                 for kind, group in _by_contact(states, contact)
             ]
-            yield self._entry(
-                "agreement",
-                arm=arm.name,
-                grasp=queries.holding.grasp,
-                queries=share,
-                free=sum(part.free for part in parts),
-                undecided=sum(part.undecided for part in parts),
-                ties=sum(part.ties for part in parts),
-                contradictions=sum(part.contradictions for part in parts),
-                disagreements=sum(len(part.disagreements) for part in parts),
-                where=[q for part in parts for q in part.disagreements.tolist()],
-            )
+            yield {
+                **self._entry("agreement", [_agreement(found, number) for number, found in both]),
+                "arm": arm.name,
+                "grasp": queries.holding.grasp,
+                "where": [q for _, found in both for q in found.disagreements.tolist()],
+            }
 
     def _choice(self, number: int, kept: int) -> npt.NDArray[np.int64]:
         """So many of range(number), in their order."""
         chosen = self._rng.choice(number, min(number, kept), replace=False)
         return np.sort(chosen).astype(np.int64)
 
-    def _entry(self, row: str, **values: object) -> Entry:
-        return {"row": row, "case": str(self._recording.case), **values}
+    def _entry(self, row: str, parts: Sequence[Mapping[str, float]]) -> Entry:
+        """The parts, added up."""
+        total: Counter[str] = Counter()
+        for part in parts:
+            total.update(part)
+        return {"row": row, "case": str(self._recording.case), **total}
+
+
+def _timed(name: str, action: Callable[..., object], *args: Any, **kwargs: Any) -> dict[str, float]:
+    return {name: cpu_seconds(partial(action, *args, **kwargs))}
+
+
+def _agreement(both: Agreement, queries: int) -> dict[str, float]:
+    return {
+        "queries": queries,
+        "free": both.free,
+        "undecided": both.undecided,
+        "ties": both.ties,
+        "contradictions": both.contradictions,
+        "disagreements": len(both.disagreements),
+    }
 
 
 def _by_contact(rows: Array, contact: npt.NDArray[np.bool_]) -> Iterator[tuple[bool, Array]]:
@@ -231,10 +216,6 @@ def _by_contact(rows: Array, contact: npt.NDArray[np.bool_]) -> Iterator[tuple[b
         chosen = np.ascontiguousarray(rows[contact == kind])
         if len(chosen):
             yield kind, chosen
-
-
-def _free(exact: ExactCollision, states: Array, contact: bool) -> list[bool]:
-    return [exact.free(q, contact=contact) for q in states]
 
 
 def _edges_free(

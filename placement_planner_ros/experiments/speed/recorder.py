@@ -17,7 +17,8 @@ from placement_planner_ros.core.collision.arm import ArmCollision
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.plan_motion.transit import MotionPlanner
-from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings, Problem
+from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
+from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.types import Array, Goal
 from placement_planner_ros.experiments.cases import Case, make_problem
 from placement_planner_ros.experiments.speed.measures import Reservoir

@@ -3,15 +3,26 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from placement_planner_ros.experiments.machine import machine, versions
 from placement_planner_ros.experiments.speed.measures import median, percentile
 
 Entry = dict[str, Any]
+
+MADE_WITH = "made_with"
+"""`row` of an entry that belongs to the rows it lists."""
+
+
+def made_with(rows: Sequence[str]) -> Entry:
+    """An entry that says what these rows were measured with, and on which day."""
+    day = time.strftime("%Y-%m-%d")
+    return {"row": MADE_WITH, "rows": list(rows), "day": day, **machine(), **versions()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,9 +31,8 @@ class Line:
 
     Attributes:
         value: NaN where it could not be measured.
-        higher: whether more is better.
         shown: the value with its unit.
-        wanted: the target with its unit.
+        wanted: the target with its unit, after >= where more is better.
         detail: over what it was measured, and what did not go well.
     """
 
@@ -30,7 +40,6 @@ class Line:
     what: str
     value: float
     target: float
-    higher: bool
     shown: str
     wanted: str
     detail: str
@@ -42,7 +51,7 @@ class Line:
             return 0.0
         if self.target == 0.0:
             return math.inf if self.value == 0.0 else 0.0
-        if self.higher:
+        if self.wanted.startswith(">="):
             return self.value / self.target
         return self.target / self.value if self.value > 0.0 else math.inf
 
@@ -52,34 +61,15 @@ class Line:
         return self.margin >= 1.0
 
 
-def _rate(row: str, what: str, rates: Sequence[float], target: float, detail: str) -> Line:
-    """A rate over cases: the median counts, the rate that 95 % of the cases exceed is told."""
-    slow = percentile(rates, 5)
-    return Line(
-        row,
-        what,
-        median(rates),
-        target,
-        True,
-        f"{median(rates):,.0f} /s (95 % of the cases above {slow:,.0f})",
-        f">= {target:,.0f} /s",
-        detail,
-    )
-
-
-def _times(row: str, what: str, ratios: Sequence[float], target: float, detail: str) -> Line:
-    """A ratio over cases."""
-    low = percentile(ratios, 5)
-    return Line(
-        row,
-        what,
-        median(ratios),
-        target,
-        True,
-        f"{median(ratios):.1f}x (95 % of the cases above {low:.1f}x)",
-        f">= {target:g}x",
-        detail,
-    )
+def _over_cases(
+    row: str, what: str, values: Sequence[float], target: float, unit: str, detail: str
+) -> Line:
+    """Rates or ratios over cases: the median counts, what 95 % of the cases exceed is told."""
+    digits = ",.0f" if unit == " /s" else ".1f"
+    middle, low = f"{median(values):{digits}}{unit}", f"{percentile(values, 5):{digits}}"
+    shown = f"{middle} (95 % of the cases above {low}{unit.strip(' /s')})"
+    wanted = f">= {target:,.0f}{unit}"
+    return Line(row, what, median(values), target, shown, wanted, detail)
 
 
 def _latency(
@@ -89,19 +79,9 @@ def _latency(
     lines = []
     for share, target in limits.items():
         value = percentile(seconds, share)
-        name = "median" if share == 50 else f"{share:g} %"
-        lines.append(
-            Line(
-                row,
-                f"{what}, {name}",
-                value,
-                target,
-                False,
-                f"{1e3 * value:,.0f} ms",
-                f"<= {1e3 * target:,.0f} ms",
-                detail,
-            )
-        )
+        named = f"{what}, {'median' if share == 50 else f'{share:g} %'}"
+        shown, wanted = f"{1e3 * value:,.0f} ms", f"<= {1e3 * target:,.0f} ms"
+        lines.append(Line(row, named, value, target, shown, wanted, detail))
     return lines
 
 
@@ -121,8 +101,24 @@ def _each(entries: Sequence[Entry], key: str, count: float) -> str:
     return f"{1e6 * _total(entries, key) / count:.1f} µs" if count else "none measured"
 
 
+def _by_scene(entries: Sequence[Entry]) -> dict[str, list[Entry]]:
+    scenes: dict[str, list[Entry]] = {}
+    for entry in entries:
+        scenes.setdefault(entry["case"].split("/")[0], []).append(entry)
+    return scenes
+
+
+def _parts(entries: Sequence[Entry], *names: str) -> str:
+    """Median milliseconds of each part."""
+    return ", ".join(
+        f"{name.replace('_', ' ')} {1e3 * median([e[f'{name}_seconds'] for e in entries]):.0f}"
+        for name in names
+    )
+
+
 def _configurations(entries: Sequence[Entry]) -> list[Line]:
     asked, free = _total(entries, "queries"), _total(entries, "free")
+    rates = [e["queries"] / e["seconds"] for e in entries]
     detail = (
         f"{asked:,.0f} recorded configurations of {len(entries)} cases, "
         f"{_share(free, asked)} free, "
@@ -130,76 +126,46 @@ def _configurations(entries: Sequence[Entry]) -> list[Line]:
         f"{_each(entries, 'free_seconds', free)} for a free one, "
         f"{_each(entries, 'colliding_seconds', asked - free)} for a colliding one"
     )
-    return [
-        _rate(
-            "configurations",
-            "configurations per second and core, fast tier",
-            [e["queries"] / e["seconds"] for e in entries],
-            400_000.0,
-            detail,
-        )
-    ]
+    what = "configurations per second and core, fast tier"
+    return [_over_cases("configurations", what, rates, 400_000.0, " /s", detail)]
 
 
 def _answers(entries: Sequence[Entry]) -> list[Line]:
     asked = _total(entries, "queries")
+    ratios = [e["exact_seconds"] / e["seconds"] for e in entries]
     detail = (
         f"{asked:,.0f} of the same, {_share(_total(entries, 'free'), asked)} free, "
         f"{_count(entries, 'disagreements')} answers differ; coal alone "
         f"{asked / _total(entries, 'exact_seconds'):,.0f} /s"
     )
-    return [
-        _times(
-            "answers",
-            "the same answered to the end, against coal alone",
-            [e["exact_seconds"] / e["seconds"] for e in entries],
-            20.0,
-            detail,
-        )
-    ]
+    what = "the same answered to the end, against coal alone"
+    return [_over_cases("answers", what, ratios, 20.0, "x", detail)]
 
 
 def _agreement(entries: Sequence[Entry]) -> list[Line]:
     lines = []
-    for scene in dict.fromkeys(e["case"].split("/")[0] for e in entries):
-        own = [e for e in entries if e["case"].startswith(f"{scene}/")]
+    for scene, own in _by_scene(entries).items():
         wrong, asked = _total(own, "disagreements"), _total(own, "queries")
         detail = (
             f"{asked:,.0f} configurations, {_share(_total(own, 'free'), asked)} free, "
             f"{_count(own, 'ties')} ties, {_count(own, 'contradictions')} where coal contradicts "
             "itself or a ball lies in both of what it calls apart"
         )
-        lines.append(
-            Line(
-                "agreement",
-                f"disagreements with the exact check, {scene}",
-                wrong,
-                0.0,
-                False,
-                f"{wrong:.0f}",
-                "0",
-                detail,
-            )
-        )
+        what = f"disagreements with the exact check, {scene}"
+        lines.append(Line("agreement", what, wrong, 0.0, f"{wrong:.0f}", "0", detail))
     return lines
 
 
 def _edges(entries: Sequence[Entry]) -> list[Line]:
     asked, certified = _total(entries, "queries"), _total(entries, "certified")
     missed = _total(entries, "sampled_free") - certified + _total(entries, "refuted")
+    ratios = [e["exact_seconds"] / e["seconds"] for e in entries]
     detail = (
         f"{asked:,.0f} recorded edges, {_share(certified, asked)} certified free; coal refutes "
         f"{_count(entries, 'refuted')} of those, and finds {missed:.0f} free that are not certified"
     )
-    return [
-        _times(
-            "edges",
-            "edges certified to the end, against coal every 5 mm",
-            [e["exact_seconds"] / e["seconds"] for e in entries],
-            30.0,
-            detail,
-        )
-    ]
+    what = "edges certified to the end, against coal every 5 mm"
+    return [_over_cases("edges", what, ratios, 30.0, "x", detail)]
 
 
 def _kinematics(entries: Sequence[Entry]) -> list[Line]:
@@ -208,56 +174,32 @@ def _kinematics(entries: Sequence[Entry]) -> list[Line]:
         ("poses that 256 seeds solve", "solvable_found", "solvable_seconds", "exhaustive"),
         ("all recorded poses", "found", "seconds", "poses"),
     ):
-        for scene in dict.fromkeys(e["case"].split("/")[0] for e in entries):
-            own = [e for e in entries if e["case"].startswith(f"{scene}/")]
+        for scene, own in _by_scene(entries).items():
             spent = _total(own, seconds)
             rate = _total(own, found) / spent if spent else math.nan
-            lines.append(
-                Line(
-                    "ik",
-                    f"collision-free IK solutions per second, {name}, {scene}",
-                    rate,
-                    7000.0,
-                    True,
-                    f"{rate:,.0f} /s",
-                    ">= 7,000 /s",
-                    f"{_count(own, over)} poses, {_count(own, found)} solutions",
-                )
-            )
+            what = f"collision-free IK solutions per second, {name}, {scene}"
+            detail = f"{_count(own, over)} poses, {_count(own, found)} solutions"
+            lines.append(Line("ik", what, rate, 7000.0, f"{rate:,.0f} /s", ">= 7,000 /s", detail))
     solvable, missed = _total(entries, "exhaustive"), _total(entries, "missed")
     share = 1.0 - missed / solvable if solvable else math.nan
-    lines.append(
-        Line(
-            "ik",
-            "of the poses that 256 random seeds solve, solved",
-            share,
-            0.99,
-            True,
-            f"{share:.1%}",
-            ">= 99 %",
-            f"{solvable:.0f} such poses of {_count(entries, 'poses')}; {missed:.0f} not solved",
-        )
-    )
-    return lines
+    what = "of the poses that 256 random seeds solve, solved"
+    detail = f"{solvable:.0f} such poses of {_count(entries, 'poses')}; {missed:.0f} not solved"
+    return [*lines, Line("ik", what, share, 0.99, f"{share:.1%}", ">= 99 %", detail)]
 
 
 def _samples(entries: Sequence[Entry]) -> list[Line]:
     rates = [e["samples"] / e["seconds"] for e in entries]
     slowest = min(zip(rates, (e["case"] for e in entries), strict=True))
     detail = f"{_count(entries, 'samples'):,} samples; slowest {slowest[1]}: {slowest[0]:,.0f} /s"
-    return [
-        _rate("samples", "goal samples tried per second in search", rates, 10_000.0, detail),
-    ]
+    what = "goal samples tried per second in search"
+    return [_over_cases("samples", what, rates, 10_000.0, " /s", detail)]
 
 
 def _clouds(entries: Sequence[Entry]) -> list[Line]:
     lines = []
     for kind in dict.fromkeys(e["kind"] for e in entries):
         own = [e for e in entries if e["kind"] == kind]
-        parts = ", ".join(
-            f"{name.replace('_', ' ')} {1e3 * median([e[f'{name}_seconds'] for e in own]):.0f}"
-            for name in ("environment", "clearance", "collision_field")
-        )
+        parts = _parts(own, "environment", "clearance", "collision_field")
         detail = f"{len(own)} times over {len({e['scene'] for e in own})} scenes; ms: {parts}"
         detail += f"; CPU {1e3 * median([e['cpu_seconds'] for e in own]):.0f}"
         what = f"{kind} cloud of {own[0]['points']:,} points to obstacle set, regions and fields"
@@ -277,10 +219,7 @@ def first_seconds(entry: Entry, *, environment: bool) -> float:
 def _first(entries: Sequence[Entry]) -> list[Line]:
     lines = []
     unsolved = sum(not e["solved"] for e in entries)
-    parts = ", ".join(
-        f"{name} {1e3 * median([e[f'{name}_seconds'] for e in entries]):.0f}"
-        for name in ("environment", "planner", "search")
-    )
+    parts = _parts(entries, "environment", "planner", "search")
     cpu = 1e3 * median([e["cpu_seconds"] for e in entries])
     detail = f"{len(entries)} runs, {unsolved} unsolved; median ms: {parts}"
     detail += f"; CPU of planner and search {cpu:.0f}"
@@ -296,14 +235,17 @@ def _checked(entries: Sequence[Entry]) -> list[Line]:
     detail = f"{checked:.0f} first placements looked at by test/checker.py"
     what = "first placements that the independent checker refuses"
     value = refused if checked else math.nan
-    return [Line("checked", what, value, 0.0, False, f"{refused:.0f}", "0", detail)]
+    return [Line("checked", what, value, 0.0, f"{refused:.0f}", "0", detail)]
 
 
-def _plain(entries: Sequence[Entry], ours: Sequence[Entry]) -> list[Line]:
-    unsolved = sum(not e["solved"] for e in entries)
-    plain = [first_seconds(e, environment=False) for e in entries]
-    runs = {(e["case"], e["seed"]) for e in entries}
-    own = [first_seconds(e, environment=False) for e in ours if (e["case"], e["seed"]) in runs]
+def _plain(entries: Sequence[Entry]) -> list[Line]:
+    """Entries of the plain path, beside those of the same runs by the planner."""
+    stock = [e for e in entries if e["row"] == "plain"]
+    unsolved = sum(not e["solved"] for e in stock)
+    plain = [first_seconds(e, environment=False) for e in stock]
+    runs = {(e["case"], e["seed"]) for e in stock}
+    ours = (e for e in entries if e["row"] == "first" and (e["case"], e["seed"]) in runs)
+    own = [first_seconds(e, environment=False) for e in ours]
     ratio = median(plain) / median(own) if own else math.nan
     detail = (
         f"{len(plain)} runs, {unsolved} unsolved at their limit; median {median(plain):.2f} s, "
@@ -311,7 +253,7 @@ def _plain(entries: Sequence[Entry], ours: Sequence[Entry]) -> list[Line]:
         f"{percentile(own, 95):.2f} s of the same runs"
     )
     what = "first placement against uniform + RRTConnect + coal, medians"
-    return [Line("plain", what, ratio, 10.0, True, f"{ratio:.1f}x", ">= 10x", detail)]
+    return [Line("plain", what, ratio, 10.0, f"{ratio:.1f}x", ">= 10x", detail)]
 
 
 def _goal_sets(entries: Sequence[Entry]) -> list[Line]:
@@ -334,14 +276,11 @@ def _goal_sets(entries: Sequence[Entry]) -> list[Line]:
             f"{1e3 * median(ours):,.0f} ms; RRTConnect leaves {unsolved} unsolved at its limit"
         )
         what = "the same against RRTConnect with coal every 5 mm, medians"
-        lines.append(Line("goal_sets", what, ratio, 10.0, True, f"{ratio:.1f}x", ">= 10x", detail))
+        lines.append(Line("goal_sets", what, ratio, 10.0, f"{ratio:.1f}x", ">= 10x", detail))
     return lines
 
 
 def _node(entries: Sequence[Entry]) -> list[Line]:
-    def of(kind: str) -> list[float]:
-        return [e["seconds"] for e in entries if e["kind"] == kind]
-
     lines = []
     for kind, what, limits in (
         ("start", "node: answer of ~/start", {50: 0.1, 95: 0.1}),
@@ -349,9 +288,10 @@ def _node(entries: Sequence[Entry]) -> list[Line]:
         ("stop", "node: from the stop call to idle", {50: 0.1, 99: 0.1}),
         ("first", "node: from the start call to ~/solution", {50: 0.25, 95: 1.0}),
     ):
-        seconds = of(kind)
-        if seconds:
-            unsolved = sum(not e.get("solved", True) for e in entries if e["kind"] == kind)
+        own = [e for e in entries if e["kind"] == kind]
+        seconds = [e["seconds"] for e in own]
+        if own:
+            unsolved = sum(not e.get("solved", True) for e in own)
             detail = f"{len(seconds)} calls, slowest {1e3 * max(seconds):,.0f} ms"
             detail += f"; {unsolved} without one at the limit" if unsolved else ""
             lines += _latency("node", what, seconds, limits, detail)
@@ -379,9 +319,7 @@ def _memory(entries: Sequence[Entry]) -> list[Line]:
         )
         what = "resident memory of the node in a search, most"
         most = max(used)
-        lines.append(
-            Line("memory", what, most, 700.0, False, f"{most:.0f} MB", "<= 700 MB", detail)
-        )
+        lines.append(Line("memory", what, most, 700.0, f"{most:.0f} MB", "<= 700 MB", detail))
     return lines
 
 
@@ -395,51 +333,31 @@ _LINES: dict[str, Callable[[Sequence[Entry]], list[Line]]] = {
     "clouds": _clouds,
     "first": _first,
     "checked": _checked,
+    "plain": _plain,
     "goal_sets": _goal_sets,
     "node": _node,
     "memory": _memory,
 }
+"""Row -> its lines, in the table's order."""
 
-ROWS = (
-    "configurations",
-    "answers",
-    "agreement",
-    "edges",
-    "ik",
-    "samples",
-    "clouds",
-    "first",
-    "plain",
-    "goal_sets",
-    "node",
-)
+ROWS = tuple(row for row in _LINES if row not in ("checked", "memory"))
 """What can be chosen; `first` brings the checker's answers, `node` its memory."""
 
 
 def lines_of(entries: Sequence[Entry]) -> list[Line]:
     """The table's lines, in its order; failed jobs count as a line that is not met."""
-    sound = [e for e in entries if "error" not in e]
     lines: list[Line] = []
-    for row in dict.fromkeys([*_LINES, "plain"]):
-        own = [e for e in sound if e["row"] == row]
-        if own:
-            if row == "plain":
-                lines += _plain(own, [e for e in sound if e["row"] == "first"])
-            else:
-                lines += _LINES[row](own)
-        failed = [e for e in entries if e["row"] == row and "error" in e]
+    for row, make in _LINES.items():
+        asked = (row, "first") if row == "plain" else (row,)  # which is compared with it
+        own = [e for e in entries if e["row"] in asked and "error" not in e]
+        if any(e["row"] == row for e in own):
+            lines += make(own)
+        failed = [e["error"] for e in entries if e["row"] == row and "error" in e]
         if failed:
-            lines.append(
-                Line(
-                    row,
-                    f"{row}: jobs that failed",
-                    float(len(failed)),
-                    0.0,
-                    False,
-                    str(len(failed)),
-                    "0",
-                    "; ".join(dict.fromkeys(e["error"] for e in failed)),
-                )
+            what, why, number = (
+                f"{row}: jobs that failed",
+                "; ".join(dict.fromkeys(failed)),
+                len(failed),
             )
-    order = [*ROWS[:8], "checked", *ROWS[8:], "memory"]
-    return sorted(lines, key=lambda line: order.index(line.row))
+            lines.append(Line(row, what, float(number), 0.0, str(number), "0", why))
+    return lines

@@ -1,14 +1,24 @@
-"""Where the frame of a cloud is."""
+"""Where the frame of a cloud is: by parameter, by the robot's kinematics, or by tf2."""
 
 from __future__ import annotations
 
+import importlib
+import importlib.util
 from collections.abc import Callable
+from typing import Any
 
+import numpy as np
 import pinocchio as pin
+from builtin_interfaces.msg import Time as TimeMessage
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.time import Time
 
 from placement_planner_ros.core.errors import JointStateError, PlacementPlannerError
 from placement_planner_ros.core.robot.model import Robot
-from placement_planner_ros.ros.parameters import ParameterSet
+from placement_planner_ros.ros.parameters.values import ParameterSet
+
+WAIT = Duration(nanoseconds=100_000_000)
 
 
 class CloudFrameError(PlacementPlannerError):
@@ -59,3 +69,36 @@ def cloud_pose(
             f"planning frame {robot.root_link!r}, nor a link of the robot, nor known to tf2",
         )
     return found
+
+
+class Transforms:
+    """Looks transforms up by tf2; knows none where tf2_ros is not installed.
+
+    The wheels do not have it; a real Jazzy does.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._buffer: Any = None
+        if importlib.util.find_spec("tf2_ros") is not None:
+            tf2_ros = importlib.import_module("tf2_ros")
+            self._error = tf2_ros.TransformException
+            self._buffer = tf2_ros.Buffer()
+            self._listener = tf2_ros.TransformListener(self._buffer, node, spin_thread=True)
+
+    @property
+    def available(self) -> bool:
+        """Whether tf2_ros is installed."""
+        return self._buffer is not None
+
+    def pose(self, target: str, source: str, stamp: TimeMessage | None = None) -> pin.SE3 | None:
+        """T_target_source at the stamp (the newest without one), or None."""
+        if self._buffer is None:
+            return None
+        time = Time() if stamp is None else Time.from_msg(stamp)
+        try:
+            found = self._buffer.lookup_transform(target, source, time, timeout=WAIT).transform
+        except self._error:
+            return None
+        r, t = found.rotation, found.translation
+        rotation = pin.Quaternion(np.array([r.x, r.y, r.z, r.w])).normalized().toRotationMatrix()
+        return pin.SE3(rotation, np.array([t.x, t.y, t.z]))

@@ -1,12 +1,10 @@
-"""Everything the node is told, and one consistent snapshot of it."""
+"""Everything the node is told."""
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterable
-from functools import partial
-from typing import TypeVar
+from collections.abc import Iterable
 
 import numpy as np
 import trimesh
@@ -16,28 +14,17 @@ from sensor_msgs.msg import JointState, PointCloud2
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.errors import PlacementPlannerError
-from placement_planner_ros.core.robot.model import Arm
 from placement_planner_ros.core.types import Array, Placement
 from placement_planner_ros.ros.inputs.cloud_store import CloudStore, StoredCloud
-from placement_planner_ros.ros.inputs.frames import CloudFrameError, cloud_pose
+from placement_planner_ros.ros.inputs.frames import CloudFrameError, Transforms, cloud_pose
 from placement_planner_ros.ros.inputs.joint_states import JointStates
 from placement_planner_ros.ros.inputs.object_input import ObjectInput
 from placement_planner_ros.ros.inputs.point_cloud import points_from_message
-from placement_planner_ros.ros.inputs.robot_input import (
-    RobotInput,
-    make_arm,
-    require_grasp,
-    require_limits,
-)
-from placement_planner_ros.ros.inputs.transforms import Transforms
-from placement_planner_ros.ros.parameters import ParameterSet
-from placement_planner_ros.ros.run.planning import Snapshot
-from placement_planner_ros.ros.run.surroundings import require_grid
+from placement_planner_ros.ros.inputs.robot_input import RobotInput
+from placement_planner_ros.ros.parameters.values import ParameterSet
 
 CONFIRMED_SPACING = 0.004
 """Largest distance between neighbouring points on the surface of a confirmed object, metres."""
-
-Made = TypeVar("Made")
 
 
 class Inputs:
@@ -99,56 +86,6 @@ class Inputs:
             robot = None
         return self.clouds.changes, self.joints.positions(), self.object.mesh, robot, parameters
 
-    def snapshot(
-        self, parameters: ParameterSet, overridden: Iterable[str] = ()
-    ) -> Snapshot | list[PlacementPlannerError]:
-        """All inputs at this moment, or everything that is missing or wrong.
-
-        Args:
-            overridden: parameters that hold for this run only.
-        """
-        now = time.monotonic()
-        faults: list[PlacementPlannerError] = []
-        self._retry_waiting(parameters)
-
-        def attempt(make: Callable[[], Made]) -> Made | None:
-            try:
-                return make()
-            except PlacementPlannerError as error:
-                faults.append(error)
-                return None
-
-        mode, max_age = parameters["cloud.mode"], parameters["cloud.max_age"]
-        faults += self.clouds.faults(mode, max_age, now)
-        clouds = None if faults else attempt(lambda: self.clouds.snapshot(mode, max_age, now))
-        robot = attempt(lambda: self.robot.robot)
-        q_start: Array | None = None
-        arms: tuple[Arm, ...] = ()
-        if robot is not None:
-            q_start = attempt(
-                lambda: self.joints.resting(
-                    robot, now, parameters["joint_state_timeout"], parameters["start_tolerance"]
-                )
-            )
-            made = [
-                attempt(partial(make_arm, robot, parameters, name)) for name in parameters["arms"]
-            ]
-            arms = tuple(arm for arm in made if arm is not None)
-            if len(arms) == len(made):
-                attempt(lambda: require_grasp(arms))
-                attempt(lambda: require_limits(arms, parameters["acceleration_limits"]))
-        body = attempt(lambda: self.object.body(parameters, overridden))
-        if faults or robot is None or clouds is None or q_start is None or body is None:
-            return faults
-        points = tuple(cloud.points for cloud in clouds)
-        origins = tuple(cloud.origin for cloud in clouds)
-        placed = tuple(cloud.placed for cloud in clouds)
-        snapshot = Snapshot(
-            robot, arms, q_start, body, points, parameters, robot.root_link, origins, placed
-        )
-        attempt(lambda: require_grid(snapshot))
-        return faults or snapshot
-
     def confirm(self, placement: Placement, body: Body) -> None:
         """The object stands where it was placed: its surface is part of the environment now."""
         self.clouds.confirm(surface_points(body, placement))
@@ -180,7 +117,8 @@ class Inputs:
         if parameters["cloud.mode"] == "merge":
             self.clouds.merge(points, parameters["cloud.cell_size"])
 
-    def _retry_waiting(self, parameters: ParameterSet) -> None:
+    def retry_clouds(self, parameters: ParameterSet) -> None:
+        """Take clouds whose frame was unknown when they came, where it is known now."""
         with self._lock:
             waiting = dict(self._waiting)
         for topic, (message, taken) in waiting.items():

@@ -9,12 +9,13 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
+from shape_msgs.msg import Mesh
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.errors import ObjectError, PlacementPlannerError
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.resources import load_mesh
-from placement_planner_ros.ros.parameters import ParameterSet
+from placement_planner_ros.ros.parameters.values import ParameterSet
 
 Source = Literal["none", "topic", "mesh", "vertices"]
 _SOURCE_OF: dict[str, Source] = {
@@ -114,6 +115,13 @@ class ObjectInput:
         with self._lock:
             self._bodies = {key: body}
         return body
+
+
+def mesh_from_message(message: Mesh) -> tuple[Array, npt.NDArray[np.int64]]:
+    """Vertices (n, 3) and triangles (t, 3) of a message."""
+    vertices = np.array([[p.x, p.y, p.z] for p in message.vertices], dtype=np.float64)
+    triangles = np.array([t.vertex_indices for t in message.triangles], dtype=np.int64)
+    return vertices.reshape(-1, 3), triangles.reshape(-1, 3)
 
 
 def _given(parameters: ParameterSet, names: Iterable[str], otherwise: Source) -> Source:

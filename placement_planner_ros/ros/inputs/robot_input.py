@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import threading
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 
 import pinocchio as pin
 
 from placement_planner_ros.core.errors import (
-    GraspError,
-    ParameterError,
     PlacementPlannerError,
     RobotError,
 )
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.ros.inputs.resources import description_text, package_dirs
-from placement_planner_ros.ros.parameters import ParameterSet, poses_from_list
+from placement_planner_ros.ros.parameters.checks import poses_from_list
+from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.share import share_path
 
 FramePose = Callable[[str, str], pin.SE3 | None]
@@ -207,29 +206,3 @@ def require_known(robot: Robot, parameters: ParameterSet, names: Iterable[str]) 
                 raise RobotError(name, each, f"is no link of robot {robot.name!r}")
             if name in joints and each not in robot.joint_names:
                 raise RobotError(name, each, f"is no movable joint of robot {robot.name!r}")
-
-
-def require_limits(arms: Sequence[Arm], limits: Sequence[float]) -> None:
-    """Refuse acceleration limits that do not fit every arm.
-
-    Raises:
-        ParameterError: there are neither one nor as many as an arm has joints.
-    """
-    for arm in arms:
-        if len(limits) not in (1, len(arm.joints)):
-            raise ParameterError(
-                "acceleration_limits",
-                list(limits),
-                f"give one value, or {len(arm.joints)} for arm {arm.name}",
-            )
-
-
-def require_grasp(arms: Sequence[Arm]) -> None:
-    """Refuse arms of which none has a grasp.
-
-    Raises:
-        GraspError: there is none.
-    """
-    if not any(arm.grasps for arm in arms):
-        names = ", ".join(f"{arm.name}.grasps" for arm in arms)
-        raise GraspError(names, [], "give at least one grasp of one of the arms")

@@ -1,4 +1,4 @@
-"""Core types to messages and back. Pure functions."""
+"""Core types to messages. Pure functions."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import numpy.typing as npt
 import pinocchio as pin
 from builtin_interfaces.msg import Duration, Time
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
-from shape_msgs.msg import Mesh, MeshTriangle
 from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -90,18 +89,3 @@ def point_message(point: npt.ArrayLike) -> Point:
     """A point from (3,) metres."""
     x, y, z = (float(v) for v in np.asarray(point))
     return Point(x=x, y=y, z=z)
-
-
-def mesh_from_message(message: Mesh) -> tuple[Array, npt.NDArray[np.int64]]:
-    """Vertices (n, 3) and triangles (t, 3)."""
-    vertices = np.array([[p.x, p.y, p.z] for p in message.vertices], dtype=np.float64)
-    triangles = np.array([t.vertex_indices for t in message.triangles], dtype=np.int64)
-    return vertices.reshape(-1, 3), triangles.reshape(-1, 3)
-
-
-def mesh_message(vertices: Array, triangles: npt.NDArray[np.int64]) -> Mesh:
-    """A mesh from vertices (n, 3) and triangles (t, 3)."""
-    return Mesh(
-        vertices=[point_message(v) for v in vertices],
-        triangles=[MeshTriangle(vertex_indices=t.astype(np.uint32)) for t in triangles],
-    )

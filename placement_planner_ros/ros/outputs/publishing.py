@@ -12,7 +12,6 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Float64, Header
 from trajectory_msgs.msg import JointTrajectory
@@ -28,13 +27,9 @@ from placement_planner_ros.ros.outputs.conversions import (
     with_all_joints,
 )
 from placement_planner_ros.ros.outputs.markers import no_markers, placement_markers, scene_markers
-from placement_planner_ros.ros.run.planning import Snapshot
+from placement_planner_ros.ros.qos import LATCHED
+from placement_planner_ros.ros.run.snapshot import Snapshot
 
-LATCHED = QoSProfile(
-    depth=1,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
 _PATH_POINTS = 60
 _DRAW_AFTER = 0.5
 """Seconds from the beginning of a search to its first markers, unless a placement comes before."""

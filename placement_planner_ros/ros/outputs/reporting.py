@@ -18,9 +18,9 @@ from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.inputs import Inputs
 from placement_planner_ros.ros.outputs.publishing import Outputs
-from placement_planner_ros.ros.parameter_server import ParameterServer
-from placement_planner_ros.ros.run.run import Run, State
+from placement_planner_ros.ros.parameters.server import ParameterServer
 from placement_planner_ros.ros.run.validity import KnownSpace, blocked_by
+from placement_planner_ros.ros.run.worker import Run, State
 
 STATUS_PERIOD = 0.5
 """Least seconds between status messages while searching, unless the state changes."""

@@ -8,37 +8,13 @@ from typing import Protocol
 
 import numpy as np
 
-from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.objective.objective import ObjectiveContext, make_objective
-from placement_planner_ros.core.planner import PlacementPlanner, Problem
-from placement_planner_ros.core.robot.model import Arm, Robot
+from placement_planner_ros.core.objective.by_name import make_objective
+from placement_planner_ros.core.objective.objective import ObjectiveContext
+from placement_planner_ros.core.planner import PlacementPlanner
+from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.types import Array, Placement
-from placement_planner_ros.ros.parameters import ParameterSet
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Snapshot:
-    """Every input of a run, taken at one moment and never changed.
-
-    Attributes:
-        q_start: (nq,) q_0.
-        clouds: point sets (n, 3) in the planning frame.
-        parameters: of this run.
-        frame: the planning frame.
-        origins: per cloud, (3,) where its sensor was, None where that is not known.
-        placed: per cloud, whether it is an object placed before, which is never filtered.
-    """
-
-    robot: Robot
-    arms: tuple[Arm, ...]
-    q_start: Array
-    body: Body
-    clouds: tuple[Array, ...]
-    parameters: ParameterSet
-    frame: str
-    origins: tuple[Array | None, ...] = ()
-    placed: tuple[bool, ...] = ()
+from placement_planner_ros.core.types import Placement
+from placement_planner_ros.ros.run.snapshot import Snapshot
 
 
 class Counters(Protocol):

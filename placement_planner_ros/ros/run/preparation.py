@@ -11,10 +11,12 @@ import numpy as np
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.boxes import box_arrays
 from placement_planner_ros.core.errors import PlacementPlannerError
-from placement_planner_ros.core.planner import PlacementPlanner, Problem
+from placement_planner_ros.core.planner import PlacementPlanner
+from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.ros.run.planning import Prepared, Snapshot, make_planner
+from placement_planner_ros.ros.run.planning import Prepared, make_planner
+from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.run.surroundings import Surroundings
 
 LOOK = 0.2

@@ -8,14 +8,14 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.grasp.holding import workspace
+from placement_planner_ros.core.problem import workspace
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.regions import RegionSettings
 from placement_planner_ros.core.scene.visibility import View
 from placement_planner_ros.core.types import Array, TargetVolume
 from placement_planner_ros.ros.inputs.self_filter import outside_robot
-from placement_planner_ros.ros.run.planning import Snapshot
+from placement_planner_ros.ros.run.snapshot import Snapshot
 
 
 @dataclass(frozen=True, slots=True, eq=False)

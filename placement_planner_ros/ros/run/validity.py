@@ -8,11 +8,13 @@ import numpy as np
 from scipy.ndimage import binary_dilation
 
 from placement_planner_ros.core.collision.arm import ArmCollision
-from placement_planner_ros.core.grasp.holding import workspace
+from placement_planner_ros.core.collision.load import Held
+from placement_planner_ros.core.problem import workspace
+from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import Array, Placement
 from placement_planner_ros.ros.inputs.self_filter import outside_robot
-from placement_planner_ros.ros.run.planning import Snapshot
+from placement_planner_ros.ros.run.snapshot import Snapshot
 
 STEP = 0.02
 """rad or m, the largest joint step between checked configurations."""
@@ -75,12 +77,9 @@ def blocked_by(
     settings = snapshot.parameters.planner_settings.collision
     arm = next(a for a in arms if a.name == placement.goal.arm)
     collision = ArmCollision(
-        robot,
-        arm,
-        placement.goal.grasp,
-        snapshot.body,
+        MovingArm(robot, arm, snapshot.q_start),
+        Held(snapshot.body, placement.goal.grasp),
         ObstacleSet.from_points(new, snapshot.parameters.grid_settings, None),
-        snapshot.q_start,
         settings,
     )
     for configuration in _dense(placement.trajectory.positions):

@@ -29,8 +29,8 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from placement_planner_ros.experiments.cases import start_configuration
-from placement_planner_ros.experiments.picture import draw_objective, draw_placement
-from placement_planner_ros.ros.outputs.publishing import LATCHED
+from placement_planner_ros.experiments.drawing.picture import draw_objective, draw_placement
+from placement_planner_ros.ros.qos import LATCHED
 from placement_planner_ros.ros.tools.scene_publisher import ScenePublisher
 from placement_planner_ros.scenes.objects import OBJECT_NAMES, object_by_name
 from placement_planner_ros.scenes.scenes import SCENE_NAMES, scene_by_name
@@ -260,7 +260,8 @@ def _draw(options: argparse.Namespace, client: Client) -> None:
     )
     draw_objective(
         plot,
-        {f"{options.scene}, {options.object}": client.improvements},
+        f"{options.scene}, {options.object}",
+        client.improvements,
         end=options.seconds,
         title=options.objective,
     )

@@ -29,7 +29,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-from placement_planner_ros.ros.outputs.publishing import LATCHED
+from placement_planner_ros.ros.qos import LATCHED
 from placement_planner_ros.scenes.objects import OBJECT_NAMES
 from placement_planner_ros.scenes.scenes import SCENE_NAMES, scene_by_name
 from placement_planner_ros.share import share_path

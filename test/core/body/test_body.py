@@ -6,7 +6,8 @@ import pytest
 import trimesh
 from shared import SHARED
 
-from placement_planner_ros.core.body.body import Body, BodySettings
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.body.settings import BodySettings
 from placement_planner_ros.core.errors import ObjectError, ParameterError
 from placement_planner_ros.scenes.objects import object_by_name
 

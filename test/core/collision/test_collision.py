@@ -12,13 +12,15 @@ from placement_planner_ros.core.collision import boxes as collision_boxes
 from placement_planner_ros.core.collision.against_boxes import layer_range
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
 from placement_planner_ros.core.collision.hand import WristTurns
+from placement_planner_ros.core.collision.load import Held, Standing
 from placement_planner_ros.core.collision.separation import COLLIDING, FREE, UNDECIDED
 from placement_planner_ros.core.errors import GraspError, JointStateError, ParameterError
 from placement_planner_ros.core.reach.ik import InverseKinematics
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
-from placement_planner_ros.experiments.exact_collision import ExactCollision, compare
+from placement_planner_ros.experiments.baselines.exact_collision import ExactCollision, compare
 from placement_planner_ros.scenes.clouds import complete_cloud
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.scenes import scene_by_name
@@ -125,7 +127,8 @@ def yumi():
 
 def slider_checker(slider, obstacles, body=None, **kwargs):
     arm = slider.arm("arm", "ball", grasps=[pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.0405]))])
-    return ArmCollision(slider, arm, 0, body, obstacles, np.zeros(2), **kwargs)
+    load = None if body is None else Held(body)
+    return ArmCollision(MovingArm(slider, arm, np.zeros(2)), load, obstacles, **kwargs)
 
 
 # ---- scenes -------------------------------------------------------------------------------------
@@ -139,7 +142,7 @@ def yumi_setup(yumi, scene, thing, side):
     q_rest = yumi.configuration(start)
     points = complete_cloud(scene_by_name(scene), spacing=0.008, bounds=BOUNDS * 0.9)
     body = Body.from_mesh(obj.vertices, obj.triangles, obj.center_of_mass)
-    return yumi, arm, 0, body, obstacles_of(points), q_rest
+    return MovingArm(yumi, arm, q_rest), Held(body), obstacles_of(points)
 
 
 def mixed_setup(mixed):
@@ -150,7 +153,8 @@ def mixed_setup(mixed):
     ]
     grasp = pin.SE3(pin.utils.rotate("y", 0.4), np.array([0.06, 0.0, 0.01]))
     arm = mixed.arm("arm", "tip", grasps=[grasp], touch_links=["ring"])
-    return mixed, arm, 0, small_body((0.03, 0.1, 0.05)), obstacles_of(*blocks), np.zeros(4)
+    held = Held(small_body((0.03, 0.1, 0.05)))
+    return MovingArm(mixed, arm, np.zeros(4)), held, obstacles_of(*blocks)
 
 
 # ---- configurations -----------------------------------------------------------------------------
@@ -164,7 +168,7 @@ def test_agrees_with_coal_on_the_yumi(yumi, scene, thing, side):
     setup = yumi_setup(yumi, scene, thing, side)
     settings = CollisionSettings()
     checker, reference = ArmCollision(*setup, settings), ExactCollision(*setup, settings)
-    arm, q_start = setup[1], setup[5][setup[1].q_index]
+    arm, q_start = setup[0].arm, setup[0].q
     rng = np.random.default_rng(11)
     Q = np.vstack(
         [
@@ -187,7 +191,7 @@ def test_agrees_with_coal_on_every_kind_of_shape(mixed, self_margin):
     setup = mixed_setup(mixed)
     settings = CollisionSettings(collision_margin=0.005, self_margin=self_margin)
     checker, reference = ArmCollision(*setup, settings), ExactCollision(*setup, settings)
-    arm = setup[1]
+    arm = setup[0].arm
     Q = np.random.default_rng(5).uniform(arm.lower, arm.upper, (600, arm.dof))
     expected = np.array([reference.free(q) for q in Q])
     assert 0.1 < expected.mean() < 0.9
@@ -197,7 +201,7 @@ def test_agrees_with_coal_on_every_kind_of_shape(mixed, self_margin):
 def test_comparison_counts_disagreements_and_sets_ties_apart(slider):
     wall = obstacles_of(plate((0.002, 0.3, 0.3), (0.5, 0.0, 0.0)))
     arm = slider.arm("arm", "ball")
-    setup = (slider, arm, 0, None, wall, np.zeros(2))
+    setup = (MovingArm(slider, arm, np.zeros(2)), None, wall)
     checker = ArmCollision(*setup)
     touching = wall.lower[:, 0].min() - 0.02 - 0.003
     Q = np.array([[touching - gap, 0.0] for gap in (0.01, 0.0005, 3e-7, -3e-7, -0.0005, -0.01)])
@@ -211,16 +215,16 @@ def test_comparison_counts_disagreements_and_sets_ties_apart(slider):
 
 def test_exact_edges_take_samples_no_further_apart_than_asked(yumi):
     setup = yumi_setup(yumi, "table", "toy_table", "right")
-    exact, arm = ExactCollision(*setup), setup[1]
+    exact, arm = ExactCollision(*setup), setup[0].arm
     rng = np.random.default_rng(3)
     tip = np.array([0.05, 0.0, 0.1])
     for a, b in rng.uniform(arm.lower, arm.upper, (10, 2, arm.dof)):
-        chain = Chain.from_robot(yumi, arm, setup[5])
+        chain = Chain.from_robot(yumi, arm, setup[0].q_rest)
         T = chain.forward_batch(a + np.linspace(0, 1, 200)[:, None] * (b - a))
         way = np.linalg.norm(np.diff(T[:, :3, :3] @ tip + T[:, :3, 3], axis=0), axis=1).sum()
         assert exact.length(a, b) > 0.9 * way
     certified = ArmCollision(*setup)
-    Q = setup[5][arm.q_index] + rng.normal(size=(30, 2, arm.dof)) * 0.3
+    Q = setup[0].q + rng.normal(size=(30, 2, arm.dof)) * 0.3
     ours = np.array([certified.edge_free(a, b) for a, b in Q])
     sampled = np.array([exact.edge_free(a, b) for a, b in Q])
     assert not (ours & ~sampled).any()
@@ -229,7 +233,7 @@ def test_exact_edges_take_samples_no_further_apart_than_asked(yumi):
 
 def test_hardly_anything_is_left_undecided(yumi):
     setup = yumi_setup(yumi, "table", "wine_glass", "left")
-    checker, arm = ArmCollision(*setup), setup[1]
+    checker, arm = ArmCollision(*setup), setup[0].arm
     Q = np.random.default_rng(2).uniform(arm.lower, arm.upper, (3000, arm.dof))
     answers = checker.classify(Q)
     assert (answers == UNDECIDED).mean() < 0.002
@@ -240,7 +244,7 @@ def test_hardly_anything_is_left_undecided(yumi):
 
 def test_answers_do_not_depend_on_what_was_asked_before(yumi):
     setup = yumi_setup(yumi, "table", "wine_glass", "left")
-    arm = setup[1]
+    arm = setup[0].arm
     rng = np.random.default_rng(8)
     Q = rng.uniform(arm.lower, arm.upper, (400, arm.dof))
     first = ArmCollision(*setup).free_batch(Q)
@@ -252,8 +256,9 @@ def test_where_the_hand_surely_collides_no_configuration_is_free(yumi):
     """Neither those the poses were made from nor others that reach them."""
     rng = np.random.default_rng(30)
     for scene, side in (("cabinet_high_clutter", "left"), ("table", "right")):
-        robot, arm, grasp, body, obstacles, q_rest = yumi_setup(yumi, scene, "toy_table", side)
-        checker = ArmCollision(robot, arm, grasp, body, obstacles, q_rest)
+        setup = yumi_setup(yumi, scene, "toy_table", side)
+        robot, arm, q_rest = setup[0].robot, setup[0].arm, setup[0].q_rest
+        checker = ArmCollision(*setup)
         ik = InverseKinematics(Chain.from_robot(robot, arm, q_rest))
         Q = ik.random_seeds(rng, 3000)
         T = ik.chain.forward_batch(Q)
@@ -304,12 +309,12 @@ def test_curved_shapes_count_as_the_polytopes_around_them(tmp_path):
     robot = Robot.from_urdf(urdf)
     arm = robot.arm("arm", "ball")
     floor = obstacles_of(plate((0.8, 0.8, 0.02), (0.0, 0.0, -0.1), spacing=0.01))
-    checker = ArmCollision(robot, arm, 0, None, floor, np.zeros(2))
+    checker = ArmCollision(MovingArm(robot, arm, np.zeros(2)), None, floor)
     top = floor.upper[:, 2].max()
     assert not checker.free(np.array([0.0, top + 0.05 + 0.00299]))
     assert checker.free(np.array([0.0, top + 0.05 + 0.00301]))
     wall = obstacles_of(plate((0.02, 0.01, 0.3), (0.5, 0.0, 0.0)))
-    checker = ArmCollision(robot, arm, 0, None, wall, np.zeros(2))
+    checker = ArmCollision(MovingArm(robot, arm, np.zeros(2)), None, wall)
     face = wall.lower[:, 0].min()
     assert not checker.free(np.array([face - 0.2 - 0.00299, 0.0]))
     assert checker.free(np.array([face - 0.2 * 1.005 - 0.00301, 0.0]))
@@ -328,7 +333,7 @@ def test_empty_environment_and_empty_hand(slider):
 
 def test_a_ball_in_two_links_shows_that_they_overlap(yumi):
     setup = yumi_setup(yumi, "table", "toy_table", "right")
-    exact, arm = ExactCollision(*setup), setup[1]
+    exact, arm = ExactCollision(*setup), setup[0].arm
     rng = np.random.default_rng(5)
     overlapping = 0
     for q in rng.uniform(arm.lower, arm.upper, (150, arm.dof)):
@@ -375,10 +380,11 @@ def test_columns_hold_each_box_in_its_cell_once():
 def test_allowed_pairs_are_left_out(mixed, ring_file):
     q = np.array([0.0, 1.0, 0.1, 0.0])
     arm = mixed.arm("arm", "tip")
-    assert ArmCollision(mixed, arm, 0, None, obstacles_of(), np.zeros(4)).free(q)
+    assert ArmCollision(MovingArm(mixed, arm, np.zeros(4)), None, obstacles_of()).free(q)
     line = '<disable_collisions link1="upper" link2="fore" reason="Adjacent"/>'
     strict = Robot.from_urdf(mixed_urdf(ring_file), srdf=MIXED_SRDF.replace(line, ""))
-    checker = ArmCollision(strict, strict.arm("arm", "tip"), 0, None, obstacles_of(), np.zeros(4))
+    moving = MovingArm(strict, strict.arm("arm", "tip"), np.zeros(4))
+    checker = ArmCollision(moving, None, obstacles_of())
     said = checker.explain(q)
     assert said.startswith("fore meets upper at (")
 
@@ -436,26 +442,26 @@ def test_contact_leaves_out_the_object_against_its_support_only(slider):
 def test_object_may_touch_only_the_touch_links(mixed):
     grasp = pin.SE3(np.eye(3), np.array([-0.06, 0.0, 0.0]))  # in the ring that carries the tip
     plain = mixed.arm("arm", "tip", grasps=[grasp], touch_links=["ring"])
-    checker = ArmCollision(mixed, plain, 0, small_body(), obstacles_of(), np.zeros(4))
+    checker = ArmCollision(MovingArm(mixed, plain, np.zeros(4)), Held(small_body()), obstacles_of())
     assert checker.free(np.zeros(4))
     rail = Robot.from_urdf(SLIDER)
     strict = rail.arm("arm", "ball", grasps=[pin.SE3.Identity()], touch_links=[])
     with pytest.raises(GraspError, match=r"grasps\[0\].*ball"):
-        ArmCollision(rail, strict, 0, small_body(), obstacles_of(), np.zeros(2))
+        ArmCollision(MovingArm(rail, strict, np.zeros(2)), Held(small_body()), obstacles_of())
 
 
 def test_placed_object_is_an_obstacle_to_all_but_the_touch_links(slider):
     there = pin.SE3(np.eye(3), np.array([0.5, 0.0, 0.0]))
     arm = slider.arm("arm", "ball", touch_links=[])
     checker = ArmCollision(
-        slider, arm, 0, small_body(), obstacles_of(), np.zeros(2), T_world_object=there
+        MovingArm(slider, arm, np.zeros(2)), Standing(small_body(), there), obstacles_of()
     )
     assert "the placed object" in checker.explain(np.array([0.48, 0.0]))
     assert checker.free(np.array([0.4, 0.0]))
     assert not checker.edge_free(np.array([0.4, 0.0]), np.array([0.6, 0.0]))
     touching = slider.arm("arm", "ball", touch_links=["ball"])
     checker = ArmCollision(
-        slider, touching, 0, small_body(), obstacles_of(), np.zeros(2), T_world_object=there
+        MovingArm(slider, touching, np.zeros(2)), Standing(small_body(), there), obstacles_of()
     )
     assert checker.free(np.array([0.48, 0.0]))
 
@@ -502,7 +508,7 @@ def test_deviation_is_respected(slider):
 @pytest.mark.parametrize("length", [0.15, 1.0])
 def test_certified_edges_are_free_at_dense_samples(yumi, mixed, length):
     for setup in (yumi_setup(yumi, "table", "toy_table", "right"), mixed_setup(mixed)):
-        checker, arm = ArmCollision(*setup), setup[1]
+        checker, arm = ArmCollision(*setup), setup[0].arm
         rng = np.random.default_rng(6)
         Q = rng.uniform(arm.lower, arm.upper, (2000, arm.dof))
         A = Q[checker.free_batch(Q)][:60]
@@ -521,9 +527,9 @@ def test_certified_edges_are_free_at_dense_samples(yumi, mixed, length):
 
 def test_strayed_motions_of_certified_edges_are_free(yumi):
     setup = yumi_setup(yumi, "cabinet_high_clutter", "wine_glass", "left")
-    checker, arm = ArmCollision(*setup), setup[1]
+    checker, arm = ArmCollision(*setup), setup[0].arm
     rng = np.random.default_rng(9)
-    Q = setup[5][arm.q_index] + rng.normal(size=(400, arm.dof)) * 0.3
+    Q = setup[0].q + rng.normal(size=(400, arm.dof)) * 0.3
     A = Q[checker.free_batch(Q)][:40]
     B = A + rng.normal(size=A.shape) * 0.1
     deviation = np.full(arm.dof, 0.01)
@@ -540,7 +546,7 @@ def test_strayed_motions_of_certified_edges_are_free(yumi):
 def test_certified_edges_keep_their_distance_all_the_way(mixed):
     """The bound on motion itself: no margin is lost between the middles of certified intervals."""
     setup = mixed_setup(mixed)
-    checker, arm = ArmCollision(*setup), setup[1]
+    checker, arm = ArmCollision(*setup), setup[0].arm
     stricter = ArmCollision(*setup, CollisionSettings(self_reserve=0.0))
     rng = np.random.default_rng(12)
     Q = rng.uniform(arm.lower, arm.upper, (1500, arm.dof))

@@ -8,6 +8,7 @@ import pytest
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
 from placement_planner_ros.core.collision.pair_tables import CELL, apart_within
 from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.scenes.yumi import load_yumi, yumi_arm
 
@@ -39,7 +40,7 @@ def checker_for(robot, arm):
         np.zeros((0, 3)), GridSettings(), bounds=np.array([[-1.0] * 3, [1.0] * 3])
     )
     settings = CollisionSettings(self_margin=MARGIN, self_reserve=0.0)
-    return ArmCollision(robot, arm, 0, None, nothing, np.zeros(robot.model.nq), settings)
+    return ArmCollision(MovingArm(robot, arm, np.zeros(robot.model.nq)), None, nothing, settings)
 
 
 def distance(robot, links, q):

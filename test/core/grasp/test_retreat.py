@@ -18,13 +18,15 @@ from placement_planner_ros.core.collision.arm import (
     ArmCollision,
     CollisionSettings,
 )
+from placement_planner_ros.core.collision.load import Held, Standing
 from placement_planner_ros.core.errors import GraspError, ParameterError
 from placement_planner_ros.core.grasp.hand_opening import check_opening
 from placement_planner_ros.core.grasp.hand_sweep import openings, with_opening_hand
-from placement_planner_ros.core.grasp.open_hand import OpenHand, RetreatSettings
+from placement_planner_ros.core.grasp.open_hand import OpenHand
+from placement_planner_ros.core.grasp.settings import GraspSettings, RetreatSettings
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
-from placement_planner_ros.core.reach.ik import IKSettings
 from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.experiments.cases import Case, make_problem
 from placement_planner_ros.scenes.objects import object_by_name
@@ -64,16 +66,9 @@ def planned():
 
 
 def open_hand_of(problem, arm, obstacles=NOTHING, **settings):
-    return OpenHand(
-        problem.robot,
-        arm,
-        problem.body,
-        obstacles,
-        problem.q_start,
-        CollisionSettings(),
-        IKSettings(),
-        RetreatSettings(**settings),
-    )
+    moving = MovingArm(problem.robot, arm, problem.q_start)
+    grasping = GraspSettings(retreat=RetreatSettings(**settings))
+    return OpenHand(moving, problem.body, obstacles, grasping)
 
 
 def random_pose(rng, center):
@@ -88,7 +83,8 @@ def test_a_placed_object_that_was_moved_is_where_a_new_one_would_be(problem):
 
     def at(T):
         obstacles, q = problem.environment.obstacles, problem.q_start
-        return ArmCollision(problem.robot, arm, 0, problem.body, obstacles, q, None, T)
+        moving = MovingArm(problem.robot, arm, q)
+        return ArmCollision(moving, Standing(problem.body, T), obstacles)
 
     moved = at(pin.SE3.Identity())
     differing = 0
@@ -107,9 +103,8 @@ def test_a_placed_object_that_was_moved_is_where_a_new_one_would_be(problem):
 def test_left_out_pairs_and_the_environment_no_longer_count(problem):
     arm = replace(problem.arms[0], touch_links=())
     obstacles, q = problem.environment.obstacles, problem.q_start
-    whole = ArmCollision(
-        problem.robot, arm, 0, problem.body, obstacles, q, None, pin.SE3.Identity()
-    )
+    standing = Standing(problem.body, pin.SE3.Identity())
+    whole = ArmCollision(MovingArm(problem.robot, arm, q), standing, obstacles)
     Q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (300, arm.dof))
     assert not whole.free_batch(Q).all()
     assert whole.with_pairs(lambda a, b: False, environment=False).free_batch(Q).all()
@@ -406,7 +401,7 @@ def test_a_hand_whose_finger_opens_into_the_object_is_refused(wall, depth):
     )
     q = robot.configuration({"lift": 0.0, "slide": 0.0005})
     if depth is None:
-        check_opening(robot, arm, 0, body, q)
+        check_opening(MovingArm(robot, arm, q), Held(body))
     else:
         with pytest.raises(GraspError, match=rf"arm.grasps\[0\].*pushes finger {depth}"):
-            check_opening(robot, arm, 0, body, q)
+            check_opening(MovingArm(robot, arm, q), Held(body))

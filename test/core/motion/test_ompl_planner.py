@@ -98,12 +98,6 @@ def test_goal_states_are_reached_one_after_the_other():
     assert [1.0, 5.0] in reached
     assert problem.getSolutionCount() == len(reached) >= 2
 
-    data = planner.planner_data()
-    assert data.numVertices() == planner.search.node_count
-    assert data.numStartVertices() == 1
-    roots = (planner.search.trees()[1] < 0).sum()
-    assert data.numEdges() == data.numVertices() - roots
-
 
 def test_the_termination_condition_ends_it():
     space, si, wall = make_space()

@@ -7,10 +7,13 @@ import pytest
 from verify_cases import case_checker, load_solution
 
 from placement_planner_ros.core.collision.arm import ArmCollision
+from placement_planner_ros.core.collision.load import Held
 from placement_planner_ros.core.errors import CloudError
-from placement_planner_ros.core.grasp.holding import workspace
-from placement_planner_ros.core.objective.objective import ObjectiveContext, make_objective
+from placement_planner_ros.core.objective.by_name import make_objective
+from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
+from placement_planner_ros.core.problem import workspace
+from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.core.scene.visibility import View, seen_free, unknown_cells
@@ -297,9 +300,8 @@ def test_an_arm_may_start_but_not_enter_hidden_space():
     arm = plain.arms[0]
 
     def collision(problem):
-        return ArmCollision(
-            problem.robot, arm, 0, problem.body, problem.environment.obstacles, problem.q_start
-        )
+        moving = MovingArm(problem.robot, arm, problem.q_start)
+        return ArmCollision(moving, Held(problem.body), problem.environment.obstacles)
 
     q = plain.q_start[arm.q_index]
     assert collision(careful).free(q)

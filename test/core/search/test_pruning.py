@@ -5,34 +5,23 @@ import math
 from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
-from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.objective.objective import (
-    ObjectiveContext,
-    make_objective,
-    upper_bounds,
-)
+from placement_planner_ros.core.objective.by_name import make_objective
+from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.scene.slope import greatest_slope
 from placement_planner_ros.core.search.cell_layout import LOWER, UPPER, halved, whole_cells
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy
 from placement_planner_ros.core.search.pruning import Remainder, Ruling
 from placement_planner_ros.core.types import TargetVolume, Verdict
 from placement_planner_ros.experiments.cases import Case, make_problem
-from placement_planner_ros.experiments.placement_grid import GridResolution, grid_placements
+from placement_planner_ros.experiments.yardstick.placement_grid import (
+    GridResolution,
+    grid_placements,
+)
 
 CASE = Case("cabinet_low_clutter", "large_crayons_box", "maximize_clearance")
-SWITCHES = ("prune_reach", "prune_support", "prune_objective")
-DEFAULT = tuple(switch for switch in SWITCHES if getattr(PlannerSettings().sampling, switch))
-
-
-def with_pruning(*names: str) -> PlannerSettings:
-    settings = PlannerSettings()
-    chosen = {switch: switch in names for switch in SWITCHES}
-    return replace(settings, sampling=replace(settings.sampling, **chosen))
 
 
 @pytest.fixture(scope="module")
@@ -69,8 +58,9 @@ def poses_in(cells: np.ndarray, rng: np.random.Generator, of_each: int):
     return faces, np.column_stack([flat[:, :2], z]), flat[:, 2]
 
 
-def planner_of(problem, objective, *switches: str) -> PlacementPlanner:
-    settings = with_pruning(*switches)
+def planner_of(problem, objective, prune=True) -> PlacementPlanner:
+    settings = PlannerSettings()
+    settings = replace(settings, optimistic=replace(settings.optimistic, prune=prune))
     return PlacementPlanner(problem, objective, settings, np.random.default_rng(0))
 
 
@@ -86,9 +76,9 @@ def sampled(cabinet):
 def test_no_pose_of_a_cell_out_of_reach_is_reachable(cabinet, sampled):
     problem, objective = cabinet
     cells, poses = sampled
-    planner = planner_of(problem, objective, "prune_reach")
-    rulings = planner._bounds.rulings(cells, np.inf)
-    assert set(rulings) == {Ruling.OPEN, Ruling.OUT_OF_REACH}
+    planner = planner_of(problem, objective)
+    rulings = planner._bounds.rulings(cells)
+    assert set(rulings) == set(Ruling)
     _, T = planner.sampler._checker._poses.verdicts(*poses)
     T = T.reshape(len(cells), -1, 4, 4)
     reached = np.zeros(T.shape[:2], dtype=bool)
@@ -106,105 +96,36 @@ def test_no_pose_of_a_cell_out_of_reach_is_reachable(cabinet, sampled):
 def test_no_pose_of_an_unsupported_cell_is_stable(cabinet, sampled):
     problem, objective = cabinet
     cells, poses = sampled
-    planner = planner_of(problem, objective, "prune_support")
-    rulings = planner._bounds.rulings(cells, np.inf)
-    assert set(rulings) == {Ruling.OPEN, Ruling.UNSUPPORTED}
+    planner = planner_of(problem, objective)
+    rulings = planner._bounds.rulings(cells)
     verdicts, _ = planner.sampler._checker._poses.verdicts(*poses)
     stable = verdicts.reshape(len(cells), -1) > Verdict.UNSTABLE
     assert stable.any()
     assert not stable[rulings == Ruling.UNSUPPORTED].any()
     small = slice(-len(whole_cells(hierarchy(problem))), None)
-    never = ~stable[small].any(axis=1)
+    never = ~stable[small].any(axis=1) & (rulings[small] != Ruling.OUT_OF_REACH)
     assert (rulings[small][never] == Ruling.UNSUPPORTED).mean() > 0.5
 
 
-@pytest.mark.parametrize("name", ["maximize_clearance", "minimize_clearance"])
-def test_no_pose_of_a_cell_has_more_than_its_bound(cabinet, sampled, name):
-    problem, _ = cabinet
-    objective = make_objective(
-        name, ObjectiveContext(problem.environment, problem.volume, problem.body)
-    )
-    cells, poses = sampled
-    some = slice(0, None, 3)
-    planner = planner_of(problem, objective, "prune_objective")
-    _, T = planner.sampler._checker._poses.verdicts(*poses)
-    values = objective.values(T.reshape(len(cells), -1, 4, 4)[some].reshape(-1, 4, 4))
-    highest = values.reshape(len(cells[some]), -1).max(axis=1)
-    ruled_out = 0
-    for best in np.quantile(highest, [0.5, 0.8, 0.95]):
-        rulings = planner._bounds.rulings(cells[some], best)
-        assert set(rulings) <= {Ruling.OPEN, Ruling.NOT_BETTER}
-        out = rulings == Ruling.NOT_BETTER
-        ruled_out += out.sum()
-        assert (highest[out] <= best + planner._settings.min_improvement).all()
-    assert ruled_out > 0.2 * len(cells[some])
-
-
-class Eastward:
-    """ξ = the x of a point of the object, with the least upper bound there is."""
-
-    point = np.array([0.1, -0.05, 0.02])
-
-    def __call__(self, T_world_object: pin.SE3) -> float:
-        return float(T_world_object.act(self.point)[0])
-
-    def values(self, T_world_object):
-        return (T_world_object[:, :3, :3] @ self.point + T_world_object[:, :3, 3])[:, 0]
-
-    def upper_bounds(self, T_world_object, pivot, shift, turn):
-        arm = (T_world_object[:, :3, :3] @ self.point + T_world_object[:, :3, 3] - pivot)[:, :2]
-        angle = np.arctan2(arm[:, 1], arm[:, 0])
-        nearest_east = np.maximum(np.abs(angle) - turn, 0.0)
-        return pivot[:, 0] + np.linalg.norm(arm, axis=1) * np.cos(nearest_east) + shift
-
-
-def test_what_an_objective_is_asked_to_bound_holds_every_pose_of_the_cell(cabinet, sampled):
-    problem, _ = cabinet
-    cells, poses = sampled
-    planner = planner_of(problem, Eastward(), "prune_objective")
-    _, T = planner.sampler._checker._poses.verdicts(*poses)
-    highest = Eastward().values(T).reshape(len(cells), -1).max(axis=1)
-    ruled_out = 0
-    for best in np.linspace(highest.min(), highest.max(), 50):
-        out = planner._bounds.rulings(cells, best) == Ruling.NOT_BETTER
-        assert (highest[out] <= best + planner._settings.min_improvement).all()
-        ruled_out += out.sum()
-    assert ruled_out > 0.2 * 50 * len(cells)
-
-
-def test_no_stable_free_and_better_pose_of_a_grid_lies_in_a_cell_ruled_out(cabinet):
+def test_no_stable_and_free_pose_of_a_grid_lies_in_an_unsupported_cell(cabinet):
     problem, objective = cabinet
-    settings = PlannerSettings()
-    planner = planner_of(problem, objective, "prune_support", "prune_objective")
-    found = grid_placements(problem, GridResolution(0.03, math.radians(30.0)), settings)
+    planner = planner_of(problem, objective)
+    resolution = GridResolution(0.03, math.radians(30.0))
+    found = grid_placements(problem, resolution, PlannerSettings())
     assert len(found.face) > 100
-    for best in np.quantile(found.clearance, [0.2, 0.9]):
-        level = whole_cells(hierarchy(problem))
-        out = []
-        for _ in range(3):
-            rulings = planner._bounds.rulings(level, best)
-            out.append(level[rulings != Ruling.OPEN])
-            level = halved(level[rulings == Ruling.OPEN])
-        cells = np.concatenate(out)
-        assert len(cells) > 100
-        better = found.clearance > best + settings.min_improvement
-        place = np.column_stack([found.contact[:, :2], found.angle + 1e-9])  # on no cell's border
-        for face, z in {*zip(cells[:, 0], cells[:, 1], strict=True)}:
-            here = cells[(cells[:, :2] == (face, z)).all(axis=1)]
-            x = place[better & (found.face == face) & (found.contact[:, 2] == z)][:, None]
-            assert not ((here[:, LOWER] < x) & (x < here[:, UPPER])).all(axis=-1).any()
-
-
-def test_clearance_at_one_height_changes_no_faster_than_its_slope(cabinet):
-    field = cabinet[0].environment.clearance
-    slope = greatest_slope(field)
-    rng = np.random.default_rng(0)
-    volume = cabinet[0].volume
-    p = rng.uniform(volume.lower - 0.4, volume.upper + 0.4, (20_000, 3))
-    q = p + np.column_stack([rng.normal(0.0, 0.02, (len(p), 2)), np.zeros(len(p))])
-    ratio = np.abs(field.distance(p) - field.distance(q)) / np.linalg.norm(p - q, axis=1)
-    assert ratio.max() <= slope + 1e-6
-    assert ratio.max() > 0.5 * slope
+    level = whole_cells(hierarchy(problem))
+    out = []
+    for _ in range(3):
+        rulings = planner._bounds.rulings(level)
+        out.append(level[rulings == Ruling.UNSUPPORTED])
+        level = halved(level[rulings == Ruling.OPEN])
+    cells = np.concatenate(out)
+    assert len(cells) > 100
+    place = np.column_stack([found.contact[:, :2], found.angle + 1e-9])  # on no cell's border
+    for face, z in {*zip(cells[:, 0], cells[:, 1], strict=True)}:
+        here = cells[(cells[:, :2] == (face, z)).all(axis=1)]
+        x = place[(found.face == face) & (found.contact[:, 2] == z)][:, None]
+        assert not ((here[:, LOWER] < x) & (x < here[:, UPPER])).all(axis=-1).any()
 
 
 def around(volume):
@@ -220,11 +141,9 @@ def moved_away(problem, shift):
     return replace(problem, volume=volume, environment=environment)
 
 
-def planned(problem, switches=DEFAULT, samples=2000, objective=None):
-    objective = objective or make_objective(
-        "maximize_clearance", ObjectiveContext(problem.environment, problem.volume, problem.body)
-    )
-    planner = planner_of(problem, objective, *switches)
+def planned(problem, prune=True, samples=2000):
+    context = ObjectiveContext(problem.environment, problem.volume, problem.body)
+    planner = planner_of(problem, make_objective("maximize_clearance", context), prune)
     return planner, list(planner.run(lambda: planner.statistics.samples >= samples))
 
 
@@ -235,9 +154,7 @@ def test_a_volume_out_of_reach_ends_the_search_at_once_and_says_why(cabinet):
     assert "out of reach of every arm" in planner.exhausted
     assert "move target_volume closer" in planner.exhausted
     assert "support" not in planner.exhausted
-    assert planner.statistics.samples <= planner._settings.sampling.samples_per_call
-    unaware, _ = planned(far, switches=("prune_support", "prune_objective"))
-    assert unaware.exhausted == ""
+    assert planner.statistics.samples <= planner._settings.optimistic.samples_per_call
 
 
 def test_a_surface_too_small_for_every_face_ends_the_search_and_says_why(cabinet):
@@ -252,82 +169,38 @@ def test_a_surface_too_small_for_every_face_ends_the_search_and_says_why(cabinet
     assert placements == []
     assert "without support" in planner.exhausted
     assert "larger surfaces" in planner.exhausted
-    unaware, _ = planned(small, switches=("prune_reach", "prune_objective"))
-    assert unaware.exhausted == ""
 
 
-class Constant:
-    """ξ = 1 everywhere, with or without saying so."""
-
-    def __call__(self, T_world_object: pin.SE3) -> float:
-        return 1.0
-
-
-class KnownConstant(Constant):
-    def upper_bounds(self, T_world_object, pivot, shift, turn):
-        return np.ones(len(T_world_object))
-
-
-def test_an_objective_known_to_be_constant_ends_the_search_with_its_first_placement(cabinet):
-    problem, _ = cabinet
-    planner, placements = planned(problem, SWITCHES, objective=KnownConstant())
-    assert len(placements) == 1
-    assert "no placement better than 1 is left" in planner.exhausted
-    black_box, placements = planned(problem, SWITCHES, objective=Constant())
-    assert len(placements) == 1
-    assert black_box.exhausted == ""
-    assert black_box.statistics.samples >= 2000
-
-
-@pytest.mark.parametrize("switches", [(), *((name,) for name in SWITCHES), SWITCHES])
-def test_each_kind_of_pruning_can_be_switched_off(cabinet, switches):
-    problem, objective = cabinet
-    planner, placements = planned(problem, switches, 3500, objective)
+@pytest.mark.parametrize("prune", [True, False])
+def test_what_is_ruled_out_need_not_be_left_out_of_the_search(cabinet, prune):
+    planner, placements = planned(cabinet[0], prune, 3500)
     assert placements
     assert planner.exhausted == ""
-    ruled_out = {ruling for ruling, count in planner.sampler.rulings.items() if count}
-    expected = {
-        "prune_reach": Ruling.OUT_OF_REACH,
-        "prune_support": Ruling.UNSUPPORTED,
-        "prune_objective": Ruling.NOT_BETTER,
-    }
-    assert ruled_out - {Ruling.OPEN} <= {expected[name] for name in switches}
-    if switches == SWITCHES:
-        assert Ruling.NOT_BETTER in ruled_out
 
 
-def test_bounds_that_are_no_numbers_are_refused(cabinet):
-    class Wrong(Constant):
-        def upper_bounds(self, T_world_object, pivot, shift, turn):
-            return np.full(len(T_world_object), np.nan)
+class Bounds:
+    """Rules out some faces altogether."""
 
-    one = np.eye(4)[None]
-    with pytest.raises(ParameterError, match="upper_bounds must be 1 numbers"):
-        upper_bounds(Wrong(), one, np.zeros((1, 3)), np.zeros(1), np.zeros(1))
-
-
-class OpenBelow:
-    """Cells are open while ξ_best is below a threshold, but never for some faces."""
-
-    def __init__(self, threshold: float) -> None:
-        self.threshold = threshold
+    def __init__(self, *closed: int) -> None:
+        self.closed = closed
         self.asked = 0
 
-    def rulings(self, cells, best):
+    def rulings(self, cells):
         self.asked += 1
-        closed = np.where(cells[:, 0] == 0, Ruling.OUT_OF_REACH, Ruling.OPEN)
-        return np.where(best >= self.threshold, Ruling.NOT_BETTER, closed)
+        return np.where(np.isin(cells[:, 0], self.closed), Ruling.UNSUPPORTED, Ruling.OPEN)
 
 
-def test_what_is_left_is_sought_again_only_when_the_best_value_has_risen(cabinet):
-    bounds = OpenBelow(0.5)
+def test_what_is_left_is_sought_until_a_leaf_is_found_that_may_hold_a_goal(cabinet):
+    bounds = Bounds(0)
     remainder = Remainder(hierarchy(cabinet[0]), bounds)
-    assert not remainder.empty(-np.inf)
+    assert not remainder.empty()
     asked = bounds.asked
-    assert asked < 100
-    assert not remainder.empty(-np.inf)
+    assert 1 < asked < 100
+    assert not remainder.empty()
     assert bounds.asked == asked
-    assert not remainder.empty(0.4)
-    assert bounds.asked <= asked + 1
-    assert any(remainder.empty(0.5) for _ in range(1000))
-    assert "no placement better than 0.5" in remainder.why_empty(0.5)
+
+
+def test_nothing_is_left_once_every_face_is_ruled_out(cabinet):
+    remainder = Remainder(hierarchy(cabinet[0]), Bounds(*range(10)))
+    assert any(remainder.empty() for _ in range(1000))
+    assert "without support" in remainder.why_empty()

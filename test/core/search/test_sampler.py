@@ -8,24 +8,18 @@ import pytest
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.scene.regions import Region
-from placement_planner_ros.core.search.cell_layout import LOWER, UPPER, halved
-from placement_planner_ros.core.search.cells import CellSampler
+from placement_planner_ros.core.search.cell_layout import LOWER, UPPER, Y, halved
 from placement_planner_ros.core.search.hierarchy import (
     FULL_TURN,
     AfrHierarchy,
     AfrNode,
     HierarchySettings,
 )
+from placement_planner_ros.core.search.mcts import MctsSampler, MctsSettings
+from placement_planner_ros.core.search.optimistic import OptimisticSampler, OptimisticSettings
 from placement_planner_ros.core.search.pruning import Ruling
-from placement_planner_ros.core.search.sampler import (
-    Draws,
-    MctsSampler,
-    Outcome,
-    SamplerSettings,
-    UniformSampler,
-    checks_passed,
-    four_term,
-)
+from placement_planner_ros.core.search.sampler import Draws, Outcome, SamplerSettings
+from placement_planner_ros.core.search.uniform import UniformSampler
 from placement_planner_ros.core.types import Goal, Verdict
 
 
@@ -73,9 +67,17 @@ def hierarchy(**settings) -> AfrHierarchy:
     return AfrHierarchy([2, 1], 2, [square, strip], HierarchySettings(**settings))
 
 
-def sampler(kind=MctsSampler, seed=0, **settings):
+SETTINGS = {
+    MctsSampler: MctsSettings,
+    OptimisticSampler: OptimisticSettings,
+    UniformSampler: SamplerSettings,
+}
+
+
+def sampler(kind=MctsSampler, seed=0, bounds=(), **settings):
     checker = CornerChecker()
-    made = kind(hierarchy(), checker, SamplerSettings(**settings), np.random.default_rng(seed))
+    chosen = SETTINGS[kind](**settings)
+    made = kind(hierarchy(), checker, chosen, np.random.default_rng(seed), *bounds)
     return made, checker
 
 
@@ -114,7 +116,7 @@ def test_division_ends_at_the_minimal_area_and_angle():
     assert leaves > 100
 
 
-@pytest.mark.parametrize("kind", [MctsSampler, CellSampler, UniformSampler])
+@pytest.mark.parametrize("kind", [MctsSampler, OptimisticSampler, UniformSampler])
 def test_a_call_ends_at_its_budgets(kind):
     made, _ = sampler(kind, samples_per_call=30, goals_per_call=1000)
     made.sample_goals(-np.inf, never)
@@ -136,17 +138,20 @@ def test_tree_search_finds_more_goals_than_uniform_sampling():
 
 def test_optimistic_search_comes_closer_to_the_optimum_than_uniform_sampling():
     def gap(kind, seed):
-        made, _ = sampler(kind, seed=seed, uniform_first=500)
+        first = {"uniform_first": 500} if kind is OptimisticSampler else {}
+        made, _ = sampler(kind, seed=seed, **first)
         best = -np.inf
         while made.count.samples < 3000:
             best = max(best, *(g.objective for g in made.sample_goals(best, never)), best)
         return -best
 
-    gaps = {kind: [gap(kind, seed) for seed in range(9)] for kind in (CellSampler, UniformSampler)}
-    assert np.median(gaps[CellSampler]) < 0.5 * np.median(gaps[UniformSampler])
+    gaps = {
+        kind: [gap(kind, seed) for seed in range(9)] for kind in (OptimisticSampler, UniformSampler)
+    }
+    assert np.median(gaps[OptimisticSampler]) < 0.5 * np.median(gaps[UniformSampler])
 
 
-@pytest.mark.parametrize("kind", [MctsSampler, CellSampler, UniformSampler])
+@pytest.mark.parametrize("kind", [MctsSampler, OptimisticSampler, UniformSampler])
 def test_goals_beat_the_best_value_and_the_counts_add_up(kind):
     made, _ = sampler(kind, samples_per_call=2000, goals_per_call=10_000)
     goals = made.sample_goals(-0.05, never)
@@ -167,7 +172,7 @@ def test_uniform_sampling_is_uniform_over_the_regions_by_area():
     assert square[:, 2].mean() == pytest.approx(np.pi, abs=0.1)
 
 
-@pytest.mark.parametrize("kind", [MctsSampler, CellSampler, UniformSampler])
+@pytest.mark.parametrize("kind", [MctsSampler, OptimisticSampler, UniformSampler])
 def test_the_same_seed_gives_the_same_goals(kind):
     def run(seed):
         made, _ = sampler(kind, seed=seed, samples_per_call=2000, goals_per_call=10_000)
@@ -175,35 +180,6 @@ def test_the_same_seed_gives_the_same_goals(kind):
 
     assert run(1) == run(1)
     assert run(1) != run(2)
-
-
-def test_reward_is_the_share_of_checks_passed_and_falls_to_not_better():
-    assert checks_passed(Verdict.FEASIBLE) == 1.0
-    assert checks_passed(Verdict.OUTSIDE_VOLUME) == 0.0
-    rewards = [checks_passed(v) for v in Verdict]
-    assert rewards == sorted(rewards)
-    demoted = checks_passed(Verdict.FEASIBLE, better=False)
-    assert demoted == checks_passed(Verdict.NOT_BETTER)
-    assert checks_passed(Verdict.UNSTABLE, better=False) == checks_passed(Verdict.UNSTABLE)
-
-
-def test_four_term_reward_is_the_authors_form():
-    assert four_term((True, True, True, True), better=True) == 1.0
-    assert four_term((True, True, True, True), better=False) == 0.75
-    assert four_term((False, False, True, True), better=True) == 0.0
-    assert four_term((True, True, True, False), better=True) == 0.5
-    made, _ = sampler(samples_per_call=3000, goals_per_call=1000, reward="four_term")
-    assert made.sample_goals(-np.inf, never)
-
-
-def test_one_sample_at_a_time_is_what_the_paper_describes():
-    """With a batch of one each selection knows every reward before it."""
-    made, _ = sampler(samples_per_call=500, goals_per_call=1000, batch=1)
-    rewards = []
-    update = made.tree.update
-    made.tree.update = lambda n, *rest: (rewards.append(made.tree.visits(0)), update(n, *rest))
-    made.sample_goals(-np.inf, never)
-    assert rewards == list(range(500))
 
 
 def test_parts_of_a_cell_cover_it_without_overlap():
@@ -219,7 +195,7 @@ def test_parts_of_a_cell_cover_it_without_overlap():
 
 
 def test_cells_follow_what_is_best_at_every_scale_without_forgetting_the_rest():
-    made, checker = sampler(CellSampler, samples_per_call=6000, goals_per_call=10_000)
+    made, checker = sampler(OptimisticSampler, samples_per_call=6000, goals_per_call=10_000)
     made.sample_goals(-0.001, never)
     contacts = np.array(checker.contacts)
     in_corner = (contacts[:, :2] < 0.1).all(axis=1)
@@ -232,10 +208,57 @@ def test_cells_follow_what_is_best_at_every_scale_without_forgetting_the_rest():
     ).sum() > 14
 
 
+@pytest.mark.parametrize("name", ["samples_per_call", "goals_per_call", "batch"])
+@pytest.mark.parametrize("kind", SETTINGS.values())
+def test_budgets_below_one_are_refused(kind, name):
+    with pytest.raises(ParameterError, match=name):
+        kind(**{name: 0})
+
+
+def test_wrong_settings_are_refused():
+    with pytest.raises(ParameterError, match="uniform_first"):
+        OptimisticSettings(uniform_first=-1)
+    with pytest.raises(ParameterError, match="uniform_share"):
+        OptimisticSettings(uniform_share=1.0)
+    with pytest.raises(ParameterError, match="even_share"):
+        OptimisticSettings(even_share=1.1)
+    with pytest.raises(ParameterError, match="reward"):
+        MctsSettings(reward="best")
+    with pytest.raises(ParameterError, match="angle_intervals"):
+        HierarchySettings(angle_intervals=1)
+
+
+def test_cells_with_a_goal_wait_until_the_best_value_has_caught_up():
+    made, _ = sampler(OptimisticSampler, samples_per_call=2000, goals_per_call=10_000)
+    goals = made.sample_goals(-0.05, never)
+    waiting = [value for value, *_ in made._with_goal]
+    assert waiting
+    assert set(waiting) <= {goal.objective for goal in goals}
+    made.sample_goals(-1e-9, never)
+    assert all(value > -1e-9 for value, *_ in made._with_goal)
+
+
+class LowerHalf:
+    """Rules out the cells that lie beyond y = 0.2."""
+
+    def rulings(self, cells):
+        return np.where(cells[:, Y] >= 0.2, Ruling.OUT_OF_REACH, Ruling.OPEN)
+
+
+def test_parts_that_are_ruled_out_are_not_sampled():
+    def upper_share(prune):
+        settings = {"samples_per_call": 6000, "uniform_share": 0.0, "prune": prune}
+        made, checker = sampler(OptimisticSampler, bounds=(LowerHalf(),), **settings)
+        made.sample_goals(-1e-9, never)
+        return (np.array(checker.contacts)[3000:, 1] > 0.2).mean()
+
+    assert 4.0 * upper_share(prune=True) < upper_share(prune=False)
+
+
 class NearTheCorner:
     """Rules out every part that does not hold one pose near a corner."""
 
-    def rulings(self, cells: np.ndarray, best: float) -> np.ndarray:
+    def rulings(self, cells: np.ndarray) -> np.ndarray:
         pose = np.array([0.01, 0.01, 0.01])
         holds = (cells[:, LOWER] <= pose).all(axis=1) & (pose <= cells[:, UPPER]).all(axis=1)
         return np.where(holds, Ruling.OPEN, Ruling.OUT_OF_REACH)
@@ -244,31 +267,10 @@ class NearTheCorner:
 def test_it_goes_on_where_pruning_empties_the_levels():
     """One part of a part is left at most, so that all levels between run dry."""
     checker = CornerChecker()
-    settings = SamplerSettings(samples_per_call=5000, goals_per_call=100, prune_objective=True)
-    afr = hierarchy(min_area=1e-6)
-    made = CellSampler(afr, checker, settings, np.random.default_rng(0), NearTheCorner())
+    checker.judge = lambda *_: (Verdict.COLLIDING, -np.inf)  # so that every part is asked about
+    settings = OptimisticSettings(samples_per_call=5000, goals_per_call=100)
+    afr, rng = hierarchy(min_area=1e-6), np.random.default_rng(0)
+    made = OptimisticSampler(afr, checker, settings, rng, NearTheCorner())
     assert made.sample_goals(-1e-9, never) == []
     assert len(checker.contacts) == 5000
-    assert made.rulings[Ruling.OUT_OF_REACH] > 5 * made.rulings[Ruling.OPEN] > 0
     assert len(made._levels) > 6
-
-
-def test_wrong_settings_are_refused():
-    with pytest.raises(ParameterError, match="samples_per_call"):
-        SamplerSettings(samples_per_call=0)
-    with pytest.raises(ParameterError, match="uniform_first"):
-        SamplerSettings(uniform_first=-1)
-    with pytest.raises(ParameterError, match="reward"):
-        SamplerSettings(reward="best")
-    with pytest.raises(ParameterError, match="angle_intervals"):
-        HierarchySettings(angle_intervals=1)
-
-
-def test_cells_with_a_goal_wait_until_the_best_value_has_caught_up():
-    made, _ = sampler(CellSampler, samples_per_call=2000, goals_per_call=10_000)
-    goals = made.sample_goals(-0.05, never)
-    waiting = [value for value, *_ in made._with_goal]
-    assert waiting
-    assert set(waiting) <= {goal.objective for goal in goals}
-    made.sample_goals(-1e-9, never)
-    assert all(value > -1e-9 for value, *_ in made._with_goal)

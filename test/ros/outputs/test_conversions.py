@@ -5,14 +5,11 @@ import pytest
 from placement_planner_ros.core.types import Trajectory
 from placement_planner_ros.ros.outputs.conversions import (
     duration_message,
-    mesh_from_message,
-    mesh_message,
     pose_message,
     time_message,
     trajectory_message,
     with_all_joints,
 )
-from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.yumi import HOME, load_yumi
 
 TRAJECTORY = Trajectory(
@@ -75,10 +72,3 @@ def test_poses_keep_rotation_and_position():
     np.testing.assert_allclose(rotation, T.rotation, atol=1e-12)
     p = message.position
     np.testing.assert_array_equal([p.x, p.y, p.z], T.translation)
-
-
-def test_meshes_survive_the_way_there_and_back():
-    held = object_by_name("toy_table")
-    vertices, triangles = mesh_from_message(mesh_message(held.vertices, held.triangles))
-    np.testing.assert_array_equal(vertices, held.vertices)
-    np.testing.assert_array_equal(triangles, held.triangles)

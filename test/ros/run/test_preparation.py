@@ -8,9 +8,10 @@ import pytest
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.errors import CloudError
-from placement_planner_ros.ros.parameters import ParameterSet, arm_specs, arms_spec, fixed_specs
-from placement_planner_ros.ros.run.planning import Snapshot
+from placement_planner_ros.ros.parameters.table import arm_specs, arms_spec, fixed_specs
+from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.ros.run.preparation import Preparation
+from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.run.surroundings import Surroundings
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.yumi import START_CONFIGURATION, load_yumi, yumi_arm

@@ -1,0 +1,41 @@
+"""`python -m placement_planner_ros PROGRAM ...`: the programs, which the console scripts start too.
+
+The core is all that `pip install .` brings. Where a program lacks what it needs besides, it says in
+one line which command installs that.
+"""
+
+from __future__ import annotations
+
+import sys
+from functools import partial
+from importlib import import_module
+from typing import Any
+
+PACKAGE = "placement_planner_ros"
+ROS_REMEDY = f"run pip install '{PACKAGE}[ros]', or source a ROS 2 Jazzy"
+_EVALUATION_REMEDY = f"run pip install '{PACKAGE}[evaluation]'"
+
+
+def _start(program: str, module: str, remedy: str) -> Any:
+    try:
+        main = import_module(f"{PACKAGE}.{module}").main
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.split(".")[0] == PACKAGE:
+            raise
+        sys.exit(f"{program}: {error.name} is missing; {remedy}")
+    return main()
+
+
+placement_planner = partial(_start, "placement_planner", "ros.node", ROS_REMEDY)
+placement_demo = partial(_start, "placement_demo", "ros.tools.demo", ROS_REMEDY)
+placement_scene = partial(_start, "placement_scene", "ros.tools.scene_publisher", ROS_REMEDY)
+placement_benchmark = partial(
+    _start, "placement_benchmark", "experiments.benchmark", _EVALUATION_REMEDY
+)
+
+if __name__ == "__main__":
+    programs = (placement_planner, placement_demo, placement_scene, placement_benchmark)
+    by_name = {str(program.args[0]): program for program in programs}
+    if len(sys.argv) < 2 or sys.argv[1] not in by_name:
+        sys.exit(f"usage: python -m {PACKAGE} {{{','.join(by_name)}}} ...")
+    sys.exit(by_name[sys.argv.pop(1)]())

@@ -1,0 +1,95 @@
+"""B_o, the points that fill the object: what clearance is the mean over."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from placement_planner_ros.core.body.convex_part import ConvexPart
+from placement_planner_ros.core.body.settings import BodySettings
+from placement_planner_ros.core.errors import ObjectError
+from placement_planner_ros.core.kernels import kernel
+from placement_planner_ros.core.types import Array
+
+
+def volume_points(
+    triangles: Array, hull: ConvexPart, settings: BodySettings, warnings: list[str]
+) -> Array:
+    """B_o: voxel centres inside the closed surface, the grid centred on the object's extents."""
+    lower, upper = hull.vertices.min(axis=0), hull.vertices.max(axis=0)
+    size = settings.voxel_size
+    room = float(np.prod(upper - lower)) / size**3
+    if room > 200.0 * settings.max_volume_points:  # far too fine to count first
+        size *= (room / (200.0 * settings.max_volume_points)) ** (1.0 / 3.0)
+    points = _voxel_centers(triangles, lower, upper, size)
+    while len(points) > settings.max_volume_points:
+        size *= max(1.02, (len(points) / settings.max_volume_points) ** (1.0 / 3.0))
+        points = _voxel_centers(triangles, lower, upper, size)
+    for _ in range(3):  # walls thinner than a voxel
+        if len(points) >= 20:
+            break
+        size *= 0.5
+        points = _voxel_centers(triangles, lower, upper, size)
+    if len(points) == 0:
+        warnings.append("its walls are too thin for volume points: those of the hull stand in")
+        corners = np.asarray(hull.vertices[hull.triangles])
+        points = _voxel_centers(corners, lower, upper, size)
+    if len(points) == 0:
+        raise ObjectError("object", "thin mesh", "holds no volume point; give it a thickness")
+    return points
+
+
+def _voxel_centers(triangles: Array, lower: Array, upper: Array, size: float) -> Array:
+    count = np.ceil((upper - lower) / size - 1e-9).astype(np.int64)
+    count = np.maximum(count, 1)
+    start = 0.5 * (lower + upper) - 0.5 * (count - 1) * size
+    return np.asarray(_inside(np.ascontiguousarray(triangles), start, count, size))
+
+
+@kernel(nogil=True)
+def _inside(triangles: Array, start: Array, count: npt.NDArray[np.int64], size: float) -> Array:
+    """Grid points with a winding number other than 0, by the crossings of lines along z."""
+    nx, ny, nz = count[0], count[1], count[2]
+    winding = np.zeros((nx, ny, nz + 1), np.int32)  # differences along z
+    # the lines pass a little beside the centres, off edges that meet there
+    x0 = start[0] + 1.3e-7
+    y0 = start[1] + 2.9e-7
+    for t in range(len(triangles)):
+        ax, ay, az = triangles[t, 0]
+        bx, by, bz = triangles[t, 1]
+        cx, cy, cz = triangles[t, 2]
+        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        if area == 0.0:
+            continue
+        i0 = max(math.ceil((min(ax, bx, cx) - x0) / size), 0)
+        i1 = min(math.floor((max(ax, bx, cx) - x0) / size), nx - 1)
+        j0 = max(math.ceil((min(ay, by, cy) - y0) / size), 0)
+        j1 = min(math.floor((max(ay, by, cy) - y0) / size), ny - 1)
+        for i in range(i0, i1 + 1):
+            x = x0 + i * size
+            for j in range(j0, j1 + 1):
+                y = y0 + j * size
+                u = ((bx - x) * (cy - y) - (by - y) * (cx - x)) / area
+                v = ((cx - x) * (ay - y) - (cy - y) * (ax - x)) / area
+                w = 1.0 - u - v
+                if u < 0.0 or v < 0.0 or w < 0.0:
+                    continue
+                z = u * az + v * bz + w * cz
+                # points above z have crossed this triangle from outside if it faces down
+                k = min(max(math.ceil((z - start[2]) / size), 0), nz)
+                winding[i, j, k] += 1 if area < 0.0 else -1
+    points = np.empty((nx * ny * nz, 3))
+    n = 0
+    for i in range(nx):
+        for j in range(ny):
+            crossed = 0
+            for k in range(nz):
+                crossed += winding[i, j, k]
+                if crossed != 0:
+                    points[n, 0] = start[0] + i * size
+                    points[n, 1] = start[1] + j * size
+                    points[n, 2] = start[2] + k * size
+                    n += 1
+    return points[:n].copy()

@@ -1,0 +1,100 @@
+"""How an arm holds an object, puts it down, lets go and leaves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from placement_planner_ros.core.collision.arm import CollisionSettings
+from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.reach.ik import IKSettings
+from placement_planner_ros.core.settings import Settings, setting
+
+LONGEST_RETREAT = 0.5
+"""m."""
+_SIDEWAYS = ((0.0, 1.0), (0.0, -1.0), (1.0, 0.0), (-1.0, 0.0))
+
+Direction = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class ApproachSettings(Settings):
+    """The straight way down onto the support.
+
+    Attributes:
+        approach_distance: height of the raised pre-placement above contact.
+        approach_minimum: the least height it may shrink to where there is less room.
+        approach_step: distance between joint waypoints.
+    """
+
+    approach_distance: float = setting(
+        0.05,
+        "[0.01, 0.5]",
+        "m",
+        "Length of the straight way down onto the support; shorter where there is less room.",
+    )
+    approach_minimum: float = setting(0.01, "(0, 0.5]", "m")
+    approach_step: float = setting(0.01, "(0, inf)", "m")
+
+    def __post_init__(self) -> None:
+        Settings.__post_init__(self)
+        if self.approach_minimum > self.approach_distance:
+            raise ParameterError(
+                "approach_distance",
+                self.approach_distance,
+                f"must be at least approach_minimum ({self.approach_minimum} m)",
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class RetreatSettings(Settings):
+    """The straight way of the open hand from the placed object.
+
+    Attributes:
+        retreat_distance: at least; it goes on until the hand keeps the collision margin from the
+            object.
+        retreat_step: distance between joint waypoints.
+        tip_directions: tried first, in the tip frame: the grasps' own directions of withdrawal. By
+            default back along z, slanting to each side, then sideways.
+        world_directions: tried next, in the planning frame.
+    """
+
+    retreat_distance: float = setting(
+        0.1,
+        f"[0.01, {LONGEST_RETREAT}]",
+        "m",
+        "Length of the straight way that the open hand takes off the placed object.",
+    )
+    retreat_step: float = setting(0.01, "[0.001, 0.1]", "m")
+    tip_directions: tuple[Direction, ...] = (
+        (0.0, 0.0, -1.0),
+        *((x, y, -1.0) for x, y in _SIDEWAYS),
+        *((x, y, 0.0) for x, y in _SIDEWAYS),
+    )
+    world_directions: tuple[Direction, ...] = ((0.0, 0.0, 1.0),)
+
+    def __post_init__(self) -> None:
+        Settings.__post_init__(self)
+        if not (self.tip_directions or self.world_directions):
+            raise ParameterError("tip_directions", (), "give at least one direction of retreat")
+        for name in ("tip_directions", "world_directions"):
+            for direction in getattr(self, name):
+                length = float(np.linalg.norm(direction))
+                if len(direction) != 3 or not 1e-6 < length < np.inf:
+                    raise ParameterError(name, direction, "give three numbers, not all zero")
+
+
+@dataclass(frozen=True, slots=True)
+class GraspSettings:
+    """Everything that holding, approach, release and retreat are checked by.
+
+    Attributes:
+        require_retreat: whether a placement without release and retreat counts for nothing.
+    """
+
+    collision: CollisionSettings = field(default_factory=CollisionSettings)
+    ik: IKSettings = field(default_factory=IKSettings)
+    approach: ApproachSettings = field(default_factory=ApproachSettings)
+    retreat: RetreatSettings = field(default_factory=RetreatSettings)
+    require_retreat: bool = True

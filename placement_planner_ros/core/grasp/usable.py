@@ -1,0 +1,96 @@
+"""With which arms and grasps the search can begin, and why not with the others."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from placement_planner_ros.core.collision.load import Held
+from placement_planner_ros.core.errors import GraspError, StartError
+from placement_planner_ros.core.grasp.holding import Holding
+from placement_planner_ros.core.grasp.open_hand import OpenHand
+from placement_planner_ros.core.grasp.settings import GraspSettings
+from placement_planner_ros.core.problem import Problem
+from placement_planner_ros.core.robot.arm import Arm
+from placement_planner_ros.core.robot.moving_arm import MovingArm
+from placement_planner_ros.core.types import Array
+
+_LIMIT_INSET = 1e-3
+"""rad or m, how far within the joint limits configurations are planned."""
+
+
+def usable_holdings(
+    problem: Problem, settings: GraspSettings
+) -> tuple[list[list[Holding]], tuple[str, ...]]:
+    """Per arm, its grasps for which q_0 is free, and why the others cannot be used.
+
+    Raises:
+        StartError: q_0 is free for no arm and grasp.
+        GraspError: in every grasp the object overlaps the arm, or the hand could not let it go.
+    """
+    body, obstacles = problem.body, problem.environment.obstacles
+    holdings: list[list[Holding]] = []
+    reasons: list[str] = []
+    bad_grasps: list[GraspError] = []
+    for arm in problem.arms:
+        of_arm: list[Holding] = []
+        q_start = problem.q_start[arm.q_index]
+        beyond = np.flatnonzero((q_start < arm.lower) | (q_start > arm.upper))
+        if len(beyond):
+            joints = ", ".join(
+                f"{arm.joints[j]} = {q_start[j]:.4f} is not in "
+                f"[{arm.lower[j]:.4f}, {arm.upper[j]:.4f}]"
+                for j in beyond
+            )
+            reasons.append(f"{arm.name}: beyond the joint limits: {joints}")
+            holdings.append(of_arm)
+            continue
+        arm = _within_limits(arm, q_start)
+        moving = MovingArm(problem.robot, arm, problem.q_start)
+        open_hand = OpenHand(moving, body, obstacles, settings)
+        for grasp in range(len(arm.grasps)):
+            try:
+                holding = Holding(moving, Held(body, grasp), obstacles, open_hand, settings)
+            except GraspError as error:
+                bad_grasps.append(error)
+                continue
+            reason = _why_not_free(holding)
+            if reason:
+                reasons.append(f"{arm.name} with grasp {grasp}: {reason}")
+            else:
+                of_arm.append(holding)
+        holdings.append(of_arm)
+    if not any(holdings):
+        if not reasons:
+            raise bad_grasps[0]
+        raise StartError(
+            "joint_states",
+            "; ".join(reasons),
+            "the start configuration must lie within the joint limits and keep collision_margin "
+            "with the object in hand",
+        )
+    return holdings, (*map(str, bad_grasps), *reasons)
+
+
+def _why_not_free(holding: Holding) -> str:
+    """What q_0 collides with, '' where it is free."""
+    alone = holding.collision.with_pairs(lambda a, b: True, environment=False)
+    of_robot = alone.explain(holding.q_start)
+    if of_robot:
+        return f"in self-collision: {of_robot}"
+    with_cloud = holding.collision.explain(holding.q_start)
+    return f"in collision with the clouds: {with_cloud}" if with_cloud else ""
+
+
+def _within_limits(arm: Arm, q_start: Array) -> Arm:
+    """The arm with limits drawn in, so that a timed curve between them stays within the real ones.
+
+    A curve may stray from its chords by up to the timing's `chord_tolerance`.
+    """
+    inset = np.minimum(_LIMIT_INSET, 0.25 * (arm.upper - arm.lower))
+    return replace(
+        arm,
+        lower=np.minimum(arm.lower + inset, q_start),
+        upper=np.maximum(arm.upper - inset, q_start),
+    )

@@ -1,0 +1,52 @@
+"""Objectives by name: the built-in ones and what other packages install."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+
+from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.objective.clearance import Clearance
+from placement_planner_ros.core.objective.objective import Objective, ObjectiveContext
+
+ENTRY_POINT_GROUP = "placement_planner_ros.objectives"
+
+ObjectiveFactory = Callable[[ObjectiveContext], Objective]
+
+_BUILT_IN: dict[str, ObjectiveFactory] = {
+    "maximize_clearance": lambda context: Clearance(context, 1.0),
+    "minimize_clearance": lambda context: Clearance(context, -1.0),
+}
+
+
+def objective_names() -> list[str]:
+    """Every name `make_objective` knows: the built-in ones and the installed plug-ins."""
+    return sorted({*_BUILT_IN, *(e.name for e in _plug_ins())})
+
+
+def make_objective(name: str, context: ObjectiveContext) -> Objective:
+    """Make the objective of that name for one run.
+
+    Raises:
+        ParameterError: the name is unknown, or what its entry point makes cannot be called.
+    """
+    factory = _BUILT_IN.get(name)
+    if factory is None:
+        found = [e for e in _plug_ins() if e.name == name]
+        if not found:
+            known = ", ".join(objective_names())
+            raise ParameterError("objective", name, f"is not known; choose one of {known}")
+        factory = found[0].load()
+    objective = factory(context)
+    if not callable(objective):
+        raise ParameterError(
+            "objective", name, f"its factory made a {type(objective).__name__}, not a callable"
+        )
+    return objective
+
+
+@cache
+def _plug_ins() -> tuple[EntryPoint, ...]:
+    """What is installed; looked for once, as that takes some 20 ms."""
+    return tuple(entry_points(group=ENTRY_POINT_GROUP))

@@ -1,0 +1,61 @@
+"""One placement task, and the space it takes place in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.errors import RobotError
+from placement_planner_ros.core.reach.kinematics import Chain
+from placement_planner_ros.core.robot.arm import Arm
+from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.types import Array, TargetVolume
+
+_HAND_LENGTH = 0.3
+"""m, how far a hand is taken to extend beyond its tip frame in `workspace`."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Problem:
+    """One placement task.
+
+    Attributes:
+        arms: 𝒜, the arms that could be holding the object, each with its grasps.
+        q_start: (nq,) q_0, every joint of the robot.
+        body: the object o.
+        volume: V.
+        environment: the obstacle set, R and their support.
+    """
+
+    robot: Robot
+    arms: tuple[Arm, ...]
+    q_start: Array
+    body: Body
+    volume: TargetVolume
+    environment: Environment
+
+    def __post_init__(self) -> None:
+        if not any(arm.grasps for arm in self.arms):
+            raise RobotError(
+                "arms", [arm.name for arm in self.arms], "give at least one arm with a grasp"
+            )
+
+
+def workspace(
+    robot: Robot, arms: tuple[Arm, ...], q_robot: Array, body: Body, volume: TargetVolume
+) -> tuple[Array, Array]:
+    """Box (lower (3,), upper (3,)) that holds V and whatever arm, hand and object can touch."""
+    size = float(np.linalg.norm(np.ptp(body.vertices, axis=0)))
+    lower, upper = volume.lower - size, volume.upper + size
+    for arm in arms:
+        chain = Chain.from_robot(robot, arm, q_robot)
+        lengths = np.linalg.norm(chain.fixed[1:, :3, 3], axis=1).sum()
+        slides = np.abs([chain.lower, chain.upper]).max(axis=0)[chain.prismatic].sum()
+        held = max((float(np.linalg.norm(g.translation)) for g in arm.grasps), default=0.0)
+        radius = lengths + slides + held + size + _HAND_LENGTH
+        base = chain.fixed[0, :3, 3]
+        lower, upper = np.minimum(lower, base - radius), np.maximum(upper, base + radius)
+    return lower, upper

@@ -1,0 +1,122 @@
+"""`plan`: Algorithm 1 from plain values, for those who use the planner without ROS."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from numbers import Real
+
+import numpy as np
+import numpy.typing as npt
+
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.errors import (
+    JointStateError,
+    ParameterError,
+    VolumeError,
+)
+from placement_planner_ros.core.errors import PlacementPlannerError as PlacementPlannerError
+from placement_planner_ros.core.objective.by_name import make_objective
+from placement_planner_ros.core.objective.objective import Objective, ObjectiveContext
+from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
+from placement_planner_ros.core.problem import Problem, workspace
+from placement_planner_ros.core.robot.arm import Arm
+from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.types import Array, Placement, TargetVolume
+from placement_planner_ros.core.warmup import warm_up
+
+_log = logging.getLogger(__name__)
+_warm: deque[Robot] = deque(maxlen=4)
+"""Robots that the kernels have been loaded for."""
+
+
+def plan(
+    robot: Robot,
+    arms: Arm | Sequence[Arm],
+    q_start: Mapping[str, float] | npt.ArrayLike,
+    body: Body,
+    volume: TargetVolume,
+    environment: Environment | npt.ArrayLike,
+    *,
+    objective: str | Objective = "maximize_clearance",
+    time_limit: float = 30.0,
+    seed: int | None = None,
+    settings: PlannerSettings | None = None,
+) -> Iterator[Placement]:
+    """Search for placements, each better than the one before, with the motion that leads there.
+
+    Input is checked and the search prepared at once; the search itself runs while a placement is
+    asked for, and ends for good when the iterator is closed or dropped. In a fresh installation the
+    first call compiles the kernels, which takes a minute or more. Where nothing was found, and
+    where arms or grasps had to be left out, a warning of the logger `placement_planner_ros.library`
+    says why. `PlacementPlanner` gives the same search with its statistics.
+
+    Args:
+        robot: `Robot.from_urdf`.
+        arms: `Robot.arm`, one for each hand that could be holding the object, with its grasps.
+        q_start: joint values by name, or (nq,) in the order of `robot.joint_names`; rad or m.
+        body: the held object, `Body.from_mesh`.
+        volume: V, where it shall go, in the frame of the robot's root link, like all that follows.
+        environment: (n, 3) points of the surroundings, metres, those on the robot and on the held
+            object left out; or `Environment.from_points`, which can be used again.
+        objective: a name that `make_objective` knows, or any callable of a pose, to be maximised.
+        time_limit: seconds from when the first placement is asked for, those included that pass
+            between placements; infinite: until closed.
+        seed: of every random choice; None: from the machine's entropy.
+
+    Raises:
+        PlacementPlannerError: an input is unusable; the message says which, its value and what to
+            do about it.
+    """
+    arms = (arms,) if isinstance(arms, Arm) else tuple(arms)
+    q = _configuration(robot, q_start)
+    if not (isinstance(time_limit, Real) and time_limit > 0.0):
+        raise ParameterError("time_limit", time_limit, "give seconds above 0, or math.inf")
+    try:
+        rng = np.random.default_rng(seed)
+    except (TypeError, ValueError) as error:
+        raise ParameterError("seed", seed, "give an integer of at least 0, or None") from error
+    if not isinstance(environment, Environment):
+        bounds = workspace(robot, arms, q, body, volume)
+        environment = Environment.from_points(environment, volume, bounds=bounds)
+    elif _corners(volume) != _corners(environment.volume):
+        raise VolumeError(
+            "volume", _corners(volume), f"the environment is of {_corners(environment.volume)}"
+        )
+    problem = Problem(robot, arms, q, body, volume, environment)
+    if isinstance(objective, str):
+        objective = make_objective(objective, ObjectiveContext(environment, volume, body))
+    planner = PlacementPlanner(problem, objective, settings or PlannerSettings(), rng)
+    for reason in planner.unusable:
+        _log.warning("left out: %s", reason)
+    if robot not in _warm:
+        warm_up(robot, arms, q)
+        _warm.append(robot)
+    return _search(planner, time_limit)
+
+
+def _search(planner: PlacementPlanner, time_limit: float) -> Iterator[Placement]:
+    end = time.monotonic() + time_limit
+    yield from planner.run(lambda: time.monotonic() >= end)
+    if planner.statistics.solutions == 0:
+        _log.warning("no placement: %s", planner.exhausted or planner.statistics.why_nothing())
+
+
+def _configuration(robot: Robot, q_start: Mapping[str, float] | npt.ArrayLike) -> Array:
+    if isinstance(q_start, Mapping):
+        return robot.configuration(q_start)
+    try:
+        q = np.array(q_start, dtype=np.float64)
+    except (TypeError, ValueError):
+        q = np.empty(0)
+    if q.shape != (len(robot.joint_names),):
+        remedy = f"give one number for each of {list(robot.joint_names)}"
+        raise JointStateError("q_start", q_start, remedy)
+    return robot.configuration(dict(zip(robot.joint_names, q.tolist(), strict=True)))
+
+
+def _corners(volume: TargetVolume) -> list[float]:
+    return [*volume.lower.tolist(), *volume.upper.tolist()]

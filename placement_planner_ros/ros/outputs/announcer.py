@@ -1,0 +1,47 @@
+"""What the world hears of a run while it goes on."""
+
+from __future__ import annotations
+
+from rclpy.node import Node
+
+from placement_planner_ros.core.types import Placement
+from placement_planner_ros.ros.outputs.publishing import Outputs
+from placement_planner_ros.ros.outputs.reporting import Reporter
+from placement_planner_ros.ros.run.planning import Prepared
+from placement_planner_ros.ros.run.worker import Run, State
+
+
+class Announcer:
+    """Publishes, reports and logs a run's progress: its `RunObserver`, in its worker thread."""
+
+    def __init__(self, node: Node, outputs: Outputs, reporter: Reporter) -> None:
+        self._log = node.get_logger()
+        self._outputs = outputs
+        self._reporter = reporter
+
+    def begun(self, run: Run) -> None:
+        """A run is about to start, in the thread of who asked for it."""
+        self._outputs.clear(run.number, run.snapshot.frame)
+        self._reporter.follow(run)
+
+    def prepared(self, run: Run, prepared: Prepared) -> None:
+        """The search begins."""
+        for reason in prepared.planner.unusable:
+            self._log.warning(f"run {run.number} does without: {reason}")
+        self._outputs.environment(run.snapshot, prepared.environment)
+        self._reporter.environment_known(run, prepared.environment)
+        self._reporter.report()
+
+    def placed(self, run: Run, placement: Placement) -> None:
+        """A better placement."""
+        self._outputs.solution(run.number, run.solutions, placement, run.elapsed, run.snapshot)
+
+    def changed(self, run: Run) -> None:
+        """Another state."""
+        if run.state is State.FAILED:
+            self._log.error(f"run {run.number} failed: {run.reason}")
+        self._reporter.report()
+
+    def confirmed(self) -> None:
+        """The best placement has been carried out."""
+        self._reporter.report()

@@ -1,0 +1,70 @@
+"""What a parameter's value shows by itself to be bad, beyond its type and range."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from placement_planner_ros.core.errors import GraspError, ObjectError, ParameterError
+from placement_planner_ros.core.types import TargetVolume
+
+
+def poses_from_list(name: str, values: Sequence[float]) -> tuple[pin.SE3, ...]:
+    """Poses from x y z qx qy qz qw, one after the other.
+
+    Raises:
+        GraspError: not a multiple of seven numbers, or a quaternion that is not of unit length.
+    """
+    if len(values) % 7 != 0:
+        raise GraspError(name, list(values), "give seven numbers per pose: x y z qx qy qz qw")
+    poses = []
+    for pose in np.array(values, dtype=np.float64).reshape(-1, 7):
+        length = float(np.linalg.norm(pose[3:]))
+        if not abs(length - 1.0) < 1e-2:
+            raise GraspError(
+                name, pose.tolist(), f"the quaternion x y z w must have length 1, not {length:.3g}"
+            )
+        quaternion = pin.Quaternion(pose[3:] / length)
+        poses.append(pin.SE3(quaternion.toRotationMatrix(), pose[:3]))
+    return tuple(poses)
+
+
+def poses(name: str, value: Sequence[float]) -> None:
+    """Any number of poses; a GraspError says what is wrong."""
+    poses_from_list(name, value)
+
+
+def one_pose(name: str, value: Sequence[float]) -> None:
+    """One pose, or nothing."""
+    if value and len(value) != 7:
+        raise ParameterError(name, value, "give seven numbers: x y z qx qy qz qw")
+    try:
+        poses_from_list(name, value)
+    except GraspError as error:
+        raise ParameterError(error.field, error.value, error.remedy) from error
+
+
+def volume(name: str, value: Sequence[float]) -> None:
+    """V; a VolumeError says what is wrong."""
+    TargetVolume(np.array(value[:3]), np.array(value[3:]))
+
+
+def center(name: str, value: Sequence[float]) -> None:
+    """A point, or nothing."""
+    if len(value) not in (0, 3):
+        raise ParameterError(name, value, "give x y z, or nothing")
+
+
+def names(name: str, value: Sequence[str]) -> None:
+    """Names that can be part of a parameter's name."""
+    for each in value:
+        if not each or any(character.isspace() for character in each):
+            raise ParameterError(name, list(value), "give names that are not empty, without spaces")
+
+
+def triples(name: str, value: Sequence[float]) -> None:
+    """Points or triangles."""
+    if len(value) % 3 != 0:
+        raise ObjectError(name, f"{len(value)} numbers", "give three for each")

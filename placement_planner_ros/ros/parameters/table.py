@@ -1,0 +1,307 @@
+"""The node's parameters: which settings of the planner users can set, and what ROS adds.
+
+A parameter that is a setting needs one line here, in `PLANNER` or `GRID`: its default, words, unit
+and range stand with the setting's field. Knows nothing of rclpy: `server.py` declares all this.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from placement_planner_ros.core.objective.by_name import objective_names
+from placement_planner_ros.core.planner import PlannerSettings
+from placement_planner_ros.core.scene.grid import GridSettings
+from placement_planner_ros.core.settings import FINITE, Meaning
+from placement_planner_ros.ros.parameters import checks
+from placement_planner_ros.ros.parameters.spec import Check, Kind, Spec, Value, kind_of
+from placement_planner_ros.scenes.scenes import scene_by_name
+from placement_planner_ros.scenes.yumi import GRIPPER_JOINTS, GRIPPER_OPEN, TIP_FRAMES
+
+PLANNER = {
+    "sampler": "sampler",
+    "local_optimization": "local_optimization",
+    "collision_margin": "collision.collision_margin",
+    "contact_tolerance": "collision.contact_tolerance",
+    "approach_distance": "approach.approach_distance",
+    "retreat_distance": "retreat.retreat_distance",
+    "require_retreat": "require_retreat",
+    "velocity_scaling": "execution.velocity_scaling",
+    "acceleration_scaling": "execution.acceleration_scaling",
+    "acceleration_limits": "execution.acceleration_limits",
+}
+"""The parameters that are fields of PlannerSettings, and where they stand there."""
+GRID = {"cloud.cell_size": "cell_size"}
+"""The parameters that are fields of GridSettings."""
+GONE = {"selection": "is gone; use sampler: optimistic or mcts"}
+"""Parameters of former versions, and what to use instead."""
+
+_SCENE = scene_by_name("cabinet_high_clutter")
+_MAX_SEED = 2**63 - 1
+
+
+def fixed_specs() -> list[Spec]:
+    """Every parameter whose name does not depend on another's value."""
+    planner, grid = PlannerSettings(), GridSettings()
+    return [
+        *_start_up(),
+        *_runs(),
+        *(Spec.of(name, planner, path) for name, path in PLANNER.items()),
+        *_robot(),
+        *_environment(),
+        *(Spec.of(name, grid, path) for name, path in GRID.items()),
+        *_object(),
+    ]
+
+
+def _own(
+    name: str,
+    default: Value,
+    text: str,
+    unit: str = "",
+    interval: str = FINITE,
+    *,
+    choices: tuple[str, ...] = (),
+    kind: Kind | None = None,
+    length: int = -1,
+    startup: bool = False,
+    check: Check | None = None,
+) -> Spec:
+    """A parameter of ROS' own; where its default does not show its type, `kind` does."""
+    meaning = Meaning(text, unit, interval, choices)
+    return Spec(name, kind or kind_of(default), default, meaning, length, startup, check)
+
+
+def _start_up() -> list[Spec]:
+    return [
+        _own(
+            "robot_description",
+            "",
+            "URDF text, a path or a package:// URI; empty: the topic robot_description, "
+            "and the bundled YuMi until one arrives there.",
+            startup=True,
+        ),
+        _own(
+            "robot_description_semantic",
+            "",
+            "SRDF text, a path or a package:// URI: link pairs that self-collision checks "
+            "leave out. Optional.",
+            startup=True,
+        ),
+        _own(
+            "planning_frame",
+            "",
+            "Frame of target_volume and of all results, z up; empty: the robot's root link.",
+            startup=True,
+        ),
+        _own(
+            "cloud_topics",
+            [],
+            "Topics with clouds of the environment, besides points.",
+            kind="string[]",
+            startup=True,
+        ),
+        _own(
+            "sensor_frames",
+            [],
+            "Frames of clouds whose poses are given as sensor_poses.<frame>.",
+            kind="string[]",
+            startup=True,
+            check=checks.names,
+        ),
+    ]
+
+
+def _runs() -> list[Spec]:
+    volume = [*map(float, _SCENE.volume.lower), *map(float, _SCENE.volume.upper)]
+    return [
+        _own(
+            "target_volume",
+            volume,
+            "Minimum and maximum corner of the target volume V in planning_frame.",
+            "m",
+            length=6,
+            check=checks.volume,
+        ),
+        _own(
+            "objective",
+            "maximize_clearance",
+            "What to maximise: maximize_clearance, minimize_clearance, or the name of an entry "
+            "point in the group placement_planner_ros.objectives.",
+            choices=tuple(objective_names()),
+        ),
+        _own(
+            "time_limit",
+            30.0,
+            "Time after which a run ends, by a steady clock; 0: it runs until stopped.",
+            "s",
+            "[0, 1e6]",
+        ),
+        _own(
+            "seed",
+            -1,
+            "Seed of every random choice of a run; -1: from the machine's entropy.",
+            "",
+            f"[-1, {_MAX_SEED}]",
+        ),
+    ]
+
+
+def _robot() -> list[Spec]:
+    return [
+        _own(
+            "trajectory_joints",
+            "arm",
+            "Which joints trajectories name: the arm's, or all with the others held.",
+            choices=("arm", "all"),
+        ),
+        _own(
+            "start_tolerance",
+            0.02,
+            "A robot further from where a run began ends that run.",
+            "rad or m",
+            "[0.0001, 1]",
+        ),
+        _own(
+            "joint_state_timeout",
+            1.0,
+            "Joint values older than this are stale.",
+            "s",
+            "[0.01, 3600]",
+        ),
+    ]
+
+
+def _environment() -> list[Spec]:
+    return [
+        _own(
+            "cloud.mode",
+            "latest",
+            "latest: the newest cloud of each topic; merge: all clouds since clear_environment.",
+            choices=("latest", "merge"),
+        ),
+        _own(
+            "cloud.max_age",
+            60.0,
+            "In mode latest, clouds older than this are stale; 0: any age will do.",
+            "s",
+            "[0, 1e6]",
+        ),
+        _own(
+            "unknown_space",
+            "free",
+            "What no sensor has seen, by the lines of sight of clouds in their sensor's frame: "
+            "free, or occupied, so that nothing enters it.",
+            choices=("free", "occupied"),
+        ),
+        _own(
+            "self_filter.enabled",
+            True,
+            "Whether points on the robot and on the held object are left out of clouds.",
+        ),
+        _own(
+            "self_filter.padding",
+            0.02,
+            "Points this close to the robot or the held object are left out.",
+            "m",
+            "[0, 0.2]",
+        ),
+    ]
+
+
+def _object() -> list[Spec]:
+    return [
+        _own("object.mesh", "", "Mesh file of the grasped object, a path or a package:// URI."),
+        _own(
+            "object.vertices",
+            [],
+            "Vertices of the grasped object: x y z, one after the other.",
+            "m",
+            kind="double[]",
+            check=checks.triples,
+        ),
+        _own(
+            "object.triangles",
+            [],
+            "Triangles of the grasped object: three vertex indices each.",
+            "",
+            "[0, inf)",
+            kind="integer[]",
+            check=checks.triples,
+        ),
+        _own(
+            "object.center_of_mass",
+            [],
+            "Centre of mass in the mesh's frame and unit; empty: from the mesh.",
+            kind="double[]",
+            check=checks.center,
+        ),
+        _own("object.scale", 1.0, "Factor from the mesh's unit to metres.", "", "(0, 1e6]"),
+    ]
+
+
+def arms_spec(default: Sequence[str]) -> Spec:
+    """The parameter `arms`; at start-up it also says for which arms parameters exist."""
+    return _own(
+        "arms",
+        list(default),
+        "Arms that could be holding the object, by name.",
+        kind="string[]",
+        check=checks.names,
+    )
+
+
+def arm_specs(arm: str, *, yumi: bool) -> list[Spec]:
+    """Parameters of one arm; `yumi` chooses the bundled robot's values as defaults."""
+    known = yumi and arm in TIP_FRAMES
+    return [
+        _own(
+            f"{arm}.tip_frame",
+            TIP_FRAMES[arm] if known else "",
+            "Link that the arm's grasps refer to.",
+        ),
+        _own(
+            f"{arm}.joints",
+            [],
+            "The arm's joints, root to tip; empty: every movable joint on the way to the tip.",
+            kind="string[]",
+        ),
+        _own(
+            f"{arm}.grasps",
+            [],
+            "Poses of the object in the tip frame: x y z qx qy qz qw, one after the other.",
+            "m",
+            kind="double[]",
+            check=checks.poses,
+        ),
+        _own(
+            f"{arm}.touch_links",
+            [],
+            "Links that may touch the held object; empty: the hand's, from the URDF.",
+            kind="string[]",
+        ),
+        _own(
+            f"{arm}.gripper_joints",
+            [GRIPPER_JOINTS[arm]] if known else [],
+            "Joints that open the hand.",
+            kind="string[]",
+        ),
+        _own(
+            f"{arm}.gripper_open",
+            [GRIPPER_OPEN] if known else [],
+            "Values of gripper_joints when the hand is open.",
+            "rad or m",
+            kind="double[]",
+        ),
+    ]
+
+
+def sensor_pose_spec(frame: str) -> Spec:
+    """Pose of one declared sensor frame."""
+    return _own(
+        f"sensor_poses.{frame}",
+        [],
+        "Pose of the frame in planning_frame: x y z qx qy qz qw; empty: not given.",
+        "m",
+        kind="double[]",
+        check=checks.one_pose,
+    )

@@ -1,0 +1,135 @@
+"""A consistent set of the parameters' values, and the settings made from them."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, TypeVar
+
+import numpy as np
+import pinocchio as pin
+
+from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError
+from placement_planner_ros.core.planner import PlannerSettings
+from placement_planner_ros.core.scene.grid import GridSettings
+from placement_planner_ros.core.settings import Settings
+from placement_planner_ros.core.types import TargetVolume
+from placement_planner_ros.ros.parameters.checks import poses_from_list
+from placement_planner_ros.ros.parameters.spec import Spec
+from placement_planner_ros.ros.parameters.table import GONE, GRID, PLANNER
+
+Group = TypeVar("Group", bound=Settings)
+
+
+class ParameterSet:
+    """Specifications and a consistent set of values; immutable.
+
+    Args:
+        specs: every parameter.
+        values: by name; defaults where one is missing.
+
+    Raises:
+        PlacementPlannerError: a value, or the values together, are bad.
+    """
+
+    def __init__(
+        self, specs: Mapping[str, Spec], values: Mapping[str, object] | None = None
+    ) -> None:
+        self.specs = specs
+        self._values = {name: spec.default for name, spec in specs.items()}
+        for name, value in (values or {}).items():
+            self._values[name] = specs[name].convert(value)
+        self._check_together()
+
+    def __getitem__(self, name: str) -> Any:
+        return self._values[name]
+
+    def changed(self, changes: Mapping[str, object]) -> ParameterSet:
+        """A copy with some values replaced.
+
+        Raises:
+            PlacementPlannerError: an unknown name, a start-up parameter, or a bad value.
+        """
+        for fault in self._alone(changes):
+            raise fault
+        if not changes:
+            return self
+        # What is here has been checked: that a start is quick, only the changes are.
+        other = copy.copy(self)
+        other._values = self._values | {n: self.specs[n].convert(v) for n, v in changes.items()}
+        other._check_together()
+        return other
+
+    def faults(self, changes: Mapping[str, object]) -> list[PlacementPlannerError]:
+        """Everything for which `changed` would refuse these changes."""
+        faults = self._alone(changes)
+        if not faults:
+            try:
+                self.changed(changes)
+            except PlacementPlannerError as error:
+                faults.append(error)
+        return faults
+
+    def _alone(self, changes: Mapping[str, object]) -> list[PlacementPlannerError]:
+        """What is wrong with each change by itself."""
+        faults: list[PlacementPlannerError] = []
+        for name, value in changes.items():
+            if name not in self.specs:
+                remedy = GONE.get(name, "there is no such parameter")
+                faults.append(ParameterError(name, value, remedy))
+            elif self.specs[name].startup:
+                faults.append(ParameterError(name, value, "is read at start-up; set it there"))
+            else:
+                try:
+                    self.specs[name].convert(value)
+                except PlacementPlannerError as error:
+                    faults.append(error)
+        return faults
+
+    @property
+    def planner_settings(self) -> PlannerSettings:
+        """Settings of the planner."""
+        return self._set(PlannerSettings(), PLANNER)
+
+    @property
+    def grid_settings(self) -> GridSettings:
+        """Settings of the obstacle set."""
+        return self._set(GridSettings(), GRID)
+
+    @property
+    def volume(self) -> TargetVolume:
+        """V."""
+        corners = np.array(self["target_volume"])
+        return TargetVolume(corners[:3], corners[3:])
+
+    def sensor_pose(self, frame: str) -> pin.SE3 | None:
+        """Pose of a sensor's frame in the planning frame, where one is given."""
+        name = f"sensor_poses.{frame}"
+        if name not in self.specs or not self[name]:
+            return None
+        return poses_from_list(name, self[name])[0]
+
+    def _set(self, settings: Group, paths: Mapping[str, str]) -> Group:
+        """These settings with the values of parameters in the fields at their paths."""
+        groups: dict[str, dict[str, Any]] = {"": {}}
+        for name, path in paths.items():
+            group, _, field = path.rpartition(".")
+            value = self[name]
+            value = tuple(value) if isinstance(value, list) else value
+            groups.setdefault(group, {})[field] = value
+        own = groups.pop("")
+        inner = {g: replace(getattr(settings, g), **values) for g, values in groups.items()}
+        return replace(settings, **own, **inner)
+
+    def _check_together(self) -> None:
+        for arm in self["arms"]:
+            if f"{arm}.tip_frame" not in self.specs:
+                raise ParameterError(
+                    "arms", arm, "this arm was not among arms at start-up, so it has no parameters"
+                )
+        if len(set(self["arms"])) != len(self["arms"]):
+            raise ParameterError("arms", self["arms"], "name each arm once")
+        if not self["arms"]:
+            raise ParameterError("arms", self["arms"], "name at least one arm")
+        _ = self.planner_settings, self.grid_settings

@@ -1,0 +1,34 @@
+"""What a run begins with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.robot.model import Arm, Robot
+from placement_planner_ros.core.types import Array
+from placement_planner_ros.ros.parameters.values import ParameterSet
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Snapshot:
+    """Every input of a run, taken at one moment and never changed.
+
+    Attributes:
+        q_start: (nq,) q_0.
+        clouds: point sets (n, 3) in the planning frame.
+        parameters: of this run.
+        frame: the planning frame.
+        origins: per cloud, (3,) where its sensor was, None where that is not known.
+        placed: per cloud, whether it is an object placed before, which is never filtered.
+    """
+
+    robot: Robot
+    arms: tuple[Arm, ...]
+    q_start: Array
+    body: Body
+    clouds: tuple[Array, ...]
+    parameters: ParameterSet
+    frame: str
+    origins: tuple[Array | None, ...] = ()
+    placed: tuple[bool, ...] = ()

@@ -1,0 +1,203 @@
+"""The paper's search: one sample at a time it is Algorithms 2 and 3 to the letter."""
+
+import math
+
+import numpy as np
+import pytest
+
+from placement_planner_ros.core.scene.regions import Region
+from placement_planner_ros.core.search.hierarchy import AfrHierarchy, HierarchySettings
+from placement_planner_ros.core.search.mcts import (
+    MctsSampler,
+    MctsSettings,
+    checks_passed,
+    four_term,
+)
+from placement_planner_ros.core.search.sampler import Outcome
+from placement_planner_ros.core.types import Verdict
+
+
+def never() -> bool:
+    return False
+
+
+def plane() -> list[Region]:
+    """A square and a strip."""
+    square = Region(np.array([[0.0, 0.0, 0.4, 0.4]]), 0.0)
+    return [square, Region(np.array([[1.0, 0.0, 1.1, 0.1]]), 0.0)]
+
+
+def judge(arm, contact, angle):
+    """(reached, arm free, object free, stable) and ξ, each true on its own part of the plane."""
+    x, y, _ = contact
+    terms = (bool(arm == 1 and angle < 4.0), bool(y < 0.3), bool(x < 0.2), bool(x + y < 0.5))
+    return terms, -float(x + 0.3 * y)
+
+
+def verdict_of(terms, value, best):
+    reached, arm_free, object_free, stable = terms
+    return next(
+        verdict
+        for verdict, passed in {
+            Verdict.UNSTABLE: stable,
+            Verdict.COLLIDING: object_free,
+            Verdict.NOT_BETTER: value > best,
+            Verdict.NO_IK: reached,
+            Verdict.ARM_COLLIDING: arm_free,
+            Verdict.FEASIBLE: False,
+        }.items()
+        if not passed
+    )
+
+
+class Checker:
+    """Remembers what it was asked; never finds a goal that would end the call."""
+
+    def __init__(self):
+        self.asked = []
+
+    def check_all(self, draws, best, goals, should_stop):
+        columns = (draws.arm, draws.grasp, draws.face, *draws.contact.T, draws.angle)
+        self.asked += zip(*columns, strict=True)
+        found = [judge(*one) for one in zip(draws.arm, draws.contact, draws.angle, strict=True)]
+        verdicts = np.array([verdict_of(*one, best) for one in found])
+        return Outcome(verdicts, np.array([v for _, v in found]), [], [t for t, _ in found])
+
+    def check_batch(self, draws, best, goals, should_stop):
+        outcome = self.check_all(draws, best, goals, should_stop)
+        return Outcome(outcome.verdicts, outcome.values, [])
+
+
+class Letter:
+    """Algorithms 2 and 3 as the paper prints them, over lists.
+
+    Every sample is kept, and r(n) counts it as what it is with the ξ_best of the day. Differences
+    are added in the order of ξ, so that sums are rounded alike and equals stay equals.
+    """
+
+    def __init__(self, afr, c, reward, rng):
+        self.afr, self.c, self.reward, self.rng = afr, c, reward, rng
+        self.nodes, self.parents, self.children, self.missing = [afr.root], [None], [[]], {}
+        self.v, self.r, self.samples, self.asked = [0], [0.0], [], []
+        self.best, self.lost_at_inner_nodes = -math.inf, 0
+
+    def sample_goals(self, g_max, best):
+        for sample in sorted(self.samples, key=lambda sample: sample[2]):
+            change = self.delta_r(*sample, best) - self.delta_r(*sample, self.best)
+            self.update(sample[0], 0, change)
+            self.lost_at_inner_nodes += -1.0 < change < 0.0
+        self.best = best
+        for _ in range(g_max):
+            n = self.select_afr_node()
+            node = self.nodes[n]
+            contact, angle = node.sample(self.rng)
+            self.asked.append((node.arm, node.grasp, node.face, *contact, angle))
+            self.samples.append((n, *judge(node.arm, contact, angle)))
+            self.update(n, 1, self.delta_r(*self.samples[-1], best))
+
+    def update(self, n, visits, reward):
+        while n is not None:
+            self.v[n] += visits
+            self.r[n] += reward
+            n = self.parents[n]
+
+    def delta_r(self, n, terms, value, best):
+        verdict = verdict_of(terms, value, best)
+        if self.afr.child_count(self.nodes[n]) == 0:
+            return float(verdict is Verdict.FEASIBLE)
+        if self.reward == "checks_passed":
+            return verdict / 9
+        reached, arm_free, object_free, stable = terms
+        better = object_free and stable and value > best
+        return (arm_free + object_free + stable + better) / 4 if reached else 0.0
+
+    def select_afr_node(self):
+        n = 0
+        for _ in range(4):  # the paper's three, and the grasp
+            n = self.select_child(n)
+        while self.v[n] > 0 and self.afr.child_count(self.nodes[n]) > 0:
+            n = self.select_child(n)
+        return n
+
+    def select_child(self, n):
+        children, c, v = self.children[n], self.c, self.v
+        means = [self.r[i] / v[i] for i in children]
+        u = [
+            mean + c * math.sqrt(2 * math.log(v[n]) / v[i])
+            for i, mean in zip(children, means, strict=True)
+        ]
+        j, u_new = len(children), -math.inf
+        if 0 < j < self.afr.child_count(self.nodes[n]):
+            u_new = sum(means) / j + c * math.sqrt(2 * math.log(v[n]) / j)
+        if not children or all(u_new > u_i for u_i in u):
+            return self.add_child(n)
+        return children[u.index(max(u))]
+
+    def add_child(self, n):
+        count = self.afr.child_count(self.nodes[n])
+        missing = self.missing.setdefault(n, list(range(count)))
+        pick = self.rng.integers(len(missing))
+        missing[pick], missing[-1] = missing[-1], missing[pick]
+        self.nodes.append(self.afr.child(self.nodes[n], missing.pop()))
+        self.parents.append(n)
+        self.children.append([])
+        self.v.append(0)
+        self.r.append(0.0)
+        self.children[n].insert(0, len(self.nodes) - 1)  # of equals the youngest is preferred
+        return len(self.nodes) - 1
+
+
+@pytest.mark.parametrize("reward", ["checks_passed", "four_term"])
+@pytest.mark.parametrize("c", [0.1, 0.7])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_batch_of_one_selects_rewards_and_counts_as_the_paper_does(reward, c, seed):
+    afr = AfrHierarchy([2, 1], 2, plane(), HierarchySettings(min_area=0.002, min_angle=0.8))
+    letter = Letter(afr, c, reward, np.random.default_rng(seed))
+    settings = MctsSettings(
+        samples_per_call=150, goals_per_call=10**6, batch=1, exploration=c, reward=reward
+    )
+    checker = Checker()
+    made = MctsSampler(afr, checker, settings, np.random.default_rng(seed))
+    for best in (-math.inf, -0.12, -0.06, -0.03):
+        letter.sample_goals(150, best)
+        made.sample_goals(best, never)
+        assert checker.asked == letter.asked
+        assert len(made.tree) == len(letter.nodes)
+        assert [made.tree.visits(n) for n in range(len(made.tree))] == letter.v
+        rewards = [made.tree.reward(n) for n in range(len(made.tree))]
+        assert rewards == pytest.approx(letter.r, abs=1e-9)
+    leaves = [n for n in range(len(letter.nodes)) if afr.child_count(letter.nodes[n]) == 0]
+    # else nothing is said of how leaves are rewarded, and of rewards that fall
+    assert sum(letter.v[n] for n in leaves) > 50
+    assert letter.lost_at_inner_nodes > 3
+
+
+def test_a_larger_batch_spends_as_many_samples_and_forgets_none():
+    afr = AfrHierarchy([2, 1], 2, plane(), HierarchySettings())
+    settings = MctsSettings(samples_per_call=150, goals_per_call=10**6, batch=16)
+    checker = Checker()
+    made = MctsSampler(afr, checker, settings, np.random.default_rng(0))
+    made.sample_goals(-math.inf, never)
+    assert made.tree.visits(0) == len(checker.asked) == 150
+    total = sum(
+        checks_passed(verdict_of(*judge(arm, contact, angle), -math.inf))
+        for arm, _, _, *contact, angle in checker.asked
+    )
+    assert made.tree.reward(0) == pytest.approx(total)
+
+
+def test_reward_is_the_share_of_checks_passed_and_falls_to_not_better():
+    assert checks_passed(Verdict.FEASIBLE) == 1.0
+    assert checks_passed(Verdict.OUTSIDE_VOLUME) == 0.0
+    rewards = [checks_passed(v) for v in Verdict]
+    assert rewards == sorted(rewards)
+    demoted = checks_passed(Verdict.FEASIBLE, better=False)
+    assert demoted == checks_passed(Verdict.NOT_BETTER)
+    assert checks_passed(Verdict.UNSTABLE, better=False) == checks_passed(Verdict.UNSTABLE)
+
+
+def test_four_term_reward_is_the_authors_form():
+    assert four_term((True, True, True, True), better=True) == 1.0
+    assert four_term((True, True, True, True), better=False) == 0.75
+    assert four_term((False, False, True, True), better=True) == 0.0
+    assert four_term((True, True, True, False), better=True) == 0.5

@@ -1,0 +1,280 @@
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rclpy
+from rcl_interfaces.msg import ParameterType
+from rclpy.exceptions import ParameterNotDeclaredException
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
+
+from placement_planner_ros.core.errors import GraspError, ObjectError, ParameterError, VolumeError
+from placement_planner_ros.core.objective.by_name import objective_names
+from placement_planner_ros.core.planner import PlannerSettings
+from placement_planner_ros.core.scene.grid import GridSettings
+from placement_planner_ros.core.settings import meaning_of
+from placement_planner_ros.ros.parameters.checks import poses_from_list
+from placement_planner_ros.ros.parameters.server import ParameterServer
+from placement_planner_ros.ros.parameters.table import (
+    GONE,
+    GRID,
+    PLANNER,
+    arm_specs,
+    arms_spec,
+    fixed_specs,
+)
+from placement_planner_ros.ros.parameters.values import ParameterSet
+
+PLUGINS = set(objective_names()) - {"maximize_clearance", "minimize_clearance"}
+SPECS = {s.name: s for s in [*fixed_specs(), arms_spec(["left"]), *arm_specs("left", yumi=True)]}
+
+
+def parameter_set(**values):
+    return ParameterSet(SPECS, {name.replace("__", "."): v for name, v in values.items()})
+
+
+def test_every_default_is_accepted_by_its_own_checks():
+    for spec in SPECS.values():
+        assert spec.convert(spec.default) == spec.default
+
+
+def test_every_parameter_is_described():
+    for spec in SPECS.values():
+        assert spec.meaning.text.endswith(".")
+        assert len(spec.meaning.text) > 15
+
+
+def test_parameters_that_are_settings_repeat_nothing_of_them():
+    for settings, paths in ((PlannerSettings(), PLANNER), (GridSettings(), GRID)):
+        for name, path in paths.items():
+            group, _, field = path.rpartition(".")
+            owner = getattr(settings, group) if group else settings
+            default = SPECS[name].default
+            assert SPECS[name].meaning is meaning_of(owner, field)
+            assert getattr(owner, field) == (tuple(default) if type(default) is list else default)
+
+
+def test_integers_stand_for_doubles():
+    values = parameter_set(time_limit=5, target_volume=[0, 0, 0, 1, 1, 1])
+    assert isinstance(values["time_limit"], float)
+    assert all(isinstance(v, float) for v in values["target_volume"])
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "error"),
+    [
+        ("time_limit", "soon", ParameterError),
+        ("time_limit", True, ParameterError),
+        ("time_limit", -1.0, ParameterError),
+        ("time_limit", float("nan"), ParameterError),
+        ("target_volume", [0.0] * 5, ParameterError),
+        ("target_volume", [1.0, 0.0, 0.0, 0.0, 1.0, 1.0], VolumeError),
+        ("target_volume", [0.0, 0.0, 0.0, 1.0, 1.0, float("inf")], ParameterError),
+        ("objective", "the_best", ParameterError),
+        ("sampler", "magic", ParameterError),
+        ("seed", -2, ParameterError),
+        ("seed", 1.5, ParameterError),
+        ("arms", [""], ParameterError),
+        ("sensor_frames", ["an eye"], ParameterError),
+        ("object.vertices", [0.0, 0.0], ObjectError),
+        ("object.triangles", [0, 1, 2, 3], ObjectError),
+        ("collision_margin", -0.001, ParameterError),
+        ("velocity_scaling", 0.0, ParameterError),
+        ("velocity_scaling", 1.1, ParameterError),
+        ("acceleration_limits", [], ParameterError),
+        ("acceleration_limits", [-1.0], ParameterError),
+        ("cloud.cell_size", 0.0, ParameterError),
+        ("cloud.mode", "all", ParameterError),
+        ("object.center_of_mass", [0.0, 0.0], ParameterError),
+        ("object.scale", 0.0, ParameterError),
+        ("arms", [], ParameterError),
+        ("arms", ["left", "left"], ParameterError),
+        ("arms", ["tail"], ParameterError),
+        ("left.grasps", [0.0] * 6, GraspError),
+        ("left.grasps", [0.0] * 7, GraspError),
+    ],
+)
+def test_bad_values_are_refused_by_name(name, value, error):
+    with pytest.raises(error) as raised:
+        ParameterSet(SPECS, {name: value})
+    assert name in str(raised.value)
+
+
+def test_changes_leave_the_original_alone():
+    before = parameter_set()
+    after = before.changed({"time_limit": 2.0, "collision_margin": 0.01})
+    assert (before["time_limit"], after["time_limit"]) == (30.0, 2.0)
+    assert after.planner_settings.collision.collision_margin == 0.01
+    assert before.planner_settings.collision.collision_margin == 0.003
+
+
+def test_start_up_parameters_cannot_be_changed_for_a_run():
+    with pytest.raises(ParameterError, match="start-up"):
+        parameter_set().changed({"planning_frame": "map"})
+
+
+def test_unknown_names_are_refused():
+    with pytest.raises(ParameterError, match="no such parameter"):
+        parameter_set().changed({"time_limits": 3.0})
+
+
+def test_every_search_setting_reaches_the_planner():
+    changes = {
+        "sampler": "uniform",
+        "local_optimization": False,
+        "contact_tolerance": 0.002,
+        "approach_distance": 0.08,
+        "retreat_distance": 0.07,
+        "require_retreat": False,
+        "velocity_scaling": 0.5,
+        "acceleration_scaling": 0.4,
+        "acceleration_limits": [1.0, 2.0],
+    }
+    settings = ParameterSet(SPECS, changes).planner_settings
+    assert settings.sampler == "uniform"
+    assert settings.local_optimization is False
+    assert settings.collision.contact_tolerance == 0.002
+    assert settings.approach.approach_distance == 0.08
+    assert settings.retreat.retreat_distance == 0.07
+    assert settings.require_retreat is False
+    assert settings.execution.velocity_scaling == 0.5
+    assert settings.execution.acceleration_scaling == 0.4
+    assert settings.execution.acceleration_limits == (1.0, 2.0)
+    assert ParameterSet(SPECS, {"cloud.cell_size": 0.02}).grid_settings.cell_size == 0.02
+
+
+def test_poses_are_x_y_z_then_the_quaternion_x_y_z_w():
+    half = np.sqrt(0.5)
+    first, second = poses_from_list("p", [1, 2, 3, 0, 0, 0, 1, 0, 0, 0, 0, 0, half, half])
+    np.testing.assert_array_equal(first.translation, [1, 2, 3])
+    np.testing.assert_allclose(first.rotation, np.eye(3))
+    np.testing.assert_allclose(second.rotation @ [1, 0, 0], [0, 1, 0], atol=1e-12)
+
+
+@pytest.fixture
+def node(ros):
+    made = []
+
+    def make(*arguments):
+        node = Node("settings", cli_args=["--ros-args", *arguments] if arguments else None)
+        made.append(node)
+        return node
+
+    yield make
+    for each in made:
+        each.destroy_node()
+
+
+def test_integers_are_accepted_on_the_command_line_and_later(node):
+    made = node("-p", "time_limit:=7", "-p", "target_volume:=[0, 0, 0, 1, 1, 1]")
+    server = ParameterServer(made)
+    assert server.current["time_limit"] == 7.0
+    assert made.get_parameter("time_limit").type_ is Parameter.Type.DOUBLE
+    result = made.set_parameters([Parameter("collision_margin", value=0)])[0]
+    assert result.successful, result.reason
+    assert server.current["collision_margin"] == 0.0
+    assert made.get_parameter("collision_margin").type_ is Parameter.Type.DOUBLE
+
+
+def test_a_bad_value_is_refused_with_its_reason_and_changes_nothing(node):
+    made = node()
+    server = ParameterServer(made)
+    result = made.set_parameters(
+        [Parameter("target_volume", value=[1.0, 0.0, 0.0, 0.0, 1.0, 1.0])]
+    )[0]
+    assert not result.successful
+    assert "minimum corner first" in result.reason
+    assert server.current["target_volume"] == made.get_parameter("target_volume").value
+
+
+def test_a_parameter_of_a_former_version_is_refused_with_its_successor(node):
+    successor = "selection = 'ucb1'.*is gone; use sampler: optimistic or mcts"
+    with pytest.raises(ParameterError, match=successor):
+        parameter_set().changed({"selection": "ucb1"})
+    with pytest.raises(ParameterError, match=successor):
+        ParameterServer(node("-p", "selection:=ucb1"))
+    made = node()
+    ParameterServer(made)
+    assert not made.has_parameter("selection")
+    with pytest.raises(ParameterNotDeclaredException, match=successor):
+        made.set_parameters([Parameter("selection", value="ucb1")])
+    client = AsyncParameterClient(made, made.get_name())
+    assert client.wait_for_services(10.0)
+    answer = client.set_parameters([Parameter("selection", value="ucb1")])
+    rclpy.spin_until_future_complete(made, answer, timeout_sec=30.0)
+    (result,) = answer.result().results
+    assert not result.successful
+    assert re.match(successor, result.reason)
+
+
+def test_start_up_parameters_are_refused_afterwards(node):
+    made = node()
+    ParameterServer(made)
+    result = made.set_parameters([Parameter("planning_frame", value="map")])[0]
+    assert not result.successful
+    assert "start-up" in result.reason
+
+
+def test_a_bad_value_at_start_up_is_named(node):
+    with pytest.raises(ParameterError, match="sampler"):
+        ParameterServer(node("-p", "sampler:=magic"))
+
+
+def test_arms_and_sensor_frames_bring_their_own_parameters(node):
+    made = node("-p", "arms:=[third]", "-p", "sensor_frames:=[eye]", "-p", "third.tip_frame:=tool")
+    server = ParameterServer(made)
+    assert server.current["third.tip_frame"] == "tool"
+    assert not made.has_parameter("left.tip_frame")
+    assert server.current.sensor_pose("eye") is None
+    set_to = [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
+    assert made.set_parameters([Parameter("sensor_poses.eye", value=set_to)])[0].successful
+    np.testing.assert_array_equal(server.current.sensor_pose("eye").translation, [0, 0, 1])
+
+
+def test_descriptors_carry_text_unit_and_range(node):
+    made = node()
+    ParameterServer(made)
+    descriptor = made.describe_parameter("collision_margin")
+    assert "obstacles" in descriptor.description
+    assert "unit: m" in descriptor.additional_constraints
+    assert descriptor.floating_point_range[0].to_value == 0.1
+    assert descriptor.type == ParameterType.PARAMETER_DOUBLE
+    choices = ", ".join(meaning_of(PlannerSettings(), "sampler").choices)
+    assert f"one of {choices}" in made.describe_parameter("sampler").additional_constraints
+    assert made.describe_parameter("seed").integer_range[0].to_value == 2**63 - 1
+
+
+def test_listeners_hear_of_what_was_set(node):
+    made = node()
+    server = ParameterServer(made)
+    heard = []
+    server.notify(lambda names, values: heard.append((list(names), values["seed"])))
+    made.set_parameters_atomically([Parameter("seed", value=4)])
+    assert heard == [(["seed"], 4)]
+
+
+def test_rclpy_is_shut_down_between_tests():
+    assert not rclpy.ok()
+
+
+def test_the_readme_lists_every_parameter_with_its_default():
+    readme = (Path(__file__).parents[3] / "README.md").read_text(encoding="utf-8")
+    for name, spec in SPECS.items():
+        shown = name.replace("left.", "<arm>.")
+        row = next((r for r in readme.splitlines() if r.startswith(f"| `{shown}` |")), None)
+        assert row is not None, f"{shown} is missing"
+        meaning, default = spec.meaning, row.split("|")[2].strip()
+        assert meaning.text.rstrip(".") in row
+        assert all(choice in row for choice in meaning.choices if choice not in PLUGINS)
+        assert not meaning.unit or f" ({meaning.unit})." in row
+        if isinstance(spec.default, float):
+            assert default == f"{spec.default:g}"
+        elif isinstance(spec.default, (bool, int)):
+            assert default == str(spec.default).lower()
+        elif isinstance(spec.default, str):
+            assert default in (spec.default or "(empty)", "gripper_l_base")
+        assert ("*Start-up only.*" in row) == spec.startup
+    listed = {r.split("`")[1] for r in readme.splitlines() if r.startswith("| `")}
+    assert not listed & set(GONE)

@@ -1,0 +1,303 @@
+"""The planner as a library: its facade, its table of the paper, and life without ROS."""
+
+import functools
+import importlib
+import math
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import trimesh
+
+import placement_planner_ros
+from placement_planner_ros import Body, Environment, PlacementPlannerError, TargetVolume, plan
+from placement_planner_ros.core.errors import VolumeError
+from placement_planner_ros.scenes.yumi import START_CONFIGURATION, load_yumi, yumi_arm
+
+ROOT = Path(__file__).parent.parent
+PACKAGE = "placement_planner_ros"
+NOT_OF_THE_CORE = ("rclpy", "ament_index_python", "ompl", "yaml", "joblib", "dask", "mujoco")
+
+# Python looks for modules as if the core alone were installed.
+CORE_ALONE = f"""
+import sys
+from importlib.machinery import PathFinder
+
+class CoreAlone(PathFinder):
+    @classmethod
+    def find_spec(cls, name, path=None, target=None):
+        top = name.partition(".")[0]
+        if top in {NOT_OF_THE_CORE} or top.endswith(("_msgs", "_srvs", "_interfaces")):
+            return None
+        return PathFinder.find_spec(name, path, target)
+
+sys.meta_path[sys.meta_path.index(PathFinder)] = CoreAlone
+"""
+
+
+@pytest.fixture(scope="module")
+def core_alone(tmp_path_factory):
+    """Run Python elsewhere, with nothing installed but the core."""
+    folder = tmp_path_factory.mktemp("core_alone")
+    (folder / "sitecustomize.py").write_text(CORE_ALONE)
+    paths = [str(folder), str(ROOT), os.environ.get("PYTHONPATH", "")]
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
+
+    def run(*arguments):
+        command = [sys.executable, *arguments]
+        return subprocess.run(
+            command, cwd=folder, env=env, capture_output=True, text=True, check=False
+        )
+
+    assert run("-c", "import rclpy").returncode != 0
+    assert run("-c", "import std_msgs.msg").returncode != 0
+    return run
+
+
+def table_of_the_paper():
+    rows = placement_planner_ros.__doc__.split("=\n")[2].splitlines()
+    return [tuple(re.split(r"\s{2,}", row)) for row in rows if not row.startswith("=")]
+
+
+@pytest.mark.parametrize("row", table_of_the_paper(), ids=lambda row: row[0])
+def test_every_symbol_of_the_paper_lives_where_the_table_says(row):
+    _, places = row
+    for place in re.split(r"[,;] ", places):
+        parts, rest = place.split("."), []
+        while parts:
+            try:
+                found = importlib.import_module(".".join([PACKAGE, "core", *parts]))
+                break
+            except ModuleNotFoundError:
+                rest.insert(0, parts.pop())
+        assert parts, place
+        for name in rest:
+            found = getattr(found, name)
+
+
+def test_the_table_names_what_the_paper_names():
+    symbols = " ".join(symbol for symbol, _ in table_of_the_paper())
+    for name in (
+        *("Algorithm 1", "Algorithm 2", "Algorithm 3", "SampleGoals", "SelectAfrNode", "Sample;"),
+        *("IKSolver", "Update", "PlanMotion", "OptimizeLocally", "Terminate", "UCB1", "H", "Δr(n)"),
+        *("s(x)", "c_f(x)", "r(x)", "ξ(x)", "O(q)", "V", "C_free", "Ŝ(r, f)", "v(f)", "fT_o"),
+        *("gT_o", "d_S", "B_o", "G_s", "M_s", "𝒢", "τ", "q_0", "g_max", "m_max", "ξ_best", "J†"),
+        *("Ch(n)", "v(n)", "r(n)", "μ", "𝒮", "AFR hierarchy"),
+    ):
+        assert name in symbols
+
+
+def test_importing_the_package_loads_nothing_until_a_name_is_used(core_alone):
+    done = core_alone(
+        "-c",
+        "import sys, placement_planner_ros as p; assert 'numpy' not in sys.modules; "
+        "assert p.plan and 'numpy' in sys.modules; print(*p.__all__)",
+    )
+    assert done.returncode == 0, done.stderr
+    assert {"Robot", "Body", "Environment", "TargetVolume", "plan"} <= set(done.stdout.split())
+
+
+def test_every_name_of_the_facade_is_there():
+    for name in placement_planner_ros.__all__:
+        assert getattr(placement_planner_ros, name).__name__ == name
+    with pytest.raises(AttributeError, match="no attribute 'Planner'"):
+        _ = placement_planner_ros.Planner
+
+
+def test_the_example_runs_without_ros(core_alone):
+    done = core_alone(str(ROOT / "examples" / "library.py"))
+    assert done.returncode == 0, done.stderr
+    found = [float(value) for value in re.findall(r"objective (\S+),", done.stdout)]
+    assert found
+    assert len(found) == len(done.stdout.splitlines())
+    assert found == sorted(set(found))
+
+
+@pytest.mark.parametrize("program", ["planner", "demo", "scene", "benchmark"])
+def test_programs_say_in_one_line_what_installs_what_they_lack(core_alone, program):
+    done = core_alone("-m", PACKAGE, f"placement_{program}", "--help")
+    assert done.returncode != 0
+    assert len(done.stderr.splitlines()) == 1
+    extra = "evaluation" if program == "benchmark" else "ros"
+    assert f"pip install '{PACKAGE}[{extra}]'" in done.stderr
+
+
+def test_the_node_started_by_its_module_says_so_too(core_alone):
+    done = core_alone("-m", f"{PACKAGE}.ros.node")
+    assert done.returncode != 0
+    assert len(done.stderr.splitlines()) == 1
+    assert f"pip install '{PACKAGE}[ros]'" in done.stderr
+
+
+def test_what_imports_the_adapter_without_ros_gets_an_import_error(core_alone):
+    program = f"""
+try:
+    import {PACKAGE}.ros.node
+except ModuleNotFoundError as error:
+    assert error.name == "rclpy"
+"""
+    done = core_alone("-c", program)
+    assert done.returncode == 0, done.stderr
+
+
+SIDE_EFFECTS = """
+import ast, importlib, locale, logging, os, pkgutil, random, signal, sys, threading, warnings
+import numba, numpy, placement_planner_ros
+
+def state():
+    return {
+        "environment": dict(os.environ),
+        "working folder": os.getcwd(),
+        "signals": {n: signal.getsignal(n) for n in signal.valid_signals()},
+        "warnings": (list(warnings.filters), warnings.showwarning),
+        "logging": sorted(
+            (logger.name, logger.level, repr(logger.handlers), logger.propagate)
+            for logger in [logging.root, *logging.root.manager.loggerDict.values()]
+            if isinstance(logger, logging.Logger) and (logger.level or logger.handlers)
+        ),
+        "random": (random.getstate(), repr(numpy.random.get_state())),
+        "numpy": (numpy.geterr(), numpy.get_printoptions()),
+        "numba": {k: repr(getattr(numba.config, k)) for k in dir(numba.config) if k.isupper()},
+        "interpreter": (sys.path[:], sys.meta_path[:], sys.excepthook, threading.excepthook),
+        "limits": (sys.getswitchinterval(), sys.getrecursionlimit(), sys.getdlopenflags()),
+        "locale": locale.setlocale(locale.LC_ALL),
+        "threads": threading.active_count(),
+    }
+
+package = "placement_planner_ros."
+names = [module.name for module in pkgutil.walk_packages(placement_planner_ros.__path__, package)]
+assert len(names) > 100
+for name in names:  # what other packages do is not asked: they are loaded first
+    for node in ast.walk(ast.parse(open(importlib.util.find_spec(name).origin).read())):
+        found = [node.module] if isinstance(node, ast.ImportFrom) else []
+        found += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+        for other in found:
+            if not (other + ".").startswith(package):
+                importlib.import_module(other)
+before = state()
+for name in names:
+    importlib.import_module(name)
+for key, value in state().items():
+    assert before[key] == value, (key, before[key], value)
+"""
+
+
+def test_importing_changes_nothing_for_the_rest_of_the_process():
+    done = subprocess.run(
+        [sys.executable, "-c", SIDE_EFFECTS], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
+GRASP = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.145]))
+VOLUME = TargetVolume(np.array([0.3, 0.0, -0.05]), np.array([0.5, 0.3, 0.15]))
+
+
+@functools.cache
+def given():
+    """A box in the YuMi's left hand, and an empty table."""
+    robot = load_yumi()
+    box = trimesh.creation.box((0.021, 0.071, 0.094))
+    table = np.meshgrid(np.arange(0.25, 0.6, 0.005), np.arange(-0.1, 0.4, 0.005), 0.0)
+    return {
+        "robot": robot,
+        "arms": yumi_arm(robot, "left", [GRASP]),
+        "q_start": {**START_CONFIGURATION, "gripper_l_joint": 0.0105},
+        "body": Body.from_mesh(box.vertices, box.faces),
+        "volume": VOLUME,
+        "environment": np.stack(table, axis=-1).reshape(-1, 3),
+    }
+
+
+def asked(**changed):
+    return plan(**{**given(), "time_limit": 60.0, **changed})
+
+
+def to_the_left(T_world_object):
+    return float(T_world_object.translation[1])
+
+
+def same(a, b):
+    return a.objective == b.objective and (
+        np.array_equal(a.trajectory.positions, b.trajectory.positions)
+    )
+
+
+def test_plan_yields_better_and_better_placements_until_it_is_closed():
+    found = asked(objective=to_the_left, time_limit=math.inf, seed=3)
+    first, second = next(found), next(found)
+    assert second.objective > first.objective
+    arm = given()["arms"]
+    for placement in (first, second):
+        assert VOLUME.contains(placement.T_world_object.translation[None]).all()
+        q_start = given()["robot"].configuration(given()["q_start"])
+        assert placement.trajectory.positions[0] == pytest.approx(q_start[arm.q_index])
+    found.close()
+    assert next(found, None) is None
+
+
+def test_the_seed_fixes_the_result_however_the_input_is_written():
+    first = next(asked(seed=3))
+    others = {
+        "arms": [given()["arms"]],
+        "q_start": given()["robot"].configuration(given()["q_start"]).tolist(),
+        "environment": given()["environment"].tolist(),
+    }
+    assert same(first, next(asked(seed=3, **others)))
+    assert not same(first, next(asked(seed=4)))
+
+
+def test_a_prepared_environment_and_any_callable_as_objective():
+    environment = Environment.from_points(given()["environment"], VOLUME)
+    placement = next(asked(environment=environment, objective=to_the_left))
+    assert placement.objective == pytest.approx(placement.T_world_object.translation[1])
+    larger = TargetVolume(VOLUME.lower - 0.01, VOLUME.upper)
+    with pytest.raises(VolumeError, match=r"^volume = .*: the environment is of"):
+        asked(environment=environment, volume=larger)
+
+
+def test_the_time_limit_ends_the_search_and_why_nothing_was_found_is_logged(caplog):
+    assert list(asked(time_limit=1e-9)) == []
+    assert "no placement: no sample was tried" in caplog.text
+
+
+def test_where_nothing_is_possible_the_search_ends_by_itself(caplog):
+    up = np.array([0.0, 0.0, 0.3])
+    assert list(asked(volume=TargetVolume(VOLUME.lower + up, VOLUME.upper + up))) == []
+    assert "no placement: no placement region" in caplog.text
+
+
+def test_what_is_left_out_is_logged(caplog):
+    asked(arms=yumi_arm(given()["robot"], "left", [GRASP, pin.SE3.Identity()]))
+    assert "left out: " in caplog.text
+    assert "grasps[1]" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "field"),
+    [
+        ("arms", (), "arms"),
+        ("q_start", {}, "joint_states: missing"),
+        ("q_start", [0.0] * 3, "q_start"),
+        ("q_start", [math.nan] * 18, "joint_states: values"),
+        ("q_start", "home", "q_start"),
+        ("environment", np.zeros((5, 2)), "points.shape"),
+        ("environment", np.full((5, 3), math.nan), "points"),
+        ("objective", "be_nice", "objective"),
+        ("time_limit", 0.0, "time_limit"),
+        ("time_limit", math.nan, "time_limit"),
+        ("time_limit", None, "time_limit"),
+        ("seed", -1, "seed"),
+        ("seed", "luck", "seed"),
+    ],
+)
+def test_bad_input_is_refused_at_once(name, value, field):
+    with pytest.raises(PlacementPlannerError) as refused:
+        asked(**{name: value})
+    assert refused.value.field == field
+    assert refused.value.remedy

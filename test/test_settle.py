@@ -1,0 +1,80 @@
+"""Released where the planner says, an object stays: judged by a physics engine."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+pytest.importorskip("mujoco")
+
+from settle import settle
+
+from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
+from placement_planner_ros.experiments.cases import Case, make_problem
+from placement_planner_ros.scenes.objects import object_by_name
+from placement_planner_ros.scenes.scenes import scene_by_name
+
+MOVED, TILTED = 0.005, np.deg2rad(2.0)
+CASES = (
+    Case("table", "wine_glass", "maximize_clearance"),
+    Case("table", "small_crayons_box", "minimize_clearance", "cameras"),
+    Case("cabinet_low_clutter", "toy_table", "minimize_clearance"),
+    Case("cabinet_high_clutter", "large_crayons_box", "maximize_clearance"),
+)
+
+
+def released(scene, name, T_world_object):
+    held = object_by_name(name)
+    return settle(
+        [part.vertices for part in scene_by_name(scene).parts],
+        [part.vertices for part in held.parts],
+        held.center_of_mass,
+        T_world_object,
+    )
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_what_is_placed_stays_where_it_is(case):
+    problem, objective = make_problem(case, np.random.default_rng(0))
+    planner = PlacementPlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
+    placements = list(planner.run(lambda: planner.statistics.samples >= 1500))
+    assert placements
+    for placement in placements:
+        result = released(case.scene, case.object, placement.T_world_object)
+        assert result.moved < MOVED
+        assert result.tilted < TILTED
+
+
+def lying(degrees=0.0, x=0.45, y=-0.05, z=0.0355):
+    """A small crayons box on the table, turned about its long axis."""
+    turned = pin.exp3(np.array([np.deg2rad(degrees), 0.0, 0.0]))
+    return pin.SE3(turned, np.array([x, y, z]))
+
+
+def test_a_box_that_stands_stays():
+    result = released("table", "small_crayons_box", lying(y=-0.06))
+    assert result.moved < 0.001
+    assert result.tilted < np.deg2rad(0.2)
+
+
+@pytest.mark.parametrize(
+    "pose",
+    [lying(degrees=25.0, z=0.045), lying(z=0.06), lying(x=0.72)],
+    ids=["leaning", "in the air", "over the edge"],
+)
+def test_what_is_not_placed_well_does_not_stay(pose):
+    result = released("table", "small_crayons_box", pose)
+    assert result.moved > MOVED or result.tilted > TILTED
+
+
+def test_a_centre_of_mass_beyond_the_support_makes_it_fall():
+    held = object_by_name("small_crayons_box")
+    floor = scene_by_name("table").parts[:1]
+    for center, falls in ((0.0, False), (0.009, False), (0.0115, True)):
+        result = settle(
+            [part.vertices for part in floor],
+            [part.vertices for part in held.parts],
+            np.array([0.0, center, 0.0]),
+            lying(),
+            seconds=4.0,
+        )
+        assert (result.tilted > TILTED) == falls
