@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from placement_planner_ros.core.objective.objective import ObjectiveContext, make_objective
+from placement_planner_ros.core.objective.by_name import make_objective
+from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.scene.region_points import RegionPoints
 from placement_planner_ros.core.types import Verdict
