@@ -170,7 +170,8 @@ class PlacementPlanner:
         return MotionPlanner(list(self.holdings.values()), self._settings.transit, rng)
 
     def run(self, should_stop: Callable[[], bool]) -> Iterator[Placement]:
-        """Yield each placement strictly better than the one before until told to stop."""
+        """Yield each placement strictly better than the one before (ξ_best) until told to stop
+        (Terminate)."""
         started = time.monotonic()
         best = -np.inf
         while not (self.exhausted or should_stop()):
