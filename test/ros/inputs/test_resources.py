@@ -36,6 +36,8 @@ def tree(tmp_path, monkeypatch):
     (tmp_path / "open/gone.stl").symlink_to(tmp_path / "secret/none.stl")
     (tmp_path / "open/folder").symlink_to(tmp_path / "secret")
     (tmp_path / "install/share/installed/built.stl").symlink_to(tmp_path / "secret/d.stl")
+    (tmp_path / "secret/built").mkdir()
+    (tmp_path / "install/share/installed/folder").symlink_to(tmp_path / "secret/built")
     return tmp_path
 
 
@@ -77,6 +79,7 @@ OUTSIDE = [
     ("{tree}/open/{name}", "link.stl", "gone.stl"),
     ("{tree}/install/share/installed/../../../secret/{name}", "d.stl", "none.stl"),
     ("package://installed/../../../secret/{name}", "d.stl", "none.stl"),
+    ("package://installed/folder/../{name}", "d.stl", "none.stl"),
     ("package://mine/../../secret/{name}", "d.stl", "none.stl"),
     ("package://../secret/{name}", "d.stl", "none.stl"),
     ("package://%2e%2e/secret/{name}", "d.stl", "none.stl"),
