@@ -118,6 +118,26 @@ def test_links_are_apart_throughout_the_cells_that_say_so(request, which):
         assert closest >= MARGIN - 1e-6
 
 
+def test_links_are_apart_all_over_the_cells_next_to_open_ones(elbow):
+    """There the bound is sharp: a little less of it and some of these cells would be wrong."""
+    robot, arm = elbow
+    checker = checker_for(robot, arm)
+    tables = checker._flat.arrays.tables
+    first, second, start = tables.counts[0].tolist()
+    apart = tables.apart[start : start + first * second].reshape(first, second)
+    padded = np.pad(apart, 1, constant_values=True)
+    inner = padded[2:, 1:-1] & padded[:-2, 1:-1] & padded[1:-1, 2:] & padded[1:-1, :-2]
+    edge = np.argwhere(apart & ~inner)
+    assert len(edge) > 100
+    corners = np.unique(np.vstack([edge + c for c in ((0, 0), (0, 1), (1, 0), (1, 1))]), axis=0)
+    closest = np.inf
+    for corner in corners:
+        q = np.zeros(robot.model.nq)
+        q[arm.q_index[:2]] = arm.lower[:2] + corner * CELL
+        closest = min(closest, distance(robot, ("base", "fore"), q))
+    assert MARGIN - 1e-6 <= closest < MARGIN + 0.003
+
+
 def test_a_range_is_apart_where_all_its_cells_are(elbow):
     checker = checker_for(*elbow)
     tables, arm = checker._flat.arrays.tables, elbow[1]
