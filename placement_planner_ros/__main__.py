@@ -10,6 +10,8 @@ import sys
 from importlib import import_module
 from typing import Any
 
+from placement_planner_ros.interrupts import catch_signals
+
 PACKAGE = "placement_planner_ros"
 ROS_REMEDY = f"run pip install '{PACKAGE}[ros]', or source a ROS 2 Jazzy"
 _EVALUATION_REMEDY = f"run pip install '{PACKAGE}[evaluation]'"
@@ -27,6 +29,7 @@ def _start(program: str, module: str, remedy: str) -> Any:
 
 def placement_planner() -> Any:
     """The node."""
+    catch_signals()
     return _start("placement_planner", "ros.node", ROS_REMEDY)
 
 

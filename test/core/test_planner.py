@@ -15,7 +15,7 @@ from placement_planner_ros.core.collision.arm import (
     ArmCollision,
     _flat_arm,
     _link_shapes,
-    _object_solids,
+    object_solids,
 )
 from placement_planner_ros.core.collision.load import Standing
 from placement_planner_ros.core.constraints import placement_pose
@@ -99,7 +99,7 @@ def test_the_same_seed_and_budget_give_the_same_placements():
 
 def test_what_is_remembered_from_start_to_start_changes_no_result():
     def forget():
-        for remembered in (_chain, _flat_arm, _link_shapes, _object_solids, _swept, seed_table):
+        for remembered in (_chain, _flat_arm, _link_shapes, object_solids, _swept, seed_table):
             remembered.cache_clear()
 
     problem, objective = make_problem(TABLE, np.random.default_rng(0))

@@ -1,0 +1,164 @@
+"""Whether the robot can begin as it stands, without a look at the environment.
+
+What `usable_holdings` asks of the robot against itself, by coal alone: in milliseconds, for any
+robot, and before anything is compiled or covered with spheres.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import coal
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.collision.arm import (
+    CollisionSettings,
+    arm_joint,
+    meets,
+    object_in_hand,
+    object_solids,
+)
+from placement_planner_ros.core.errors import GraspError, PlacementPlannerError, StartError
+from placement_planner_ros.core.robot.arm import Arm
+from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.core.types import Array
+
+
+def faults_at_start(
+    robot: Robot, arms: tuple[Arm, ...], q_start: Array, body: Body, settings: CollisionSettings
+) -> tuple[str, ...]:
+    """Why some arms and grasps cannot be used: joint limits and self-collision at q_0 (nq,).
+
+    Raises:
+        StartError: q_0 is wrong for every arm and grasp.
+        GraspError: in every grasp the object overlaps the hand.
+    """
+    reasons: list[str] = []
+    bad_grasps: list[GraspError] = []
+    usable = 0
+    solids = [solid for _, solid in object_solids(body)]
+    placed = _Placed(robot, q_start)
+    for arm in arms:
+        fault = beyond_limits(arm, q_start) or placed.met(arm, settings.self_margin)
+        if fault:
+            reasons.append(f"{arm.name}: {fault}")
+            continue
+        for grasp in range(len(arm.grasps)):
+            in_hand, link = placed.met_by_object(arm, grasp, solids, settings.self_margin)
+            if not link:
+                usable += 1
+            elif in_hand:
+                bad_grasps.append(object_in_hand(arm, grasp, link))
+            else:
+                met = f"in self-collision: the held object meets {link}"
+                reasons.append(f"{arm.name} with grasp {grasp}: {met}")
+    if not usable:
+        raise none_usable(reasons, bad_grasps)
+    return (*map(str, bad_grasps), *reasons)
+
+
+def none_usable(reasons: list[str], bad_grasps: list[GraspError]) -> PlacementPlannerError:
+    """What to raise where no arm and grasp is left."""
+    if not reasons:
+        return bad_grasps[0]
+    return StartError(
+        "joint_states",
+        "; ".join(reasons),
+        "the start configuration must lie within the joint limits and keep collision_margin "
+        "with the object in hand",
+    )
+
+
+def beyond_limits(arm: Arm, q_start: Array) -> str:
+    """Which of the arm's joints are beyond their limits at q_0 (nq,), '' where none is."""
+    q = q_start[arm.q_index]
+    joints = ", ".join(
+        f"{arm.joints[j]} = {q[j]:.4f} is not in [{arm.lower[j]:.4f}, {arm.upper[j]:.4f}]"
+        for j in np.flatnonzero((q < arm.lower) | (q > arm.upper))
+    )
+    return f"beyond the joint limits: {joints}" if joints else ""
+
+
+class _Placed:
+    """The robot's geometries at one configuration (nq,)."""
+
+    def __init__(self, robot: Robot, q: Array) -> None:
+        self._robot = robot
+        self._data, geometry = robot.model.createData(), robot.geometry.createData()
+        pin.updateGeometryPlacements(robot.model, self._data, robot.geometry, geometry, q)
+        pin.updateFramePlacements(robot.model, self._data)
+        objects = robot.geometry.geometryObjects
+        self._solids = [
+            (g.geometry, coal.Transform3s(T.rotation, T.translation))
+            for g, T in zip(objects, geometry.oMg, strict=True)
+        ]
+        centers, self._radii = _spheres(robot)
+        self._centers = np.array([T.act(c) for T, c in zip(geometry.oMg, centers, strict=True)])
+        self._centers = self._centers.reshape(-1, 3)
+
+    def met(self, arm: Arm, margin: float) -> str:
+        """Which links meet that move to each other with the arm, in words; '' where none do."""
+        pairs, carried = _pairs(self._robot), _carried(self._robot, arm)
+        pairs = pairs[carried[pairs[:, 0]] != carried[pairs[:, 1]]]
+        apart = np.linalg.norm(self._centers[pairs[:, 0]] - self._centers[pairs[:, 1]], axis=1)
+        near = apart <= self._radii[pairs[:, 0]] + self._radii[pairs[:, 1]] + margin
+        for a, b in pairs[near].tolist():
+            (first, T_first), (second, T_second) = self._solids[a], self._solids[b]
+            if meets(first, T_first, second, T_second, margin):
+                names = self._robot.geometry_links
+                return f"in self-collision: {names[a]} meets {names[b]}"
+        return ""
+
+    def met_by_object(
+        self, arm: Arm, grasp: int, parts: list[coal.Convex], margin: float
+    ) -> tuple[bool, str]:
+        """Whether the object lies in the hand, and which link it meets; '' where none."""
+        robot, model = self._robot, self._robot.model
+        frame = robot.frame_id(arm.tip_frame)
+        T = self._data.oMf[frame] * arm.grasps[grasp]
+        place = coal.Transform3s(T.rotation, T.translation)
+        carried = _carried(robot, arm)
+        hand = arm_joint(model, _joint_ids(robot, arm), model.frames[frame].parentJoint)
+        for part in parts:
+            part.computeLocalAABB()
+            center = T.act(np.array(part.aabb_center))
+            reach = self._radii + part.aabb_radius + margin
+            for i in np.flatnonzero(np.linalg.norm(self._centers - center, axis=1) <= reach):
+                link, in_hand = robot.geometry_links[i], bool(carried[i] == hand)
+                solid, T_solid = self._solids[i]
+                kept = 0.0 if in_hand else margin
+                if link not in arm.touch_links and meets(part, place, solid, T_solid, kept):
+                    return in_hand, link
+        return False, ""
+
+
+@lru_cache(maxsize=4)
+def _spheres(robot: Robot) -> tuple[Array, Array]:
+    """Centres (n, 3) in their own frames and radii (n,) of spheres around the geometries."""
+    centers, radii = [], []
+    for thing in robot.geometry.geometryObjects:
+        thing.geometry.computeLocalAABB()
+        centers.append(np.array(thing.geometry.aabb_center))
+        radii.append(float(thing.geometry.aabb_radius))
+    return np.array(centers).reshape(-1, 3), np.array(radii)
+
+
+@lru_cache(maxsize=4)
+def _pairs(robot: Robot) -> npt.NDArray[np.int64]:
+    """(m, 2) geometries that must not meet."""
+    pairs = [(pair.first, pair.second) for pair in robot.geometry.collisionPairs]
+    return np.array(pairs, dtype=np.int64).reshape(-1, 2)
+
+
+@lru_cache(maxsize=16)
+def _carried(robot: Robot, arm: Arm) -> npt.NDArray[np.int64]:
+    """(n,) per geometry, the arm's last joint that moves it; -1 where none does."""
+    joints, ids = [g.parentJoint for g in robot.geometry.geometryObjects], _joint_ids(robot, arm)
+    return np.array([arm_joint(robot.model, ids, joint) for joint in joints], dtype=np.int64)
+
+
+def _joint_ids(robot: Robot, arm: Arm) -> list[int]:
+    return [robot.model.getJointId(name) for name in arm.joints]

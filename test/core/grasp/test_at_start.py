@@ -1,0 +1,78 @@
+"""What start says of the robot as it stands, against what the search would find."""
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
+from placement_planner_ros.core.collision.load import Held
+from placement_planner_ros.core.errors import GraspError, StartError
+from placement_planner_ros.core.grasp.at_start import faults_at_start
+from placement_planner_ros.core.robot.moving_arm import MovingArm
+from placement_planner_ros.experiments.cases import Case, make_problem
+
+SETTINGS = CollisionSettings()
+
+
+@pytest.fixture(scope="module")
+def problem():
+    case = Case("table", "small_crayons_box", "maximize_clearance")
+    return make_problem(case, np.random.default_rng(0))[0]
+
+
+def faults(problem, arms=None, q=None):
+    q = problem.q_start if q is None else q
+    return faults_at_start(problem.robot, arms or problem.arms, q, problem.body, SETTINGS)
+
+
+def test_a_robot_that_can_begin_has_no_fault(problem):
+    assert faults(problem) == ()
+
+
+def test_it_judges_as_the_search_does(problem):
+    arm = replace(problem.arms[0], grasps=problem.arms[0].grasps[:1])
+    moving = MovingArm(problem.robot, arm, problem.q_start)
+    obstacles = problem.environment.obstacles
+    collision = ArmCollision(moving, Held(problem.body, 0), obstacles, SETTINGS)
+    alone = collision.with_pairs(lambda a, b: True, environment=False)
+    rng = np.random.default_rng(1)
+    found = []
+    for _ in range(300):
+        q = problem.q_start.copy()
+        q[arm.q_index] = rng.uniform(arm.lower, arm.upper)
+        try:
+            said = faults(problem, (arm,), q)
+        except StartError as error:
+            assert "self-collision" in str(error)
+            found.append(False)
+        else:
+            assert said == ()
+            found.append(True)
+        assert found[-1] == alone.free(q[arm.q_index])
+    assert 20 < sum(found) < 280
+
+
+def test_one_arm_beyond_its_limits_is_a_note_and_all_of_them_a_fault(problem):
+    left, right = problem.arms
+    q = problem.q_start.copy()
+    q[left.q_index[0]] = left.lower[0] - 0.1
+    (said,) = faults(problem, q=q)
+    assert said.startswith(f"left: beyond the joint limits: {left.joints[0]} = ")
+    q[right.q_index[0]] = right.lower[0] - 0.1
+    with pytest.raises(StartError) as caught:
+        faults(problem, q=q)
+    assert left.joints[0] in str(caught.value)
+    assert right.joints[0] in str(caught.value)
+
+
+def test_a_bad_grasp_among_others_is_a_note_and_all_of_them_a_fault(problem):
+    left = problem.arms[0]
+    in_palm = pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.02]))
+    bare = replace(left, touch_links=())
+    (said,) = faults(problem, (replace(bare, grasps=(in_palm,)), problem.arms[1]))
+    assert "left.grasps[0]" in said
+    assert "lies in" in said
+    with pytest.raises(GraspError, match="touch_links"):
+        faults(problem, (replace(bare, grasps=(in_palm,)),))
