@@ -5,20 +5,22 @@ from __future__ import annotations
 import threading
 import time
 from array import array
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from math import isfinite
 from typing import Any
 
-import numpy as np
 import pinocchio as pin
 from rclpy.parameter import Parameter
 
 from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.ros.inputs.inputs import Inputs
 from placement_planner_ros.ros.outputs.announcer import Announcer
 from placement_planner_ros.ros.outputs.answers import Answer, answer, refusal
 from placement_planner_ros.ros.parameters.checks import one_pose, poses_from_list
 from placement_planner_ros.ros.parameters.server import ParameterServer
 from placement_planner_ros.ros.run.planning import Prepare
+from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.run.start_checks import start_notes, take_snapshot
 from placement_planner_ros.ros.run.worker import Run, State
 
@@ -31,6 +33,7 @@ class Commands:
 
     Args:
         prepare: makes the planner of a run.
+        environment_of: the environment of a run, where it is there already.
         announcer: tells the world of each run.
         warm: set once everything a search needs is compiled.
 
@@ -43,6 +46,7 @@ class Commands:
         inputs: Inputs,
         parameters: ParameterServer,
         prepare: Prepare,
+        environment_of: Callable[[Snapshot], Environment | None],
         announcer: Announcer,
         warm: threading.Event,
     ) -> None:
@@ -50,6 +54,7 @@ class Commands:
         self._inputs = inputs
         self._parameters = parameters
         self._prepare = prepare
+        self._environment_of = environment_of
         self._announcer = announcer
         self._warm = warm
         # Milliseconds of the wall clock: greater than any number given before, as no node answers
@@ -75,7 +80,7 @@ class Commands:
             snapshot = take_snapshot(self._inputs, parameters, [p.name for p in changes])
             if isinstance(snapshot, list):
                 return refusal(snapshot)
-            notes = start_notes(snapshot)
+            notes = start_notes(snapshot, self._environment_of(snapshot))
             self._number += 1
             run = Run(self._number, snapshot, self._prepare, self._announcer, self._warm)
             self.run = run
@@ -227,11 +232,11 @@ def _pose(value: object) -> pin.SE3:
     Raises:
         ParameterError: it is none.
     """
-    numbers = np.array(value, dtype=np.float64) if isinstance(value, Sequence | array) else None
-    if numbers is None or numbers.shape != (7,) or not np.isfinite(numbers).all():
+    numbers = list(value) if isinstance(value, Sequence | array) else []
+    if len(numbers) != 7 or not all(type(n) in (int, float) and isfinite(n) for n in numbers):
         raise ParameterError("pose", value, "give seven finite numbers: x y z qx qy qz qw")
-    one_pose("pose", numbers.tolist())
-    return poses_from_list("pose", numbers.tolist())[0]
+    one_pose("pose", numbers)
+    return poses_from_list("pose", numbers)[0]
 
 
 def _outcome(code: str, run: Run) -> Answer:

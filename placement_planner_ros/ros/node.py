@@ -71,6 +71,7 @@ class PlacementPlannerNode(Node):
             self._inputs,
             self._settings,
             prepare or self._preparation.prepare,
+            self._preparation.ready,
             Announcer(self, outputs, self._reporter),
             self._warm,
         )

@@ -280,7 +280,7 @@ def test_whatever_an_objective_raises_ends_its_run_only(bench, error, capfd):
     started(b).error = error
     assert ended(b, 1, "failed")["code"] == "BAD_PARAMETER"
     said = b.messages("status")[-1].message
-    assert said.startswith("objective")
+    assert "objective" in said
     assert type(error).__name__ in said
     assert b.call("stop").code == "NOT_RUNNING"
     started(b).offers.append(0.1)
@@ -403,18 +403,14 @@ def test_a_start_beyond_the_limits_is_refused_and_one_bad_arm_is_a_note(bench):
         return b.call("start")
 
     left, both = {"yumi_joint_1_l": -3.1}, {"yumi_joint_1_l": -3.1, "yumi_joint_1_r": -3.1}
-    b.wait(lambda: at(**both).code not in ("ROBOT_MOVING", "JOINTS_STALE"))
-    answer = at(**both)
-    assert (answer.success, answer.code) == (False, "BAD_START")
-    assert "yumi_joint_1_l = -3.1000" in answer.words
-    assert "yumi_joint_1_r = -3.1000" in answer.words
+    answers = []
+    b.wait(lambda: answers.append(at(**both)) or answers[-1].code == "BAD_START")
+    assert not answers[-1].success
+    assert "yumi_joint_1_l = -3.1000" in answers[-1].words
+    assert "yumi_joint_1_r = -3.1000" in answers[-1].words
     assert b.node._commands.run is None
-    b.wait(lambda: at(**left).code not in ("ROBOT_MOVING", "BAD_START"))
-    assert b.node._commands.run is not None
-    b.call("stop")
-    answer = at(**left)
-    assert answer.code == "OK"
-    assert "does without left: beyond the joint limits: yumi_joint_1_l" in answer.words
+    b.wait(lambda: answers.append(at(**left)) or answers[-1].code == "OK")
+    assert "does without left: beyond the joint limits: yumi_joint_1_l" in answers[-1].words
 
 
 # --- ~/occupancy

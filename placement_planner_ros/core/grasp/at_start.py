@@ -1,7 +1,7 @@
-"""Whether the robot can begin as it stands, without a look at the environment.
+"""Whether the robot can begin as it stands.
 
-What `usable_holdings` asks of the robot against itself, by coal alone: in milliseconds, for any
-robot, and before anything is compiled or covered with spheres.
+What `usable_holdings` asks, by coal alone: in milliseconds, for any robot, and before anything is
+compiled or covered with spheres.
 """
 
 from __future__ import annotations
@@ -15,8 +15,10 @@ import pinocchio as pin
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.arm import (
+    HELD_OBJECT,
     CollisionSettings,
     arm_joint,
+    coal_box,
     meets,
     object_in_hand,
     object_solids,
@@ -24,13 +26,22 @@ from placement_planner_ros.core.collision.arm import (
 from placement_planner_ros.core.errors import GraspError, PlacementPlannerError, StartError
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import Array
 
 
 def faults_at_start(
-    robot: Robot, arms: tuple[Arm, ...], q_start: Array, body: Body, settings: CollisionSettings
+    robot: Robot,
+    arms: tuple[Arm, ...],
+    q_start: Array,
+    body: Body,
+    settings: CollisionSettings,
+    obstacles: ObstacleSet | None = None,
 ) -> tuple[str, ...]:
-    """Why some arms and grasps cannot be used: joint limits and self-collision at q_0 (nq,).
+    """Why some arms and grasps cannot be used: joint limits and collision at q_0 (nq,).
+
+    Args:
+        obstacles: the environment; None where it is not known yet.
 
     Raises:
         StartError: q_0 is wrong for every arm and grasp.
@@ -41,14 +52,22 @@ def faults_at_start(
     usable = 0
     solids = [solid for _, solid in object_solids(body)]
     placed = _Placed(robot, q_start)
+    margin = settings.collision_margin
     for arm in arms:
         fault = beyond_limits(arm, q_start) or placed.met(arm, settings.self_margin)
+        if obstacles is not None and not fault:
+            fault = placed.met_in(obstacles, arm, margin)
         if fault:
             reasons.append(f"{arm.name}: {fault}")
             continue
         for grasp in range(len(arm.grasps)):
             in_hand, link = placed.met_by_object(arm, grasp, solids, settings.self_margin)
-            if not link:
+            in_cloud = ""
+            if obstacles is not None and not link:
+                in_cloud = placed.met_by_object_in(obstacles, arm, grasp, solids, margin)
+            if in_cloud:
+                reasons.append(f"{arm.name} with grasp {grasp}: {in_cloud}")
+            elif not link:
                 usable += 1
             elif in_hand:
                 bad_grasps.append(object_in_hand(arm, grasp, link))
@@ -133,6 +152,45 @@ class _Placed:
                 if link not in arm.touch_links and meets(part, place, solid, T_solid, kept):
                     return in_hand, link
         return False, ""
+
+    def met_in(self, obstacles: ObstacleSet, arm: Arm, margin: float) -> str:
+        """Which link that the arm moves meets the environment; '' where none does."""
+        moved = np.flatnonzero(_carried(self._robot, arm) >= 0).tolist()
+        things = [(self._robot.geometry_links[i], *self._solids[i]) for i in moved]
+        return _met_in(obstacles, things, margin)
+
+    def met_by_object_in(
+        self, obstacles: ObstacleSet, arm: Arm, grasp: int, parts: list[coal.Convex], margin: float
+    ) -> str:
+        """Whether the object that the arm holds meets the environment; '' where it does not."""
+        T = self._data.oMf[self._robot.frame_id(arm.tip_frame)] * arm.grasps[grasp]
+        place = coal.Transform3s(T.rotation, T.translation)
+        return _met_in(obstacles, [(HELD_OBJECT, part, place) for part in parts], margin)
+
+
+def _met_in(
+    obstacles: ObstacleSet,
+    things: list[tuple[str, coal.CollisionGeometry, coal.Transform3s]],
+    margin: float,
+) -> str:
+    """Which of the things meets a box, in words; '' where none does."""
+    bounds = np.empty((len(things), 2, 3))
+    for bound, (_, thing, T) in zip(bounds, things, strict=True):
+        thing.computeLocalAABB()
+        local = thing.aabb_local
+        center = T.getRotation() @ ((local.min_ + local.max_) / 2) + T.getTranslation()
+        half = np.abs(T.getRotation()) @ ((local.max_ - local.min_) / 2) + margin
+        bound[:] = center - half, center + half
+    lower, upper = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
+    near = ((obstacles.lower <= upper) & (obstacles.upper >= lower)).all(axis=1)
+    corners = np.hstack([obstacles.lower[near], obstacles.upper[near]])
+    for (low, high), (name, thing, T) in zip(bounds, things, strict=True):
+        for box in corners[((corners[:, :3] <= high) & (corners[:, 3:] >= low)).all(axis=1)]:
+            if meets(thing, T, *coal_box(box), margin):
+                x, y, z = (box[:3] + box[3:]) / 2
+                what = f"{name} meets the environment at ({x:.3f}, {y:.3f}, {z:.3f})"
+                return f"in collision with the clouds: {what}"
+    return ""
 
 
 @lru_cache(maxsize=4)

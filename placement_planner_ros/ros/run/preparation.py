@@ -149,6 +149,13 @@ class Preparation:
             with self._lock:
                 self._runs -= 1
 
+    def ready(self, snapshot: Snapshot) -> Environment | None:
+        """The environment of that run where it is there already, without a look at its points."""
+        build = self._newest
+        if build is None or not build.made or not build.surroundings.made_of(snapshot):
+            return None
+        return build.environment
+
     def ahead(self, snapshot: Snapshot) -> None:
         """Prepare for a run that may come, in this thread; its errors are left to that run."""
         surroundings = Surroundings.of(snapshot, self._before())

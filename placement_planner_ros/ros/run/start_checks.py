@@ -18,6 +18,7 @@ from placement_planner_ros.core.errors import (
 )
 from placement_planner_ros.core.grasp.at_start import faults_at_start
 from placement_planner_ros.core.robot.model import Arm
+from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.inputs import Inputs
 from placement_planner_ros.ros.inputs.robot_input import make_arm
@@ -75,11 +76,14 @@ def take_snapshot(
     return faults or snapshot
 
 
-def start_notes(snapshot: Snapshot) -> list[str]:
+def start_notes(snapshot: Snapshot, environment: Environment | None) -> list[str]:
     """What to know of a run that can start.
 
+    Args:
+        environment: the run's; None where it is yet to be made, and q_0 looked at again then.
+
     Raises:
-        PlacementPlannerError: it cannot start from q_0, whatever is around the robot.
+        PlacementPlannerError: it cannot start from q_0.
     """
     at_start = faults_at_start(
         snapshot.robot,
@@ -87,6 +91,7 @@ def start_notes(snapshot: Snapshot) -> list[str]:
         snapshot.q_start,
         snapshot.body,
         snapshot.parameters.planner_settings.collision,
+        None if environment is None else environment.obstacles,
     )
     beyond = snapshot.robot.limit_violations(snapshot.q_start)
     without = [f"does without {reason}" for reason in at_start]
