@@ -141,16 +141,17 @@ class _Placed:
         place = coal.Transform3s(T.rotation, T.translation)
         carried = _carried(robot, arm)
         hand = arm_joint(model, _joint_ids(robot, arm), model.frames[frame].parentJoint)
-        for part in parts:
-            part.computeLocalAABB()
-            center = T.act(np.array(part.aabb_center))
-            reach = self._radii + part.aabb_radius + margin
-            for i in np.flatnonzero(np.linalg.norm(self._centers - center, axis=1) <= reach):
-                link, in_hand = robot.geometry_links[i], bool(carried[i] == hand)
-                solid, T_solid = self._solids[i]
-                kept = 0.0 if in_hand else margin
-                if link not in arm.touch_links and meets(part, place, solid, T_solid, kept):
-                    return in_hand, link
+        in_hand = carried == hand
+        for rows, kept in ((in_hand, 0.0), (~in_hand, margin)):
+            for part in parts:
+                part.computeLocalAABB()
+                center = T.act(np.array(part.aabb_center))
+                away = np.linalg.norm(self._centers - center, axis=1)
+                near = away <= self._radii + part.aabb_radius + kept
+                for i in np.flatnonzero(near & rows):
+                    link, (solid, T_solid) = robot.geometry_links[i], self._solids[i]
+                    if link not in arm.touch_links and meets(part, place, solid, T_solid, kept):
+                        return bool(in_hand[i]), link
         return False, ""
 
     def met_in(self, obstacles: ObstacleSet, arm: Arm, margin: float) -> str:

@@ -22,38 +22,48 @@ def problem():
     return make_problem(case, np.random.default_rng(0))[0]
 
 
-def faults(problem, arms=None, q=None):
+def faults(problem, arms=None, q=None, obstacles=None):
     q = problem.q_start if q is None else q
-    return faults_at_start(problem.robot, arms or problem.arms, q, problem.body, SETTINGS)
+    return faults_at_start(
+        problem.robot, arms or problem.arms, q, problem.body, SETTINGS, obstacles
+    )
 
 
 def test_a_robot_that_can_begin_has_no_fault(problem):
     assert faults(problem) == ()
 
 
-def test_it_judges_as_the_search_does(problem):
+@pytest.mark.parametrize("known", [False, True])
+def test_it_judges_as_the_search_does(problem, known):
     arm = replace(problem.arms[0], grasps=problem.arms[0].grasps[:1])
     moving = MovingArm(problem.robot, arm, problem.q_start)
     obstacles = problem.environment.obstacles
     collision = ArmCollision(moving, Held(problem.body, 0), obstacles, SETTINGS)
-    alone = collision.with_pairs(lambda a, b: True, environment=False)
+    judge = collision if known else collision.with_pairs(lambda a, b: True, environment=False)
     rng = np.random.default_rng(1)
-    found = []
+    found, in_cloud = [], 0
     for _ in range(300):
         q = problem.q_start.copy()
         q[arm.q_index] = rng.uniform(arm.lower, arm.upper)
         try:
-            said = faults(problem, (arm,), q)
-        except StartError:
+            said = faults(problem, (arm,), q, obstacles if known else None)
+        except StartError as error:
             found.append(False)
+            in_cloud += "with the clouds" in str(error)
         else:
             assert said == ()
             found.append(True)
-        assert found[-1] == alone.free(q[arm.q_index])
+        assert found[-1] == judge.free(q[arm.q_index])
     assert 20 < sum(found) < 280
-    q[arm.q_index] = 0.0
-    with pytest.raises(StartError, match="in self-collision: yumi_link"):
-        faults(problem, (arm,), q)
+    assert (in_cloud > 5) == known
+
+
+def test_a_robot_that_meets_itself_is_refused_with_the_links(problem):
+    q = problem.q_start.copy()
+    for arm in problem.arms:
+        q[arm.q_index] = 0.0
+    with pytest.raises(StartError, match=r"left: in self-collision: \w+ meets \w+"):
+        faults(problem, q=q)
 
 
 def test_one_arm_beyond_its_limits_is_a_note_and_all_of_them_a_fault(problem):
