@@ -4,22 +4,16 @@ import numpy as np
 import pinocchio as pin
 import trimesh
 
-from placement_planner_ros import Body, Robot, TargetVolume, plan
+from placement_planner_ros import Body, TargetVolume, plan
 from placement_planner_ros.scenes.clouds import complete_cloud
 from placement_planner_ros.scenes.scenes import scene_by_name
-from placement_planner_ros.scenes.yumi import START_CONFIGURATION
-from placement_planner_ros.share import share_path
+from placement_planner_ros.scenes.yumi import START_CONFIGURATION, load_yumi
 
-urdf, srdf = share_path("urdf", "yumi.urdf"), share_path("urdf", "yumi.srdf")
-meshes = {"placement_planner_ros": urdf.parent.parent}  # where package:// URIs lead
-robot = Robot.from_urdf(urdf.read_text(), meshes, srdf.read_text())
+robot = load_yumi()  # or your own: Robot.from_urdf(urdf_text, {"package": folder}, srdf_text)
 grasp = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.145]))  # pose of the box in the tip's frame
+fingers, opened = ["gripper_l_joint"], [0.025]  # metres
 arm = robot.arm(
-    "left",
-    tip_frame="gripper_l_base",
-    grasps=[grasp],
-    gripper_joints=["gripper_l_joint"],
-    gripper_open=[0.025],  # metres
+    "left", "gripper_l_base", grasps=[grasp], gripper_joints=fingers, gripper_open=opened
 )
 start = {**START_CONFIGURATION, "gripper_l_joint": 0.0105}  # joint values by name: rad, m
 box = trimesh.creation.box((0.021, 0.071, 0.094))  # metres; or trimesh.load("my_object.stl")

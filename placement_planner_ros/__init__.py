@@ -26,7 +26,8 @@ C_free                                        collision.arm.ArmCollision
 d_S, distance to the environment              scene.distance.ClearanceField
 Algorithm 1, Terminate, ξ_best                planner.PlacementPlanner.run
 τ, published                                  types.Placement, timing.trajectory_maker
-g_max; m_max                                search.sampler.SamplerSettings; planner.PlannerSettings
+g_max                                         search.sampler.SamplerSettings
+m_max                                         planner.PlannerSettings
 SampleGoals (Algorithm 2)                     search.mcts.MctsSampler.sample_goals
 ... its constraints in order, 𝒢_n             sample_goals.goals.GoalFinder
 ... Sample; IKSolver                          search.hierarchy.AfrNode.sample; reach.ik

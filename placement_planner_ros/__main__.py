@@ -7,6 +7,7 @@ one line which command installs that.
 from __future__ import annotations
 
 import sys
+from functools import partial
 from importlib import import_module
 from typing import Any
 
@@ -17,7 +18,9 @@ ROS_REMEDY = f"run pip install '{PACKAGE}[ros]', or source a ROS 2 Jazzy"
 _EVALUATION_REMEDY = f"run pip install '{PACKAGE}[evaluation]'"
 
 
-def _start(program: str, module: str, remedy: str) -> Any:
+def _start(program: str, module: str, remedy: str, catching: bool = False) -> Any:
+    if catching:
+        catch_signals()
     try:
         main = import_module(f"{PACKAGE}.{module}").main
     except ModuleNotFoundError as error:
@@ -27,31 +30,16 @@ def _start(program: str, module: str, remedy: str) -> Any:
     return main()
 
 
-def placement_planner() -> Any:
-    """The node."""
-    catch_signals()
-    return _start("placement_planner", "ros.node", ROS_REMEDY)
-
-
-def placement_demo() -> Any:
-    """The node on a bundled scene."""
-    return _start("placement_demo", "ros.tools.demo", ROS_REMEDY)
-
-
-def placement_scene() -> Any:
-    """The sensors of a bundled scene."""
-    return _start("placement_scene", "ros.tools.scene_publisher", ROS_REMEDY)
-
-
-def placement_benchmark() -> Any:
-    """The evaluation."""
-    return _start("placement_benchmark", "experiments.benchmark", _EVALUATION_REMEDY)
-
-
-PROGRAMS = (placement_planner, placement_demo, placement_scene, placement_benchmark)
+placement_planner = partial(_start, "placement_planner", "ros.node", ROS_REMEDY, catching=True)
+placement_demo = partial(_start, "placement_demo", "ros.tools.demo", ROS_REMEDY)
+placement_scene = partial(_start, "placement_scene", "ros.tools.scene_publisher", ROS_REMEDY)
+placement_benchmark = partial(
+    _start, "placement_benchmark", "experiments.benchmark", _EVALUATION_REMEDY
+)
 
 if __name__ == "__main__":
-    programs = {program.__name__: program for program in PROGRAMS}
-    if len(sys.argv) < 2 or sys.argv[1] not in programs:
-        sys.exit(f"usage: python -m {PACKAGE} {{{','.join(programs)}}} ...")
-    sys.exit(programs[sys.argv.pop(1)]())
+    programs = (placement_planner, placement_demo, placement_scene, placement_benchmark)
+    by_name = {str(program.args[0]): program for program in programs}
+    if len(sys.argv) < 2 or sys.argv[1] not in by_name:
+        sys.exit(f"usage: python -m {PACKAGE} {{{','.join(by_name)}}} ...")
+    sys.exit(by_name[sys.argv.pop(1)]())

@@ -15,9 +15,9 @@ from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.errors import (
     JointStateError,
     ParameterError,
-    PlacementPlannerError,
     VolumeError,
 )
+from placement_planner_ros.core.errors import PlacementPlannerError as PlacementPlannerError
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.objective.objective import Objective, ObjectiveContext
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
@@ -27,17 +27,6 @@ from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.types import Array, Placement, TargetVolume
 from placement_planner_ros.core.warmup import warm_up
-
-__all__ = [
-    "Body",
-    "Environment",
-    "Placement",
-    "PlacementPlannerError",
-    "PlannerSettings",
-    "Robot",
-    "TargetVolume",
-    "plan",
-]
 
 _log = logging.getLogger(__name__)
 _warm: deque[Robot] = deque(maxlen=4)

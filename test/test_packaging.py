@@ -165,7 +165,7 @@ MODULES = {"pin": {"pinocchio"}, "pillow": {"PIL"}, "pyyaml": {"yaml"}}
 ROS_MODULES = {"rclpy", "ament_index_python", "builtin_interfaces", "rcl_interfaces"}
 ROS_MODULES |= {f"{name}_msgs" for name in ("std", "geometry", "sensor", "shape", "trajectory")}
 ROS_MODULES |= {"visualization_msgs", "diagnostic_msgs", "std_srvs"}
-OWN_EXTRA = {"core/motion/ompl_planner.py": "evaluation", "experiments/settle.py": "test"}
+OWN_EXTRA = {"core/motion/ompl_planner.py": "evaluation"}
 TF = {"tf2_ros", "tf2_msgs", "launch", "launch_ros"}  # looked up where they are installed
 
 

@@ -6,6 +6,7 @@ python test/verify_cases.py results/cases --table docs/cases_complete.md
 from __future__ import annotations
 
 import argparse
+import functools
 import json
 import sys
 from collections import defaultdict
@@ -16,7 +17,9 @@ import numpy as np
 from checker import Solution, SolutionChecker, Task, Tolerances
 
 from placement_planner_ros.core.planner import PlannerSettings
-from placement_planner_ros.experiments.cases import start_configuration
+from placement_planner_ros.core.problem import workspace
+from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
+from placement_planner_ros.experiments.cases import Case, read_inputs, start_configuration
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.scenes import scene_by_name
 from placement_planner_ros.scenes.yumi import (
@@ -45,9 +48,19 @@ def case_checker(case: dict[str, str], contact: float = 0.003) -> SolutionChecke
         package_dirs={PACKAGE: urdf.parent.parent},
         q_start=start_configuration(case["object"]),
         objective=case["objective"],
+        measured=_measured(Case(**case)) if case["cloud"] == "complete" else None,
     )
     limit = PlannerSettings().execution.acceleration_limits[0]
     return SolutionChecker(task, Tolerances(contact=contact, acceleration_limit=limit))
+
+
+@functools.cache
+def _measured(case: Case) -> np.ndarray:
+    """(2, n, 3) corners of the boxes around a complete cloud, which is the same in every run."""
+    inputs = read_inputs(case, np.random.default_rng(0))
+    bounds = workspace(inputs.robot, inputs.arms, inputs.q_start, inputs.body, inputs.volume)
+    obstacles = ObstacleSet.from_points(inputs.points, GridSettings(), bounds)
+    return np.stack([obstacles.lower, obstacles.upper])
 
 
 NAMES = ("times", "positions", "velocities", "accelerations")

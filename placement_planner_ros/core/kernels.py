@@ -10,6 +10,9 @@ Lean kernels are compiled without numba's reference counts. Arrays that are hand
 belong to its caller, yet numba counts a reference to each of them, those within tuples too: with
 the tuples of the collision check that takes longer than most of its calls. Kernels that make no
 array, not even for a while, can go without.
+
+A kernel is compiled once for its kinds of arguments: numba would compile it anew for each constant
+that another kernel calls it with, and for each first value of a loop, which is a constant too.
 """
 
 from __future__ import annotations
@@ -21,10 +24,11 @@ import os
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numba
 from numba.core.options import DefaultOptions
+from numba.core.types import unliteral
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 _config: Any = numba.config
@@ -50,10 +54,14 @@ def kernel(*, lean: bool = False, nogil: bool = False, inline: bool = False) -> 
         # numba reads the folder when it decorates, and from nowhere but its global configuration
         folder, _config.CACHE_DIR = _config.CACHE_DIR, _cache_folder(inspect.getfile(function))
         try:
-            compiled: _F = numba.njit(cache=True, **options)(function)
+            compiled: Any = numba.njit(cache=True, **options)(function)
         finally:
             _config.CACHE_DIR = folder
-        return compiled
+        template = compiled.get_call_template
+        compiled.get_call_template = lambda args, kws: template(
+            [unliteral(a) for a in args], {name: unliteral(a) for name, a in kws.items()}
+        )
+        return cast(_F, compiled)
 
     return decorate
 

@@ -206,21 +206,28 @@ class PlacementPlanner:
     ) -> Iterator[Placement]:
         """What a path to a goal gives: the locally optimised placement.
 
-        Where nothing was found before, the placement as it was reached comes first, at once.
+        Where nothing was found before, the placement as it was reached comes first, at once; else
+        it comes where the optimised one cannot be timed.
         """
         self.motion.retire(goal)
         holding = self.holdings[goal.arm, goal.grasp]
         optimize = self._settings.local_optimization
         first = best == -np.inf
-        if first or not optimize:
-            yield from self._timed(path, goal, holding, started, should_stop)
-        if not optimize or should_stop():
-            return
-        refined = self._optimizer.optimize(goal, holding, should_stop)
-        if first and refined.goal is goal:
-            return
-        path = np.vstack([path, refined.slide[1:]])
-        yield from self._timed(path, refined.goal, holding, started, should_stop)
+        reached = self._timed(path, goal, holding, started, should_stop) if first else None
+        if reached is not None:
+            yield reached
+        if optimize and not should_stop():
+            refined = self._optimizer.optimize(goal, holding, should_stop)
+            if refined.goal is not goal:
+                further = np.vstack([path, refined.slide[1:]])
+                better = self._timed(further, refined.goal, holding, started, should_stop)
+                if better is not None:
+                    yield better
+                    return
+        if not first:
+            reached = self._timed(path, goal, holding, started, should_stop)
+            if reached is not None:
+                yield reached
 
     def _timed(
         self,
@@ -229,13 +236,13 @@ class PlacementPlanner:
         holding: Holding,
         started: float,
         should_stop: Callable[[], bool],
-    ) -> Iterator[Placement]:
-        """Shorten, time and certify; nothing where that fails."""
+    ) -> Placement | None:
+        """Shorten, time and certify; None where that fails."""
         made = self._trajectories.make(path, goal, holding, should_stop)
         if made is None:
             self.statistics.unreached += not should_stop()
-            return
-        yield Placement(
+            return None
+        return Placement(
             goal,
             made.trajectory,
             made.approach_start,

@@ -55,7 +55,7 @@ class Statistics:
         count: goal samples and their verdicts.
         goals: goals found, each a candidate for motion planning.
         motion_iterations: iterations of the bidirectional RRTs.
-        unreached: goals connected whose timed motion could not be certified.
+        unreached: motions to goals that could not be certified once timed.
         solutions: placements published.
         best: ξ_best; -inf before the first.
     """

@@ -10,6 +10,7 @@ from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.experiments.evaluation.command import add_evaluation_commands
 from placement_planner_ros.experiments.motion.comparison import add_motion_command
 from placement_planner_ros.experiments.speed.command import add_speed_command
+from placement_planner_ros.share import PACKAGE
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -25,13 +26,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except PlacementPlannerError as error:
         print(f"placement_benchmark: {error}", file=sys.stderr)
     except ModuleNotFoundError as error:
-        if error.name not in ("matplotlib", "PIL"):
+        missing = (error.name or "").partition(".")[0]
+        if missing not in ("matplotlib", "PIL"):
             raise
-        print(
-            "placement_benchmark: figures need matplotlib and pillow, which are not installed; "
-            "whatever was measured is recorded",
-            file=sys.stderr,
-        )
+        why = f"{missing} is not installed; whatever was measured is recorded"
+        remedy = f"{why}: run pip install '{PACKAGE}[evaluation]'"
+        print(f"placement_benchmark: figures need matplotlib and pillow; {remedy}", file=sys.stderr)
     return 2
 
 

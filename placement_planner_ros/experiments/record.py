@@ -229,7 +229,7 @@ def _count(record: Record, planner: PlacementPlanner, elapsed: float) -> None:
 
 def describe(record: Mapping[str, Any]) -> str:
     """One line for the terminal."""
-    head = f"{Case(**record['case'])!s:<62} {record['variant']:<10} seed {record['seed']:<2}"
+    head = f"{Case(**record['case'])!s:<62} {record['variant']:<13} seed {record['seed']:<2}"
     solutions = record["solutions"]
     if not solutions:
         return f"{head}  FAILED: {record['failure'].strip().splitlines()[-1]}"

@@ -24,11 +24,13 @@ from placement_planner_ros.core.grasp.hand_sweep import _swept
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.objective.objective import ObjectiveContext
+from placement_planner_ros.core.optimize_locally import LocalOptimizer
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.reach.kinematics import _chain
 from placement_planner_ros.core.reach.seeds import seed_table
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.search.sampler import SamplerSettings
+from placement_planner_ros.core.timing.trajectory_maker import TrajectoryMaker
 from placement_planner_ros.core.types import TargetVolume, Verdict
 from placement_planner_ros.experiments.cases import Case, make_problem
 from placement_planner_ros.experiments.record import save_solution
@@ -78,6 +80,32 @@ def test_the_paper_s_search_and_the_ablations_plan_too(settings):
     assert placements
     objectives = [p.objective for p in placements]
     assert all(b > a for a, b in itertools.pairwise(objectives))
+
+
+def test_where_the_optimised_path_cannot_be_timed_the_goal_reached_is_published():
+    optimised = []
+    optimize, make = LocalOptimizer.optimize, TrajectoryMaker.make
+
+    def watched(self, goal, *arguments):
+        refined = optimize(self, goal, *arguments)
+        optimised.append((goal, refined.goal))
+        return refined
+
+    def failing(self, path, goal, *arguments):
+        if any(goal is better and goal is not reached for reached, better in optimised):
+            return None
+        return make(self, path, goal, *arguments)
+
+    with (
+        mock.patch.object(LocalOptimizer, "optimize", watched),
+        mock.patch.object(TrajectoryMaker, "make", failing),
+    ):
+        planner, placements = plan(samples=3000)
+    improved = [reached for reached, better in optimised if better is not reached]
+    assert len(improved) >= 2
+    assert planner.statistics.unreached == len(improved)
+    assert [p.goal for p in placements] == [reached for reached, _ in optimised]
+    assert all(b.objective > a.objective for a, b in itertools.pairwise(placements))
 
 
 def test_local_optimisation_ends_where_its_trajectory_ends():

@@ -30,16 +30,16 @@ from placement_planner_ros.core.collision.placing import (
     note_undecided,
     place_planes,
     place_set,
-    to_world,
 )
 from placement_planner_ros.core.collision.separation import (
     COLLIDING,
     FREE,
     TOLERANCE,
     UNDECIDED,
-    separate_box,
+    separate,
 )
 from placement_planner_ros.core.kernels import kernel
+from placement_planner_ros.core.reach.kinematics import to_world
 from placement_planner_ros.core.types import Array
 
 _TOGETHER = 16
@@ -76,7 +76,11 @@ class BoxArrays(NamedTuple):
 def distance_bounds(
     grid: Array, field: npt.NDArray[np.uint8], x: float, y: float, z: float
 ) -> tuple[float, float]:
-    """Lower and upper bound of the distance of a point to all boxes (`field_grid`, `field`)."""
+    """Lower and upper bound of the distance of a point to all boxes (`field_grid`, `field`).
+
+    Inside the grid, those of the point's cell, whose centre it is `off` away from
+    (`scene.distance_bound.DistanceBound`); outside, the distance to the box around all boxes.
+    """
     fx = (x - grid[0]) * grid[15]
     fy = (y - grid[1]) * grid[15]
     fz = (z - grid[2]) * grid[15]
@@ -127,48 +131,55 @@ def boxes_apart(bounds: Array, row: int, corners: Array, box: int, need: float) 
     )
 
 
-@kernel(lean=True)
-def _plane_in_world(
-    arm: ArmArrays, scratch: ArmScratch, s: int, plane: int
-) -> tuple[float, float, float, float]:
-    """Normal and offset of a plane of set s."""
-    frames, joint, planes = scratch.frames, arm.sets[s, SET_JOINT], arm.planes
-    x, y, z = planes[plane, 0], planes[plane, 1], planes[plane, 2]
-    nx = frames[joint, 0, 0] * x + frames[joint, 0, 1] * y + frames[joint, 0, 2] * z
-    ny = frames[joint, 1, 0] * x + frames[joint, 1, 1] * y + frames[joint, 1, 2] * z
-    nz = frames[joint, 2, 0] * x + frames[joint, 2, 1] * y + frames[joint, 2, 2] * z
-    offset = planes[plane, 3]
-    offset += nx * frames[joint, 0, 3] + ny * frames[joint, 1, 3] + nz * frames[joint, 2, 3]
-    return nx, ny, nz, offset
+class SetsInWorld(NamedTuple):
+    """Convex sets placed in the world, and room to work in."""
+
+    vertices: Array
+    planes: Array
+    """(p, 4) normal and offset."""
+    bounds: Array
+    """(s, 6) box around each set, its radius included, lower then upper corner."""
+    work: Array
+    """(6, 4)."""
+
+
+class SetRows(NamedTuple):
+    """Which rows of `SetsInWorld` make up one set: the hull of vertices, dilated."""
+
+    first_vertex: int
+    last_vertex: int
+    first_plane: int
+    last_plane: int
+    row: int
+    """Of `bounds`."""
+    radius: float
 
 
 @kernel(lean=True)
 def polytope_meets_box(
-    vertices: Array,
-    first_vertex: int,
-    last_vertex: int,
-    planes: Array,
-    first_plane: int,
-    last_plane: int,
+    world: SetsInWorld,
+    rows: SetRows,
     closed: bool,
-    bounds: Array,
-    row: int,
-    radius: float,
     corners: Array,
     box: int,
     need: float,
     hit: float,
-    work: Array,
 ) -> int:
-    """A convex set in the world against one box: FREE from distance `need`, COLLIDING below `hit`.
+    """A convex set against one box: FREE from distance `need`, COLLIDING below `hit`.
+
+    A face plane with all of the box `need` beyond it keeps them apart: along its normal n the box
+    reaches down to n·c - |n|·h, with centre c and half extents h. A box whose centre lies below all
+    planes collides, where they enclose the set and nothing more. Else the distance decides, sought
+    from the plane on that the box is furthest beyond.
 
     Args:
-        vertices, planes: (v, 3), (p, 4) of which the set's rows are the ranges given.
         closed: whether the planes enclose the set and nothing more.
-        bounds: (s, 6), of which `row` is the box around the set, its radius included.
         corners: (m, 6), of which `box` is the box.
-        work: (6, 4) work space; after FREE, work[5, 3] is the plane that keeps them apart or -1.
+
+    Returns:
+        the answer; after FREE, world.work[5, 3] is the plane that keeps them apart, or -1.
     """
+    planes, work, radius = world.planes, world.work, rows.radius
     work[5, 3] = -1.0
     cx = 0.5 * (corners[box, 0] + corners[box, 3])
     cy = 0.5 * (corners[box, 1] + corners[box, 4])
@@ -180,7 +191,7 @@ def polytope_meets_box(
     deepest = -np.inf
     best = -np.inf
     axis = -1
-    for v in range(first_plane, last_plane):
+    for v in range(rows.first_plane, rows.last_plane):
         nx, ny, nz = planes[v, 0], planes[v, 1], planes[v, 2]
         middle = nx * cx + ny * cy + nz * cz - planes[v, 3]
         gap = middle - abs(nx) * hx - abs(ny) * hy - abs(nz) * hz
@@ -196,15 +207,17 @@ def polytope_meets_box(
             return COLLIDING
         work[5, 0], work[5, 1], work[5, 2] = -planes[axis, 0], -planes[axis, 1], -planes[axis, 2]
     else:
+        bounds, row = world.bounds, rows.row
         work[5, 0] = bounds[row, 0] + bounds[row, 3] - 2 * cx
         work[5, 1] = bounds[row, 1] + bounds[row, 4] - 2 * cy
         work[5, 2] = bounds[row, 2] + bounds[row, 5] - 2 * cz
-    return separate_box(
-        vertices,
-        first_vertex,
-        last_vertex,
+    return separate(
+        world.vertices,
+        rows.first_vertex,
+        rows.last_vertex,
         corners,
         box,
+        box + 1,
         need + radius,
         hit + radius,
         work,
@@ -224,6 +237,11 @@ def open_leaves(
 ) -> tuple[int, int]:
     """Moving bodies first_body..last_body against the field alone, but for `left_out`.
 
+    The field bounds the distance d of any point (`distance_bounds`). A sphere of radius r around
+    the point holds a piece of the body: it is `need` away from all boxes where d - r ≥ `need`. A
+    ball of radius i around the point lies inside the body: it is closer than `hit` where
+    d - i < `hit`. What neither settles down to the leaves of the tree is left open.
+
     Where `need` is far above `hit`, or cannot be kept any more, only collisions are looked for.
 
     Returns:
@@ -241,6 +259,7 @@ def open_leaves(
             continue
         joint = bodies[body, BODY_JOINT]
         first, last = bodies[body, BODY_FIRST_PART], bodies[body + 1, BODY_FIRST_PART]
+        # The sphere around all parts; that around a single one is the root of its tree.
         if last - first > 1:
             x, y, z = to_world(
                 frames, joint, body_spheres[body, 0], body_spheres[body, 1], body_spheres[body, 2]
@@ -248,6 +267,7 @@ def open_leaves(
             lower, _ = distance_bounds(field_grid, field, x, y, z)
             if lower >= body_spheres[body, 3] + need + TOLERANCE:
                 continue
+        # The trees of all parts in preorder.
         node = parts[first, PART_FIRST_NODE]
         end = parts[last, PART_FIRST_NODE]
         while node < end:
@@ -303,11 +323,13 @@ def _span_leaves(
     reach = spheres[node, 3] + far
     x0, y0, z0 = x - reach, y - reach, z - reach
     x1, y1, z1 = x + reach, y + reach, z + reach
+    # Around pieces of a surface there is no box yet.
     if last_set - s > 1:
         return end, x, y, z, reach, x0, y0, z0, x1, y1, z1
     if scratch.set_stamp[s] < scratch.counters[0]:
         scratch.set_stamp[s] = scratch.counters[0]
         place_set(arm, scratch, s)
+    # The span of all further open leaves of the same solid, beside what each would span alone.
     alone = reach * reach
     u0, v0, w0, u1, v1, w1 = x0, y0, z0, x1, y1, z1
     together = end
@@ -325,10 +347,90 @@ def _span_leaves(
         end = together
         reach = np.inf
         x0, y0, z0, x1, y1, z1 = u0, v0, w0, u1, v1, w1
+    # No box is closer than `need` to the solid that is not to the box around it.
     x0, x1 = max(x0, bounds[s, 0] - far), min(x1, bounds[s, 3] + far)
     y0, y1 = max(y0, bounds[s, 1] - far), min(y1, bounds[s, 4] + far)
     z0, z1 = max(z0, bounds[s, 2] - far), min(z1, bounds[s, 5] + far)
     return end, x, y, z, reach, x0, y0, z0, x1, y1, z1
+
+
+@kernel(lean=True)
+def _plane_in_world(
+    arm: ArmArrays, scratch: ArmScratch, s: int, plane: int, need: float
+) -> tuple[float, float, float, float]:
+    """Normal of a plane of set s, and from which offset along it points are `need` away from s."""
+    frames, joint, planes = scratch.frames, arm.sets[s, SET_JOINT], arm.planes
+    x, y, z = planes[plane, 0], planes[plane, 1], planes[plane, 2]
+    nx = frames[joint, 0, 0] * x + frames[joint, 0, 1] * y + frames[joint, 0, 2] * z
+    ny = frames[joint, 1, 0] * x + frames[joint, 1, 1] * y + frames[joint, 1, 2] * z
+    nz = frames[joint, 2, 0] * x + frames[joint, 2, 1] * y + frames[joint, 2, 2] * z
+    offset = planes[plane, 3]
+    offset += nx * frames[joint, 0, 3] + ny * frames[joint, 1, 3] + nz * frames[joint, 2, 3]
+    return nx, ny, nz, offset + (need + TOLERANCE + arm.radius[s])
+
+
+@kernel(inline=True)
+def _heights_before_plane(
+    normal: tuple[float, float, float],
+    offset: float,
+    x: float,
+    y: float,
+    size: float,
+    bottom: float,
+    top: float,
+) -> tuple[float, float]:
+    """Of the heights bottom..top of a column of cells with corner (x, y), those before a plane.
+
+    At the others even the corner of the column next to the set lies beyond the offset.
+    """
+    nx, ny, nz = normal
+    left = offset - nx * (x if nx > 0.0 else x + size)
+    left -= ny * (y if ny > 0.0 else y + size)
+    if nz < -_LEVEL:
+        bottom = max(bottom, left / nz)
+    elif nz > _LEVEL:
+        top = min(top, left / nz)
+    return bottom, top
+
+
+@kernel(inline=True)
+def _set_meets_box(
+    arm: ArmArrays, boxes: BoxArrays, scratch: ArmScratch, s: int, box: int, need: float, hit: float
+) -> int:
+    """Set s of a moving body against one box; a plane that keeps them apart is remembered."""
+    sets = arm.sets
+    # Its planes are put where they are when the first box asks for them.
+    if scratch.plane_stamp[s] < scratch.counters[0]:
+        scratch.plane_stamp[s] = scratch.counters[0]
+        place_planes(arm, scratch, s)
+    answer = polytope_meets_box(
+        SetsInWorld(scratch.vertices, scratch.planes, scratch.bounds, scratch.work),
+        SetRows(
+            sets[s, SET_FIRST_VERTEX],
+            sets[s + 1, SET_FIRST_VERTEX],
+            sets[s, SET_FIRST_PLANE],
+            sets[s + 1, SET_FIRST_PLANE],
+            s,
+            arm.radius[s],
+        ),
+        True,
+        boxes.corners,
+        box,
+        need,
+        hit,
+    )
+    if answer == FREE and scratch.work[5, 3] >= 0.0:
+        scratch.plane[s] = int(scratch.work[5, 3])
+    if answer == COLLIDING:
+        if sets[s, SET_EXACT] == 0:
+            answer = UNDECIDED
+        else:
+            scratch.hit[0] = 0
+            scratch.hit[1] = s
+            scratch.hit[2] = box
+    if answer == UNDECIDED:
+        note_undecided(scratch.undecided, scratch.counters, 0, s, box)
+    return answer
 
 
 @kernel(lean=True)
@@ -337,15 +439,16 @@ def open_leaves_meet_boxes(
 ) -> int:
     """What the first `count` open leaves cover against the boxes in reach of them.
 
+    Boxes are sought in the columns of cells that the leaf's span covers: those within the ball
+    around the leaf, and not beyond the plane that last kept a box away from the set, for what lies
+    beyond a face plane by `need` is at least that far away. Per box then the box around the set,
+    and the set itself.
+
     Once `need` cannot be kept any more, only collisions are looked for. What is left UNDECIDED is
     noted in the scratch.
     """
     columns, layers, corners = boxes.columns, boxes.layers, boxes.corners
-    nodes, sets, radius = arm.nodes, arm.sets, arm.radius
-    leaves, leaf_bound = scratch.leaves, scratch.leaf_bound
-    set_stamp, plane_stamp = scratch.set_stamp, scratch.plane_stamp
-    box_stamp, counters, bounds = scratch.box_stamp, scratch.counters, scratch.bounds
-    vertices, planes, work = scratch.vertices, scratch.planes, scratch.work
+    nodes, counters, bounds = arm.nodes, scratch.counters, scratch.bounds
     ox, oy, oz, size = boxes.grid[0], boxes.grid[1], boxes.grid[2], boxes.grid[3]
     per_metre = 1.0 / size
     now = counters[0]
@@ -355,21 +458,21 @@ def open_leaves_meet_boxes(
     while end < count:
         leaf = end
         end += 1
-        if leaf_bound[leaf] >= need:
+        if scratch.leaf_bound[leaf] >= need:
             continue
-        node = leaves[leaf]
+        node = scratch.leaves[leaf]
         first_set, last_set = nodes[node, NODE_FIRST], nodes[node, NODE_LAST]
+        solid = last_set - first_set == 1
         # A solid looks at a box once, whichever of its leaves reach it.
         if first_set != previous:
             previous = first_set
             counters[1] += 1
         visit = counters[1]
         end, x, y, z, reach, x0, y0, z0, x1, y1, z1 = _span_leaves(arm, scratch, leaf, count, need)
-        plane = scratch.plane[first_set] if last_set - first_set == 1 else -1
+        plane = scratch.plane[first_set] if solid else -1
         nx = ny = nz = offset = 0.0
         if plane >= 0:
-            nx, ny, nz, offset = _plane_in_world(arm, scratch, first_set, plane)
-            offset += need + TOLERANCE + radius[first_set]
+            nx, ny, nz, offset = _plane_in_world(arm, scratch, first_set, plane, need)
         i0 = max(int(np.floor((x0 - ox) * per_metre)), 0)
         j0 = max(int(np.floor((y0 - oy) * per_metre)), 0)
         i1 = min(int(np.floor((x1 - ox) * per_metre)) + 1, columns.shape[0])
@@ -378,17 +481,13 @@ def open_leaves_meet_boxes(
             low_x = ox + i * size
             dx = max(low_x - x, 0.0, x - low_x - size)
             for j in range(j0, j1):
+                # The layers of the column that are within the ball and before the plane.
                 low_y = oy + j * size
                 bottom, top = z0, z1
                 if plane >= 0:
-                    # The column's boxes on the far side of the plane: those at heights where the
-                    # corner of the column next to the set lies there.
-                    left = offset - nx * (low_x if nx > 0.0 else low_x + size)
-                    left -= ny * (low_y if ny > 0.0 else low_y + size)
-                    if nz < -_LEVEL:
-                        bottom = max(bottom, left / nz)
-                    elif nz > _LEVEL:
-                        top = min(top, left / nz)
+                    bottom, top = _heights_before_plane(
+                        (nx, ny, nz), offset, low_x, low_y, size, bottom, top
+                    )
                     if bottom > top:
                         continue
                 dy = max(low_y - y, 0.0, y - low_y - size)
@@ -400,12 +499,12 @@ def open_leaves_meet_boxes(
                     u = max(corners[box, 0] - x, 0.0, x - corners[box, 3])
                     v = max(corners[box, 1] - y, 0.0, y - corners[box, 4])
                     w = max(corners[box, 2] - z, 0.0, z - corners[box, 5])
-                    if u * u + v * v + w * w > reach * reach or box_stamp[box] == visit:
+                    if u * u + v * v + w * w > reach * reach or scratch.box_stamp[box] == visit:
                         continue
-                    box_stamp[box] = visit
+                    scratch.box_stamp[box] = visit
                     for s in range(first_set, last_set):
-                        if set_stamp[s] < now:
-                            set_stamp[s] = now
+                        if scratch.set_stamp[s] < now:
+                            scratch.set_stamp[s] = now
                             place_set(arm, scratch, s)
                         if boxes_apart(bounds, s, corners, box, need):
                             continue
@@ -416,50 +515,31 @@ def open_leaves_meet_boxes(
                             >= offset
                         ):
                             continue
-                        if plane_stamp[s] < now:
-                            plane_stamp[s] = now
-                            place_planes(arm, scratch, s)
-                        answer = polytope_meets_box(
-                            vertices,
-                            sets[s, SET_FIRST_VERTEX],
-                            sets[s + 1, SET_FIRST_VERTEX],
-                            planes,
-                            sets[s, SET_FIRST_PLANE],
-                            sets[s + 1, SET_FIRST_PLANE],
-                            True,
-                            bounds,
-                            s,
-                            radius[s],
-                            corners,
-                            box,
-                            need,
-                            hit,
-                            work,
-                        )
-                        if answer == FREE and work[5, 3] >= 0.0:
-                            scratch.plane[s] = int(work[5, 3])
-                            if last_set - first_set == 1:
-                                plane = scratch.plane[s]
-                                nx, ny, nz, offset = _plane_in_world(arm, scratch, s, plane)
-                                offset += need + TOLERANCE + radius[s]
-                        if answer == COLLIDING and sets[s, SET_EXACT] != 0:
-                            scratch.hit[0] = 0
-                            scratch.hit[1] = s
-                            scratch.hit[2] = box
+                        answer = _set_meets_box(arm, boxes, scratch, s, box, need, hit)
+                        if answer == COLLIDING:
                             return COLLIDING
-                        if answer != FREE:
+                        if answer == UNDECIDED:
                             result = UNDECIDED
                             need = hit
-                            note_undecided(scratch.undecided, counters, 0, s, box)
+                        elif solid and scratch.work[5, 3] >= 0.0:
+                            # What keeps this box away may keep its neighbours away.
+                            plane = scratch.plane[s]
+                            nx, ny, nz, offset = _plane_in_world(arm, scratch, s, plane, need)
     return result
 
 
-@kernel(lean=True)
+@kernel(inline=True)
 def body_meets_boxes(
-    arm: ArmArrays, boxes: BoxArrays, scratch: ArmScratch, body: int, margin: float
+    arm: ArmArrays, boxes: BoxArrays, scratch: ArmScratch, body: int, need: float, hit: float
 ) -> int:
-    """One moving body against the obstacle set; what is left UNDECIDED is noted in the scratch."""
-    answer, count = open_leaves(arm, boxes, scratch, body, body + 1, -1, margin, margin)
+    """One moving body against the obstacle set: FREE from `need` on, COLLIDING below `hit`.
+
+    What is left UNDECIDED is noted in the scratch.
+    """
+    answer, count = open_leaves(arm, boxes, scratch, body, body + 1, -1, need, hit)
     if answer == COLLIDING or count == 0:
         return answer
-    return open_leaves_meet_boxes(arm, boxes, scratch, count, margin, margin)
+    if answer == UNDECIDED:
+        need = hit
+    found = open_leaves_meet_boxes(arm, boxes, scratch, count, need, hit)
+    return found if found != FREE else answer

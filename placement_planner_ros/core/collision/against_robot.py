@@ -1,7 +1,9 @@
 """Links and held object against each other, coarse to fine.
 
 Bounding spheres of bodies and parts, then the direction that last kept two parts apart, then their
-distance (`separation`). Every answer but UNDECIDED is certain.
+distance (`separation`). Every answer but UNDECIDED is certain: spheres hold what they bound, along
+a direction d two sets are at least (min d·a - max d·b) / |d| apart, and `separation` proves its
+own. What runs in the innermost loops is written into its callers (`inline`).
 """
 
 from __future__ import annotations
@@ -16,7 +18,9 @@ from placement_planner_ros.core.collision.arrays import (
     NODE_SKIP,
     PAIR_INNER,
     PAIR_OUTER,
+    PAIR_OUTWARD,
     PAIR_SLOT,
+    PAIR_TABLE,
     PART_FIRST_NODE,
     PART_FIRST_SET,
     PART_SOLID,
@@ -27,15 +31,17 @@ from placement_planner_ros.core.collision.arrays import (
     ArmScratch,
     Indices,
 )
-from placement_planner_ros.core.collision.placing import note_undecided, place_set, to_world
+from placement_planner_ros.core.collision.pair_tables import apart_within
+from placement_planner_ros.core.collision.placing import note_undecided, place_set
 from placement_planner_ros.core.collision.separation import (
     COLLIDING,
     FREE,
     TOLERANCE,
     UNDECIDED,
-    separate_hulls,
+    separate,
 )
 from placement_planner_ros.core.kernels import kernel
+from placement_planner_ros.core.reach.kinematics import to_world
 from placement_planner_ros.core.types import Array
 
 
@@ -51,6 +57,7 @@ def _sets_meet(
     """Two convex sets; work[5, :3] is where to start (zero: anywhere), and where it ended."""
     now = scratch.counters[0]
     bounds = scratch.bounds
+    # Put them where they are, unless another pair has.
     for s in (a, b):
         if scratch.set_stamp[s] < now:
             scratch.set_stamp[s] = now
@@ -61,16 +68,18 @@ def _sets_meet(
             work[5, i] = bounds[a, i] + bounds[a, i + 3] - bounds[b, i] - bounds[b, i + 3]
     sets = arm.sets
     radius = arm.radius[a] + arm.radius[b]
-    answer = separate_hulls(
+    answer = separate(
         scratch.vertices,
         sets[a, SET_FIRST_VERTEX],
         sets[a + 1, SET_FIRST_VERTEX],
+        scratch.vertices,
         sets[b, SET_FIRST_VERTEX],
         sets[b + 1, SET_FIRST_VERTEX],
         need + radius,
         hit + radius,
         work,
     )
+    # Sets that are larger than what they stand for can be proved apart, but not to collide.
     if answer == COLLIDING and sets[a, SET_EXACT] != 0 and sets[b, SET_EXACT] != 0:
         scratch.hit[0] = 1
         scratch.hit[1] = a
@@ -93,7 +102,11 @@ def _support_gap(
     dy: float,
     dz: float,
 ) -> float:
-    """How far apart the hulls of sets a and b lie along a world direction, at least (times |d|)."""
+    """How far apart the hulls of sets a and b lie along a world direction, at least (times |d|).
+
+    min d·a - max d·b, over the vertices where they are stored: d is turned into their frames
+    instead of them into the world.
+    """
     gap = 0.0
     for side in range(2):
         s = a if side == 0 else b
@@ -130,6 +143,7 @@ def _solids_meet(
     frames, sets, known, work = scratch.frames, arm.sets, scratch.direction, scratch.work
     vertices = arm.vertices
     far = need + arm.radius[s] + arm.radius[t] + TOLERANCE
+    # The remembered direction, as it turned with the one and with the other.
     work[5, :3] = 0.0
     widest = -np.inf
     for side in range(2):
@@ -149,6 +163,7 @@ def _solids_meet(
         if gap > widest * length:
             widest = gap / length
             work[5, 0], work[5, 1], work[5, 2] = dx, dy, dz
+    # The distance itself, from the better of both on; remember where it ended.
     answer = _sets_meet(arm, scratch, s, t, need, hit)
     if answer == FREE:
         for side in range(2):
@@ -162,11 +177,24 @@ def _solids_meet(
     return answer
 
 
+@kernel(inline=True)
+def spheres_apart(scratch: ArmScratch, pair: Indices, need: float) -> bool:
+    """Whether the bounding spheres of a pair of bodies (row of `ArmArrays.pairs`) keep `need`."""
+    spheres = scratch.body_spheres
+    a, b = pair[PAIR_INNER], pair[PAIR_OUTER]
+    dx = spheres[a, 0] - spheres[b, 0]
+    dy = spheres[a, 1] - spheres[b, 1]
+    dz = spheres[a, 2] - spheres[b, 2]
+    reach = spheres[a, 3] + spheres[b, 3] + need + TOLERANCE
+    return dx * dx + dy * dy + dz * dz > reach * reach
+
+
 @kernel(lean=True)
 def bodies_meet(arm: ArmArrays, scratch: ArmScratch, pair: int, need: float, hit: float) -> int:
-    """One pair of bodies; what is left UNDECIDED is noted in the scratch.
+    """One pair of bodies: FREE if they keep `need`, COLLIDING if they are closer than `hit`.
 
-    Once `need` cannot be kept any more, only collisions are looked for.
+    What is left UNDECIDED is noted in the scratch. Once `need` cannot be kept any more, only
+    collisions are looked for.
     """
     bodies, parts, bounds = arm.bodies, arm.parts, scratch.bounds
     body_spheres, spheres = scratch.body_spheres, scratch.part_spheres
@@ -175,6 +203,7 @@ def bodies_meet(arm: ArmArrays, scratch: ArmScratch, pair: int, need: float, hit
     slot = arm.pairs[pair, PAIR_SLOT]
     first_b, last_b = bodies[b, BODY_FIRST_PART], bodies[b + 1, BODY_FIRST_PART]
     result = FREE
+    # Parts of the one against all of the other, then against its parts.
     for p in range(bodies[a, BODY_FIRST_PART], bodies[a + 1, BODY_FIRST_PART]):
         slot += last_b - first_b
         x, y, z = spheres[p, 0], spheres[p, 1], spheres[p, 2]
@@ -221,17 +250,61 @@ def bodies_meet(arm: ArmArrays, scratch: ArmScratch, pair: int, need: float, hit
     return result
 
 
+@kernel(inline=True)
+def pair_meets(
+    arm: ArmArrays,
+    scratch: ArmScratch,
+    pair: int,
+    q: Array,
+    delta: Array,
+    need: float,
+    margin: float,
+) -> int:
+    """One pair of bodies, placed at q (n,): FREE if it keeps `margin` wherever in q ± delta (n,).
+
+    Args:
+        need: `margin` and the bound on the pair's motion within delta, metres.
+    """
+    row = arm.pairs[pair]
+    if spheres_apart(scratch, row, need):
+        return FREE
+    # Tables know of whole ranges of joints.
+    table, joint = row[PAIR_TABLE], row[PAIR_OUTWARD]
+    if (
+        table >= 0
+        and margin <= arm.tables.clear
+        and apart_within(arm.tables, table, q[joint], q[joint + 1], delta[joint], delta[joint + 1])
+    ):
+        return FREE
+    return bodies_meet(arm, scratch, pair, need, margin)
+
+
+@kernel(inline=True)
+def _sets_under(arm: ArmArrays, part: int, node: int) -> tuple[int, int]:
+    """The range of sets that a sphere of a part stands for; -1 above the leaves of a surface.
+
+    Of a solid part only the set counts, so its root stands for all of its tree.
+    """
+    if arm.parts[part, PART_SOLID] != 0:
+        first = arm.parts[part, PART_FIRST_SET]
+        return first, first + 1
+    return arm.nodes[node, NODE_FIRST], arm.nodes[node, NODE_LAST]
+
+
 @kernel(lean=True)
 def _surfaces_meet(
     arm: ArmArrays, scratch: ArmScratch, p: int, o: int, need: float, hit: float
 ) -> int:
-    """Two parts of which one at least is a surface: leaves of p against leaves of o."""
+    """Two parts of which one at least is a surface: leaves of p against leaves of o.
+
+    A walk over both trees in preorder: where a sphere of the one keeps `need` from the other, all
+    below it does and is skipped.
+    """
     parts, nodes, local, frames = arm.parts, arm.nodes, arm.node_spheres, scratch.frames
     joint_p = arm.sets[parts[p, PART_FIRST_SET], SET_JOINT]
     joint_o = arm.sets[parts[o, PART_FIRST_SET], SET_JOINT]
     whole = scratch.part_spheres
     result = FREE
-    # Of a solid part only the set counts, so its root stands for all of its tree.
     end_a = parts[p + 1, PART_FIRST_NODE]
     end_b = parts[o + 1, PART_FIRST_NODE]
     a = parts[p, PART_FIRST_NODE]
@@ -243,11 +316,8 @@ def _surfaces_meet(
         if dx * dx + dy * dy + dz * dz > reach * reach:
             a = nodes[a, NODE_SKIP]
             continue
-        first_a, last_a = nodes[a, NODE_FIRST], nodes[a, NODE_LAST]
-        if parts[p, PART_SOLID] != 0:
-            first_a = parts[p, PART_FIRST_SET]
-            last_a = first_a + 1
-        elif first_a < 0:
+        first_a, last_a = _sets_under(arm, p, a)
+        if first_a < 0:
             a += 1
             continue
         b = parts[o, PART_FIRST_NODE]
@@ -258,11 +328,8 @@ def _surfaces_meet(
             if dx * dx + dy * dy + dz * dz > reach * reach:
                 b = nodes[b, NODE_SKIP]
                 continue
-            first_b, last_b = nodes[b, NODE_FIRST], nodes[b, NODE_LAST]
-            if parts[o, PART_SOLID] != 0:
-                first_b = parts[o, PART_FIRST_SET]
-                last_b = first_b + 1
-            elif first_b < 0:
+            first_b, last_b = _sets_under(arm, o, b)
+            if first_b < 0:
                 b += 1
                 continue
             for s in range(first_a, last_a):

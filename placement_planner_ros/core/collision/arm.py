@@ -1,7 +1,8 @@
 """Collision of an arm, its hand and the object it holds: with the obstacle set and with the robot.
 
-Two tiers over one geometry. The kernels of `collision_kernels` say free or colliding where that is
-certain, and leave the rest to coal on the exact shapes, pair by pair.
+The kernels say free or colliding only where that is certain. What they leave undecided, within
+`separation.TOLERANCE` of a margin, or on the polytope around a curved shape, is not free: `free` is
+never true nearer than the margin.
 """
 
 from __future__ import annotations
@@ -30,17 +31,13 @@ from placement_planner_ros.core.collision.arrays import (
     with_own_object,
 )
 from placement_planner_ros.core.collision.boxes import box_arrays
-from placement_planner_ros.core.collision.edges import (
-    NOT_FINITE,
-    OVERFLOW,
-    check_edge,
-    check_states,
-)
+from placement_planner_ros.core.collision.edges import OVERFLOW, check_edge
 from placement_planner_ros.core.collision.hand import WristTurns, hand_collides
 from placement_planner_ros.core.collision.load import Held, Standing
 from placement_planner_ros.core.collision.placed_object import PlacedObject
 from placement_planner_ros.core.collision.separation import COLLIDING, FREE
 from placement_planner_ros.core.collision.shapes import ConvexSet, Shape, shape_of
+from placement_planner_ros.core.collision.states import NOT_FINITE, check_states
 from placement_planner_ros.core.errors import GraspError, JointStateError
 from placement_planner_ros.core.reach.kinematics import Chain, kernel_input
 from placement_planner_ros.core.robot.arm import Arm
@@ -66,6 +63,8 @@ class CollisionSettings(Settings):
         self_margin: links and object from each other.
         planning_reserve: what planning keeps beyond both margins, so that a motion can still be
             certified when it is rounded and timed; pass it as `reserve`.
+        approach_stray: how far the object may stray from the vertical on its straight way down;
+            c_f(x) keeps as much beyond the margin.
         self_reserve: how much of a `reserve` counts for the robot against itself, whose links may
             pass each other by less than a millimetre wherever they are.
         edge_resolution: an edge is refused where its distance to the margin is below the motion of
@@ -84,6 +83,7 @@ class CollisionSettings(Settings):
     )
     self_margin: float = setting(0.0, "[0, 0.1]", "m")
     planning_reserve: float = setting(0.001, "[0, 0.1]", "m")
+    approach_stray: float = setting(0.0002, "[0, 0.1]", "m")
     self_reserve: float = setting(0.0002, "[0, 0.1]", "m")
     edge_resolution: float = setting(0.0005, "[0.00001, 0.1]", "m")
     self_resolution: float = setting(0.00005, "[0.00001, 0.1]", "m")
@@ -142,11 +142,14 @@ class ArmCollision:
             self.place(load.T_world_object)
         self._queue = np.zeros((_QUEUE, 2))
         self._settled = np.zeros((_QUEUE, arrays.moving + len(arrays.pairs)), dtype=np.bool_)
-        self._answer = np.zeros(1, dtype=np.int64)
         self._no_deviation = np.zeros(self._dof)
 
     def free(self, q: Array, reserve: float = 0.0, contact: bool = False) -> bool:
         """Whether q (dof,) keeps the margins, and of `reserve` metres what the settings say.
+
+        True is certain. False means a collision, or a distance so close to the margin (some
+        `separation.TOLERANCE`) that it is not certain; cylinders and cones count as the prisms
+        around them, up to 0.5 % of their radius wider, ellipsoids as polyhedra up to 2 % wider.
 
         Args:
             contact: leave out the held object against the obstacle set.
@@ -162,17 +165,17 @@ class ArmCollision:
         """`free` for (n, dof) configurations."""
         Q = kernel_input(Q).reshape(-1, self._dof)
         answers = self.classify(Q, reserve, contact)
-        free = answers == FREE
-        for i in np.flatnonzero((answers != FREE) & (answers != COLLIDING)):
-            free[i] = self.free(Q[i], reserve, contact)
-        return free
+        wrong = np.flatnonzero(answers == NOT_FINITE)
+        if len(wrong):
+            raise _not_finite(Q[wrong[0]])
+        return answers == FREE
 
     def classify(
         self, Q: Array, reserve: float = 0.0, contact: bool = False
     ) -> npt.NDArray[np.int64]:
-        """The fast tier's answers (n,) to (n, dof) configurations.
+        """The kernels' answers (n,) to (n, dof) configurations.
 
-        `separation.FREE`, `COLLIDING` or `UNDECIDED`, or `collision_kernels.NOT_FINITE`.
+        `separation.FREE`, `COLLIDING` or `UNDECIDED`, or `states.NOT_FINITE`.
         """
         Q = kernel_input(Q).reshape(-1, self._dof)
         answers = np.empty(len(Q), dtype=np.int64)
@@ -195,7 +198,7 @@ class ArmCollision:
         """Whether it is certain that no configuration with the tip at (4, 4) is free.
 
         Hand and fingers against the obstacle set and the robot at rest, and the link before them,
-        which only turns about the last axis, against the obstacle set (`collision_hand`).
+        which only turns about the last axis, against the obstacle set (`hand`).
 
         Args:
             slack: metres that points of the hand may be off by at a configuration.
@@ -316,44 +319,14 @@ class ArmCollision:
         return settings.collision_margin + reserve, settings.self_margin + kept
 
     def _collision(self, q: Array, reserve: float, contact: bool) -> tuple[int, int, int] | None:
-        """A collision at q, as `ArmScratch.hit`."""
-        q = kernel_input(q).reshape(1, self._dof)
-        margin, self_margin = self._margins(reserve)
-        while True:
-            scratch = self._scratch
-            check_states(
-                self._flat.arrays,
-                self._boxes,
-                scratch,
-                q,
-                margin,
-                self_margin,
-                contact,
-                self._answer,
-            )
-            answer = self._answer[0]
-            if answer == NOT_FINITE:
-                raise _not_finite(q)
-            if answer == FREE:
-                return None
-            if answer == COLLIDING:
-                return int(scratch.hit[0]), int(scratch.hit[1]), int(scratch.hit[2])
-            if scratch.counters[2] <= len(scratch.undecided):
-                break
-            more = np.zeros((2 * int(scratch.counters[2]), 3), dtype=np.int64)
-            self._scratch = scratch._replace(undecided=more)
-        pairs = scratch.undecided[: scratch.counters[2]].tolist()
-        for kind, s, other in pairs:
-            if self._exact(kind, s, other, margin if kind == 0 else self_margin):
-                return kind, s, other
-        return None
-
-    def _exact(self, kind: int, s: int, other: int, margin: float) -> bool:
-        """coal's answer for one pair, at the configuration the scratch holds."""
-        geometry, transform = self._part(s)
-        if kind == 0:
-            return meets(geometry, transform, *coal_box(self._boxes.corners[other]), margin)
-        return meets(geometry, transform, *self._part(other), margin)
+        """A collision at q, or what is not certain to be free of one, as `ArmScratch.hit`."""
+        answer = self.classify(q, reserve, contact)[0]
+        if answer == NOT_FINITE:
+            raise _not_finite(q)
+        if answer == FREE:
+            return None
+        found = self._scratch.hit if answer == COLLIDING else self._scratch.undecided[0]
+        return int(found[0]), int(found[1]), int(found[2])
 
     def _part(self, s: int) -> tuple[coal.CollisionGeometry, coal.Transform3s]:
         body = self._flat.bodies[self._flat.set_body[s]]
@@ -393,25 +366,6 @@ def part_set(part: ConvexPart) -> ConvexSet:
     """A part of the object; planes that stand for several facets are moved out to hold it."""
     offsets = (part.vertices @ part.normals.T).max(axis=0)
     return ConvexSet(part.vertices, part.normals, offsets)
-
-
-def coal_box(corners: Array) -> tuple[coal.Box, coal.Transform3s]:
-    """An axis-aligned box (6,), lower corner then upper, for coal, with its placement."""
-    lower, upper = corners[:3], corners[3:]
-    return coal.Box(upper - lower), coal.Transform3s(np.eye(3), (lower + upper) / 2)
-
-
-def meets(
-    a: coal.CollisionGeometry,
-    T_a: coal.Transform3s,
-    b: coal.CollisionGeometry,
-    T_b: coal.Transform3s,
-    margin: float,
-) -> bool:
-    """Whether two shapes are closer than `margin` metres, by coal."""
-    request = coal.CollisionRequest()
-    request.security_margin = margin
-    return bool(coal.collide(a, T_a, b, T_b, request, coal.CollisionResult()))
 
 
 def coal_convex(vertices: Array, triangles: npt.NDArray[np.int_]) -> coal.Convex:
@@ -521,7 +475,14 @@ def _check_grasp(arm: Arm, grasp: int, thing: CollisionBody, links: list[Collisi
     for link in links:
         step(f"comparing {arm.name}.grasps[{grasp}] with link {link.name}")
         if link.joint == thing.joint and any(
-            meets(a.geometry, _coal(a.T_world_part), b.geometry, _coal(b.T_world_part), 0.0)
+            coal.collide(
+                a.geometry,
+                _coal(a.T_world_part),
+                b.geometry,
+                _coal(b.T_world_part),
+                coal.CollisionRequest(),
+                coal.CollisionResult(),
+            )
             for a, b in _products(thing, link)
         ):
             raise object_in_hand(arm, grasp, link.name)

@@ -217,8 +217,8 @@ def flatten(
     world = chain.dof + 1
     rows, tables = _tables(chain, ordered, joint_frames, between, clear)
     arrays = ArmArrays(
-        fixed=np.array(chain.fixed),
-        prismatic=np.array(chain.prismatic),
+        fixed=chain.fixed,
+        prismatic=chain.prismatic,
         moving=sum(body.joint >= 0 for body in ordered),
         held=number[held] if held is not None else -1,
         pairs=np.array(

@@ -19,7 +19,7 @@ from placement_planner_ros.core.collision.against_boxes import (
     BoxArrays,
     body_meets_boxes,
 )
-from placement_planner_ros.core.collision.against_robot import bodies_meet
+from placement_planner_ros.core.collision.against_robot import bodies_meet, spheres_apart
 from placement_planner_ros.core.collision.arrays import (
     BODY_JOINT,
     PAIR_INNER,
@@ -30,14 +30,12 @@ from placement_planner_ros.core.collision.arrays import (
     ArmScratch,
 )
 from placement_planner_ros.core.collision.placing import place_spheres
-from placement_planner_ros.core.collision.separation import COLLIDING, TOLERANCE
+from placement_planner_ros.core.collision.separation import COLLIDING
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
 
 _STRIDE = 0.6180339887498949
 """Intervals are visited in steps of this share of their number, so that free ones come early."""
-
-
 _SHARE = 0.9
 """Of the margin, that what turns may move within half an interval."""
 _MAX_INTERVALS = 256
@@ -103,7 +101,7 @@ def _carried_meets_boxes(
         if boxes.number == 0 or (contact and body == arm.held):
             continue
         scratch.counters[2] = 0
-        if body_meets_boxes(arm, boxes, scratch, body, margin) == COLLIDING:
+        if body_meets_boxes(arm, boxes, scratch, body, margin, margin) == COLLIDING:
             return True
     return False
 
@@ -112,21 +110,35 @@ def _carried_meets_boxes(
 def _carried_meets_fixed(arm: ArmArrays, scratch: ArmScratch, joint: int, margin: float) -> bool:
     """Whether a body that hangs on `joint` surely meets one that the arm does not move."""
     world = len(arm.prismatic) + 1
-    spheres, bodies, pairs = scratch.body_spheres, arm.bodies, arm.pairs
+    bodies, pairs = arm.bodies, arm.pairs
     for pair in range(pairs.shape[0]):
         a, b = pairs[pair, PAIR_INNER], pairs[pair, PAIR_OUTER]
         if bodies[a, BODY_JOINT] != world or bodies[b, BODY_JOINT] != joint:
             continue
-        dx = spheres[a, 0] - spheres[b, 0]
-        dy = spheres[a, 1] - spheres[b, 1]
-        dz = spheres[a, 2] - spheres[b, 2]
-        reach = spheres[a, 3] + spheres[b, 3] + margin + TOLERANCE
-        if dx * dx + dy * dy + dz * dz > reach * reach:
+        if spheres_apart(scratch, pairs[pair], margin):
             continue
         scratch.counters[2] = 0
         if bodies_meet(arm, scratch, pair, margin, margin) == COLLIDING:
             return True
     return False
+
+
+@kernel(lean=True)
+def _place_before(arm: ArmArrays, scratch: ArmScratch, T_world_joint: Array, q: float) -> None:
+    """Frame of the last joint but one, the last being at q: T_world_joint · R_z(-q) · A⁻¹."""
+    last = len(arm.prismatic) - 1
+    frames, A = scratch.frames, arm.fixed[last]
+    cos, sin = np.cos(q), np.sin(q)
+    for i in range(3):
+        x = cos * T_world_joint[i, 0] - sin * T_world_joint[i, 1]
+        y = sin * T_world_joint[i, 0] + cos * T_world_joint[i, 1]
+        z = T_world_joint[i, 2]
+        p = T_world_joint[i, 3]
+        for j in range(3):
+            r = x * A[j, 0] + y * A[j, 1] + z * A[j, 2]
+            frames[last - 1, i, j] = r
+            p -= r * A[j, 3]
+        frames[last - 1, i, 3] = p
 
 
 @kernel(lean=True, nogil=True)
@@ -143,6 +155,9 @@ def hand_collides(
 ) -> bool:
     """Whether every configuration with the last joint's moved frame at (4, 4) surely collides.
 
+    It does where what the last joint carries collides, or what the joint before it carries does at
+    the middle of every interval, by more than it can turn away from (this module).
+
     Args:
         contact: leave out the held object against the obstacle set.
         middles: (m,) of the intervals that cover the last joint's range, rad; none to leave out
@@ -150,11 +165,11 @@ def hand_collides(
         shrunk_margin: what the latter must fall short of at the middle of an interval, metres.
     """
     last = len(arm.prismatic) - 1
-    frames = scratch.frames
+    # What stands still against the tip.
     scratch.counters[0] += 1
     for i in range(4):
         for j in range(4):
-            frames[last, i, j] = T_world_joint[i, j]
+            scratch.frames[last, i, j] = T_world_joint[i, j]
     if _carried_meets_boxes(arm, boxes, scratch, last, margin, contact):
         return True
     if _carried_meets_fixed(arm, scratch, last, self_margin):
@@ -162,25 +177,13 @@ def hand_collides(
     number = len(middles)
     if number == 0 or boxes.number == 0:
         return False
-    # T_world_before, of the joint before = T_world_joint · R_z(-q) · A⁻¹
-    A = arm.fixed[last]
+    # What turns about the last axis: free at one middle, and nothing is certain.
     step = max(1, int(_STRIDE * number))
     while np.gcd(step, number) != 1:
         step += 1
     for visit in range(number):
-        q = middles[(visit * step) % number]
-        cos, sin = np.cos(q), np.sin(q)
         scratch.counters[0] += 1
-        for i in range(3):
-            x = cos * T_world_joint[i, 0] - sin * T_world_joint[i, 1]
-            y = sin * T_world_joint[i, 0] + cos * T_world_joint[i, 1]
-            z = T_world_joint[i, 2]
-            p = T_world_joint[i, 3]
-            for j in range(3):
-                r = x * A[j, 0] + y * A[j, 1] + z * A[j, 2]
-                frames[last - 1, i, j] = r
-                p -= r * A[j, 3]
-            frames[last - 1, i, 3] = p
+        _place_before(arm, scratch, T_world_joint, middles[(visit * step) % number])
         if not _carried_meets_boxes(arm, boxes, scratch, last - 1, shrunk_margin, contact):
             return False
     return True

@@ -15,17 +15,14 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.collision.against_boxes import (
     BoxArrays,
+    SetRows,
+    SetsInWorld,
     boxes_apart,
     distance_bounds,
     layer_range,
     polytope_meets_box,
 )
-from placement_planner_ros.core.collision.separation import (
-    COLLIDING,
-    FREE,
-    TOLERANCE,
-    UNDECIDED,
-)
+from placement_planner_ros.core.collision.separation import FREE, TOLERANCE
 from placement_planner_ros.core.collision.shapes import ConvexSet
 from placement_planner_ros.core.collision.spheres import bounding_sphere
 from placement_planner_ros.core.kernels import kernel
@@ -68,23 +65,17 @@ class ObjectScratch(NamedTuple):
     planes: Array
     """(f, 4) of the swept parts."""
     bounds: Array
-    """(1, 6) box around the swept part."""
-    counters: npt.NDArray[np.int64]
-    """(1,) number of undecided pairs."""
+    """(p, 6) box around each swept part, lower then upper corner."""
     work: Array
-    undecided: npt.NDArray[np.int64]
-    """(k, 2) part, box."""
 
     @classmethod
-    def of(cls, arrays: ObjectArrays, rows: int) -> ObjectScratch:
-        """Work space with room for `rows` undecided pairs."""
+    def of(cls, arrays: ObjectArrays) -> ObjectScratch:
+        """Work space for one object."""
         return cls(
             vertices=np.zeros((2 * len(arrays.vertices), 3)),
             planes=np.zeros((len(arrays.planes), 4)),
-            bounds=np.zeros((1, 6)),
-            counters=np.zeros(1, dtype=np.int64),
+            bounds=np.zeros((len(arrays.part_planes) - 1, 6)),
             work=np.zeros((6, 4)),
-            undecided=np.zeros((rows, 2), dtype=np.int64),
         )
 
 
@@ -108,8 +99,8 @@ def _place_part(
             vertices[2 * first + count + v, i] = w + up
             low = min(low, w)
             high = max(high, w + up)
-        bounds[0, i] = low
-        bounds[0, i + 3] = high
+        bounds[part, i] = low
+        bounds[part, i + 3] = high
     for v in range(thing.part_planes[part], thing.part_planes[part + 1]):
         offset = thing.planes[v, 3]
         for i in range(3):
@@ -119,6 +110,68 @@ def _place_part(
             planes[v, i] = n
             offset += n * T[i, 3]
         planes[v, 3] = offset + max(planes[v, 2], 0.0) * raised
+
+
+@kernel(inline=True)
+def _part_meets_boxes(
+    thing: ObjectArrays,
+    boxes: BoxArrays,
+    scratch: ObjectScratch,
+    part: int,
+    contact: float,
+    closed: bool,
+    margin: float,
+    tolerance: float,
+) -> int:
+    """A swept part, placed, against the boxes of all cells that the box around it touches.
+
+    FREE, or the answer to the first box that is not.
+    """
+    corners, columns = boxes.corners, boxes.columns
+    ox, oy, oz, size = boxes.grid[0], boxes.grid[1], boxes.grid[2], boxes.grid[3]
+    reach = margin + TOLERANCE
+    box = scratch.bounds[part]
+    i0 = max(int(np.floor((box[0] - reach - ox) / size)), 0)
+    j0 = max(int(np.floor((box[1] - reach - oy) / size)), 0)
+    k0 = int(np.floor((box[2] - reach - oz) / size))
+    i1 = min(int(np.floor((box[3] + reach - ox) / size)) + 1, columns.shape[0])
+    j1 = min(int(np.floor((box[4] + reach - oy) / size)) + 1, columns.shape[1] - 1)
+    k1 = int(np.floor((box[5] + reach - oz) / size)) + 1
+    world = SetsInWorld(scratch.vertices, scratch.planes, scratch.bounds, scratch.work)
+    rows = SetRows(
+        2 * thing.part_vertices[part],
+        2 * thing.part_vertices[part + 1],
+        thing.part_planes[part],
+        thing.part_planes[part + 1],
+        part,
+        0.0,
+    )
+    for i in range(i0, i1):
+        for j in range(j0, j1):
+            first, last = layer_range(boxes.layers, columns[i, j], columns[i, j + 1], k0, k1)
+            for b in range(first, last):
+                # Boxes that end at the contact plane are support.
+                if abs(corners[b, 5] - contact) <= tolerance or boxes_apart(
+                    scratch.bounds, part, corners, b, margin
+                ):
+                    continue
+                answer = polytope_meets_box(world, rows, closed, corners, b, margin, margin)
+                if answer != FREE:
+                    return answer
+    return FREE
+
+
+@kernel(inline=True)
+def _ball_clear(boxes: BoxArrays, ball: Array, T: Array, raised: float, margin: float) -> bool:
+    """Whether a ball (4,) in the object's frame, swept, surely keeps the margin from all boxes.
+
+    What it sweeps lies in the ball around the sweep's middle that is larger by half its height.
+    """
+    x = T[0, 3] + T[0, 0] * ball[0] + T[0, 1] * ball[1] + T[0, 2] * ball[2]
+    y = T[1, 3] + T[1, 0] * ball[0] + T[1, 1] * ball[1] + T[1, 2] * ball[2]
+    z = T[2, 3] + T[2, 0] * ball[0] + T[2, 1] * ball[1] + T[2, 2] * ball[2]
+    bound, _ = distance_bounds(boxes.field_grid, boxes.field, x, y, z + 0.5 * raised)
+    return bound >= ball[3] + 0.5 * raised + (margin + TOLERANCE)
 
 
 @kernel(lean=True)
@@ -132,71 +185,28 @@ def check_pose(
     margin: float,
     tolerance: float,
 ) -> int:
-    """One pose T (4, 4); pairs left UNDECIDED are noted in the scratch."""
-    scratch.counters[0] = 0
-    if boxes.number == 0:
-        return FREE
+    """Whether the object keeps the margin from `raised` above the pose T (4, 4) down to it.
+
+    Balls around the object and around each part against the field of distances, then the swept
+    parts against boxes. The answer is that of the first pair of part and box that is not FREE.
+
+    Args:
+        contact: boxes whose top is within `tolerance` of this height are support.
+    """
     parts = thing.part_vertices.shape[0] - 1
-    result = FREE
-    columns, layers = boxes.columns, boxes.layers
-    corners, grid, bounds = boxes.corners, boxes.grid, scratch.bounds
-    size = grid[3]
-    reach = margin + TOLERANCE
-    for part in range(-1, parts):
-        ball = thing.spheres[part]
-        x = T[0, 3] + T[0, 0] * ball[0] + T[0, 1] * ball[1] + T[0, 2] * ball[2]
-        y = T[1, 3] + T[1, 0] * ball[0] + T[1, 1] * ball[1] + T[1, 2] * ball[2]
-        z = T[2, 3] + T[2, 0] * ball[0] + T[2, 1] * ball[1] + T[2, 2] * ball[2]
-        bound, _ = distance_bounds(boxes.field_grid, boxes.field, x, y, z + 0.5 * raised)
-        clear = bound >= ball[3] + 0.5 * raised + reach
-        if part < 0:
-            if clear:
-                return FREE
-            continue
-        if clear:
+    if boxes.number == 0 or _ball_clear(boxes, thing.spheres[parts], T, raised, margin):
+        return FREE
+    for part in range(parts):
+        if _ball_clear(boxes, thing.spheres[part], T, raised, margin):
             continue
         _place_part(thing, scratch, part, T, raised)
-        i0 = max(int(np.floor((bounds[0, 0] - reach - grid[0]) / size)), 0)
-        j0 = max(int(np.floor((bounds[0, 1] - reach - grid[1]) / size)), 0)
-        k0 = int(np.floor((bounds[0, 2] - reach - grid[2]) / size))
-        i1 = min(int(np.floor((bounds[0, 3] + reach - grid[0]) / size)) + 1, columns.shape[0])
-        j1 = min(int(np.floor((bounds[0, 4] + reach - grid[1]) / size)) + 1, columns.shape[1] - 1)
-        k1 = int(np.floor((bounds[0, 5] + reach - grid[2]) / size)) + 1
-        for i in range(i0, i1):
-            for j in range(j0, j1):
-                first, last = layer_range(layers, columns[i, j], columns[i, j + 1], k0, k1)
-                for box in range(first, last):
-                    if abs(corners[box, 5] - contact) <= tolerance or boxes_apart(
-                        bounds, 0, corners, box, margin
-                    ):
-                        continue
-                    answer = polytope_meets_box(
-                        scratch.vertices,
-                        2 * thing.part_vertices[part],
-                        2 * thing.part_vertices[part + 1],
-                        scratch.planes,
-                        thing.part_planes[part],
-                        thing.part_planes[part + 1],
-                        raised == 0.0,
-                        bounds,
-                        0,
-                        0.0,
-                        corners,
-                        box,
-                        margin,
-                        margin,
-                        scratch.work,
-                    )
-                    if answer == COLLIDING:
-                        return COLLIDING
-                    if answer == UNDECIDED:
-                        result = UNDECIDED
-                        n = scratch.counters[0]
-                        if n < scratch.undecided.shape[0]:
-                            scratch.undecided[n, 0] = part
-                            scratch.undecided[n, 1] = box
-                        scratch.counters[0] = n + 1
-    return result
+        # The planes of a part enclose what it sweeps and more, but for a part that stays.
+        answer = _part_meets_boxes(
+            thing, boxes, scratch, part, contact, raised == 0.0, margin, tolerance
+        )
+        if answer != FREE:
+            return answer
+    return FREE
 
 
 @kernel(lean=True, nogil=True)

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from placement_planner_ros.core.collision.separation import TOLERANCE, separate_hulls
+from placement_planner_ros.core.collision.separation import TOLERANCE, separate
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
 
@@ -144,7 +144,10 @@ def _geometry(pair: TablePair) -> _Pair:
 def apart_within(
     tables: PairTables, table: int, q1: float, q2: float, delta1: float, delta2: float
 ) -> bool:
-    """Whether a pair is certainly `clear` apart wherever its joints are within ±delta of q."""
+    """Whether a pair is certainly `clear` apart wherever its joints are within ±delta of q.
+
+    It is where all cells say so that these ranges touch.
+    """
     grid, counts = tables.grid, tables.counts
     u = (q1 - grid[table, 0]) / CELL
     v = (q2 - grid[table, 1]) / CELL
@@ -165,7 +168,7 @@ def apart_within(
 
 @kernel()
 def _fill(pair: _Pair, lower: Array, clear: float, apart: npt.NDArray[np.bool_]) -> None:
-    """All cells (m, n) of one table, by blocks."""
+    """All cells (m, n) of one table: a block at a time, and where that is open its quarters."""
     rows, columns = apart.shape
     points = pair.vertices.copy()
     s = len(pair.radius)
@@ -202,61 +205,101 @@ def _apart_around(
         known: (., ., 3) direction that last kept two parts apart, tried before a new one is sought.
     """
     parts, radius = pair.parts, pair.radius
-    A, B = pair.frames[0], pair.frames[1]
-    T = A.copy()
-    _turn(T, q1)
-    N = T @ B
-    axis1, at1 = T[:3, 2].copy(), T[:3, 3].copy()
-    axis2, at2 = N[:3, 2].copy(), N[:3, 3].copy()
-    _turn(N, q2)
-    offset = np.sqrt(B[0, 3] ** 2 + B[1, 3] ** 2 + B[2, 3] ** 2)
+    B = pair.frames[1]
+    axes = np.empty((4, 3))
     work = np.zeros((6, 4))
+    _place_outer(pair, points, axes, q1, q2)
+    offset = np.sqrt(B[0, 3] ** 2 + B[1, 3] ** 2 + B[2, 3] ** 2)
     for o in range(pair.inner, len(radius)):
+        # What the formula's second order may take: ρ_2 is at most the distance `far` from the
+        # second joint's origin, ρ_1 at most that and the offset between both joints.
         far = 0.0
         for v in range(parts[o], parts[o + 1]):
             x, y, z = pair.vertices[v, 0], pair.vertices[v, 1], pair.vertices[v, 2]
             far = max(far, x * x + y * y + z * z)
-            for c in range(3):
-                points[v, c] = N[c, 3] + N[c, 0] * x + N[c, 1] * y + N[c, 2] * z
         bend = 0.5 * delta * delta * (offset + 4.0 * np.sqrt(far))
         for s in range(pair.inner):
             need = clear + TOLERANCE + radius[o] + radius[s] + bend
+            apart = False
             for attempt in range(2):
                 if attempt == 0:
                     work[5, :3] = known[s, o - pair.inner]
                 else:
                     work[5, :3] = points[parts[o]] - points[parts[s]]
-                    separate_hulls(
-                        points, parts[o], parts[o + 1], parts[s], parts[s + 1], np.inf, 0.0, work
+                    separate(
+                        points,
+                        parts[o],
+                        parts[o + 1],
+                        points,
+                        parts[s],
+                        parts[s + 1],
+                        np.inf,
+                        0.0,
+                        work,
                     )
                 nx, ny, nz = work[5, 0], work[5, 1], work[5, 2]
                 length = np.sqrt(nx * nx + ny * ny + nz * nz)
-                if not length > 1e-9:
-                    continue
-                nx, ny, nz = nx / length, ny / length, nz / length
-                # n·J_k = n·(axis × (p - at)) = (n × axis)·(p - at)
-                ax, ay, az = _cross(nx, ny, nz, axis1)
-                bx, by, bz = _cross(nx, ny, nz, axis2)
-                a0 = ax * at1[0] + ay * at1[1] + az * at1[2]
-                b0 = bx * at2[0] + by * at2[1] + bz * at2[2]
-                nearest = np.inf
-                for v in range(parts[o], parts[o + 1]):
-                    x, y, z = points[v, 0], points[v, 1], points[v, 2]
-                    slip = abs(ax * x + ay * y + az * z - a0) + abs(bx * x + by * y + bz * z - b0)
-                    nearest = min(nearest, nx * x + ny * y + nz * z - delta * slip)
-                reach = -np.inf
-                for v in range(parts[s], parts[s + 1]):
-                    reach = max(reach, nx * points[v, 0] + ny * points[v, 1] + nz * points[v, 2])
-                if nearest - reach >= need:
+                if length > 1e-9:
+                    nx, ny, nz = nx / length, ny / length, nz / length
+                    apart = _gap_along(pair, points, axes, o, s, delta, nx, ny, nz) >= need
+                if apart:
+                    known[s, o - pair.inner, 0] = nx
+                    known[s, o - pair.inner, 1] = ny
+                    known[s, o - pair.inner, 2] = nz
                     break
-                if attempt == 1:
-                    return False
-            else:
+            if not apart:
                 return False
-            known[s, o - pair.inner, 0] = nx
-            known[s, o - pair.inner, 1] = ny
-            known[s, o - pair.inner, 2] = nz
     return True
+
+
+@kernel()
+def _place_outer(pair: _Pair, points: Array, axes: Array, q1: float, q2: float) -> None:
+    """Put the outer link where it is at q; `axes` (4, 3): direction and origin of both joints."""
+    B = pair.frames[1]
+    T = pair.frames[0].copy()
+    _turn(T, q1)
+    N = T.copy()
+    for i in range(3):
+        for j in range(4):
+            N[i, j] = T[i, 0] * B[0, j] + T[i, 1] * B[1, j] + T[i, 2] * B[2, j] + T[i, 3] * B[3, j]
+        axes[0, i], axes[1, i] = T[i, 2], T[i, 3]
+        axes[2, i], axes[3, i] = N[i, 2], N[i, 3]
+    _turn(N, q2)
+    for v in range(pair.parts[pair.inner], len(points)):
+        x, y, z = pair.vertices[v, 0], pair.vertices[v, 1], pair.vertices[v, 2]
+        for c in range(3):
+            points[v, c] = N[c, 3] + N[c, 0] * x + N[c, 1] * y + N[c, 2] * z
+
+
+@kernel(inline=True)
+def _gap_along(
+    pair: _Pair,
+    points: Array,
+    axes: Array,
+    o: int,
+    s: int,
+    delta: float,
+    nx: float,
+    ny: float,
+    nz: float,
+) -> float:
+    """How far outer part o stays beyond inner part s along n, up to first order (the formula's).
+
+    n·J_k = n·(axis × (p - at)) = (n × axis)·(p - at)
+    """
+    ax, ay, az = _cross(nx, ny, nz, axes[0])
+    bx, by, bz = _cross(nx, ny, nz, axes[2])
+    a0 = ax * axes[1, 0] + ay * axes[1, 1] + az * axes[1, 2]
+    b0 = bx * axes[3, 0] + by * axes[3, 1] + bz * axes[3, 2]
+    nearest = np.inf
+    for v in range(pair.parts[o], pair.parts[o + 1]):
+        x, y, z = points[v, 0], points[v, 1], points[v, 2]
+        slip = abs(ax * x + ay * y + az * z - a0) + abs(bx * x + by * y + bz * z - b0)
+        nearest = min(nearest, nx * x + ny * y + nz * z - delta * slip)
+    reach = -np.inf
+    for v in range(pair.parts[s], pair.parts[s + 1]):
+        reach = max(reach, nx * points[v, 0] + ny * points[v, 1] + nz * points[v, 2])
+    return nearest - reach
 
 
 @kernel(inline=True)
@@ -271,4 +314,5 @@ def _turn(T: Array, angle: float) -> None:
 
 @kernel(inline=True)
 def _cross(x: float, y: float, z: float, axis: Array) -> tuple[float, float, float]:
+    """(x, y, z) × axis."""
     return y * axis[2] - z * axis[1], z * axis[0] - x * axis[2], x * axis[1] - y * axis[0]

@@ -1,4 +1,4 @@
-"""An object that stands in the world, moved within the arrays of `collision_arrays`.
+"""An object that stands in the world, moved within the arrays of `arrays`.
 
 Fixed bodies are laid out in world coordinates once and for all; a placed object is the one whose
 pose changes from placement to placement.

@@ -15,7 +15,7 @@ from placement_planner_ros.core.collision.arrays import (
     Indices,
 )
 from placement_planner_ros.core.kernels import kernel
-from placement_planner_ros.core.reach.kinematics import chain_frames
+from placement_planner_ros.core.reach.kinematics import chain_frames, to_world
 from placement_planner_ros.core.types import Array
 
 
@@ -26,24 +26,6 @@ def is_finite(q: Array) -> bool:
     for j in range(q.shape[0]):
         total += q[j]
     return bool(np.isfinite(total))
-
-
-@kernel(lean=True)
-def to_world(frames: Array, joint: int, x: float, y: float, z: float) -> tuple[float, float, float]:
-    return (
-        frames[joint, 0, 3]
-        + frames[joint, 0, 0] * x
-        + frames[joint, 0, 1] * y
-        + frames[joint, 0, 2] * z,
-        frames[joint, 1, 3]
-        + frames[joint, 1, 0] * x
-        + frames[joint, 1, 1] * y
-        + frames[joint, 1, 2] * z,
-        frames[joint, 2, 3]
-        + frames[joint, 2, 0] * x
-        + frames[joint, 2, 1] * y
-        + frames[joint, 2, 2] * z,
-    )
 
 
 @kernel(inline=True)
@@ -120,6 +102,7 @@ def place_planes(arm: ArmArrays, scratch: ArmScratch, s: int) -> None:
 
 @kernel(lean=True)
 def note_undecided(undecided: Indices, counters: Indices, kind: int, a: int, b: int) -> None:
+    """Add a row to `ArmScratch.undecided`; where it is full, only count."""
     n = counters[2]
     if n < undecided.shape[0]:
         undecided[n, 0] = kind

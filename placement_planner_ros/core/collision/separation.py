@@ -29,7 +29,8 @@ _ITERATIONS = 40
 def minimum_norm_point(simplex: Array, weights: Array, count: int) -> int:
     """Reduce a simplex of `count` ≤ 4 points to the face that holds its point next to the origin.
 
-    `simplex` (4, 3) and `weights` (4,) are changed in place; the point is weights @ simplex.
+    The minor cycle of Wolfe's algorithm. `simplex` (4, 3) and `weights` (4,) are changed in place;
+    the point is weights @ simplex.
 
     Returns:
         The number of points left, or -1 where the simplex is degenerate.
@@ -39,7 +40,8 @@ def minimum_norm_point(simplex: Array, weights: Array, count: int) -> int:
         if count == 1:
             weights[0] = 1.0
             return 1
-        # Affine minimiser: G beta = -E^T s_0 with E the edges from s_0.
+        # The point of the simplex's affine hull next to the origin: s_0 + E beta with E the edges
+        # from s_0, where Eᵀ E beta = -Eᵀ s_0; by Cramer's rule.
         ax = simplex[1, 0] - simplex[0, 0]
         ay = simplex[1, 1] - simplex[0, 1]
         az = simplex[1, 2] - simplex[0, 2]
@@ -97,6 +99,8 @@ def minimum_norm_point(simplex: Array, weights: Array, count: int) -> int:
                     / det
                 )
                 alpha[0] = 1.0 - alpha[1] - alpha[2] - alpha[3]
+        # Where it lies within the simplex it is the answer; else walk towards it up to the face
+        # that is met first, ...
         inside = True
         theta = 1.0
         for i in range(count):
@@ -108,6 +112,7 @@ def minimum_norm_point(simplex: Array, weights: Array, count: int) -> int:
             for i in range(count):
                 weights[i] = alpha[i]
             return count
+        # ... drop the corners that do not span this face, and go on with the others.
         kept = 0
         total = 0.0
         dropped = False
@@ -147,12 +152,15 @@ def _advance(
         the answer or `_OPEN`, the size of the simplex, the next v, lower and upper bound so far.
     """
     lower, upper = bounds
+    # All of A ⊖ B lies beyond the plane through w across v.
     bound = (v[0] * w[0] + v[1] * w[1] + v[2] * w[2]) / norm
     if bound >= free_at:
         return FREE, count, v, bounds
     lower = max(lower, bound)
+    # v is the nearest point already, or rounding keeps the simplex from shrinking.
     if upper - bound < 1e-9 or count == 4:
         return UNDECIDED, count, v, bounds
+    # The distance lies between the thresholds.
     if upper < free_at < np.inf and lower >= hit_below:
         return UNDECIDED, count, v, bounds
     simplex[count, 0], simplex[count, 1], simplex[count, 2] = w
@@ -165,89 +173,55 @@ def _advance(
         x += weights[i] * simplex[i, 0]
         y += weights[i] * simplex[i, 1]
         z += weights[i] * simplex[i, 2]
+    # The new v is a point of A ⊖ B.
     upper = np.sqrt(x * x + y * y + z * z)
     if upper < hit_below:
         return COLLIDING, count, (x, y, z), (lower, upper)
     return _OPEN, count, (x, y, z), (lower, upper)
 
 
+@kernel(inline=True)
+def _furthest(vertices: Array, first: int, last: int, x: float, y: float, z: float) -> int:
+    """Which of vertices[first:last] lies furthest in direction (x, y, z)."""
+    best = first
+    value = -np.inf
+    for i in range(first, last):
+        dot = vertices[i, 0] * x + vertices[i, 1] * y + vertices[i, 2] * z
+        if dot > value:
+            value = dot
+            best = i
+    return best
+
+
 @kernel(lean=True)
-def separate_box(
+def separate(
     vertices: Array,
     first: int,
     last: int,
-    corners: Array,
-    box: int,
+    others: Array,
+    first_other: int,
+    last_other: int,
     free_at: float,
     hit_below: float,
     work: Array,
 ) -> int:
-    """Whether the hull of vertices[first:last] and an axis-aligned box keep their distance.
+    """Whether two convex sets keep their distance: the bounds of this module, until they decide.
 
     Args:
-        vertices: (n, 3) world.
-        corners: (m, 6) lower and upper corners; the box is row `box`.
+        vertices: (., 3) world; A is the hull of vertices[first:last].
+        others: B is the hull of others[first_other:last_other] where they are (., 3), and the box
+            of row `first_other` where they are (., 6) lower and upper corners.
         free_at, hit_below: FREE for certain from the one on, COLLIDING for certain below the other,
-            UNDECIDED in between.
-        work: (6, 4) work space; work[5, :3] is the start, from box to hull, of any length.
+            UNDECIDED in between. `free_at` may be infinite, to find the direction in which A and B
+            are furthest apart.
+        work: (6, 4) work space; work[5, :3] is the start, from B to A, of any length, and after
+            FREE a direction in which A and B are apart.
     """
     simplex = work[:3].reshape(4, 3)
     weights = work[3:5].reshape(8)
     free_at += TOLERANCE
     hit_below = max(hit_below - TOLERANCE, 1e-9)
-    v = (work[5, 0], work[5, 1], work[5, 2])
-    bounds = (-np.inf, np.inf)
-    count = 0
-    for _ in range(_ITERATIONS):
-        x, y, z = v
-        norm = np.sqrt(x * x + y * y + z * z)
-        if norm < 1e-12:
-            if count > 0:
-                return COLLIDING
-            v = (1.0, y, z)
-            x, norm = 1.0, 1.0
-        best = first
-        value = np.inf
-        for i in range(first, last):
-            dot = vertices[i, 0] * x + vertices[i, 1] * y + vertices[i, 2] * z
-            if dot < value:
-                value = dot
-                best = i
-        w = (
-            vertices[best, 0] - corners[box, 3 if x > 0 else 0],
-            vertices[best, 1] - corners[box, 4 if y > 0 else 1],
-            vertices[best, 2] - corners[box, 5 if z > 0 else 2],
-        )
-        answer, count, v, bounds = _advance(
-            simplex, weights, count, v, w, norm, bounds, free_at, hit_below
-        )
-        if answer != _OPEN:
-            return answer
-    return UNDECIDED
-
-
-@kernel(lean=True)
-def separate_hulls(
-    vertices: Array,
-    first_a: int,
-    last_a: int,
-    first_b: int,
-    last_b: int,
-    free_at: float,
-    hit_below: float,
-    work: Array,
-) -> int:
-    """`separate_box` for the hulls a and b of two ranges of `vertices`.
-
-    Args:
-        free_at: may be infinite, to find the direction in which a and b are furthest apart.
-        work: (6, 4) work space; work[5, :3] is the start, from b to a, of any length, and after
-            FREE a direction in which a and b are apart.
-    """
-    simplex = work[:3].reshape(4, 3)
-    weights = work[3:5].reshape(8)
-    free_at += TOLERANCE
-    hit_below = max(hit_below - TOLERANCE, 1e-9)
+    box = others.shape[1] == 6
     v = (work[5, 0], work[5, 1], work[5, 2])
     bounds = (-np.inf, np.inf)
     count = 0
@@ -258,26 +232,21 @@ def separate_hulls(
         if norm < 1e-12:
             if count > 0:
                 return COLLIDING
+            # No start was given.
             v = (1.0, y, z)
             x, norm = 1.0, 1.0
-        a = first_a
-        value = np.inf
-        for i in range(first_a, last_a):
-            dot = vertices[i, 0] * x + vertices[i, 1] * y + vertices[i, 2] * z
-            if dot < value:
-                value = dot
-                a = i
-        b = first_b
-        value = -np.inf
-        for i in range(first_b, last_b):
-            dot = vertices[i, 0] * x + vertices[i, 1] * y + vertices[i, 2] * z
-            if dot > value:
-                value = dot
-                b = i
+        # The support of A ⊖ B against v: the corner of A furthest back, of B furthest ahead.
+        a = _furthest(vertices, first, last, -x, -y, -z)
+        b = first_other
+        cx, cy, cz = 0, 1, 2
+        if box:
+            cx, cy, cz = 3 if x > 0 else 0, 4 if y > 0 else 1, 5 if z > 0 else 2
+        else:
+            b = _furthest(others, first_other, last_other, x, y, z)
         w = (
-            vertices[a, 0] - vertices[b, 0],
-            vertices[a, 1] - vertices[b, 1],
-            vertices[a, 2] - vertices[b, 2],
+            vertices[a, 0] - others[b, cx],
+            vertices[a, 1] - others[b, cy],
+            vertices[a, 2] - others[b, cz],
         )
         answer, count, v, bounds = _advance(
             simplex, weights, count, v, w, norm, bounds, free_at, hit_below

@@ -116,7 +116,7 @@ class _Builder:
 
 @lru_cache(maxsize=1024)
 def _cover_solid(vertices: bytes, volume: bool, radius: float, excess: float) -> _Nodes:
-    corners = np.frombuffer(vertices).reshape(-1, 3)
+    corners = np.frombuffer(vertices).reshape(-1, 3).copy()
     facets = ConvexHull(corners).equations if volume else np.zeros((1, 4))
     builder = _Builder()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,7 @@ from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.grasp.hand_opening import check_opening
 from placement_planner_ros.core.grasp.open_hand import OpenHand
 from placement_planner_ros.core.grasp.settings import GraspSettings
+from placement_planner_ros.core.grasp.straight_down import stray
 from placement_planner_ros.core.reach.ik import InverseKinematics
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.reach.seeds import seed_table
@@ -24,6 +26,10 @@ _FIRST_SEEDS = 16
 """Starts of the inverse kinematics beside q_0 that are tried before the others."""
 _HAND_SLACK = 1e-4
 """m, more than what inverse kinematics leaves open moves any point of a hand."""
+_PLANNED_STRAY = 0.75
+"""Share of `approach_stray` that waypoints use; the rest is for the timed curve."""
+_HALVINGS = 4
+"""How often a step of the approach is halved at most, to keep the object on its line."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,7 +87,11 @@ class Holding:
         self._seeds = seed_table(self.chain)
         self._settings = settings.approach
         self._reserve = settings.collision.planning_reserve
-        self._vertices = held.body.vertices
+        self._stray = settings.collision.approach_stray
+        vertices = held.body.vertices
+        lower, upper = vertices.min(axis=0), vertices.max(axis=0)
+        corners = np.array(list(itertools.product(*zip(lower, upper, strict=True))))
+        self._corners = corners  # whatever bounds their strays bounds those of all they hold
 
     def tip_pose(self, T_world_object: pin.SE3) -> Array:
         """(4, 4) T_world_tip that brings the object to that pose."""
@@ -153,19 +163,19 @@ class Holding:
         """Whether a whole straight joint motion is free, with what planning keeps in reserve."""
         return self.collision.edge_free(a, b, reserve=self._reserve)
 
-    def comes_straight_down(self, Q: Array, T_world_object: pin.SE3) -> bool:
-        """Whether at each of Q (n, dof) the object is where the swept object of c_f(x) was.
+    def comes_straight_down(
+        self, points: Array, T_world_object: pin.SE3, share: float = 1.0
+    ) -> bool:
+        """Whether on all of a curve the object is within `approach_stray` of where c_f(x) swept it.
 
-        It may stray from the vertical line above its placement by what planning keeps in reserve.
+        Args:
+            points: (m, 6, dof) Bézier control points of the curve's pieces, from above to rest.
+            share: of `approach_stray` that may be used.
         """
-        T_tip_object = self.arm.grasps[self.grasp].homogeneous
-        T = self.chain.forward_batch(Q) @ T_tip_object
-        placed = self._vertices @ T_world_object.rotation.T + T_world_object.translation
-        moving = self._vertices @ T[:, :3, :3].transpose(0, 2, 1) + T[:, None, :3, 3]
-        strayed = moving - placed
-        height = T[:, 2, 3] - T_world_object.translation[2]
-        strayed[..., 2] -= np.maximum(height, 0.0)[:, None]
-        return bool((np.linalg.norm(strayed, axis=-1) <= self._reserve).all())
+        T_tip_object = self.arm.grasps[self.grasp]
+        corners = self._corners @ T_tip_object.rotation.T + T_tip_object.translation
+        placed = self._corners @ T_world_object.rotation.T + T_world_object.translation
+        return stray(self.chain, points, corners, placed) <= share * self._stray
 
     def placing_motion(
         self, q: Array, T_world_object: pin.SE3, contact_height: float, poses: PoseConstraints
@@ -199,18 +209,46 @@ class Holding:
         heights = np.unique(np.append(heights, settings.approach_minimum))
         upward = [q]
         raised: list[Array] = []
-        for height in heights:
-            above = pin.SE3(T_world_object)
-            above.translation = T_world_object.translation + np.array([0.0, 0.0, height])
-            q_next = self.follow(above, upward[-1])
-            if q_next is None or not poses.free(T_world_object, contact_height, float(height)):
+        below = 0.0
+        for height in heights.tolist():
+            if not poses.free(T_world_object, contact_height, height + self._stray):
                 break
-            if not self.collision.edge_free(
-                upward[-1], q_next, contact=True, reserve=self._reserve
-            ):
+            way = self._straight_up(upward[-1], T_world_object, below, height)
+            if way is None:
                 break
-            upward.append(q_next)
+            upward += way
+            below = height
             enough = height >= settings.approach_minimum - 1e-9
-            if enough and self.collision.free(q_next, self._reserve):
+            if enough and self.collision.free(upward[-1], self._reserve):
                 raised = list(upward)
         return np.array(raised[::-1]) if raised else None
+
+    def _straight_up(
+        self,
+        q: Array,
+        T_world_object: pin.SE3,
+        below: float,
+        height: float,
+        halvings: int = _HALVINGS,
+    ) -> list[Array] | None:
+        """Waypoints (dof,) after `q` at height `below` up to another, metres, their edges free.
+
+        Steps on which the object would leave its line are halved; None where that does not help.
+        """
+        above = pin.SE3(T_world_object)
+        above.translation = T_world_object.translation + np.array([0.0, 0.0, height])
+        q_next = self.follow(above, q)
+        if q_next is None:
+            return None
+        chord = np.linspace(q_next, q, 6)[None]
+        if self.comes_straight_down(chord, T_world_object, _PLANNED_STRAY):
+            is_free = self.collision.edge_free(q, q_next, contact=True, reserve=self._reserve)
+            return [q_next] if is_free else None
+        if halvings == 0:
+            return None
+        middle = 0.5 * (below + height)
+        lower = self._straight_up(q, T_world_object, below, middle, halvings - 1)
+        if lower is None:
+            return None
+        upper = self._straight_up(lower[-1], T_world_object, middle, height, halvings - 1)
+        return None if upper is None else lower + upper

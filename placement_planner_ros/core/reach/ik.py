@@ -61,6 +61,14 @@ class InverseKinematics:
     def __init__(self, chain: Chain, settings: IKSettings | None = None) -> None:
         self.chain = chain
         self.settings = settings or IKSettings()
+        self._arm = ik_kernels.IKArm(
+            chain.fixed,
+            chain.prismatic,
+            chain.lower,
+            chain.upper,
+            self.settings.position_tolerance,
+            self.settings.rotation_tolerance,
+        )
         self._reach = ReachBound.of(chain)
         self._slack = self.settings.position_tolerance
         self._slack += self.settings.rotation_tolerance * float(np.linalg.norm(self._reach.wrist))
@@ -100,14 +108,9 @@ class InverseKinematics:
         solutions = np.full((len(T), settings.max_solutions, chain.dof), np.nan)
         counts = np.zeros(len(T), dtype=np.int64)
         ik_kernels.solve_batch(
-            chain.fixed,
-            chain.prismatic,
-            chain.lower,
-            chain.upper,
+            self._arm,
             T,
             Q,
-            settings.position_tolerance,
-            settings.rotation_tolerance,
             settings.max_iterations,
             settings.min_difference,
             solutions,
@@ -137,15 +140,10 @@ class InverseKinematics:
         found = np.full((len(T), settings.max_sweep, chain.dof), np.nan)
         numbers = np.zeros(len(T), dtype=np.int64)
         self_motion.sweep_batch(
-            chain.fixed,
-            chain.prismatic,
-            chain.lower,
-            chain.upper,
+            self._arm,
             T,
             kernel_input(solutions),
             np.require(counts, np.int64, ["C", "W"]),
-            settings.position_tolerance,
-            settings.rotation_tolerance,
             settings.sweep_step,
             found,
             numbers,
@@ -178,14 +176,9 @@ class InverseKinematics:
         T = kernel_input(T_world_tip)
         path = np.empty((len(T), chain.dof))
         tracked = ik_kernels.track(
-            chain.fixed,
-            chain.prismatic,
-            chain.lower,
-            chain.upper,
+            self._arm,
             T,
             np.clip(np.asarray(q0, dtype=np.float64), chain.lower, chain.upper),
-            settings.position_tolerance,
-            settings.rotation_tolerance,
             settings.max_joint_step,
             settings.line_tolerance,
             path,

@@ -2,12 +2,15 @@
 
 Each iteration solves min |J dq - e|² + λ |dq|² with λ proportional to the squared error (Sugihara,
 "Solvability-unconcerned inverse kinematics by the Levenberg-Marquardt method", 2011), over the
-joints that are not pressed against a limit.
+joints that are not pressed against a limit: dq = Jᵀ (J Jᵀ + λ I)⁻¹ e, a system of six whatever the
+number of joints. A solution is checked, never assumed: it counts where the tip at q is within the
+tolerances of the target.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -33,6 +36,51 @@ STALL = 8
 
 TRACK_ITERATIONS = 10
 """Iterations per waypoint of `track`, which starts next to its solution."""
+
+
+class IKArm(NamedTuple):
+    """An arm of n joints as `kinematics.Chain` describes it, and when a pose counts as reached."""
+
+    fixed: Array
+    prismatic: Flags
+    lower: Array
+    upper: Array
+    position_tolerance: float
+    """m"""
+    rotation_tolerance: float
+    """rad"""
+
+
+class IKScratch(NamedTuple):
+    """Work space; `ik_scratch` makes it."""
+
+    frames: Array
+    """(n + 1, 4, 4) of `chain_frames`."""
+    J: Array
+    """(6, n) of the tip, rotation weighed by ROTATION_SCALE."""
+    M: Array
+    """(6, 6) of the system to solve, and its right-hand side, then solution, y (6,)."""
+    y: Array
+    error: Array
+    """(6,)"""
+    free: Flags
+    """(n,) joints that take part."""
+    dq: Array
+    """(n,)"""
+
+
+@kernel(nogil=True)
+def ik_scratch(dof: int) -> IKScratch:
+    """Work space for an arm of so many joints."""
+    return IKScratch(
+        np.zeros((dof + 1, 4, 4)),
+        np.empty((6, dof)),
+        np.empty((6, 6)),
+        np.empty(6),
+        np.empty(6),
+        np.ones(dof, np.bool_),
+        np.empty(dof),
+    )
 
 
 @kernel(lean=True)
@@ -99,39 +147,97 @@ def solve_spd(M: Array, b: Array) -> None:
         b[i] = s / M[i, i]
 
 
-@kernel()
-def descend(
-    fixed: Array,
-    prismatic: Flags,
-    lower: Array,
-    upper: Array,
-    target: Array,
-    q: Array,
-    position_tolerance: float,
-    rotation_tolerance: float,
-    max_iterations: int,
-    frames: Array,
-    J: Array,
-) -> bool:
-    """Move q (dof,) within its limits until the tip is at the target; False where it is not.
+@kernel(inline=True)
+def weighted_jacobian(arm: IKArm, scratch: IKScratch) -> None:
+    """J of the tip where the frames are, a radian weighing as much as ROTATION_SCALE metres."""
+    frames, J = scratch.frames, scratch.J
+    dof = len(arm.lower)
+    frames_jacobian(
+        frames, arm.prismatic, frames[dof, 0, 3], frames[dof, 1, 3], frames[dof, 2, 3], J
+    )
+    for a in range(3, 6):
+        for i in range(dof):
+            J[a, i] *= ROTATION_SCALE
 
-    frames (dof + 1, 4, 4) and J (6, dof) are scratch; frames hold the chain at q on return.
+
+@kernel(inline=True)
+def solve_normal(scratch: IKScratch, damping: float) -> None:
+    """y := (J Jᵀ + damping I)⁻¹ y, J without the joints that are not free."""
+    J, M, free = scratch.J, scratch.M, scratch.free
+    for a in range(6):
+        for b in range(a + 1):
+            s = 0.0
+            for i in range(len(free)):
+                if free[i]:
+                    s += J[a, i] * J[b, i]
+            M[a, b] = s
+        M[a, a] += damping
+    solve_spd(M, scratch.y)
+
+
+@kernel(inline=True)
+def _step_within_limits(arm: IKArm, q: Array, scratch: IKScratch, damping: float) -> None:
+    """dq: the damped least squares' step for the error, no joint taken beyond a limit.
+
+    Joints at a limit that the gradient Jᵀ e presses against it stay. Of the others, those that the
+    step takes beyond a limit go up to it, what they then do not do is left to the rest, and so on.
+    """
+    J, y, error, free, dq = scratch.J, scratch.y, scratch.error, scratch.free, scratch.dq
+    lower, upper = arm.lower, arm.upper
+    dof = len(q)
+    for i in range(dof):
+        gradient = 0.0
+        for a in range(6):
+            gradient += J[a, i] * error[a]
+        pressed = (q[i] <= lower[i] and gradient < 0.0) or (q[i] >= upper[i] and gradient > 0.0)
+        free[i] = not pressed
+        dq[i] = 0.0
+    for _ in range(dof):  # each round either ends or takes a joint to its limit
+        for a in range(6):
+            y[a] = error[a]
+        solve_normal(scratch, damping)
+        for i in range(dof):
+            if free[i]:
+                step = 0.0
+                for a in range(6):
+                    step += J[a, i] * y[a]
+                dq[i] = step
+        hit = False
+        for i in range(dof):
+            if free[i]:
+                rest = 0.0
+                if q[i] + dq[i] > upper[i]:
+                    rest = upper[i] - q[i]
+                elif q[i] + dq[i] < lower[i]:
+                    rest = lower[i] - q[i]
+                else:
+                    continue
+                hit = True
+                free[i] = False
+                dq[i] = rest
+                for a in range(6):
+                    error[a] -= J[a, i] * rest
+        if not hit:
+            break
+
+
+@kernel(lean=True)
+def descend(arm: IKArm, target: Array, q: Array, max_iterations: int, scratch: IKScratch) -> bool:
+    """Move q (n,) within its limits until the tip is at the target (4, 4); False where it is not.
+
+    The frames of the scratch hold the chain at q on return.
     """
     dof = len(q)
-    error = np.empty(6)
-    y = np.empty(6)
-    M = np.empty((6, 6))
-    free = np.empty(dof, dtype=np.bool_)
-    dq = np.empty(dof)
+    error, dq = scratch.error, scratch.dq
     best = np.inf
     age = 0
     for iteration in range(max_iterations + 1):
-        chain_frames(fixed, prismatic, q, frames)
-        tip = frames[dof]
-        _pose_error(tip, target, error)
+        # How far off the tip is, and whether that still gets better.
+        chain_frames(arm.fixed, arm.prismatic, q, scratch.frames)
+        _pose_error(scratch.frames[dof], target, error)
         position = error[0] ** 2 + error[1] ** 2 + error[2] ** 2
         rotation = error[3] ** 2 + error[4] ** 2 + error[5] ** 2
-        if position <= position_tolerance**2 and rotation <= rotation_tolerance**2:
+        if position <= arm.position_tolerance**2 and rotation <= arm.rotation_tolerance**2:
             return True
         squared = position + ROTATION_SCALE**2 * rotation
         if squared < 0.5 * best:
@@ -141,59 +247,17 @@ def descend(
             age += 1
         if iteration == max_iterations or age > STALL:
             return False
-        frames_jacobian(frames, prismatic, tip[:3, 3], J)
+        # The step, shortened where a joint would go further than the linear model is good for.
+        weighted_jacobian(arm, scratch)
         for a in range(3, 6):
             error[a] *= ROTATION_SCALE
-            for i in range(dof):
-                J[a, i] *= ROTATION_SCALE
-        for i in range(dof):
-            gradient = 0.0
-            for a in range(6):
-                gradient += J[a, i] * error[a]
-            pressed = (q[i] <= lower[i] and gradient < 0.0) or (q[i] >= upper[i] and gradient > 0.0)
-            free[i] = not pressed
-            dq[i] = 0.0
-        damping = DAMPING * squared + MIN_DAMPING
-        for _ in range(dof):  # each round either ends or takes a joint to its limit
-            for a in range(6):
-                for b in range(a + 1):
-                    s = 0.0
-                    for i in range(dof):
-                        if free[i]:
-                            s += J[a, i] * J[b, i]
-                    M[a, b] = s
-                M[a, a] += damping
-                y[a] = error[a]
-            solve_spd(M, y)
-            hit = False
-            for i in range(dof):
-                if free[i]:
-                    step = 0.0
-                    for a in range(6):
-                        step += J[a, i] * y[a]
-                    dq[i] = step
-            for i in range(dof):
-                if free[i]:
-                    rest = 0.0
-                    if q[i] + dq[i] > upper[i]:
-                        rest = upper[i] - q[i]
-                    elif q[i] + dq[i] < lower[i]:
-                        rest = lower[i] - q[i]
-                    else:
-                        continue
-                    hit = True
-                    free[i] = False
-                    dq[i] = rest
-                    for a in range(6):
-                        error[a] -= J[a, i] * rest
-            if not hit:
-                break
+        _step_within_limits(arm, q, scratch, DAMPING * squared + MIN_DAMPING)
         largest = 0.0
         for i in range(dof):
             largest = max(largest, abs(dq[i]))
         scale = min(1.0, MAX_STEP / max(largest, 1e-300))
         for i in range(dof):
-            q[i] = min(max(q[i] + scale * dq[i], lower[i]), upper[i])
+            q[i] = min(max(q[i] + scale * dq[i], arm.lower[i]), arm.upper[i])
     return False
 
 
@@ -211,105 +275,75 @@ def differs(a: Array, b: Array, prismatic: Flags, min_difference: float) -> bool
 
 @kernel(nogil=True)
 def solve_batch(
-    fixed: Array,
-    prismatic: Flags,
-    lower: Array,
-    upper: Array,
+    arm: IKArm,
     targets: Array,
     seeds: Array,
-    position_tolerance: float,
-    rotation_tolerance: float,
     max_iterations: int,
     min_difference: float,
     solutions: Array,
     counts: npt.NDArray[np.int64],
 ) -> None:
-    dof = len(lower)
-    frames = np.zeros((dof + 1, 4, 4))
-    J = np.empty((6, dof))
+    """Distinct solutions (m, k, n) of targets (m, 4, 4) from seeds (m, s, n), and their counts."""
+    dof = len(arm.lower)
+    scratch = ik_scratch(dof)
     q = np.empty(dof)
-    for n in range(len(targets)):
+    for t in range(len(targets)):
         count = 0
         for s in range(seeds.shape[1]):
             if count == solutions.shape[1]:
                 break
             for i in range(dof):
-                q[i] = min(max(seeds[n, s, i], lower[i]), upper[i])
-            if not descend(
-                fixed,
-                prismatic,
-                lower,
-                upper,
-                targets[n],
-                q,
-                position_tolerance,
-                rotation_tolerance,
-                max_iterations,
-                frames,
-                J,
-            ):
+                q[i] = min(max(seeds[t, s, i], arm.lower[i]), arm.upper[i])
+            if not descend(arm, targets[t], q, max_iterations, scratch):
                 continue
             new = True
             for k in range(count):
-                if not differs(solutions[n, k], q, prismatic, min_difference):
+                if not differs(solutions[t, k], q, arm.prismatic, min_difference):
                     new = False
                     break
             if new:
-                solutions[n, count] = q
+                solutions[t, count] = q
                 count += 1
-        counts[n] = count
+        counts[t] = count
 
 
 @kernel(nogil=True)
 def track(
-    fixed: Array,
-    prismatic: Flags,
-    lower: Array,
-    upper: Array,
+    arm: IKArm,
     targets: Array,
     q0: Array,
-    position_tolerance: float,
-    rotation_tolerance: float,
     max_joint_step: float,
     line_tolerance: float,
     path: Array,
 ) -> bool:
-    dof = len(lower)
-    frames = np.zeros((dof + 1, 4, 4))
-    J = np.empty((6, dof))
+    """Fill path (m, n) with what follows targets (m, 4, 4) from q0 (n,); False where that fails.
+
+    No joint moves further than `max_joint_step` between two targets, and half-way in the joints the
+    tip is within `line_tolerance` (m, rad) of half-way between both.
+    """
+    dof = len(arm.lower)
+    scratch = ik_scratch(dof)
     q = q0.copy()
+    previous = q0.copy()
     between = np.empty(dof)
     error = np.empty(6)
     other = np.empty(6)
     for n in range(len(targets)):
-        if not descend(
-            fixed,
-            prismatic,
-            lower,
-            upper,
-            targets[n],
-            q,
-            position_tolerance,
-            rotation_tolerance,
-            TRACK_ITERATIONS,
-            frames,
-            J,
-        ):
+        if not descend(arm, targets[n], q, TRACK_ITERATIONS, scratch):
             return False
         path[n] = q
-        if n == 0:
-            for i in range(dof):
-                if abs(q[i] - q0[i]) > max_joint_step:
-                    return False
-            continue
         for i in range(dof):
-            if abs(q[i] - path[n - 1, i]) > max_joint_step:
+            if abs(q[i] - previous[i]) > max_joint_step:
                 return False
-            between[i] = 0.5 * (q[i] + path[n - 1, i])
-        chain_frames(fixed, prismatic, between, frames)
-        _pose_error(frames[dof], targets[n - 1], other)
-        _pose_error(frames[dof], targets[n], error)
-        for a in range(6):  # opposite ways to both ends, where the tip is in their middle
+            between[i] = 0.5 * (q[i] + previous[i])
+            previous[i] = q[i]
+        if n == 0:
+            continue
+        # Where the tip is in the middle of both, the ways to them are opposite.
+        chain_frames(arm.fixed, arm.prismatic, between, scratch.frames)
+        _pose_error(scratch.frames[dof], targets[n - 1], other)
+        _pose_error(scratch.frames[dof], targets[n], error)
+        for a in range(6):
             error[a] = 0.5 * (error[a] + other[a])
         if (
             error[0] ** 2 + error[1] ** 2 + error[2] ** 2 > line_tolerance**2

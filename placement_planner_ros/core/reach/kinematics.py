@@ -35,7 +35,9 @@ _CHAINS = 16
 
 @kernel(lean=True)
 def chain_frames(fixed: Array, prismatic: Flags, q: Array, frames: Array) -> None:
-    """Joint frames and tip at q.
+    """Joint frames and tip at q: the module's product from left to right.
+
+    Only x and y of each rotation are multiplied out; z is their cross product.
 
     Args:
         fixed: (dof + 1, 4, 4) A_0 … A_tip.
@@ -79,13 +81,34 @@ def chain_frames(fixed: Array, prismatic: Flags, q: Array, frames: Array) -> Non
 
 
 @kernel(lean=True)
-def frames_jacobian(frames: Array, prismatic: Flags, point: Array, jacobian: Array) -> None:
-    """Jacobian of a point carried by the tip.
+def to_world(frames: Array, joint: int, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """A point (x, y, z) of frame `joint` of `chain_frames`."""
+    return (
+        frames[joint, 0, 3]
+        + frames[joint, 0, 0] * x
+        + frames[joint, 0, 1] * y
+        + frames[joint, 0, 2] * z,
+        frames[joint, 1, 3]
+        + frames[joint, 1, 0] * x
+        + frames[joint, 1, 1] * y
+        + frames[joint, 1, 2] * z,
+        frames[joint, 2, 3]
+        + frames[joint, 2, 0] * x
+        + frames[joint, 2, 1] * y
+        + frames[joint, 2, 2] * z,
+    )
+
+
+@kernel(lean=True)
+def frames_jacobian(
+    frames: Array, prismatic: Flags, x: float, y: float, z: float, jacobian: Array
+) -> None:
+    """Jacobian of a point carried by the tip: z_i × (p - o_i) above z_i, or z_i where it slides.
 
     Args:
-        frames: (dof + 1, 4, 4) of `chain_frames`.
+        frames: (dof + 1, 4, 4) of `chain_frames`: axes z_i through o_i.
         prismatic: (dof,) bool.
-        point: (3,) in the world.
+        x, y, z: the point p in the world.
         jacobian: (6, dof), filled: linear then angular velocity, in world axes.
     """
     for i in range(len(prismatic)):
@@ -95,7 +118,7 @@ def frames_jacobian(frames: Array, prismatic: Flags, point: Array, jacobian: Arr
             jacobian[0, i], jacobian[1, i], jacobian[2, i] = zx, zy, zz
             jacobian[3, i], jacobian[4, i], jacobian[5, i] = 0.0, 0.0, 0.0
         else:
-            dx, dy, dz = point[0] - F[0, 3], point[1] - F[1, 3], point[2] - F[2, 3]
+            dx, dy, dz = x - F[0, 3], y - F[1, 3], z - F[2, 3]
             jacobian[0, i] = zy * dz - zz * dy
             jacobian[1, i] = zz * dx - zx * dz
             jacobian[2, i] = zx * dy - zy * dx
@@ -104,6 +127,7 @@ def frames_jacobian(frames: Array, prismatic: Flags, point: Array, jacobian: Arr
 
 @kernel()
 def _forward_batch(fixed: Array, prismatic: Flags, Q: Array, tips: Array) -> None:
+    """Tips (n, 4, 4), zero before, of Q (n, dof)."""
     frames = np.zeros((len(prismatic) + 1, 4, 4))
     for k in range(len(Q)):
         chain_frames(fixed, prismatic, Q[k], frames)
@@ -115,6 +139,7 @@ def _forward_batch(fixed: Array, prismatic: Flags, Q: Array, tips: Array) -> Non
 def _joint_frames_batch(
     fixed: Array, prismatic: Flags, aligned: Array, Q: Array, out: Array
 ) -> None:
+    """Joint frames (n, dof, 4, 4), zero before, turned from their axes back to the URDF's."""
     dof = len(prismatic)
     frames = np.zeros((dof + 1, 4, 4))
     for k in range(len(Q)):
@@ -134,16 +159,14 @@ def _joint_frames_batch(
 def _jacobian_batch(
     fixed: Array, prismatic: Flags, T_tip_object: Array, Q: Array, out: Array
 ) -> None:
+    """Jacobians (n, 6, dof) of the object's origin."""
     frames = np.zeros((len(prismatic) + 1, 4, 4))
-    point = np.empty(3)
     for k in range(len(Q)):
         chain_frames(fixed, prismatic, Q[k], frames)
-        T = frames[-1]
-        for a in range(3):
-            point[a] = T[a, 3]
-            for b in range(3):
-                point[a] += T[a, b] * T_tip_object[b, 3]
-        frames_jacobian(frames, prismatic, point, out[k])
+        x, y, z = to_world(
+            frames, len(prismatic), T_tip_object[0, 3], T_tip_object[1, 3], T_tip_object[2, 3]
+        )
+        frames_jacobian(frames, prismatic, x, y, z, out[k])
 
 
 def kernel_input(values: npt.ArrayLike) -> Array:

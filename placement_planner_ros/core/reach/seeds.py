@@ -32,7 +32,10 @@ def _nearest(
     distance: Array,
     seeds: Array,
 ) -> None:
-    """Fill seeds (n, s, dof) with the rows nearest to wanted (n, 12), nearest first."""
+    """Fill seeds (n, s, dof) with the rows nearest to wanted (n, 12), nearest first.
+
+    Of `window` rows from starts (n,) on, in a list of the best so far that each row is sorted into.
+    """
     count = seeds.shape[1]
     rows = np.empty(count, dtype=np.int64)
     for n in range(len(wanted)):

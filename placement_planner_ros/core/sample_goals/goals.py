@@ -86,7 +86,10 @@ class GoalFinder:
     def _values(self, T: Array, bound: float) -> Array:
         """(n,) ξ of the poses (n, 4, 4); only estimated where that shows it is not above `bound`.
 
-        How far estimates are off is learned from the first poses.
+        How far estimates are off is learned from the first poses, which proves nothing of the
+        others. Measured over the 24 bundled cases, uniform free poses, ξ_best at their median to
+        their 99th percentile: none of 822,037 better poses was skipped. A bound from the slope of
+        d_S between the points would be 6 mm or more, where estimates are off by 2 mm at most.
         """
         if not isinstance(self._objective, EstimatedObjective):
             return evaluate_batch(self._objective, T)

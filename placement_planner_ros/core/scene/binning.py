@@ -50,6 +50,8 @@ def _sort_into_cells(
     lower: Array,
     upper: Array,
 ) -> tuple[Array, npt.NDArray[np.int64], npt.NDArray[np.int32], npt.NDArray[np.int32]]:
+    """A counting sort: the fields of `Bins`."""
+    # How many points each cell holds; `cell_of` remembers which.
     n = len(points)
     cell_of = np.empty(n, np.int32)
     index = np.full((nx, ny, nz), -1, np.int32)
@@ -79,6 +81,7 @@ def _sort_into_cells(
             flat[cell] = 0
             occupied += 1
         flat[cell] += 1
+    # Number the occupied cells in their order; each begins where the one before ends.
     cells = np.empty((occupied, 3), np.int32)
     start = np.empty(occupied + 1, np.int64)
     row = 0
@@ -97,6 +100,7 @@ def _sort_into_cells(
                 total += count
                 row += 1
     start[occupied] = total
+    # Put every point behind those of its cell that are already there.
     fill = start[:-1].copy()
     kept_points = np.empty((kept, 3))
     for i in range(n):

@@ -34,10 +34,12 @@ _REACH = 5.0
 
 
 @kernel(nogil=True)
-def connected(
-    cells: Index, counts: npt.NDArray[np.int64], index: Index, min_points: int
-) -> npt.NDArray[np.bool_]:
-    """(m,) False for cells in pieces of at most two cells with fewer than `min_points` points."""
+def connected(bins: Bins, counts: npt.NDArray[np.int64], min_points: int) -> npt.NDArray[np.bool_]:
+    """(m,) False for cells in pieces of at most two cells with fewer than `min_points` points.
+
+    A cell is in such a piece where it has no neighbour, or one that has no other.
+    """
+    cells, index = bins.cells, bins.row_of
     m = len(cells)
     nx, ny, nz = index.shape
     keep = np.ones(m, np.bool_)
@@ -64,10 +66,9 @@ def connected(
 
 
 @kernel(nogil=True)
-def _cell_moments(
-    points: Array, start: npt.NDArray[np.int64], cells: Index, origin: Array, size: float
-) -> Array:
+def _cell_moments(bins: Bins, origin: Array, size: float) -> Array:
     """(m, 10) number, sum and second moments (xx, yy, zz, xy, xz, yz) about each cell's centre."""
+    points, start, cells = bins.points, bins.start, bins.cells
     m = len(cells)
     moments = np.zeros((m, 10))
     for r in range(m):
@@ -89,15 +90,16 @@ def _cell_moments(
     return moments
 
 
-@kernel(nogil=True)
-def _plane(
-    moments: Array, cells: Index, index: Index, size: float, r: int, reach: int, plane: Array
-) -> float:
-    """Fit cell r and those within `reach` cells of it; returns the number of points.
+@kernel(lean=True)
+def _moments_around(
+    moments: Array, bins: Bins, size: float, r: int, reach: int
+) -> tuple[float, float, float, float, float, float, float, float, float, float]:
+    """Number, sum and second moments about the centre of cell r of the cells within `reach` of it.
 
-    `plane` (8,) receives the mean relative to the cell's centre, the unit normal, and the standard
-    deviations along the normal and along the next axis.
+    Moved by o, a cell's n points with sum s have the sum s + n o and the second moments
+    Σ (x + o)(x + o)ᵀ = Σ x xᵀ + s oᵀ + o sᵀ + n o oᵀ.
     """
+    cells, index = bins.cells, bins.row_of
     nx, ny, nz = index.shape
     n = sx = sy = sz = xx = yy = zz = xy = xz = yz = 0.0
     for i in range(max(cells[r, 0] - reach, 0), min(cells[r, 0] + reach + 1, nx)):
@@ -120,27 +122,42 @@ def _plane(
                 xy += moments[q, 7] + x * oy + y * ox + c * ox * oy
                 xz += moments[q, 8] + x * oz + z * ox + c * ox * oz
                 yz += moments[q, 9] + y * oz + z * oy + c * oy * oz
+    return n, sx, sy, sz, xx, yy, zz, xy, xz, yz
+
+
+@kernel(lean=True)
+def _plane(moments: Array, bins: Bins, size: float, r: int, reach: int, plane: Array) -> float:
+    """Fit cell r and those within `reach` cells of it; returns the number of points.
+
+    `plane` (8,) receives the mean relative to the cell's centre, the unit normal, and the standard
+    deviations along the normal and along the next axis. The normal is the eigenvector of the
+    covariance's smallest eigenvalue; the eigenvalues of a symmetric C are in closed form
+    mean + 2 s cos(φ + 2kπ/3) with mean = tr C / 3, s² = |C - mean I|² / 6 and
+    cos 3φ = det((C - mean I) / s) / 2.
+    """
+    n, sx, sy, sz, xx, yy, zz, xy, xz, yz = _moments_around(moments, bins, size, r, reach)
     sx, sy, sz = sx / n, sy / n, sz / n
+    plane[0], plane[1], plane[2] = sx, sy, sz
+    plane[3], plane[4], plane[5] = 0.0, 0.0, 0.0
+    plane[6], plane[7] = 0.0, 0.0
+    # C = [[a, d, e], [d, b, f], [e, f, c]]
     a, b, c = xx / n - sx * sx, yy / n - sy * sy, zz / n - sz * sz
     d, e, f = xy / n - sx * sy, xz / n - sx * sz, yz / n - sy * sz
-    # eigenvalues of the symmetric [[a, d, e], [d, b, f], [e, f, c]], in closed form
     mean = (a + b + c) / 3.0
     spread = math.sqrt(
         ((a - mean) ** 2 + (b - mean) ** 2 + (c - mean) ** 2 + 2.0 * (d * d + e * e + f * f)) / 6.0
     )
-    plane[0], plane[1], plane[2] = sx, sy, sz
-    plane[3], plane[4], plane[5] = 0.0, 0.0, 0.0
-    plane[6], plane[7] = 0.0, 0.0
     if spread <= 0.0:
         return n
-    p, q2, s = (a - mean) / spread, (b - mean) / spread, (c - mean) / spread
+    p, q, s = (a - mean) / spread, (b - mean) / spread, (c - mean) / spread
     d2, e2, f2 = d / spread, e / spread, f / spread
-    half = 0.5 * (p * (q2 * s - f2 * f2) - d2 * (d2 * s - f2 * e2) + e2 * (d2 * f2 - q2 * e2))
+    half = 0.5 * (p * (q * s - f2 * f2) - d2 * (d2 * s - f2 * e2) + e2 * (d2 * f2 - q * e2))
     angle = math.acos(min(1.0, max(-1.0, half))) / 3.0
     largest = mean + 2.0 * spread * math.cos(angle)
     smallest = mean + 2.0 * spread * math.cos(angle + 2.0 * math.pi / 3.0)
     middle = 3.0 * mean - largest - smallest
-    # the normal is orthogonal to every row of the covariance less its smallest eigenvalue
+    # The normal is orthogonal to every row of C less its smallest eigenvalue: the longest of the
+    # rows' cross products.
     a, b, c = a - smallest, b - smallest, c - smallest
     ux, uy, uz = d * f - e * b, e * d - a * f, a * b - d * d
     vx, vy, vz = d * c - e * f, e * e - a * c, a * f - d * e
@@ -161,19 +178,18 @@ def _plane(
 @kernel(nogil=True)
 def _scatter(
     moments: Array,
-    cells: Index,
-    index: Index,
+    bins: Bins,
     size: float,
     reach: int,
     stride: int,
     min_points: int,
 ) -> Array:
     """Standard deviations about the planes of those sampled neighbourhoods that are surfaces."""
-    found = np.empty(len(cells) // stride + 1)
+    found = np.empty(len(bins.cells) // stride + 1)
     plane = np.empty(8)
     n = 0
-    for r in range(0, len(cells), stride):
-        if _plane(moments, cells, index, size, r, reach, plane) < min_points:
+    for r in range(0, len(bins.cells), stride):
+        if _plane(moments, bins, size, r, reach, plane) < min_points:
             continue
         if plane[7] > 0.15 * (1 + reach) * size and plane[6] < 0.6 * plane[7]:
             found[n] = plane[6]
@@ -189,12 +205,12 @@ def estimate_noise(bins: Bins, origin: Array, size: float) -> float:
     quarter of the neighbourhoods (to a tenth of the median), it is that quarter that counts.
     """
     stride = max(1, len(bins.cells) // _SAMPLED_CELLS)
-    moments = _cell_moments(bins.points, bins.start, bins.cells, origin, size)
-    around = _scatter(moments, bins.cells, bins.row_of, size, 1, stride, _MIN_SURFACE_POINTS)
+    moments = _cell_moments(bins, origin, size)
+    around = _scatter(moments, bins, size, 1, stride, _MIN_SURFACE_POINTS)
     if len(around) < _MIN_SURFACES * len(bins.cells) / stride:
         return 0.0
     quartile, median = np.quantile(around, (0.25, 0.5))
-    alone = _scatter(moments, bins.cells, bins.row_of, size, 0, stride, _MIN_PLANE_POINTS)
+    alone = _scatter(moments, bins, size, 0, stride, _MIN_PLANE_POINTS)
     if len(alone) >= 0.25 * len(around):
         within = float(np.quantile(alone, 0.25))
         if within < 0.1 * median:
@@ -204,20 +220,21 @@ def estimate_noise(bins: Bins, origin: Array, size: float) -> float:
 
 @kernel(nogil=True)
 def _fit_planes(
-    moments: Array, cells: Index, index: Index, size: float, origin: Array, noise: float
+    moments: Array, bins: Bins, size: float, origin: Array, noise: float
 ) -> tuple[Array, npt.NDArray[np.bool_]]:
     """(m, 6) mean and normal of each cell's neighbourhood; (m,) whether it is a plane.
 
     It is not where the points scatter more than they do two cells further: across a corner too, a
     plane fits to within a few times the noise.
     """
+    cells, index = bins.cells, bins.row_of
     m = len(cells)
     nx, ny, nz = index.shape
     planes = np.empty((m, 6))
     scatter = np.full(m, np.inf)
     plane = np.empty(8)
     for r in range(m):
-        n = _plane(moments, cells, index, size, r, 1, plane)
+        n = _plane(moments, bins, size, r, 1, plane)
         for a in range(3):
             planes[r, a] = plane[a] + origin[a] + (cells[r, a] + 0.5) * size
             planes[r, 3 + a] = plane[3 + a]
@@ -228,6 +245,7 @@ def _fit_planes(
             and plane[6] < 0.6 * plane[7]
         ):
             scatter[r] = plane[6]
+    # Compare with what lies two cells further.
     flat = np.zeros(m, np.bool_)
     for r in range(m):
         if scatter[r] == np.inf:
@@ -242,8 +260,9 @@ def _fit_planes(
     return planes, flat
 
 
-@kernel(nogil=True)
+@kernel(lean=True)
 def _residual(planes: Array, q: int, x: float, y: float, z: float) -> float:
+    """Distance of a point beyond plane q, metres."""
     return (
         planes[q, 3] * (x - planes[q, 0])
         + planes[q, 4] * (y - planes[q, 1])
@@ -251,10 +270,30 @@ def _residual(planes: Array, q: int, x: float, y: float, z: float) -> float:
     )
 
 
-@kernel(nogil=True)
+@kernel(lean=True)
+def _nearer(
+    planes: Array,
+    candidates: npt.NDArray[np.int64],
+    first: int,
+    last: int,
+    x: float,
+    y: float,
+    z: float,
+    best: int,
+    distance: float,
+) -> tuple[int, float]:
+    """The nearest plane among candidates[first:last] where nearer than `best`, and its distance."""
+    for c in range(first, last):
+        d = _residual(planes, candidates[c], x, y, z)
+        if abs(d) < abs(distance):
+            best = candidates[c]
+            distance = d
+    return best, distance
+
+
+@kernel(lean=True)
 def _gather(
-    cells: Index,
-    index: Index,
+    bins: Bins,
     flat: npt.NDArray[np.bool_],
     r: int,
     ring: int,
@@ -262,6 +301,7 @@ def _gather(
     count: int,
 ) -> int:
     """Append the plane cells at Chebyshev distance `ring` of cell r; returns the new count."""
+    cells, index = bins.cells, bins.row_of
     nx, ny, nz = index.shape
     for i in range(-ring, ring + 1):
         for j in range(-ring, ring + 1):
@@ -278,10 +318,7 @@ def _gather(
 
 @kernel(nogil=True)
 def _project(
-    points: Array,
-    start: npt.NDArray[np.int64],
-    cells: Index,
-    index: Index,
+    bins: Bins,
     planes: Array,
     flat: npt.NDArray[np.bool_],
     reach: float,
@@ -292,14 +329,15 @@ def _project(
 
     Points are kept within lower..upper; (n,) says which lie on a plane.
     """
-    m = len(cells)
+    points, start = bins.points, bins.start
     moved = points.copy()
     explained = np.zeros(len(points), np.bool_)
     candidates = np.empty(125, np.int64)
-    for r in range(m):
+    for r in range(len(bins.cells)):
         near = far = -1  # candidates are gathered when the first point asks for them
         for p in range(start[r], start[r + 1]):
             x, y, z = points[p, 0], points[p, 1], points[p, 2]
+            # its own cell's plane, ...
             best = -1
             distance = reach
             if flat[r]:
@@ -307,24 +345,16 @@ def _project(
                 if abs(d) <= reach:
                     best = r
                     distance = d
+            # ... or the nearest beside it, ...
+            if near < 0 and (best < 0 or abs(distance) > 0.4 * reach):
+                near = _gather(bins, flat, r, 1, candidates, 0)
             if best < 0:
-                if near < 0:
-                    near = _gather(cells, index, flat, r, 1, candidates, 0)
-                for c in range(near):
-                    d = _residual(planes, candidates[c], x, y, z)
-                    if abs(d) < abs(distance):
-                        best = candidates[c]
-                        distance = d
+                best, distance = _nearer(planes, candidates, 0, near, x, y, z, best, distance)
+            # ... or, where none is close, one cell further
             if best < 0 or abs(distance) > 0.4 * reach:
-                if near < 0:
-                    near = _gather(cells, index, flat, r, 1, candidates, 0)
                 if far < 0:
-                    far = _gather(cells, index, flat, r, 2, candidates, near)
-                for c in range(near, far):
-                    d = _residual(planes, candidates[c], x, y, z)
-                    if abs(d) < abs(distance):
-                        best = candidates[c]
-                        distance = d
+                    far = _gather(bins, flat, r, 2, candidates, near)
+                best, distance = _nearer(planes, candidates, near, far, x, y, z, best, distance)
             if best >= 0:
                 explained[p] = True
                 for a in range(3):
@@ -335,13 +365,12 @@ def _project(
 
 @kernel(nogil=True)
 def _strays(
-    start: npt.NDArray[np.int64],
-    cells: Index,
-    index: Index,
+    bins: Bins,
     explained: npt.NDArray[np.bool_],
     min_points: int,
 ) -> npt.NDArray[np.bool_]:
     """Points of no plane, with fewer than `min_points` such points in the cells around."""
+    start, cells, index = bins.start, bins.cells, bins.row_of
     m = len(cells)
     nx, ny, nz = index.shape
     left = np.zeros(m, np.int64)
@@ -381,10 +410,8 @@ def project(
         (n, 3), NaN for lone points off every surface. Points of no plane (thin or strongly curved
         things) stay where they are.
     """
-    moments = _cell_moments(bins.points, bins.start, bins.cells, origin, size)
-    planes, flat = _fit_planes(moments, bins.cells, bins.row_of, size, origin, noise)
-    moved, explained = _project(
-        bins.points, bins.start, bins.cells, bins.row_of, planes, flat, _REACH * noise, lower, upper
-    )
-    moved[_strays(bins.start, bins.cells, bins.row_of, explained, min_points)] = np.nan
+    moments = _cell_moments(bins, origin, size)
+    planes, flat = _fit_planes(moments, bins, size, origin, noise)
+    moved, explained = _project(bins, planes, flat, _REACH * noise, lower, upper)
+    moved[_strays(bins, explained, min_points)] = np.nan
     return moved

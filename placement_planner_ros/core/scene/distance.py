@@ -3,17 +3,29 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.kernels import kernel
-from placement_planner_ros.core.scene.grid import ObstacleSet
+from placement_planner_ros.core.scene.grid import ObstacleArrays, ObstacleSet
 from placement_planner_ros.core.types import Array, TargetVolume
 
 Field = npt.NDArray[np.float32]
 Index = npt.NDArray[np.int32]
+
+
+class _Layers(NamedTuple):
+    """What `_interpolate` reads of a `ClearanceField`."""
+
+    values: Field
+    """(2, nz, nx, ny) of `_clearance_layers`."""
+    origin: Array
+    size: float
+    cap: float
+    tolerance: float
 
 
 class ClearanceField:
@@ -66,18 +78,20 @@ class ClearanceField:
         self.cell_size = size
         self.origin = obstacles.origin + first * size
         self.values = _clearance_layers(
-            obstacles.lower[rows],
-            obstacles.upper[rows],
-            (obstacles.cells[rows] - first).astype(np.int64),
-            self.origin,
-            size,
+            obstacles.arrays._replace(
+                origin=self.origin,
+                cells=(obstacles.cells[rows] - first).astype(np.int32),
+                lower=obstacles.lower[rows],
+                upper=obstacles.upper[rows],
+            ),
             int(last[0] - first[0]) + 2,
             int(last[1] - first[1]) + 2,
             int(last[2] - first[2]) + 1,
-            cap,
+            self.cap,
             contact_tolerance,
         )
         self.values.setflags(write=False)
+        self._layers = _Layers(self.values, self.origin, size, self.cap, contact_tolerance)
 
     def distance(self, points: Array) -> Array:
         """(n,) d_S at the (n, 3) points, metres."""
@@ -88,16 +102,7 @@ class ClearanceField:
         return np.asarray(self._evaluate(points)[:, 1:])
 
     def _evaluate(self, points: Array) -> Array:
-        return np.asarray(
-            _evaluate(
-                self.values,
-                self.origin,
-                self.cell_size,
-                self.cap,
-                self.contact_tolerance,
-                _contiguous(points),
-            )
-        )
+        return np.asarray(_evaluate(self._layers, _contiguous(points)))
 
     def mean_clearance(self, T_world_object: Array, points: Array) -> tuple[float, Array]:
         """C(x) of the clearance objective, and ∂C/∂(x, y, e_z) about the object's origin.
@@ -114,16 +119,7 @@ class ClearanceField:
 
     def mean_clearance_batch(self, T_world_object: Array, points: Array) -> tuple[Array, Array]:
         """(m,) and (m, 3): `mean_clearance` of the (m, 4, 4) poses."""
-        values, gradients = mean_clearance(
-            self.values,
-            self.origin,
-            self.cell_size,
-            self.cap,
-            self.contact_tolerance,
-            _contiguous(T_world_object),
-            _contiguous(points),
-        )
-        return values, gradients
+        return mean_clearance(self._layers, _contiguous(T_world_object), _contiguous(points))
 
 
 def _contiguous(values: Array) -> Array:
@@ -135,16 +131,7 @@ def _contiguous(values: Array) -> Array:
 
 @kernel(nogil=True)
 def _clearance_layers(
-    lower: Array,
-    upper: Array,
-    cells: npt.NDArray[np.int64],
-    origin: Array,
-    size: float,
-    nx: int,
-    ny: int,
-    nz: int,
-    cap: float,
-    contact_tolerance: float,
+    boxes: ObstacleArrays, nx: int, ny: int, nz: int, cap: float, contact_tolerance: float
 ) -> Field:
     """(2, nz, nx, ny) capped distance from the grid points of each layer's lower face.
 
@@ -159,44 +146,72 @@ def _clearance_layers(
     height = np.zeros((nz, nx, ny), np.float32)
     nearest = np.empty((nx, ny), np.int32)
     rising = np.empty((nx, ny), np.int32)
-    order = np.argsort(cells[:, 2], kind="mergesort")
-    start = np.searchsorted(cells[order, 2], np.arange(nz + 1))
+    order = np.argsort(boxes.cells[:, 2], kind="mergesort")
+    start = np.searchsorted(boxes.cells[order, 2], np.arange(nz + 1))
     for k in range(nz):
         rows = order[start[k] : start[k + 1]]
         if len(rows) == 0:
             continue
-        top = origin[2] + k * size + contact_tolerance
-        _nearest_boxes(rows, lower, upper, cells, origin, size, cap, nearest)
-        high = rows[upper[rows, 2] >= top]
+        top = boxes.origin[2] + k * boxes.cell_size + contact_tolerance
+        _nearest_boxes(boxes, rows, cap, nearest)
+        high = rows[boxes.upper[rows, 2] >= top]
         if len(high) < len(rows):
-            _nearest_boxes(high, lower, upper, cells, origin, size, cap, rising)
-        for i in range(nx):
-            for j in range(ny):
-                r = nearest[i, j]
-                if r < 0:
-                    continue
-                aside[k, i, j] = _aside(lower, upper, r, origin, size, i, j)
-                height[k, i, j] = lower[r, 2] - origin[2]
-                rise = max(lower[r, 2] - origin[2] - k * size, 0.0)
-                values[1, k, i, j] = min(limit, np.float32(aside[k, i, j] + rise * rise))
-                if upper[r, 2] >= top:
-                    values[0, k, i, j] = values[1, k, i, j]
-                elif rising[i, j] >= 0:
-                    r = rising[i, j]
-                    rise = max(lower[r, 2] - origin[2] - k * size, 0.0)
-                    distance = _aside(lower, upper, r, origin, size, i, j) + rise * rise
-                    values[0, k, i, j] = min(limit, np.float32(distance))
+            _nearest_boxes(boxes, high, cap, rising)
+        _add_own_layer(boxes, k, cap, top, nearest, rising, aside, height, values)
+    _add_layers_above(aside, height, values, boxes.cell_size, cap)
+    return values
+
+
+@kernel(lean=True)
+def _add_own_layer(
+    boxes: ObstacleArrays,
+    k: int,
+    cap: float,
+    top: float,
+    nearest: Index,
+    rising: Index,
+    aside: Field,
+    height: Field,
+    values: Field,
+) -> None:
+    """Fill layer k, squared, from its nearest boxes (nx, ny), and those of them above `top`.
+
+    The latter where the nearest of all ends below `top`.
+    """
+    _, _, nx, ny = values.shape
+    limit = np.float32(cap * cap)
+    for i in range(nx):
+        for j in range(ny):
+            r = nearest[i, j]
+            if r < 0:
+                continue
+            aside[k, i, j] = _aside(boxes, r, i, j)
+            height[k, i, j] = boxes.lower[r, 2] - boxes.origin[2]
+            rise = max(boxes.lower[r, 2] - boxes.origin[2] - k * boxes.cell_size, 0.0)
+            values[1, k, i, j] = min(limit, np.float32(aside[k, i, j] + rise * rise))
+            if boxes.upper[r, 2] >= top:
+                values[0, k, i, j] = values[1, k, i, j]
+            elif rising[i, j] >= 0:
+                r = rising[i, j]
+                rise = max(boxes.lower[r, 2] - boxes.origin[2] - k * boxes.cell_size, 0.0)
+                distance = _aside(boxes, r, i, j) + rise * rise
+                values[0, k, i, j] = min(limit, np.float32(distance))
+
+
+@kernel(nogil=True)
+def _add_layers_above(aside: Field, height: Field, values: Field, size: float, cap: float) -> None:
+    """Lower all squared distances by those to the boxes of the layers above; take the root."""
+    _, nz, nx, ny = values.shape
     flat = (nx * ny,)
     for k in range(nz):
         face = np.float32(k * size)
-        over = np.full(nx * ny, limit, np.float32)
+        over = np.full(nx * ny, np.float32(cap * cap), np.float32)
         for above in range(k + 1, min(nz, k + int(cap / size) + 2)):
             _lower_by_boxes(over, aside[above].reshape(flat), height[above].reshape(flat), face)
         for s in range(2):
             layer = values[s, k].reshape(flat)
             for i in range(nx * ny):
                 layer[i] = np.sqrt(min(layer[i], over[i]))
-    return values
 
 
 @kernel(lean=True)
@@ -209,39 +224,28 @@ def _lower_by_boxes(squared: Field, aside: Field, height: Field, face: np.float3
 
 
 @kernel(inline=True)
-def _aside(lower: Array, upper: Array, r: int, origin: Array, size: float, i: int, j: int) -> float:
+def _aside(boxes: ObstacleArrays, r: int, i: int, j: int) -> float:
     """Squared distance in x and y from a grid point to box r."""
-    x, y = origin[0] + i * size, origin[1] + j * size
-    dx = max(lower[r, 0] - x, 0.0, x - upper[r, 0])
-    dy = max(lower[r, 1] - y, 0.0, y - upper[r, 1])
+    x, y = boxes.origin[0] + i * boxes.cell_size, boxes.origin[1] + j * boxes.cell_size
+    dx = max(boxes.lower[r, 0] - x, 0.0, x - boxes.upper[r, 0])
+    dy = max(boxes.lower[r, 1] - y, 0.0, y - boxes.upper[r, 1])
     return dx * dx + dy * dy
 
 
 @kernel(nogil=True)
-def _nearest_boxes(
-    rows: npt.NDArray[np.int64],
-    lower: Array,
-    upper: Array,
-    cells: npt.NDArray[np.int64],
-    origin: Array,
-    size: float,
-    cap: float,
-    nearest: Index,
-) -> None:
-    """Row of the box nearest in x and y to each grid point, -1 where none is within the cap.
+def _columns_of_boxes(
+    boxes: ObstacleArrays, rows: npt.NDArray[np.int64], width: int, depth: int
+) -> tuple[Index, Index]:
+    """Row of the last box before and the first after each grid point along y, per column of cells.
 
-    Per column of cells along y, the nearest box before and after each grid point; then, per line
-    along x, the lower envelope of the squared distances to these boxes.
+    (depth + 1, width), -1 where there is none.
     """
-    nearest[:] = -1
-    if len(rows) == 0:
-        return
-    nx, ny = nearest.shape
-    width, depth = nx - 1, ny - 1
-    before = np.full((ny, width), -1, np.int32)
-    after = np.full((ny, width), -1, np.int32)
+    lower, upper = boxes.lower, boxes.upper
+    before = np.full((depth + 1, width), -1, np.int32)
+    after = np.full((depth + 1, width), -1, np.int32)
+    # The boxes of each cell count at the grid points at its ends, ...
     for r in rows:
-        i, j = cells[r, 0], cells[r, 1]
+        i, j = boxes.cells[r, 0], boxes.cells[r, 1]
         if i < 0 or i >= width or j < 0 or j >= depth:
             continue  # of the cells around V that boxes touching V may lie in
         q = before[j + 1, i]
@@ -250,21 +254,42 @@ def _nearest_boxes(
         q = after[j, i]
         if q < 0 or lower[r, 1] < lower[q, 1]:
             after[j, i] = r
-    for j in range(1, ny):
+    # ... and on from there up to the next ones.
+    for j in range(1, depth + 1):
         for i in range(width):
             if before[j, i] < 0:
                 before[j, i] = before[j - 1, i]
-    for j in range(ny - 2, -1, -1):
+    for j in range(depth - 1, -1, -1):
         for i in range(width):
             if after[j, i] < 0:
                 after[j, i] = after[j + 1, i]
+    return before, after
+
+
+@kernel(nogil=True)
+def _nearest_boxes(
+    boxes: ObstacleArrays, rows: npt.NDArray[np.int64], cap: float, nearest: Index
+) -> None:
+    """Row of the box nearest in x and y to each grid point, -1 where none is within the cap.
+
+    Per column of cells along y, the nearest box before and after each grid point; then, per line
+    along x, the lower envelope of the squared distances to these boxes (P. Felzenszwalb and
+    D. Huttenlocher, Distance transforms of sampled functions, 2012).
+    """
+    nearest[:] = -1
+    if len(rows) == 0:
+        return
+    lower, upper, origin = boxes.lower, boxes.upper, boxes.origin
+    nx, ny = nearest.shape
+    width = nx - 1
+    before, after = _columns_of_boxes(boxes, rows, width, ny - 1)
     # a box is two parabolas along the line, with their feet at its ends
     box = np.empty(4 * width, np.int32)
     foot = np.empty(4 * width)
     base = np.empty(4 * width)
     ends = np.empty(4 * width)  # from where on each is the least
     for j in range(ny):
-        y = origin[1] + j * size
+        y = origin[1] + j * boxes.cell_size
         n = 0
         for i in range(width):
             first = n
@@ -283,7 +308,7 @@ def _nearest_boxes(
         n = _lower_envelope(foot, base, box, ends, n)
         at = 0
         for i in range(nx):
-            x = origin[0] + i * size
+            x = origin[0] + i * boxes.cell_size
             while at + 1 < n and ends[at + 1] <= x:
                 at += 1
             if n > 0 and (x - foot[at]) ** 2 + base[at] < cap * cap:
@@ -334,36 +359,25 @@ def _lower_envelope(foot: Array, base: Array, box: Index, ends: Array, count: in
 
 
 @kernel(nogil=True)
-def _evaluate(
-    values: Field, origin: Array, size: float, cap: float, tolerance: float, points: Array
-) -> Array:
+def _evaluate(layers: _Layers, points: Array) -> Array:
     """(n, 3) d_S, ∂d_S/∂x, ∂d_S/∂y."""
     result = np.empty((len(points), 3))
     for p in range(len(points)):
-        d, gx, gy = _interpolate(
-            values, origin, size, cap, tolerance, points[p, 0], points[p, 1], points[p, 2]
-        )
+        d, gx, gy = _interpolate(layers, points[p, 0], points[p, 1], points[p, 2])
         result[p, 0], result[p, 1], result[p, 2] = d, gx, gy
     return result
 
 
 @kernel(inline=True)
-def _interpolate(
-    values: Field,
-    origin: Array,
-    size: float,
-    cap: float,
-    tolerance: float,
-    x: float,
-    y: float,
-    z: float,
-) -> tuple[float, float, float]:
+def _interpolate(layers: _Layers, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """d_S at a point, and its change along x and y: bilinear on the first face at or above it."""
+    values, origin, size = layers.values, layers.origin, layers.size
     _, nz, nx, ny = values.shape
     layer = math.ceil((z - origin[2]) / size - 1e-9)
     if layer >= nz:
-        return cap, 0.0, 0.0
+        return layers.cap, 0.0, 0.0
     k = max(layer, 0)
-    s = 1 if origin[2] + k * size - z > tolerance else 0
+    s = 1 if origin[2] + k * size - z > layers.tolerance else 0
     u = (x - origin[0]) / size
     v = (y - origin[1]) / size
     in_x = 0.0 <= u <= nx - 1.0
@@ -384,16 +398,11 @@ def _interpolate(
 
 
 @kernel()
-def mean_clearance(
-    values: Field,
-    origin: Array,
-    size: float,
-    cap: float,
-    tolerance: float,
-    T_world_object: Array,
-    points: Array,
-) -> tuple[Array, Array]:
-    """(m,) mean of d_S over the (n, 3) points at each of the (m, 4, 4) poses; (m, 3) gradients."""
+def mean_clearance(layers: _Layers, T_world_object: Array, points: Array) -> tuple[Array, Array]:
+    """(m,) mean of d_S over the (n, 3) points at each of the (m, 4, 4) poses; (m, 3) gradients.
+
+    A turn by e_z about the object's origin moves a point at (rx, ry) from it along (-ry, rx).
+    """
     m, n = len(T_world_object), len(points)
     means = np.zeros(m)
     gradients = np.zeros((m, 3))
@@ -405,9 +414,7 @@ def mean_clearance(
             rx = T[0, 0] * a + T[0, 1] * b + T[0, 2] * c
             ry = T[1, 0] * a + T[1, 1] * b + T[1, 2] * c
             rz = T[2, 0] * a + T[2, 1] * b + T[2, 2] * c
-            d, gx, gy = _interpolate(
-                values, origin, size, cap, tolerance, rx + T[0, 3], ry + T[1, 3], rz + T[2, 3]
-            )
+            d, gx, gy = _interpolate(layers, rx + T[0, 3], ry + T[1, 3], rz + T[2, 3])
             total += d
             along_x += gx
             along_y += gy

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.kernels import kernel
-from placement_planner_ros.core.scene.grid import ObstacleSet
+from placement_planner_ros.core.scene.grid import ObstacleArrays, ObstacleSet
 from placement_planner_ros.core.types import Array
 
 Field = npt.NDArray[np.float32]
@@ -65,16 +65,7 @@ def distance_bound_field(obstacles: ObstacleSet, cap: float = 0.3) -> DistanceBo
     if not (math.isfinite(cap) and cap > 0.0):
         raise ParameterError("cap", cap, "give a finite length above 0 m")
     step = cap / _LEVELS
-    levels = _distance_bound(
-        obstacles.lower,
-        obstacles.upper,
-        obstacles.cells,
-        obstacles.origin,
-        obstacles.cell_size,
-        *obstacles.shape,
-        cap,
-        (1.0 - _ROUNDING) / step,
-    )
+    levels = _distance_bound(obstacles.arrays, cap, (1.0 - _ROUNDING) / step)
     levels.setflags(write=False)
     exact = int(min(_EXACT * obstacles.cell_size / step * (1.0 - 10.0 * _ROUNDING), _LEVELS - 1))
     return DistanceBound(
@@ -84,21 +75,17 @@ def distance_bound_field(obstacles: ObstacleSet, cap: float = 0.3) -> DistanceBo
 
 @kernel(nogil=True)
 def _distance_bound(
-    lower: Array,
-    upper: Array,
-    cells: Index,
-    origin: Array,
-    size: float,
-    nx: int,
-    ny: int,
-    nz: int,
+    boxes: ObstacleArrays,
     cap: float,
     per_metre: float,
 ) -> Levels:
-    limit = np.float32(cap * cap)
-    values = np.full((nx, ny, nz), limit, np.float32)
+    """The levels of the field: in z, then along y, then along x, then exact near the boxes."""
+    nx, ny, nz = boxes.first_at.shape
+    cells, size = boxes.cells, boxes.cell_size
+    values = np.full((nx, ny, nz), np.float32(cap * cap), np.float32)
     column_used = np.zeros((nx, ny), np.bool_)
-    # squared distance in z to the boxes of the cell's own column
+    plane_used = np.zeros(nx, np.bool_)
+    # boxes of one column follow each other
     m = len(cells)
     first = 0
     while first < m:
@@ -106,58 +93,74 @@ def _distance_bound(
         last = first
         while last < m and cells[last, 0] == i and cells[last, 1] == j:
             last += 1
-        column_used[i, j] = True
-        near = first
-        for k in range(nz):
-            z = origin[2] + (k + 0.5) * size
-            while near < last and cells[near, 2] < k:
-                near += 1
-            best = cap
-            # boxes of this layer, and those next to it below and above
-            for r in range(near - 1, first - 1, -1):
-                best = min(best, max(0.0, z - upper[r, 2]))
-                if cells[r, 2] < cells[near - 1, 2]:
-                    break
-            above = cells[near, 2] if near < last else 0
-            for r in range(near, last):
-                if cells[r, 2] > above:
-                    if above > k:
-                        break
-                    above = cells[r, 2]
-                best = min(best, max(0.0, lower[r, 2] - z, z - upper[r, 2]))
-            values[i, j, k] = best * best
+        column_used[i, j] = plane_used[i] = True
+        _within_column(boxes, first, last, cap, values[i, j])
         first = last
     steps = int(cap / size + 0.5) + 1
     slab = np.empty((max(nx, ny), nz), np.float32)
-    plane_used = np.zeros(nx, np.bool_)
-    # then along y, then along x, to the near faces of the other cells
     for i in range(nx):
-        for j in range(ny):
-            plane_used[i] = plane_used[i] or column_used[i, j]
-        if not plane_used[i]:
-            continue
-        slab[:ny] = values[i]
-        for j in range(ny):
-            for step in range(1, steps + 1):
-                gap = np.float32(((step - 0.5) * size) ** 2)
-                if j - step >= 0 and column_used[i, j - step]:
-                    _lower_by(values[i, j], slab[j - step], gap)
-                if j + step < ny and column_used[i, j + step]:
-                    _lower_by(values[i, j], slab[j + step], gap)
+        if plane_used[i]:
+            slab[:ny] = values[i]
+            for j in range(ny):
+                _lower_by_others(values[i, j], slab, column_used[i], j, steps, size)
     for j in range(ny):
         for i in range(nx):
             slab[i] = values[i, j]
         for i in range(nx):
-            for step in range(1, steps + 1):
-                gap = np.float32(((step - 0.5) * size) ** 2)
-                if i - step >= 0 and plane_used[i - step]:
-                    _lower_by(values[i, j], slab[i - step], gap)
-                if i + step < nx and plane_used[i + step]:
-                    _lower_by(values[i, j], slab[i + step], gap)
-    return _levels(lower, upper, cells, origin, size, values, per_metre)
+            _lower_by_others(values[i, j], slab, plane_used, i, steps, size)
+    return _levels(boxes, values, per_metre)
 
 
-@kernel(nogil=True)
+@kernel(lean=True)
+def _within_column(
+    boxes: ObstacleArrays, first: int, last: int, cap: float, squared: Field
+) -> None:
+    """Squared distance in z from each cell of a column (nz,) to its boxes first..last."""
+    cells, lower, upper = boxes.cells, boxes.lower, boxes.upper
+    near = first
+    for k in range(len(squared)):
+        z = boxes.origin[2] + (k + 0.5) * boxes.cell_size
+        while near < last and cells[near, 2] < k:
+            near += 1
+        best = cap
+        # boxes of this layer, and those next to it below and above
+        for r in range(near - 1, first - 1, -1):
+            best = min(best, max(0.0, z - upper[r, 2]))
+            if cells[r, 2] < cells[near - 1, 2]:
+                break
+        above = cells[near, 2] if near < last else 0
+        for r in range(near, last):
+            if cells[r, 2] > above:
+                if above > k:
+                    break
+                above = cells[r, 2]
+            best = min(best, max(0.0, lower[r, 2] - z, z - upper[r, 2]))
+        squared[k] = best * best
+
+
+@kernel(lean=True)
+def _lower_by_others(
+    target: Field,
+    slab: Field,
+    used: npt.NDArray[np.bool_],
+    place: int,
+    steps: int,
+    size: float,
+) -> None:
+    """Lower squared distances (nz,) by those to what lies up to `steps` lines away in the slab.
+
+    (l, nz) of which `target` is at `place`, and `used` (l,) says which hold anything. Counted is up
+    to the near face of their cells, `step` - 1/2 cells away.
+    """
+    for step in range(1, steps + 1):
+        gap = np.float32(((step - 0.5) * size) ** 2)
+        if place - step >= 0 and used[place - step]:
+            _lower_by(target, slab[place - step], gap)
+        if place + step < len(used) and used[place + step]:
+            _lower_by(target, slab[place + step], gap)
+
+
+@kernel(lean=True)
 def _lower_by(target: Field, source: Field, gap: np.float32) -> None:
     """target = min(target, source + gap)."""
     for k in range(len(target)):
@@ -167,11 +170,7 @@ def _lower_by(target: Field, source: Field, gap: np.float32) -> None:
 
 @kernel(nogil=True)
 def _levels(
-    lower: Array,
-    upper: Array,
-    cells: Index,
-    origin: Array,
-    size: float,
+    boxes: ObstacleArrays,
     squared: Field,
     per_metre: float,
 ) -> Levels:
@@ -180,16 +179,16 @@ def _levels(
     Boxes of cells more than two away are at least 2.5 cells from the centre.
     """
     nx, ny, nz = squared.shape
-    beyond = np.float32((_EXACT * size) ** 2)
+    beyond = np.float32((_EXACT * boxes.cell_size) ** 2)
     exact = np.full((5, ny, nz), beyond, np.float32)  # planes i - 2 .. i + 2, cyclic
     levels = np.zeros(((nx + 3) // 4, (ny + 3) // 4, (nz + 3) // 4, 64), np.uint8)
     line = np.zeros(4 * levels.shape[2], np.uint8)
     fours, line_fours = levels.view(np.uint32), line.view(np.uint32)
     row = 0
-    m = len(cells)
+    m = len(boxes.cells)
     for plane in range(nx + 2):
-        while row < m and cells[row, 0] == plane:
-            _scatter(lower, upper, cells, origin, size, row, exact, nx)
+        while row < m and boxes.cells[row, 0] == plane:
+            _scatter(boxes, row, exact, nx)
             row += 1
         done = plane - 2
         if done >= 0:
@@ -203,7 +202,7 @@ def _levels(
     return levels
 
 
-@kernel(nogil=True)
+@kernel(lean=True)
 def _finish(squared: Field, least: Field, per_metre: np.float32, levels: Levels) -> None:
     """The root of each squared distance, which is at least `least`, rounded down to a level."""
     for k in range(len(squared)):
@@ -212,18 +211,17 @@ def _finish(squared: Field, least: Field, per_metre: np.float32, levels: Levels)
         levels[k] = np.uint8(min(level, np.float32(_LEVELS)))
 
 
-@kernel(nogil=True)
+@kernel(lean=True)
 def _scatter(
-    lower: Array,
-    upper: Array,
-    cells: Index,
-    origin: Array,
-    size: float,
+    boxes: ObstacleArrays,
     row: int,
     exact: Field,
     nx: int,
 ) -> None:
+    """Lower the exact squared distances of the cells up to two away from the box's."""
     _, ny, nz = exact.shape
+    lower, upper, cells = boxes.lower, boxes.upper, boxes.cells
+    origin, size = boxes.origin, boxes.cell_size
     ci, cj, ck = cells[row, 0], cells[row, 1], cells[row, 2]
     for i in range(max(ci - 2, 0), min(ci + 3, nx)):
         x = origin[0] + (i + 0.5) * size

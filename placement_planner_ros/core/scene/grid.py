@@ -9,7 +9,7 @@ the neighbouring cell, up to the face the two cells share; nothing grows where n
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -49,6 +49,21 @@ class GridSettings(Settings):
     max_cells: int = setting(30_000_000, "[1, inf)")
 
 
+class ObstacleArrays(NamedTuple):
+    """What kernels read of an `ObstacleSet`: its fields of these names."""
+
+    origin: Array
+    cell_size: float
+    cells: npt.NDArray[np.int32]
+    lower: Array
+    upper: Array
+    first_at: npt.NDArray[np.int32]
+    """`ObstacleSet.index`"""
+    next: npt.NDArray[np.int32]
+    surface_height: Array
+    surface_extent: Array
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ObstacleSet:
     """The environment: m tight boxes in the cells of a grid.
@@ -82,6 +97,21 @@ class ObstacleSet:
 
     def __len__(self) -> int:
         return len(self.cells)
+
+    @property
+    def arrays(self) -> ObstacleArrays:
+        """For kernels."""
+        return ObstacleArrays(
+            self.origin,
+            self.cell_size,
+            self.cells,
+            self.lower,
+            self.upper,
+            self.index,
+            self.next,
+            self.surface_height,
+            self.surface_extent,
+        )
 
     @property
     def bounds(self) -> tuple[Array, Array]:
@@ -124,25 +154,9 @@ class ObstacleSet:
         if len(bins.cells):
             bins, noise = _cleaned(bins, origin, settings, shape, lower, upper)
         skin = surface_tolerance(noise)
-        boxes = tight_boxes.tight_boxes(
-            bins.points,
-            bins.start,
-            bins.cells,
-            bins.row_of,
-            origin,
-            settings.cell_size,
-            skin,
-            settings.max_boxes_per_cell,
-        )
+        boxes = tight_boxes.tight_boxes(bins, skin, settings.max_boxes_per_cell)
         box_lower, box_upper = tight_boxes.close_gaps(
-            boxes.cells,
-            boxes.lower,
-            boxes.upper,
-            bins.row_of,
-            boxes.next,
-            origin,
-            settings.cell_size,
-            skin,
+            boxes, bins.row_of, origin, settings.cell_size, skin
         )
         return cls(
             origin=frozen_array(origin, (3,)),
@@ -264,7 +278,7 @@ def _cleaned(
     counts = np.diff(bins.start)
     min_points = settings.min_points if np.median(counts) >= 4 else 0
     if min_points > 1:
-        keep = denoising.connected(bins.cells, counts, bins.row_of, min_points)
+        keep = denoising.connected(bins, counts, min_points)
         if not keep.all():
             points = bins.points[np.repeat(keep, counts)]
             bins = sort_into_cells(points, origin, size, shape, lower, upper)

@@ -122,28 +122,29 @@ class Region:
         return np.array((x, y, self.z))
 
 
-@kernel()
+@kernel(lean=True)
 def _half_square(length: float) -> float:
+    """Area of the corner that a diagonal cuts off at this distance along both sides."""
     return 0.5 * length * length if length > 0.0 else 0.0
 
 
-@kernel()
-def _area(rectangle: Array, diagonal: Array) -> float:
-    """Area of a rectangle less the corners that the diagonals cut off."""
-    x0, y0, x1, y1 = rectangle
+@kernel(lean=True)
+def _area(rectangles: Array, diagonals: Array, k: int) -> float:
+    """Area of rectangle k of (., 4) less the corners that its diagonals cut off."""
+    x0, y0, x1, y1 = rectangles[k, 0], rectangles[k, 1], rectangles[k, 2], rectangles[k, 3]
     width, depth = x1 - x0, y1 - y0
     if width <= 0.0 or depth <= 0.0:
         return 0.0
     area = width * depth
     for corner in range(4):
         if corner == 0:
-            reach = diagonal[0] - (x0 + y0)
+            reach = diagonals[k, 0] - (x0 + y0)
         elif corner == 1:
-            reach = (x1 + y1) - diagonal[1]
+            reach = (x1 + y1) - diagonals[k, 1]
         elif corner == 2:
-            reach = diagonal[2] - (x0 - y1)
+            reach = diagonals[k, 2] - (x0 - y1)
         else:
-            reach = (x1 - y0) - diagonal[3]
+            reach = (x1 - y0) - diagonals[k, 3]
         if reach > 0.0:  # the corner's triangle, less what of it lies outside the rectangle
             area -= _half_square(reach) + _half_square(reach - width - depth)
             area += _half_square(reach - width) + _half_square(reach - depth)
@@ -157,7 +158,7 @@ def _areas(rectangles: Array, diagonals: Array) -> tuple[Array, Array]:
     share = np.empty(len(rectangles))
     total = 0.0
     for k in range(len(rectangles)):
-        areas[k] = _area(rectangles[k], diagonals[k])
+        areas[k] = _area(rectangles, diagonals, k)
         total += (rectangles[k, 2] - rectangles[k, 0]) * (rectangles[k, 3] - rectangles[k, 1])
         share[k] = total
     return areas, share
@@ -165,6 +166,7 @@ def _areas(rectangles: Array, diagonals: Array) -> tuple[Array, Array]:
 
 @kernel()
 def _clip(rectangles: Array, diagonals: Array, lower: Array, upper: Array) -> tuple[Array, Array]:
+    """What of the rectangles lies within lower..upper (2,), parts of no area left out."""
     inside = np.empty_like(rectangles)
     bounds = np.empty_like(rectangles)
     n = 0
@@ -174,7 +176,7 @@ def _clip(rectangles: Array, diagonals: Array, lower: Array, upper: Array) -> tu
         inside[n, 2] = min(rectangles[k, 2], upper[0])
         inside[n, 3] = min(rectangles[k, 3], upper[1])
         bounds[n] = diagonals[k]
-        if _area(inside[n], bounds[n]) > _SMALLEST:
+        if _area(inside, bounds, n) > _SMALLEST:
             n += 1
     return inside[:n].copy(), bounds[:n].copy()
 
@@ -209,33 +211,25 @@ def _join_strips(
     return joined[:n].copy(), bounds[:n].copy()
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class SupportMap:
     """Every level surface of the obstacle set, in V or not: what a placement face may rest on.
 
     Attributes:
+        origin, cell_size, columns: of the grid; how many columns of cells along x and y.
         start: (nx * ny + 1,) first surface of each column of the grid, and their number.
         height: (s,) z of each surface.
         rectangle: (s, 4) xmin, ymin, xmax, ymax.
         diagonal: (s, 4) minimum and maximum of x + y and of x - y.
     """
 
-    def __init__(
-        self,
-        origin: Array,
-        cell_size: float,
-        columns: tuple[int, int],
-        start: npt.NDArray[np.int64],
-        height: Array,
-        rectangle: Array,
-        diagonal: Array,
-    ) -> None:
-        self.origin = origin
-        self.cell_size = cell_size
-        self.columns = columns
-        self.start = start
-        self.height = height
-        self.rectangle = rectangle
-        self.diagonal = diagonal
+    origin: Array
+    cell_size: float
+    columns: tuple[int, int]
+    start: npt.NDArray[np.int64]
+    height: Array
+    rectangle: Array
+    diagonal: Array
 
     def supported(self, points: Array, tolerance: float) -> npt.NDArray[np.bool_]:
         """s(x) for each point: is there level surface under it, within `tolerance` of its height?
@@ -253,8 +247,7 @@ class SupportMap:
                 tolerance,
                 self.origin,
                 self.cell_size,
-                self.columns[0],
-                self.columns[1],
+                *self.columns,
                 self.start,
                 self.height,
                 self.rectangle,
@@ -276,6 +269,7 @@ def _supported(
     rectangle: Array,
     diagonal: Array,
 ) -> npt.NDArray[np.bool_]:
+    """`SupportMap.supported`: looked for among the surfaces of the point's column."""
     result = np.zeros(len(points), np.bool_)
     for p in range(len(points)):
         x, y, z = points[p, 0], points[p, 1], points[p, 2]
@@ -397,7 +391,11 @@ def _connect(
     nx: int,
     tolerance: float,
 ) -> npt.NDArray[np.int64]:
-    """(s,) connected pieces of each group (group -1 is left out), level within the tolerance."""
+    """(s,) connected pieces of each group (group -1 is left out), level within the tolerance.
+
+    A piece grows breadth-first from its first surface by those in the eight columns around that
+    differ little in height from the one they are reached from and from the piece's mean so far.
+    """
     label = np.full(len(cells), -1, np.int64)
     queue = np.empty(len(cells), np.int64)
     count = 0

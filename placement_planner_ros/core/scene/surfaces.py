@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.kernels import kernel
-from placement_planner_ros.core.scene.grid import ObstacleSet
+from placement_planner_ros.core.scene.grid import ObstacleArrays, ObstacleSet
 from placement_planner_ros.core.types import Array
 
 Index = npt.NDArray[np.int32]
@@ -40,6 +40,14 @@ class LevelSurfaces(NamedTuple):
     diagonal: Array
 
 
+class _Tops(NamedTuple):
+    """Tops of boxes: cells (s, 3) in the grid, height (s,) and extent (s, 8) as of the boxes."""
+
+    cells: Index
+    height: Array
+    extent: Array
+
+
 def level_surfaces(obstacles: ObstacleSet, headroom: float, max_tilt: float) -> LevelSurfaces:
     """The tops of boxes on which something may stand.
 
@@ -47,56 +55,24 @@ def level_surfaces(obstacles: ObstacleSet, headroom: float, max_tilt: float) -> 
     around), and they are not where the workspace ends. Where the surface goes on in the next
     column, the rectangle is closed up to it; slanted edges are bounded along both diagonals.
     """
+    boxes = obstacles.arrays
     tolerance = obstacles.surface_tolerance + 0.5 * obstacles.noise
-    free, top = _tops(
-        obstacles.cells,
-        obstacles.lower,
-        obstacles.upper,
-        obstacles.surface_height,
-        obstacles.surface_extent,
-        obstacles.index,
-        obstacles.next,
-        obstacles.cell_size,
-        headroom,
-        tolerance,
+    free, top = _tops(boxes, headroom, tolerance)
+    level = _level(boxes, free, top, max_tilt, 0.5 * obstacles.noise)
+    merged = _Tops(*_merge(boxes, np.flatnonzero(level), tolerance))
+    start = _column_starts(merged.cells, obstacles.shape)
+    found = np.array(_holes(boxes, merged, start, headroom, tolerance), dtype=np.float64)
+    filled = found.reshape(-1, 12)
+    cells = np.concatenate([merged.cells, filled[:, :3].astype(np.int32)])
+    order = np.lexsort(cells.T[::-1])
+    tops = _Tops(
+        cells[order],
+        np.concatenate([merged.height, filled[:, 3]])[order],
+        np.concatenate([merged.extent, filled[:, 4:]])[order],
     )
-    level = _level(
-        obstacles.cells,
-        obstacles.surface_height,
-        free,
-        top,
-        obstacles.index,
-        obstacles.next,
-        obstacles.cell_size,
-        max_tilt,
-        0.5 * obstacles.noise,
-    )
-    merged = _merge(
-        np.flatnonzero(level),
-        obstacles.cells,
-        obstacles.surface_height,
-        obstacles.surface_extent,
-        tolerance,
-    )
-    cells, height, extent = _fill_holes(
-        *merged,
-        _column_starts(merged[0], obstacles.shape),
-        obstacles.lower,
-        obstacles.upper,
-        obstacles.index,
-        obstacles.next,
-        obstacles.origin,
-        obstacles.cell_size,
-        headroom,
-        tolerance,
-    )
-    order = np.lexsort((cells[:, 2], cells[:, 1], cells[:, 0]))
-    cells, height, extent = cells[order], height[order], extent[order]
-    start = _column_starts(cells, obstacles.shape)
+    start = _column_starts(tops.cells, obstacles.shape)
     rectangle, diagonal = _close(
-        cells,
-        height,
-        extent,
+        tops,
         start,
         obstacles.shape[0],
         obstacles.shape[1],
@@ -105,7 +81,7 @@ def level_surfaces(obstacles: ObstacleSet, headroom: float, max_tilt: float) -> 
         tolerance,
         2.0 * obstacles.noise,
     )
-    return LevelSurfaces(cells, start, height, rectangle, diagonal)
+    return LevelSurfaces(tops.cells, start, tops.height, rectangle, diagonal)
 
 
 def _column_starts(cells: Index, shape: tuple[int, int, int]) -> npt.NDArray[np.int64]:
@@ -114,49 +90,52 @@ def _column_starts(cells: Index, shape: tuple[int, int, int]) -> npt.NDArray[np.
     return np.searchsorted(column, np.arange(shape[0] * shape[1] + 1)).astype(np.int64)
 
 
+@kernel(lean=True)
+def _covers(boxes: ObstacleArrays, q: int, p: int, headroom: float, tolerance: float) -> bool:
+    """Whether box q takes much of the room above the top of box p.
+
+    A wall beside the surface takes a sliver of it, a thing on it much; a sheet counts as _SHEET
+    thick, for a wall goes on in the cell above.
+    """
+    lower, upper, extent = boxes.lower, boxes.upper, boxes.surface_extent
+    if (
+        upper[q, 2] <= boxes.surface_height[p] + tolerance
+        or lower[q, 2] >= boxes.surface_height[p] + headroom
+    ):
+        return False
+    width, depth = extent[p, 1] - extent[p, 0], extent[p, 3] - extent[p, 2]
+    along_x = min(extent[p, 1], upper[q, 0]) - max(extent[p, 0], lower[q, 0])
+    along_y = min(extent[p, 3], upper[q, 1]) - max(extent[p, 2], lower[q, 1])
+    shared = max(0.0, along_x + _SHEET) * max(0.0, along_y + _SHEET)
+    return shared > 0.3 * (width + _SHEET) * (depth + _SHEET)
+
+
 @kernel(nogil=True)
 def _tops(
-    cells: Index,
-    lower: Array,
-    upper: Array,
-    height: Array,
-    extent: Array,
-    index: Index,
-    following: Index,
-    cell_size: float,
-    headroom: float,
-    tolerance: float,
+    boxes: ObstacleArrays, headroom: float, tolerance: float
 ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
     """(m,) whether a box has free space above; whether its top is also as wide as the box."""
+    cells, lower, upper = boxes.cells, boxes.lower, boxes.upper
+    extent = boxes.surface_extent
     m = len(cells)
-    nz = index.shape[2]
+    nz = boxes.first_at.shape[2]
     free = np.zeros(m, np.bool_)
     top = np.zeros(m, np.bool_)
-    layers = int(headroom / cell_size) + 1
+    layers = int(headroom / boxes.cell_size) + 1
+    slack = 0.2 * boxes.cell_size  # boxes are closed up to their neighbours
     for p in range(m):
         if cells[p, 2] == nz - 1:
             continue  # what lies above was cropped away
-        width, depth = extent[p, 1] - extent[p, 0], extent[p, 3] - extent[p, 2]
         blocked = False
         for k in range(cells[p, 2], min(cells[p, 2] + layers + 1, nz)):
-            q = index[cells[p, 0], cells[p, 1], k]
+            q = boxes.first_at[cells[p, 0], cells[p, 1], k]
             while q >= 0 and not blocked:
-                if (
-                    q != p
-                    and upper[q, 2] > height[p] + tolerance
-                    and lower[q, 2] < height[p] + headroom
-                ):
-                    # a wall beside the surface takes a sliver of it, a thing on it much; a sheet
-                    # counts as _SHEET thick, for a wall goes on in the cell above
-                    along_x = min(extent[p, 1], upper[q, 0]) - max(extent[p, 0], lower[q, 0])
-                    along_y = min(extent[p, 3], upper[q, 1]) - max(extent[p, 2], lower[q, 1])
-                    shared = max(0.0, along_x + _SHEET) * max(0.0, along_y + _SHEET)
-                    blocked = shared > 0.3 * (width + _SHEET) * (depth + _SHEET)
-                q = following[q]
+                blocked = q != p and _covers(boxes, q, p, headroom, tolerance)
+                q = boxes.next[q]
             if blocked:
                 break
         free[p] = not blocked
-        slack = 0.2 * cell_size  # boxes are closed up to their neighbours
+        width, depth = extent[p, 1] - extent[p, 0], extent[p, 3] - extent[p, 2]
         top[p] = not blocked and (
             upper[p, 2] - lower[p, 2] <= 2.0 * tolerance
             or (
@@ -167,59 +146,58 @@ def _tops(
     return free, top
 
 
+@kernel(lean=True)
+def _step_to(
+    boxes: ObstacleArrays, free: npt.NDArray[np.bool_], p: int, i: int, j: int, reach: float
+) -> float:
+    """From the top of box p to the free top nearest in height in column i, j; inf beyond reach."""
+    nx, ny, nz = boxes.first_at.shape
+    best = np.inf
+    if i < 0 or i >= nx or j < 0 or j >= ny:
+        return best
+    for k in range(max(boxes.cells[p, 2] - 2, 0), min(boxes.cells[p, 2] + 3, nz)):
+        q = boxes.first_at[i, j, k]
+        while q >= 0:
+            step = boxes.surface_height[q] - boxes.surface_height[p]
+            if free[q] and abs(step) <= reach and abs(step) < abs(best):
+                best = step
+            q = boxes.next[q]
+    return best
+
+
 @kernel(nogil=True)
 def _level(
-    cells: Index,
-    height: Array,
+    boxes: ObstacleArrays,
     free: npt.NDArray[np.bool_],
     top: npt.NDArray[np.bool_],
-    index: Index,
-    following: Index,
-    cell_size: float,
     max_tilt: float,
     scatter: float,
 ) -> npt.NDArray[np.bool_]:
     """Tops past which the surface does not go on up on one side and down on the other."""
-    m = len(cells)
-    nx, ny, nz = index.shape
     level = top.copy()
-    reach = 2.0 * cell_size
-    for p in range(m):
+    reach = 2.0 * boxes.cell_size
+    # on a slope of max_tilt the columns two further differ by this, beyond the scatter
+    rise = 2.0 * boxes.cell_size * max_tilt + scatter
+    for p in range(len(top)):
         if not top[p]:
             continue
-        # on a slope of max_tilt the columns two further differ by this, beyond the scatter
-        rise = 2.0 * cell_size * max_tilt + scatter
+        i, j = boxes.cells[p, 0], boxes.cells[p, 1]
         for axis in range(2):
-            steps = np.zeros(2)
-            found = np.zeros(2, np.bool_)
-            for side in range(2):
-                i = cells[p, 0] + ((2 * side - 1) if axis == 0 else 0)
-                j = cells[p, 1] + ((2 * side - 1) if axis == 1 else 0)
-                if i < 0 or i >= nx or j < 0 or j >= ny:
-                    continue
-                best = np.inf
-                for k in range(max(cells[p, 2] - 2, 0), min(cells[p, 2] + 3, nz)):
-                    q = index[i, j, k]
-                    while q >= 0:
-                        if free[q]:
-                            step = height[q] - height[p]
-                            if abs(step) <= reach and abs(step) < abs(best):
-                                best = step
-                        q = following[q]
-                if best < np.inf:
-                    steps[side] = best
-                    found[side] = True
-            rises_on = found[0] and found[1] and steps[0] * steps[1] < 0.0
-            if rises_on and abs(steps[1] - steps[0]) > rise:
+            di, dj = 1 - axis, axis
+            back = _step_to(boxes, free, p, i - di, j - dj, reach)
+            ahead = _step_to(boxes, free, p, i + di, j + dj, reach)
+            found = back < np.inf and ahead < np.inf
+            if found and back * ahead < 0.0 and abs(ahead - back) > rise:
                 level[p] = False
     return level
 
 
 @kernel(nogil=True)
 def _merge(
-    rows: npt.NDArray[np.int64], cells: Index, height: Array, extent: Array, tolerance: float
+    boxes: ObstacleArrays, rows: npt.NDArray[np.int64], tolerance: float
 ) -> tuple[Index, Array, Array]:
     """Boxes of one column at one height, split by a face between layers, as one surface each."""
+    cells, height, extent = boxes.cells, boxes.surface_height, boxes.surface_extent
     new_cells = np.empty((len(rows), 3), np.int32)
     new_height = np.empty(len(rows))
     new_extent = np.empty((len(rows), 8))
@@ -244,7 +222,7 @@ def _merge(
     return new_cells[:n], new_height[:n], new_extent[:n]
 
 
-@kernel(nogil=True)
+@kernel(lean=True)
 def _at_height(
     start: npt.NDArray[np.int64], height: Array, column: int, z: float, tolerance: float
 ) -> int:
@@ -255,76 +233,80 @@ def _at_height(
     return -1
 
 
+@kernel(lean=True)
+def _around(
+    tops: _Tops, start: npt.NDArray[np.int64], ny: int, i: int, j: int, z: float, tolerance: float
+) -> tuple[int, float, int]:
+    """How many of four columns around i, j have a surface at height z; their sum; the first."""
+    total, found, first = 0.0, 0, len(tops.cells)
+    for side in range(4):
+        column = (i + (1, -1, 0, 0)[side]) * ny + j + (0, 0, 1, -1)[side]
+        t = _at_height(start, tops.height, column, z, tolerance)
+        if t >= 0:
+            total += tops.height[t]
+            found += 1
+            first = min(first, t)
+    return found, total, first
+
+
 @kernel(nogil=True)
-def _fill_holes(
-    cells: Index,
-    height: Array,
-    extent: Array,
+def _holes(
+    boxes: ObstacleArrays,
+    tops: _Tops,
     start: npt.NDArray[np.int64],
-    lower: Array,
-    upper: Array,
-    index: Index,
-    following: Index,
-    origin: Array,
-    cell_size: float,
     headroom: float,
     tolerance: float,
-) -> tuple[Index, Array, Array]:
-    """Add columns in which nothing was measured and at least three of four sides are surface.
+) -> list[tuple[float, ...]]:
+    """Columns in which nothing was measured and at least three of four sides are surface.
 
     Only where the surface is sampled thinly: a real slot shows points further down.
+
+    Returns:
+        Per column the cell, the height and the extent of the surface that it is taken for.
     """
-    nx, ny, nz = index.shape
-    layers = int(headroom / cell_size) + 1
-    cells_out = [cells[0:0]]
-    height_out = [height[0:0]]
-    extent_out = [extent[0:0]]
-    for s in range(len(cells)):
+    nx, ny, nz = boxes.first_at.shape
+    size = boxes.cell_size
+    layers = int(headroom / size) + 1
+    holes: list[tuple[float, ...]] = []
+    for s in range(len(tops.cells)):
+        layer = tops.cells[s, 2]
         for turn in range(4):
-            i = cells[s, 0] + (1, -1, 0, 0)[turn]
-            j = cells[s, 1] + (0, 0, 1, -1)[turn]
+            i = tops.cells[s, 0] + (1, -1, 0, 0)[turn]
+            j = tops.cells[s, 1] + (0, 0, 1, -1)[turn]
             if i < 1 or i >= nx - 1 or j < 1 or j >= ny - 1:
                 continue
-            z, found, first = 0.0, 0, len(cells)
-            for side in range(4):
-                column = (i + (1, -1, 0, 0)[side]) * ny + j + (0, 0, 1, -1)[side]
-                t = _at_height(start, height, column, height[s], 2.0 * tolerance)
-                if t >= 0:
-                    z += height[t]
-                    found += 1
-                    first = min(first, t)
+            found, total, first = _around(tops, start, ny, i, j, tops.height[s], 2.0 * tolerance)
             if found < 3 or first != s:  # each hole once
                 continue
             empty = True
-            for k in range(max(cells[s, 2] - layers, 0), min(cells[s, 2] + layers + 1, nz)):
-                empty = empty and index[i, j, k] < 0
+            for k in range(max(layer - layers, 0), min(layer + layers + 1, nz)):
+                empty = empty and boxes.first_at[i, j, k] < 0
             if not empty:
                 continue
-            x0, y0 = origin[0] + i * cell_size, origin[1] + j * cell_size
-            x1, y1 = x0 + cell_size, y0 + cell_size
-            cells_out.append(np.array([[i, j, cells[s, 2]]], dtype=np.int32))
-            height_out.append(np.array([z / found]))
-            extent_out.append(np.array([[x0, x1, y0, y1, x0 + y0, x1 + y1, x0 - y1, x1 - y0]]))
-    added = len(cells_out) - 1
-    total = len(cells) + added
-    all_cells = np.empty((total, 3), np.int32)
-    all_height = np.empty(total)
-    all_extent = np.empty((total, 8))
-    all_cells[: len(cells)] = cells
-    all_height[: len(cells)] = height
-    all_extent[: len(cells)] = extent
-    for a in range(added):
-        all_cells[len(cells) + a] = cells_out[a + 1][0]
-        all_height[len(cells) + a] = height_out[a + 1][0]
-        all_extent[len(cells) + a] = extent_out[a + 1][0]
-    return all_cells, all_height, all_extent
+            x0, y0 = boxes.origin[0] + i * size, boxes.origin[1] + j * size
+            x1, y1 = x0 + size, y0 + size
+            holes.append(
+                (
+                    float(i),
+                    float(j),
+                    float(layer),
+                    total / found,
+                    x0,
+                    x1,
+                    y0,
+                    y1,
+                    x0 + y0,
+                    x1 + y1,
+                    x0 - y1,
+                    x1 - y0,
+                )
+            )
+    return holes
 
 
 @kernel(nogil=True)
 def _close(
-    cells: Index,
-    height: Array,
-    extent: Array,
+    tops: _Tops,
     start: npt.NDArray[np.int64],
     nx: int,
     ny: int,
@@ -337,16 +319,19 @@ def _close(
 
     Edges are moved in by `trim`: the outermost of many noisy points lies beyond the true edge.
     """
+    cells, height, extent = tops.cells, tops.height, tops.extent
     rectangle = np.empty((len(cells), 4))
     diagonal = np.empty((len(cells), 4))
     goes_on = np.empty((3, 3), np.bool_)
     for s in range(len(cells)):
+        # In which of the columns around, itself in the middle, the surface goes on.
         goes_on[:] = False
         for i in range(max(cells[s, 0] - 1, 0), min(cells[s, 0] + 2, nx)):
             for j in range(max(cells[s, 1] - 1, 0), min(cells[s, 1] + 2, ny)):
                 goes_on[i - cells[s, 0] + 1, j - cells[s, 1] + 1] = (
                     _at_height(start, height, i * ny + j, height[s], 2.0 * tolerance) >= 0
                 )
+        # Sides.
         x0 = origin[0] + cells[s, 0] * cell_size
         y0 = origin[1] + cells[s, 1] * cell_size
         x1, y1 = x0 + cell_size, y0 + cell_size
@@ -354,7 +339,7 @@ def _close(
         rectangle[s, 1] = min(y0, extent[s, 2]) if goes_on[1, 0] else extent[s, 2] + trim
         rectangle[s, 2] = max(x1, extent[s, 1]) if goes_on[2, 1] else extent[s, 1] - trim
         rectangle[s, 3] = max(y1, extent[s, 3]) if goes_on[1, 2] else extent[s, 3] - trim
-        # an edge cell's points end short of the neighbour by their spacing, which is closed
+        # Corners; an edge cell's points end short of the neighbour by their spacing: closed too.
         left, front = extent[s, 0] - rectangle[s, 0], extent[s, 2] - rectangle[s, 1]
         right, back = rectangle[s, 2] - extent[s, 1], rectangle[s, 3] - extent[s, 3]
         most = _MOST_CLOSED * cell_size

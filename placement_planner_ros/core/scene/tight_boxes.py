@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.kernels import kernel
+from placement_planner_ros.core.scene.binning import Bins
 from placement_planner_ros.core.types import Array
 
 Index = npt.NDArray[np.int32]
@@ -17,7 +18,7 @@ _WORTH_CUTTING = 0.6
 
 
 class TightBoxes(NamedTuple):
-    """m boxes; see `ObstacleSet` for the fields. `index` of the cells is rewritten in place."""
+    """m boxes; see `ObstacleSet` for the fields."""
 
     cells: Index
     lower: Array
@@ -27,16 +28,7 @@ class TightBoxes(NamedTuple):
     surface_extent: Array
 
 
-def tight_boxes(
-    points: Array,
-    start: npt.NDArray[np.int64],
-    cells: Index,
-    index: Index,
-    origin: Array,
-    cell_size: float,
-    skin: float,
-    max_boxes: int,
-) -> TightBoxes:
+def tight_boxes(bins: Bins, skin: float, max_boxes: int) -> TightBoxes:
     """Box the points of each cell.
 
     Where the box around all points of a cell is thick in every direction, the side of it that
@@ -45,14 +37,11 @@ def tight_boxes(
     wall become two boxes, a slope or a blob stays one.
 
     Args:
-        points, start, cells: as in `binning.Bins`.
-        index: `row_of` of the cells, rewritten to the first box of each.
+        bins: `row_of` is rewritten to the first box of each cell.
         skin: thickness of one level surface, metres.
     """
-    thick = _count_thick(points, start, skin)
-    return TightBoxes(
-        *_tight_boxes(points, start, cells, index, skin, max_boxes, thick * (max_boxes - 1))
-    )
+    thick = _count_thick(bins.points, bins.start, skin)
+    return TightBoxes(*_tight_boxes(bins, skin, max_boxes, thick * (max_boxes - 1)))
 
 
 @kernel(nogil=True)
@@ -70,7 +59,7 @@ def _count_thick(points: Array, start: npt.NDArray[np.int64], skin: float) -> in
     return thick
 
 
-@kernel()
+@kernel(lean=True)
 def _bound(points: Array, rows: npt.NDArray[np.int64], count: int, box: Array) -> None:
     """`box` (2, 3): the tight box around points[rows[:count]]."""
     for a in range(3):
@@ -82,7 +71,7 @@ def _bound(points: Array, rows: npt.NDArray[np.int64], count: int, box: Array) -
             box[1, a] = max(box[1, a], value)
 
 
-@kernel()
+@kernel(lean=True)
 def _volume(box: Array, skin: float) -> float:
     """Volume, each side counted as at least `skin`."""
     volume = 1.0
@@ -115,8 +104,9 @@ def _fullest_side(
     return axis, side
 
 
-@kernel()
+@kernel(lean=True)
 def _is_flat(box: Array, skin: float) -> bool:
+    """Whether a box (2, 3) is no thicker than one surface in some direction."""
     return (
         box[1, 0] - box[0, 0] <= skin
         or box[1, 1] - box[0, 1] <= skin
@@ -124,7 +114,7 @@ def _is_flat(box: Array, skin: float) -> bool:
     )
 
 
-@kernel(nogil=True)
+@kernel(lean=True)
 def _measure_surface(
     points: Array, rows: npt.NDArray[np.int64], count: int, top: float, skin: float, extent: Array
 ) -> float:
@@ -145,16 +135,93 @@ def _measure_surface(
     return top + total / number
 
 
-@kernel(nogil=True)
-def _tight_boxes(
+@kernel(lean=True)
+def _take_side(
     points: Array,
-    start: npt.NDArray[np.int64],
-    cells: Index,
-    index: Index,
+    rows: npt.NDArray[np.int64],
+    count: int,
+    box: Array,
+    axis: int,
+    side: int,
+    skin: float,
+    spill: npt.NDArray[np.int64],
+) -> int:
+    """Put those of rows[:count] first whose points lie within `skin` of a side of the box.
+
+    The order is kept otherwise. Returns how many there are.
+    """
+    taken = 0
+    spilled = 0
+    for i in range(count):
+        value = points[rows[i], axis]
+        if (side == 0 and value <= box[0, axis] + skin) or (
+            side == 1 and value >= box[1, axis] - skin
+        ):
+            rows[taken] = rows[i]
+            taken += 1
+        else:
+            spill[spilled] = rows[i]
+            spilled += 1
+    for i in range(spilled):
+        rows[taken + i] = spill[i]
+    return taken
+
+
+@kernel(nogil=True)
+def _cut(
+    points: Array,
+    rows: npt.NDArray[np.int64],
+    count: int,
+    whole: Array,
     skin: float,
     max_boxes: int,
-    spare: int,
+    spill: npt.NDArray[np.int64],
+    boxes: Array,
+    ends: npt.NDArray[np.int64],
+) -> int:
+    """Cut the points of one cell, rows[:count], as `tight_boxes` says; returns into how many boxes.
+
+    Args:
+        whole: (2, 3) the box around all.
+        boxes: (max_boxes, 2, 3), filled; box i is that of rows[ends[i]:ends[i + 1]].
+    """
+    number = 0
+    volume = 0.0
+    rest = whole.copy()
+    ends[0] = 0
+    while True:
+        # the last box takes all that is left
+        first = ends[number]
+        left = count - first
+        if number + 1 == max_boxes or _is_flat(rest, skin):
+            boxes[number] = rest
+            ends[number + 1] = count
+            volume += _volume(rest, skin)
+            number += 1
+            break
+        # cut off the fullest side
+        axis, side = _fullest_side(points, rows[first:], left, rest, skin)
+        taken = _take_side(points, rows[first:], left, rest, axis, side, skin, spill)
+        _bound(points, rows[first:], taken, boxes[number])
+        volume += _volume(boxes[number], skin)
+        number += 1
+        ends[number] = first + taken
+        if taken == left:
+            break
+        _bound(points, rows[first + taken :], left - taken, rest)
+    if volume <= _WORTH_CUTTING * _volume(whole, skin):
+        return number
+    boxes[0] = whole
+    ends[1] = count
+    return 1
+
+
+@kernel(nogil=True)
+def _tight_boxes(
+    bins: Bins, skin: float, max_boxes: int, spare: int
 ) -> tuple[Index, Array, Array, Index, Array, Array]:
+    """The fields of `TightBoxes`, which `spare` more boxes than cells have room for."""
+    points, start, cells = bins.points, bins.start, bins.cells
     room = len(cells) + spare
     box_cells = np.empty((room, 3), np.int32)
     lower = np.empty((room, 3))
@@ -176,50 +243,13 @@ def _tight_boxes(
         for i in range(count):
             ordered[i] = start[r] + i
         _bound(points, ordered, count, whole)
-        number = 1
-        boxes[0] = whole
-        ends[0], ends[1] = 0, count
         if max_boxes > 1 and not _is_flat(whole, skin):
-            # points of the parts cut off so far stand first in `ordered`, part by part
-            number = 0
-            volume = 0.0
-            rest = whole.copy()
-            while True:
-                first = ends[number]
-                left = count - first
-                if number + 1 == max_boxes or _is_flat(rest, skin):
-                    boxes[number] = rest
-                    ends[number + 1] = count
-                    volume += _volume(rest, skin)
-                    number += 1
-                    break
-                axis, side = _fullest_side(points, ordered[first:], left, rest, skin)
-                taken = 0
-                spilled = 0
-                for i in range(first, count):
-                    value = points[ordered[i], axis]
-                    if (side == 0 and value <= rest[0, axis] + skin) or (
-                        side == 1 and value >= rest[1, axis] - skin
-                    ):
-                        ordered[first + taken] = ordered[i]
-                        taken += 1
-                    else:
-                        spill[spilled] = ordered[i]
-                        spilled += 1
-                for i in range(spilled):
-                    ordered[first + taken + i] = spill[i]
-                _bound(points, ordered[first:], taken, boxes[number])
-                volume += _volume(boxes[number], skin)
-                number += 1
-                ends[number] = first + taken
-                if spilled == 0:
-                    break
-                _bound(points, ordered[first + taken :], spilled, rest)
-            if volume > _WORTH_CUTTING * _volume(whole, skin):
-                number = 1
-                boxes[0] = whole
-                ends[1] = count
-        index[cells[r, 0], cells[r, 1], cells[r, 2]] = m
+            number = _cut(points, ordered, count, whole, skin, max_boxes, spill, boxes, ends)
+        else:
+            number = 1
+            boxes[0] = whole
+            ends[0], ends[1] = 0, count
+        bins.row_of[cells[r, 0], cells[r, 1], cells[r, 2]] = m
         for part in range(number):
             box_cells[m] = cells[r]
             lower[m] = boxes[part, 0]
@@ -241,12 +271,13 @@ def _tight_boxes(
     )
 
 
-@kernel()
+@kernel(lean=True)
 def _gap(lower: Array, upper: Array, p: int, q: int, axis: int) -> float:
+    """How far apart boxes p and q are along an axis; negative where they overlap."""
     return max(lower[p, axis] - upper[q, axis], lower[q, axis] - upper[p, axis])
 
 
-@kernel(nogil=True)
+@kernel(lean=True)
 def _one_surface(
     lower: Array, upper: Array, p: int, q: int, axis: int, skin: float, cell_size: float
 ) -> bool:
@@ -282,20 +313,14 @@ def _one_surface(
 
 @kernel(nogil=True)
 def close_gaps(
-    cells: Index,
-    lower: Array,
-    upper: Array,
-    index: Index,
-    following: Index,
-    origin: Array,
-    cell_size: float,
-    skin: float,
+    boxes: TightBoxes, index: Index, origin: Array, cell_size: float, skin: float
 ) -> tuple[Array, Array]:
     """Extend boxes of one surface in neighbouring cells to the face between these cells.
 
     Returns:
         (m, 3), (m, 3) new lower and upper corners. A side without neighbour is left as measured.
     """
+    cells, lower, upper = boxes.cells, boxes.lower, boxes.upper
     m = len(cells)
     shape = index.shape
     new_lower = lower.copy()
@@ -318,7 +343,7 @@ def close_gaps(
                     q = index[cell[0], cell[1], cell[2]]
                     while q >= 0 and not closed:
                         closed = _one_surface(lower, upper, p, q, axis, skin, cell_size)
-                        q = following[q]
+                        q = boxes.next[q]
                     if closed:
                         break
                 if closed:

@@ -153,18 +153,12 @@ def _carve(points: Array, sensor: Array, origin: Array, size: float, free: Mask)
     crossing = np.empty(3)
     between = np.empty(3)
     for p in range(len(points)):
-        # the part of the line within the grid, as shares of its length
-        first, final = 0.0, 1.0
-        for a in range(3):
-            along[a] = (points[p, a] - sensor[a]) / size
-            if along[a] != 0.0:
-                low, high = -start[a] / along[a], (shape[a] - start[a]) / along[a]
-                first, final = max(first, min(low, high)), min(final, max(low, high))
-            elif start[a] < 0.0 or start[a] >= shape[a]:
-                final = -1.0
-        if not math.isfinite(along[0] + along[1] + along[2]) or first >= final:
+        first, final = _within_grid(points[p], sensor, size, start, shape, along)
+        if first >= final:
             continue
-        cell = end = eighth = steps = 0
+        # per axis the cells to cross, where on the line the first face between two comes and how
+        # far apart they are
+        cell = end = eighth = 0
         for a in range(3):
             entry = min(max(start[a] + first * along[a], 0.0), float(shape[a]))
             last = min(max(start[a] + final * along[a], 0.0), float(shape[a]))
@@ -173,7 +167,6 @@ def _carve(points: Array, sensor: Array, origin: Array, size: float, free: Mask)
             end += to_layer * strides[a]
             eighth += (last - to_layer >= 0.5) << a
             left[a] = abs(to_layer - from_layer)
-            steps += left[a]
             crossing[a] = between[a] = np.inf
             if left[a] > 0:
                 upwards = to_layer > from_layer
@@ -184,28 +177,71 @@ def _carve(points: Array, sensor: Array, origin: Array, size: float, free: Mask)
         if done[end] >> eighth & 1:
             continue
         done[end] |= 1 << eighth
-        # plain numbers, which stay in registers
-        t0, t1, t2 = crossing[0], crossing[1], crossing[2]
-        left0, left1, left2 = left[0], left[1], left[2]
-        for _ in range(steps):
-            cells[cell] = True
-            if t0 <= t1 and t0 <= t2:
-                cell += step[0]
-                left0 -= 1
-                t0 = t0 + between[0] if left0 > 0 else np.inf
-            elif t1 <= t2:
-                cell += step[1]
-                left1 -= 1
-                t1 = t1 + between[1] if left1 > 0 else np.inf
-            else:
-                cell += step[2]
-                left2 -= 1
-                t2 = t2 + between[2] if left2 > 0 else np.inf
+        _walk(cells, cell, left, step, crossing, between)
         if final < 1.0:
             cells[end] = True
 
 
-@kernel(nogil=True)
+@kernel(lean=True)
+def _within_grid(
+    point: Array,
+    sensor: Array,
+    size: float,
+    start: Array,
+    shape: tuple[int, int, int],
+    along: Array,
+) -> tuple[float, float]:
+    """From which to which share of its length the line from sensor to point is within the grid.
+
+    The second is not above the first where it misses the grid or the point is not finite.
+
+    Args:
+        start: (3,) the sensor in cells from the grid's corner.
+        along: (3,), filled: the whole line, in cells.
+    """
+    first, final = 0.0, 1.0
+    for a in range(3):
+        along[a] = (point[a] - sensor[a]) / size
+        if along[a] != 0.0:
+            low, high = -start[a] / along[a], (shape[a] - start[a]) / along[a]
+            first, final = max(first, min(low, high)), min(final, max(low, high))
+        elif start[a] < 0.0 or start[a] >= shape[a]:
+            final = -1.0
+    if not math.isfinite(along[0] + along[1] + along[2]):
+        return 0.0, -1.0
+    return first, final
+
+
+@kernel(lean=True)
+def _walk(
+    cells: npt.NDArray[np.bool_],
+    cell: int,
+    left: npt.NDArray[np.int64],
+    step: npt.NDArray[np.int64],
+    crossing: Array,
+    between: Array,
+) -> None:
+    """Set the cells of a line but the last: always across the face that comes first."""
+    # plain numbers, which stay in registers
+    t0, t1, t2 = crossing[0], crossing[1], crossing[2]
+    left0, left1, left2 = left[0], left[1], left[2]
+    for _ in range(left0 + left1 + left2):
+        cells[cell] = True
+        if t0 <= t1 and t0 <= t2:
+            cell += step[0]
+            left0 -= 1
+            t0 = t0 + between[0] if left0 > 0 else np.inf
+        elif t1 <= t2:
+            cell += step[1]
+            left1 -= 1
+            t1 = t1 + between[1] if left1 > 0 else np.inf
+        else:
+            cell += step[2]
+            left2 -= 1
+            t2 = t2 + between[2] if left2 > 0 else np.inf
+
+
+@kernel(lean=True)
 def _bin(x: float, y: float, z: float) -> int:
     """The bin of a direction, on the cube's side that it leaves through."""
     ax, ay, az = abs(x), abs(y), abs(z)
@@ -237,7 +273,10 @@ def _nearest(points: Array, sensor: Array) -> Array:
 def _add_hidden(
     nearest: Array, sensor: Array, origin: Array, size: float, state: Flags, unknown: Mask
 ) -> None:
-    """Set unseen cells whose centres lie behind something as seen by a sensor."""
+    """Set unseen cells whose centres lie behind something as seen by a sensor.
+
+    Something: the nearest point in the bin of directions that the centre lies in.
+    """
     nx, ny, nz = state.shape
     closest = np.min(nearest)
     for i in range(nx):
@@ -253,8 +292,9 @@ def _add_hidden(
                     unknown[i, j, k] = True
 
 
-@kernel(nogil=True)
+@kernel(lean=True)
 def _at_surface(unknown: Mask, i: int, j: int, k: int) -> bool:
+    """Whether one of the six cells beside a cell is not set."""
     nx, ny, nz = unknown.shape
     return (
         (k > 0 and not unknown[i, j, k - 1])

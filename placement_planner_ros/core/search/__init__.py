@@ -1,0 +1,6 @@
+"""Which pose of which arm and grasp to try next; it knows only what a cell of poses is.
+
+`sampler` is SampleGoals as all samplers share it: `optimistic` (the default), `mcts` (over the
+`tree`) and `uniform`. They search the `hierarchy` of arms, grasps, faces, regions and angles, or
+its cells as rows of an array (`cell_layout`), without the branches that `pruning` has closed.
+"""

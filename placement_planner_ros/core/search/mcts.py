@@ -38,7 +38,8 @@ class MctsSettings(SamplerSettings):
         max_nodes: bound on the tree's size.
     """
 
-    exploration: float = setting(0.5, "[0, inf)")
+    batch: int = setting(64, "[1, inf)")
+    exploration: float = setting(1.0, "[0, inf)")
     reward: RewardName = setting("checks_passed", choices=get_args(RewardName))
     max_nodes: int = setting(200_000, "[1, inf)")
 

@@ -224,7 +224,7 @@ class OptimisticSampler(BatchSampler):
                 depths.append(depth)
                 kinds.append(kind)
                 break
-        if len(cells) == len(self._levels):
+        if depths and depths[-1] == len(self._levels) - 1:
             self._levels.append([])
         return (
             np.array(cells).reshape(-1, COLUMNS),

@@ -37,14 +37,23 @@ def _descend(
     visits: np.ndarray,
     rewards: np.ndarray,
 ) -> tuple[int, int, int]:
-    """Follow SelectChild from `node` until a node is to be sampled or a child to be added."""
+    """Follow SelectChild (Algorithm 3) from `node` until one is to be sampled or a child added.
+
+    UCB1: the child with the greatest r(n)/v(n) + c sqrt(2 ln v(parent) / v(n)). A child that is not
+    in the tree yet counts as one with the mean of the j that are, and j visits.
+
+    Returns:
+        the node, its depth, and `_SAMPLE` or `_ADD`.
+    """
     while True:
+        # A new node is sampled before it is descended, and so is a leaf.
         if depth >= min_depth and (visits[node] == 0 or total[node] == 0):
             return node, depth, _SAMPLE
         if total[node] == _UNKNOWN or added[node] == 0:
             if depth >= min_depth and not may_add:
                 return node, depth, _SAMPLE
             return node, depth, _ADD
+        # UCB1 of the children in the tree.
         log_visits = np.log(visits[node])
         best, best_child, mean_sum = -np.inf, -1, 0.0
         child = first_child[node]
@@ -59,6 +68,7 @@ def _descend(
             if u > best:
                 best, best_child = u, child
             child = next_sibling[child]
+        # A further one.
         if added[node] < total[node] and may_add:
             j = added[node]
             u_new = mean_sum / j + c * np.sqrt(2.0 * log_visits / j)
@@ -77,6 +87,7 @@ def _propagate(
     visits: np.ndarray,
     rewards: np.ndarray,
 ) -> None:
+    """Add to v and r of a node and of all above it."""
     while node >= 0:
         visits[node] += visit
         rewards[node] += reward

@@ -11,11 +11,9 @@ from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.motion.shortcut import shorten
 from placement_planner_ros.core.settings import Settings, setting
-from placement_planner_ros.core.timing.timing import concatenate, evaluate, parameterize
+from placement_planner_ros.core.timing.quintic import control_points
+from placement_planner_ros.core.timing.timing import concatenate, parameterize
 from placement_planner_ros.core.types import Array, Goal, Trajectory
-
-_APPROACH_SAMPLES = 200
-"""Instants at which the timed approach is compared with the straight line it is to follow."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,8 +117,10 @@ class TrajectoryMaker:
         )
         if approach is None:
             return None
-        times = np.linspace(0.0, approach.duration, _APPROACH_SAMPLES)
-        if not holding.comes_straight_down(evaluate(approach, times)[0], goal.T_world_object):
+        curve = control_points(
+            approach.times, approach.positions, approach.velocities, approach.accelerations
+        )
+        if not holding.comes_straight_down(curve, goal.T_world_object):
             return None
         retreat = None
         if goal.retreat is not None:

@@ -248,7 +248,8 @@ class Agreement:
 
     Attributes:
         free, colliding: how many coal says are.
-        undecided: of all, those that the planner's fast tier left to its exact one.
+        undecided: of all, those of which the planner's answer is not certain, and therefore no;
+            they are not compared.
         ties: answered differently within `TIE` of a margin.
         contradictions: answered differently elsewhere, where coal contradicts itself, or calls free
             what has a ball of `_OVERLAP` inside two of the robot's shapes.
@@ -270,10 +271,11 @@ def compare(
     reserve: float = 0.0,
     contact: bool = False,
 ) -> Agreement:
-    """Ask both about Q (n, dof): the fast tier alone, and what it leaves undecided to the end."""
+    """Ask both about Q (n, dof)."""
     undecided = fast.classify(Q, reserve, contact) == UNDECIDED
     expected = exact.free_batch(Q, reserve, contact)
-    differ = np.flatnonzero(fast.free_batch(Q, reserve, contact) != expected)
+    free = fast.free_batch(Q, reserve, contact)
+    differ = np.flatnonzero(~undecided & (free != expected))
     ties = np.array([exact.ties(q, reserve, contact) for q in Q[differ]], dtype=np.bool_)
     doubted = np.array(
         [exact.contradicts_itself(q, reserve, contact) for q in Q[differ]], dtype=np.bool_

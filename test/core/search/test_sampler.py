@@ -8,7 +8,7 @@ import pytest
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.scene.regions import Region
-from placement_planner_ros.core.search.cell_layout import Y, halved
+from placement_planner_ros.core.search.cell_layout import LOWER, UPPER, Y, halved
 from placement_planner_ros.core.search.hierarchy import (
     FULL_TURN,
     AfrHierarchy,
@@ -253,3 +253,24 @@ def test_parts_that_are_ruled_out_are_not_sampled():
         return (np.array(checker.contacts)[3000:, 1] > 0.2).mean()
 
     assert 4.0 * upper_share(prune=True) < upper_share(prune=False)
+
+
+class NearTheCorner:
+    """Rules out every part that does not hold one pose near a corner."""
+
+    def rulings(self, cells: np.ndarray) -> np.ndarray:
+        pose = np.array([0.01, 0.01, 0.01])
+        holds = (cells[:, LOWER] <= pose).all(axis=1) & (pose <= cells[:, UPPER]).all(axis=1)
+        return np.where(holds, Ruling.OPEN, Ruling.OUT_OF_REACH)
+
+
+def test_it_goes_on_where_pruning_empties_the_levels():
+    """One part of a part is left at most, so that all levels between run dry."""
+    checker = CornerChecker()
+    checker.judge = lambda *_: (Verdict.COLLIDING, -np.inf)  # so that every part is asked about
+    settings = OptimisticSettings(samples_per_call=5000, goals_per_call=100)
+    afr, rng = hierarchy(min_area=1e-6), np.random.default_rng(0)
+    made = OptimisticSampler(afr, checker, settings, rng, NearTheCorner())
+    assert made.sample_goals(-1e-9, never) == []
+    assert len(checker.contacts) == 5000
+    assert len(made._levels) > 6

@@ -1,0 +1,72 @@
+"""Configurations against the obstacle set and against the robot itself."""
+
+from __future__ import annotations
+
+from placement_planner_ros.core.collision.against_boxes import (
+    BoxArrays,
+    open_leaves,
+    open_leaves_meet_boxes,
+)
+from placement_planner_ros.core.collision.against_robot import pair_meets
+from placement_planner_ros.core.collision.arrays import ArmArrays, ArmScratch, Indices
+from placement_planner_ros.core.collision.placing import is_finite, place_all_spheres, place_joints
+from placement_planner_ros.core.collision.separation import COLLIDING, FREE, UNDECIDED
+from placement_planner_ros.core.kernels import kernel
+from placement_planner_ros.core.types import Array
+
+NOT_FINITE = 4
+"""A configuration holds a NaN or an infinity."""
+
+
+@kernel(lean=True, nogil=True)
+def check_states(
+    arm: ArmArrays,
+    boxes: BoxArrays,
+    scratch: ArmScratch,
+    Q: Array,
+    margin: float,
+    self_margin: float,
+    contact: bool,
+    answers: Indices,
+) -> None:
+    """Whether configurations Q (m, n) keep their margins; `answers` (m,) is filled.
+
+    FREE and COLLIDING are certain, as they rest on certain answers for each body and each pair.
+    What the last configuration leaves UNDECIDED is in the scratch.
+
+    Args:
+        contact: leave out the held object against the obstacle set.
+    """
+    moving = arm.moving if boxes.number > 0 else 0
+    left_out = arm.held if contact else -1
+    for i in range(Q.shape[0]):
+        if not is_finite(Q[i]):
+            answers[i] = NOT_FINITE
+            continue
+        place_joints(arm, scratch, Q[i])
+        scratch.counters[2] = 0
+        # The field of distances is asked for all bodies first: most collisions are found there.
+        result, count = open_leaves(arm, boxes, scratch, 0, moving, left_out, margin, margin)
+        if result != COLLIDING and count > 0:
+            result = open_leaves_meet_boxes(arm, boxes, scratch, count, margin, margin)
+        if result != COLLIDING:
+            place_all_spheres(arm, scratch)
+            apart = _pairs_meet(arm, scratch, Q[i], self_margin)
+            if apart != FREE:
+                result = apart
+        answers[i] = result
+
+
+@kernel(lean=True)
+def _pairs_meet(arm: ArmArrays, scratch: ArmScratch, q: Array, margin: float) -> int:
+    """The robot against itself at q (n,), where it has been placed."""
+    still = scratch.edge[2]
+    still[:] = 0.0
+    result = FREE
+    for pair in range(arm.pairs.shape[0]):
+        answer = pair_meets(arm, scratch, pair, q, still, margin, margin)
+        if answer == COLLIDING:
+            return COLLIDING
+        if answer == UNDECIDED:
+            result = UNDECIDED
+    return result

@@ -1,0 +1,63 @@
+"""How far the held object strays from the vertical line above its placement."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from placement_planner_ros.core.reach.kinematics import Chain
+from placement_planner_ros.core.types import Array
+
+_BENT = 1e-5
+"""m, what a point may do between two samples beyond their chord."""
+_BINOMIALS = np.array([math.comb(5, k) for k in range(6)])
+
+
+def stray(chain: Chain, points: Array, vertices: Array, placed: Array) -> float:
+    """How far, at most, vertices come from the lines straight up from where they are placed.
+
+    The curve is sampled, and between samples a point differs from their chord by at most
+    h²/8 |p''|. Of two joints that both turn, the inner i and the outer j, the second derivative of
+    a point at most ρ_j from the axis of j is z_i × (z_j × (p - o_j)), no longer than ρ_j; so
+    |p''| ≤ Σ_j ρ_j |q_j''| + Σ_ij ρ_max(i,j) |q_i'| |q_j'|, with ρ_j = 1 where joint j slides.
+    The distance from a line is convex: along a chord it is no more than at its ends.
+
+    Args:
+        points: (m, 6, dof) Bézier control points of the curve's pieces, from above to rest.
+        vertices: (n, 3) in the frame of the tip.
+        placed: (n, 3) where they are placed, world. Each line ends as high above as the lowest of
+            the vertices is at the curve's beginning.
+
+    Returns:
+        metres, `_BENT` above the furthest that is reached at most.
+    """
+    reach = _reach(chain, vertices)
+    joints = np.arange(chain.dof)
+    first = 5.0 * np.abs(np.diff(points, axis=1)).max(axis=1)
+    second = 20.0 * np.abs(np.diff(points, 2, axis=1)).max(axis=1)
+    outer = reach[np.maximum.outer(joints, joints)]
+    bend = second @ reach + np.einsum("mi,ij,mj->m", first, outer, first)
+    counts = np.maximum(np.ceil(np.sqrt(bend / (8.0 * _BENT))), 1.0).astype(np.int64)
+    Q = [_bezier(piece, count) for piece, count in zip(points, counts, strict=True)]
+    T = chain.forward_batch(np.vstack(Q))
+    away = vertices @ T[:, :3, :3].transpose(0, 2, 1) + T[:, None, :3, 3] - placed
+    height = max(float(away[0, :, 2].min()), 0.0)
+    away[..., 2] -= np.clip(away[..., 2], 0.0, height)
+    return float(np.linalg.norm(away, axis=-1).max()) + _BENT
+
+
+def _reach(chain: Chain, vertices: Array) -> Array:
+    """(dof,) most metres any vertex moves per unit of each joint, whatever the configuration."""
+    slides = np.where(chain.prismatic, np.maximum(np.abs(chain.lower), np.abs(chain.upper)), 0.0)
+    links = np.linalg.norm(chain.fixed[1:, :3, 3], axis=1)
+    links[:-1] += slides[1:]
+    links[-1] += float(np.linalg.norm(vertices, axis=1).max())
+    return np.where(chain.prismatic, 1.0, np.cumsum(links[::-1])[::-1])
+
+
+def _bezier(points: Array, count: int) -> Array:
+    """(count + 1, dof) evenly along a piece (6, dof)."""
+    s = np.linspace(0.0, 1.0, count + 1)[:, None]
+    powers = np.arange(6)
+    return np.asarray(_BINOMIALS * s**powers * (1.0 - s) ** (5 - powers) @ points)
