@@ -1,7 +1,8 @@
 """Whether the robot can begin as it stands.
 
 What `usable_holdings` asks, by coal alone: in milliseconds, for any robot, and before anything is
-compiled or covered with spheres.
+compiled or covered with spheres. What is refused here is refused there; there, what lies so close
+to a margin that nothing is certain is refused too.
 """
 
 from __future__ import annotations
@@ -18,8 +19,6 @@ from placement_planner_ros.core.collision.arm import (
     HELD_OBJECT,
     CollisionSettings,
     arm_joint,
-    coal_box,
-    meets,
     object_in_hand,
     object_solids,
 )
@@ -126,7 +125,7 @@ class _Placed:
         near = apart <= self._radii[pairs[:, 0]] + self._radii[pairs[:, 1]] + margin
         for a, b in pairs[near].tolist():
             (first, T_first), (second, T_second) = self._solids[a], self._solids[b]
-            if meets(first, T_first, second, T_second, margin):
+            if _meets(first, T_first, second, T_second, margin):
                 names = self._robot.geometry_links
                 return f"in self-collision: {names[a]} meets {names[b]}"
         return ""
@@ -150,7 +149,7 @@ class _Placed:
                 near = away <= self._radii + part.aabb_radius + kept
                 for i in np.flatnonzero(near & rows):
                     link, (solid, T_solid) = robot.geometry_links[i], self._solids[i]
-                    if link not in arm.touch_links and meets(part, place, solid, T_solid, kept):
+                    if link not in arm.touch_links and _meets(part, place, solid, T_solid, kept):
                         return bool(in_hand[i]), link
         return False, ""
 
@@ -187,11 +186,25 @@ def _met_in(
     corners = np.hstack([obstacles.lower[near], obstacles.upper[near]])
     for (low, high), (name, thing, T) in zip(bounds, things, strict=True):
         for box in corners[((corners[:, :3] <= high) & (corners[:, 3:] >= low)).all(axis=1)]:
-            if meets(thing, T, *coal_box(box), margin):
+            at = coal.Transform3s(np.eye(3), (box[:3] + box[3:]) / 2)
+            if _meets(thing, T, coal.Box(box[3:] - box[:3]), at, margin):
                 x, y, z = (box[:3] + box[3:]) / 2
                 what = f"{name} meets the environment at ({x:.3f}, {y:.3f}, {z:.3f})"
                 return f"in collision with the clouds: {what}"
     return ""
+
+
+def _meets(
+    a: coal.CollisionGeometry,
+    T_a: coal.Transform3s,
+    b: coal.CollisionGeometry,
+    T_b: coal.Transform3s,
+    margin: float,
+) -> bool:
+    """Whether two shapes are closer than `margin` metres."""
+    request = coal.CollisionRequest()
+    request.security_margin = margin
+    return bool(coal.collide(a, T_a, b, T_b, request, coal.CollisionResult()))
 
 
 @lru_cache(maxsize=4)
