@@ -29,6 +29,7 @@ from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.reach.kinematics import _chain
 from placement_planner_ros.core.reach.seeds import seed_table
 from placement_planner_ros.core.robot.moving_arm import MovingArm
+from placement_planner_ros.core.search.pruning import Cause
 from placement_planner_ros.core.search.sampler import SamplerSettings
 from placement_planner_ros.core.timing.trajectory_maker import TrajectoryMaker
 from placement_planner_ros.core.types import TargetVolume, Verdict
@@ -196,6 +197,7 @@ def test_a_volume_without_surfaces_is_exhausted_at_once_and_says_why():
     )
     planner = PlacementPlanner(empty, objective, PlannerSettings(), np.random.default_rng(0))
     assert "no placement region" in planner.exhausted
+    assert planner.cause is Cause.NO_REGION
     assert list(planner.run(lambda: False)) == []
 
 

@@ -100,13 +100,13 @@ def test_every_stage_of_making_a_planner_can_be_given_up():
 def test_a_hand_that_opens_by_metres_is_given_up_at_once():
     robot = load_yumi()
     grasps, body = held()
-    arm = replace(yumi_arm(robot, "left", grasps), gripper_open=(25.0,))
+    arm = replace(yumi_arm(robot, "left", grasps), gripper_open=(2.0,))
     moving = MovingArm(robot, arm, robot.configuration(START_CONFIGURATION))
     looks = Looks(10)
     with pytest.raises(StoppedError, match="opening the hand of arm left"), stoppable(looks):
         check_opening(moving, Held(body, 0))
     assert looks.count == 11
-    turning = replace(arm, gripper_joints=("yumi_joint_6_l",), gripper_open=(25.0,))
+    turning = replace(arm, gripper_joints=("yumi_joint_6_l",), gripper_open=(2.0,))
     looks = Looks(10)
     with pytest.raises(StoppedError, match="hand"), stoppable(looks):
         with_opening_hand(robot, turning, moving.q_rest)
