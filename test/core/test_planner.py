@@ -29,8 +29,11 @@ from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.reach.kinematics import _chain
 from placement_planner_ros.core.reach.seeds import seed_table
 from placement_planner_ros.core.robot.moving_arm import MovingArm
+from placement_planner_ros.core.search.mcts import MctsSampler
+from placement_planner_ros.core.search.optimistic import OptimisticSampler
 from placement_planner_ros.core.search.pruning import Cause
 from placement_planner_ros.core.search.sampler import SamplerSettings
+from placement_planner_ros.core.search.uniform import UniformSampler
 from placement_planner_ros.core.timing.trajectory_maker import TrajectoryMaker
 from placement_planner_ros.core.types import TargetVolume, Verdict
 from placement_planner_ros.experiments.cases import Case, make_problem
@@ -305,6 +308,17 @@ def test_wrong_settings_are_refused():
         PlannerSettings(sampler="ucb1")
     with pytest.raises(ParameterError, match="motion_iterations"):
         PlannerSettings(motion_iterations=0)
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [("optimistic", OptimisticSampler), ("mcts", MctsSampler), ("uniform", UniformSampler)],
+)
+def test_the_settings_choose_the_sampler(name, kind):
+    problem, objective = make_problem(TABLE, np.random.default_rng(0))
+    settings = replace(PlannerSettings(), sampler=name)
+    planner = PlacementPlanner(problem, objective, settings, np.random.default_rng(0))
+    assert type(planner.sampler) is kind
 
 
 def test_statistics_name_the_constraint_that_rejects_most():

@@ -14,7 +14,7 @@ from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.grasp.hand_opening import check_opening
 from placement_planner_ros.core.grasp.open_hand import OpenHand
 from placement_planner_ros.core.grasp.settings import GraspSettings
-from placement_planner_ros.core.grasp.straight_down import stray
+from placement_planner_ros.core.grasp.straight_down import stray, stray_at
 from placement_planner_ros.core.reach.ik import InverseKinematics
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.reach.seeds import seed_table
@@ -163,19 +163,19 @@ class Holding:
         """Whether a whole straight joint motion is free, with what planning keeps in reserve."""
         return self.collision.edge_free(a, b, reserve=self._reserve)
 
-    def comes_straight_down(
-        self, points: Array, T_world_object: pin.SE3, share: float = 1.0
-    ) -> bool:
+    def comes_straight_down(self, points: Array, T_world_object: pin.SE3) -> bool:
         """Whether on all of a curve the object is within `approach_stray` of where c_f(x) swept it.
 
         Args:
             points: (m, 6, dof) Bézier control points of the curve's pieces, from above to rest.
-            share: of `approach_stray` that may be used.
         """
+        return stray(self.chain, points, *self._lines(T_world_object)) <= self._stray
+
+    def _lines(self, T_world_object: pin.SE3) -> tuple[Array, Array]:
+        """(8, 3) what is to come straight down, in the frame of the tip, and where to."""
         T_tip_object = self.arm.grasps[self.grasp]
-        corners = self._corners @ T_tip_object.rotation.T + T_tip_object.translation
-        placed = self._corners @ T_world_object.rotation.T + T_world_object.translation
-        return stray(self.chain, points, corners, placed) <= share * self._stray
+        held = self._corners @ T_tip_object.rotation.T + T_tip_object.translation
+        return held, self._corners @ T_world_object.rotation.T + T_world_object.translation
 
     def placing_motion(
         self, q: Array, T_world_object: pin.SE3, contact_height: float, poses: PoseConstraints
@@ -240,8 +240,9 @@ class Holding:
         q_next = self.follow(above, q)
         if q_next is None:
             return None
-        chord = np.linspace(q_next, q, 6)[None]
-        if self.comes_straight_down(chord, T_world_object, _PLANNED_STRAY):
+        chord = np.linspace(q_next, q, 5)
+        strays = stray_at(self.chain, chord, *self._lines(T_world_object))
+        if strays <= _PLANNED_STRAY * self._stray:
             is_free = self.collision.edge_free(q, q_next, contact=True, reserve=self._reserve)
             return [q_next] if is_free else None
         if halvings == 0:

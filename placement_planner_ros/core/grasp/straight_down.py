@@ -14,8 +14,26 @@ _BENT = 1e-5
 _BINOMIALS = np.array([math.comb(5, k) for k in range(6)])
 
 
+def stray_at(chain: Chain, Q: Array, vertices: Array, placed: Array) -> float:
+    """How far, at Q (k, dof), vertices are from the lines straight up from where they are placed.
+
+    Args:
+        vertices: (n, 3) in the frame of the tip.
+        placed: (n, 3) where they are placed, world. Each line ends as high above as the lowest of
+            the vertices is at Q[0].
+
+    Returns:
+        the furthest, metres.
+    """
+    T = chain.forward_batch(Q)
+    away = vertices @ T[:, :3, :3].transpose(0, 2, 1) + T[:, None, :3, 3] - placed
+    height = max(float(away[0, :, 2].min()), 0.0)
+    away[..., 2] -= np.clip(away[..., 2], 0.0, height)
+    return math.sqrt(float(np.square(away).sum(axis=-1).max()))
+
+
 def stray(chain: Chain, points: Array, vertices: Array, placed: Array) -> float:
-    """How far, at most, vertices come from the lines straight up from where they are placed.
+    """`stray_at` at most on a whole curve.
 
     The curve is sampled, and between samples a point differs from their chord by at most
     h²/8 |p''|. Of two joints that both turn, the inner i and the outer j, the second derivative of
@@ -25,9 +43,7 @@ def stray(chain: Chain, points: Array, vertices: Array, placed: Array) -> float:
 
     Args:
         points: (m, 6, dof) Bézier control points of the curve's pieces, from above to rest.
-        vertices: (n, 3) in the frame of the tip.
-        placed: (n, 3) where they are placed, world. Each line ends as high above as the lowest of
-            the vertices is at the curve's beginning.
+        vertices, placed: as for `stray_at`.
 
     Returns:
         metres, `_BENT` above the furthest that is reached at most.
@@ -40,11 +56,7 @@ def stray(chain: Chain, points: Array, vertices: Array, placed: Array) -> float:
     bend = second @ reach + np.einsum("mi,ij,mj->m", first, outer, first)
     counts = np.maximum(np.ceil(np.sqrt(bend / (8.0 * _BENT))), 1.0).astype(np.int64)
     Q = [_bezier(piece, count) for piece, count in zip(points, counts, strict=True)]
-    T = chain.forward_batch(np.vstack(Q))
-    away = vertices @ T[:, :3, :3].transpose(0, 2, 1) + T[:, None, :3, 3] - placed
-    height = max(float(away[0, :, 2].min()), 0.0)
-    away[..., 2] -= np.clip(away[..., 2], 0.0, height)
-    return float(np.linalg.norm(away, axis=-1).max()) + _BENT
+    return stray_at(chain, np.vstack(Q), vertices, placed) + _BENT
 
 
 def _reach(chain: Chain, vertices: Array) -> Array:

@@ -88,14 +88,20 @@ class CloudStore:
             self.changes += not same or known is not None
 
     def merge(self, points: Array, cell_size: float) -> None:
-        """Add points (n, 3) to those accumulated, thinned to a fraction of a cell."""
-        with self._lock:
-            before = self._merged
-        together = np.vstack([before, points])
-        kept = _one_per_cube(together, cell_size / MERGE_FRACTION)
-        with self._lock:
-            if self._merged is before and len(kept) > len(before):
-                self._merged = together[kept]
+        """Add points (n, 3) to those accumulated, thinned to a fraction of a cell.
+
+        Begun anew where others were merged, or all cleared, in the meantime.
+        """
+        while True:
+            with self._lock:
+                before = self._merged
+            together = np.vstack([before, points])
+            kept = _one_per_cube(together, cell_size / MERGE_FRACTION)
+            with self._lock:
+                if self._merged is before:
+                    if len(kept) > len(before):
+                        self._merged = together[kept]
+                    return
 
     def refuse(self, topic: str, error: PlacementPlannerError) -> bool:
         """Note that a topic's newest cloud was unusable; True where that is news."""

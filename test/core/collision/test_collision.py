@@ -1,7 +1,9 @@
 """The arm's collision checks against coal on every part and box; edges against dense samples."""
 
 import gc
+import itertools
 
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -11,8 +13,10 @@ from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision import boxes as collision_boxes
 from placement_planner_ros.core.collision.against_boxes import layer_range
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
+from placement_planner_ros.core.collision.edges import bound_motion
 from placement_planner_ros.core.collision.hand import WristTurns
 from placement_planner_ros.core.collision.load import Held, Standing
+from placement_planner_ros.core.collision.placing import place_all_spheres, place_joints
 from placement_planner_ros.core.collision.separation import COLLIDING, FREE, UNDECIDED
 from placement_planner_ros.core.errors import GraspError, JointStateError, ParameterError
 from placement_planner_ros.core.reach.ik import InverseKinematics
@@ -129,6 +133,103 @@ def slider_checker(slider, obstacles, body=None, **kwargs):
     arm = slider.arm("arm", "ball", grasps=[pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.0405]))])
     load = None if body is None else Held(body)
     return ArmCollision(MovingArm(slider, arm, np.zeros(2)), load, obstacles, **kwargs)
+
+
+# ---- the oracle of edges ------------------------------------------------------------------------
+
+
+class ByCoal:
+    """Whether a configuration keeps the margins, by pinocchio and coal alone, pair by pair.
+
+    Coal is off by some µm, so that much less than the margins counts as kept.
+    """
+
+    def __init__(self, moving, held, obstacles, settings=None):
+        robot, arm, body, grasp = moving.robot, moving.arm, held.body, held.grasp
+        self.settings = settings or CollisionSettings()
+        self.robot, self.arm, self.q = robot, arm, np.array(moving.q_rest)
+        self.data, self.geometry = robot.model.createData(), pin.GeometryModel()
+        names = list(robot.geometry_links)
+        for thing in robot.geometry.geometryObjects:
+            self.geometry.addGeometryObject(pin.GeometryObject(thing))
+        tip = robot.model.frames[robot.frame_id(arm.tip_frame)]
+        for k, part in enumerate(body.parts):
+            mesh = trimesh.convex.convex_hull(part.vertices)
+            points, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+            points.extend(mesh.vertices)
+            faces.extend([coal.Triangle(*map(int, face)) for face in mesh.faces])
+            at = tip.placement * arm.grasps[grasp]
+            convex = coal.Convex(points, faces)
+            self.geometry.addGeometryObject(
+                pin.GeometryObject(f"object {k}", tip.parentJoint, at, convex)
+            )
+            names.append("object")
+        self.placed = self.geometry.createData()
+        self.shapes = [thing.geometry for thing in self.geometry.geometryObjects]
+        for shape in self.shapes:
+            shape.computeLocalAABB()
+        rng = np.random.default_rng(0)
+        a, b = (self.poses(rng.uniform(arm.lower, arm.upper)) for _ in range(2))
+
+        def moves(i, j=None):
+            before, after = ((x[i] if j is None else x[j].actInv(x[i])) for x in (a, b))
+            return not before.isApprox(after, 1e-9)
+
+        self.movers = [i for i in range(len(names)) if moves(i)]
+        self.pairs = [
+            (i, j)
+            for i, j in itertools.combinations(range(len(names)), 2)
+            if names[i] != names[j] and self.apart(names[i], names[j]) and moves(i, j)
+        ]
+        self.boxes = [
+            coal.CollisionObject(coal.Box(high - low), np.eye(3), (low + high) / 2)
+            for low, high in zip(obstacles.lower, obstacles.upper, strict=True)
+        ]
+        self.tree = coal.DynamicAABBTreeCollisionManager()
+        self.tree.registerObjects(self.boxes)
+        self.tree.setup()
+
+    def apart(self, a, b):
+        if "object" in (a, b):
+            return not {a, b} & set(self.arm.touch_links)
+        return (min(a, b), max(a, b)) not in self.robot.allowed_pairs
+
+    def poses(self, x):
+        self.q[self.arm.q_index] = x
+        pin.updateGeometryPlacements(
+            self.robot.model, self.data, self.geometry, self.placed, self.q
+        )
+        return [pin.SE3(T) for T in self.placed.oMg]
+
+    def free(self, x, reserve=0.0):
+        poses, settings = self.poses(x), self.settings
+        at = [coal.Transform3s(T.rotation, T.translation) for T in poses]
+        margin = settings.collision_margin + reserve - 1e-5
+        answer = coal.CollisionCallBackDefault()
+        answer.data.request.security_margin = margin
+        for i in self.movers:
+            mover = coal.CollisionObject(self.shapes[i], at[i])
+            mover.computeAABB()
+            mover.getAABB().expand(margin)
+            answer.init()
+            self.tree.collide(mover, answer)
+            if answer.data.result.isCollision():
+                return False
+        request = coal.CollisionRequest()
+        near = max(settings.self_margin + min(reserve, settings.self_reserve) - 1e-5, 0.0)
+        request.security_margin = near
+        around = [(self.shapes[i].aabb_center, self.shapes[i].aabb_radius) for i in range(len(at))]
+        balls = [(T.act(c), r) for T, (c, r) in zip(poses, around, strict=True)]
+        for i, j in self.pairs:
+            (p, r), (o, s) = balls[i], balls[j]
+            if np.linalg.norm(p - o) <= r + s + near and coal.collide(
+                self.shapes[i], at[i], self.shapes[j], at[j], request, coal.CollisionResult()
+            ):
+                return False
+        return True
+
+    def all_free(self, Q, reserve=0.0):
+        return all(self.free(x, reserve) for x in Q)
 
 
 # ---- scenes -------------------------------------------------------------------------------------
@@ -278,6 +379,50 @@ def test_where_the_hand_surely_collides_no_configuration_is_free(yumi):
             assert counts.sum() > 5 * len(poses)
 
 
+SWINGING = """
+<robot name="swinging">
+  <link name="base"/>
+  <link name="bar"><collision><origin xyz="0.15 0 0"/>
+    <geometry><box size="0.3 0.02 0.02"/></geometry></collision></link>
+  <link name="tip"/>
+  <joint name="j1" type="revolute"><parent link="base"/><child link="bar"/><axis xyz="0 0 1"/>
+    <limit lower="-3" upper="3" velocity="1" effort="1"/></joint>
+  <joint name="j2" type="revolute"><parent link="bar"/><child link="tip"/><axis xyz="0 0 1"/>
+    <limit lower="{lower}" upper="{upper}" velocity="1" effort="1"/></joint>
+</robot>
+"""
+
+
+def ring_with_a_gap(width):
+    """A sheet around the swinging bar that leaves free what is within width / 2 of the x axis."""
+    x, y = (a.ravel() for a in np.meshgrid(*[np.arange(-0.33, 0.3301, 0.0025)] * 2))
+    y = y + np.where(y >= 0.0, 1.0, -1.0) * width / 2
+    radius = np.hypot(x, y)
+    kept = (radius > 0.2) & (radius < 0.33)
+    points = np.column_stack([x, y, np.zeros(len(x))])[kept]
+    return ObstacleSet.from_points(points, GridSettings(cell_size=0.005), bounds=0.4 * BOUNDS)
+
+
+def test_the_wrist_is_not_said_to_collide_where_it_fits_between_two_intervals():
+    settings = CollisionSettings(collision_margin=0.004)
+    for room, sure in ((-0.0002, True), (0.0005, False)):
+        obstacles = ring_with_a_gap(0.02 + 2 * (0.004 + room))
+        for shift in np.linspace(0.0, 0.024, 8):
+            urdf = SWINGING.format(lower=-2.5 + shift, upper=2.4 + shift)
+            robot = Robot.from_urdf(urdf)
+            checker = ArmCollision(
+                MovingArm(robot, robot.arm("arm", "tip"), np.zeros(2)), None, obstacles, settings
+            )
+            assert checker.free(np.zeros(2)) == (not sure)
+            assert not checker.free(np.array([0.01, -0.01]))
+            if not sure:
+                assert not checker.hand_collides(np.eye(4), 1e-4)
+    solid = ring_with_a_gap(0.0)
+    assert ArmCollision(
+        MovingArm(robot, robot.arm("arm", "tip"), np.zeros(2)), None, solid, settings
+    ).hand_collides(np.eye(4), 1e-4)
+
+
 def test_intervals_of_the_wrist_cover_its_range_within_the_margin():
     for lower, upper in ((-1.0, 2.0), (-4.0, 4.0)):
         middles, moved = WristTurns(0.1, lower, upper).intervals(0.004)
@@ -299,6 +444,29 @@ def test_margin_is_kept_to_the_hair(slider):
     assert checker.free(np.array([touching - 1e-5, 0.0]))
     assert not checker.free(np.array([touching - 1e-5, 0.0]), reserve=0.001)
     assert checker.free(np.array([touching - 0.00101, 0.0]), reserve=0.001)
+
+
+def test_of_a_reserve_only_its_own_share_counts_for_the_robot_against_itself():
+    post = '<link name="base"><collision><origin xyz="1 0 0"/>'
+    post += '<geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>'
+    robot = Robot.from_urdf(
+        SLIDER.replace('<link name="base"/>', post), srdf="<robot name='slider'/>"
+    )
+    arm = robot.arm("arm", "ball")
+    settings = CollisionSettings(self_margin=0.001, self_reserve=0.0002)
+    checker = ArmCollision(MovingArm(robot, arm, np.zeros(2)), None, obstacles_of(), settings)
+    touching = 1.0 - 0.05 - 0.02 - 0.001
+    for gap, reserve, free in (
+        (1e-5, 0.0, True),
+        (-1e-5, 0.0, False),
+        (0.00021, 0.01, True),
+        (0.00019, 0.01, False),
+        (0.00006, 0.00005, True),
+        (0.00004, 0.00005, False),
+    ):
+        q = np.array([touching - gap, 0.0])
+        assert checker.free(q, reserve) == checker.edge_free(q, q, reserve=reserve) == free
+        assert checker.free_batch(q[None], reserve).tolist() == [free]
 
 
 def test_curved_shapes_count_as_the_polytopes_around_them(tmp_path):
@@ -505,58 +673,127 @@ def test_deviation_is_respected(slider):
     assert not checker.edge_free(a, b, deviation=np.array([0.0, 0.006]))
 
 
+PLANAR = """
+<robot name="planar">
+  <link name="base"/>
+  <link name="upper"/>
+  <link name="ball"><collision><origin xyz="0.5 0 0"/>
+    <geometry><sphere radius="0.001"/></geometry></collision></link>
+  <joint name="j1" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 0 1"/>
+    <limit lower="-3" upper="3" velocity="1" effort="1"/></joint>
+  <joint name="j2" type="revolute"><parent link="upper"/><child link="ball"/><axis xyz="0 0 1"/>
+    <origin xyz="0.8 0 0"/><limit lower="-3" upper="3" velocity="1" effort="1"/></joint>
+</robot>
+"""
+
+
+@pytest.mark.parametrize("size", [0.02, 0.5])
+def test_no_motion_is_larger_than_its_bound(yumi, mixed, size):
+    """Of any point in the ball around a body, by pinocchio."""
+    planar = Robot.from_urdf(PLANAR, srdf="<robot name='planar'/>")
+    rng = np.random.default_rng(7)
+    closest = 0.0
+    setups = [
+        (MovingArm(planar, planar.arm("arm", "ball"), np.zeros(2)), None, obstacles_of()),
+        mixed_setup(mixed),
+        yumi_setup(yumi, "table", "toy_table", "right"),
+    ]
+    for setup in setups:
+        robot, arm = setup[0].robot, setup[0].arm
+        checker = ArmCollision(*setup)
+        arrays, scratch = checker._flat.arrays, checker._scratch
+        names = [body.name for body in checker._flat.bodies[: arrays.moving]]
+        data, q_robot = robot.model.createData(), np.array(setup[0].q_rest)
+        tip = robot.frame_id(arm.tip_frame)
+
+        def at(x, name, local, robot=robot, arm=arm, data=data, q_robot=q_robot, tip=tip):
+            q_robot[arm.q_index] = x
+            pin.framesForwardKinematics(robot.model, data, q_robot)
+            frame = tip if name == "the held object" else robot.frame_id(name)
+            return data.oMf[frame], data.oMf[frame].act(local)
+
+        for _ in range(60):
+            q = rng.uniform(arm.lower, arm.upper)
+            delta = size * rng.random(arm.dof)
+            place_joints(arrays, scratch, q)
+            place_all_spheres(arrays, scratch)
+            bound = np.zeros((arrays.moving, arm.dof + 1))
+            bound_motion(arrays, scratch, delta, bound)
+            for body, name in enumerate(names):
+                T, _ = at(q, name, np.zeros(3))
+                x, y, z, radius = scratch.body_spheres[body]
+                center = T.actInv(np.array([x, y, z]))
+                for first in (0, arm.dof - 1):
+                    for _ in range(4):
+                        change = delta * rng.choice([-1.0, 1.0], arm.dof)
+                        change[:first] = 0.0
+                        outward = rng.normal(size=3)
+                        point = center + radius * outward / np.linalg.norm(outward)
+                        moved = at(q + change, name, point)[1] - at(q, name, point)[1]
+                        way = float(np.linalg.norm(moved))
+                        assert way <= bound[body, first] + 1e-9
+                        closest = max(closest, way / max(bound[body, first], 1e-9))
+    assert closest > 0.9
+
+
+def between(a, b, count):
+    return a + np.linspace(0.0, 1.0, count)[:, None] * (b - a)
+
+
 @pytest.mark.parametrize("length", [0.15, 1.0])
-def test_certified_edges_are_free_at_dense_samples(yumi, mixed, length):
-    for setup in (yumi_setup(yumi, "table", "toy_table", "right"), mixed_setup(mixed)):
-        checker, arm = ArmCollision(*setup), setup[0].arm
-        rng = np.random.default_rng(6)
-        Q = rng.uniform(arm.lower, arm.upper, (2000, arm.dof))
-        A = Q[checker.free_batch(Q)][:60]
-        B = A + rng.normal(size=A.shape) * length / np.sqrt(arm.dof)
-        certified = np.array([checker.edge_free(a, b) for a, b in zip(A, B, strict=True)])
-        sampled = np.array(
-            [
-                checker.free_batch(a + np.linspace(0, 1, 150)[:, None] * (b - a)).all()
-                for a, b in zip(A, B, strict=True)
-            ]
-        )
-        assert not (certified & ~sampled).any()
-        assert certified.sum() >= 0.85 * sampled.sum()
-        assert 0.05 < certified.mean() < 1.0
+@pytest.mark.parametrize("robot", ["yumi", "mixed"])
+def test_certified_edges_are_free_at_dense_samples(request, robot, length):
+    whole = request.getfixturevalue(robot)
+    setup = (
+        yumi_setup(whole, "table", "toy_table", "right") if robot == "yumi" else mixed_setup(whole)
+    )
+    checker, oracle, arm = ArmCollision(*setup), ByCoal(*setup), setup[0].arm
+    rng = np.random.default_rng(6)
+    Q = rng.uniform(arm.lower, arm.upper, (200, arm.dof))
+    A = np.array([q for q in Q if oracle.free(q)][:24])
+    B = A + rng.normal(size=A.shape) * length / np.sqrt(arm.dof)
+    certified = np.array([checker.edge_free(a, b) for a, b in zip(A, B, strict=True)])
+    sampled = np.array([oracle.all_free(between(a, b, 50)) for a, b in zip(A, B, strict=True)])
+    assert not (certified & ~sampled).any()
+    assert certified.sum() >= 0.8 * sampled.sum()
+    assert 0.05 < certified.mean() < 1.0
 
 
 def test_strayed_motions_of_certified_edges_are_free(yumi):
     setup = yumi_setup(yumi, "cabinet_high_clutter", "wine_glass", "left")
-    checker, arm = ArmCollision(*setup), setup[0].arm
+    checker, oracle, arm = ArmCollision(*setup), ByCoal(*setup), setup[0].arm
     rng = np.random.default_rng(9)
-    Q = setup[0].q + rng.normal(size=(400, arm.dof)) * 0.3
-    A = Q[checker.free_batch(Q)][:40]
+    Q = setup[0].q + rng.normal(size=(200, arm.dof)) * 0.3
+    A = np.array([q for q in Q if oracle.free(q)][:40])
     B = A + rng.normal(size=A.shape) * 0.1
     deviation = np.full(arm.dof, 0.01)
     certified = 0
     for a, b in zip(A, B, strict=True):
         if checker.edge_free(a, b, deviation=deviation):
             certified += 1
-            path = a + rng.random(300)[:, None] * (b - a)
+            path = a + rng.random(50)[:, None] * (b - a)
             corners = rng.choice([-1.0, 1.0], size=path.shape)
-            assert checker.free_batch(path + corners * deviation).all()
+            assert oracle.all_free(path + corners * deviation)
     assert certified >= 5
 
 
 def test_certified_edges_keep_their_distance_all_the_way(mixed):
     """The bound on motion itself: no margin is lost between the middles of certified intervals."""
     setup = mixed_setup(mixed)
-    checker, arm = ArmCollision(*setup), setup[0].arm
-    stricter = ArmCollision(*setup, CollisionSettings(self_reserve=0.0))
+    checker = ArmCollision(*setup)
+    settings = CollisionSettings(self_reserve=0.002)
+    stricter, oracle, arm = ArmCollision(*setup, settings), ByCoal(*setup, settings), setup[0].arm
     rng = np.random.default_rng(12)
-    Q = rng.uniform(arm.lower, arm.upper, (1500, arm.dof))
-    A = Q[stricter.free_batch(Q, reserve=0.002)][:50]
+    Q = rng.uniform(arm.lower, arm.upper, (500, arm.dof))
+    A = np.array([q for q in Q if oracle.free(q, reserve=0.002)][:60])
     B = A + rng.normal(size=A.shape) * 0.2
+    certified = 0
     for a, b in zip(A, B, strict=True):
         if stricter.edge_free(a, b, reserve=0.002):
-            path = a + np.linspace(0, 1, 200)[:, None] * (b - a)
-            assert stricter.free_batch(path, reserve=0.002).all()
+            certified += 1
+            assert oracle.all_free(between(a, b, 80), reserve=0.002)
             assert checker.edge_free(a, b)
+    assert certified >= 10
 
 
 def test_a_short_queue_changes_no_answer(slider, monkeypatch):

@@ -1,5 +1,6 @@
 """Release and retreat: the open hand against brute force, and refusals of the checker."""
 
+import copy
 from dataclasses import asdict, replace
 from types import SimpleNamespace
 
@@ -28,6 +29,7 @@ from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
+from placement_planner_ros.core.types import Verdict
 from placement_planner_ros.experiments.cases import Case, make_problem
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.primitives import box
@@ -200,6 +202,25 @@ def test_release_is_refused_where_a_finger_would_open_into_something(planned, po
     obstacles = ObstacleSet.from_points(near, GridSettings(), (post - 0.3, post + 0.3))
     assert len(obstacles.lower) > 0
     assert not open_hand_of(problem, arm, obstacles).release_free(placement.goal.q)
+
+
+def test_where_the_fingers_cannot_open_there_is_no_goal(planned, post):
+    """The verdict of a placing motion, not only what the open hand says."""
+    problem, planner, placement = planned
+    goal = placement.goal
+    holding = copy.copy(planner.holdings[goal.arm, goal.grasp])
+    poses = planner.sampler._checker._poses
+
+    def motion():
+        return holding.placing_motion(goal.q, goal.T_world_object, goal.contact_height, poses)
+
+    assert motion().retreat is not None
+    near = post + 0.002 * np.random.default_rng(0).uniform(-1, 1, (50, 3))
+    obstacles = ObstacleSet.from_points(near, GridSettings(), (post - 0.3, post + 0.3))
+    holding.open_hand = open_hand_of(problem, holding.arm, obstacles)
+    assert motion() is Verdict.NO_RELEASE
+    holding.require_retreat = False
+    assert motion().retreat is None
 
 
 def test_the_retreat_is_straight_long_enough_and_ends_free_of_the_object(planned):

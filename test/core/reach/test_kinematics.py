@@ -8,6 +8,7 @@ from shared import SHARED
 from placement_planner_ros.core.errors import RobotError
 from placement_planner_ros.core.reach import kinematics
 from placement_planner_ros.core.reach.kinematics import Chain
+from placement_planner_ros.core.reach.reach_bound import ReachBound
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.scenes.yumi import START_CONFIGURATION, load_yumi, yumi_arm
@@ -81,6 +82,31 @@ def test_agrees_with_pinocchio(name):
         for i, joint in enumerate(arm.joints):
             T_world_joint = data.oMi[model.getJointId(joint)].homogeneous
             assert np.abs(frames[k, i] - T_world_joint).max() < 1e-12
+
+
+@pytest.mark.parametrize("name", ["left", "right", "panda", "gantry", "part"])
+def test_no_configuration_takes_the_wrist_further_than_the_reach_bound(name):
+    """By pinocchio, at random configurations and uphill from the furthest of them."""
+    robot, arm, q_rest = case(name)
+    bound = ReachBound.of(Chain.from_robot(robot, arm, q_rest))
+    data, tip = robot.model.createData(), robot.frame_id(arm.tip_frame)
+    q = q_rest.copy()
+
+    def distance(x):
+        q[arm.q_index] = x
+        pin.forwardKinematics(robot.model, data, q)
+        T = pin.updateFramePlacement(robot.model, data, tip)
+        return float(np.linalg.norm(T.act(bound.wrist) - bound.shoulder))
+
+    rng = np.random.default_rng(2)
+    lower, upper = np.maximum(arm.lower, -10.0), np.minimum(arm.upper, 10.0)
+    Q = rng.uniform(lower, upper, (2000, arm.dof))
+    furthest = max(Q, key=distance)
+    for step in np.geomspace(1.0, 0.001, 600):
+        nearby = np.clip(furthest + step * rng.normal(size=arm.dof), lower, upper)
+        furthest = max(furthest, nearby, key=distance)
+    assert distance(furthest) <= bound.length
+    assert distance(furthest) >= 0.7 * bound.length, "the bound is idle"
 
 
 def test_single_and_batch_agree():

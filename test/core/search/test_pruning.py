@@ -5,13 +5,15 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
+from placement_planner_ros.core.sample_goals.cell_bounds import _Placed
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.search.cell_layout import LOWER, UPPER, halved, whole_cells
+from placement_planner_ros.core.search.cell_layout import LOWER, UPPER, X, halved, whole_cells
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy
 from placement_planner_ros.core.search.pruning import Cause, Remainder, Ruling
 from placement_planner_ros.core.types import TargetVolume, Verdict
@@ -73,24 +75,79 @@ def sampled(cabinet):
     return cells, poses_in(cells, rng, 16)
 
 
-def test_no_pose_of_a_cell_out_of_reach_is_reachable(cabinet, sampled):
+def tip_poses(robot, q_rest, arm, Q):
+    """T_world_tip (SE3) at each of Q (n, dof), by pinocchio."""
+    data, tip, q = robot.model.createData(), robot.frame_id(arm.tip_frame), q_rest.copy()
+    for x in Q:
+        q[arm.q_index] = x
+        pin.forwardKinematics(robot.model, data, q)
+        yield pin.SE3(pin.updateFramePlacement(robot.model, data, tip))
+
+
+def cell_around(face, contact, angle, rng):
+    """A cell of random size that holds that contact and angle, somewhere."""
+    size = rng.choice([0.0, 0.03, 0.3]) * rng.random(2)
+    turn = rng.choice([0.0, 0.1, 1.0, 1.0]) * rng.uniform(0.0, 2.0 * np.pi)
+    low = np.array([*contact[:2], angle]) - rng.random(3) * [*size, turn]
+    cell = np.array([face, contact[2], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    cell[LOWER], cell[UPPER] = low, low + np.array([*size, turn])
+    return cell
+
+
+def test_no_cell_is_out_of_reach_that_some_configuration_reaches(cabinet):
+    """Objects as pinocchio puts them, each on a face of its own, with the arms stretched out."""
+    problem, objective = cabinet
+    rng = np.random.default_rng(4)
+    faces, cells, away = [], [], []
+    for arm in problem.arms:
+        Q = rng.uniform(arm.lower + 0.002, arm.upper - 0.002, (4000, arm.dof))
+        tips = list(tip_poses(problem.robot, problem.q_start, arm, Q))
+        shoulder = problem.robot.link_pose(problem.q_start, "yumi_body").translation
+        far = np.argsort([-np.linalg.norm(T.translation - shoulder) for T in tips])
+        for k in (*far[:200], *rng.integers(len(tips), size=100)):
+            T = tips[k] * arm.grasps[k % len(arm.grasps)]
+            contact, angle = T.act(rng.uniform(-0.1, 0.1, 3)), rng.uniform(0.0, 2.0 * np.pi)
+            placed = pin.SE3(pin.utils.rotate("z", angle), contact)
+            faces.append(replace(problem.body.faces[0], T_face_object=placed.inverse() * T))
+            cells.append(cell_around(len(faces) - 1, contact, angle, rng))
+            outward = contact[:2] - shoulder[:2]
+            at = np.array([*(contact[:2] + outward / np.linalg.norm(outward)), angle])
+            away.append(cells[-1].copy())
+            away[-1][LOWER] = away[-1][UPPER] = at
+    standing = replace(problem, body=replace(problem.body, faces=tuple(faces)))
+    reach = planner_of(standing, objective)._bounds._reach  # at heights where nothing else is known
+    assert len(cells) == 600
+    assert not reach.out_of_reach(_Placed(np.array(cells))).any()
+    # A metre further out there is nothing but the bound to tell.
+    assert reach.out_of_reach(_Placed(np.array(away))).mean() > 0.9
+
+
+def test_cells_are_out_of_reach_where_no_configuration_takes_the_tip(cabinet, sampled):
+    """The bound is not idle: it rules out most of what lies beyond all tips ever sampled."""
     problem, objective = cabinet
     cells, poses = sampled
+    cells, shift = cells.copy(), 0.3  # further away than they are
+    cells[:, [X, X + 1]] += shift
     planner = planner_of(problem, objective)
     rulings = planner._bounds.rulings(cells)
     assert set(rulings) == set(Ruling)
     _, T = planner.sampler._checker._poses.verdicts(*poses)
     T = T.reshape(len(cells), -1, 4, 4)
-    reached = np.zeros(T.shape[:2], dtype=bool)
+    T[..., 0, 3] += shift
+    beyond = np.ones(T.shape[:2], dtype=bool)
+    rng = np.random.default_rng(5)
     for holding in planner.holdings.values():
-        tips = T @ holding.arm.grasps[holding.grasp].inverse().homogeneous
-        flat = holding._ik.reachable_batch(tips.reshape(-1, 4, 4))
-        reached |= flat.reshape(reached.shape)
-    assert reached.any()
-    assert not reached[rulings == Ruling.OUT_OF_REACH].any()
+        arm = holding.arm
+        shoulder = holding.chain.joint_frames(arm.lower)[0][:3, 3]
+        Q = rng.uniform(arm.lower, arm.upper, (1000, arm.dof))
+        tips = tip_poses(problem.robot, problem.q_start, arm, Q)
+        reach = max(np.linalg.norm(tip.translation - shoulder) for tip in tips)
+        wanted = T @ arm.grasps[holding.grasp].inverse().homogeneous
+        beyond &= np.linalg.norm(wanted[..., :3, 3] - shoulder, axis=-1) > reach
     small = slice(-len(whole_cells(hierarchy(problem))), None)
-    beyond = ~reached[small].any(axis=1)
-    assert (rulings[small][beyond] == Ruling.OUT_OF_REACH).mean() > 0.5  # the bound is not idle
+    never = beyond[small].all(axis=1)
+    assert never.sum() > 10
+    assert (rulings[small][never] == Ruling.OUT_OF_REACH).mean() > 0.5
 
 
 def test_no_pose_of_an_unsupported_cell_is_stable(cabinet, sampled):
@@ -105,6 +162,30 @@ def test_no_pose_of_an_unsupported_cell_is_stable(cabinet, sampled):
     small = slice(-len(whole_cells(hierarchy(problem))), None)
     never = ~stable[small].any(axis=1) & (rulings[small] != Ruling.OUT_OF_REACH)
     assert (rulings[small][never] == Ruling.UNSUPPORTED).mean() > 0.5
+
+
+def stepped(problem, lower, step):
+    """The same problem on a table at height `lower` whose further half is higher by `step`."""
+    volume = TargetVolume([0.25, -0.15, lower - 0.05], [0.6, 0.15, lower + 0.2])
+    x, y = (a.ravel() for a in np.meshgrid(*[np.arange(-0.2, 0.7, 0.004)] * 2))
+    z = np.where(x < 0.42, lower, lower + step)
+    environment = Environment.from_points(np.column_stack([x, y, z]), volume, bounds=around(volume))
+    return replace(problem, volume=volume, environment=environment)
+
+
+@pytest.mark.parametrize(("lower", "step"), [(0.00045, 0.0027), (-0.00045, -0.0027)])
+def test_support_almost_as_high_as_tolerated_is_support_to_cells_too(cabinet, lower, step):
+    """Cells look it up by rounded heights."""
+    problem = stepped(cabinet[0], lower, step)
+    planner = planner_of(problem, lambda T: 0.0)
+    rng = np.random.default_rng(3)
+    cells = np.concatenate([random_cells(problem, rng) for _ in range(40)])
+    verdicts, _ = planner.sampler._checker._poses.verdicts(*poses_in(cells, rng, 16))
+    stable = (verdicts > Verdict.UNSTABLE).reshape(len(cells), -1)
+    rulings = planner._bounds.rulings(cells)
+    assert {Ruling.OPEN, Ruling.UNSUPPORTED} <= set(rulings)
+    assert stable.any(axis=1).sum() > 100
+    assert not stable[rulings == Ruling.UNSUPPORTED].any()
 
 
 def test_no_stable_and_free_pose_of_a_grid_lies_in_an_unsupported_cell(cabinet):
@@ -223,3 +304,29 @@ def test_one_cause_has_its_code_and_several_have_none(cabinet, rulings, cause):
     remainder = Remainder(hierarchy(cabinet[0]), Bounds())
     remainder.rulings |= rulings
     assert remainder.cause is cause
+
+
+class Treasures:
+    """Nothing is possible but at a few poses; a cell is open where it holds one of them."""
+
+    def __init__(self, problem, rng, count) -> None:
+        regions = problem.environment.regions
+        faces = rng.integers(len(problem.body.faces), size=count)
+        rows = rng.integers(len(regions), size=count)
+        contacts = np.array([regions[k].sample(rng) for k in rows]).reshape(-1, 3)
+        self.at = np.column_stack([faces, contacts[:, 2]])
+        self.place = np.column_stack([contacts[:, :2], rng.uniform(0.0, 2.0 * np.pi, count)])
+
+    def rulings(self, cells):
+        here = (cells[:, None, :2] == self.at).all(axis=-1)
+        here &= (cells[:, None, LOWER] <= self.place).all(axis=-1)
+        here &= (cells[:, None, UPPER] >= self.place).all(axis=-1)
+        return np.where(here.any(axis=1), Ruling.OPEN, Ruling.UNSUPPORTED)
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 40])
+def test_something_is_left_as_long_as_one_pose_is_possible(cabinet, count):
+    for seed in range(5):
+        treasures = Treasures(cabinet[0], np.random.default_rng(seed), count)
+        remainder = Remainder(hierarchy(cabinet[0]), treasures)
+        assert any(remainder.empty() for _ in range(100)) == (count == 0)

@@ -274,3 +274,156 @@ def test_it_goes_on_where_pruning_empties_the_levels():
     assert made.sample_goals(-1e-9, never) == []
     assert len(checker.contacts) == 5000
     assert len(made._levels) > 6
+
+
+def test_leaves_are_rewarded_with_one_or_nothing_and_all_other_nodes_with_h():
+    checker = CornerChecker()
+    settings = MctsSettings(samples_per_call=4000, goals_per_call=10_000)
+    shallow = hierarchy(min_area=0.02, min_angle=1.0)
+    made = MctsSampler(shallow, checker, settings, np.random.default_rng(0))
+    verdicts, updates = [], []
+    check, update = checker.check_batch, made.tree.update
+
+    def checked(*args):
+        outcome = check(*args)
+        verdicts.extend(outcome.verdicts.tolist())
+        return outcome
+
+    def updated(node, *rest):
+        updates.append((made.tree.is_leaf(node), *rest))
+        update(node, *rest)
+
+    made._check, made.tree.update = checked, updated
+    made.sample_goals(-0.05, never)
+    assert len(updates) == len(verdicts) == 4000
+    seen = set()
+    for verdict, (leaf, reward, _, demoted) in zip(verdicts, updates, strict=True):
+        seen.add((leaf, Verdict(verdict)))
+        if leaf:
+            assert (reward, demoted) == (float(verdict == Verdict.FEASIBLE), 0.0)
+        else:
+            passed = int(verdict) / Verdict.FEASIBLE
+            lost = min(int(verdict), Verdict.NOT_BETTER) / Verdict.FEASIBLE
+            assert (reward, demoted) == pytest.approx((passed, lost))
+    judged = (Verdict.COLLIDING, Verdict.NOT_BETTER, Verdict.NO_IK, Verdict.FEASIBLE)
+    assert seen >= {(True, verdict) for verdict in judged}
+    assert {(False, Verdict.COLLIDING), (False, Verdict.NO_IK)} <= seen
+
+
+def test_what_no_longer_beats_the_best_value_loses_its_reward():
+    """Each call tells the tree of the best value so far before it selects anything."""
+    endless = hierarchy(min_area=1e-12, min_angle=1e-9)  # without leaves
+    settings = MctsSettings(samples_per_call=3000, goals_per_call=10_000)
+    made = MctsSampler(endless, CornerChecker(), settings, np.random.default_rng(0))
+    found = made.sample_goals(-np.inf, never)
+    assert len(found) > 20
+    before = made.tree.reward(0)
+    values = sorted(goal.objective for goal in found)
+    made.sample_goals(values[9], lambda: True)
+    assert made.tree.reward(0) < before
+    made.sample_goals(0.0, lambda: True)
+    counts = made.count.verdicts
+    expected = sum(min(v, Verdict.NOT_BETTER) * n for v, n in counts.items()) / Verdict.FEASIBLE
+    assert made.tree.reward(0) == pytest.approx(expected)
+    assert made.count.samples == made.tree.visits(0) == 3000
+
+
+def searched(**settings):
+    """Optimistic search that has refined for a while, and what it split in each round."""
+    settings = {"samples_per_call": 6000, "goals_per_call": 10_000, "uniform_first": 500} | settings
+    made, checker = sampler(OptimisticSampler, **settings)
+    split = []
+    choose = made._split_best
+
+    def split_best():
+        split.append(choose())
+        return split[-1]
+
+    made._split_best = split_best
+    made.sample_goals(-0.05, never)
+    return made, checker, split
+
+
+def test_each_cell_waits_at_the_depth_of_its_size():
+    made, _, _ = searched()
+    coarse = {
+        tuple(s)
+        for s in np.round((made._extents[:, 1::2] - made._extents[:, ::2]) / made._steps, 9)
+    }
+    waiting = [(depth, cell) for depth, level in enumerate(made._levels) for *_, cell in level]
+    waiting += [(depth, cell) for _, _, depth, cell in made._with_goal]
+    for depth, cell in waiting:
+        size = (cell[3::2] - cell[2::2]) * 2.0**depth
+        assert tuple(np.round(size, 9)) in coarse
+    assert max(depth for depth, _ in waiting) >= 3
+
+
+def test_no_coarse_cell_is_split_twice_and_each_round_splits_one_of_each_depth():
+    _, _, split = searched()
+    coarse = [cells[0].tobytes() for cells, depths, _ in split if len(depths) and depths[0] == 0]
+    assert len(coarse) > 50
+    assert len(set(coarse)) == len(coarse)
+    for _, depths, _ in split:
+        assert len(set(depths.tolist())) == len(depths)
+
+
+def test_a_cell_may_be_split_again_once_its_goal_has_been_reached():
+    """At that very value: nothing is worth more than what has been found there."""
+    made, _, _ = searched()
+    values = sorted(value for value, *_ in made._with_goal)
+    assert len(values) > 5
+    made.sample_goals(values[3], lambda: True)
+    assert sorted(value for value, *_ in made._with_goal) == values[4:]
+
+
+@pytest.mark.parametrize("share", [0.0, 0.2, 0.5, 0.8])
+def test_of_the_samples_of_a_round_the_share_asked_for_is_uniform(share):
+    made, _ = sampler(
+        OptimisticSampler, samples_per_call=500, uniform_share=share, uniform_first=500
+    )
+    made.sample_goals(-np.inf, never)
+    rounds = 0
+    while made._levels[0]:
+        made._begin_round(refine=True)
+        refined = int((made._depths > 0).sum())
+        if refined:
+            rounds += 1
+            wanted = max(1.0, refined * share / (1.0 - share))
+            assert (made._depths == 0).sum() == pytest.approx(wanted, abs=1.0)
+    assert rounds > 20
+
+
+@pytest.mark.parametrize("even", [0.0, 0.5, 1.0])
+def test_regions_are_drawn_by_area_and_evenly_as_asked(even):
+    made, checker = sampler(
+        OptimisticSampler,
+        samples_per_call=4000,
+        goals_per_call=10_000,
+        uniform_first=100_000,
+        even_share=even,
+    )
+    made.sample_goals(-np.inf, never)
+    in_strip = np.mean([contact[0] > 0.5 for contact in checker.contacts])
+    assert in_strip == pytest.approx((1 - even) * 0.01 / 0.17 + even * 0.5, abs=0.03)
+
+
+@pytest.mark.parametrize("kind", [OptimisticSampler, UniformSampler])
+def test_uniform_poses_lie_on_their_region(kind):
+    """A region like the letter L, whose extent is mostly empty."""
+    bars = Region(np.array([[0.0, 0.0, 0.02, 0.4], [0.02, 0.0, 0.4, 0.02]]), 0.0)
+    afr = AfrHierarchy([2, 1], 2, [bars], HierarchySettings())
+    checker = CornerChecker()
+    settings = SETTINGS[kind](samples_per_call=1000, goals_per_call=1000)
+    made = kind(afr, checker, settings, np.random.default_rng(0))
+    made.sample_goals(-np.inf, never)
+    contacts = np.array(checker.contacts)
+    assert (contacts[:, :2] < 0.02).any(axis=1).all()
+    assert ((contacts[:, 0] > 0.02).mean()) == pytest.approx(0.38 / 0.78, abs=0.06)
+
+
+def test_uniform_sampling_draws_every_grasp_of_each_arm_alike():
+    made, _ = sampler(UniformSampler, batch=6000)
+    draws = made._draw(6000, -np.inf)
+    pairs = np.unique(np.column_stack([draws.arm, draws.grasp]), axis=0, return_counts=True)
+    assert pairs[0].tolist() == [[0, 0], [0, 1], [1, 0]]
+    assert pairs[1] / 6000 == pytest.approx([0.25, 0.25, 0.5], abs=0.03)

@@ -151,6 +151,18 @@ def test_raising_the_threshold_revises_exactly_the_samples_it_overtook():
     assert tree.visits(0) == 3
 
 
+def test_a_sample_that_only_equals_the_best_value_is_not_revised():
+    """It has not beaten it, so its reward says already all there is."""
+    tree = make()
+    tree.raise_threshold(1.0)
+    tree.update(tree.select(), 0.5, 1.0, 0.25)
+    tree.update(tree.select(), 0.5, 1.1, 0.25)
+    tree.raise_threshold(1.05)
+    assert tree.reward(0) == pytest.approx(1.0)
+    tree.raise_threshold(1.1)
+    assert tree.reward(0) == pytest.approx(0.75)
+
+
 def test_the_tree_stays_within_its_bound_and_goes_on_sampling():
     def wide(node):
         return [(*node, i) for i in range(10)] if len(node) < 30 else []
@@ -163,6 +175,9 @@ def test_the_tree_stays_within_its_bound_and_goes_on_sampling():
     assert len(tree) <= 52
     assert tree.visits(0) == 2000
     assert len(tree._records) <= 50
+    # What there was no room to remember counts as overtaken already.
+    kept = len(tree._records)
+    assert tree.reward(0) == pytest.approx(0.5 * kept + 0.1 * (2000 - kept))
 
 
 def test_the_same_seed_gives_the_same_tree():

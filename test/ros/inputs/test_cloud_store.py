@@ -1,3 +1,5 @@
+import threading
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -5,6 +7,7 @@ import trimesh
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.errors import CloudError
+from placement_planner_ros.ros.inputs import cloud_store
 from placement_planner_ros.ros.inputs.cloud_store import CloudStaleError, CloudStore, StoredCloud
 from placement_planner_ros.ros.inputs.frames import CloudFrameError
 from placement_planner_ros.ros.inputs.standing_object import StandingObject
@@ -148,3 +151,52 @@ def test_only_clouds_as_a_sensor_sent_them_have_an_origin():
     assert cloud.origin.tolist() == [0.0, 0.0, 1.0]
     assert merged.origin is None
     assert confirmed.origin is None
+
+
+def meanwhile(monkeypatch, act):
+    """Have another thread act while the first points to come are being thinned."""
+    thin, waiting = cloud_store._one_per_cube, [act]
+
+    def thinned(*args):
+        if waiting:
+            thread = threading.Thread(target=waiting.pop())
+            thread.start()
+            thread.join(0.5)  # it may have to wait until this merge has ended
+        return thin(*args)
+
+    monkeypatch.setattr(cloud_store, "_one_per_cube", thinned)
+
+
+def merged(store):
+    store.add("points", StoredCloud(np.zeros((0, 3)), 0.0))
+    return {tuple(p) for p in points_of(store.snapshot("merge", 0.0, 0.0))}
+
+
+def test_clouds_that_are_merged_at_the_same_time_are_all_kept(monkeypatch):
+    store = CloudStore(["points"])
+    meanwhile(monkeypatch, lambda: store.merge(B, 0.01))
+    store.merge(A, 0.01)
+    assert merged(store) == {tuple(p) for p in np.vstack([A, B])}
+
+
+def test_what_was_cleared_during_a_merge_does_not_come_back(monkeypatch):
+    store = CloudStore(["points"])
+    store.merge(B, 0.01)
+    meanwhile(monkeypatch, store.clear)
+    store.merge(A, 0.01)
+    assert merged(store) == {tuple(p) for p in A}
+
+
+def test_what_threads_share_is_changed_with_the_lock_held_only():
+    class Watched(CloudStore):
+        def __setattr__(self, name, value):
+            assert not hasattr(self, "changes") or self._lock.locked(), name
+            super().__setattr__(name, value)
+
+    store = Watched(["points"])
+    for points in (A, B):
+        store.add("points", StoredCloud(points, 0.0))
+        store.merge(points, 0.01)
+        store.confirm(points)
+    store.clear()
+    assert store.updates == 2

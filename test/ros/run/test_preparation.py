@@ -104,6 +104,70 @@ def test_other_parameters_get_an_environment_of_their_own(snapshot, changes):
         assert np.array_equal(getattr(made.obstacles, name), getattr(expected.obstacles, name))
 
 
+def on_the_hand(snapshot):
+    """(n, 3) points of a blob around a tip: in the hand, on it and beside it."""
+    tip = snapshot.robot.link_pose(snapshot.q_start, snapshot.arms[0].tip_frame).translation
+    return tip + np.stack(np.meshgrid(*[np.arange(-0.08, 0.081, 0.004)] * 3), -1).reshape(-1, 3)
+
+
+def contents(environment):
+    """All that tells one environment from another."""
+    volume, obstacles = environment.volume, environment.obstacles
+    arrays = [volume.lower, volume.upper, obstacles.origin, obstacles.cells]
+    return [a.tolist() for a in (*arrays, obstacles.lower, obstacles.upper)]
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ({}, {"target_volume": [0.25, -0.2, -0.1, 0.6, 0.2, 0.2]}),
+        ({}, {"cloud.cell_size": 0.02}),
+        ({}, {"self_filter.enabled": False}),
+        ({}, {"self_filter.padding": 0.1}),
+        ({}, {"unknown_space": "occupied"}),
+        ({"unknown_space": "occupied"}, {"unknown_space": "free"}),
+        ({"unknown_space": "occupied"}, {"collision_margin": 0.06}),
+    ],
+    ids=str,
+)
+def test_no_run_gets_an_environment_made_for_other_parameters(snapshot, before, after):
+    """Nothing but one parameter has changed: not even the clouds are other arrays."""
+    parameters = snapshot.parameters.changed(before)
+    earlier = replace(
+        snapshot,
+        clouds=(np.vstack([TABLE, on_the_hand(snapshot)]),),
+        origins=(SENSOR,),
+        parameters=parameters,
+    )
+    later = replace(earlier, parameters=parameters.changed(after))
+    early = preparation()
+    early.ahead(earlier)
+    stale = contents(early._newest.environment)
+    expected = contents(Surroundings.of(later).environment())
+    assert stale != expected, "this parameter would make no difference"
+    assert contents(early.prepare(later, never).environment) == expected
+    # The same arrays and parameters again: nothing is made anew.
+    made = early._newest
+    early.prepare(replace(later), never)
+    assert early._newest is made
+
+
+@pytest.mark.parametrize(
+    "after",
+    [{"origins": (SENSOR + 0.3,)}, {"origins": (None,)}, {"placed": (True,)}],
+    ids=["moved", "unknown", "placed"],
+)
+def test_no_run_gets_an_environment_seen_from_elsewhere_or_filtered_otherwise(snapshot, after):
+    parameters = snapshot.parameters.changed({"unknown_space": "occupied"})
+    clouds = (np.vstack([TABLE, on_the_hand(snapshot)]),)
+    earlier = replace(snapshot, clouds=clouds, parameters=parameters)
+    known, later = Surroundings.of(earlier), replace(earlier, **after)
+    fresh = Surroundings.of(later)
+    assert contents(known.environment()) != contents(fresh.environment())
+    assert not Surroundings.of(later, known).same(known)
+    assert Surroundings.of(replace(earlier), known) is known
+
+
 def test_points_that_the_robot_now_covers_are_left_out(snapshot):
     moved = snapshot.q_start.copy()
     left = snapshot.arms[0]

@@ -1,0 +1,105 @@
+"""V, s(x) and c_f(x) of poses of a box near the edge of a table, against plain geometry."""
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from placement_planner_ros.core.constraints import placement_pose
+from placement_planner_ros.core.grasp.settings import ApproachSettings
+from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
+from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.types import TargetVolume, Verdict
+from placement_planner_ros.experiments.cases import Case, make_problem
+
+TABLE = Case("table", "small_crayons_box", "maximize_clearance")
+EDGE, HEIGHT = 0.4, 0.0
+
+
+@pytest.fixture(scope="module")
+def problem():
+    """A bare table that ends at x = EDGE, in a volume that goes on beyond."""
+    bare, _ = make_problem(TABLE, np.random.default_rng(0))
+    volume = TargetVolume([0.2, -0.2, -0.05], [0.6, 0.2, 0.2])
+    x, y = np.meshgrid(np.arange(0.15, EDGE + 1e-9, 0.004), np.arange(-0.3, 0.3, 0.004))
+    points = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, HEIGHT)])
+    environment = Environment.from_points(
+        points, volume, bounds=(volume.lower - 0.3, volume.upper + 0.3)
+    )
+    return replace(bare, volume=volume, environment=environment)
+
+
+def constraints(problem, **settings):
+    planner = PlacementPlanner(
+        problem,
+        lambda T: 0.0,
+        replace(PlannerSettings(), **settings),
+        np.random.default_rng(0),
+    )
+    return planner.sampler._checker._poses
+
+
+def across_the_edge(problem, face, angle):
+    """Contacts (n, 3) of poses that slide out over the edge, and how far out each reaches."""
+    turned = pin.utils.rotate("z", angle) @ problem.body.faces[face].T_face_object.rotation
+    corners = problem.body.faces[face].vertices @ turned.T
+    ahead = float((corners[:, 0] - corners[0, 0]).max())
+    furthest = EDGE + np.arange(-0.02, 0.004, 0.0002)
+    contacts = np.zeros((len(furthest), 3))
+    contacts[:, 0], contacts[:, 2] = furthest - ahead, HEIGHT
+    return contacts, furthest
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.6, 2.5])
+def test_support_must_reach_beyond_the_face_by_the_edge_margin(problem, angle):
+    for face in (0, len(problem.body.faces) - 1):
+        contacts, furthest = across_the_edge(problem, face, angle)
+        vertices = problem.body.faces[face].vertices
+        outward = vertices - vertices.mean(axis=0)
+        outward /= np.linalg.norm(outward, axis=1)[:, None]
+        turned = pin.utils.rotate("z", angle) @ problem.body.faces[face].T_face_object.rotation
+        x = (vertices @ turned.T)[:, 0]
+        last = {}
+        for margin in (0.0, 0.003, 0.008):
+            poses = constraints(problem, edge_margin=margin)
+            stable = [
+                poses.stable(placement_pose(problem.body.faces[face], c, angle), face)
+                for c in contacts
+            ]
+            verdicts, _ = poses.verdicts(
+                np.full(len(contacts), face), contacts, np.full(len(contacts), angle)
+            )
+            assert (verdicts > Verdict.UNSTABLE).tolist() == stable
+            assert stable[0]
+            assert not stable[-1]
+            beyond = (x + margin * (outward @ turned.T)[:, 0]).max() - x.max()
+            last[margin] = furthest[np.flatnonzero(stable)[-1]] + beyond
+        assert last[0.0] == pytest.approx(EDGE, abs=0.004)
+        assert last[0.003] == pytest.approx(last[0.0], abs=0.0003)
+        assert last[0.008] == pytest.approx(last[0.0], abs=0.0003)
+
+
+def test_the_way_down_is_free_from_the_height_that_is_asked_about(problem):
+    """Under a ceiling: there is less room above the box than an approach may ask for."""
+    face = problem.body.faces[0]
+    contact, angle = np.array([0.3, 0.0, HEIGHT]), 0.0
+    pose = placement_pose(face, contact, angle)
+    placed = np.vstack([part.vertices for part in problem.body.parts])
+    top = (placed @ pose.rotation.T + pose.translation)[:, 2].max()
+    x, y = (a.ravel() for a in np.meshgrid(*[np.arange(-0.3, 0.6, 0.004)] * 2))
+    levels = [np.column_stack([x, y, np.full(len(x), z)]) for z in (HEIGHT, top + 0.05)]
+    volume = problem.volume
+    environment = Environment.from_points(
+        np.vstack(levels), volume, bounds=(volume.lower - 0.3, volume.upper + 0.3)
+    )
+    changed = replace(problem, environment=environment)
+    for raised in (0.01, 0.03, 0.06):
+        approach = ApproachSettings(approach_minimum=raised, approach_distance=0.1)
+        poses = constraints(changed, approach=approach)
+        assert poses.free(pose, HEIGHT, 0.03)
+        assert not poses.free(pose, HEIGHT, 0.06)
+        free = raised < 0.045
+        assert poses.free(pose, HEIGHT) == free
+        verdicts, _ = poses.verdicts(np.zeros(1, int), contact[None], np.zeros(1))
+        assert verdicts[0] == (Verdict.FEASIBLE if free else Verdict.COLLIDING)
