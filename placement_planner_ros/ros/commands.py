@@ -65,7 +65,8 @@ class Commands:
     @property
     def busy(self) -> bool:
         """Whether a worker is still at work, be it told to end or not."""
-        return self.run is not None and self.run.active
+        run = self.run
+        return run is not None and run.active
 
     def start(self, changes: Sequence[Parameter] = ()) -> Answer:
         """Check all inputs and begin a run, with some parameters changed for it alone."""

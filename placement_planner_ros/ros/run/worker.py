@@ -100,7 +100,7 @@ class Run:
         self.poses: dict[int, pin.SE3] = {}
         self.confirmed = False
         self.planner: Planner | None = None
-        self._error_code = ""
+        self._error_code = "INTERNAL"
         self._started = time.monotonic()
         self._deadline = float("inf")
         self._prepare = prepare
@@ -172,7 +172,6 @@ class Run:
 
     def fail(self, error: BaseException) -> None:
         """End over an error, in the thread that met it."""
-        failed = State.FAILED
         try:
             if isinstance(error, PlacementPlannerError):
                 self._error_code, self.reason = error.code, str(error)
@@ -194,7 +193,7 @@ class Run:
             if unexpected:
                 self._observer.failed(self, error)
         finally:
-            self._become(failed)
+            self._become(State.FAILED)
 
     def _become(self, outcome: State) -> None:
         with self._publishing:
