@@ -197,6 +197,7 @@ def test_what_threads_share_is_changed_with_the_lock_held_only():
     for points in (A, B):
         store.add("points", StoredCloud(points, 0.0))
         store.merge(points, 0.01)
-        store.confirm(points)
+        store.confirm(7, standing(0.0))
+        store.remove(7, 0.0)
     store.clear()
     assert store.updates == 2
