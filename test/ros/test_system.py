@@ -389,6 +389,6 @@ def test_a_signal_ends_the_node_cleanly(ros_module, tmp_path, signals):
 )
 def test_a_bad_parameter_at_start_up_is_named(tmp_path, value, said):
     log = tmp_path / "node.log"
-    assert start_node(log, "-p", value).wait(30.0) != 0
+    assert start_node(log, "-p", value).wait(120.0) != 0
     assert said in log.read_text()
     assert "Traceback" not in log.read_text()
