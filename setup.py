@@ -1,4 +1,4 @@
-"""Installs under pip and under colcon alike; see docs/design.md, "Package"."""
+"""Installs under pip and under colcon alike."""
 
 from pathlib import Path
 

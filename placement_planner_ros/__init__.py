@@ -20,6 +20,7 @@ gT_o, grasps; O(q)                            robot.arm.Arm; grasp.holding.Holdi
 Ŝ(r, f)                                       constraints.placement_pose
 s(x)                                          constraints.PoseConstraints.stable
 c_f(x)                                        constraints.PoseConstraints.free
+... both of many poses at once                constraints.PoseConstraints.verdicts
 r(x), path-reachability                       plan_motion.transit.MotionPlanner
 C_free                                        collision.arm.ArmCollision
 ξ(x), clearance                               objective.clearance.Clearance
@@ -28,19 +29,20 @@ Algorithm 1, Terminate, ξ_best                planner.PlacementPlanner.run
 τ, published                                  types.Placement, timing.trajectory_maker
 g_max                                         search.sampler.SamplerSettings
 m_max                                         planner.PlannerSettings
-SampleGoals (Algorithm 2)                     search.mcts.MctsSampler.sample_goals
-... its constraints in order, 𝒢_n             sample_goals.goals.GoalFinder
+SampleGoals (Algorithm 2), 𝒢_n                search.sampler.BatchSampler.sample_goals
+... its constraints in order                  sample_goals.goals.GoalFinder
 ... Sample; IKSolver                          search.hierarchy.AfrNode.sample; reach.ik
 ... by optimistic search, the default         search.optimistic.OptimisticSampler
 AFR hierarchy, Ch(n), l                       search.hierarchy.AfrHierarchy
-SelectAfrNode (Algorithm 3), UCB1, c          search.tree.SearchTree.select
+SelectAfrNode (Algorithm 3), UCB1             search.tree.SearchTree.select
+... its c                                     search.mcts.MctsSettings
 G_s, v(n), r(n), Update                       search.tree.SearchTree, search.tree.SearchTree.update
-Δr(n), H                                      search.mcts.checks_passed, search.mcts.four_term
-PlanMotion, 𝒢, M_s                            plan_motion.transit.MotionPlanner.plan
+Δr(n); H                                      search.mcts.MctsSampler; search.mcts.checks_passed
+PlanMotion; 𝒢, M_s                            plan_motion.transit.MotionPlanner.plan
 ... its bidirectional RRT                     motion.birrt.GoalSetRRT
 OptimizeLocally                               optimize_locally.LocalOptimizer.optimize
 ... ∂ξ/∂(x, y, e_z), μ                        objective.objective.gradient, objective.ascent.climb
-... J, J†                                     reach.kinematics.Chain.jacobian
+... J; J†                                     reach.kinematics.Chain.jacobian; optimize_locally
 ============================================  =====================================================
 """
 

@@ -1,6 +1,6 @@
 """Check every recorded solution of `placement_benchmark cases` and write the table of the runs.
 
-python test/verify_cases.py results/cases --table docs/cases_complete.md
+python test/verify_cases.py results/cases --table complete.md
 """
 
 from __future__ import annotations

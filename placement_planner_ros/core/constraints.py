@@ -65,7 +65,10 @@ class PoseConstraints:
         return bool(self._volume.contains(np.array([reference, center])).all())
 
     def stable(self, T_world_object: pin.SE3, face: int) -> bool:
-        """s(x): every vertex of v(f), and a little beyond it, has support within the tolerance."""
+        """s(x): every vertex of v(f), and a little beyond it, has support within the tolerance.
+
+        `verdicts` asks the same of many poses at once.
+        """
         points = self._contacts[face] @ T_world_object.rotation.T
         points += T_world_object.translation
         return bool(self._environment.support.supported(points, self.contact_tolerance).all())
@@ -73,7 +76,7 @@ class PoseConstraints:
     def free(
         self, T_world_object: pin.SE3, contact_height: float, raise_height: float | None = None
     ) -> bool:
-        """c_f(x), on the whole way straight down from `raise_height` above."""
+        """c_f(x), on the whole way straight down from `raise_height` above; of many: `verdicts`."""
         height = self._raise_height if raise_height is None else raise_height
         return self._collision.free(T_world_object.homogeneous, contact_height, height)
 

@@ -112,7 +112,7 @@ class PlacementPlanner:
         unusable: why some of the arms and grasps are left out of the search.
 
     Raises:
-        StartError: q_0 is not free for any arm and grasp.
+        StartError: q_0 is not free for any arm and grasp, or far beyond the joints' limits.
         GraspError: in every grasp the object overlaps the arm.
         PlacementPlannerError: robot, object or settings are unusable.
     """
@@ -125,6 +125,7 @@ class PlacementPlanner:
         rng: np.random.Generator,
     ) -> None:
         self._settings = settings
+        problem.robot.require_plausible(problem.q_start)
         rng_sampler, rng_ik, rng_motion, rng_paths = rng.spawn(4)
         poses = PoseConstraints(
             problem, settings.collision, settings.edge_margin, settings.approach.approach_minimum
@@ -174,7 +175,8 @@ class PlacementPlanner:
         return MotionPlanner(list(self.holdings.values()), self._settings.transit, rng)
 
     def run(self, should_stop: Callable[[], bool]) -> Iterator[Placement]:
-        """Yield each placement strictly better than the one before until told to stop."""
+        """Yield each placement strictly better than the one before (ξ_best) until told to stop
+        (Terminate)."""
         started = time.monotonic()
         best = -np.inf
         while not (self.exhausted or should_stop()):

@@ -14,7 +14,7 @@ _ADVICE = {
     ),
     Verdict.UNSTABLE: (
         "a vertex of the placement face had no support",
-        "look at ~/occupancy for holes in the surface, or choose a volume with larger surfaces",
+        "look for holes in the measured surface, or choose a volume with larger surfaces",
     ),
     Verdict.COLLIDING: (
         "the object met obstacles at rest or on its way down",
@@ -38,7 +38,7 @@ _ADVICE = {
     ),
     Verdict.NO_APPROACH: (
         "no straight way down onto the support was free",
-        "lower approach_distance's minimum, or clear the space above",
+        "clear the space above, or choose a volume with more headroom",
     ),
     Verdict.NO_RETREAT: (
         "the open hand could not leave the placed object on a straight way",

@@ -22,6 +22,7 @@ from placement_planner_ros.ros.commands import STOP_PATIENCE, Commands
 from placement_planner_ros.ros.inputs.frames import Transforms
 from placement_planner_ros.ros.inputs.inputs import Inputs
 from placement_planner_ros.ros.inputs.reception import Reception
+from placement_planner_ros.ros.inputs.resources import Files
 from placement_planner_ros.ros.inputs.robot_input import RobotInput, make_arms
 from placement_planner_ros.ros.inputs.self_filter import outside_robot
 from placement_planner_ros.ros.outputs.announcer import Announcer
@@ -42,6 +43,8 @@ from placement_planner_ros.ros.services import answer_always, serve
 from placement_planner_ros.ros.spinning import PooledExecutor, spin_until
 
 THREADS = 6
+START_UP_PATIENCE = 5.0
+"""Seconds that the node waits for robot and object to be read before it offers its services."""
 
 
 class PlacementPlannerNode(Node):
@@ -60,9 +63,12 @@ class PlacementPlannerNode(Node):
         self._settings = ParameterServer(self)
         parameters = self._settings.current
         transforms = Transforms(self)
-        robot = RobotInput(parameters, transforms.pose)
+        files = Files.below(parameters["package_paths"], parameters["file_roots"])
+        robot = RobotInput(parameters, transforms.pose, files)
         extra = parameters["cloud_topics"]
-        self._inputs = Inputs(robot, parameters, extra or ["points"], transforms, self.get_clock())
+        self._inputs = Inputs(
+            robot, parameters, extra or ["points"], transforms, self.get_clock(), files
+        )
         self._warm = threading.Event()
         outputs = Outputs(self)
         self._reporter = Reporter(self, outputs, self._inputs, self._settings, self._warm.is_set)
@@ -79,13 +85,11 @@ class PlacementPlannerNode(Node):
         self._reception = Reception(
             self, self._inputs, self._settings, topics, self._end_where_robot_moved
         )
+        # Nobody calls yet, so nobody waits; who calls first should find it read.
+        robot.wait(START_UP_PATIENCE)
+        self._inputs.object.wait(START_UP_PATIENCE)
         serve(self, self._commands)
         answer_always(self, self._internal)
-        for warning in robot.robot.warnings:
-            self.get_logger().info(f"robot: {warning}")
-        self.get_logger().info(
-            f"ready for robot {robot.robot.name!r}, planning frame {robot.planning_frame!r}"
-        )
 
     def _internal(self, error: BaseException) -> None:
         trace = "".join(traceback.format_exception(error))
@@ -116,6 +120,7 @@ class PlacementPlannerNode(Node):
     def warm_up(self) -> None:
         """Compile, or load, what a search needs, before somebody waits for it."""
         try:
+            self._inputs.robot.wait()
             robot = self._inputs.robot.robot
             q = pin.neutral(robot.model)
             outside_robot(np.zeros((1, 3)), robot, q, (), None, 0.0)
@@ -134,10 +139,11 @@ class PlacementPlannerNode(Node):
     @property
     def working(self) -> bool:
         """Whether any thread of its own is still at work."""
-        return self._commands.busy or self._preparation.busy
+        return self._commands.busy or self._preparation.busy or self._inputs.reading
 
     def close(self) -> None:
         """End the run, if there is one, and publish nothing from now on."""
+        self._inputs.close()
         self._commands.close()
         self._preparation.close()
         self._reporter.close()

@@ -1,6 +1,7 @@
 """How kernels are compiled and kept: without counts where lean, apart by state, and unnoticed."""
 
 import ast
+import importlib
 import importlib.util
 import os
 import re
@@ -13,18 +14,21 @@ from typing import NamedTuple
 import numba
 import numpy as np
 import pytest
+from numba.core.dispatcher import Dispatcher
 from numba.core.options import DefaultOptions
 
 import placement_planner_ros
 from placement_planner_ros.core import kernels
-from placement_planner_ros.core.collision import against_boxes, edges, object_kernels, separation
-from placement_planner_ros.core.motion import birrt
-from placement_planner_ros.core.reach import ik_kernels, kinematics
-from placement_planner_ros.core.search import tree
+from placement_planner_ros.core.collision import states
+from placement_planner_ros.core.reach import ik_kernels
 
 PACKAGE = Path(placement_planner_ros.__file__).parent
 WITH_KERNELS = [
     file for file in sorted(PACKAGE.rglob("*.py")) if "@kernel(" in file.read_text(encoding="utf-8")
+]
+MODULES = [
+    ".".join((PACKAGE.name, *file.relative_to(PACKAGE).with_suffix("").parts))
+    for file in WITH_KERNELS
 ]
 
 
@@ -67,9 +71,9 @@ def test_lean_kernels_count_no_references():
 
 
 def test_only_kernels_that_are_said_to_be_lean_are():
-    assert edges.check_states.targetoptions["_nrt"] is False
+    assert states.check_states.targetoptions["_nrt"] is False
     assert "_nrt" not in ik_kernels.solve_batch.targetoptions
-    assert edges.check_states.targetoptions["nogil"]
+    assert states.check_states.targetoptions["nogil"]
 
 
 def run(code: str, **environment: str) -> str:
@@ -87,15 +91,11 @@ def run(code: str, **environment: str) -> str:
 
 @pytest.mark.parametrize("own", [False, True])
 def test_importing_the_package_leaves_where_others_keep_their_kernels(own, tmp_path):
-    names = [
-        ".".join(("placement_planner_ros", *file.relative_to(PACKAGE).with_suffix("").parts))
-        for file in WITH_KERNELS
-    ]
-    assert len(names) > 10
+    assert len(MODULES) > 10
     code = (
         "import importlib, numba, os\n"
         "before = numba.config.CACHE_DIR, dict(os.environ)\n"
-        f"for name in {names}: importlib.import_module(name)\n"
+        f"for name in {MODULES}: importlib.import_module(name)\n"
         "assert (numba.config.CACHE_DIR, dict(os.environ)) == before, numba.config.CACHE_DIR\n"
         "print(repr(before[0]))"
     )
@@ -114,18 +114,11 @@ def test_a_kernel_that_cannot_be_made_leaves_it_too():
 def test_each_kernel_is_kept_in_a_folder_for_the_state_of_its_file():
     made = {
         kernel: Path(kernel.stats.cache_path)
-        for kernel in (
-            edges.check_states,
-            edges.check_edge,
-            against_boxes.open_leaves,
-            object_kernels.check_poses,
-            separation.separate_box,
-            birrt._nearest,
-            kinematics._forward_batch,
-            ik_kernels.solve_batch,
-            tree._descend,
-        )
+        for name in MODULES
+        for kernel in vars(importlib.import_module(name)).values()
+        if isinstance(kernel, Dispatcher)
     }
+    assert len(made) > 30
     folders = {}
     for kernel, path in made.items():
         file = Path(kernel.py_func.__code__.co_filename)

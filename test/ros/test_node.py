@@ -39,7 +39,11 @@ def bench(ros):
 def started(bench, **parameters):
     """Inputs given, run started, planner searching."""
     bench.feed()
-    answer = bench.call("start_with", **parameters) if parameters else bench.call("start")
+    name = "start_with" if parameters else "start"
+    answer = bench.call(name, **parameters)
+    while answer.code == "NOT_READY":
+        bench.joint_state()
+        answer = bench.call(name, **parameters)
     assert answer.success, answer.text
     bench.wait(lambda: len(bench.planners) == int(answer.run))
     bench.wait(bench.planners[-1].searching.is_set)

@@ -56,8 +56,8 @@ class Body:
         """Prepare the object for planning.
 
         Each connected piece of the mesh becomes a convex part: itself where it is convex, else its
-        hull, which is on the safe side. Where a piece is not closed, B_o and the centre of mass
-        are those of the hull of all.
+        hull, which is on the safe side. Where a piece is not closed, or some of its triangles face
+        inward, B_o and the centre of mass are those of the hull of all.
 
         Args:
             vertices: (m, 3).
@@ -67,7 +67,9 @@ class Body:
 
         Raises:
             ObjectError: empty, not finite, bad indices, without volume, implausibly large or
-                small, or a centre of mass outside the hull.
+                small, with more triangles (`mesh.MAX_TRIANGLES`), pieces (`mesh.MAX_PIECES`) or
+                hull facets (`convex_part.MAX_FACETS`) than can be planned with, or a centre of mass
+                outside the hull.
         """
         settings = settings or BodySettings()
         points, faces = checked_mesh(vertices, triangles, scale, settings.max_extent)
@@ -75,18 +77,18 @@ class Body:
         warnings: list[str] = []
         pieces = connected_pieces(points, faces)
         parts = tuple(part_of(piece, number, warnings) for number, piece in enumerate(pieces))
-        closed = all(piece.is_watertight for piece in pieces)
         solids = pieces
-        if not closed:
-            warnings.append("the mesh is not closed: volume and centre of mass are its hull's")
+        fault = _no_solid(pieces)
+        if fault:
+            warnings.append(f"{fault}: volume and centre of mass are its hull's")
             solids = [trimesh.Trimesh(hull.vertices, hull.triangles, process=False)]
         surface = np.concatenate([np.asarray(solid.triangles) for solid in solids])
         points_inside = volume_points(surface, hull, settings, warnings)
         if center_of_mass is not None:
             center = checked_center(center_of_mass, scale)
-        elif len(solids) == 1:
+        elif len(solids) == 1 and np.isfinite(solids[0].center_mass).all():
             center = np.asarray(solids[0].center_mass)
-        else:  # pieces may overlap: count what they share once
+        else:  # pieces may overlap, and so may one with itself: count what they share once
             center = points_inside.mean(axis=0)
         outside = float(np.max(hull.normals @ center - hull.offsets))
         if outside > 1e-6:
@@ -107,3 +109,12 @@ class Body:
             triangles=read_only(faces),
             warnings=tuple(warnings),
         )
+
+
+def _no_solid(pieces: list[trimesh.Trimesh]) -> str:
+    """Why the pieces' own volume cannot be told, in words; empty where it can."""
+    if not all(piece.is_watertight for piece in pieces):
+        return "the mesh is not closed"
+    if not all(piece.is_winding_consistent for piece in pieces):
+        return "some triangles of the mesh face inward"
+    return ""

@@ -15,6 +15,9 @@ from placement_planner_ros.core.types import Array, frozen_array
 _SHEET = 0.0005
 """Parts without thickness are thickened by this to every side, metres."""
 
+MAX_FACETS = 6000
+"""Facets, triangles of it, that the hull of an object or of one of its pieces may have."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ConvexPart:
@@ -38,8 +41,15 @@ def _polytope(points: Array) -> ConvexPart:
 
     Raises:
         QhullError: they have no volume.
+        ObjectError: it has more than `MAX_FACETS`.
     """
     hull = ConvexHull(points)
+    if len(hull.simplices) > MAX_FACETS:
+        raise ObjectError(
+            "object",
+            f"a convex hull of {len(hull.simplices)} facets",
+            f"it may have {MAX_FACETS}; simplify the mesh where it is round",
+        )
     # coplanar triangles come with equal equations, up to rounding
     normals = hull.equations[:, :3]
     used, index = np.unique(hull.simplices, return_inverse=True)
@@ -61,7 +71,7 @@ def hull_of(vertices: Array) -> ConvexPart:
     """The hull of the whole object.
 
     Raises:
-        ObjectError: it has no volume.
+        ObjectError: it has no volume, or too many facets.
     """
     flat = ObjectError("object", "flat mesh", "has no volume; give it a thickness")
     spread = np.linalg.svd(vertices - vertices.mean(axis=0), full_matrices=False)[2]
@@ -82,7 +92,7 @@ def part_of(piece: trimesh.Trimesh, number: int, warnings: list[str]) -> ConvexP
         warnings.append(f"part {number} has no thickness: taken as {2 * _SHEET * 1e3:g} mm thick")
         corners = _SHEET * np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, -1).T
         return _polytope((vertices[:, None] + corners).reshape(-1, 3))
-    if piece.is_watertight:
+    if piece.is_watertight and piece.is_winding_consistent:
         filled = trimesh.Trimesh(part.vertices, part.triangles, process=False).volume
         if filled - piece.volume > 0.01 * filled:
             warnings.append(f"part {number} is not convex: its hull stands for it")

@@ -18,6 +18,12 @@ Triangles = npt.NDArray[np.int64]
 THINNEST = 1e-4
 """Objects thinner than this have no volume to plan with, metres."""
 
+MAX_TRIANGLES = 300_000
+"""Triangles, and vertices, that an object may have."""
+
+MAX_PIECES = 500
+"""Connected pieces that an object may have."""
+
 
 def checked_mesh(
     vertices: npt.ArrayLike, triangles: npt.ArrayLike, scale: float, max_extent: float
@@ -25,7 +31,8 @@ def checked_mesh(
     """The mesh (m, 3) in metres and (t, 3).
 
     Raises:
-        ObjectError: empty, not finite, bad indices, or implausibly large or small.
+        ObjectError: empty, too many triangles, not finite, bad indices, or implausibly large or
+            small.
     """
     if not (math.isfinite(scale) and scale > 0.0):
         raise ObjectError("object.scale", scale, "give a finite number above 0")
@@ -45,9 +52,13 @@ def checked_mesh(
     if faces.min() < 0 or faces.max() >= len(points):
         bad = int(faces.min()) if faces.min() < 0 else int(faces.max())
         raise ObjectError("object.triangles", bad, f"is no index of one of {len(points)} vertices")
+    require_few(len(points), len(faces))
     used = points[np.unique(faces)]
-    if not np.isfinite(used).all():
-        raise ObjectError("object.vertices", "NaN or infinite", "give finite numbers")
+    bad = int((~np.isfinite(used).all(axis=1)).sum())
+    if bad:
+        raise ObjectError(
+            "object.vertices", f"{bad} of them NaN or infinite", "give finite numbers"
+        )
     extents = (used.max(axis=0) - used.min(axis=0)) * scale
     if extents.max() > max_extent:
         raise ObjectError(
@@ -60,6 +71,21 @@ def checked_mesh(
             "object", f"{extents.max():.4g} m across", "is too small; check object.scale"
         )
     return points * scale, faces.astype(np.int64)
+
+
+def require_few(vertices: int, triangles: int) -> None:
+    """Refuse meshes too large to plan with.
+
+    Raises:
+        ObjectError: more vertices or triangles than `MAX_TRIANGLES`.
+    """
+    for name, count in (("vertices", vertices), ("triangles", triangles)):
+        if count > MAX_TRIANGLES:
+            raise ObjectError(
+                f"object.{name}",
+                f"{count} of them",
+                f"an object may have {MAX_TRIANGLES}; simplify its mesh",
+            )
 
 
 def checked_center(center_of_mass: npt.ArrayLike, scale: float) -> Array:
@@ -82,26 +108,34 @@ def connected_pieces(points: Array, triangles: Triangles) -> list[trimesh.Trimes
 
     Pieces that share no vertices are told apart even where they touch. Only what is not closed
     that way (every triangle with vertices of its own, as in STL files) has equal vertices merged.
+
+    Raises:
+        ObjectError: there are more than `MAX_PIECES`.
     """
-    found = _connected(points, triangles)
-    closed = [piece for piece in found if piece.is_watertight]
-    left = [piece for piece in found if not piece.is_watertight]
+    groups, closed = _connected(points, triangles)
+    pieces = _pieces(points, [g for g, whole in zip(groups, closed, strict=True) if whole])
+    left = [g for g, whole in zip(groups, closed, strict=True) if not whole]
     if left:
-        corners = np.concatenate([piece.triangles.reshape(-1, 3) for piece in left])
+        corners = points[np.concatenate(left)].reshape(-1, 3)
         merged = trimesh.Trimesh(
             corners, np.arange(len(corners)).reshape(-1, 3), process=False, validate=False
         )
         merged.merge_vertices()
         merged.update_faces(merged.nondegenerate_faces())
-        closed += _connected(np.asarray(merged.vertices), np.asarray(merged.faces))
-    for piece in closed:
-        if piece.is_watertight and piece.volume < 0.0:
+        vertices = np.asarray(merged.vertices)
+        pieces += _pieces(vertices, _connected(vertices, np.asarray(merged.faces))[0])
+    if len(pieces) > MAX_PIECES:
+        raise ObjectError(
+            "object", f"{len(pieces)} pieces", f"an object may have {MAX_PIECES} connected pieces"
+        )
+    for piece in pieces:
+        if piece.is_watertight and piece.is_winding_consistent and piece.volume < 0.0:
             piece.invert()
-    return closed
+    return pieces
 
 
-def _connected(points: Array, triangles: Triangles) -> list[trimesh.Trimesh]:
-    """The pieces of the mesh whose triangles share vertices."""
+def _connected(points: Array, triangles: Triangles) -> tuple[list[Triangles], list[bool]]:
+    """The triangles of each piece that shares vertices, and whether that piece is closed."""
     graph = coo_matrix(
         (
             np.ones(2 * len(triangles), dtype=np.int8),
@@ -110,11 +144,21 @@ def _connected(points: Array, triangles: Triangles) -> list[trimesh.Trimesh]:
         shape=(len(points), len(points)),
     )
     label = connected_components(graph, directed=False)[1][triangles[:, 0]]
+    order = np.argsort(label, kind="stable")
+    first = np.flatnonzero(np.diff(label[order], prepend=-1))
+    edges = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    keys = edges[:, 0] * len(points) + edges[:, 1]
+    _, edge, sharing = np.unique(keys, return_inverse=True, return_counts=True)
+    whole = (sharing[edge].reshape(-1, 3) == 2).all(axis=1)
+    closed = np.logical_and.reduceat(whole[order], first) if len(first) else whole
+    return np.split(triangles[order], first[1:]), closed.tolist()
+
+
+def _pieces(points: Array, groups: list[Triangles]) -> list[trimesh.Trimesh]:
     pieces = []
-    for number in np.unique(label):
-        piece = trimesh.Trimesh(points, triangles[label == number], process=False)
-        piece.remove_unreferenced_vertices()
-        pieces.append(piece)
+    for triangles in groups[: MAX_PIECES + 1]:  # the one more is what they are refused for
+        used, index = np.unique(triangles, return_inverse=True)
+        pieces.append(trimesh.Trimesh(points[used], index.reshape(-1, 3), process=False))
     return pieces
 
 

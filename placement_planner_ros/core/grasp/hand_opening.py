@@ -12,7 +12,7 @@ import pinocchio as pin
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.arm import coal_convex
 from placement_planner_ros.core.collision.load import Held
-from placement_planner_ros.core.errors import GraspError
+from placement_planner_ros.core.errors import GraspError, RobotError
 from placement_planner_ros.core.grasp.hand_sweep import revolute
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
@@ -22,6 +22,8 @@ from placement_planner_ros.core.stopping import step
 _TRAVEL = 1e-3
 _TURN = 0.01
 """m or rad that the gripper joints together move between two openings that are looked at."""
+_MOST = 5000
+"""Openings that are looked at, at most: 5 m, or 50 rad."""
 _STILL = 1e-9
 """m; geometry that moves less does not move."""
 _DEEPER = 1e-4
@@ -103,6 +105,13 @@ def _fingers(robot: Robot, arm: Arm, q_bytes: bytes) -> tuple[_Finger, ...]:
     change = robot.with_open_hand(q, arm) - q
     turning = revolute(robot)
     steps = max(1, int(np.ceil(np.abs(change / np.where(turning, _TURN, _TRAVEL)).sum())))
+    if steps > _MOST:
+        raise RobotError(
+            f"{arm.name}.gripper_open",
+            list(arm.gripper_open),
+            f"is too far from where the gripper is: {steps} steps of {_TRAVEL:g} m or {_TURN:g} "
+            f"rad, and {_MOST} are looked at; give it in m or rad",
+        )
     data = robot.model.createData()
     frames = []
     for share in np.linspace(0.0, 1.0, steps + 1):

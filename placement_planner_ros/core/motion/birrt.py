@@ -1,4 +1,4 @@
-"""Goal-set bidirectional RRT: one forward tree, one backward tree per goal (section "Motion").
+"""Goal-set bidirectional RRT: one forward tree, one backward tree per goal (PlanMotion).
 
 RRT-Connect (Kuffner and LaValle, 2000) for a set of goals that changes between calls. Nothing is
 forgotten when it does: the forward tree stays, and so do the trees of retired goals, which are

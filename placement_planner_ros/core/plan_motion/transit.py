@@ -186,7 +186,7 @@ class _Trees:
 
 
 class MotionPlanner:
-    """Trees that persist over a run, and the goals they may connect to.
+    """M_s: trees that persist over a run, and 𝒢, the goals they may connect to.
 
     Args:
         holdings: every usable arm with each of its grasps.

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
+from collections.abc import Iterable
 from itertools import combinations
 
 import coal
 import numpy as np
+import numpy.typing as npt
 import pinocchio as pin
 
 from placement_planner_ros.core.errors import RobotError
-from placement_planner_ros.core.robot.description import Description
+from placement_planner_ros.core.robot.description import Description, read_xml
+from placement_planner_ros.core.types import Array
 
 Pair = tuple[str, str]
 """Two link names, sorted."""
@@ -20,6 +22,10 @@ SAMPLES = 200
 
 ALWAYS = 0.95
 """A pair that collides in this share of them or more is left out, as MoveIt's assistant does."""
+
+
+_NAMED = 20
+"""Unknown links that are warned of one by one."""
 
 
 def pair(a: str, b: str) -> Pair:
@@ -35,12 +41,7 @@ def read_srdf(text: str, links: tuple[str, ...]) -> tuple[frozenset[Pair], tuple
     Raises:
         RobotError: not an SRDF.
     """
-    try:
-        root = ET.fromstring(text)
-    except ET.ParseError as error:
-        raise RobotError(
-            "robot_description_semantic", text[:60], f"is not XML ({error})"
-        ) from error
+    root = read_xml(text, "robot_description_semantic")
     if root.tag != "robot":
         raise RobotError(
             "robot_description_semantic", f"<{root.tag}>", "give an SRDF: its root is <robot>"
@@ -50,11 +51,16 @@ def read_srdf(text: str, links: tuple[str, ...]) -> tuple[frozenset[Pair], tuple
         return {pair(e.get("link1", ""), e.get("link2", "")) for e in root.findall(tag)}
 
     silent = {e.get("link", "") for e in root.findall("disable_default_collisions")}
-    disabled = {pair(a, b) for a in silent for b in links}
-    disabled = (disabled - pairs("enable_collisions")) | pairs("disable_collisions")
-    unknown = sorted({link for p in disabled for link in p} - set(links))
-    warnings = tuple(f"the SRDF names link {link!r}, which the URDF has not" for link in unknown)
-    return frozenset(p for p in disabled if not set(p) & set(unknown)), warnings
+    given = pairs("disable_collisions")
+    unknown = sorted((silent | {link for p in given for link in p}) - set(links))
+    disabled = {pair(a, b) for a in silent.intersection(links) for b in links}
+    disabled = (disabled - pairs("enable_collisions")) | given
+    warnings = [
+        f"the SRDF names link {link!r}, which the URDF has not" for link in unknown[:_NAMED]
+    ]
+    if len(unknown) > _NAMED:
+        warnings.append(f"the SRDF names {len(unknown) - _NAMED} more that the URDF has not")
+    return frozenset(p for p in disabled if set(p) <= set(links)), tuple(warnings)
 
 
 def derive(
@@ -71,10 +77,9 @@ def derive(
     """
     links = sorted(set(geometry_links))
     allowed = _neighbours(description, links) | _mimic_sides(description, links)
+    joint = {link: _joint_of(model, link) for link in links}
     undecided = {
-        p
-        for p in combinations(links, 2)
-        if p not in allowed and _joint_of(model, p[0]) != _joint_of(model, p[1])
+        p for p in combinations(links, 2) if p not in allowed and joint[p[0]] != joint[p[1]]
     }
     return frozenset(
         allowed | _always_colliding(description, model, geometry, geometry_links, undecided)
@@ -122,33 +127,45 @@ def _always_colliding(
 ) -> set[Pair]:
     rng = np.random.default_rng(0)
     data, geometry_data = model.createData(), geometry.createData()
-    objects: dict[str, list[int]] = {}
-    for index, link in enumerate(geometry_links):
-        objects.setdefault(link, []).append(index)
-    free = dict.fromkeys(sorted(undecided), 0)
+    shapes = [thing.geometry for thing in geometry.geometryObjects]
+    for shape in shapes:
+        shape.computeLocalAABB()
+    centers = np.array([shape.aabb_center for shape in shapes]).reshape(-1, 3)
+    radii = np.array([shape.aabb_radius for shape in shapes])
+    numbers = {p: n for n, p in enumerate(sorted(undecided))}
+    # every pair of objects of an undecided pair of links, and that pair's number
+    rows = [
+        (i, j, numbers[pair(geometry_links[i], geometry_links[j])])
+        for i, j in combinations(range(len(shapes)), 2)
+        if pair(geometry_links[i], geometry_links[j]) in numbers
+    ]
+    table = np.array(rows, dtype=np.int64).reshape(-1, 3)
+    free = np.zeros(len(numbers), dtype=np.int64)
     lower = np.array([description.joints[name].lower for name in model.names[1:]])
     upper = np.array([description.joints[name].upper for name in model.names[1:]])
     request = coal.CollisionRequest()
     for _ in range(SAMPLES):
+        if not len(table):
+            break
         q = rng.uniform(lower, upper)
         pin.updateGeometryPlacements(model, data, geometry, geometry_data, q)
         placements = [coal.Transform3s(T.rotation, T.translation) for T in geometry_data.oMg]
-        for a, b in list(free):
-            collides = any(
-                coal.collide(
-                    geometry.geometryObjects[i].geometry,
-                    placements[i],
-                    geometry.geometryObjects[j].geometry,
-                    placements[j],
-                    request,
-                    coal.CollisionResult(),
-                )
-                for i in objects[a]
-                for j in objects[b]
+        colliding = np.zeros(len(numbers), dtype=np.bool_)
+        for i, j, number in table[_near(table, geometry_data.oMg, centers, radii)].tolist():
+            colliding[number] = colliding[number] or coal.collide(
+                shapes[i], placements[i], shapes[j], placements[j], request, coal.CollisionResult()
             )
-            free[a, b] += not collides
-            if free[a, b] > (1.0 - ALWAYS) * SAMPLES:
-                del free[a, b]
-        if not free:
-            break
-    return set(free)
+        free += ~colliding
+        table = table[free[table[:, 2]] <= (1.0 - ALWAYS) * SAMPLES]
+    left = set(table[:, 2].tolist())
+    return {p for p, number in numbers.items() if number in left}
+
+
+def _near(
+    table: npt.NDArray[np.int64], placements: Iterable[pin.SE3], centers: Array, radii: Array
+) -> npt.NDArray[np.bool_]:
+    """Of which rows the balls around both objects meet; others cannot collide."""
+    at = np.array([T.act(c) for T, c in zip(placements, centers, strict=True)])
+    first, second = table[:, 0], table[:, 1]
+    apart = np.linalg.norm(at[first] - at[second], axis=1)
+    return np.asarray(apart <= (radii[first] + radii[second]) * (1.0 + 1e-9) + 1e-9)

@@ -30,6 +30,21 @@ CONTINUOUS_RANGE = 2.0 * math.pi
 
 MOVABLE = ("revolute", "continuous", "prismatic")
 
+MAX_TEXT = 5_000_000
+"""Characters that a description may have."""
+
+MAX_LINKS = 500
+"""Links that a robot may have."""
+
+MAX_JOINTS = 100
+"""Movable joints that a robot may have: what its kinematics need grows with their cube."""
+
+MAX_ATTRIBUTES = 100
+"""Attributes that one element may have: what reads URDF compares each with all others."""
+
+MAX_DEPTH = 50
+"""Elements that may lie within each other: what reads URDF calls itself for each."""
+
 
 @dataclass(frozen=True, slots=True)
 class Mimic:
@@ -71,17 +86,59 @@ class Description:
         return ET.tostring(self.root, encoding="unicode")
 
 
+class _Bounded(ET.TreeBuilder):
+    """Builds a tree that is neither deep nor has elements with very many attributes."""
+
+    def __init__(self, field: str) -> None:
+        super().__init__()
+        self._field = field
+        self._depth = 0
+
+    def start(self, tag: str, attrs: dict[str, str], /) -> ET.Element:
+        """An element begins."""
+        self._depth += 1
+        if self._depth > MAX_DEPTH:
+            raise RobotError(
+                self._field, f"<{tag}>", f"lies within more than {MAX_DEPTH} other elements"
+            )
+        if len(attrs) > MAX_ATTRIBUTES:
+            raise RobotError(
+                self._field,
+                f"<{tag}> with {len(attrs)} attributes",
+                f"an element may have {MAX_ATTRIBUTES}",
+            )
+        return super().start(tag, attrs)
+
+    def end(self, tag: str, /) -> ET.Element:
+        """An element ends."""
+        self._depth -= 1
+        return super().end(tag)
+
+
+def read_xml(text: str, field: str) -> ET.Element:
+    """The root of URDF or SRDF text.
+
+    Raises:
+        RobotError: not XML, or beyond `MAX_TEXT`, `MAX_DEPTH` or `MAX_ATTRIBUTES`.
+    """
+    if len(text) > MAX_TEXT:
+        raise RobotError(
+            field, f"{len(text)} characters", f"is longer than {MAX_TEXT}; simplify it"
+        )
+    try:
+        return ET.fromstring(text, ET.XMLParser(target=_Bounded(field)))
+    except (ET.ParseError, ValueError) as error:  # ValueError: characters that no XML has
+        raise RobotError(field, text[:60], f"is not XML ({error})") from error
+
+
 def read_urdf(text: str) -> Description:
     """Read URDF `text`.
 
     Raises:
-        RobotError: not XML, not a tree of links, a joint of a kind or with a range that planning
-            cannot use.
+        RobotError: not XML, too much of it, not a tree of links, a joint of a kind or with a range
+            that planning cannot use.
     """
-    try:
-        root = ET.fromstring(text)
-    except ET.ParseError as error:
-        raise RobotError("robot_description", text[:60], f"is not XML ({error})") from error
+    root = read_xml(text, "robot_description")
     if root.tag != "robot":
         raise RobotError(
             "robot_description", f"<{root.tag}>", "give a URDF: its root element is <robot>"
@@ -102,6 +159,12 @@ def read_urdf(text: str) -> Description:
                 "only fixed, revolute, continuous and prismatic joints have one coordinate;"
                 " fix this joint or replace it by a chain of those",
             )
+    if len(joints) > MAX_JOINTS:
+        raise RobotError(
+            "robot_description",
+            f"{len(joints)} movable joints",
+            f"is more than a robot may have, {MAX_JOINTS}; fix those that planning can do without",
+        )
     return Description(root, joints, tuple(warnings))
 
 
@@ -145,6 +208,12 @@ def _check_tree(root: ET.Element) -> None:
     links = [_name(e) for e in root.findall("link")]
     if not links:
         raise RobotError("robot_description", root.get("name"), "has no links")
+    if len(links) > MAX_LINKS:
+        raise RobotError(
+            "robot_description",
+            f"{len(links)} links",
+            f"a robot may have {MAX_LINKS}",
+        )
     parents: dict[str, str] = {}
     for names in (links, [_name(e) for e in root.findall("joint")]):
         for name in names:

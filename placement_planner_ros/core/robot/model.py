@@ -2,22 +2,32 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 import pinocchio as pin
 
-from placement_planner_ros.core.errors import GraspError, JointStateError, RobotError
+from placement_planner_ros.core.errors import (
+    GraspError,
+    JointStateError,
+    RobotError,
+    StartError,
+)
 from placement_planner_ros.core.robot import allowed_pairs as pairs
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.description import Mimic, read_urdf
-from placement_planner_ros.core.robot.geometry import PackageDirs, build_geometry
+from placement_planner_ros.core.robot.geometry import MeshFiles, PackageDirs, build_geometry
 from placement_planner_ros.core.types import Array, frozen_array
 
 LIMIT_TOLERANCE = 1e-6
 """rad or m by which a measured joint may exceed its limit before `limit_violations` says so."""
+
+FAR_BEYOND = 0.1
+"""rad or m beyond its limit from which on a value is none of this joint, or in another unit."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,14 +68,15 @@ class Robot:
 
     @classmethod
     def from_urdf(
-        cls, urdf_text: str, package_dirs: PackageDirs = (), srdf: str | None = None
+        cls, urdf_text: str, package_dirs: PackageDirs | MeshFiles = (), srdf: str | None = None
     ) -> Robot:
         """Read a robot.
 
         Args:
             urdf_text: the URDF itself, not a path.
             package_dirs: where `package://` URIs lead: package name -> share folder, or folders
-                that hold packages (or that mesh paths are relative to).
+                that hold packages (or that mesh paths are relative to), or what finds and reads
+                mesh files.
             srdf: text that lists disabled collisions; without it they are derived
                 (`allowed_pairs.derive`).
 
@@ -75,7 +86,7 @@ class Robot:
         description = read_urdf(urdf_text)
         try:
             model = pin.buildModelFromXML(description.text)
-        except (ValueError, RuntimeError) as error:
+        except Exception as error:  # whatever pinocchio raises at what it is given
             raise RobotError(
                 "robot_description", description.root.get("name"), f"is refused: {error}"
             ) from error
@@ -152,6 +163,24 @@ class Robot:
     def with_open_hand(self, q: Array, arm: Arm) -> Array:
         """A copy of q (nq,) with the arm's gripper open."""
         return self.with_positions(q, dict(zip(arm.gripper_joints, arm.gripper_open, strict=True)))
+
+    def require_plausible(self, q: Array) -> None:
+        """Refuse a configuration q (nq,) with joints far beyond their limits.
+
+        Raises:
+            StartError: a joint is further than `FAR_BEYOND` from them.
+        """
+        far = np.maximum(self.lower - q, q - self.upper) > FAR_BEYOND
+        if far.any():
+            raise StartError(
+                "joint_states",
+                [f"{name} = {value:.6g}" for name, value in self._those(q, far)],
+                "; ".join(self.limit_violations(np.where(far, q, self.lower)))
+                + f", by more than {FAR_BEYOND:g}: publish rad or m",
+            )
+
+    def _those(self, q: Array, which: npt.NDArray[np.bool_]) -> list[tuple[str, float]]:
+        return [(self.joint_names[i], float(q[i])) for i in np.flatnonzero(which)]
 
     def limit_violations(self, q: Array) -> list[str]:
         """One sentence per joint of q (nq,) that is beyond its limits."""
@@ -333,14 +362,15 @@ def _add_collision_pairs(
     allowed: frozenset[pairs.Pair],
 ) -> None:
     """Pairs of objects on links that can move against each other and are not allowed to touch."""
-    objects = geometry.geometryObjects
-    for i in range(len(objects)):
-        for j in range(i + 1, len(objects)):
-            if (
-                objects[i].parentJoint != objects[j].parentJoint
-                and pairs.pair(geometry_links[i], geometry_links[j]) not in allowed
-            ):
-                geometry.addCollisionPair(pin.CollisionPair(i, j))
+    joints = [thing.parentJoint for thing in geometry.geometryObjects]
+    meet = np.zeros((len(joints), len(joints)), dtype=np.bool_)
+    for i, j in itertools.combinations(range(len(joints)), 2):
+        meet[i, j] = (
+            joints[i] != joints[j]
+            and pairs.pair(geometry_links[i], geometry_links[j]) not in allowed
+        )
+    # All at once: added one by one, each is compared with all before it.
+    geometry.setCollisionPairs(meet)
 
 
 def _checked_grasp(grasp: pin.SE3, field: str) -> pin.SE3:

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from placement_planner_ros.core.errors import VolumeError
 from placement_planner_ros.core.scene.distance import ClearanceField
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet, checked_cloud
 from placement_planner_ros.core.scene.regions import (
@@ -20,6 +21,30 @@ from placement_planner_ros.core.scene.regions import (
 from placement_planner_ros.core.scene.visibility import OutsideRobot, View, unknown_cells
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import TargetVolume
+
+MAX_CELLS = 100_000_000
+"""Cells of the obstacle set that V may have with what is known around it, of 17 bytes each."""
+
+_AROUND = 0.3
+"""m that is known around V, in x and y."""
+
+
+def require_room(volume: TargetVolume, cell_size: float) -> None:
+    """Refuse a target volume of more cells than a computer has room for.
+
+    Raises:
+        VolumeError: it has more than `MAX_CELLS`.
+    """
+    sides = volume.upper - volume.lower
+    padded = sides + 2.0 * _AROUND * np.array([1.0, 1.0, 0.0])
+    cells = float(np.prod(padded / cell_size + 2.0))
+    if cells > MAX_CELLS:
+        raise VolumeError(
+            "target_volume",
+            " x ".join(f"{side:.4g}" for side in sides) + " m",
+            f"has {cells:.3g} cells of {cell_size:g} m, the cloud.cell_size; it may have "
+            f"{MAX_CELLS:.3g}: give a smaller volume or larger cells",
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +70,7 @@ class Environment:
     def clearance(self) -> ClearanceField:
         """d_S in V, made when it is first asked for."""
         step("making distances to the environment")
-        return ClearanceField(self.measured, self.volume)
+        return ClearanceField(self.measured, self.volume, padding=_AROUND)
 
     @classmethod
     def from_points(
@@ -74,7 +99,9 @@ class Environment:
 
         Raises:
             CloudError: see `ObstacleSet.from_points`.
+            VolumeError: see `require_room`.
         """
+        require_room(volume, (grid or GridSettings()).cell_size)
         if bounds is None:  # around the points alone, a level surface had no room above
             corners = np.vstack([checked_cloud(points), volume.lower, volume.upper])
             corners = corners[np.isfinite(corners).all(axis=1)]

@@ -30,7 +30,8 @@ class MctsSettings(SamplerSettings):
 
     Attributes:
         batch: as in `SamplerSettings`. Each selection of a batch takes those before it for samples
-            without reward; 1 is the paper's algorithm to the letter.
+            without reward; 1 is the paper's algorithm to the letter, where no goal
+            ends a call early (`goals_per_call`).
         exploration: c of UCB1.
         reward: H, `checks_passed` (share of the ordered checks passed before the first failure)
             or `four_term` (the authors': mean of arm free, object free, stable, better; 0 without

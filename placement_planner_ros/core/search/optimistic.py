@@ -62,8 +62,8 @@ class OptimisticSettings(SamplerSettings):
         uniform_first: samples before the search begins to refine; until then all are uniform, so
             that the coarse cells have been graded.
         uniform_share: of the samples after these, at least.
-        even_share: of these: drawn from all regions alike instead of by area, since what
-            is best may stand on a small one.
+        even_share: of all uniform samples: drawn from all regions alike instead of by area, since
+            what is best may stand on a small one.
         prune: whether parts of cells that provably hold nothing are left out.
     """
 

@@ -1,4 +1,4 @@
-"""Monte-Carlo tree over a hierarchy given by a function: UCB1 with child addition (Algorithm 3).
+"""Monte-Carlo tree over any `Hierarchy`: UCB1 with child addition (Algorithm 3).
 
 The tree knows nothing of what its nodes stand for. Its numbers v(n), r(n) and its links live in
 flat arrays, so that one descent is one compiled call.
@@ -180,7 +180,7 @@ class SearchTree(Generic[N]):
         return bool(self._total[node] == 0)
 
     def select(self) -> int:
-        """SelectAfrNode: the node to sample next.
+        """SelectAfrNode: the node to sample next, by UCB1 from the root on.
 
         Raises:
             ParameterError: the hierarchy ends above `min_depth`.

@@ -18,7 +18,7 @@ from placement_planner_ros.core.types import Array, Goal
 from placement_planner_ros.experiments.motion.ompl_space import EdgeFree, EdgeSpace
 
 SECONDS_PER_GOAL = 5.0
-"""How long RRTConnect may take for one goal, of processor time, as in the paper's experiments."""
+"""How long RRTConnect may take for one goal, of processor time."""
 
 
 def rrt_connect(

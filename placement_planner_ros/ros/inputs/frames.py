@@ -85,11 +85,6 @@ class Transforms:
             self._buffer = tf2_ros.Buffer()
             self._listener = tf2_ros.TransformListener(self._buffer, node, spin_thread=True)
 
-    @property
-    def available(self) -> bool:
-        """Whether tf2_ros is installed."""
-        return self._buffer is not None
-
     def pose(self, target: str, source: str, stamp: TimeMessage | None = None) -> pin.SE3 | None:
         """T_target_source at the stamp (the newest without one), or None."""
         if self._buffer is None:

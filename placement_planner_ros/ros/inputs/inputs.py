@@ -13,15 +13,20 @@ from rclpy.time import Time
 from sensor_msgs.msg import JointState, PointCloud2
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.errors import PlacementPlannerError
+from placement_planner_ros.core.errors import JointStateError, PlacementPlannerError
 from placement_planner_ros.ros.inputs.cloud_store import CloudStore, StoredCloud
 from placement_planner_ros.ros.inputs.frames import CloudFrameError, Transforms, cloud_pose
 from placement_planner_ros.ros.inputs.joint_states import JointStates
 from placement_planner_ros.ros.inputs.object_input import ObjectInput
 from placement_planner_ros.ros.inputs.point_cloud import points_from_message
+from placement_planner_ros.ros.inputs.reading import NotReadyError
+from placement_planner_ros.ros.inputs.resources import Files
 from placement_planner_ros.ros.inputs.robot_input import RobotInput
 from placement_planner_ros.ros.inputs.standing_object import StandingObject
 from placement_planner_ros.ros.parameters.values import ParameterSet
+
+MAX_NAMES = 10_000
+"""Names that a joint state may have."""
 
 
 class Inputs:
@@ -31,6 +36,7 @@ class Inputs:
         robot: where the robot comes from.
         topics: cloud topics; of each a cloud is needed.
         clock: the node's, to judge how old a stamp is.
+        files: finds mesh files.
     """
 
     def __init__(
@@ -40,10 +46,11 @@ class Inputs:
         topics: Iterable[str],
         transforms: Transforms,
         clock: Clock,
+        files: Files,
     ) -> None:
         self.robot = robot
         self.joints = JointStates()
-        self.object = ObjectInput(parameters)
+        self.object = ObjectInput(parameters, files)
         self.clouds = CloudStore(tuple(topics))
         self._transforms = transforms
         self._clock = clock
@@ -56,21 +63,33 @@ class Inputs:
         Raises:
             JointStateError: it is malformed.
         """
-        self.joints.update(message.name, message.position, message.velocity, time.monotonic())
+        names, position, velocity = message.name, message.position, message.velocity
+        if len(names) > MAX_NAMES:
+            raise JointStateError(
+                "joint_states", f"{len(names)} names", f"a message may have {MAX_NAMES}"
+            )
+        if len(position) == len(names):
+            # What the robot does not have is not kept: nobody would ever forget it.
+            known = self.robot.joint_names
+            mine = [i for i, name in enumerate(names) if name in known]
+            if len(mine) < len(names):
+                names, position = [names[i] for i in mine], [position[i] for i in mine]
+                velocity = [velocity[i] for i in mine if i < len(velocity)]
+        self.joints.update(names, position, velocity, time.monotonic())
 
     def take_cloud(self, topic: str, message: PointCloud2, parameters: ParameterSet) -> None:
         """Store a cloud in the planning frame.
 
         Raises:
-            PlacementPlannerError: it is malformed, or nobody knows its frame. A cloud whose frame
-                is unknown is tried again at the next snapshot.
+            PlacementPlannerError: it is malformed, or nobody knows its frame, or the robot yet. A
+                cloud whose frame is unknown is tried again at the next snapshot.
         """
         with self._lock:
             self._waiting.pop(topic, None)
         taken = time.monotonic() - self._age(message)
         try:
             self._store(topic, message, taken, parameters)
-        except CloudFrameError:
+        except (CloudFrameError, NotReadyError):
             with self._lock:
                 self._waiting[topic] = (message, taken)
             raise
@@ -81,7 +100,17 @@ class Inputs:
             robot = self.robot.robot
         except PlacementPlannerError:
             robot = None
-        return self.clouds.changes, self.joints.positions(), self.object.mesh, robot, parameters
+        return self.clouds.changes, self.joints.positions(), self.object.key, robot, parameters
+
+    @property
+    def reading(self) -> bool:
+        """Whether a description or a mesh is being read."""
+        return self.robot.reading.busy or self.object.reading.busy
+
+    def close(self) -> None:
+        """Read nothing more."""
+        self.robot.reading.close()
+        self.object.reading.close()
 
     def confirm(self, run: int, body: Body, T_world_object: pin.SE3) -> None:
         """What the run placed stands there: its surface is part of the environment now."""

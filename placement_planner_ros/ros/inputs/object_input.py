@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import threading
-from collections.abc import Iterable
+from collections.abc import Hashable, Iterable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -12,9 +14,13 @@ import numpy.typing as npt
 from shape_msgs.msg import Mesh
 
 from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.body.mesh import require_few
 from placement_planner_ros.core.errors import ObjectError, PlacementPlannerError
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.ros.inputs.resources import load_mesh
+from placement_planner_ros.ros.inputs.mesh_files import check_header
+from placement_planner_ros.ros.inputs.mesh_process import MeshProcess, StoppedError
+from placement_planner_ros.ros.inputs.reading import Read, Reading, ShouldStop, State
+from placement_planner_ros.ros.inputs.resources import Files
 from placement_planner_ros.ros.parameters.values import ParameterSet
 
 Source = Literal["none", "topic", "mesh", "vertices"]
@@ -31,20 +37,77 @@ class NoObjectError(PlacementPlannerError):
     code = "NO_OBJECT"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class _Mesh:
+    """Vertices (n, 3) and triangles (t, 3) as given; equal where these are."""
+
+    digest: bytes
     vertices: Array
     triangles: npt.NDArray[np.int64]
 
+    @classmethod
+    def of(cls, vertices: Array, triangles: npt.NDArray[np.int64]) -> _Mesh:
+        digest = hashlib.sha1(vertices.tobytes(), usedforsecurity=False)
+        digest.update(triangles.tobytes())
+        return cls(digest.digest(), vertices, triangles)
+
+    @property
+    def key(self) -> Hashable:
+        return self.digest
+
+    def arrays(self, should_stop: ShouldStop) -> tuple[Array, npt.NDArray[np.int64]]:
+        return self.vertices, self.triangles
+
+
+@dataclass(frozen=True, slots=True)
+class _File:
+    """A mesh file in the state it was in when it was named."""
+
+    path: Path
+    state: tuple[int, int, int]
+
+    @classmethod
+    def of(cls, path: Path) -> _File:
+        found = path.stat()
+        return cls(path, (found.st_ino, found.st_size, found.st_mtime_ns))
+
+    @property
+    def key(self) -> Hashable:
+        return self.path, self.state
+
+    def arrays(self, should_stop: ShouldStop) -> tuple[Array, npt.NDArray[np.int64]]:
+        try:
+            with MeshProcess(should_stop) as process:
+                return process.read(self.path, "object")
+        except (ValueError, OSError) as error:
+            raise ObjectError("object.mesh", str(self.path), f"cannot be read: {error}") from error
+
 
 class ObjectInput:
-    """Makes the body from whatever was given last. Safe to use from several threads."""
+    """Makes the body from whatever was given last. Safe to use from several threads.
 
-    def __init__(self, parameters: ParameterSet) -> None:
+    Bodies are made in the background. What a value, or a file's header, shows to be wrong is told
+    at once.
+
+    Args:
+        parameters: as at start-up; the file they name may be anywhere.
+        files: finds mesh files.
+    """
+
+    def __init__(self, parameters: ParameterSet, files: Files) -> None:
         self._lock = threading.Lock()
-        self._topic: _Mesh | None = None
+        self._files = files
+        self._operators = str(parameters["object.mesh"])
+        self._topic: _Mesh | PlacementPlannerError | None = None
         self._source: Source = _given(parameters, ("object.vertices", "object.mesh"), "none")
-        self._bodies: dict[tuple[object, ...], Body] = {}
+        self._file: _File | PlacementPlannerError | None = None
+        self._listed: tuple[object, object, _Mesh] | None = None
+        self._reading: Reading[Body] = Reading("object", _explain)
+        self._parameters = parameters
+        self._key: Hashable = None
+        self._fault: PlacementPlannerError | None = None
+        self._find(parameters)
+        self._begin(parameters)
 
     @property
     def mesh(self) -> object:
@@ -52,14 +115,43 @@ class ObjectInput:
         with self._lock:
             return self._topic
 
+    @property
+    def key(self) -> Hashable:
+        """Another one whenever another object is given."""
+        return self._key, self.state
+
+    @property
+    def fault(self) -> PlacementPlannerError | None:
+        """What is wrong with the object by what it shows, before it is read."""
+        return self._fault
+
+    @property
+    def state(self) -> State:
+        """Whether there is an object, as `~/status` says it."""
+        if self._fault is not None:
+            return "none" if isinstance(self._fault, NoObjectError) else "bad"
+        return self._reading.state(self._key)
+
+    @property
+    def reading(self) -> Reading[Body]:
+        """Where bodies are made."""
+        return self._reading
+
+    def wait(self, patience: float | None = None) -> None:
+        """Return once the body is there, or cannot be."""
+        self._reading.wait(self._key, patience)
+
     def set_mesh(self, vertices: Array, triangles: npt.NDArray[np.int64]) -> None:
         """The topic's newest mesh, (n, 3) and (t, 3); from now on it is the object."""
-        with self._lock:
-            self._topic = _Mesh(vertices, triangles)
-            self._source = "topic"
+        self._take(_Mesh.of(vertices, triangles))
+
+    def refuse_mesh(self, error: PlacementPlannerError) -> None:
+        """The topic's newest mesh is not one; until another comes there is no object."""
+        self._take(error)
 
     def parameters_changed(self, names: Iterable[str], parameters: ParameterSet) -> None:
         """Parameters were set; where they describe an object, it is the object from now on."""
+        names = list(names)
         with self._lock:
             fallback: Source = "none" if self._topic is None else "topic"
             if self._source in ("mesh", "vertices"):
@@ -67,60 +159,157 @@ class ObjectInput:
             changed = [name for name in names if name in _SOURCE_OF]
             if changed:
                 self._source = _given(parameters, changed, fallback)
+        if "object.mesh" in names:
+            self._find(parameters)
+        if any(name.startswith("object.") for name in names):
+            self._begin(parameters)
+
+    def check(self, parameters: ParameterSet, names: Iterable[str]) -> None:
+        """Look at what parameters that are about to be set show of an object.
+
+        Vertices and triangles may be set one after the other, so they are checked together only
+        when both are given.
+
+        Raises:
+            ObjectError: no object is like that.
+        """
+        names = set(names)
+        if "object.mesh" in names and parameters["object.mesh"]:
+            self._open(parameters["object.mesh"])
+        elif {"object.vertices", "object.triangles"} <= names and parameters["object.vertices"]:
+            self._listed_mesh(parameters)
 
     def body(self, parameters: ParameterSet, overridden: Iterable[str] = ()) -> Body:
-        """The object, with the centre of mass and scale of the parameters.
+        """The object, with the centre of mass and scale of the parameters; begins to make it.
 
         Args:
             overridden: names of parameters that hold for this call only.
 
         Raises:
             NoObjectError: none was given.
+            NotReadyError: it is being made.
             ObjectError: it is unusable.
         """
+        key, read = self._content(parameters, overridden)
+        self._reading.want(key, read)
+        return self._reading.get(key)
+
+    def _take(self, topic: _Mesh | PlacementPlannerError) -> None:
+        with self._lock:
+            self._topic = topic
+            self._source = "topic"
+        self._begin(self._parameters)
+
+    def _begin(self, parameters: ParameterSet) -> None:
+        """Make the body that these parameters mean, and no longer the one before."""
+        self._parameters = parameters
+        before = self._key
+        try:
+            key, read = self._content(parameters)
+        except PlacementPlannerError as error:
+            self._key, self._fault = None, error
+        else:
+            self._key, self._fault = key, None
+            self._reading.want(key, read, lasting=True)
+        if before != self._key:
+            self._reading.forget(before)
+
+    def _content(
+        self, parameters: ParameterSet, overridden: Iterable[str] = ()
+    ) -> tuple[Hashable, Read[Body]]:
+        """What tells the object from others, and how it is made."""
         with self._lock:
             mine = [name for name in overridden if name in _SOURCE_OF]
             source = _given(parameters, mine, self._source)
-            topic = self._topic
+            topic, file = self._topic, self._file
         if source in ("mesh", "vertices"):
             source = _given(parameters, [f"object.{source}"], "none")
-        center, scale = parameters["object.center_of_mass"], parameters["object.scale"]
-        key: tuple[object, ...]
-        if source == "topic" and topic is not None:
-            key = ("topic", topic)
+        given: _Mesh | _File | PlacementPlannerError | None = None
+        if source == "topic":
+            given = topic
         elif source == "mesh":
-            key = ("mesh", parameters["object.mesh"])
+            given = self._open(parameters["object.mesh"]) if "object.mesh" in mine else file
         elif source == "vertices":
-            key = (
-                "vertices",
-                tuple(parameters["object.vertices"]),
-                tuple(parameters["object.triangles"]),
-            )
-        else:
+            given = self._listed_mesh(parameters)
+        if given is None:
             raise NoObjectError(
                 "object", "not given", "publish ~/object, or set object.mesh or object.vertices"
             )
-        key = (*key, tuple(center), scale)
+        if isinstance(given, PlacementPlannerError):
+            raise given
+        center, scale = parameters["object.center_of_mass"], parameters["object.scale"]
+
+        def make(should_stop: ShouldStop) -> Body:
+            vertices, triangles = given.arrays(should_stop)
+            if should_stop():
+                raise StoppedError
+            return Body.from_mesh(
+                vertices,
+                triangles,
+                center_of_mass=np.array(center) if center else None,
+                scale=scale,
+            )
+
+        return (given.key, tuple(center), scale), make
+
+    def _find(self, parameters: ParameterSet) -> None:
+        """Look for the file that the parameters name."""
+        file: _File | PlacementPlannerError | None = None
+        if parameters["object.mesh"]:
+            try:
+                file = self._open(parameters["object.mesh"])
+            except PlacementPlannerError as error:
+                file = error
         with self._lock:
-            known = self._bodies.get(key)
-        if known is not None:
-            return known
-        vertices, triangles = _mesh(source, topic, parameters)
-        body = Body.from_mesh(
-            vertices,
-            triangles,
-            center_of_mass=np.array(center) if center else None,
-            scale=scale,
-        )
-        with self._lock:
-            self._bodies = {key: body}
-        return body
+            self._file = file
+
+    def _open(self, uri: str) -> _File:
+        """A mesh file by its name, its header found in order."""
+        try:
+            path = self._files.find(uri, trusted=uri == self._operators)
+            check_header(path)
+            return _File.of(path)
+        except (OSError, ValueError) as error:
+            raise ObjectError("object.mesh", uri, f"cannot be read: {error}") from error
+
+    def _listed_mesh(self, parameters: ParameterSet) -> _Mesh:
+        """The mesh that object.vertices and object.triangles list."""
+        vertices, triangles = parameters["object.vertices"], parameters["object.triangles"]
+        listed = self._listed
+        if listed is not None and listed[0] is vertices and listed[1] is triangles:
+            return listed[2]
+        for name, values in (("object.vertices", vertices), ("object.triangles", triangles)):
+            if not values or len(values) % 3 != 0:
+                raise ObjectError(
+                    name, f"{len(values)} numbers", "give three for each, at least one"
+                )
+        require_few(len(vertices) // 3, len(triangles) // 3)
+        faces = np.array(triangles, dtype=np.int64).reshape(-1, 3)
+        if np.max(faces) >= len(vertices) // 3:
+            raise ObjectError(
+                "object.triangles",
+                int(np.max(faces)),
+                f"there are only {len(vertices) // 3} vertices",
+            )
+        mesh = _Mesh.of(np.array(vertices, dtype=np.float64).reshape(-1, 3), faces)
+        self._listed = vertices, triangles, mesh
+        return mesh
 
 
 def mesh_from_message(message: Mesh) -> tuple[Array, npt.NDArray[np.int64]]:
-    """Vertices (n, 3) and triangles (t, 3) of a message."""
+    """Vertices (n, 3) and triangles (t, 3) of a message.
+
+    Raises:
+        ObjectError: there are none, too many, or indices of vertices that are not there.
+    """
+    count = len(message.vertices)
+    require_few(count, len(message.triangles))
     vertices = np.array([[p.x, p.y, p.z] for p in message.vertices], dtype=np.float64)
     triangles = np.array([t.vertex_indices for t in message.triangles], dtype=np.int64)
+    if len(triangles) == 0:
+        raise ObjectError("~/object", f"{count} vertices", "has no triangle")
+    if triangles.max() >= count:
+        raise ObjectError("~/object", int(triangles.max()), f"there are only {count} vertices")
     return vertices.reshape(-1, 3), triangles.reshape(-1, 3)
 
 
@@ -133,20 +322,5 @@ def _given(parameters: ParameterSet, names: Iterable[str], otherwise: Source) ->
     return source
 
 
-def _mesh(
-    source: Source, topic: _Mesh | None, parameters: ParameterSet
-) -> tuple[Array, npt.NDArray[np.int64]]:
-    if source == "topic" and topic is not None:
-        return topic.vertices, topic.triangles
-    if source == "mesh":
-        return load_mesh(parameters["object.mesh"])
-    vertices, triangles = parameters["object.vertices"], parameters["object.triangles"]
-    for name, values in (("object.vertices", vertices), ("object.triangles", triangles)):
-        if not values or len(values) % 3 != 0:
-            raise ObjectError(name, f"{len(values)} numbers", "give three for each, at least one")
-    faces = np.array(triangles, dtype=np.int64).reshape(-1, 3)
-    if np.max(faces) >= len(vertices) // 3:
-        raise ObjectError(
-            "object.triangles", int(np.max(faces)), f"there are only {len(vertices) // 3} vertices"
-        )
-    return np.array(vertices, dtype=np.float64).reshape(-1, 3), faces
+def _explain(error: Exception) -> PlacementPlannerError:
+    return ObjectError("object", "the newest", f"cannot be used: {type(error).__name__}: {error}")

@@ -10,6 +10,9 @@ from std_msgs.msg import Header
 from placement_planner_ros.core.errors import CloudError
 from placement_planner_ros.core.types import Array
 
+MAX_POINTS = 5_000_000
+"""Points that a cloud may have."""
+
 _TYPES = {PointField.FLOAT32: "f4", PointField.FLOAT64: "f8"}
 
 
@@ -21,7 +24,8 @@ def points_from_message(message: PointCloud2) -> Array:
     coordinates are left out.
 
     Raises:
-        CloudError: a field is missing or of another type, or the sizes contradict each other.
+        CloudError: a field is missing or of another type, the sizes contradict each other, or it
+            has more than `MAX_POINTS`.
     """
     fields = {field.name: field for field in message.fields}
     order = ">" if message.is_bigendian else "<"
@@ -48,6 +52,8 @@ def points_from_message(message: PointCloud2) -> Array:
     width, height = message.width, message.height
     if width * height == 0:
         return np.empty((0, 3))
+    if width * height > MAX_POINTS:
+        raise CloudError("cloud", f"{width * height} points", f"it may have {MAX_POINTS}; thin it")
     if height > 1 and message.row_step < width * message.point_step:
         raise CloudError(
             "cloud row_step",

@@ -11,11 +11,11 @@ from sensor_msgs.msg import JointState, PointCloud2
 from shape_msgs.msg import Mesh
 from std_msgs.msg import String
 
-from placement_planner_ros.core.errors import JointStateError, ObjectError, PlacementPlannerError
-from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.core.errors import JointStateError, PlacementPlannerError
 from placement_planner_ros.ros.inputs.cloud_subscriptions import CloudSubscriptions
 from placement_planner_ros.ros.inputs.inputs import Inputs
 from placement_planner_ros.ros.inputs.object_input import NoObjectError, mesh_from_message
+from placement_planner_ros.ros.inputs.reading import NotReadyError
 from placement_planner_ros.ros.inputs.robot_input import require_known
 from placement_planner_ros.ros.parameters.server import ParameterServer
 from placement_planner_ros.ros.parameters.values import ParameterSet
@@ -67,7 +67,9 @@ class Reception:
         if robot.follows_semantic_topic:
             latched(String, "robot_description_semantic", self._take_semantic)
         latched(Mesh, "~/object", self._take_object)
-        self._prepare_object()
+        robot.reading.listen(self._tell_of_robot)
+        inputs.object.reading.listen(self._tell_of_object)
+        self._tell_of_fault()
 
     def _take_cloud(self, topic: str, message: PointCloud2) -> None:
         try:
@@ -87,48 +89,53 @@ class Reception:
         self._on_joints()
 
     def _take_description(self, message: String) -> None:
-        self._read_robot(self._inputs.robot.set_description, message.data)
+        self._inputs.robot.set_description(message.data)
 
     def _take_semantic(self, message: String) -> None:
-        self._read_robot(self._inputs.robot.set_semantic, message.data)
+        self._inputs.robot.set_semantic(message.data)
 
-    def _read_robot(self, read: Callable[[str], Robot | None], text: str) -> None:
+    def _tell_of_robot(self, _: object) -> None:
         try:
-            robot = read(text)
+            robot = self._inputs.robot.robot
+        except NotReadyError:
+            return
         except PlacementPlannerError as error:
             self._log.error(f"robot description refused: {error}")
             return
-        if robot is not None:
-            self._log.info(f"took robot {robot.name!r} from its description topic")
+        for warning in robot.warnings:
+            self._log.info(f"robot: {warning}")
+        self._log.info(f"robot {robot.name!r} read, planning frame {robot.root_link!r}")
+
+    def _tell_of_object(self, key: object) -> None:
+        try:
+            self._inputs.object.reading.get(key)
+        except NotReadyError:
+            return
+        except PlacementPlannerError as error:
+            self._log.warning(f"object refused: {error}")
 
     def _take_object(self, message: Mesh) -> None:
-        self._inputs.object.set_mesh(*mesh_from_message(message))
-        self._prepare_object()
+        try:
+            mesh = mesh_from_message(message)
+        except PlacementPlannerError as error:
+            self._inputs.object.refuse_mesh(error)
+            self._log.warning(f"object refused: {error}")
+        else:
+            self._inputs.object.set_mesh(*mesh)
 
     def _check(self, names: Sequence[str], parameters: ParameterSet) -> None:
-        """Refuse what the robot does not have, and meshes that are no object.
-
-        Vertices and triangles may be set one after the other, so they are checked together only
-        when both are given.
-        """
+        """Refuse what the robot does not have, and what shows that it is no object."""
         source = self._inputs.robot
-        if source.is_given:
+        if source.is_given and source.state == "ready":  # else start tells it
             require_known(source.robot, parameters, names)
-        if parameters["object.mesh"] and "object.mesh" in names:
-            self._inputs.object.body(parameters, ["object.mesh"])
-        elif {"object.vertices", "object.triangles"} <= set(names):
-            self._inputs.object.body(parameters, names)
+        self._inputs.object.check(parameters, names)
 
     def _changed(self, names: Sequence[str], parameters: ParameterSet) -> None:
         self._inputs.object.parameters_changed(names, parameters)
         if any(name.startswith("object.") for name in names):
-            self._prepare_object()
+            self._tell_of_fault()
 
-    def _prepare_object(self) -> None:
-        """Make the body now, so that start finds it ready; say what is wrong with it."""
-        try:
-            self._inputs.object.body(self._parameters.current)
-        except NoObjectError:
-            return
-        except ObjectError as error:
-            self._log.warning(f"object refused: {error}")
+    def _tell_of_fault(self) -> None:
+        fault = self._inputs.object.fault
+        if fault is not None and not isinstance(fault, NoObjectError):
+            self._log.warning(f"object refused: {fault}")

@@ -1,19 +1,31 @@
-"""Files that users name: paths, file:// and package:// URIs, and the meshes behind them."""
+"""Files that users name: paths, file:// and package:// URIs, and who may name which.
+
+What the operator gives at start-up is read anywhere. What comes later, from whoever is on the
+graph, is read only below the folders that the operator named, or that the ament index knows;
+outside of them nothing is looked at, so that no answer depends on what is there.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import os
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote
 
-import numpy as np
-import numpy.typing as npt
-import trimesh
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 
-from placement_planner_ros.core.errors import ObjectError, RobotError
-from placement_planner_ros.core.robot.geometry import package_names
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.errors import RobotError
+from placement_planner_ros.core.robot.description import MAX_TEXT
 from placement_planner_ros.share import PACKAGE, share_path
+
+_NAME = re.compile(r"[A-Za-z0-9_][\w.-]*", re.ASCII)
+_ELSEWHERE = (
+    "is not below package_paths, file_roots or the ament index; only what is given at start-up may "
+    "be elsewhere"
+)
 
 
 def package_share(package: str) -> Path:
@@ -33,58 +45,124 @@ def package_share(package: str) -> Path:
         ) from error
 
 
-def resolve(uri: str) -> Path:
-    """The file that a path, a file:// or a package:// URI names.
+@dataclass(frozen=True, slots=True)
+class Files:
+    """Finds the files that users name.
 
-    Raises:
-        FileNotFoundError: there is no such file or package.
+    Attributes:
+        package_paths: folders that hold packages, or are one.
+        file_roots: folders from which files may be read later.
     """
-    if uri.startswith("package://"):
-        package, _, inside = unquote(uri.removeprefix("package://")).partition("/")
-        path = package_share(package) / inside
-    else:
-        path = Path(unquote(uri.removeprefix("file://"))).expanduser()
-    if not path.is_file():
-        raise FileNotFoundError(f"there is no file {path}")
-    return path
+
+    package_paths: tuple[Path, ...] = ()
+    file_roots: tuple[Path, ...] = ()
+
+    @classmethod
+    def below(cls, package_paths: Sequence[str], file_roots: Sequence[str]) -> Files:
+        """From the parameters of these names; relative folders count from where the node runs."""
+        return cls(
+            tuple(_expanded(folder).absolute() for folder in package_paths),
+            tuple(_expanded(folder).absolute() for folder in file_roots),
+        )
+
+    def find(self, uri: str, *, trusted: bool, beside: Path | None = None) -> Path:
+        """The file that a path, a file:// or a package:// URI names.
+
+        Args:
+            trusted: whether the operator named it, or what the operator gave does.
+            beside: the file that names it, from which relative paths count.
+
+        Raises:
+            FileNotFoundError: there is no such file, or nobody may name it.
+        """
+        if "\0" in uri:
+            raise FileNotFoundError("no file's name holds a zero byte")
+        candidates = list(self._candidates(uri, trusted, beside))
+        may = [path for path in candidates if trusted or self._is_open(path)]
+        for path in may:
+            if _is_file(path):
+                return path
+        if uri.startswith("package://"):
+            package = uri.removeprefix("package://").partition("/")[0]
+            tried = ", ".join(["the ament index", *map(str, may)])
+            raise FileNotFoundError(f"package {package} is not known or lacks it; tried {tried}")
+        if not may:
+            raise FileNotFoundError(_ELSEWHERE)
+        raise FileNotFoundError(f"there is no file {' nor '.join(map(str, may))}")
+
+    def _candidates(self, uri: str, trusted: bool, beside: Path | None) -> Iterator[Path]:
+        if uri.startswith("package://"):
+            package, _, inside = unquote(uri.removeprefix("package://")).partition("/")
+            if _NAME.fullmatch(package):
+                for folder in self._package_folders(package, beside):
+                    yield folder / inside.lstrip("/")
+            return
+        path = _expanded(unquote(uri.removeprefix("file://")))
+        if path.is_absolute():
+            yield path
+        elif beside is not None:
+            yield beside.parent / path
+        elif trusted:
+            yield Path.cwd() / path
+        else:
+            for folder in (*self.file_roots, *self.package_paths):
+                yield folder / path
+
+    def _package_folders(self, package: str, beside: Path | None) -> Iterator[Path]:
+        for folder in self.package_paths:
+            yield folder / package
+            if folder.name == package:
+                yield folder
+        with contextlib.suppress(FileNotFoundError):
+            yield package_share(package)
+        for folder in () if beside is None else beside.absolute().parents:
+            if folder.name == package:
+                yield folder
+            yield folder / package
+
+    def _is_open(self, path: Path) -> bool:
+        """Whether anybody may name it; looks at no file outside of the folders that are open."""
+        plain = Path(os.path.normpath(path))
+        # Packages may be installed as links to where they are built from.
+        installed = [Path(prefix, "share") for prefix in _prefixes()] + [share_path("urdf")]
+        if ".." not in path.parts and any(plain.is_relative_to(root) for root in installed):
+            return True
+        roots = [*self.package_paths, *self.file_roots]
+        real_roots = [Path(os.path.realpath(root)) for root in roots]
+        if not any(plain.is_relative_to(root) for root in [*roots, *real_roots]):
+            return False
+        real = Path(os.path.realpath(path))
+        return any(real.is_relative_to(root) for root in real_roots)
 
 
-def description_text(parameter: str, value: str) -> str:
-    """XML text from XML text, a path or a URI.
+def _prefixes() -> list[str]:
+    return [p for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p]
+
+
+def _expanded(path: str) -> Path:
+    """With ~ for the home folder; another user's is nobody's business."""
+    return Path(os.path.expanduser(path) if path == "~" or path.startswith("~/") else path)
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # a name too long, a folder that may not be entered
+        return False
+
+
+def description_text(parameter: str, value: str, files: Files) -> tuple[str, Path | None]:
+    """XML text from XML text, a path or a URI given at start-up; and the file it is in.
 
     Raises:
         RobotError: the file cannot be read.
     """
     if value.lstrip().startswith("<"):
-        return value
+        return value, None
     try:
-        return resolve(value).read_text(encoding="utf-8")
+        path = files.find(value, trusted=True)
+        if path.stat().st_size > 4 * MAX_TEXT:
+            raise OSError(f"it is longer than {MAX_TEXT} characters")
+        return path.read_text(encoding="utf-8"), path
     except (OSError, UnicodeDecodeError) as error:
         raise RobotError(parameter, value, f"give XML text, a path or a URI: {error}") from error
-
-
-def package_dirs(urdf: str) -> dict[str, Path]:
-    """Share folder of every package that a URDF refers to and the index knows."""
-    folders = {}
-    for package in package_names(urdf):
-        try:
-            folders[package] = package_share(package)
-        except FileNotFoundError:
-            continue  # Robot.from_urdf names the mesh that needs it.
-    return folders
-
-
-def load_mesh(uri: str) -> tuple[Array, npt.NDArray[np.int64]]:
-    """Vertices (n, 3) and triangles (t, 3) of a mesh file, in the file's unit.
-
-    Raises:
-        ObjectError: there is no such file, or it holds no triangles.
-    """
-    try:
-        path = resolve(uri)
-        mesh = trimesh.load(path, force="mesh")
-    except (OSError, ValueError, NotImplementedError, IndexError, KeyError) as error:
-        raise ObjectError("object.mesh", uri, f"cannot be read: {error}") from error
-    if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
-        raise ObjectError("object.mesh", uri, "holds no triangles")
-    return np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)

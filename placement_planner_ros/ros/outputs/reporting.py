@@ -61,7 +61,7 @@ class Reporter:
         self._checked: tuple[int, int] = (0, 0)
         self._blocked = ""
         self._left = False
-        self._reported: tuple[State, str, bool] | None = None
+        self._reported: tuple[State, str, bool, dict[str, str]] | None = None
         self._reported_at = -math.inf
         self._closed = False
         group = MutuallyExclusiveCallbackGroup()
@@ -104,6 +104,7 @@ class Reporter:
         message = "waiting for start" if self._warm() else "compiling; a start now takes longer"
         values["placed"] = " ".join(map(str, self._inputs.clouds.placed))
         values["warm"] = str(self._warm()).lower()
+        values |= self._read()
         values["best_valid"] = str(not why_not).lower()
         values["best_invalid_reason"] = why_not
         if run is not None:
@@ -114,7 +115,7 @@ class Reporter:
         with self._lock:
             if self._closed:
                 return
-            self._reported = (state, why_not, self._warm())
+            self._reported = (state, why_not, self._warm(), self._read())
             self._reported_at = time.monotonic()
             self._outputs.status(_LEVEL.get(state, DiagnosticStatus.OK), message, values)
 
@@ -122,6 +123,9 @@ class Reporter:
         """Publish nothing more; a worker that hangs may come back when the node is gone."""
         with self._lock:
             self._closed = True
+
+    def _read(self) -> dict[str, str]:
+        return {"robot": self._inputs.robot.state, "object": self._inputs.object.state}
 
     def _why_invalid(self) -> str:
         with self._lock:
@@ -140,7 +144,7 @@ class Reporter:
             self.has_left_start(run)
             if due:
                 self._check_clouds(run)
-        now = (state, self._why_invalid(), self._warm())
+        now = (state, self._why_invalid(), self._warm(), self._read())
         if (due and state is State.SEARCHING) or self._reported != now:
             self.report()
 

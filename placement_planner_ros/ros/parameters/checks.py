@@ -10,6 +10,9 @@ import pinocchio as pin
 from placement_planner_ros.core.errors import GraspError, ObjectError, ParameterError
 from placement_planner_ros.core.types import TargetVolume
 
+MAX_GRASPS = 200
+"""Grasps that an arm may have: each takes a megabyte."""
+
 
 def poses_from_list(name: str, values: Sequence[float]) -> tuple[pin.SE3, ...]:
     """Poses from x y z qx qy qz qw, one after the other.
@@ -31,8 +34,10 @@ def poses_from_list(name: str, values: Sequence[float]) -> tuple[pin.SE3, ...]:
     return tuple(poses)
 
 
-def poses(name: str, value: Sequence[float]) -> None:
-    """Any number of poses; a GraspError says what is wrong."""
+def grasps(name: str, value: Sequence[float]) -> None:
+    """Up to `MAX_GRASPS` poses; a GraspError says what is wrong."""
+    if len(value) > 7 * MAX_GRASPS:
+        raise GraspError(name, f"{len(value) // 7} poses", f"an arm may have {MAX_GRASPS}")
     poses_from_list(name, value)
 
 

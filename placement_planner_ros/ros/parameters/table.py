@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from placement_planner_ros.core.body.mesh import MAX_TRIANGLES
 from placement_planner_ros.core.objective.by_name import objective_names
 from placement_planner_ros.core.planner import PlannerSettings
+from placement_planner_ros.core.robot.description import MAX_JOINTS, MAX_LINKS, MAX_TEXT
 from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.settings import FINITE, Meaning
 from placement_planner_ros.ros.parameters import checks
@@ -77,7 +79,8 @@ def _start_up() -> list[Spec]:
             "robot_description",
             "",
             "URDF text, a path or a package:// URI; empty: the topic robot_description, "
-            "and the bundled YuMi until one arrives there.",
+            f"and the bundled YuMi until one arrives there. At most {MAX_LINKS} links, "
+            f"{MAX_JOINTS} movable joints and {MAX_TEXT // 1_000_000} MB.",
             startup=True,
         ),
         _own(
@@ -91,6 +94,22 @@ def _start_up() -> list[Spec]:
             "planning_frame",
             "",
             "Frame of target_volume and of all results, z up; empty: the robot's root link.",
+            startup=True,
+        ),
+        _own(
+            "package_paths",
+            [],
+            "Folders in which package:// names are looked up, besides the ament index and the "
+            "folders above the URDF file.",
+            kind="string[]",
+            startup=True,
+        ),
+        _own(
+            "file_roots",
+            [],
+            "Folders from which files may be read that are named later, or in a description that "
+            "came by topic, besides package_paths and the ament index.",
+            kind="string[]",
             startup=True,
         ),
         _own(
@@ -210,7 +229,12 @@ def _environment() -> list[Spec]:
 
 def _object() -> list[Spec]:
     return [
-        _own("object.mesh", "", "Mesh file of the grasped object, a path or a package:// URI."),
+        _own(
+            "object.mesh",
+            "",
+            "Mesh file of the grasped object, a path or a package:// URI, of at most "
+            f"{MAX_TRIANGLES} triangles.",
+        ),
         _own(
             "object.vertices",
             [],
@@ -222,7 +246,7 @@ def _object() -> list[Spec]:
         _own(
             "object.triangles",
             [],
-            "Triangles of the grasped object: three vertex indices each.",
+            f"Triangles of the grasped object: three vertex indices each, {MAX_TRIANGLES} at most.",
             "",
             "[0, inf)",
             kind="integer[]",
@@ -268,10 +292,11 @@ def arm_specs(arm: str, *, yumi: bool) -> list[Spec]:
         _own(
             f"{arm}.grasps",
             [],
-            "Poses of the object in the tip frame: x y z qx qy qz qw, one after the other.",
+            "Poses of the object in the tip frame: x y z qx qy qz qw, one after the other, "
+            f"{checks.MAX_GRASPS} at most.",
             "m",
             kind="double[]",
-            check=checks.poses,
+            check=checks.grasps,
         ),
         _own(
             f"{arm}.touch_links",

@@ -56,7 +56,9 @@ def take_snapshot(
     arms: tuple[Arm, ...] = ()
     if robot is not None:
         timeout, tolerance = parameters["joint_state_timeout"], parameters["start_tolerance"]
-        q_start = attempt(lambda: inputs.joints.resting(robot, now, timeout, tolerance))
+        q_start = q = attempt(lambda: inputs.joints.resting(robot, now, timeout, tolerance))
+        if q is not None:
+            attempt(lambda: robot.require_plausible(q))
         made = [attempt(partial(make_arm, robot, parameters, name)) for name in parameters["arms"]]
         arms = tuple(arm for arm in made if arm is not None)
         if len(arms) == len(made):

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.problem import workspace
-from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.scene.environment import Environment, require_room
 from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.regions import RegionSettings
 from placement_planner_ros.core.scene.visibility import View
@@ -186,12 +186,14 @@ def grid_bounds(snapshot: Snapshot, points: Array) -> tuple[Array, Array]:
 
 
 def require_grid(snapshot: Snapshot) -> None:
-    """Refuse cells so small that the obstacle set would have too many.
+    """Refuse cells so small that the obstacle set, or the target volume, would have too many.
 
     Raises:
         ParameterError: they are.
+        VolumeError: the target volume is too large.
     """
     settings = snapshot.parameters.grid_settings
+    require_room(snapshot.parameters.volume, settings.cell_size)
 
     def too_many(lower: Array, upper: Array) -> bool:
         return float(np.prod((upper - lower) / settings.cell_size + 2.0)) > settings.max_cells

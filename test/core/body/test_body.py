@@ -236,3 +236,45 @@ def test_household_objects(name, count):
     body = body_of(mesh)
     assert len(body.faces) == count
     assert len(body.volume_points) > 500
+
+
+def test_a_closed_mesh_whose_triangles_disagree_has_the_mass_of_its_hull():
+    # turned one by one until the signed volume is 0: no centre of mass can be told of it
+    mesh = box(0.1, 0.06, 0.04)
+    for turned in ([0, 1, 2, 3, 4, 5], [0], [0, 5, 7]):
+        faces = np.array(mesh.faces)
+        faces[turned] = faces[turned][:, ::-1]
+        body = Body.from_mesh(mesh.vertices, faces)
+        np.testing.assert_allclose(body.center_of_mass, 0.0, atol=1e-9)
+        assert any("face inward" in warning for warning in body.warnings)
+        assert len(body.faces) == 6
+    assert body_of(mesh).warnings == ()
+
+
+def test_vertices_that_are_no_numbers_are_counted():
+    mesh = box(0.1, 0.06, 0.04)
+    vertices = np.array(mesh.vertices)
+    vertices[[1, 4, 5], [0, 1, 2]] = np.nan, np.inf, -np.inf
+    with pytest.raises(ObjectError, match="3 of them NaN or infinite"):
+        Body.from_mesh(vertices, mesh.faces)
+
+
+def test_what_is_too_much_is_refused_with_its_number():
+    with pytest.raises(ObjectError, match=r"300003 of them.*300000"):
+        Body.from_mesh(np.random.default_rng(0).uniform(size=(300_003, 3)), [[0, 1, 2]])
+    with pytest.raises(ObjectError, match=r"400000 of them.*300000"):
+        Body.from_mesh(np.eye(3) * 0.1, [[0, 1, 2]] * 400_000)
+    ball = trimesh.creation.icosphere(subdivisions=5, radius=0.05)
+    with pytest.raises(ObjectError, match=r"20480 facets.*6000"):
+        body_of(ball)
+    some = [box(0.001, 0.001, 0.001).apply_translation([0.002 * n, 0, 0]) for n in range(501)]
+    with pytest.raises(ObjectError, match=r"501 pieces.*500"):
+        body_of(trimesh.util.concatenate(some))
+
+
+def test_triangles_that_share_no_vertices_are_put_together():
+    soup = trimesh.creation.icosphere(subdivisions=3, radius=0.05)
+    corners = np.asarray(soup.triangles).reshape(-1, 3)
+    body = Body.from_mesh(corners, np.arange(len(corners)).reshape(-1, 3))
+    assert len(body.parts) == 1
+    assert body.warnings == ("the object has no face to stand on",)

@@ -446,6 +446,42 @@ def test_margin_is_kept_to_the_hair(slider):
     assert checker.free(np.array([touching - 0.00101, 0.0]), reserve=0.001)
 
 
+FLYING = """
+<robot name="flying">
+  <link name="base"/><link name="a"/><link name="b"/>
+  <link name="thing"><collision><geometry>{shape}</geometry></collision></link>
+  <joint name="x" type="prismatic"><parent link="base"/><child link="a"/><axis xyz="1 0 0"/>
+    <limit lower="-1" upper="1" velocity="1" effort="1"/></joint>
+  <joint name="y" type="prismatic"><parent link="a"/><child link="b"/><axis xyz="0 1 0"/>
+    <limit lower="-1" upper="1" velocity="1" effort="1"/></joint>
+  <joint name="z" type="prismatic"><parent link="b"/><child link="thing"/><axis xyz="0 0 1"/>
+    <limit lower="-1" upper="1" velocity="1" effort="1"/></joint>
+</robot>
+"""
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize(
+    "shape", ['<sphere radius="0.02"/>', '<box size="0.04 0.04 0.04"/>'], ids=["ball", "box"]
+)
+def test_the_margin_is_kept_on_every_side(shape, axis, side):
+    """From a plate at any place within its cell, whichever neighbouring cells that concerns."""
+    robot = Robot.from_urdf(FLYING.format(shape=shape))
+    moving = MovingArm(robot, robot.arm("arm", "thing"), np.zeros(3))
+    for place in np.linspace(0.1, 0.11, 7):
+        size, center = np.full(3, 0.3), np.zeros(3)
+        size[axis], center[axis] = 0.0004, side * place
+        plates = obstacles_of(plate(size, center))
+        checker = ArmCollision(moving, None, plates)
+        faces = plates.lower if side > 0 else -plates.upper
+        touching = faces[:, axis].min() - 0.02 - 0.003
+        for gap, free in ((2e-5, True), (-2e-5, False), (-0.002, False), (-0.01, False)):
+            q = np.zeros(3)
+            q[axis] = side * (touching - gap)
+            assert checker.free(q) == free
+
+
 def test_of_a_reserve_only_its_own_share_counts_for_the_robot_against_itself():
     post = '<link name="base"><collision><origin xyz="1 0 0"/>'
     post += '<geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>'

@@ -6,6 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from placement_planner_ros.core.errors import RobotError
+from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.scenes.yumi import HOME, START_CONFIGURATION
 from placement_planner_ros.share import share_path
 
@@ -236,3 +238,48 @@ def test_link_extents(model, geometry):
         for excess in (lower - points.min(axis=0), points.max(axis=0) - upper):
             assert excess.min() >= -2e-4, link
             assert excess.max() <= 0.01, link
+
+
+def chain_of(links, kind="revolute", attributes=""):
+    """A URDF of boxes on top of each other."""
+    limit = '<axis xyz="0 1 0"/><limit lower="-1" upper="1" velocity="1" effort="1"/>'
+    shape = '<collision><geometry><box size=".02 .02 .02"/></geometry></collision>'
+    return (
+        f'<robot name="chain" {attributes}><link name="l0">{shape}</link>'
+        + "".join(
+            f'<link name="l{i}">{shape}</link><joint name="j{i}" type="{kind}">'
+            f'<parent link="l{i - 1}"/><child link="l{i}"/><origin xyz="0 0 0.05"/>{limit}</joint>'
+            for i in range(1, links)
+        )
+        + "</robot>"
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (chain_of(502), r"502 links.*500"),
+        (chain_of(110), r"109 movable joints.*100"),
+        (chain_of(3, attributes=" ".join(f'a{n}="1"' for n in range(101))), r"102 attr.*100"),
+        ("<robot>" + "<a>" * 60 + "</a>" * 60 + "</robot>", "more than 50"),
+        ("<robot>" + " " * 5_000_000 + "</robot>", r"5000015 characters.*5000000"),
+        (
+            '<robot name="r"><link name="l">'
+            + '<collision><geometry><sphere radius="1"/></geometry></collision>' * 1001
+            + "</link></robot>",
+            r"1001 collision shapes.*1000",
+        ),
+    ],
+)
+def test_more_than_can_be_planned_with_is_refused_with_its_number(text, words):
+    with pytest.raises(RobotError, match=words):
+        Robot.from_urdf(text)
+
+
+def test_four_hundred_links_are_read():
+    robot = Robot.from_urdf(chain_of(400, kind="fixed"))
+    assert len(robot.geometry_links) == 400
+    robot = Robot.from_urdf(chain_of(100))
+    # neighbours are left out, and links with one between them cannot meet within ±1 rad
+    assert len(robot.geometry.collisionPairs) == 100 * 99 // 2 - len(robot.allowed_pairs)
+    assert robot.allowed_pairs == {tuple(sorted((f"l{i}", f"l{i + 1}"))) for i in range(99)}

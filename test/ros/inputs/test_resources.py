@@ -1,17 +1,168 @@
-"""Files named by users."""
+"""Files named by users: where they are looked for, and who may name which."""
+
+import os
 
 import pytest
 
-from placement_planner_ros.ros.inputs.resources import package_dirs, package_share, resolve
+from placement_planner_ros.core.errors import RobotError
+from placement_planner_ros.ros.inputs.resources import Files, description_text, package_share
 from placement_planner_ros.share import PACKAGE
 
-URDF = '<robot name="r"><link name="a"><collision><geometry><mesh filename="package://none/m.stl"/></geometry></collision></link></robot>'
+
+@pytest.fixture
+def tree(tmp_path, monkeypatch):
+    """An installed package, a folder of packages, an open folder, and a secret."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "install"))
+    index = tmp_path / "install/share/ament_index/resource_index/packages"
+    for folder in (
+        index,
+        tmp_path / "install/share/installed",
+        tmp_path / "packages/mine/meshes",
+        tmp_path / "open",
+        tmp_path / "secret",
+    ):
+        folder.mkdir(parents=True)
+    (index / "installed").touch()
+    for file in (
+        "install/share/installed/a.stl",
+        "packages/mine/meshes/b.stl",
+        "packages/mine/robot.urdf",
+        "open/c.stl",
+        "secret/d.stl",
+    ):
+        (tmp_path / file).write_text("x")
+    (tmp_path / "open/link.stl").symlink_to(tmp_path / "secret/d.stl")
+    (tmp_path / "open/gone.stl").symlink_to(tmp_path / "secret/none.stl")
+    (tmp_path / "open/folder").symlink_to(tmp_path / "secret")
+    (tmp_path / "install/share/installed/built.stl").symlink_to(tmp_path / "secret/d.stl")
+    (tmp_path / "secret/built").mkdir()
+    (tmp_path / "install/share/installed/folder").symlink_to(tmp_path / "secret/built")
+    return tmp_path
+
+
+@pytest.fixture
+def files(tree):
+    return Files.below([str(tree / "packages")], ["open"])
 
 
 @pytest.mark.parametrize("index", ["", "/nowhere"])
 def test_a_package_is_unknown_with_and_without_an_index(monkeypatch, index):
     monkeypatch.setenv("AMENT_PREFIX_PATH", index)
-    assert package_dirs(URDF) == {}
     with pytest.raises(FileNotFoundError, match="none"):
-        resolve("package://none/m.stl")
+        Files().find("package://none/m.stl", trusted=True)
     assert (package_share(PACKAGE) / "urdf").is_dir()
+
+
+@pytest.mark.parametrize(
+    ("uri", "found"),
+    [
+        ("package://installed/a.stl", "install/share/installed/a.stl"),
+        ("package://installed/built.stl", "install/share/installed/built.stl"),
+        ("package://mine/meshes/b.stl", "packages/mine/meshes/b.stl"),
+        ("{tree}/open/c.stl", "open/c.stl"),
+        ("file://{tree}/open/c.stl", "open/c.stl"),
+        ("{tree}/open/../open/c.stl", "open/c.stl"),
+        ("c.stl", "open/c.stl"),
+    ],
+)
+def test_what_lies_in_open_folders_may_be_named_by_anybody(files, tree, uri, found):
+    path = files.find(uri.format(tree=tree), trusted=False)
+    assert os.path.samefile(path, tree / found)
+
+
+OUTSIDE = [
+    ("{tree}/secret/{name}", "d.stl", "none.stl"),
+    ("file://{tree}/secret/{name}", "d.stl", "none.stl"),
+    ("{tree}/open/../secret/{name}", "d.stl", "none.stl"),
+    ("{tree}/open/folder/{name}", "d.stl", "none.stl"),
+    ("{tree}/open/{name}", "link.stl", "gone.stl"),
+    ("{tree}/install/share/installed/../../../secret/{name}", "d.stl", "none.stl"),
+    ("package://installed/../../../secret/{name}", "d.stl", "none.stl"),
+    ("package://installed/folder/../{name}", "d.stl", "none.stl"),
+    ("package://mine/../../secret/{name}", "d.stl", "none.stl"),
+    ("package://../secret/{name}", "d.stl", "none.stl"),
+    ("package://%2e%2e/secret/{name}", "d.stl", "none.stl"),
+    ("secret/{name}", "d.stl", "none.stl"),
+    ("/{name}", "etc/passwd", "etc/none"),
+    ("{name}", "~root/x", "~nobody-at-all/x"),
+    ("/proc/self/{name}", "cmdline", "none"),
+]
+
+
+@pytest.mark.parametrize(("uri", "there", "missing"), OUTSIDE)
+def test_elsewhere_the_answer_is_the_same_whether_there_is_a_file(files, tree, uri, there, missing):
+    said = []
+    for name in (there, missing):
+        with pytest.raises(FileNotFoundError) as error:
+            files.find(uri.format(tree=tree, name=name), trusted=False)
+        said.append(str(error.value).replace(name, "*"))
+    assert said[0] == said[1]
+
+
+def test_outside_of_open_folders_nothing_is_looked_at(files, tree, monkeypatch):
+    looked = []
+    stat, lstat = os.stat, os.lstat
+    monkeypatch.setattr(os, "stat", lambda p, *a, **k: (looked.append(str(p)), stat(p, *a, **k))[1])
+    monkeypatch.setattr(
+        os, "lstat", lambda p, *a, **k: (looked.append(str(p)), lstat(p, *a, **k))[1]
+    )
+    for uri in (f"{tree}/secret/d.stl", f"{tree}/open/../secret/d.stl"):
+        with pytest.raises(FileNotFoundError):
+            files.find(uri, trusted=False)
+    assert looked
+    assert not [path for path in looked if "secret" in path]
+
+
+def test_the_operator_may_name_everything(files, tree):
+    for uri in ("secret/d.stl", f"{tree}/open/link.stl", f"{tree}/open/../secret/d.stl"):
+        assert files.find(uri, trusted=True).samefile(tree / "secret/d.stl")
+
+
+def test_paths_count_from_the_urdf_file_and_packages_are_those_above_it(tree):
+    urdf = tree / "packages/mine/robot.urdf"
+    files = Files()
+    for uri in ("meshes/b.stl", "package://mine/meshes/b.stl"):
+        assert files.find(uri, trusted=True, beside=urdf).samefile(urdf.parent / "meshes/b.stl")
+    with pytest.raises(FileNotFoundError):
+        files.find("package://mine/meshes/b.stl", trusted=True)
+
+
+def test_a_missing_package_names_every_folder_tried(files, tree):
+    urdf = tree / "open/robot.urdf"
+    with pytest.raises(FileNotFoundError) as error:
+        files.find("package://other/m.stl", trusted=True, beside=urdf)
+    for folder in (tree / "packages", tree / "open", tree):
+        assert f"{folder}/other/m.stl" in str(error.value)
+
+
+def test_names_that_no_file_has(files, tree):
+    os.mkfifo(tree / "open/pipe.stl")
+    for uri in (
+        "",
+        "~x/y.stl",
+        "\0",
+        "a\0.stl",
+        "x" * 5000,
+        "package://",
+        "package:///",
+        "open",
+        "pipe.stl",
+        "/dev/zero",
+        "file://",
+        "package://mine/",
+    ):
+        for trusted in (False, True):
+            with pytest.raises(FileNotFoundError):
+                files.find(uri, trusted=trusted)
+
+
+def test_a_description_that_is_no_text_is_refused(files, tree):
+    (tree / "open/robot.urdf").write_bytes(b"\xff\xfe\x00<robot>")
+    for value in ("open/robot.urdf", "open", "none.urdf"):
+        with pytest.raises(RobotError, match="robot_description"):
+            description_text("robot_description", value, files)
+    with (tree / "open/long.urdf").open("wb") as file:
+        file.truncate(30_000_000)
+    with pytest.raises(RobotError, match="5000000"):
+        description_text("robot_description", "open/long.urdf", files)

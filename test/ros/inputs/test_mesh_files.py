@@ -1,0 +1,223 @@
+"""Mesh files of every format, cut short, changed and made up: read, or refused in words."""
+
+import gzip
+import io
+import json
+import os
+import struct
+import zipfile
+
+import numpy as np
+import pytest
+import trimesh
+
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.errors import ObjectError
+from placement_planner_ros.ros.inputs import mesh_process
+from placement_planner_ros.ros.inputs.mesh_files import check_header
+from placement_planner_ros.ros.inputs.mesh_process import MeshProcess, StoppedError
+
+BOX = trimesh.creation.box((0.1, 0.06, 0.04))
+DAE = """<?xml version="1.0"?><COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema"
+version="1.4.1"><library_geometries/></COLLADA>"""
+
+
+def archive(**members):
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as file:
+        for name, data in members.items():
+            file.writestr(name.replace("__", "."), data)
+    return out.getvalue()
+
+
+def whole():
+    """A small file of each format."""
+    model = '<model unit="meter"><resources/><build/></model>'
+    return {
+        "ascii.stl": BOX.export(file_type="stl_ascii").encode(),
+        "binary.stl": BOX.export(file_type="stl"),
+        "a.obj": BOX.export(file_type="obj").encode(),
+        "ascii.ply": BOX.export(file_type="ply", encoding="ascii"),
+        "binary.ply": BOX.export(file_type="ply"),
+        "a.off": BOX.export(file_type="off").encode(),
+        "a.glb": BOX.export(file_type="glb"),
+        "a.dae": DAE.encode(),
+        "a.3mf": archive(model__model=model, rels__rels="<Relationships/>"),
+    }
+
+
+def glb(count):
+    """A file whose header is in order and whose accessor claims so many numbers of no buffer."""
+    tree = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0]}],
+        "scene": 0,
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "accessors": [{"componentType": 5126, "count": count, "type": "VEC3"}],
+    }
+    text = json.dumps(tree).encode()
+    text += b" " * (-len(text) % 4)
+    head = struct.pack("<4sIIII", b"glTF", 2, 20 + len(text), len(text), 0x4E4F534A)
+    return head + text
+
+
+def bad():
+    """Files that are none, by name."""
+    return {
+        "empty.stl": b"",
+        "count.stl": b"\0" * 80 + struct.pack("<I", 2**32 - 1) + b"\0" * 100,
+        "claim.ply": b"ply\nformat ascii 1.0\nelement vertex 100000000000\nproperty float x\n"
+        b"element face 5\nproperty list uchar int vertex_indices\nend_header\n0\n",
+        "minus.ply": b"ply\nformat ascii 1.0\nelement vertex -4\nend_header\n0\n",
+        "list.ply": b"ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty float x\n"
+        b"property float y\nproperty float z\nelement face 2\n"
+        b"property list uint int vertex_indices\nend_header\n" + b"\xff" * 60,
+        "claim.off": b"OFF\n200000 200000 0\n0 0 0\n",
+        "words.off": b"OFF\nmany more few\n",
+        "claim.glb": glb(10**11),
+        "nan.stl": BOX.export(file_type="stl")[:84] + b"\xff" * 600,
+        "index.obj": b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 99\n",
+        "deep.dae": b"<COLLADA>" + b"<node>" * 100_000 + b"</node>" * 100_000 + b"</COLLADA>",
+        "entity.dae": b'<!DOCTYPE a [<!ENTITY x SYSTEM "file:///etc/passwd">]><COLLADA>&x;</COLLADA>',
+        "laughs.dae": b'<!DOCTYPE a [<!ENTITY a "ha"><!ENTITY b "&a;&a;">]><COLLADA>&b;</COLLADA>',
+        "bomb.3mf": archive(model__model=b"\0" * 300_000_000),
+        "nested.3mf": archive(a__zip=archive(b__zip=b"\0" * 1_000_000)),
+        "a.zip": archive(a__stl=BOX.export(file_type="stl")),
+        "a.zae": archive(a__dae=DAE),
+        "a.stl.gz": gzip.compress(BOX.export(file_type="stl")),
+        "a.gltf": b"{}",
+        "a.xyz": b"0 0 0\n",
+        "noname": BOX.export(file_type="stl"),
+        "wrong.glb": BOX.export(file_type="stl"),
+        "wrong.3mf": BOX.export(file_type="stl"),
+        "wrong.ply": BOX.export(file_type="stl"),
+        "wrong.obj": BOX.export(file_type="stl"),
+        "wrong.dae": BOX.export(file_type="stl"),
+        "wrong.stl": BOX.export(file_type="obj").encode(),
+        "wrong.off": BOX.export(file_type="obj").encode(),
+        "a.tar.gz": gzip.compress(b"ustar" * 100),
+    }
+
+
+def changed():
+    """Whole files cut at several places, and with bytes changed."""
+    rng = np.random.default_rng(12)
+    for name, data in whole().items():
+        for part in (0.1, 0.3, 0.5, 0.7, 0.9, 0.99):
+            yield f"cut{part}-{name}", data[: int(part * len(data))]
+        for number in range(16):
+            other = bytearray(data)
+            for place in rng.integers(0, len(data), 1 + number):
+                other[place] = rng.integers(0, 256)
+            yield f"changed{number}-{name}", bytes(other)
+
+
+@pytest.fixture(scope="module")
+def process():
+    with MeshProcess() as made:
+        yield made
+
+
+@pytest.mark.parametrize("name", [n for n in whole() if not n.endswith((".dae", ".3mf"))])
+def test_every_format_is_read(tmp_path, process, name):
+    path = tmp_path / name
+    path.write_bytes(whole()[name])
+    for loader in ("object", "link"):
+        vertices, triangles = process.read(path, loader)
+        assert len(triangles) == 12
+        np.testing.assert_allclose(np.ptp(vertices, axis=0), [0.1, 0.06, 0.04], atol=1e-6)
+
+
+@pytest.mark.parametrize("name", bad())
+def test_what_is_no_mesh_is_refused_in_words(tmp_path, process, name):
+    path = tmp_path / name
+    path.write_bytes(bad()[name])
+    with pytest.raises((ValueError, OSError)) as error:
+        process.read(path, "object")
+    assert len(str(error.value)) > 10
+
+
+def attempt(read):
+    """What it returns, and in words why it does not."""
+    try:
+        return read(), ""
+    except (ValueError, OSError, ObjectError) as error:
+        return None, str(error)
+
+
+def test_files_cut_or_changed_are_read_or_refused_in_words(tmp_path, process):
+    read, refused = 0, []
+    for name, data in changed():
+        path = tmp_path / name
+        path.write_bytes(data)
+        mesh, words = attempt(lambda path=path: process.read(path, "object"))
+        if mesh is not None:
+            read += 1
+            assert np.isfinite(mesh[0]).all()
+            try:
+                Body.from_mesh(*mesh)
+            except ObjectError:
+                continue
+        else:
+            refused.append(words)
+    assert min(map(len, refused)) > 10
+    assert read + len(refused) == 22 * len(whole())
+    assert read > 20
+    assert len(refused) > 20
+
+
+def test_links_meshes_that_are_none_are_refused_in_words(tmp_path, process):
+    for name, data in [*bad().items(), *changed()]:
+        path = tmp_path / name
+        path.write_bytes(data)
+        mesh, words = attempt(lambda path=path: (check_header(path), process.read(path, "link")))
+        assert len(words) > 10 or mesh[1][1].shape[1] == 3
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("count.stl", r"4294967295 triangles.*the file has 184"),
+        ("claim.ply", r"100000000000 vertex.*300000"),
+        ("claim.off", r"200000 vertices and 200000 faces"),
+        ("nan.stl", r"36 of its vertices|vertices are NaN"),
+        ("bomb.3mf", r"300000000 bytes; it may to 256000000"),
+        ("a.zip", r"\.zip is not read; use \.stl"),
+        ("entity.dae", "entity, x"),
+    ],
+)
+def test_the_reason_is_told(tmp_path, process, name, words):
+    path = tmp_path / name
+    path.write_bytes(bad()[name])
+    with pytest.raises(ValueError, match=words):
+        process.read(path, "object")
+
+
+def test_a_large_file_is_refused_by_its_size(tmp_path):
+    path = tmp_path / "large.obj"
+    with path.open("wb") as file:
+        file.truncate(64_000_001)
+    with pytest.raises(ValueError, match=r"64000001 bytes.*64000000"):
+        check_header(path)
+
+
+def test_reading_can_be_stopped_and_ends_in_time(tmp_path, monkeypatch):
+    os.mkfifo(tmp_path / "never.stl")  # what nobody writes to is never read to its end
+    asked = [False]
+    with MeshProcess(lambda: asked[0]) as process:
+        asked[0] = True
+        with pytest.raises(StoppedError):
+            process.read(tmp_path / "never.stl", "link")
+        asked[0] = False
+        monkeypatch.setattr(mesh_process, "MAX_TIME", 0.5)
+        with pytest.raises(TimeoutError, match=r"0\.5 s"):
+            process.read(tmp_path / "never.stl", "link")
+        monkeypatch.setattr(mesh_process, "MAX_TIME", 60.0)
+        (tmp_path / "box.stl").write_bytes(BOX.export(file_type="stl"))
+        assert len(process.read(tmp_path / "box.stl", "link")[1]) == 12
+        process._child.kill()  # as whatever reads it may do to itself
+        process._child.wait()
+        with pytest.raises(ValueError, match="ended the process"):
+            process.read(tmp_path / "box.stl", "link")
+        assert len(process.read(tmp_path / "box.stl", "link")[1]) == 12
