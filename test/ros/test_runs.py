@@ -402,12 +402,12 @@ def test_a_start_beyond_the_limits_is_refused_and_one_bad_arm_is_a_note(bench):
         b.joint_state(**joints)
         return b.call("start")
 
-    left, both = {"yumi_joint_6_l": 4.2}, {"yumi_joint_6_l": 4.2, "yumi_joint_6_r": 4.2}
+    left, both = {"yumi_joint_6_l": 4.05}, {"yumi_joint_6_l": 4.05, "yumi_joint_6_r": 4.05}
     answers = []
     b.wait(lambda: answers.append(at(**both)) or answers[-1].code == "BAD_START")
     assert not answers[-1].success
-    assert "yumi_joint_6_l = 4.2000" in answers[-1].words
-    assert "yumi_joint_6_r = 4.2000" in answers[-1].words
+    assert "yumi_joint_6_l = 4.0500" in answers[-1].words
+    assert "yumi_joint_6_r = 4.0500" in answers[-1].words
     assert b.node._commands.run is None
     b.wait(lambda: answers.append(at(**left)) or answers[-1].code == "OK")
     assert "does without left: beyond the joint limits: yumi_joint_6_l" in answers[-1].words
