@@ -11,12 +11,16 @@ from functools import partial
 from importlib import import_module
 from typing import Any
 
+from placement_planner_ros.interrupts import catch_signals
+
 PACKAGE = "placement_planner_ros"
 ROS_REMEDY = f"run pip install '{PACKAGE}[ros]', or source a ROS 2 Jazzy"
 _EVALUATION_REMEDY = f"run pip install '{PACKAGE}[evaluation]'"
 
 
-def _start(program: str, module: str, remedy: str) -> Any:
+def _start(program: str, module: str, remedy: str, catching: bool = False) -> Any:
+    if catching:
+        catch_signals()
     try:
         main = import_module(f"{PACKAGE}.{module}").main
     except ModuleNotFoundError as error:
@@ -26,7 +30,7 @@ def _start(program: str, module: str, remedy: str) -> Any:
     return main()
 
 
-placement_planner = partial(_start, "placement_planner", "ros.node", ROS_REMEDY)
+placement_planner = partial(_start, "placement_planner", "ros.node", ROS_REMEDY, catching=True)
 placement_demo = partial(_start, "placement_demo", "ros.tools.demo", ROS_REMEDY)
 placement_scene = partial(_start, "placement_scene", "ros.tools.scene_publisher", ROS_REMEDY)
 placement_benchmark = partial(

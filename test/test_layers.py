@@ -13,6 +13,7 @@ ORDER = [
     "core.errors",
     "core.settings",
     "core.types",
+    "core.stopping",
     "core.kernels",
     # libraries that each know one thing
     "core.scene",

@@ -33,11 +33,12 @@ from placement_planner_ros.core.sample_goals.goals import GoalFinder
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy, HierarchySettings
 from placement_planner_ros.core.search.mcts import MctsSampler, MctsSettings
 from placement_planner_ros.core.search.optimistic import OptimisticSampler, OptimisticSettings
-from placement_planner_ros.core.search.pruning import Remainder
+from placement_planner_ros.core.search.pruning import Cause, Remainder
 from placement_planner_ros.core.search.sampler import GoalChecker, GoalSampler, SamplerSettings
 from placement_planner_ros.core.search.uniform import UniformSampler
 from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.statistics import Statistics
+from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.timing.trajectory_maker import ExecutionSettings, TrajectoryMaker
 from placement_planner_ros.core.types import Array, Goal, Placement
 
@@ -106,7 +107,8 @@ class PlacementPlanner:
         sampler: SampleGoals.
         motion: PlanMotion.
         statistics: live counters, safe to read from other threads.
-        exhausted: why there is nothing to search, or '' while there is.
+        exhausted: why there is nothing to search, or '' while there is; `cause` is the same for
+            programs.
         unusable: why some of the arms and grasps are left out of the search.
 
     Raises:
@@ -144,9 +146,11 @@ class PlacementPlanner:
             problem.environment.regions,
             settings.hierarchy,
         )
-        self.exhausted = _nothing_to_search(hierarchy)
+        self.cause, self.exhausted = _nothing_to_search(hierarchy)
+        step("making the bounds of the search")
         self._bounds = BranchBounds(poses, self.holdings.values())
         self._remainder = Remainder(hierarchy, self._bounds)
+        step("making the sampler")
         self.sampler = self.make_sampler(hierarchy, finder, rng_sampler)
         self.motion = self.make_motion(rng_motion)
         self._optimizer = LocalOptimizer(
@@ -181,7 +185,7 @@ class PlacementPlanner:
                 self.statistics.goals += 1
             if self.motion.goals == 0:
                 if best == -np.inf and self._remainder.empty():
-                    self.exhausted = self._remainder.why_empty()
+                    self.cause, self.exhausted = self._remainder.cause, self._remainder.why_empty()
                 continue
             found = self.motion.plan(self._settings.motion_iterations, should_stop)
             self.statistics.motion_iterations = self.motion.iterations
@@ -250,12 +254,12 @@ class PlacementPlanner:
         )
 
 
-def _nothing_to_search(hierarchy: AfrHierarchy) -> str:
+def _nothing_to_search(hierarchy: AfrHierarchy) -> tuple[Cause | None, str]:
     if not hierarchy.regions:
-        return (
+        return Cause.NO_REGION, (
             "no placement region: the clouds show no level surface inside target_volume; "
             "check the volume's corners and the clouds' frame"
         )
     if hierarchy.faces == 0:
-        return "no placement face: the object can stand on none of its sides"
-    return ""
+        return Cause.NO_FACE, "no placement face: the object can stand on none of its sides"
+    return None, ""

@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+import time
+from array import array
+from collections.abc import Callable, Mapping, Sequence
+from math import isfinite
+from typing import Any
 
+import pinocchio as pin
 from rclpy.parameter import Parameter
 
+from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.ros.inputs.inputs import Inputs
 from placement_planner_ros.ros.outputs.announcer import Announcer
 from placement_planner_ros.ros.outputs.answers import Answer, answer, refusal
+from placement_planner_ros.ros.parameters.checks import one_pose, poses_from_list
 from placement_planner_ros.ros.parameters.server import ParameterServer
 from placement_planner_ros.ros.run.planning import Prepare
-from placement_planner_ros.ros.run.start_checks import take_snapshot
-from placement_planner_ros.ros.run.surroundings import sight_notes
+from placement_planner_ros.ros.run.snapshot import Snapshot
+from placement_planner_ros.ros.run.start_checks import start_notes, take_snapshot
 from placement_planner_ros.ros.run.worker import Run, State
 
 STOP_PATIENCE = 1.0
@@ -25,6 +33,7 @@ class Commands:
 
     Args:
         prepare: makes the planner of a run.
+        environment_of: the environment of a run, where it is there already.
         announcer: tells the world of each run.
         warm: set once everything a search needs is compiled.
 
@@ -37,6 +46,7 @@ class Commands:
         inputs: Inputs,
         parameters: ParameterServer,
         prepare: Prepare,
+        environment_of: Callable[[Snapshot], Environment | None],
         announcer: Announcer,
         warm: threading.Event,
     ) -> None:
@@ -44,14 +54,19 @@ class Commands:
         self._inputs = inputs
         self._parameters = parameters
         self._prepare = prepare
+        self._environment_of = environment_of
         self._announcer = announcer
         self._warm = warm
+        # Milliseconds of the wall clock: greater than any number given before, as no node answers
+        # a thousand starts in a second, and exact where clients keep numbers as doubles.
+        self._number = time.time_ns() // 1_000_000
         self._lock = threading.Lock()
 
     @property
     def busy(self) -> bool:
         """Whether a worker is still at work, be it told to end or not."""
-        return self.run is not None and self.run.active
+        run = self.run
+        return run is not None and run.active
 
     def start(self, changes: Sequence[Parameter] = ()) -> Answer:
         """Check all inputs and begin a run, with some parameters changed for it alone."""
@@ -66,44 +81,28 @@ class Commands:
             snapshot = take_snapshot(self._inputs, parameters, [p.name for p in changes])
             if isinstance(snapshot, list):
                 return refusal(snapshot)
-            number = 1 if self.run is None else self.run.number + 1
-            self.run = Run(number, snapshot, self._prepare, self._announcer, self._warm)
-            self._announcer.begun(self.run)
-            self.run.start()
+            notes = start_notes(snapshot, self._environment_of(snapshot))
+            self._number += 1
+            run = Run(self._number, snapshot, self._prepare, self._announcer, self._warm)
+            self.run = run
+            try:
+                self._announcer.begun(run)
+                run.start()
+            except Exception as error:
+                run.fail(error)  # or it would count as active for ever
+                raise
         words = f"planning for {' or '.join(arm.name for arm in snapshot.arms)}"
-        notes = [
-            *snapshot.body.warnings,
-            *snapshot.robot.limit_violations(snapshot.q_start),
-            *sight_notes(snapshot),
-        ]
-        return answer("OK", "\n".join([words, *notes]), run=number)
+        return answer("OK", "\n".join([words, *notes]), run=run.number)
 
     def stop(self) -> Answer:
         """End the run; answers once its worker is idle."""
-        run = self.run
-        if run is None:
-            return answer("NOT_RUNNING", "no run was started", success=True)
-        if not run.active:
-            return _outcome("NOT_RUNNING", run)
-        run.end(State.STOPPED)
-        if not run.wait(STOP_PATIENCE):
-            return answer(
-                "STOPPING",
-                f"the worker has not ended within {STOP_PATIENCE:g} s; it publishes nothing more",
-                run=run.number,
-            )
-        return _outcome("OK", run)
+        return _stop(self.run)
 
     def stop_with(self, parameters: Sequence[Parameter]) -> Answer:
         """End one run only."""
-        wanted = {p.name: p.value for p in parameters}
-        if set(wanted) != {"run"} or type(wanted["run"]) is not int:
-            return answer("BAD_PARAMETER", "give one integer parameter, run: the run to stop")
+        wanted = _number(_values(parameters, ("run",)), "run")
         run = self.run
-        if run is None or run.number != wanted["run"]:
-            known = "no run was started" if run is None else f"the last run is {run.number}"
-            return answer("WRONG_RUN", known, run=wanted["run"])
-        return self.stop()
+        return _stop(run) if run is not None and run.number == wanted else _wrong(run, wanted)
 
     def confirm_placed(self) -> Answer:
         """The best placement was carried out: the object is part of the environment now."""
@@ -114,11 +113,39 @@ class Commands:
             run = self.run
             if run is None or run.best is None:
                 return answer("NO_OBJECT", "there is no placement that could have been carried out")
-            if not run.confirmed:
-                self._inputs.confirm(run.best, run.snapshot.body)
-            run.confirmed = True
-        self._announcer.confirmed()
-        return answer("OK", "the object is obstacle and support now", run=run.number)
+            return self._confirm(run, run.solutions, None)
+
+    def confirm_placed_with(self, parameters: Sequence[Parameter]) -> Answer:
+        """A placement of the last run was carried out, perhaps not quite where planned."""
+        values = _values(parameters, ("run", "solution"), ("pose",))
+        wanted, solution = _number(values, "run"), _number(values, "solution")
+        pose = _pose(values["pose"]) if "pose" in values else None
+        with self._lock:
+            busy = self._busy()
+            if busy is not None:
+                return busy
+            run = self.run
+            if run is None or run.number != wanted:
+                return _wrong(run, wanted)
+            if solution not in run.poses:
+                known = f"{min(run.poses)} to {run.solutions}" if run.poses else "none"
+                raise ParameterError("solution", solution, f"run {wanted} has {known}")
+            return self._confirm(run, solution, pose)
+
+    def remove_placed(self, parameters: Sequence[Parameter]) -> Answer:
+        """What a run placed has been taken away."""
+        wanted = _number(_values(parameters, ("run",)), "run")
+        with self._lock:
+            busy = self._busy()
+            if busy is not None:
+                return busy
+            padding = self._parameters.current["self_filter.padding"]
+            if not self._inputs.clouds.remove(wanted, padding):
+                placed = ", ".join(map(str, self._inputs.clouds.placed)) or "none"
+                words = f"nothing of that run stands; runs whose objects stand: {placed}"
+                return answer("WRONG_RUN", words, run=wanted)
+        self._announcer.environment_changed()
+        return answer("OK", "the object is no part of the environment any more", run=wanted)
 
     def clear_environment(self) -> Answer:
         """Forget accumulated points and confirmed objects."""
@@ -127,6 +154,7 @@ class Commands:
             if busy is not None:
                 return busy
             self._inputs.clouds.clear()
+        self._announcer.environment_changed()
         return answer("OK", "accumulated points and confirmed objects are forgotten")
 
     def close(self) -> None:
@@ -144,6 +172,72 @@ class Commands:
         if run.state is State.STOPPING:
             return answer("STOPPING", "the last run has not ended yet", run=run.number)
         return answer("ALREADY_RUNNING", f"state {run.state}", run=run.number)
+
+    def _confirm(self, run: Run, solution: int, measured: pin.SE3 | None) -> Answer:
+        """With the lock held."""
+        pose = run.poses[solution] if measured is None else measured
+        self._inputs.confirm(run.number, run.snapshot.body, pose)
+        run.confirmed = True
+        self._announcer.environment_changed()
+        return answer("OK", "the object is obstacle and support now", run=run.number)
+
+
+def _stop(run: Run | None) -> Answer:
+    if run is None:
+        return answer("NOT_RUNNING", "no run was started", success=True)
+    if not run.active:
+        return _outcome("NOT_RUNNING", run)
+    run.end(State.STOPPED)
+    if not run.wait(STOP_PATIENCE):
+        return answer(
+            "STOPPING",
+            f"the worker has not ended within {STOP_PATIENCE:g} s; it publishes nothing more",
+            run=run.number,
+        )
+    return _outcome("OK", run)
+
+
+def _wrong(run: Run | None, wanted: int) -> Answer:
+    known = "no run was started" if run is None else f"the last run is {run.number}"
+    return answer("WRONG_RUN", known, run=wanted)
+
+
+def _values(
+    parameters: Sequence[Parameter], needed: Sequence[str], optional: Sequence[str] = ()
+) -> dict[str, Any]:
+    """What a command was given, by name.
+
+    Raises:
+        ParameterError: something is missing, or nobody knows it.
+    """
+    values = {p.name: p.value for p in parameters}
+    for name in values:
+        if name not in (*needed, *optional):
+            known = ", ".join((*needed, *optional))
+            raise ParameterError(name, values[name], f"give {known} and nothing else")
+    for name in needed:
+        if name not in values:
+            raise ParameterError(name, None, f"give an integer parameter {name}")
+    return values
+
+
+def _number(values: Mapping[str, Any], name: str) -> int:
+    if type(values[name]) is not int:
+        raise ParameterError(name, values[name], "give an integer")
+    return int(values[name])
+
+
+def _pose(value: object) -> pin.SE3:
+    """A pose of x y z qx qy qz qw.
+
+    Raises:
+        ParameterError: it is none.
+    """
+    numbers = list(value) if isinstance(value, Sequence | array) else []
+    if len(numbers) != 7 or not all(type(n) in (int, float) and isfinite(n) for n in numbers):
+        raise ParameterError("pose", value, "give seven finite numbers: x y z qx qy qz qw")
+    one_pose("pose", numbers)
+    return poses_from_list("pose", numbers)[0]
 
 
 def _outcome(code: str, run: Run) -> Answer:

@@ -11,13 +11,13 @@ import numpy as np
 import pinocchio as pin
 import rclpy
 from rclpy.exceptions import NameValidationException, ParameterException
-from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.warmup import warm_up
+from placement_planner_ros.interrupts import catch_signals
 from placement_planner_ros.ros.commands import STOP_PATIENCE, Commands
 from placement_planner_ros.ros.inputs.frames import Transforms
 from placement_planner_ros.ros.inputs.inputs import Inputs
@@ -39,8 +39,8 @@ from placement_planner_ros.ros.run.preparation import Preparation
 from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.run.start_checks import take_snapshot
 from placement_planner_ros.ros.run.worker import State
-from placement_planner_ros.ros.services import serve
-from placement_planner_ros.ros.spinning import callbacks_end, catch_signals, spin_until
+from placement_planner_ros.ros.services import answer_always, serve
+from placement_planner_ros.ros.spinning import PooledExecutor, spin_until
 
 THREADS = 6
 START_UP_PATIENCE = 5.0
@@ -72,11 +72,12 @@ class PlacementPlannerNode(Node):
         self._warm = threading.Event()
         outputs = Outputs(self)
         self._reporter = Reporter(self, outputs, self._inputs, self._settings, self._warm.is_set)
-        self._preparation = Preparation(self._newest, self._has_leisure)
+        self._preparation = Preparation(self._newest, self._has_leisure, self._preparing_failed)
         self._commands = Commands(
             self._inputs,
             self._settings,
             prepare or self._preparation.prepare,
+            self._preparation.ready,
             Announcer(self, outputs, self._reporter),
             self._warm,
         )
@@ -88,6 +89,15 @@ class PlacementPlannerNode(Node):
         robot.wait(START_UP_PATIENCE)
         self._inputs.object.wait(START_UP_PATIENCE)
         serve(self, self._commands)
+        answer_always(self, self._internal)
+
+    def _internal(self, error: BaseException) -> None:
+        trace = "".join(traceback.format_exception(error))
+        self.get_logger().error(f"a request met a fault: {trace}")
+
+    def _preparing_failed(self, error: Exception) -> None:
+        trace = "".join(traceback.format_exception(error))
+        self.get_logger().error(f"preparing ahead failed; it goes on with the next inputs: {trace}")
 
     def _end_where_robot_moved(self) -> None:
         run = self._commands.run
@@ -148,18 +158,20 @@ def main(args: list[str] | None = None) -> None:
     """Run the node until interrupted."""
     share_among_threads()
     asked = catch_signals()
+    if asked.is_set():
+        return  # while this was loaded
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     try:
         node = PlacementPlannerNode()
     except (PlacementPlannerError, ParameterException, NameValidationException) as error:
         sys.exit(f"placement_planner: {error}")
-    executor = MultiThreadedExecutor(num_threads=THREADS)
+    executor = PooledExecutor(THREADS)
     executor.add_node(node)
     warming = threading.Thread(target=_warm_up, args=(node,), name="warm-up", daemon=True)
     warming.start()
     spin_until(executor, asked, node.survive)
     node.close()
-    working = not callbacks_end(executor, STOP_PATIENCE) or warming.is_alive() or node.working
+    working = not executor.finish(STOP_PATIENCE) or warming.is_alive() or node.working
     executor.shutdown()
     node.destroy_node()
     rclpy.shutdown()

@@ -1,19 +1,23 @@
-"""The node's services: each a command that gives an answer."""
+"""The node's services: each a command that gives an answer, whatever happens."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError
 from placement_planner_ros.ros.commands import Commands
-from placement_planner_ros.ros.outputs.answers import Answer, refusal
+from placement_planner_ros.ros.outputs.answers import Answer, answer, refusal
+
+OnFault = Callable[[BaseException], None]
 
 
 def serve(node: Node, commands: Commands) -> None:
@@ -22,9 +26,7 @@ def serve(node: Node, commands: Commands) -> None:
 
     def trigger(name: str, act: Callable[[], Answer]) -> None:
         def respond(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-            said = act()
-            response.success, response.message = said.success, said.text
-            return response
+            return _saying(act(), response)
 
         node.create_service(Trigger, name, respond, callback_group=group)
 
@@ -32,11 +34,9 @@ def serve(node: Node, commands: Commands) -> None:
         def respond(
             request: SetParametersAtomically.Request, response: SetParametersAtomically.Response
         ) -> SetParametersAtomically.Response:
-            said = unreadable(request.parameters)
-            if said is None:
-                said = act([Parameter.from_parameter_msg(p) for p in request.parameters])
-            response.result.successful, response.result.reason = said.success, said.text
-            return response
+            return _saying(
+                act([Parameter.from_parameter_msg(p) for p in request.parameters]), response
+            )
 
         node.create_service(SetParametersAtomically, name, respond, callback_group=group)
 
@@ -45,7 +45,54 @@ def serve(node: Node, commands: Commands) -> None:
     trigger("~/stop", commands.stop)
     with_parameters("~/stop_with", commands.stop_with)
     trigger("~/confirm_placed", commands.confirm_placed)
+    with_parameters("~/confirm_placed_with", commands.confirm_placed_with)
+    with_parameters("~/remove_placed", commands.remove_placed)
     trigger("~/clear_environment", commands.clear_environment)
+
+
+def answer_always(node: Node, on_fault: OnFault) -> None:
+    """From now on every service of the node answers, rclpy's own for parameters too.
+
+    Without this a callback that raises leaves its caller waiting for ever.
+
+    Args:
+        on_fault: told of what is a fault of the node's own.
+    """
+    for service in node.services:
+        kind: Any = service.srv_type
+        service.callback = _answering(service.callback, kind.Response, on_fault)
+
+
+def _answering(
+    respond: Callable[[Any, Any], Any], empty: Callable[[], Any], on_fault: OnFault
+) -> Callable[[Any, Any], Any]:
+    def always(request: Any, response: Any) -> Any:
+        parameters = getattr(request, "parameters", [])
+        said = unreadable(parameters)
+        if said is None:
+            try:
+                return respond(request, response)
+            except PlacementPlannerError as error:
+                said = refusal([error])
+            except (Exception, GeneratorExit, SystemExit) as error:
+                on_fault(error)
+                words = " ".join(str(error).split())
+                said = answer("INTERNAL", f"{type(error).__name__}: {words}; the log has the rest")
+        return _saying(said, empty(), len(parameters))
+
+    return always
+
+
+def _saying(said: Answer, response: Any, parameters: int = 0) -> Any:
+    """The response with the answer in it, as far as its type has room for words."""
+    if hasattr(response, "success"):
+        response.success, response.message = said.success, said.text
+    elif hasattr(response, "result"):
+        response.result.successful, response.result.reason = said.success, said.text
+    elif hasattr(response, "results"):
+        result = SetParametersResult(successful=said.success, reason=said.text)
+        response.results = [result] * parameters
+    return response
 
 
 def unreadable(parameters: Sequence[ParameterMessage]) -> Answer | None:

@@ -2,27 +2,63 @@
 
 from __future__ import annotations
 
-import signal
 import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 
-from rclpy.executors import Executor, MultiThreadedExecutor
+from rclpy.executors import (
+    Executor,
+    ExternalShutdownException,
+    ShutdownException,
+    TimeoutException,
+)
+from rclpy.task import Task
 
 PERIOD = 0.1
 """Seconds within which a signal is noticed."""
 
 
-def catch_signals() -> threading.Event:
-    """An event that SIGINT and SIGTERM set; they do nothing else from now on.
+class PooledExecutor(Executor):
+    """Callbacks in threads, like rclpy's `MultiThreadedExecutor`, but with an end to wait for.
 
-    For nodes initialised without rclpy's own signal handlers, which shut the context down under a
-    spinning executor. A terminal's Ctrl-C reaches a node twice, directly and through its parent;
-    so the second one cannot cut the teardown short.
+    In Jazzy that one neither waits for callbacks when it is shut down nor says whether any is in
+    flight, so that they would fail over what is destroyed next.
     """
-    asked = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: asked.set())
-    return asked
+
+    def __init__(self, threads: int) -> None:
+        super().__init__()
+        self._pool = ThreadPoolExecutor(threads)
+        self._begun: list[Task] = []
+
+    def spin_once(self, timeout_sec: float | None = None) -> None:
+        """Hand one callback that is ready to a thread; raise what one that has ended raised."""
+        try:
+            task, _, _ = self.wait_for_ready_callbacks(timeout_sec=timeout_sec)
+        except (ExternalShutdownException, ShutdownException, TimeoutException):
+            pass
+        else:
+            self._begun.append(task)
+            self._pool.submit(task)
+        for task in list(self._begun):
+            if task.done():
+                self._begun.remove(task)
+                task.result()
+
+    def finish(self, patience: float) -> bool:
+        """Begin no more callbacks; whether those in flight have ended within `patience` seconds.
+
+        For an executor that nobody spins any more.
+        """
+        waiting = threading.Thread(
+            target=self._pool.shutdown, kwargs={"cancel_futures": True}, daemon=True
+        )
+        waiting.start()
+        waiting.join(patience)
+        if waiting.is_alive():
+            return False
+        for task in self._begun:
+            task.cancel()  # those not begun, whose coroutines Python would else report
+        return True
 
 
 def spin_until(
@@ -44,21 +80,3 @@ def spin_until(
             if on_error is None:
                 raise
             on_error(error)
-
-
-def callbacks_end(executor: MultiThreadedExecutor, patience: float) -> bool:
-    """Begin no more callbacks; whether those in flight have ended within `patience` seconds.
-
-    For an executor that nobody spins any more. Its own shutdown does not wait for callbacks in
-    Jazzy, so that they would fail over what is destroyed next ("exception was never retrieved").
-    """
-    waiting = threading.Thread(
-        target=executor._executor.shutdown, kwargs={"cancel_futures": True}, daemon=True
-    )
-    waiting.start()
-    waiting.join(patience)
-    if waiting.is_alive():
-        return False
-    for task in executor._futures:
-        task.cancel()  # those not begun, whose coroutines Python would else report as never awaited
-    return True

@@ -15,7 +15,7 @@ from placement_planner_ros.core.collision.arm import (
     ArmCollision,
     _flat_arm,
     _link_shapes,
-    _object_solids,
+    object_solids,
 )
 from placement_planner_ros.core.collision.load import Standing
 from placement_planner_ros.core.constraints import placement_pose
@@ -31,6 +31,7 @@ from placement_planner_ros.core.reach.seeds import seed_table
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.search.mcts import MctsSampler
 from placement_planner_ros.core.search.optimistic import OptimisticSampler
+from placement_planner_ros.core.search.pruning import Cause
 from placement_planner_ros.core.search.sampler import SamplerSettings
 from placement_planner_ros.core.search.uniform import UniformSampler
 from placement_planner_ros.core.timing.trajectory_maker import TrajectoryMaker
@@ -130,7 +131,7 @@ def test_the_same_seed_and_budget_give_the_same_placements():
 
 def test_what_is_remembered_from_start_to_start_changes_no_result():
     def forget():
-        for remembered in (_chain, _flat_arm, _link_shapes, _object_solids, _swept, seed_table):
+        for remembered in (_chain, _flat_arm, _link_shapes, object_solids, _swept, seed_table):
             remembered.cache_clear()
 
     problem, objective = make_problem(TABLE, np.random.default_rng(0))
@@ -199,6 +200,7 @@ def test_a_volume_without_surfaces_is_exhausted_at_once_and_says_why():
     )
     planner = PlacementPlanner(empty, objective, PlannerSettings(), np.random.default_rng(0))
     assert "no placement region" in planner.exhausted
+    assert planner.cause is Cause.NO_REGION
     assert list(planner.run(lambda: False)) == []
 
 

@@ -11,7 +11,6 @@ from geometry_msgs.msg import PoseStamped
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import SetParametersAtomically
-from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState, PointCloud2
@@ -26,7 +25,7 @@ from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 from placement_planner_ros.ros.node import PlacementPlannerNode
 from placement_planner_ros.ros.qos import LATCHED
 from placement_planner_ros.ros.run.planning import Prepared
-from placement_planner_ros.ros.spinning import callbacks_end, spin_until
+from placement_planner_ros.ros.spinning import PooledExecutor, spin_until
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.yumi import HOME
 
@@ -45,14 +44,14 @@ class FakeStatistics:
         return "nothing was tried"
 
 
-def placement(objective, arm="left", retreats=False):
+def placement(objective, arm="left", retreats=False, x=0.4):
     """A placement whose motion is short and whose numbers are easy to recognise."""
     joints = tuple(f"yumi_joint_{n}_{arm[0]}" for n in (1, 2, 7, 3, 4, 5, 6))
     start = np.array([HOME[j] for j in joints])
     positions = np.array([start, start + 0.05])
     zeros = np.zeros_like(positions)
     trajectory = Trajectory(joints, np.array([0.0, 1.0]), positions, zeros, zeros)
-    T = pin.SE3(np.eye(3), np.array([0.4, 0.0, 0.1]))
+    T = pin.SE3(np.eye(3), np.array([x, 0.0, 0.1]))
     goal = Goal(arm, 0, 1, T, 0.0, positions, objective)
     retreat = Trajectory(joints, np.array([0.0, 1.0]), positions[::-1], zeros, zeros)
     return Placement(goal, trajectory, 0.5, 0.25, 10, retreat if retreats else None)
@@ -64,6 +63,7 @@ class FakePlanner:
     def __init__(self):
         self.statistics = FakeStatistics()
         self.exhausted = ""
+        self.cause = None
         self.unusable = ()
         self.offers = []
         self.error = None
@@ -79,7 +79,9 @@ class FakePlanner:
             if self.error is not None:
                 raise self.error
             if self.offers:
-                yield placement(self.offers.pop(0), retreats=self.retreats)
+                offer = self.offers.pop(0)
+                made = isinstance(offer, Placement)
+                yield offer if made else placement(offer, retreats=self.retreats)
             time.sleep(0.002)
 
 
@@ -95,8 +97,8 @@ class Spinning:
     def end(self):
         self._asked.set()
         self._thread.join()
-        pooled = isinstance(self._executor, MultiThreadedExecutor)
-        ended = not pooled or callbacks_end(self._executor, 10.0)
+        pooled = isinstance(self._executor, PooledExecutor)
+        ended = not pooled or self._executor.finish(10.0)
         self._executor.shutdown()
         assert ended, "a callback hangs"
 
@@ -104,7 +106,7 @@ class Spinning:
 class Bench:
     """A node with a fake planner, a client that records all it hears, and its sensors."""
 
-    def __init__(self, *, warm=True, **parameters):
+    def __init__(self, *, warm=True, first_run=1, **parameters):
         held = object_by_name("small_crayons_box")
         values = {
             "object.vertices": held.vertices.ravel().tolist(),
@@ -119,9 +121,12 @@ class Bench:
         self.planners = []
         self.snapshots = []
         self.prepare_delay = 0.0
+        self.preparing = lambda should_stop: None
         self.node = PlacementPlannerNode(
             self._prepare, [Parameter(n, value=v) for n, v in values.items() if v is not None]
         )
+        if first_run is not None:  # runs 1, 2, … are easier to tell apart
+            self.node._commands._number = first_run - 1
         if warm:
             self.node._warm.set()
         self.client = Node("client")
@@ -148,7 +153,7 @@ class Bench:
         self._joints = self.client.create_publisher(JointState, "joint_states", 10)
         self._clouds = self.client.create_publisher(PointCloud2, "points", 1)
         self._services = {}
-        self.executor = MultiThreadedExecutor(num_threads=8)
+        self.executor = PooledExecutor(8)
         self.executor.add_node(self.node)
         self.executor.add_node(self.client)
         self._spinning = Spinning(self.executor)
@@ -163,6 +168,7 @@ class Bench:
 
     def _prepare(self, snapshot, should_stop):
         time.sleep(self.prepare_delay)
+        self.preparing(should_stop)
         self.snapshots.append(snapshot)
         planner = FakePlanner()
         self.planners.append(planner)
@@ -206,7 +212,7 @@ class Bench:
 
     def call(self, name, **parameters):
         """Call a service; `..._with` services take parameters."""
-        with_parameters = name.endswith("_with")
+        with_parameters = name.endswith("_with") or name == "remove_placed"
         kind = SetParametersAtomically if with_parameters else Trigger
         if name not in self._services:
             self._services[name] = self.client.create_client(kind, f"placement_planner/{name}")

@@ -45,6 +45,7 @@ from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.settings import Settings, setting
+from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
 
 HELD_OBJECT = "the held object"
@@ -377,7 +378,7 @@ def coal_convex(vertices: Array, triangles: npt.NDArray[np.int_]) -> coal.Convex
     return coal.Convex(points, faces)
 
 
-def _arm_joint(model: pin.Model, joint_ids: list[int], joint: int) -> int:
+def arm_joint(model: pin.Model, joint_ids: list[int], joint: int) -> int:
     """Index of the last arm joint that moves what hangs on `joint`, or -1."""
     while joint != 0 and joint not in joint_ids:
         joint = model.parents[joint]
@@ -413,7 +414,7 @@ def _flat_arm(
         if grasp is None:
             thing = CollisionBody(PLACED_OBJECT, -1, _object_parts(body, pin.SE3.Identity()))
         else:
-            tip_joint = _arm_joint(model, joint_ids, model.frames[tip].parentJoint)
+            tip_joint = arm_joint(model, joint_ids, model.frames[tip].parentJoint)
             parts = _object_parts(body, data.oMf[tip] * arm.grasps[grasp])
             thing = CollisionBody(HELD_OBJECT, tip_joint, parts)
             _check_grasp(arm, grasp, thing, others)
@@ -426,10 +427,11 @@ def _flat_arm(
 @functools.lru_cache(maxsize=8)
 def _link_shapes(robot: Robot) -> tuple[Shape, ...]:
     """The shape of each of the robot's geometries."""
-    return tuple(
-        shape_of(thing.geometry, f"link {link}")
-        for link, thing in zip(robot.geometry_links, robot.geometry.geometryObjects, strict=True)
-    )
+    shapes = []
+    for link, thing in zip(robot.geometry_links, robot.geometry.geometryObjects, strict=True):
+        step(f"reading the shape of link {link}")
+        shapes.append(shape_of(thing.geometry, f"link {link}"))
+    return tuple(shapes)
 
 
 def _links(robot: Robot, data: pin.Data, joint_ids: list[int]) -> list[CollisionBody]:
@@ -440,7 +442,7 @@ def _links(robot: Robot, data: pin.Data, joint_ids: list[int]) -> list[Collision
     for link, thing, shape in zip(
         robot.geometry_links, robot.geometry.geometryObjects, _link_shapes(robot), strict=True
     ):
-        joints[link] = _arm_joint(robot.model, joint_ids, thing.parentJoint)
+        joints[link] = arm_joint(robot.model, joint_ids, thing.parentJoint)
         rigid[link] = thing.parentJoint in (mount, *joint_ids)
         T = data.oMi[thing.parentJoint] * thing.placement
         parts.setdefault(link, []).append(Part(shape, thing.geometry, T))
@@ -457,11 +459,12 @@ def _pairs(robot: Robot, links: list[str]) -> list[tuple[str, str]]:
 
 
 def _object_parts(body: Body, T_world_object: pin.SE3) -> tuple[Part, ...]:
-    return tuple(Part(*solid, T_world_object) for solid in _object_solids(body))
+    return tuple(Part(*solid, T_world_object) for solid in object_solids(body))
 
 
 @functools.lru_cache(maxsize=4)
-def _object_solids(body: Body) -> tuple[tuple[Shape, coal.CollisionGeometry], ...]:
+def object_solids(body: Body) -> tuple[tuple[Shape, coal.Convex], ...]:
+    """The convex parts of the object, each for the kernels and for coal."""
     return tuple(
         (Shape((part_set(part),), solid=True), coal_convex(part.vertices, part.triangles))
         for part in body.parts
@@ -470,6 +473,7 @@ def _object_solids(body: Body) -> tuple[tuple[Shape, coal.CollisionGeometry], ..
 
 def _check_grasp(arm: Arm, grasp: int, thing: CollisionBody, links: list[CollisionBody]) -> None:
     for link in links:
+        step(f"comparing {arm.name}.grasps[{grasp}] with link {link.name}")
         if link.joint == thing.joint and any(
             coal.collide(
                 a.geometry,
@@ -481,11 +485,16 @@ def _check_grasp(arm: Arm, grasp: int, thing: CollisionBody, links: list[Collisi
             )
             for a, b in _products(thing, link)
         ):
-            raise GraspError(
-                f"{arm.name}.grasps[{grasp}]",
-                arm.grasps[grasp].homogeneous.round(4).tolist(),
-                f"the object lies in {link.name}; move the grasp, or list the link in touch_links",
-            )
+            raise object_in_hand(arm, grasp, link.name)
+
+
+def object_in_hand(arm: Arm, grasp: int, link: str) -> GraspError:
+    """The object overlaps a link that it does not move against."""
+    return GraspError(
+        f"{arm.name}.grasps[{grasp}]",
+        arm.grasps[grasp].homogeneous.round(4).tolist(),
+        f"the object lies in {link}; move the grasp, or list the link in touch_links",
+    )
 
 
 def _products(a: CollisionBody, b: CollisionBody) -> Iterator[tuple[Part, Part]]:

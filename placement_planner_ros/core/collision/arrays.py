@@ -27,6 +27,7 @@ from placement_planner_ros.core.collision.pair_tables import (
 from placement_planner_ros.core.collision.shapes import Shape
 from placement_planner_ros.core.collision.spheres import SphereTree, bounding_sphere, sphere_tree
 from placement_planner_ros.core.reach.kinematics import Chain
+from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
 
 Indices = npt.NDArray[np.int64]
@@ -197,6 +198,7 @@ def flatten(
             joint_frames[body.joint].inverse() if body.joint >= 0 else pin.SE3.Identity()
         )
         for j, part in enumerate(body.parts):
+            step(f"covering {body.name} with spheres")
             tree = sphere_tree(part.shape, excess if body.joint >= 0 else 10 * excess)
             trees.append(tree)
             flat.add(tree, part.shape.solid, T_joint_world * part.T_world_part, i, j)

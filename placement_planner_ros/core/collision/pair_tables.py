@@ -24,6 +24,7 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.collision.separation import TOLERANCE, separate
 from placement_planner_ros.core.kernels import kernel
+from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
 
 Indices = npt.NDArray[np.int64]
@@ -110,7 +111,8 @@ def pair_tables(pairs: tuple[TablePair, ...], clear: float) -> PairTables:
         clear: metres that cells certify.
     """
     counts, tables, total = [], [np.zeros(0, dtype=np.bool_)], 0
-    for pair in pairs:
+    for number, pair in enumerate(pairs):
+        step(f"tabling pair {number + 1} of {len(pairs)} of links two joints apart")
         first, second = (
             math.floor((high - low) / CELL) + 1
             for low, high in zip(pair.lower, pair.upper, strict=True)

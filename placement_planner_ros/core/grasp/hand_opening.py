@@ -17,6 +17,7 @@ from placement_planner_ros.core.grasp.hand_sweep import revolute
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
+from placement_planner_ros.core.stopping import step
 
 _TRAVEL = 1e-3
 _TURN = 0.01
@@ -91,7 +92,11 @@ def _deeper(finger: _Finger, part: coal.CollisionGeometry, at: coal.Transform3s)
     steps = len(finger.places) - 1
     if finger.slides and first + steps * min(second - first, 0.0) > allowed - _DEEPER:
         return 0.0
-    return allowed - min(_gap(finger, stage, part, at) for stage in range(1, steps + 1))
+    least = second
+    for stage in range(2, steps + 1):
+        step(f"looking whether {finger.link} opens into the object")
+        least = min(least, _gap(finger, stage, part, at))
+    return allowed - least
 
 
 @functools.lru_cache(maxsize=8)
@@ -110,10 +115,12 @@ def _fingers(robot: Robot, arm: Arm, q_bytes: bytes) -> tuple[_Finger, ...]:
     data = robot.model.createData()
     frames = []
     for share in np.linspace(0.0, 1.0, steps + 1):
+        step(f"opening the hand of arm {arm.name}")
         pin.forwardKinematics(robot.model, data, q + share * change)
         frames.append([pin.SE3(T) for T in data.oMi])
     fingers = []
     for link, thing in zip(robot.geometry_links, robot.geometry.geometryObjects, strict=True):
+        step(f"opening the hand of arm {arm.name}, at {link}")
         ways = [frames[0][thing.parentJoint].actInv(f[thing.parentJoint]) for f in frames]
         turned = max(float(np.linalg.norm(pin.log3(way.rotation))) for way in ways)
         thing.geometry.computeLocalAABB()

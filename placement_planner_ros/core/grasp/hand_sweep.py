@@ -16,6 +16,7 @@ from placement_planner_ros.core.collision.shapes import shape_of
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.geometry import convex
 from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
 
 _TURN = 0.05
@@ -55,7 +56,10 @@ def _swept(robot: Robot, hand_bytes: bytes, change_bytes: bytes) -> Robot:
     change = np.abs(stages[1] - stages[0])
     turning = revolute(robot) & (change > 0.0)
     turn, slide = float(change[turning].sum()), float(change[~turning].sum())
-    frames = [_joint_frames(robot, stage) for stage in stages]
+    frames = []
+    for stage in stages:
+        step("opening the hand")
+        frames.append(_joint_frames(robot, stage))
     swept = pin.GeometryModel()
     links: list[str] = []
     for link, thing in zip(robot.geometry_links, robot.geometry.geometryObjects, strict=True):
@@ -76,6 +80,7 @@ def _swept(robot: Robot, hand_bytes: bytes, change_bytes: bytes) -> Robot:
         reach = max(away) * (1.0 + turn) + slide
         strays = 0.25 * turn * (turn * reach + slide)
         for k, (before, after) in enumerate(itertools.pairwise(copies)):
+            step(f"making what {link} sweeps as the hand opens")
             hull = convex(ConvexHull(np.vstack([before, after])))
             hull.setSweptSphereRadius(strays)
             swept.addGeometryObject(

@@ -22,6 +22,7 @@ from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.robot.model import Arm
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import ObstacleSet
+from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
 
 _TOUCHING = 1e-3
@@ -136,6 +137,7 @@ class OpenHand:
         Touch links that the open hand still touches it with may slide along it; those that have
         come off must not meet it again.
         """
+        step(f"looking what of arm {arm.name} leaves the object")
         self._open.place(T_world_object)
         near = replace(self._open.settings, self_margin=_TOUCHING)
 

@@ -7,13 +7,15 @@ from dataclasses import replace
 import numpy as np
 
 from placement_planner_ros.core.collision.load import Held
-from placement_planner_ros.core.errors import GraspError, StartError
+from placement_planner_ros.core.errors import GraspError
+from placement_planner_ros.core.grasp.at_start import beyond_limits, none_usable
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.grasp.open_hand import OpenHand
 from placement_planner_ros.core.grasp.settings import GraspSettings
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.moving_arm import MovingArm
+from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
 
 _LIMIT_INSET = 1e-3
@@ -36,20 +38,17 @@ def usable_holdings(
     for arm in problem.arms:
         of_arm: list[Holding] = []
         q_start = problem.q_start[arm.q_index]
-        beyond = np.flatnonzero((q_start < arm.lower) | (q_start > arm.upper))
-        if len(beyond):
-            joints = ", ".join(
-                f"{arm.joints[j]} = {q_start[j]:.4f} is not in "
-                f"[{arm.lower[j]:.4f}, {arm.upper[j]:.4f}]"
-                for j in beyond
-            )
-            reasons.append(f"{arm.name}: beyond the joint limits: {joints}")
+        beyond = beyond_limits(arm, problem.q_start)
+        if beyond:
+            reasons.append(f"{arm.name}: {beyond}")
             holdings.append(of_arm)
             continue
+        step(f"making the open hand of arm {arm.name}")
         arm = _within_limits(arm, q_start)
         moving = MovingArm(problem.robot, arm, problem.q_start)
         open_hand = OpenHand(moving, body, obstacles, settings)
         for grasp in range(len(arm.grasps)):
+            step(f"making arm {arm.name} with grasp {grasp}")
             try:
                 holding = Holding(moving, Held(body, grasp), obstacles, open_hand, settings)
             except GraspError as error:
@@ -62,14 +61,7 @@ def usable_holdings(
                 of_arm.append(holding)
         holdings.append(of_arm)
     if not any(holdings):
-        if not reasons:
-            raise bad_grasps[0]
-        raise StartError(
-            "joint_states",
-            "; ".join(reasons),
-            "the start configuration must lie within the joint limits and keep collision_margin "
-            "with the object in hand",
-        )
+        raise none_usable(reasons, bad_grasps)
     return holdings, (*map(str, bad_grasps), *reasons)
 
 

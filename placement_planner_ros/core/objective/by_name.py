@@ -8,7 +8,7 @@ from importlib.metadata import EntryPoint, entry_points
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.objective.clearance import Clearance
-from placement_planner_ros.core.objective.objective import Objective, ObjectiveContext
+from placement_planner_ros.core.objective.objective import Objective, ObjectiveContext, asked
 
 ENTRY_POINT_GROUP = "placement_planner_ros.objectives"
 
@@ -29,16 +29,17 @@ def make_objective(name: str, context: ObjectiveContext) -> Objective:
     """Make the objective of that name for one run.
 
     Raises:
-        ParameterError: the name is unknown, or what its entry point makes cannot be called.
+        ParameterError: the name is unknown, its entry point raises, or what that makes cannot be
+            called.
     """
-    factory = _BUILT_IN.get(name)
-    if factory is None:
-        found = [e for e in _plug_ins() if e.name == name]
-        if not found:
-            known = ", ".join(objective_names())
-            raise ParameterError("objective", name, f"is not known; choose one of {known}")
-        factory = found[0].load()
-    objective = factory(context)
+    if name in _BUILT_IN:
+        return _BUILT_IN[name](context)
+    found = [e for e in _plug_ins() if e.name == name]
+    if not found:
+        known = ", ".join(objective_names())
+        raise ParameterError("objective", name, f"is not known; choose one of {known}")
+    factory = asked(found[0], found[0].load)
+    objective = asked(factory, lambda: factory(context))
     if not callable(objective):
         raise ParameterError(
             "objective", name, f"its factory made a {type(objective).__name__}, not a callable"

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 import pinocchio as pin
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.types import Array, TargetVolume
+
+_Said = TypeVar("_Said")
 
 
 class Objective(Protocol):
@@ -59,13 +62,30 @@ class ObjectiveContext:
     body: Body
 
 
+def asked(objective: object, ask: Callable[[], _Said]) -> _Said:
+    """What an objective answers; of somebody else's code, whatever it raises is its fault.
+
+    Raises:
+        ParameterError: it raised something, which is the error's cause.
+    """
+    try:
+        return ask()
+    except PlacementPlannerError:
+        raise
+    except (Exception, GeneratorExit, SystemExit) as error:
+        if type(objective).__module__.startswith(f"{__package__}."):
+            raise
+        remedy = "the objective raised this; mend it, or choose another"
+        raise ParameterError("objective", f"{type(error).__name__}: {error}", remedy) from error
+
+
 def evaluate(objective: Objective, T_world_object: pin.SE3) -> float:
     """ξ(x), checked.
 
     Raises:
-        ParameterError: the objective is not a finite number there.
+        ParameterError: the objective raises, or is not a finite number there.
     """
-    value = float(objective(T_world_object))
+    value = asked(objective, lambda: float(objective(T_world_object)))
     if not math.isfinite(value):
         raise ParameterError(
             "objective", value, f"must be finite, at position {T_world_object.translation.tolist()}"
@@ -77,16 +97,28 @@ def evaluate_batch(objective: Objective, T_world_object: Array) -> Array:
     """(n,) ξ of the (n, 4, 4) poses, checked; a black box is asked pose by pose.
 
     Raises:
-        ParameterError: the objective is not a finite number somewhere.
+        ParameterError: the objective raises, or is not a finite number somewhere.
     """
     if not isinstance(objective, BatchObjective):
         return np.array([evaluate(objective, pin.SE3(T)) for T in T_world_object])
-    values = np.asarray(objective.values(T_world_object), dtype=np.float64)
-    if values.shape != (len(T_world_object),) or not np.isfinite(values).all():
-        raise ParameterError(
-            "objective", values.tolist(), f"must be {len(T_world_object)} finite numbers"
-        )
-    return values
+    batch = objective
+    return _finite(objective, lambda: batch.values(T_world_object), (len(T_world_object),))
+
+
+def estimate_batch(objective: EstimatedObjective, T_world_object: Array) -> Array:
+    """(n,) about ξ of the (n, 4, 4) poses, checked.
+
+    Raises:
+        ParameterError: the objective raises, or does not estimate a finite number somewhere.
+    """
+    return _finite(objective, lambda: objective.estimates(T_world_object), (len(T_world_object),))
+
+
+def _finite(objective: object, ask: Callable[[], Array], shape: tuple[int, ...]) -> Array:
+    numbers = asked(objective, lambda: np.array(ask(), dtype=np.float64))
+    if numbers.shape != shape or not np.isfinite(numbers).all():
+        raise ParameterError("objective", numbers.tolist(), f"must be {shape[0]} finite numbers")
+    return numbers
 
 
 def gradient(
@@ -100,9 +132,13 @@ def gradient(
     Args:
         step: of the differences in x and y, metres.
         angle_step: of the differences in e_z, radians.
+
+    Raises:
+        ParameterError: the objective raises, or is not finite.
     """
     if isinstance(objective, DifferentiableObjective):
-        return np.asarray(objective.gradient(T_world_object), dtype=np.float64)
+        smooth = objective
+        return _finite(objective, lambda: smooth.gradient(T_world_object), (3,))
     result = np.zeros(3)
     for axis, size in enumerate((step, step, angle_step)):
         change = np.zeros(3)

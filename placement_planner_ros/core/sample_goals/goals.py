@@ -12,6 +12,7 @@ from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.objective.objective import (
     EstimatedObjective,
     Objective,
+    estimate_batch,
     evaluate,
     evaluate_batch,
 )
@@ -92,7 +93,7 @@ class GoalFinder:
         """
         if not isinstance(self._objective, EstimatedObjective):
             return evaluate_batch(self._objective, T)
-        estimates = np.asarray(self._objective.estimates(T))
+        estimates = estimate_batch(self._objective, T)
         if self._compared < _COMPARISONS:
             values = evaluate_batch(self._objective, T)
             self._compared += len(T)

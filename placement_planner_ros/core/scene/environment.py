@@ -19,6 +19,7 @@ from placement_planner_ros.core.scene.regions import (
     find_regions,
 )
 from placement_planner_ros.core.scene.visibility import OutsideRobot, View, unknown_cells
+from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import TargetVolume
 
 MAX_CELLS = 100_000_000
@@ -68,6 +69,7 @@ class Environment:
     @cached_property
     def clearance(self) -> ClearanceField:
         """d_S in V, made when it is first asked for."""
+        step("making distances to the environment")
         return ClearanceField(self.measured, self.volume, padding=_AROUND)
 
     @classmethod
@@ -104,8 +106,11 @@ class Environment:
             corners = np.vstack([checked_cloud(points), volume.lower, volume.upper])
             corners = corners[np.isfinite(corners).all(axis=1)]
             bounds = corners.min(axis=0), corners.max(axis=0)
+        step("making the obstacle set of the clouds")
         measured = ObstacleSet.from_points(points, grid, bounds)
+        step("finding placement regions")
         found, support = find_regions(measured, volume, regions)
+        step("finding unknown space")
         unknown = unknown_cells(measured, views, volume, outside_robot)
         obstacles = measured.with_full_cells(unknown) if len(unknown) else measured
         return cls(obstacles, found, support, measured, volume)

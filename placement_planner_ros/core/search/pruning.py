@@ -37,6 +37,20 @@ class CellBounds(Protocol):
         ...
 
 
+class Cause(enum.StrEnum):
+    """Why a search has nothing left to look at, as the code of an ended run says it."""
+
+    NO_REGION = "NO_REGION"
+    """There is no placement region."""
+    NO_FACE = "NO_FACE"
+    """The object has no placement face."""
+    OUT_OF_REACH = "OUT_OF_REACH"
+    UNSUPPORTED = "UNSUPPORTED"
+    """`Ruling`, of everything."""
+    NO_SOLUTION = "NO_SOLUTION"
+    """Several of these, or something else."""
+
+
 _WORDS = {
     Ruling.OUT_OF_REACH: (
         "out of reach of every arm in every grasp",
@@ -85,6 +99,13 @@ class Remainder:
             )
             self._open += list(halved(cells))
         return False
+
+    @property
+    def cause(self) -> Cause:
+        """The one cause of all that was ruled out; NO_SOLUTION where there are several."""
+        if len(self.rulings) != 1:
+            return Cause.NO_SOLUTION
+        return Cause[next(iter(self.rulings)).name]
 
     def why_empty(self) -> str:
         """In words, why nothing is left, and what to do about it."""

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.errors import CloudError, PlacementPlannerError
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.ros.inputs.standing_object import StandingObject
 
 MERGE_FRACTION = 4
 """Merged clouds keep one point per cube of this fraction of a cell's edge."""
@@ -68,7 +69,7 @@ class CloudStore:
         self._lock = threading.Lock()
         self._latest: dict[str, StoredCloud] = {}
         self._merged = np.empty((0, 3))
-        self._confirmed: list[Array] = []
+        self._standing: dict[int, StandingObject] = {}
         self._refused: dict[str, PlacementPlannerError] = {}
         self.updates = 0
         self.changes = 0
@@ -109,17 +110,38 @@ class CloudStore:
             self._refused[topic] = error
             return known is None or str(known) != str(error)
 
-    def confirm(self, points: Array) -> None:
-        """Surface points (n, 3) of an object that now stands there."""
+    @property
+    def placed(self) -> tuple[int, ...]:
+        """The runs whose objects stand, in the order in which they were placed."""
         with self._lock:
-            self._confirmed.append(points)
+            return tuple(self._standing)
+
+    def confirm(self, run: int, thing: StandingObject) -> None:
+        """What that run placed stands there now, and nowhere else."""
+        with self._lock:
+            self._standing.pop(run, None)
+            self._standing[run] = thing
             self.changes += 1
+
+    def remove(self, run: int, padding: float) -> bool:
+        """Forget what that run placed, and points accumulated in it; whether it stood.
+
+        Args:
+            padding: of the object, within which points are taken for its own, metres.
+        """
+        with self._lock:
+            thing = self._standing.pop(run, None)
+            if thing is None:
+                return False
+            self._merged = self._merged[~thing.holds(self._merged, padding)]
+            self.changes += 1
+            return True
 
     def clear(self) -> None:
         """Forget accumulated points and confirmed objects."""
         with self._lock:
             self._merged = np.empty((0, 3))
-            self._confirmed.clear()
+            self._standing.clear()
             self.changes += 1
 
     def ages(self, now: float) -> dict[str, float]:
@@ -157,7 +179,7 @@ class CloudStore:
             sets = [PointSet(cloud.points, cloud.origin) for cloud in self._latest.values()]
             if mode == "merge":
                 sets.append(PointSet(self._merged))
-            sets += [PointSet(points, placed=True) for points in self._confirmed]
+            sets += [PointSet(thing.points, placed=True) for thing in self._standing.values()]
             return tuple(part for part in sets if len(part.points))
 
     def _faults(self, mode: str, max_age: float, now: float) -> list[PlacementPlannerError]:
@@ -183,7 +205,8 @@ class CloudStore:
                     f"older than cloud.max_age = {max_age:g} s; publish them again, or set it to 0",
                 )
             )
-        known = [cloud.points for cloud in self._latest.values()] + self._confirmed
+        known = [cloud.points for cloud in self._latest.values()]
+        known += [thing.points for thing in self._standing.values()]
         if mode == "merge":
             known.append(self._merged)
         if not faults and not any(len(points) for points in known):

@@ -7,14 +7,13 @@ import time
 from collections.abc import Iterable
 
 import numpy as np
-import trimesh
+import pinocchio as pin
 from rclpy.clock import Clock
 from rclpy.time import Time
 from sensor_msgs.msg import JointState, PointCloud2
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.errors import JointStateError, PlacementPlannerError
-from placement_planner_ros.core.types import Array, Placement
 from placement_planner_ros.ros.inputs.cloud_store import CloudStore, StoredCloud
 from placement_planner_ros.ros.inputs.frames import CloudFrameError, Transforms, cloud_pose
 from placement_planner_ros.ros.inputs.joint_states import JointStates
@@ -23,10 +22,8 @@ from placement_planner_ros.ros.inputs.point_cloud import points_from_message
 from placement_planner_ros.ros.inputs.reading import NotReadyError
 from placement_planner_ros.ros.inputs.resources import Files
 from placement_planner_ros.ros.inputs.robot_input import RobotInput
+from placement_planner_ros.ros.inputs.standing_object import StandingObject
 from placement_planner_ros.ros.parameters.values import ParameterSet
-
-CONFIRMED_SPACING = 0.004
-"""Largest distance between neighbouring points on the surface of a confirmed object, metres."""
 
 MAX_NAMES = 10_000
 """Names that a joint state may have."""
@@ -115,9 +112,9 @@ class Inputs:
         self.robot.reading.close()
         self.object.reading.close()
 
-    def confirm(self, placement: Placement, body: Body) -> None:
-        """The object stands where it was placed: its surface is part of the environment now."""
-        self.clouds.confirm(surface_points(body, placement))
+    def confirm(self, run: int, body: Body, T_world_object: pin.SE3) -> None:
+        """What the run placed stands there: its surface is part of the environment now."""
+        self.clouds.confirm(run, StandingObject.at(body, T_world_object))
 
     def _age(self, message: PointCloud2) -> float:
         """Seconds since the cloud was taken, by its stamp; 0 without one."""
@@ -158,13 +155,3 @@ class Inputs:
             else:
                 with self._lock:
                     self._waiting.pop(topic, None)
-
-
-def surface_points(body: Body, placement: Placement) -> Array:
-    """(n, 3) points on the placed object's surface, at most `CONFIRMED_SPACING` apart."""
-    vertices, _ = trimesh.remesh.subdivide_to_size(
-        body.vertices, body.triangles, CONFIRMED_SPACING, max_iter=20
-    )
-    points = np.unique(np.round(vertices, 9), axis=0)
-    T = placement.T_world_object
-    return np.asarray(points @ T.rotation.T + T.translation)

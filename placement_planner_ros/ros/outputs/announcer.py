@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import traceback
+
 from rclpy.node import Node
 
 from placement_planner_ros.core.types import Placement
@@ -24,6 +26,11 @@ class Announcer:
         self._outputs.clear(run.number, run.snapshot.frame)
         self._reporter.follow(run)
 
+    def failed(self, run: Run, error: BaseException) -> None:
+        """The run ends over a fault, whose traceback is said here and nowhere else."""
+        trace = "".join(traceback.format_exception(error))
+        self._log.error(f"run {run.number} met a fault: {trace}")
+
     def prepared(self, run: Run, prepared: Prepared) -> None:
         """The search begins."""
         for reason in prepared.planner.unusable:
@@ -40,8 +47,10 @@ class Announcer:
         """Another state."""
         if run.state is State.FAILED:
             self._log.error(f"run {run.number} failed: {run.reason}")
+        if not run.active:
+            self._outputs.draw_now()
         self._reporter.report()
 
-    def confirmed(self) -> None:
-        """The best placement has been carried out."""
+    def environment_changed(self) -> None:
+        """An object stands there now, or does no more."""
         self._reporter.report()

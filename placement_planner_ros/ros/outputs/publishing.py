@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Mapping
@@ -63,6 +64,8 @@ class Outputs:
             self._trajectory.publish(trajectory_message(None, key))
             self._retreat.publish(trajectory_message(None, key))
             self._markers.publish(no_markers())
+            header = Header(frame_id=frame, stamp=self._now())
+            self._occupancy.publish(message_from_points(np.empty((0, 3)), header))
             values = {"run": run, "solution": 0, "has_retreat": "false"}
             self._solution.publish(self._manifest(self._stamp(), frame, values))
 
@@ -79,6 +82,12 @@ class Outputs:
         with self._lock:
             if self._undrawn is not None and time.monotonic() >= self._undrawn[2] + _DRAW_AFTER:
                 self._draw()
+
+    def draw_now(self) -> None:
+        """From now on have `draw` wait no longer: the run has ended."""
+        with self._lock:
+            if self._undrawn is not None:
+                self._undrawn = (*self._undrawn[:2], -math.inf)
 
     def _draw(self) -> None:
         if self._undrawn is None:

@@ -102,6 +102,7 @@ class Reporter:
         state = State.IDLE if run is None else run.state
         values: dict[str, object] = {"run": 0, "state": state, "code": "OK", "solutions": 0}
         message = "waiting for start" if self._warm() else "compiling; a start now takes longer"
+        values["placed"] = " ".join(map(str, self._inputs.clouds.placed))
         values["warm"] = str(self._warm()).lower()
         values |= self._read()
         values["best_valid"] = str(not why_not).lower()

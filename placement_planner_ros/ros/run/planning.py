@@ -13,6 +13,7 @@ from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.planner import PlacementPlanner
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.search.pruning import Cause
 from placement_planner_ros.core.types import Placement
 from placement_planner_ros.ros.run.snapshot import Snapshot
 
@@ -31,6 +32,7 @@ class Planner(Protocol):
     """What a run needs of a planner; `PlacementPlanner` is one."""
 
     exhausted: str
+    cause: Cause | None
     unusable: tuple[str, ...]
 
     @property
@@ -46,8 +48,8 @@ class Prepared:
     environment: Environment
 
 
-Prepare = Callable[[Snapshot, Callable[[], bool]], Prepared | None]
-"""Makes the planner of a run; None where it was told to stop first."""
+Prepare = Callable[[Snapshot, Callable[[], bool]], Prepared]
+"""Makes the planner of a run; raises `StoppedError` where it was told to stop first."""
 
 
 def make_planner(snapshot: Snapshot, environment: Environment) -> Prepared:

@@ -15,6 +15,7 @@ from placement_planner_ros.core.planner import PlacementPlanner
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.stopping import StoppedError, step, stoppable
 from placement_planner_ros.ros.run.planning import Prepared, make_planner
 from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.run.surroundings import Surroundings
@@ -66,13 +67,13 @@ class _Build:
     def work(self) -> None:
         """Make it; gives up between two steps where it is unwanted."""
         try:
-            environment = self.surroundings.environment()
-            if not self.unwanted:
+            with stoppable(lambda: self.unwanted):
+                environment = self.surroundings.environment()
+                step("making boxes of the obstacle set")
                 box_arrays(environment.obstacles)
-            if not self.unwanted:
                 _ = environment.clearance
                 self._environment = environment
-        except Exception as error:  # raised again in the thread that asks for the environment
+        except BaseException as error:  # raised again in the thread that asks for the environment
             self.error = error
         finally:
             self.ended.set()
@@ -87,10 +88,18 @@ class Preparation:
     Args:
         inputs: what there is now.
         idle: whether there is leisure to prepare anything.
+        on_error: told of what is raised while preparing ahead, once until something else is.
     """
 
-    def __init__(self, inputs: Inputs, idle: Callable[[], bool]) -> None:
+    def __init__(
+        self,
+        inputs: Inputs,
+        idle: Callable[[], bool],
+        on_error: Callable[[Exception], None] = lambda _: None,
+    ) -> None:
         self._inputs = inputs
+        self._on_error = on_error
+        self._said = ""
         self._idle = idle
         self._lock = threading.Lock()
         self._newest: _Build | None = None
@@ -116,10 +125,11 @@ class Preparation:
         build = self._newest
         return self._ahead.is_alive() or (build is not None and not build.ended.is_set())
 
-    def prepare(self, snapshot: Snapshot, should_stop: Callable[[], bool]) -> Prepared | None:
-        """The planner of a run; None where it is stopped before its environment is there.
+    def prepare(self, snapshot: Snapshot, should_stop: Callable[[], bool]) -> Prepared:
+        """The planner of a run.
 
         Raises:
+            StoppedError: it was told to stop first.
             PlacementPlannerError: an input is unusable.
         """
         with self._lock:
@@ -132,11 +142,19 @@ class Preparation:
                 threading.Thread(target=build.work, name="environment", daemon=True).start()
             while not build.ended.wait(_PATIENCE):
                 if should_stop():
-                    return None
-            return make_planner(snapshot, build.environment)
+                    raise StoppedError("making the environment of the clouds")
+            with stoppable(should_stop):
+                return make_planner(snapshot, build.environment)
         finally:
             with self._lock:
                 self._runs -= 1
+
+    def ready(self, snapshot: Snapshot) -> Environment | None:
+        """The environment of that run where it is there already, without a look at its points."""
+        build = self._newest
+        if build is None or not build.made or not build.surroundings.made_of(snapshot):
+            return None
+        return build.environment
 
     def ahead(self, snapshot: Snapshot) -> None:
         """Prepare for a run that may come, in this thread; its errors are left to that run."""
@@ -150,7 +168,11 @@ class Preparation:
         wanted = snapshot.robot, snapshot.body
         if build.made and self._rehearsed != wanted:
             self._rehearsed = wanted
-            _rehearse(snapshot, build.environment)
+            try:
+                with stoppable(lambda: self._runs > 0 or self._closed.is_set()):
+                    _rehearse(snapshot, build.environment)
+            except StoppedError:
+                self._rehearsed = None
 
     def _before(self) -> Surroundings | None:
         build = self._newest
@@ -170,8 +192,13 @@ class Preparation:
         rest = LOOK
         while not self._closed.wait(rest):
             began = time.thread_time()
-            if self._idle():
-                self._look()
+            try:
+                if self._idle():
+                    self._look()
+            except Exception as error:
+                # The thread's outermost frame: a run that comes meets the same, and tells it; what
+                # comes after that run must find its environment ready again.
+                self._tell(error)
             rest = max(LOOK, (time.thread_time() - began) * (1.0 / SHARE - 1.0))
 
     def _look(self) -> None:
@@ -182,6 +209,13 @@ class Preparation:
         if snapshot is not None:
             self._seen = state
             self.ahead(snapshot)
+            self._said = ""
+
+    def _tell(self, error: Exception) -> None:
+        words = f"{type(error).__name__}: {error}"
+        if words != self._said:
+            self._said = words
+            self._on_error(error)
 
 
 def _rehearse(snapshot: Snapshot, environment: Environment) -> None:

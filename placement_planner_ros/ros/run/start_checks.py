@@ -7,14 +7,24 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import TypeVar
 
-from placement_planner_ros.core.errors import GraspError, ParameterError, PlacementPlannerError
+import numpy as np
+
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.errors import (
+    GraspError,
+    ObjectError,
+    ParameterError,
+    PlacementPlannerError,
+)
+from placement_planner_ros.core.grasp.at_start import faults_at_start
 from placement_planner_ros.core.robot.model import Arm
+from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.inputs import Inputs
 from placement_planner_ros.ros.inputs.robot_input import make_arm
 from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.ros.run.snapshot import Snapshot
-from placement_planner_ros.ros.run.surroundings import require_grid
+from placement_planner_ros.ros.run.surroundings import require_grid, sight_notes
 
 Made = TypeVar("Made")
 
@@ -63,8 +73,46 @@ def take_snapshot(
     snapshot = Snapshot(
         robot, arms, q_start, body, points, parameters, robot.root_link, origins, placed
     )
+    attempt(lambda: require_face(body))
     attempt(lambda: require_grid(snapshot))
     return faults or snapshot
+
+
+def start_notes(snapshot: Snapshot, environment: Environment | None) -> list[str]:
+    """What to know of a run that can start.
+
+    Args:
+        environment: the run's; None where it is yet to be made, and q_0 looked at again then.
+
+    Raises:
+        PlacementPlannerError: it cannot start from q_0.
+    """
+    at_start = faults_at_start(
+        snapshot.robot,
+        snapshot.arms,
+        snapshot.q_start,
+        snapshot.body,
+        snapshot.parameters.planner_settings.collision,
+        None if environment is None else environment.obstacles,
+    )
+    beyond = snapshot.robot.limit_violations(snapshot.q_start)
+    without = [f"does without {reason}" for reason in at_start]
+    return [*snapshot.body.warnings, *beyond, *without, *sight_notes(snapshot)]
+
+
+def require_face(body: Body) -> None:
+    """Refuse a body that can stand on nothing.
+
+    Raises:
+        ObjectError: it has no placement face.
+    """
+    if not body.faces:
+        extents = np.ptp(body.vertices, axis=0).round(4).tolist()
+        raise ObjectError(
+            "object",
+            f"{len(body.vertices)} vertices, {extents} m large",
+            "it has no face to stand on; check object.center_of_mass and the mesh",
+        )
 
 
 def require_limits(arms: Sequence[Arm], limits: Sequence[float]) -> None:

@@ -43,7 +43,7 @@ class Surroundings:
         Args:
             before: what was made of an earlier snapshot; returned where nothing has changed.
         """
-        if before is not None and _same_inputs(snapshot, before.snapshot):
+        if before is not None and before.made_of(snapshot):
             return before
         points = np.vstack(snapshot.clouds)
         kept = np.ones(len(points), np.bool_)
@@ -68,6 +68,10 @@ class Surroundings:
             tuple(views),
             snapshot,
         )
+
+    def made_of(self, snapshot: Snapshot) -> bool:
+        """Whether these are that snapshot's, as far as can be told at a glance."""
+        return _same_inputs(snapshot, self.snapshot)
 
     def same(self, other: Surroundings) -> bool:
         """Whether both make the same environment."""

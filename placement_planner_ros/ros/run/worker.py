@@ -7,7 +7,10 @@ import threading
 import time
 from typing import Protocol
 
-from placement_planner_ros.core.errors import PlacementPlannerError
+import pinocchio as pin
+
+from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError
+from placement_planner_ros.core.stopping import StoppedError
 from placement_planner_ros.core.types import Placement
 from placement_planner_ros.ros.run.planning import Planner, Prepare, Prepared
 from placement_planner_ros.ros.run.snapshot import Snapshot
@@ -30,6 +33,12 @@ class State(enum.StrEnum):
 POLL = 0.05
 """Seconds between looks at whether a run that waits has been stopped."""
 
+PREPARATION_LIMIT = 60.0
+"""Seconds that making environment and planner may take; what compiling takes does not count."""
+
+MOST_POSES = 10_000
+"""Placements of a run whose poses are kept, the newest ones."""
+
 ENDED = (State.STOPPED, State.TIME_LIMIT, State.EXHAUSTED, State.ROBOT_MOVED, State.FAILED)
 
 
@@ -48,22 +57,30 @@ class RunObserver(Protocol):
         """The run's state changed."""
         ...
 
+    def failed(self, run: Run, error: BaseException) -> None:
+        """The run is about to end over something that nobody expected, or a plug-in raised."""
+        ...
+
 
 class Run:
     """Plans from one snapshot until told to stop, out of time, or done.
 
+    The time limit counts from when the search begins.
+
     Args:
-        number: the run's, increasing over the node's life.
+        number: the run's, increasing over the node's life and those before.
         prepare: makes the planner.
         observer: told of everything that happens.
         warm: set once everything a search needs is compiled. Until then the worker waits, so that
-            it can be stopped, and the time limit does not count.
+            it can be stopped.
 
     Attributes:
-        state, code, reason: where it is; the code and the reason of a failure.
+        state: where it is.
+        reason: in words, why it ended by itself.
         solutions: placements published.
         best: the last of them.
-        confirmed: whether that has been carried out.
+        poses: T_world_object of the last `MOST_POSES` of them, by their numbers.
+        confirmed: whether one of them has been carried out.
     """
 
     def __init__(
@@ -77,15 +94,15 @@ class Run:
         self.number = number
         self.snapshot = snapshot
         self.state = State.PREPARING
-        self.code = "OK"
         self.reason = ""
         self.solutions = 0
         self.best: Placement | None = None
+        self.poses: dict[int, pin.SE3] = {}
         self.confirmed = False
         self.planner: Planner | None = None
-        limit = snapshot.parameters["time_limit"]
+        self._error_code = "INTERNAL"
         self._started = time.monotonic()
-        self._deadline = self._started + limit if limit > 0.0 else float("inf")
+        self._deadline = float("inf")
         self._prepare = prepare
         self._warm = warm
         self._observer = observer
@@ -107,6 +124,21 @@ class Run:
     def elapsed(self) -> float:
         """Seconds since the run was asked for."""
         return time.monotonic() - self._started
+
+    @property
+    def code(self) -> str:
+        """How it ended, for programs; OK while it has not."""
+        state = self.state
+        if state not in ENDED:
+            return "OK"
+        if state is State.FAILED:
+            return self._error_code
+        if state is State.ROBOT_MOVED:
+            return "ROBOT_MOVED"
+        if self.solutions > 0:
+            return "OK"
+        cause = self.planner.cause if state is State.EXHAUSTED and self.planner else None
+        return cause or "NO_SOLUTION"
 
     def end(self, outcome: State) -> None:
         """Ask the worker to end with that outcome; once this returns nothing more is published."""
@@ -138,46 +170,84 @@ class Run:
             return "no solution: the run ended before the search began"
         return f"no solution: {self.planner.statistics.why_nothing()}"
 
-    def _work(self) -> None:
+    def fail(self, error: BaseException) -> None:
+        """End over an error, in the thread that met it."""
         try:
-            outcome = self._search()
-        except PlacementPlannerError as error:
-            outcome, self.code, self.reason = State.FAILED, error.code, str(error)
-        except (Exception, SystemExit) as error:
-            # The thread's outermost frame: an objective plug-in may raise anything, and whatever
-            # it is must end this run only.
-            outcome = State.FAILED
-            self.code, self.reason = "BAD_PARAMETER", f"{type(error).__name__}: {error}"
+            if isinstance(error, PlacementPlannerError):
+                self._error_code, self.reason = error.code, str(error)
+                unexpected = error.field == "objective" and error.__cause__ is not None
+            elif isinstance(error, StoppedError):
+                self._error_code, unexpected = "NO_SOLUTION", False
+                self.reason = (
+                    f"preparing took longer than {PREPARATION_LIMIT:g} s, the last of it {error}; "
+                    "look at what that names: simpler meshes, fewer grasps or a larger "
+                    "cloud.cell_size prepare faster"
+                )
+            elif isinstance(error, Exception):
+                self._error_code, unexpected = "INTERNAL", True
+                self.reason = f"{type(error).__name__}: {error}; a fault of the planner's own"
+            else:
+                # In a worker thread nothing but an objective raises SystemExit and the like.
+                mine = ParameterError("objective", type(error).__name__, "the objective raised it")
+                self._error_code, unexpected, self.reason = mine.code, True, str(mine)
+            if unexpected:
+                self._observer.failed(self, error)
+        finally:
+            self._become(State.FAILED)
+
+    def _become(self, outcome: State) -> None:
         with self._publishing:
             self.state = self._ending or outcome
         self._observer.changed(self)
 
-    def _wait_until_warm(self) -> None:
-        if self._warm.is_set():
-            return
-        began = time.monotonic()
-        while self._ending is None and not self._warm.wait(POLL):
-            pass
-        self._deadline += time.monotonic() - began
+    def _work(self) -> None:
+        try:
+            outcome = self._search()
+        except BaseException as error:
+            # The thread's outermost frame: an objective plug-in may raise anything, and whatever
+            # it is must end this run only.
+            self.fail(error)
+        else:
+            self._become(outcome)
+
+    def _prepared(self) -> Prepared:
+        """The planner, once all is compiled.
+
+        Raises:
+            StoppedError: the run was told to end, or preparing took too long.
+        """
+        while not self._warm.is_set():
+            if self._ending is not None:
+                raise StoppedError("waiting for compilation")
+            self._warm.wait(POLL)
+        latest = time.monotonic() + PREPARATION_LIMIT
+        return self._prepare(
+            self.snapshot, lambda: self._ending is not None or time.monotonic() >= latest
+        )
 
     def _search(self) -> State:
-        self._wait_until_warm()
-        if self.should_stop():
-            return State.TIME_LIMIT
-        prepared = self._prepare(self.snapshot, self.should_stop)
-        if prepared is None:
-            return State.TIME_LIMIT
+        try:
+            prepared = self._prepared()
+        except StoppedError:
+            if self._ending is None:
+                raise
+            return self._ending
         self.planner = prepared.planner
         with self._publishing:
             if self._ending is None:
                 self.state = State.SEARCHING
         self._observer.prepared(self, prepared)
+        limit = self.snapshot.parameters["time_limit"]
+        if limit > 0.0:
+            self._deadline = time.monotonic() + limit
         for placement in prepared.planner.run(self.should_stop):
             with self._publishing:
                 if self._ending is not None:
                     break
                 self.solutions += 1
                 self.best = placement
+                self.poses[self.solutions] = pin.SE3(placement.T_world_object)
+                self.poses.pop(self.solutions - MOST_POSES, None)
                 self._observer.placed(self, placement)
             if self.should_stop():
                 break

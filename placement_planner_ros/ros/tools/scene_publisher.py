@@ -20,9 +20,10 @@ from std_msgs.msg import Header, String
 
 from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError
 from placement_planner_ros.experiments.cases import start_configuration
+from placement_planner_ros.interrupts import catch_signals
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 from placement_planner_ros.ros.qos import LATCHED
-from placement_planner_ros.ros.spinning import catch_signals, spin_until
+from placement_planner_ros.ros.spinning import spin_until
 from placement_planner_ros.scenes.clouds import camera_clouds, complete_cloud
 from placement_planner_ros.scenes.scenes import SCENE_NAMES, Scene, scene_by_name
 from placement_planner_ros.share import share_path

@@ -15,7 +15,7 @@ from placement_planner_ros.core.sample_goals.cell_bounds import _Placed
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.search.cell_layout import LOWER, UPPER, X, halved, whole_cells
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy
-from placement_planner_ros.core.search.pruning import Remainder, Ruling
+from placement_planner_ros.core.search.pruning import Cause, Remainder, Ruling
 from placement_planner_ros.core.types import TargetVolume, Verdict
 from placement_planner_ros.experiments.cases import Case, make_problem
 from placement_planner_ros.experiments.yardstick.placement_grid import (
@@ -235,6 +235,7 @@ def test_a_volume_out_of_reach_ends_the_search_at_once_and_says_why(cabinet):
     assert "out of reach of every arm" in planner.exhausted
     assert "move target_volume closer" in planner.exhausted
     assert "support" not in planner.exhausted
+    assert planner.cause is Cause.OUT_OF_REACH
     assert planner.statistics.samples <= planner._settings.optimistic.samples_per_call
 
 
@@ -250,6 +251,7 @@ def test_a_surface_too_small_for_every_face_ends_the_search_and_says_why(cabinet
     assert placements == []
     assert "without support" in planner.exhausted
     assert "larger surfaces" in planner.exhausted
+    assert planner.cause is Cause.UNSUPPORTED
 
 
 @pytest.mark.parametrize("prune", [True, False])
@@ -257,6 +259,7 @@ def test_what_is_ruled_out_need_not_be_left_out_of_the_search(cabinet, prune):
     planner, placements = planned(cabinet[0], prune, 3500)
     assert placements
     assert planner.exhausted == ""
+    assert planner.cause is None
 
 
 class Bounds:
@@ -285,6 +288,22 @@ def test_nothing_is_left_once_every_face_is_ruled_out(cabinet):
     remainder = Remainder(hierarchy(cabinet[0]), Bounds(*range(10)))
     assert any(remainder.empty() for _ in range(1000))
     assert "without support" in remainder.why_empty()
+
+
+@pytest.mark.parametrize(
+    ("rulings", "cause"),
+    [
+        ({Ruling.OUT_OF_REACH}, Cause.OUT_OF_REACH),
+        ({Ruling.UNSUPPORTED}, Cause.UNSUPPORTED),
+        ({Ruling.UNSUPPORTED, Ruling.OUT_OF_REACH}, Cause.NO_SOLUTION),
+        (set(), Cause.NO_SOLUTION),
+    ],
+    ids=str,
+)
+def test_one_cause_has_its_code_and_several_have_none(cabinet, rulings, cause):
+    remainder = Remainder(hierarchy(cabinet[0]), Bounds())
+    remainder.rulings |= rulings
+    assert remainder.cause is cause
 
 
 class Treasures:

@@ -1,15 +1,26 @@
 import threading
 
 import numpy as np
+import pinocchio as pin
 import pytest
+import trimesh
 
+from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.errors import CloudError
 from placement_planner_ros.ros.inputs import cloud_store
 from placement_planner_ros.ros.inputs.cloud_store import CloudStaleError, CloudStore, StoredCloud
 from placement_planner_ros.ros.inputs.frames import CloudFrameError
+from placement_planner_ros.ros.inputs.standing_object import StandingObject
 
 A = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
 B = np.array([[5.0, 0.0, 0.0]])
+
+
+def standing(x, angle=0.0):
+    """A cube of 0.1 m whose centre is at (x, 0, 0)."""
+    cube = trimesh.creation.box((0.1, 0.1, 0.1))
+    T = pin.SE3(pin.utils.rotate("z", angle), np.array([x, 0.0, 0.0]))
+    return StandingObject.at(Body.from_mesh(cube.vertices, cube.faces), T)
 
 
 def points_of(parts):
@@ -81,10 +92,47 @@ def test_a_refused_cloud_is_a_fault_until_a_good_one_comes():
 def test_confirmed_objects_stay_until_cleared():
     store = CloudStore(["points"])
     store.add("points", StoredCloud(A, 0.0))
-    store.confirm(B)
-    assert len(points_of(store.snapshot("latest", 0.0, 0.0))) == 3
+    thing = standing(0.0)
+    store.confirm(7, thing)
+    assert len(points_of(store.snapshot("latest", 0.0, 0.0))) == 2 + len(thing.points)
     store.clear()
     assert len(points_of(store.snapshot("latest", 0.0, 0.0))) == 2
+    assert store.placed == ()
+
+
+def test_what_a_run_placed_stands_in_one_place_until_it_is_removed():
+    store = CloudStore(["points"])
+    store.add("points", StoredCloud(A, 0.0))
+    here, there = standing(0.0), standing(3.0)
+    store.confirm(7, here)
+    store.confirm(9, here)
+    store.confirm(7, there)
+    assert store.placed == (9, 7)
+    points = points_of(store.snapshot("latest", 0.0, 0.0))
+    assert len(points) == 2 + len(here.points) + len(there.points)
+    assert store.remove(9, 0.0)
+    assert not store.remove(9, 0.0)
+    assert store.placed == (7,)
+    np.testing.assert_array_equal(
+        points_of(store.snapshot("latest", 0.0, 0.0)), np.vstack([A, there.points])
+    )
+
+
+def test_points_accumulated_in_a_removed_object_go_with_it():
+    store = CloudStore(["points"])
+    store.add("points", StoredCloud(B, 0.0))
+    # Turned by 45 degrees about z, the cube of 0.1 m reaches 0.0707 m along x.
+    store.merge(
+        np.array([[3.0, 0.0, 0.0], [3.068, 0.0, 0.0], [3.05, 0.05, 0.0], [3.08, 0, 0]]), 0.01
+    )
+    store.confirm(7, standing(3.0, np.pi / 4))
+    assert store.remove(7, 0.0)
+    left = store.snapshot("merge", 0.0, 0.0)[-1].points
+    np.testing.assert_array_equal(left, [[3.05, 0.05, 0.0], [3.08, 0.0, 0.0]])
+    store.confirm(7, standing(3.0, np.pi / 4))
+    assert store.remove(7, 0.01)
+    left = store.snapshot("merge", 0.0, 0.0)[-1].points
+    np.testing.assert_array_equal(left, [[3.05, 0.05, 0.0]])
 
 
 def test_clouds_without_a_point_are_no_environment():
@@ -98,7 +146,7 @@ def test_only_clouds_as_a_sensor_sent_them_have_an_origin():
     store = CloudStore(["points"])
     store.add("points", StoredCloud(A, 0.0, np.array([0.0, 0.0, 1.0])))
     store.merge(A, 0.01)
-    store.confirm(B)
+    store.confirm(7, standing(0.0))
     cloud, merged, confirmed = store.snapshot("merge", 0.0, 0.0)
     assert cloud.origin.tolist() == [0.0, 0.0, 1.0]
     assert merged.origin is None
@@ -149,6 +197,7 @@ def test_what_threads_share_is_changed_with_the_lock_held_only():
     for points in (A, B):
         store.add("points", StoredCloud(points, 0.0))
         store.merge(points, 0.01)
-        store.confirm(points)
+        store.confirm(7, standing(0.0))
+        store.remove(7, 0.0)
     store.clear()
     assert store.updates == 2

@@ -7,11 +7,14 @@ import numpy as np
 import pytest
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.errors import CloudError
+from placement_planner_ros.core.errors import CloudError, StartError
+from placement_planner_ros.core.stopping import StoppedError
 from placement_planner_ros.ros.parameters.table import arm_specs, arms_spec, fixed_specs
 from placement_planner_ros.ros.parameters.values import ParameterSet
+from placement_planner_ros.ros.run import preparation as module
 from placement_planner_ros.ros.run.preparation import Preparation
 from placement_planner_ros.ros.run.snapshot import Snapshot
+from placement_planner_ros.ros.run.start_checks import start_notes
 from placement_planner_ros.ros.run.surroundings import Surroundings
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.yumi import START_CONFIGURATION, load_yumi, yumi_arm
@@ -202,7 +205,8 @@ def test_a_run_is_stopped_at_once_and_leaves_its_environment_to_the_next(snapsho
 
     monkeypatch.setattr(Surroundings, "environment", slow)
     preparing = preparation()
-    assert preparing.prepare(snapshot, lambda: True) is None
+    with pytest.raises(StoppedError, match="environment"):
+        preparing.prepare(snapshot, lambda: True)
     assert preparing.busy
     go_on.set()
     assert preparing.prepare(again(snapshot), never) is not None
@@ -236,3 +240,55 @@ def test_nothing_is_done_while_nothing_changes(snapshot):
     state.append(2)
     preparing._look()
     assert len(taken) == 2
+
+
+def test_preparing_ahead_goes_on_after_an_error_which_is_told_once(snapshot, monkeypatch):
+    monkeypatch.setattr(module, "LOOK", 0.001)
+    told, looks, wrong = [], [], ["one", "one", "one", "two", "one"]
+    enough = threading.Event()
+
+    def inputs():
+        looks.append(1)
+        if wrong:
+            raise ZeroDivisionError(wrong.pop(0))
+        enough.set()
+        return 1, lambda: snapshot
+
+    preparing = Preparation(inputs, lambda: True, told.append)
+    preparing.start()
+    assert enough.wait(60.0)
+    monkeypatch.undo()
+    preparing.close()
+    assert [str(error) for error in told] == ["one", "two", "one"]
+
+
+def test_an_environment_ahead_is_that_of_a_run_with_the_same_inputs_only(snapshot):
+    preparing = preparation()
+    assert preparing.ready(snapshot) is None
+    preparing.ahead(snapshot)
+    same = replace(snapshot, arms=snapshot.arms[:])
+    assert preparing.ready(same) is preparing._newest.environment
+    moved = snapshot.q_start.copy()
+    moved[0] += 0.01
+    assert preparing.ready(replace(snapshot, q_start=moved)) is None
+    assert preparing.ready(again(snapshot)) is None
+
+
+def test_a_start_within_the_clouds_is_told_where_their_cells_are_known(snapshot):
+    preparing = preparation()
+    tip = snapshot.robot.link_pose(snapshot.q_start, snapshot.arms[0].tip_frame).translation
+    block = tip + np.random.default_rng(0).uniform(-0.05, 0.05, (4000, 3))
+    # A thing that stands there is not filtered as a part of the robot.
+    inside = replace(
+        snapshot,
+        arms=snapshot.arms[:1],
+        clouds=(TABLE, block),
+        origins=(None, None),
+        placed=(False, True),
+    )
+    assert start_notes(inside, preparing.ready(inside)) is not None
+    preparing.ahead(inside)
+    with pytest.raises(StartError, match=r"with the clouds: .* meets the environment at"):
+        start_notes(inside, preparing.ready(inside))
+    with pytest.raises(StartError, match="with the clouds"):
+        preparing.prepare(inside, never)

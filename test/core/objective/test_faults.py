@@ -1,0 +1,106 @@
+"""What an objective of somebody else's does wrong is told as its fault."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from placement_planner_ros.core.errors import ObjectError, ParameterError
+from placement_planner_ros.core.objective import by_name
+from placement_planner_ros.core.objective.clearance import Clearance
+from placement_planner_ros.core.objective.objective import (
+    estimate_batch,
+    evaluate,
+    evaluate_batch,
+    gradient,
+)
+
+AT = pin.SE3.Identity()
+POSES = np.eye(4)[None].repeat(2, axis=0)
+
+
+def ask_all(objective):
+    """Everything that the planner may ask of it."""
+    return (
+        lambda: evaluate(objective, AT),
+        lambda: evaluate_batch(objective, POSES),
+        lambda: estimate_batch(objective, POSES),
+        lambda: gradient(objective, AT),
+    )
+
+
+def answering(answer):
+    class Mine:
+        def __call__(self, _):
+            return answer()
+
+        def values(self, _):
+            return answer()
+
+        estimates = gradient = values
+
+    return Mine()
+
+
+def raising(error):
+    def raises(*_):
+        raise error
+
+    return raises
+
+
+@pytest.mark.parametrize(
+    "error", [ZeroDivisionError("mine"), SystemExit(3), GeneratorExit("mine"), StopIteration()]
+)
+def test_what_it_raises_is_a_bad_parameter_with_its_cause(error):
+    for ask in ask_all(answering(raising(error))):
+        with pytest.raises(ParameterError, match=type(error).__name__) as caught:
+            ask()
+        assert caught.value.field == "objective"
+        assert caught.value.__cause__ is error
+
+
+@pytest.mark.parametrize("answer", [float("nan"), float("inf"), "much", None], ids=str)
+def test_what_is_no_finite_number_is_a_bad_parameter(answer):
+    for ask in ask_all(answering(lambda: answer)):
+        with pytest.raises(ParameterError, match="objective"):
+            ask()
+
+
+def test_too_few_numbers_are_a_bad_parameter():
+    for ask in ask_all(answering(lambda: [1.0]))[1:]:
+        with pytest.raises(ParameterError, match="finite numbers"):
+            ask()
+
+
+def test_the_user_at_the_keyboard_still_interrupts():
+    for ask in ask_all(answering(raising(KeyboardInterrupt()))):
+        with pytest.raises(KeyboardInterrupt):
+            ask()
+
+
+def test_errors_for_bad_input_stay_what_they_are():
+    for ask in ask_all(answering(raising(ObjectError("object", 1, "mend it")))):
+        with pytest.raises(ObjectError):
+            ask()
+
+
+def test_a_fault_of_a_built_in_objective_is_not_the_users():
+    broken = object.__new__(Clearance)
+    for ask in ask_all(broken):
+        with pytest.raises(AttributeError):
+            ask()
+
+
+@pytest.mark.parametrize("where", ["load", "make"])
+def test_a_plug_in_that_cannot_be_made_is_a_bad_parameter(monkeypatch, where):
+    class Entry:
+        name = "mine"
+
+        def load(self):
+            if where == "load":
+                raise ImportError("no such module")
+            return raising(ZeroDivisionError("mine"))
+
+    monkeypatch.setattr(by_name, "_plug_ins", lambda: (Entry(),))
+    with pytest.raises(ParameterError, match="objective"):
+        by_name.make_objective("mine", None)

@@ -1,0 +1,113 @@
+"""What is made before a search can be given up between any two of its steps."""
+
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.collision.load import Held
+from placement_planner_ros.core.grasp.hand_opening import check_opening
+from placement_planner_ros.core.grasp.hand_sweep import with_opening_hand
+from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
+from placement_planner_ros.core.problem import Problem
+from placement_planner_ros.core.robot.moving_arm import MovingArm
+from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.stopping import StoppedError, step, stoppable
+from placement_planner_ros.core.types import TargetVolume
+from placement_planner_ros.scenes.objects import object_by_name
+from placement_planner_ros.scenes.yumi import START_CONFIGURATION, load_yumi, yumi_arm
+
+VOLUME = TargetVolume(np.array([0.2, -0.3, -0.1]), np.array([0.6, 0.3, 0.2]))
+TABLE = np.stack(np.meshgrid(np.arange(0.2, 0.6, 0.005), np.arange(-0.3, 0.3, 0.005)), -1)
+TABLE = np.column_stack([TABLE.reshape(-1, 2), np.zeros(TABLE.size // 2)])
+
+
+class Looks:
+    """Says stop from the look after so many on."""
+
+    def __init__(self, allowed):
+        self.allowed = allowed
+        self.count = 0
+
+    def __call__(self):
+        self.count += 1
+        return self.count > self.allowed
+
+
+def test_a_step_goes_on_where_nobody_may_lose_interest():
+    step("anything")
+
+
+def test_a_step_ends_the_work_once_told_and_only_within():
+    with stoppable(lambda: False):
+        step("the first")
+        with pytest.raises(StoppedError, match="the second"), stoppable(lambda: True):
+            step("the second")
+        step("the third")
+    step("the fourth")
+
+
+def held():
+    thing = object_by_name("small_crayons_box")
+    return thing.grasps["left"], Body.from_mesh(
+        thing.vertices, thing.triangles, thing.center_of_mass
+    )
+
+
+def test_every_stage_of_making_a_planner_can_be_given_up():
+    robot = load_yumi()
+    grasps, body = held()
+    # Another name than elsewhere: nothing of this arm is remembered from other tests.
+    arm = replace(yumi_arm(robot, "left", grasps), name="left, for the first time")
+    q = robot.configuration(START_CONFIGURATION)
+    stages = []
+
+    def note():
+        stages.append(sys._getframe(1).f_locals["doing"])
+        return False
+
+    def make():
+        environment = Environment.from_points(TABLE, VOLUME)
+        _ = environment.clearance
+        problem = Problem(robot, (arm,), q, body, VOLUME, environment)
+        PlacementPlanner(problem, lambda _: 0.0, PlannerSettings(), np.random.default_rng(0))
+
+    for allowed in (0, 5, 20):
+        looks = Looks(allowed)
+        with pytest.raises(StoppedError), stoppable(looks):
+            make()
+        assert looks.count == allowed + 1
+    with stoppable(note):
+        make()
+    for stage in (
+        "making the obstacle set",
+        "finding placement regions",
+        "making distances",
+        "making the open hand of arm left",
+        "making arm left, for the first time with grasp 0",
+        "opening the hand of arm left",
+        "covering yumi_link_7_l",
+        "comparing left, for the first time.grasps[0] with link",
+        "looking what of arm left",
+        "making the bounds",
+        "making the sampler",
+    ):
+        assert any(said.startswith(stage) for said in stages), stage
+
+
+def test_a_hand_that_opens_by_metres_is_given_up_at_once():
+    robot = load_yumi()
+    grasps, body = held()
+    arm = replace(yumi_arm(robot, "left", grasps), gripper_open=(2.0,))
+    moving = MovingArm(robot, arm, robot.configuration(START_CONFIGURATION))
+    looks = Looks(10)
+    with pytest.raises(StoppedError, match="opening the hand of arm left"), stoppable(looks):
+        check_opening(moving, Held(body, 0))
+    assert looks.count == 11
+    turning = replace(arm, gripper_joints=("yumi_joint_6_l",), gripper_open=(2.0,))
+    looks = Looks(10)
+    with pytest.raises(StoppedError, match="hand"), stoppable(looks):
+        with_opening_hand(robot, turning, moving.q_rest)
+    assert looks.count == 11

@@ -1,0 +1,430 @@
+"""Runs from their number to their end code, and answers whatever happens."""
+
+import threading
+
+import numpy as np
+import pytest
+from fakes import TABLE, Bench, placement
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+
+from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.search.pruning import Cause
+from placement_planner_ros.core.stopping import step, stoppable
+from placement_planner_ros.ros.commands import Commands
+from placement_planner_ros.ros.run import worker
+
+
+@pytest.fixture
+def bench(ros):
+    made = []
+
+    def make(**parameters):
+        made.append(Bench(**parameters))
+        return made[-1]
+
+    yield make
+    for each in made:
+        each.close()
+
+
+def started(b, **parameters):
+    """Inputs given, run started, planner searching."""
+    b.feed()
+    count = len(b.planners)
+    answer = b.call("start_with", **parameters) if parameters else b.call("start")
+    assert answer.success, answer.text
+    b.wait(lambda: len(b.planners) > count)
+    b.wait(b.planners[-1].searching.is_set)
+    return b.planners[-1]
+
+
+def placed(b, *offers):
+    """A run that has found these and was stopped; its number."""
+    planner = started(b)
+    planner.offers += offers
+    b.wait(lambda: b.manifests()[-1]["solution"] == str(len(offers)))
+    return int(b.call("stop").run)
+
+
+def ended(b, run, state):
+    """The status of a run once it is in that state."""
+    b.wait(lambda: (b.status()["run"], b.status()["state"]) == (str(run), state))
+    return b.status()
+
+
+def last_run(b):
+    return b.node._commands.run.number
+
+
+# --- numbers
+
+
+def test_numbers_grow_over_the_lives_of_nodes(ros):
+    numbers = []
+    for _ in range(2):
+        b = Bench(first_run=None)
+        try:
+            for _ in range(2):
+                planner = started(b)
+                numbers.append(last_run(b))
+                planner.offers.append(0.1)
+                key = f"{numbers[-1]}/1"
+                b.wait(lambda b=b, key=key: b.messages("trajectory")[-1].header.frame_id == key)
+                assert b.call("stop_with", run=numbers[-1]).run == str(numbers[-1])
+        finally:
+            b.close()
+    assert numbers == sorted(set(numbers))
+    assert 0 < numbers[0] < numbers[-1] < 2**53
+
+
+# --- what was placed
+
+
+def near(snapshot, x):
+    """How many points of the snapshot are where a box placed at (x, 0, 0.1) has its surface."""
+    points = np.vstack(snapshot.clouds)[len(TABLE) :]
+    return int((np.abs(points[:, 0] - x) < 0.048).sum())
+
+
+def test_any_solution_of_the_last_run_can_be_confirmed(bench):
+    b = bench()
+    b.feed()
+    assert b.call("confirm_placed_with", run=0, solution=1).code == "WRONG_RUN"
+    run = placed(b, placement(0.1, x=0.3), placement(0.2, x=0.5), placement(0.3, x=0.7))
+    assert b.call("confirm_placed_with", run=run + 1, solution=1).code == "WRONG_RUN"
+    assert b.status()["placed"] == ""
+    answer = b.call("confirm_placed_with", run=run, solution=2)
+    assert (answer.code, answer.run) == ("OK", str(run))
+    b.wait(lambda: b.status()["placed"] == str(run))
+    assert b.status()["best_valid"] == "false"
+    started(b)
+    assert [near(b.snapshots[-1], x) > 0 for x in (0.3, 0.5, 0.7)] == [False, True, False]
+    assert b.call("confirm_placed_with", run=run, solution=1).code == "ALREADY_RUNNING"
+    assert b.call("remove_placed", run=run).code == "ALREADY_RUNNING"
+
+
+def test_a_repeat_replaces_and_a_measured_pose_counts(bench):
+    b = bench()
+    run = placed(b, placement(0.1, x=0.3), placement(0.2, x=0.5))
+    assert b.call("confirm_placed").code == "OK"
+    assert b.call("confirm_placed_with", run=run, solution=1).code == "OK"
+    half = float(np.sqrt(0.5))
+    pose = [0.7, 0.0, 0.1, 0.0, 0.0, half, half]
+    assert b.call("confirm_placed_with", run=run, solution=1, pose=pose).code == "OK"
+    started(b)
+    b.call("stop")
+    added = np.vstack(b.snapshots[-1].clouds)[len(TABLE) :]
+    # The box, turned by a quarter: what was its extent in x is the one in y.
+    np.testing.assert_allclose(added.min(axis=0), [0.6895, -0.047, 0.0645], atol=1e-6)
+    np.testing.assert_allclose(added.max(axis=0), [0.7105, 0.047, 0.1355], atol=1e-6)
+
+
+def test_a_whole_number_is_taken_for_a_pose_of_doubles(bench):
+    b = bench()
+    run = placed(b, 0.1)
+    whole = [1, 0, 0, 0, 0, 0, 1]
+    assert b.call("confirm_placed_with", run=run, solution=1, pose=whole).code == "OK"
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"solution": 0},
+        {"solution": 3},
+        {"solution": 1.0},
+        {"solution": "1"},
+        {"solution": None},
+        {"run": True},
+        {"pose": [0.0] * 6},
+        {"pose": [0.0] * 7},
+        {"pose": [float("nan"), 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]},
+        {"pose": "here"},
+        {"poses": [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]},
+    ],
+    ids=str,
+)
+def test_what_cannot_be_confirmed_is_named(bench, changes):
+    b = bench()
+    run = placed(b, 0.1, 0.2)
+    given = {"run": run, "solution": 1} | changes
+    answer = b.call("confirm_placed_with", **{n: v for n, v in given.items() if v is not None})
+    assert (answer.success, answer.code) == (False, "BAD_PARAMETER")
+    assert next(iter(changes)) in answer.words
+    assert b.node._inputs.clouds.placed == ()
+
+
+def test_what_was_placed_can_be_taken_away(bench):
+    b = bench()
+    first = placed(b, placement(0.1, x=0.3))
+    assert b.call("remove_placed", run=first).code == "WRONG_RUN"
+    b.call("confirm_placed")
+    second = placed(b, placement(0.1, x=0.5))
+    b.call("confirm_placed")
+    b.wait(lambda: b.status()["placed"] == f"{first} {second}")
+    assert b.call("remove_placed", run=first).code == "OK"
+    b.wait(lambda: b.status()["placed"] == str(second))
+    answer = b.call("remove_placed", run=first)
+    assert (answer.success, answer.code) == (False, "WRONG_RUN")
+    assert str(second) in answer.words
+    assert b.call("remove_placed").code == "BAD_PARAMETER"
+    started(b)
+    assert [near(b.snapshots[-1], x) > 0 for x in (0.3, 0.5)] == [False, True]
+    b.call("stop")
+    b.call("clear_environment")
+    b.wait(lambda: b.status()["placed"] == "")
+
+
+def test_only_the_newest_poses_are_kept(bench, monkeypatch):
+    monkeypatch.setattr(worker, "MOST_POSES", 2)
+    b = bench()
+    run = placed(b, 0.1, 0.2, 0.3)
+    assert b.call("confirm_placed_with", run=run, solution=1).code == "BAD_PARAMETER"
+    assert b.call("confirm_placed_with", run=run, solution=2).code == "OK"
+
+
+# --- ends
+
+
+@pytest.mark.parametrize(
+    ("cause", "code"), [*((c, c.value) for c in Cause), (None, "NO_SOLUTION")], ids=str
+)
+def test_a_search_that_is_exhausted_says_by_what(bench, cause, code):
+    b = bench()
+    planner = started(b)
+    assert b.status()["code"] == "OK"
+    planner.exhausted, planner.cause = "there is nothing", cause
+    planner.done.set()
+    assert ended(b, 1, "exhausted")["code"] == code
+
+
+def test_an_end_with_a_solution_is_ok_and_one_without_is_not(bench):
+    b = bench()
+    for number, offers in enumerate(([], [0.1])):
+        planner = started(b, time_limit=0.0)
+        planner.offers += offers
+        b.wait(lambda offers=offers: b.manifests()[-1]["solution"] == str(len(offers)))
+        assert b.call("stop").code == "OK"
+        code = "OK" if offers else "NO_SOLUTION"
+        assert ended(b, 2 * number + 1, "stopped")["code"] == code
+        planner = started(b, time_limit=0.5)
+        planner.offers += offers
+        assert ended(b, 2 * number + 2, "time_limit")["code"] == code
+    planner = started(b)
+    planner.offers.append(0.1)
+    planner.cause = Cause.UNSUPPORTED
+    b.wait(lambda: b.manifests()[-1]["solution"] == "1")
+    planner.done.set()
+    assert ended(b, 5, "exhausted")["code"] == "OK"
+
+
+@pytest.mark.parametrize("offers", [[], [0.1]], ids=str)
+def test_a_robot_that_moved_is_told_with_and_without_a_solution(bench, offers):
+    b = bench()
+    planner = started(b)
+    planner.offers += offers
+    b.wait(lambda: b.manifests()[-1]["solution"] == str(len(offers)))
+    b.joint_state(yumi_joint_5_l=0.3)
+    assert ended(b, 1, "robot_moved")["code"] == "ROBOT_MOVED"
+
+
+# --- time
+
+
+def test_the_time_limit_counts_from_the_first_sample(bench):
+    b = bench()
+    b.feed()
+    b.prepare_delay = 0.5
+    assert b.call("start_with", time_limit=0.1).success
+    ended(b, 1, "time_limit")
+    assert b.planners[-1].statistics.samples > 0
+
+
+def test_preparing_has_a_limit_of_its_own_and_says_what_took_so_long(bench, monkeypatch):
+    monkeypatch.setattr(worker, "PREPARATION_LIMIT", 0.2)
+    b = bench()
+
+    def prepare(should_stop):
+        with stoppable(should_stop):
+            while True:
+                step("making the open hand of arm left")
+
+    b.preparing = prepare
+    b.feed()
+    assert b.call("start").success
+    assert ended(b, 1, "failed")["code"] == "NO_SOLUTION"
+    said = b.messages("status")[-1].message
+    assert "0.2 s" in said
+    assert "making the open hand of arm left" in said
+    monkeypatch.setattr(worker, "PREPARATION_LIMIT", 1000.0)
+    b.feed()
+    assert b.call("start").success
+    assert b.call("stop").code == "OK"
+    assert ended(b, 2, "stopped")["code"] == "NO_SOLUTION"
+
+
+# --- faults
+
+
+class Odd(BaseException):
+    pass
+
+
+@pytest.mark.parametrize(
+    "error", [KeyboardInterrupt(), GeneratorExit(), SystemExit(3), Odd("odd")], ids=repr
+)
+def test_whatever_an_objective_raises_ends_its_run_only(bench, error, capfd):
+    b = bench()
+    started(b).error = error
+    assert ended(b, 1, "failed")["code"] == "BAD_PARAMETER"
+    said = b.messages("status")[-1].message
+    assert "objective" in said
+    assert type(error).__name__ in said
+    assert b.call("stop").code == "NOT_RUNNING"
+    started(b).offers.append(0.1)
+    b.wait(lambda: b.manifests()[-1]["solution"] == "1")
+    assert capfd.readouterr().err.count("Traceback") == 1
+
+
+def test_a_fault_of_the_planner_is_internal_and_its_traceback_said_once(bench, capfd):
+    b = bench()
+    started(b).error = ZeroDivisionError("division by zero")
+    assert ended(b, 1, "failed")["code"] == "INTERNAL"
+    started(b)
+    b.call("stop")
+    assert capfd.readouterr().err.count("Traceback") == 1
+
+
+def test_an_objective_that_raised_is_a_bad_parameter_with_its_traceback(bench, capfd):
+    b = bench()
+    error = ParameterError("objective", "ZeroDivisionError", "the objective raised this")
+    error.__cause__ = ZeroDivisionError("in the plug-in")
+    started(b).error = error
+    assert ended(b, 1, "failed")["code"] == "BAD_PARAMETER"
+    started(b).error = ParameterError("objective", "nan", "must be finite")
+    assert ended(b, 2, "failed")["code"] == "BAD_PARAMETER"
+    started(b)
+    log = capfd.readouterr().err
+    assert log.count("in the plug-in") == 1
+    assert "Traceback" not in log.split("must be finite")[-1]
+
+
+def raising(error):
+    def raises(*_):
+        raise error
+
+    return raises
+
+
+def test_a_command_that_raises_is_answered(bench, capfd, monkeypatch):
+    b = bench()
+    monkeypatch.setattr(b.node._inputs.clouds, "clear", raising(ZeroDivisionError("broken")))
+    answer = b.call("clear_environment")
+    assert (answer.success, answer.code) == (False, "INTERNAL")
+    assert "broken" in answer.words
+    assert capfd.readouterr().err.count("Traceback") == 1
+    monkeypatch.setattr(b.node._inputs.clouds, "clear", raising(SystemExit(1)))
+    assert b.call("clear_environment").code == "INTERNAL"
+    monkeypatch.setattr(b.node._inputs.clouds, "clear", raising(ParameterError("x", 1, "y")))
+    assert b.call("clear_environment").code == "BAD_PARAMETER"
+
+
+def test_setting_parameters_is_answered_whatever_happens(bench, monkeypatch):
+    b = bench()
+    client = b.client.create_client(SetParameters, "placement_planner/set_parameters")
+    assert client.wait_for_service(10.0)
+
+    def set_(*messages):
+        future = client.call_async(SetParameters.Request(parameters=list(messages)))
+        b.wait(future.done)
+        return future.result().results
+
+    odd = ParameterMessage(name="seed", value=ParameterValue(type=77))
+    good = Parameter("seed", value=3).to_parameter_msg()
+    results = set_(good, odd)
+    assert [r.successful for r in results] == [False, False]
+    assert "BAD_PARAMETER" in results[0].reason
+    monkeypatch.setattr(b.node._settings, "_check", raising(ZeroDivisionError("broken")))
+    results = set_(good)
+    assert [r.successful for r in results] == [False]
+    assert "INTERNAL" in results[0].reason
+    monkeypatch.undo()
+    assert set_(good)[0].successful
+
+
+@pytest.mark.parametrize("where", ["begun", "start"])
+def test_a_run_that_cannot_begin_does_not_keep_the_next_from_it(bench, monkeypatch, where):
+    b = bench()
+    b.feed()
+    owner = worker.Run if where == "start" else b.node._commands._announcer
+    with monkeypatch.context() as patch:
+        patch.setattr(owner, where, raising(RuntimeError("can't start new thread")))
+        assert b.call("start").code == "INTERNAL"
+        assert not b.node._commands.busy
+    assert b.call("stop").code == "NOT_RUNNING"
+    started(b)
+
+
+def test_stop_with_ends_the_run_it_looked_at(bench, monkeypatch):
+    b = bench()
+    started(b)
+    first = b.node._commands.run
+    b.call("stop")
+    started(b)
+    second = b.node._commands.run
+    commands = b.node._commands
+    reads = iter([first])
+    monkeypatch.setattr(
+        Commands, "run", property(lambda _: next(reads, second), lambda *_: None), raising=False
+    )
+    said = commands.stop_with([Parameter("run", value=first.number)])
+    assert said.text.startswith(f"code=NOT_RUNNING run={first.number}")
+    assert second.active
+
+
+def test_a_body_that_can_stand_on_nothing_is_refused(bench, monkeypatch):
+    b = bench()
+    b.feed()
+    body = b.node._inputs.object.body(b.node._settings.current)
+    object.__setattr__(body, "faces", ())
+    answer = b.call("start")
+    assert (answer.success, answer.code) == (False, "BAD_OBJECT")
+    assert "face" in answer.words
+
+
+def test_a_start_beyond_the_limits_is_refused_and_one_bad_arm_is_a_note(bench):
+    b = bench()
+    b.feed()
+
+    def at(**joints):
+        b.joint_state(**joints)
+        return b.call("start")
+
+    left, both = {"yumi_joint_6_l": 4.05}, {"yumi_joint_6_l": 4.05, "yumi_joint_6_r": 4.05}
+    answers = []
+    b.wait(lambda: answers.append(at(**both)) or answers[-1].code == "BAD_START")
+    assert not answers[-1].success
+    assert "yumi_joint_6_l = 4.0500" in answers[-1].words
+    assert "yumi_joint_6_r = 4.0500" in answers[-1].words
+    assert b.node._commands.run is None
+    b.wait(lambda: answers.append(at(**left)) or answers[-1].code == "OK")
+    assert "does without left: beyond the joint limits: yumi_joint_6_l" in answers[-1].words
+
+
+# --- ~/occupancy
+
+
+def test_the_occupancy_is_that_of_the_run_also_after_a_stop(bench):
+    b = bench()
+    started(b)
+    b.call("stop")
+    b.wait(lambda: b.messages("occupancy") and b.messages("occupancy")[-1].width > 0)
+    go_on = threading.Event()
+    b.preparing = lambda _: go_on.wait(60.0)
+    b.feed()
+    assert b.call("start").success
+    b.wait(lambda: b.messages("occupancy")[-1].width == 0)
+    go_on.set()
+    b.call("stop")
