@@ -173,7 +173,9 @@ class Bench:
         planner = FakePlanner()
         self.planners.append(planner)
         points = np.vstack(snapshot.clouds)
-        return Prepared(planner, Environment.from_points(points, snapshot.parameters.volume))
+        around = points.min(axis=0) - 0.3, points.max(axis=0) + 0.3
+        volume = snapshot.parameters.volume
+        return Prepared(planner, Environment.from_points(points, volume, bounds=around))
 
     # --- the world around the node
 
