@@ -21,6 +21,7 @@ from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.share import share_path
 
 YUMI = share_path("urdf", "yumi.urdf").read_text()
+PAIRS = {"robot_description_semantic": share_path("urdf", "yumi.srdf").read_text()}
 BOX = trimesh.creation.box((0.1, 0.06, 0.04))
 
 
@@ -85,7 +86,7 @@ def settled(b, **parameters):
 
 
 def test_a_new_robot_is_waited_for_and_the_old_one_is_not_used(bench, slow):
-    b = bench()
+    b = bench(**PAIRS)
     b.feed()
     assert code(b) == "OK"
     gates = slow()
@@ -105,7 +106,7 @@ def test_a_new_robot_is_waited_for_and_the_old_one_is_not_used(bench, slow):
     "error", [None, RecursionError("deep"), MemoryError(), KeyError("link"), RuntimeError("so")]
 )
 def test_a_robot_that_cannot_be_read_is_bad_until_a_good_one_comes(bench, monkeypatch, error):
-    b = bench()
+    b = bench(**PAIRS)
     b.feed()
     assert code(b) == "OK"
     text = "<robot name='none'/>"
