@@ -90,6 +90,7 @@ class PlacementPlannerNode(Node):
         self._inputs.object.wait(START_UP_PATIENCE)
         serve(self, self._commands)
         answer_always(self, self._internal)
+        self.get_logger().info("ready: start and the other services are offered")
 
     def _internal(self, error: BaseException) -> None:
         trace = "".join(traceback.format_exception(error))
