@@ -4,6 +4,7 @@ from collections import Counter
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import checker
 import coal
@@ -244,11 +245,12 @@ def test_each_arm_can_place_on_two_faces_in_each_scene(
 
 
 def _reaches(task, arm, ik, columns, q_start, grasp, candidates, rng) -> bool:
+    still = SimpleNamespace(joints=arm.joints)
     solution = checker.Solution(
-        None, 0.0, np.eye(4), 0.0, arm.tip_frame, grasp.homogeneous, arm.touch_links
+        still, 0.0, np.eye(4), 0.0, arm.tip_frame, grasp.homogeneous, arm.touch_links
     )
     components = checker.convex_components(task.object_vertices, task.object_triangles)
-    world = checker.World.build(reader(), task, components, solution)
+    world = checker.World.build(reader(), task, components, solution, checker.Tolerances().contact)
     model, shapes = reader().model, world.geometry.createData()
     data = model.createData()
     assert not pin.computeCollisions(model, data, world.geometry, shapes, q_start, True)
