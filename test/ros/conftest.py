@@ -8,6 +8,7 @@ os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
 
 import pytest
 import rclpy
+from fakes import Bench
 
 
 @pytest.fixture
@@ -16,3 +17,17 @@ def ros():
     rclpy.init()
     yield
     rclpy.try_shutdown()
+
+
+@pytest.fixture
+def bench(ros):
+    """Makes nodes with fake inputs, and closes them."""
+    made = []
+
+    def make(**parameters):
+        made.append(Bench(**parameters))
+        return made[-1]
+
+    yield make
+    for each in made:
+        each.close()

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from fakes import FRAME, TABLE, Bench, values_of
+from fakes import FRAME, TABLE, values_of
 from geometry_msgs.msg import Point
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -21,19 +21,6 @@ from placement_planner_ros.ros.qos import LATCHED
 from placement_planner_ros.ros.run.surroundings import Surroundings
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.share import share_path
-
-
-@pytest.fixture
-def bench(ros):
-    made = []
-
-    def make(**parameters):
-        made.append(Bench(**parameters))
-        return made[-1]
-
-    yield make
-    for each in made:
-        each.close()
 
 
 def started(bench, **parameters):

@@ -7,7 +7,7 @@ import time
 import numpy as np
 import pytest
 import trimesh
-from fakes import TABLE, Bench
+from fakes import TABLE
 from geometry_msgs.msg import Point
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
@@ -23,19 +23,6 @@ from placement_planner_ros.share import share_path
 YUMI = share_path("urdf", "yumi.urdf").read_text()
 PAIRS = {"robot_description_semantic": share_path("urdf", "yumi.srdf").read_text()}
 BOX = trimesh.creation.box((0.1, 0.06, 0.04))
-
-
-@pytest.fixture
-def bench(ros):
-    made = []
-
-    def make(**parameters):
-        made.append(Bench(**parameters))
-        return made[-1]
-
-    yield make
-    for each in made:
-        each.close()
 
 
 @pytest.fixture

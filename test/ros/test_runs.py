@@ -17,19 +17,6 @@ from placement_planner_ros.ros.commands import Commands
 from placement_planner_ros.ros.run import worker
 
 
-@pytest.fixture
-def bench(ros):
-    made = []
-
-    def make(**parameters):
-        made.append(Bench(**parameters))
-        return made[-1]
-
-    yield make
-    for each in made:
-        each.close()
-
-
 def started(b, **parameters):
     """Inputs given, run started, planner searching."""
     b.feed()
