@@ -242,8 +242,8 @@ class Bench:
         return [values_of(m.status[0]) for m in self.messages("solution")]
 
     def status(self):
-        found = self.messages("status")
-        return values_of(found[-1]) if found else {}
+        self.wait(lambda: self.messages("status"))
+        return values_of(self.messages("status")[-1])
 
 
 def said(success, text):

@@ -3,7 +3,7 @@
 import gzip
 import io
 import json
-import os
+import signal
 import struct
 import zipfile
 
@@ -203,21 +203,28 @@ def test_a_large_file_is_refused_by_its_size(tmp_path):
 
 
 def test_reading_can_be_stopped_and_ends_in_time(tmp_path, monkeypatch):
-    os.mkfifo(tmp_path / "never.stl")  # what nobody writes to is never read to its end
+    box = tmp_path / "box.stl"
+    box.write_bytes(BOX.export(file_type="stl"))
     asked = [False]
+
+    def hang() -> None:
+        assert len(process.read(box, "link")[1]) == 12
+        process._child.send_signal(signal.SIGSTOP)  # as a loader that never ends
+
     with MeshProcess(lambda: asked[0]) as process:
+        hang()
         asked[0] = True
         with pytest.raises(StoppedError):
-            process.read(tmp_path / "never.stl", "link")
+            process.read(box, "link")
         asked[0] = False
+        hang()
         monkeypatch.setattr(mesh_process, "MAX_TIME", 0.5)
         with pytest.raises(TimeoutError, match=r"0\.5 s"):
-            process.read(tmp_path / "never.stl", "link")
+            process.read(box, "link")
         monkeypatch.setattr(mesh_process, "MAX_TIME", 60.0)
-        (tmp_path / "box.stl").write_bytes(BOX.export(file_type="stl"))
-        assert len(process.read(tmp_path / "box.stl", "link")[1]) == 12
+        assert len(process.read(box, "link")[1]) == 12
         process._child.kill()  # as whatever reads it may do to itself
         process._child.wait()
         with pytest.raises(ValueError, match="ended the process"):
-            process.read(tmp_path / "box.stl", "link")
-        assert len(process.read(tmp_path / "box.stl", "link")[1]) == 12
+            process.read(box, "link")
+        assert len(process.read(box, "link")[1]) == 12
