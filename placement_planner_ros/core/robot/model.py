@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -164,13 +164,18 @@ class Robot:
         """A copy of q (nq,) with the arm's gripper open."""
         return self.with_positions(q, dict(zip(arm.gripper_joints, arm.gripper_open, strict=True)))
 
-    def require_plausible(self, q: Array) -> None:
+    def require_plausible(self, q: Array, joints: Collection[str] | None = None) -> None:
         """Refuse a configuration q (nq,) with joints far beyond their limits.
+
+        Args:
+            joints: of these alone; None: of all.
 
         Raises:
             StartError: a joint is further than `FAR_BEYOND` from them.
         """
         far = np.maximum(self.lower - q, q - self.upper) > FAR_BEYOND
+        if joints is not None:
+            far &= [name in joints for name in self.joint_names]
         if far.any():
             raise StartError(
                 "joint_states",
@@ -211,6 +216,16 @@ class Robot:
         data = self.model.createData()
         pin.framesForwardKinematics(self.model, data, q)
         return pin.SE3(data.oMf[self.frame_id(link)])
+
+    def joints_to(self, link: str) -> tuple[str, ...]:
+        """Joints whose values the pose of a link depends on; none of them mimics another.
+
+        Raises:
+            RobotError: no such link.
+        """
+        chain = self._chain_joints(link)
+        masters = (self.mimics[name].master if name in self.mimics else name for name in chain)
+        return tuple(dict.fromkeys(masters))
 
     def arm(
         self,

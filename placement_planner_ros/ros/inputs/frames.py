@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.time import Time
 
-from placement_planner_ros.core.errors import JointStateError, PlacementPlannerError
+from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.ros.parameters.values import ParameterSet
 
@@ -27,17 +27,26 @@ class CloudFrameError(PlacementPlannerError):
     code = "CLOUD_FRAME"
 
 
+class ChainMovingError(CloudFrameError):
+    """A cloud was taken while joints that move its sensor moved."""
+
+
+JointValues = Callable[[Sequence[str]], Mapping[str, float]]
+"""Where joints were when a cloud was taken, rad or m. Raises a PlacementPlannerError where nobody
+knows."""
+
+
 def cloud_pose(
     frame: str,
     parameters: ParameterSet,
     robot: Robot,
-    positions: dict[str, float],
+    joints: JointValues,
     transform: Callable[[str], pin.SE3 | None],
 ) -> pin.SE3:
     """T_planning_cloud: by parameter, as the planning frame, by forward kinematics, by tf2.
 
     Args:
-        positions: newest joint values, rad or m.
+        joints: values when the cloud was taken.
         transform: T_planning_frame by tf2, None where it is not known there.
 
     Raises:
@@ -54,12 +63,7 @@ def cloud_pose(
         fixed = robot.model.frames[robot.frame_id(frame)]
         if fixed.parentJoint == 0:
             return pin.SE3(fixed.placement)
-        try:
-            return robot.link_pose(robot.configuration(positions), frame)
-        except JointStateError as error:
-            raise CloudFrameError(
-                "cloud frame_id", frame, f"is a moving link, and {error}"
-            ) from error
+        return _link_pose(frame, robot, joints)
     found = transform(frame)
     if found is None:
         raise CloudFrameError(
@@ -69,6 +73,18 @@ def cloud_pose(
             f"planning frame {robot.root_link!r}, nor a link of the robot, nor known to tf2",
         )
     return found
+
+
+def _link_pose(link: str, robot: Robot, joints: JointValues) -> pin.SE3:
+    try:
+        values = joints(robot.joints_to(link))
+        q = robot.with_positions(np.zeros(len(robot.joint_names)), values)
+        robot.require_plausible(q, values)
+    except CloudFrameError:
+        raise
+    except PlacementPlannerError as error:
+        raise CloudFrameError("cloud frame_id", link, f"is a moving link, and {error}") from error
+    return robot.link_pose(q, link)
 
 
 class Transforms:
