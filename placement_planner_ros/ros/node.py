@@ -125,7 +125,7 @@ class PlacementPlannerNode(ParameterNode):
         """Compile, or load, what a search needs, before somebody waits for it."""
         try:
             self._inputs.robot.wait()
-            robot = self._inputs.robot.robot
+            robot = self._inputs.robot.unplaced
             q = pin.neutral(robot.model)
             outside_robot(np.zeros((1, 3)), robot, q, (), None, 0.0)
             warm_up(robot, make_arms(robot, self._settings.current), q)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -226,6 +226,20 @@ class Robot:
         chain = self._chain_joints(link)
         masters = (self.mimics[name].master if name in self.mimics else name for name in chain)
         return tuple(dict.fromkeys(masters))
+
+    def carried(self, T_root_body: pin.SE3) -> Robot:
+        """This robot with all that its root link carries moved by T_root_body."""
+        model, geometry = self.model.copy(), self.geometry.copy()
+        for joint in range(1, model.njoints):
+            if model.parents[joint] == 0:
+                model.jointPlacements[joint] = T_root_body * model.jointPlacements[joint]
+        for frame in model.frames:
+            if frame.parentJoint == 0 and frame.name not in ("universe", self.root_link):
+                frame.placement = T_root_body * frame.placement
+        for shape in geometry.geometryObjects:
+            if shape.parentJoint == 0:
+                shape.placement = T_root_body * shape.placement
+        return replace(self, model=model, geometry=geometry)
 
     def arm(
         self,

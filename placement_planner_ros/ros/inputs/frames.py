@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 from builtin_interfaces.msg import Time as TimeMessage
+from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.time import Time
@@ -19,6 +20,9 @@ from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.ros.parameters.values import ParameterSet
 
 WAIT = Duration(nanoseconds=100_000_000)
+"""For how long a cloud waits for its transform."""
+SET_BACK = Duration(seconds=-1)
+"""From which jump on a clock counts as set back."""
 
 
 class CloudFrameError(PlacementPlannerError):
@@ -42,15 +46,18 @@ def cloud_pose(
     robot: Robot,
     joints: JointValues,
     transform: Callable[[str], pin.SE3 | None],
+    moved: Callable[[], pin.SE3] = pin.SE3.Identity,
 ) -> pin.SE3:
     """T_planning_cloud: by parameter, as the planning frame, by forward kinematics, by tf2.
 
     Args:
         joints: values when the cloud was taken.
         transform: T_planning_frame by tf2, None where it is not known there.
+        moved: by what the robot was elsewhere when the cloud was taken.
 
     Raises:
-        CloudFrameError: the frame is empty, unknown, or on a link whose joints are unknown.
+        CloudFrameError: the frame is empty, unknown, or on a link whose joints or whose robot's
+            place are unknown.
     """
     if not frame:
         raise CloudFrameError("cloud frame_id", frame, "publish clouds with their frame's name")
@@ -60,10 +67,7 @@ def cloud_pose(
     if frame == robot.root_link:
         return pin.SE3.Identity()
     if robot.model.existFrame(frame, pin.FrameType.BODY):
-        fixed = robot.model.frames[robot.frame_id(frame)]
-        if fixed.parentJoint == 0:
-            return pin.SE3(fixed.placement)
-        return _link_pose(frame, robot, joints)
+        return _link_pose(frame, robot, joints, moved)
     found = transform(frame)
     if found is None:
         raise CloudFrameError(
@@ -75,16 +79,18 @@ def cloud_pose(
     return found
 
 
-def _link_pose(link: str, robot: Robot, joints: JointValues) -> pin.SE3:
+def _link_pose(
+    link: str, robot: Robot, joints: JointValues, moved: Callable[[], pin.SE3]
+) -> pin.SE3:
     try:
         values = joints(robot.joints_to(link))
         q = robot.with_positions(np.zeros(len(robot.joint_names)), values)
         robot.require_plausible(q, values)
+        return moved() * robot.link_pose(q, link)
     except CloudFrameError:
         raise
     except PlacementPlannerError as error:
-        raise CloudFrameError("cloud frame_id", link, f"is a moving link, and {error}") from error
-    return robot.link_pose(q, link)
+        raise CloudFrameError("cloud frame_id", link, f"is a link, and {error}") from error
 
 
 class Transforms:
@@ -95,21 +101,37 @@ class Transforms:
 
     def __init__(self, node: Node) -> None:
         self._buffer: Any = None
-        if importlib.util.find_spec("tf2_ros") is not None:
-            tf2_ros = importlib.import_module("tf2_ros")
-            self._error = tf2_ros.TransformException
-            self._buffer = tf2_ros.Buffer()
-            self._listener = tf2_ros.TransformListener(self._buffer, node, spin_thread=True)
+        if importlib.util.find_spec("tf2_ros") is None:
+            return
+        tf2_ros = importlib.import_module("tf2_ros")
+        self._error = tf2_ros.TransformException
+        self._buffer = tf2_ros.Buffer()
+        self._listener = tf2_ros.TransformListener(self._buffer, node)
+        # Else the buffer would drop whatever comes after the clock was set back.
+        threshold = JumpThreshold(min_forward=None, min_backward=SET_BACK, on_clock_change=True)
+        self._jumps = node.get_clock().create_jump_callback(
+            threshold, post_callback=lambda _: self._buffer.clear()
+        )
 
-    def pose(self, target: str, source: str, stamp: TimeMessage | None = None) -> pin.SE3 | None:
-        """T_target_source at the stamp (the newest without one), or None."""
+    def pose(
+        self, target: str, source: str, stamp: TimeMessage | None = None, *, wait: bool = False
+    ) -> pin.SE3 | None:
+        """T_target_source at the stamp (the newest without one), or None.
+
+        Args:
+            wait: a little, where it is not known yet.
+        """
         if self._buffer is None:
             return None
         time = Time() if stamp is None else Time.from_msg(stamp)
+        patience = WAIT if wait else Duration()
         try:
-            found = self._buffer.lookup_transform(target, source, time, timeout=WAIT).transform
+            found = self._buffer.lookup_transform(target, source, time, timeout=patience).transform
         except self._error:
             return None
         r, t = found.rotation, found.translation
-        rotation = pin.Quaternion(np.array([r.x, r.y, r.z, r.w])).normalized().toRotationMatrix()
-        return pin.SE3(rotation, np.array([t.x, t.y, t.z]))
+        numbers = np.array([t.x, t.y, t.z, r.x, r.y, r.z, r.w])
+        length = float(np.linalg.norm(numbers[3:]))
+        if not np.isfinite(numbers).all() or length == 0.0:
+            return None
+        return pin.SE3(pin.Quaternion(numbers[3:] / length).toRotationMatrix(), numbers[:3])

@@ -30,7 +30,7 @@ from placement_planner_ros.ros.inputs.object_input import ObjectInput
 from placement_planner_ros.ros.inputs.point_cloud import points_from_message
 from placement_planner_ros.ros.inputs.reading import NotReadyError
 from placement_planner_ros.ros.inputs.resources import Files
-from placement_planner_ros.ros.inputs.robot_input import RobotInput
+from placement_planner_ros.ros.inputs.robot_input import RobotInput, UnplacedError
 from placement_planner_ros.ros.inputs.standing_object import StandingObject
 from placement_planner_ros.ros.parameters.values import ParameterSet
 
@@ -108,11 +108,11 @@ class Inputs:
             self._waiting.pop(topic, None)
         taken = time.monotonic() - self._age(message)
         try:
-            self._store(topic, message, taken, parameters)
+            self._store(topic, message, taken, parameters, wait=True)
         except ChainMovingError:
             if topic not in self.clouds.ages(0.0):
                 raise
-        except (CloudFrameError, NotReadyError):
+        except (CloudFrameError, NotReadyError, UnplacedError):
             with self._lock:
                 self._waiting[topic] = (message, taken)
             raise
@@ -153,7 +153,13 @@ class Inputs:
         return self._clock.now().nanoseconds * 1e-9
 
     def _store(
-        self, topic: str, message: PointCloud2, taken: float, parameters: ParameterSet
+        self,
+        topic: str,
+        message: PointCloud2,
+        taken: float,
+        parameters: ParameterSet,
+        *,
+        wait: bool = False,
     ) -> None:
         robot = self.robot.robot
         merged = parameters["cloud.mode"] == "merge"
@@ -176,7 +182,10 @@ class Inputs:
             parameters,
             robot,
             joints,
-            lambda frame: self._transforms.pose(robot.root_link, frame, message.header.stamp),
+            lambda frame: self._transforms.pose(
+                robot.root_link, frame, message.header.stamp, wait=wait
+            ),
+            lambda: self.robot.moved(message.header.stamp),
         )
         points = points_from_message(message)
         points = points @ T_planning_cloud.rotation.T + T_planning_cloud.translation
