@@ -27,7 +27,7 @@ from visualization_msgs.msg import MarkerArray
 
 import placement_planner_ros
 from placement_planner_ros.core.objective.by_name import objective_names
-from placement_planner_ros.core.timing.trajectory_maker import ExecutionSettings
+from placement_planner_ros.core.timing.trajectory_maker import TimingSettings
 from placement_planner_ros.core.types import Trajectory
 from placement_planner_ros.experiments.cases import start_configuration
 from placement_planner_ros.ros.qos import LATCHED
@@ -283,7 +283,7 @@ def check_last_solution(client, run, solution, objective="maximize_clearance", p
         retreat=curve_of(retreat),
         gripper_open=dict(zip(arm.gripper_joints, arm.gripper_open, strict=True)),
     )
-    limit = ExecutionSettings().acceleration_limits[0]
+    limit = TimingSettings().acceleration_limits[0]
     assert check_solution(task, found, tolerances=Tolerances(acceleration_limit=limit)) == []
     return T
 
