@@ -66,8 +66,8 @@ class Client(Node):
         self._spinning.end()
         self.destroy_node()
 
-    def request(self, kind, service, request):
-        client = self.create_client(kind, f"{NODE}/{service}")
+    def request(self, kind, service, request, node=NODE):
+        client = self.create_client(kind, f"{node}/{service}")
         assert client.wait_for_service(30.0)
         future = client.call_async(request)
         wait(future.done)

@@ -2,20 +2,27 @@
 
 import math
 import re
+import signal
 
 import numpy as np
 import pytest
+import trimesh
 from diagnostic_msgs.msg import DiagnosticArray
-from fakes import values_of
+from fakes import said, values_of
+from geometry_msgs.msg import Point
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
-from system import NODE, PARTS, Client, start_when_ready, wait
+from shape_msgs.msg import Mesh, MeshTriangle
+from std_srvs.srv import Trigger
+from system import NODE, PARTS, Client, start_node, start_when_ready, wait
 from visualization_msgs.msg import Marker
 
 from placement_planner_ros.experiments.cases import start_configuration
+from placement_planner_ros.ros.qos import LATCHED
 from placement_planner_ros.scenes.yumi import load_yumi
+from placement_planner_ros.share import share_path
 
 OWN_TOPICS = {
     "trajectory": "trajectory_msgs/msg/JointTrajectory",
@@ -67,6 +74,13 @@ def run(scene, client):
 def parameter_names(client):
     request = ListParameters.Request()
     return list(client.request(ListParameters, "list_parameters", request).result.names)
+
+
+def mesh_message(vertices, triangles):
+    return Mesh(
+        vertices=[Point(x=x, y=y, z=z) for x, y, z in np.asarray(vertices).tolist()],
+        triangles=[MeshTriangle(vertex_indices=np.array(t, np.uint32)) for t in triangles],
+    )
 
 
 def set_one(client, name, value):
@@ -159,25 +173,25 @@ def test_integers_are_taken_where_a_double_is_meant(client):
     ],
 )
 def test_a_bad_value_is_refused_when_it_is_set(client, name, value):
-    said = set_one(client, name, value)
-    assert not said.successful
-    assert name.split(".")[-1] in said.reason
-    assert len(said.reason.splitlines()) >= 1
-    assert "Traceback" not in said.reason
+    answer = set_one(client, name, value)
+    assert not answer.successful
+    assert name.split(".")[-1] in answer.reason
+    assert len(answer.reason.splitlines()) >= 1
+    assert "Traceback" not in answer.reason
 
 
 def test_topics_frames_and_the_robot_are_read_at_start_up(client):
-    said = set_one(client, "cloud_topics", ["other"])
-    assert not said.successful
-    assert "cloud_topics" in said.reason
+    answer = set_one(client, "cloud_topics", ["other"])
+    assert not answer.successful
+    assert "cloud_topics" in answer.reason
 
 
 @pytest.mark.parametrize("name", ["there.stl", "missing.stl"])
 def test_whether_a_file_outside_the_roots_exists_is_not_told(client, tmp_path, name):
     (tmp_path / "there.stl").write_bytes(b"solid\nendsolid\n")
-    said = set_one(client, "object.mesh", str(tmp_path / name))
-    assert not said.successful
-    assert said.reason.replace(name, "") == set_one(
+    answer = set_one(client, "object.mesh", str(tmp_path / name))
+    assert not answer.successful
+    assert answer.reason.replace(name, "") == set_one(
         client, "object.mesh", str(tmp_path / "neither.stl")
     ).reason.replace("neither.stl", "")
 
@@ -299,23 +313,100 @@ def test_diagnostics_come_every_second_or_so(client):
     assert any(NODE in status.name for m in heard for status in m.status)
 
 
+# --- inputs
+
+
+def test_the_object_given_last_wins(scene, client):
+    publisher = client.create_publisher(Mesh, f"{NODE}/object", LATCHED)
+    wait(lambda: publisher.get_subscription_count() > 0)
+    box = trimesh.creation.box((0.021, 0.071, 0.094))
+    publisher.publish(mesh_message(box.vertices, box.faces[:1]))  # a triangle is no body
+    wait(lambda: client.value("object") == "bad")
+    answer = client.call("start")
+    assert (answer.success, answer.code) == (False, "BAD_OBJECT")
+    publisher.publish(mesh_message(box.vertices, box.faces))
+    wait(lambda: client.value("object") == "ready")
+    number = start_when_ready(client, "start_with", seed=3).run
+    wait(lambda: client.solutions(number))
+    client.call("stop")
+    # A parameter of one run wins over the topic, and is asked for until it has been read.
+    answers = []
+
+    def started():
+        made = {"object__vertices": box.vertices.ravel().tolist()}
+        made["object__triangles"] = box.faces.ravel().tolist()
+        answers.append(client.call("start_with", **made))
+        return answers[-1].success
+
+    wait(started)
+    assert {answer.code for answer in answers[:-1]} <= {"NOT_READY"}
+    client.call("stop")
+    client.destroy_publisher(publisher)
+
+
+def test_a_robot_that_leaves_its_start_ends_the_run(scene, client):
+    number = start_when_ready(client, "start_with", time_limit=0.0).run
+    wait(lambda: client.state() == "searching" and client.value("run") == number)
+    joint, was = "yumi_joint_1_l", scene._positions["yumi_joint_1_l"]
+    scene._positions[joint] = was + 0.1
+    try:
+        wait(lambda: client.state() == "robot_moved")
+        assert client.value("code") == "ROBOT_MOVED"
+        assert client.value("best_valid") == "false"
+        heard = len(client.heard["trajectory"])
+        assert client.call("stop").code == "NOT_RUNNING"
+        assert len(client.heard["trajectory"]) == heard
+    finally:
+        scene._positions[joint] = was
+    start_when_ready(client, "start_with", time_limit=0.0)
+    client.call("stop")
+
+
+def test_a_second_node_in_a_namespace_keeps_to_itself(scene, client, tmp_path):
+    before = start_when_ready(client, "start_with", time_limit=0.0).run
+    log = tmp_path / "node.log"
+    config = str(share_path("config", "small_crayons_box.yaml"))
+    asked = ["-r", "__ns:=/cell", "-r", "points:=/points", "-r", "joint_states:=/joint_states"]
+    process = start_node(log, "--params-file", config, *asked)
+    try:
+        wait(lambda: "ready" in log.read_text() or process.poll() is not None)
+        answers = []
+
+        def started():
+            request = Trigger.Request()
+            response = client.request(Trigger, "start", request, node=f"/cell/{NODE}")
+            answers.append(said(response.success, response.message))
+            return answers[-1].success
+
+        wait(started)
+        assert int(answers[-1].run) > int(before)
+        assert client.value("run") == before
+    finally:
+        process.send_signal(signal.SIGINT)
+        assert process.wait(30.0) == 0, log.read_text()
+    assert "Traceback" not in log.read_text()
+    assert client.call("stop").run == before
+
+
 # --- confirming
 
 
 def test_what_needs_an_idle_planner_is_refused_while_it_searches(scene, client):
     number = start_when_ready(client, "start_with", time_limit=0.0).run
     for service in ("confirm_placed", "clear_environment", "start"):
-        said = client.call(service)
-        assert (said.success, said.code, said.run) == (False, "ALREADY_RUNNING", number), service
-    said = client.call("confirm_placed_with", run=int(number), solution=1)
-    assert (said.success, said.code) == (False, "ALREADY_RUNNING")
-    said = client.call("remove_placed", run=int(number))
-    assert (said.success, said.code) == (False, "ALREADY_RUNNING")
+        answer = client.call(service)
+        assert (answer.success, answer.code, answer.run) == (False, "ALREADY_RUNNING", number), (
+            service
+        )
+    answer = client.call("confirm_placed_with", run=int(number), solution=1)
+    assert (answer.success, answer.code) == (False, "ALREADY_RUNNING")
+    answer = client.call("remove_placed", run=int(number))
+    assert (answer.success, answer.code) == (False, "ALREADY_RUNNING")
     wrong = client.call("stop_with", run=int(number) + 1)
     assert (wrong.success, wrong.code) == (False, "WRONG_RUN")
     assert client.state() in ("preparing", "searching")
-    said = client.call("stop_with", run=int(number))
-    assert (said.success, said.code, said.run) == (True, "OK", number)
+    answer = client.call("stop_with", run=int(number))
+    assert (answer.success, answer.code, answer.run) == (True, "OK", number)
 
 
 def test_any_solution_of_the_last_run_can_be_confirmed_and_removed(scene, client):
