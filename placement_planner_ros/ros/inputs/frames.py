@@ -17,6 +17,7 @@ from rclpy.time import Time
 
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.ros.inputs.point_cloud import FAR
 from placement_planner_ros.ros.parameters.values import ParameterSet
 
 WAIT = Duration(nanoseconds=100_000_000)
@@ -56,11 +57,25 @@ def cloud_pose(
         moved: by what the robot was elsewhere when the cloud was taken.
 
     Raises:
-        CloudFrameError: the frame is empty, unknown, or on a link whose joints or whose robot's
-            place are unknown.
+        CloudFrameError: the frame is empty, unknown, too far away, or on a link whose joints or
+            whose robot's place are unknown.
     """
     if not frame:
         raise CloudFrameError("cloud frame_id", frame, "publish clouds with their frame's name")
+    T_planning_cloud = _pose(frame, parameters, robot, joints, transform, moved)
+    if not np.abs(T_planning_cloud.translation).max() <= FAR:
+        raise CloudFrameError("cloud frame_id", frame, f"is more than {FAR:g} m away")
+    return T_planning_cloud
+
+
+def _pose(
+    frame: str,
+    parameters: ParameterSet,
+    robot: Robot,
+    joints: JointValues,
+    transform: Callable[[str], pin.SE3 | None],
+    moved: Callable[[], pin.SE3],
+) -> pin.SE3:
     given = parameters.sensor_pose(frame)
     if given is not None:
         return given

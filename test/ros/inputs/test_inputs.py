@@ -16,7 +16,12 @@ from placement_planner_ros.ros.inputs.inputs import Inputs
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 from placement_planner_ros.ros.inputs.resources import Files
 from placement_planner_ros.ros.inputs.robot_input import RobotInput
-from placement_planner_ros.ros.parameters.table import arm_specs, arms_spec, fixed_specs
+from placement_planner_ros.ros.parameters.table import (
+    arm_specs,
+    arms_spec,
+    fixed_specs,
+    sensor_pose_spec,
+)
 from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.scenes.yumi import HOME
 
@@ -124,6 +129,17 @@ def test_values_that_are_none_of_a_joint_place_no_cloud(robot):
     world.joints(100.0, **{JOINT: 1e200})
     with pytest.raises(CloudFrameError, match="beyond"):
         world.cloud(100.0)
+
+
+def test_what_is_too_far_away_is_no_point_and_no_sensor(robot):
+    world = World(robot, cloud__mode="merge")
+    world.cloud(0.0, [[1e30, 0.0, 0.0], [0.0, -1e7, 0.0], [1.0, 2.0, 3.0]], frame="yumi_body")
+    np.testing.assert_array_equal(world.seen(), [[1.0, 2.0, 3.0]])
+    specs = SPECS | {"sensor_poses.eye": sensor_pose_spec("eye")}
+    far = {"sensor_poses.eye": [0.0, 1e300, 0.0, 0.0, 0.0, 0.0, 1.0]}
+    world.parameters = ParameterSet(specs, far)
+    with pytest.raises(CloudFrameError, match=r"eye.*away"):
+        world.cloud(0.0, frame="eye")
 
 
 def test_nothing_is_merged_while_the_sensor_moves(robot):
