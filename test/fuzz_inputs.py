@@ -16,7 +16,7 @@ try:
 except ImportError:
     sys.exit("SKIPPED: nothing was tested, as atheris is not installed: pip install atheris")
 
-with atheris.instrument_imports(include=["placement_planner_ros.core.robot.description"]):
+with atheris.instrument_imports(include=["placement_planner_ros.core.robot"]):
     from placement_planner_ros.core.robot.model import Robot
 
 with atheris.instrument_imports(include=["placement_planner_ros.ros.inputs"]):
@@ -174,7 +174,8 @@ TARGETS = {"clouds": clouds, "robots": robots}
 def main():
     if len(sys.argv) < 2 or sys.argv[1] not in TARGETS:
         sys.exit(__doc__)
-    atheris.Setup([sys.argv[0], *sys.argv[2:]], TARGETS[sys.argv[1]])
+    options = [sys.argv[0], "-len_control=0", "-max_len=4096", *sys.argv[2:]]
+    atheris.Setup(options, TARGETS[sys.argv[1]])
     atheris.Fuzz()
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right, insort
-from dataclasses import dataclass
+from typing import NamedTuple
 
 HISTORY = 3.0
 """Seconds of stamps over which a joint's values are kept."""
@@ -24,10 +24,10 @@ _WINDOW = 0.2
 """Seconds over which a speed is measured."""
 _SHORTEST = 0.05
 """Seconds for which a shorter window counts, as encoders are noisy."""
+_MOST = round(HISTORY / SPACING) + 2
 
 
-@dataclass(frozen=True, slots=True)
-class Sample:
+class Sample(NamedTuple):
     """A joint's position (rad or m) and velocity (rad/s or m/s) at a stamp (seconds)."""
 
     stamp: float
@@ -52,16 +52,16 @@ class JointPast:
     def add(self, sample: Sample) -> None:
         """Take in a value, be it in order or not."""
         samples = self._samples
-        if sample.stamp < self.newest:
+        if samples and sample.stamp < samples[-1].stamp:
             insort(samples, sample, key=_stamp)
+        elif len(samples) > 1 and sample.stamp - samples[-2].stamp < SPACING:
+            samples[-1] = sample
         else:
-            if len(samples) > 1 and sample.stamp - samples[-2].stamp < SPACING:
-                samples.pop()
             samples.append(sample)
-        most = round(HISTORY / SPACING) + 2
-        del samples[: max(0, len(samples) - most)]
-        oldest = bisect_left(samples, self.newest - HISTORY, key=_stamp)
-        del samples[:oldest]
+        oldest = samples[-1].stamp - HISTORY
+        if samples[0].stamp < oldest or len(samples) > _MOST:
+            kept = max(bisect_left(samples, oldest, key=_stamp), len(samples) - _MOST)
+            del samples[:kept]
 
     def forget(self) -> None:
         """Begin anew: the clock that stamps the values was set back."""

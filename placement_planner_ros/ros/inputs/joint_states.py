@@ -183,10 +183,11 @@ class JointStates:
 
     def _is_newest(self, name: str, sample: Sample, now: float) -> bool:
         """Remember a value; whether it is the joint's newest. Lock held."""
-        past = self._past.setdefault(name, JointPast())
-        history = self._history.get(name)
-        late = history is not None and sample.stamp < past.newest
-        if late and history is not None and now - history[-1][0] >= REST_WINDOW:
+        past = self._past.get(name)
+        if past is None:
+            past = self._past[name] = JointPast()
+        late = sample.stamp < past.newest
+        if late and now - self._history[name][-1][0] >= REST_WINDOW:
             late = False
             past.forget()
         past.add(sample)
