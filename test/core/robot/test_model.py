@@ -204,6 +204,33 @@ def test_mimic_of_a_mimic_is_followed_to_the_end():
 # --- arms ---------------------------------------------------------------------------------------
 
 
+def test_the_joints_that_a_link_hangs_on_are_those_that_others_mimic():
+    robot = Robot.from_urdf(hand_urdf())
+    chain = robot.joints_to("finger_a")
+    assert chain[-1] == "fa"
+    assert robot.joints_to("finger_b") == chain
+    assert robot.joints_to(robot.root_link) == ()
+
+
+def test_a_carried_robot_is_the_same_elsewhere():
+    robot = load_yumi()
+    T = pin.SE3(pin.utils.rotate("y", 0.5), np.array([1.0, 2.0, 3.0]))
+    moved, q = robot.carried(T), robot.configuration(HOME)
+
+    def shapes(robot):
+        data, placements = robot.model.createData(), robot.geometry.createData()
+        pin.updateGeometryPlacements(robot.model, data, robot.geometry, placements, q)
+        return np.array([place.homogeneous for place in placements.oMg])
+
+    np.testing.assert_allclose(shapes(moved), T.homogeneous @ shapes(robot), atol=1e-12)
+    for link in ("gripper_l_base", "yumi_link_3_r"):
+        expected = (T * robot.link_pose(q, link)).homogeneous
+        np.testing.assert_allclose(moved.link_pose(q, link).homogeneous, expected, atol=1e-12)
+    assert moved.root_link == robot.root_link
+    np.testing.assert_array_equal(moved.link_pose(q, moved.root_link), np.eye(4))
+    assert len(moved.geometry.collisionPairs) == len(robot.geometry.collisionPairs)
+
+
 @pytest.mark.parametrize("tip", ["hand", "tool", "flange"])
 def test_arm_is_derived(tip):
     robot = Robot.from_urdf(hand_urdf())
