@@ -603,6 +603,77 @@ def test_explain_names_the_link_and_the_place(slider):
     assert held.startswith("the held object meets the environment")
 
 
+def where(said):
+    return np.array([float(word) for word in said[said.index("(") + 1 : -1].split(",")])
+
+
+def test_explain_names_the_nearest_box_or_the_middle_of_what_meets(slider):
+    wall = plate((0.002, 0.3, 0.3), (0.5, 0.0, 0.0))
+    checker = slider_checker(
+        slider, obstacles_of(wall, wall - np.array([0.3, 0.0, 0.0])), small_body()
+    )
+    for q in ((0.51, 0.1), (0.21, -0.1), (0.492, 0.033)):  # their middle is close to a wall
+        said = checker.explain(np.array(q), contact=True)
+        assert said.startswith("ball meets the environment at (")
+        assert np.abs(where(said) - [0.5 if q[0] > 0.4 else 0.2, q[1], 0.0]).max() < 0.011
+    said = checker.explain(np.array([0.477, 0.1]))
+    assert said.startswith("the held object meets the environment at (")
+    assert abs(where(said)[0] - 0.5) < 0.006
+    assert (np.abs(where(said) - [0.5, 0.1, -0.0405]) < [0.01, 0.03, 0.03]).all()
+
+    post = '<link name="base"><collision><origin xyz="1 0 0"/>'
+    post += '<geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>'
+    urdf = SLIDER.replace('<link name="base"/>', post)
+    robot = Robot.from_urdf(urdf, srdf="<robot name='slider'/>")
+    arm = robot.arm("arm", "ball", touch_links=[])
+    there = pin.SE3(pin.utils.rotate("z", 0.5 * np.pi), np.array([0.2, 0.1, 0.3]))
+    checker = ArmCollision(
+        MovingArm(robot, arm, np.zeros(2)),
+        Standing(small_body((0.2, 0.04, 0.04)), there),
+        obstacles_of(),
+    )
+    said = checker.explain(np.array([0.935, 0.03]))
+    assert said.startswith("ball meets base at (")
+    assert (np.abs(where(said) - [0.9525, 0.03, 0.0]) < [0.003, 0.02, 0.02]).all()
+    assert checker.explain(np.array([0.2, 0.1])) == ""
+    for x in (0.3, -0.4):
+        checker.place(pin.SE3(there.rotation, np.array([x, 0.1, 0.0])))
+        for off, meets in ((0.0399, True), (0.0401, False), (-0.0399, True), (-0.0401, False)):
+            said = checker.explain(np.array([x + off, 0.17]))
+            assert (said != "") == meets
+            if meets:
+                assert said.startswith("ball meets the placed object at (")
+                assert np.abs(where(said)[0] - x) == pytest.approx(0.02, abs=0.001)
+        # Seen from above it reaches 0.1 along y, as it is turned.
+        assert checker.explain(np.array([x, 0.2 + 0.0199])) != ""
+        assert checker.explain(np.array([x, 0.2 + 0.0201])) == ""
+
+
+def test_fewer_pairs_and_no_environment_are_what_is_left_of_the_checks(slider):
+    post = '<link name="base"><collision><origin xyz="1 0 0"/>'
+    post += '<geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>'
+    urdf = SLIDER.replace('<link name="base"/>', post)
+    robot = Robot.from_urdf(urdf, srdf="<robot name='slider'/>")
+    arm = robot.arm("arm", "ball", touch_links=[])
+    there = pin.SE3(np.eye(3), np.array([0.2, 0.0, 0.0]))
+    wall = obstacles_of(plate((0.002, 0.3, 0.3), (-0.5, 0.0, 0.0)))
+    checker = ArmCollision(MovingArm(robot, arm, np.zeros(2)), Standing(small_body(), there), wall)
+    at = {"post": 0.96, "object": 0.2, "wall": -0.5, "nothing": 0.6}
+    wide = CollisionSettings(collision_margin=0.01)
+
+    def met(made):
+        return {name for name, x in at.items() if not made.free(np.array([x, 0.0]))}
+
+    assert met(checker) == {"post", "object", "wall"}
+    assert met(checker.with_pairs(lambda *_: False)) == {"wall"}
+    assert met(checker.with_pairs(lambda a, b: "base" in (a, b))) == {"post", "wall"}
+    assert met(checker.with_pairs(lambda *_: True, environment=False)) == {"post", "object"}
+    near = np.array([-0.5 + 0.02 + 0.008, 0.0])
+    assert checker.free(near)
+    assert not checker.with_pairs(lambda *_: True, wide).free(near)
+    assert met(checker) == {"post", "object", "wall"}
+
+
 def test_settings_refuse_what_makes_no_sense():
     for bad in ({"collision_margin": -0.001}, {"cover_excess": 0.0}, {"self_margin": np.nan}):
         with pytest.raises(ParameterError, match=next(iter(bad))):

@@ -8,7 +8,14 @@ import pytest
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.scene.regions import Region
-from placement_planner_ros.core.search.cell_layout import LOWER, UPPER, Y, halved
+from placement_planner_ros.core.search.cell_layout import (
+    LOWER,
+    UPPER,
+    Y,
+    areas,
+    halved,
+    whole_cells,
+)
 from placement_planner_ros.core.search.hierarchy import (
     FULL_TURN,
     AfrHierarchy,
@@ -192,6 +199,17 @@ def test_parts_of_a_cell_cover_it_without_overlap():
         inside = (parts[:, 2::2] < center) & (center < parts[:, 3::2])
         assert inside.all(axis=1).sum() == 1
     assert (parts[:, :2] == cell[:2]).all()
+
+
+def test_whole_cells_hold_every_face_on_the_extent_of_every_region():
+    bars = Region(np.array([[0.1, 0.0, 0.2, 0.4], [0.2, -0.3, 0.5, 0.05]]), 0.7)
+    square = Region(np.array([[0.0, 0.0, 0.4, 0.2]]), 0.0)
+    cells = whole_cells(AfrHierarchy([1], 3, [square, bars], HierarchySettings()))
+    expected = [[face, 0.0, 0.0, 0.4, 0.0, 0.2, 0.0, FULL_TURN] for face in range(3)]
+    expected += [[face, 0.7, 0.1, 0.5, -0.3, 0.4, 0.0, FULL_TURN] for face in range(3)]
+    assert cells.tolist() == expected
+    assert areas(cells) == pytest.approx([0.08] * 3 + [0.28] * 3)
+    assert whole_cells(AfrHierarchy([1], 3, [], HierarchySettings())).shape == (0, 8)
 
 
 def test_cells_follow_what_is_best_at_every_scale_without_forgetting_the_rest():
