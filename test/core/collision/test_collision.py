@@ -920,3 +920,22 @@ def test_an_edge_of_no_length_is_its_configuration(slider):
     for x in (0.3, 0.47, 0.49, 0.7):
         q = np.array([x, 0.0])
         assert checker.edge_free(q, q) == checker.free(q)
+
+
+def test_edges_are_refused_from_their_resolution_on(slider):
+    """Halves of 1.4 m are 0.0109 m and 0.0055 m: the latter is less than the 6 mm that are left."""
+    wall = obstacles_of(plate((0.002, 0.4, 0.4), (0.5, 0.0, 0.0)))
+    side = wall.upper[:, 1].max() + 0.02 + 0.003
+    post = '<link name="base"><collision><origin xyz="0.5 -0.3 0"/>'
+    post += '<geometry><box size="0.002 0.4 0.4"/></geometry></collision></link>'
+    robot = Robot.from_urdf(SLIDER.replace('<link name="base"/>', post), srdf="<robot name='x'/>")
+    moving = MovingArm(robot, robot.arm("arm", "ball"), np.zeros(2))
+    for resolution, certified in ((0.0109, True), (0.011, False)):
+        settings = CollisionSettings(edge_resolution=resolution, self_resolution=1e-5)
+        checker = ArmCollision(moving, None, wall, settings)
+        a, b = np.array([-0.9, side + 0.006]), np.array([1.9, side + 0.006])
+        assert checker.edge_free(a, b) == certified
+        settings = CollisionSettings(edge_resolution=1e-5, self_resolution=resolution)
+        checker = ArmCollision(moving, None, obstacles_of(), settings)
+        a, b = np.array([-0.9, -0.1 + 0.02 + 0.006]), np.array([1.9, -0.1 + 0.02 + 0.006])
+        assert checker.edge_free(a, b) == certified
