@@ -552,3 +552,63 @@ def test_samplers_can_be_made_where_there_is_nothing_to_sample(kind):
     """The planner makes its sampler first and then says that there is no region."""
     empty = AfrHierarchy([1], 1, [], HierarchySettings())
     kind(empty, CornerChecker(), SETTINGS[kind](), np.random.default_rng(0))
+
+
+def rounds_of(bests):
+    """Of rounds of 16 samples at these ξ_best: samples before, whether refined, size and depths."""
+    made, _ = sampler(OptimisticSampler, samples_per_call=16, uniform_first=64, goals_per_call=99)
+    begin, rounds = made._begin_round, []
+
+    def begun(refine):
+        begin(refine)
+        rounds.append((made.count.samples, refine, len(made._depths), {*made._depths.tolist()}))
+
+    made._begin_round = begun
+    for best in bests:
+        made.sample_goals(best, never)
+    return rounds
+
+
+def test_refinement_begins_once_enough_is_graded_and_something_was_found():
+    nothing_found = rounds_of([-np.inf] * 6)
+    assert nothing_found == [(16 * k, False, 16, {0}) for k in range(6)]
+    found = rounds_of([-0.3] * 5)
+    assert found[:4] == nothing_found[:4]
+    assert found[4][1]
+    assert found[4][3] == {0, 1}
+
+
+def test_poses_of_a_round_are_drawn_from_their_cells_in_any_order():
+    made, _ = sampler(OptimisticSampler, samples_per_call=400, uniform_first=400)
+    made.sample_goals(-0.3, never)
+    orders, shares = [], []
+    for _ in range(30):
+        made._begin_round(refine=True)
+        low, high = made._cells[:, LOWER], made._cells[:, UPPER]
+        assert (low <= made._poses).all()
+        assert (made._poses <= high).all()
+        shares.append(((made._poses - low) / (high - low))[made._depths > 0])
+        orders.append((np.diff(made._depths) < 0).any() and (np.diff(made._depths) > 0).any())
+        draws = made._draw(1000, -0.3)
+        assert (draws.contact[:, :2] == made._poses[:, :2]).all()
+        assert (draws.contact[:, 2] == made._cells[:, 1]).all()
+        assert (draws.angle == made._poses[:, 2]).all()
+        assert (draws.face == made._cells[:, 0]).all()
+        assert (draws.arm == -1).all()
+        assert (draws.grasp == -1).all()
+        checked = made._checker.check_batch(draws, -0.3, 10_000, never)
+        made._learn(checked, -0.3)
+        assert len(made._depths) == 0
+    assert sum(orders) > 15
+    assert np.vstack(shares).mean(axis=0) == pytest.approx(0.5, abs=0.06)
+
+
+def test_cells_whose_goal_was_reached_go_back_where_they_were_taken_from():
+    made, _, _ = searched()
+    waiting = sorted(made._with_goal, key=lambda entry: entry[0])
+    before = [len(level) for level in made._levels]
+    made.sample_goals(waiting[2][0], lambda: True)
+    for value, _, depth, cell in waiting[:3]:
+        found = [entry for entry in made._levels[depth] if entry[3] is cell]
+        assert [entry[:2] for entry in found] == [(0, -value)]
+    assert sum(len(level) for level in made._levels) == sum(before) + 3
