@@ -11,7 +11,6 @@ import numpy as np
 import pinocchio as pin
 import rclpy
 from rclpy.exceptions import NameValidationException, ParameterException
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
@@ -28,6 +27,7 @@ from placement_planner_ros.ros.inputs.self_filter import outside_robot
 from placement_planner_ros.ros.outputs.announcer import Announcer
 from placement_planner_ros.ros.outputs.publishing import Outputs
 from placement_planner_ros.ros.outputs.reporting import Reporter
+from placement_planner_ros.ros.parameters.parameter_node import ParameterNode
 from placement_planner_ros.ros.parameters.server import ParameterServer
 from placement_planner_ros.ros.process import (
     leave_at_once,
@@ -47,7 +47,7 @@ START_UP_PATIENCE = 5.0
 """Seconds that the node waits for robot and object to be read before it offers its services."""
 
 
-class PlacementPlannerNode(Node):
+class PlacementPlannerNode(ParameterNode):
     """ROS around the planner.
 
     Args:
@@ -59,8 +59,11 @@ class PlacementPlannerNode(Node):
     """
 
     def __init__(self, prepare: Prepare | None = None, overrides: Sequence[Parameter] = ()) -> None:
-        super().__init__("placement_planner", parameter_overrides=list(overrides))
+        super().__init__("placement_planner", overrides)
         self._settings = ParameterServer(self)
+        strange = self._settings.strange(self.given)
+        if strange:
+            self.get_logger().warning(f"parameters without effect: {'; '.join(strange)}")
         parameters = self._settings.current
         transforms = Transforms(self)
         files = Files.below(parameters["package_paths"], parameters["file_roots"])
@@ -122,7 +125,7 @@ class PlacementPlannerNode(Node):
         """Compile, or load, what a search needs, before somebody waits for it."""
         try:
             self._inputs.robot.wait()
-            robot = self._inputs.robot.robot
+            robot = self._inputs.robot.unplaced
             q = pin.neutral(robot.model)
             outside_robot(np.zeros((1, 3)), robot, q, (), None, 0.0)
             warm_up(robot, make_arms(robot, self._settings.current), q)
@@ -161,7 +164,10 @@ def main(args: list[str] | None = None) -> None:
     asked = catch_signals()
     if asked.is_set():
         return  # while this was loaded
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:  # arguments or a params file that rcl cannot read
+        sys.exit(f"placement_planner: {error}")
     try:
         node = PlacementPlannerNode()
     except (PlacementPlannerError, ParameterException, NameValidationException) as error:
