@@ -38,10 +38,12 @@ class _Line:
     Attributes:
         what: tells it from others; of a fault, where it happened.
         words: the line.
+        rest: seconds for which the same is no news, from when it was heard of last.
     """
 
     what: object
     words: str
+    rest: float
     is_fault: bool = False
 
 
@@ -84,7 +86,7 @@ class Log:
 
     def refusal(self, kind: str, words: str) -> None:
         """A person's request was refused: told each time, but for those in quick succession."""
-        self._offer(kind, _Line(object(), _short(f"{kind}: {words}")))
+        self._offer(kind, _Line(words, _short(f"{kind}: {words}"), 0.0))
 
     def repeats(self, kind: str, words: str) -> None:
         """Something that goes on by itself; the same words are said once until it has paused.
@@ -92,7 +94,7 @@ class Log:
         Args:
             kind: one of few, as something of each is kept.
         """
-        self._offer(kind, _Line(words, _short(f"{kind}: {words}")))
+        self._offer(kind, _Line(words, _short(f"{kind}: {words}"), PAUSE))
 
     def fault(self, kind: str, error: BaseException) -> None:
         """A fault of the node's own: its traceback is said the first time that it happens there."""
@@ -101,10 +103,10 @@ class Log:
             known = where in self._faults
         if known:
             words = _short(f"{kind}, as before: {type(error).__name__}: {error}")
-            self._offer(kind, _Line(where, words))
+            self._offer(kind, _Line(where, words, PAUSE))
         else:
             trace = "".join(traceback.format_exception(error))
-            self._offer(kind, _Line(where, f"{kind}: {trace}", is_fault=True))
+            self._offer(kind, _Line(where, f"{kind}: {trace}", 0.0, is_fault=True))
 
     def flush(self) -> None:
         """Say what waits and is due; to be called about every `PERIOD`."""
@@ -121,13 +123,14 @@ class Log:
     def _offer(self, name: str, line: _Line) -> None:
         with self._lock:
             kind, now = self._kinds.setdefault(name, _Kind()), self._clock()
-            same = line.what == kind.said and now - kind.heard_at < PAUSE
+            early = now - kind.said_at < PERIOD
+            known = line.what == kind.said and (early or now - kind.heard_at < line.rest)
             kind.heard_at = now
             kind.left_out += 1
-            if same and not line.is_fault:
+            if known:
                 return
             kind.waiting = line
-            if now - kind.said_at < PERIOD:
+            if early:
                 return
             line, words = self._taken(kind, line)
         self._write(line, words)
