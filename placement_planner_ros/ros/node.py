@@ -14,7 +14,6 @@ from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.signals import SignalHandlerOptions
 
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.kernel_cache import TROUBLES
@@ -34,6 +33,7 @@ from placement_planner_ros.ros.outputs.reporting import Reporter
 from placement_planner_ros.ros.parameters.server import ParameterServer
 from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.ros.process import (
+    begin_ros,
     leave_at_once,
     share_among_threads,
     spare_what_is_loaded,
@@ -197,7 +197,7 @@ def main(args: list[str] | None = None) -> None:
     asked = catch_signals()
     if asked.is_set():
         return  # while this was loaded
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    begin_ros(args)
     try:
         node = PlacementPlannerNode()
     except (PlacementPlannerError, ParameterException, NameValidationException) as error:
