@@ -39,7 +39,7 @@ from placement_planner_ros.core.search.uniform import UniformSampler
 from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.statistics import Statistics
 from placement_planner_ros.core.stopping import step
-from placement_planner_ros.core.timing.trajectory_maker import ExecutionSettings, TrajectoryMaker
+from placement_planner_ros.core.timing.trajectory_maker import TimingSettings, TrajectoryMaker
 from placement_planner_ros.core.types import Array, Goal, Placement
 
 SamplerName = Literal["optimistic", "mcts", "uniform"]
@@ -81,8 +81,8 @@ class PlannerSettings(Settings):
     approach: ApproachSettings = field(default_factory=ApproachSettings)
     retreat: RetreatSettings = field(default_factory=RetreatSettings)
     transit: TransitSettings = field(default_factory=TransitSettings)
-    refine: AscentSettings = field(default_factory=AscentSettings)
-    execution: ExecutionSettings = field(default_factory=ExecutionSettings)
+    ascent: AscentSettings = field(default_factory=AscentSettings)
+    timing: TimingSettings = field(default_factory=TimingSettings)
 
     @property
     def grasp(self) -> GraspSettings:
@@ -154,9 +154,9 @@ class PlacementPlanner:
         self.sampler = self.make_sampler(hierarchy, finder, rng_sampler)
         self.motion = self.make_motion(rng_motion)
         self._optimizer = LocalOptimizer(
-            poses, objective, settings.min_improvement, settings.refine
+            poses, objective, settings.min_improvement, settings.ascent
         )
-        self._trajectories = TrajectoryMaker(settings.execution, rng_paths)
+        self._trajectories = TrajectoryMaker(settings.timing, rng_paths)
         self.statistics = Statistics(self.sampler.count)
 
     def make_sampler(

@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 import numpy.typing as npt
@@ -217,7 +218,7 @@ class Robot:
         name: str,
         tip_frame: str,
         joints: Sequence[str] | None = None,
-        grasps: Iterable[pin.SE3] = (),
+        grasps: Iterable[pin.SE3 | npt.ArrayLike] = (),
         touch_links: Sequence[str] | None = None,
         gripper_joints: Sequence[str] = (),
         gripper_open: Sequence[float] = (),
@@ -228,7 +229,7 @@ class Robot:
             name: for messages and results.
             tip_frame: link the grasps refer to.
             joints: root to tip; None: every movable joint between the root and the tip.
-            grasps: T_tip_object.
+            grasps: T_tip_object, each a pose or (4, 4).
             touch_links: links that may touch the held object; None: the hand, that is, the tip
                 link and all links it carries, or where these have no geometry, the next link
                 towards the root that does, with all it carries.
@@ -240,6 +241,8 @@ class Robot:
             GraspError: a grasp is not a rigid transform.
         """
         where = f"arm {name}"
+        if not isinstance(grasps, Iterable):
+            raise GraspError(f"{where}: grasps", grasps, "give a list of poses")
         if not self.model.existFrame(tip_frame, pin.FrameType.BODY):
             raise RobotError(
                 f"{where}: tip_frame", tip_frame, f"name a link of the robot {self.name!r}"
@@ -286,9 +289,13 @@ class Robot:
         )
 
     def _filled(self, q: Array, positions: Mapping[str, float]) -> Array:
-        bad = [f"{n} = {v}" for n, v in positions.items() if not math.isfinite(v)]
+        bad = [
+            f"{n} = {v!r}"
+            for n, v in positions.items()
+            if not (isinstance(v, Real) and math.isfinite(v))
+        ]
         if bad:
-            raise JointStateError("joint_states: values", bad, "must be finite")
+            raise JointStateError("joint_states: values", bad, "must be finite numbers")
         for name, value in positions.items():
             q[self.index(name)] = value
         for name, mimic in self.mimics.items():
@@ -373,10 +380,18 @@ def _add_collision_pairs(
     geometry.setCollisionPairs(meet)
 
 
-def _checked_grasp(grasp: pin.SE3, field: str) -> pin.SE3:
-    R = grasp.rotation
-    if not np.isfinite(grasp.homogeneous).all():
-        raise GraspError(field, grasp.homogeneous.tolist(), "every number must be finite")
+def _checked_grasp(grasp: pin.SE3 | npt.ArrayLike, field: str) -> pin.SE3:
+    try:
+        T = np.array(grasp.homogeneous if isinstance(grasp, pin.SE3) else grasp, np.float64)
+    except (TypeError, ValueError):
+        T = np.empty(0)
+    if T.shape != (4, 4):
+        raise GraspError(field, grasp, "give T_tip_object, a pinocchio.SE3 or (4, 4)")
+    R = T[:3, :3]
+    if not np.isfinite(T).all():
+        raise GraspError(field, T.tolist(), "every number must be finite")
     if np.abs(R.T @ R - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0.0:
         raise GraspError(field, R.tolist(), "is not a rotation; normalise the quaternion")
-    return pin.SE3(grasp)
+    if not np.array_equal(T[3], [0.0, 0.0, 0.0, 1.0]):
+        raise GraspError(field, T.tolist(), "its last row must be 0 0 0 1; transpose it?")
+    return pin.SE3(R, T[:3, 3])

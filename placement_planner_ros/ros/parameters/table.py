@@ -27,9 +27,9 @@ PLANNER = {
     "approach_distance": "approach.approach_distance",
     "retreat_distance": "retreat.retreat_distance",
     "require_retreat": "require_retreat",
-    "velocity_scaling": "execution.velocity_scaling",
-    "acceleration_scaling": "execution.acceleration_scaling",
-    "acceleration_limits": "execution.acceleration_limits",
+    "velocity_scaling": "timing.velocity_scaling",
+    "acceleration_scaling": "timing.acceleration_scaling",
+    "acceleration_limits": "timing.acceleration_limits",
 }
 """The parameters that are fields of PlannerSettings, and where they stand there."""
 GRID = {"cloud.cell_size": "cell_size"}

@@ -139,9 +139,9 @@ def test_every_search_setting_reaches_the_planner():
     assert settings.approach.approach_distance == 0.08
     assert settings.retreat.retreat_distance == 0.07
     assert settings.require_retreat is False
-    assert settings.execution.velocity_scaling == 0.5
-    assert settings.execution.acceleration_scaling == 0.4
-    assert settings.execution.acceleration_limits == (1.0, 2.0)
+    assert settings.timing.velocity_scaling == 0.5
+    assert settings.timing.acceleration_scaling == 0.4
+    assert settings.timing.acceleration_limits == (1.0, 2.0)
     assert ParameterSet(SPECS, {"cloud.cell_size": 0.02}).grid_settings.cell_size == 0.02
 
 
