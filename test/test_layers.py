@@ -14,6 +14,7 @@ ORDER = [
     "core.settings",
     "core.types",
     "core.stopping",
+    "core.kernel_cache",
     "core.kernels",
     # libraries that each know one thing
     "core.scene",
@@ -44,6 +45,7 @@ ROS_ORDER = [
     "ros.timers",
     "ros.spinning",
     "ros.process",
+    "ros.log",
     "ros.parameters",
     "ros.inputs",
     "ros.run",

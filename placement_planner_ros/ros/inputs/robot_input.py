@@ -204,6 +204,11 @@ class RobotInput:
         return state
 
     @property
+    def key(self) -> Hashable:
+        """Another one whenever another description is given."""
+        return self._key
+
+    @property
     def is_given(self) -> bool:
         """Whether this is the robot meant, rather than a stand-in until one arrives."""
         return not self.follows_topic or self._arrived

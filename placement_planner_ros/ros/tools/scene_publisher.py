@@ -14,7 +14,6 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import Header, String
 
@@ -22,6 +21,7 @@ from placement_planner_ros.core.errors import ParameterError, PlacementPlannerEr
 from placement_planner_ros.experiments.cases import start_configuration
 from placement_planner_ros.interrupts import catch_signals
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
+from placement_planner_ros.ros.process import begin_ros
 from placement_planner_ros.ros.qos import LATCHED
 from placement_planner_ros.ros.spinning import spin_until
 from placement_planner_ros.ros.timers import every
@@ -117,7 +117,7 @@ class ScenePublisher(Node):
 def main(args: list[str] | None = None) -> None:
     """Publish until interrupted."""
     asked = catch_signals()
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    begin_ros(args)
     try:
         node = ScenePublisher()
     except (PlacementPlannerError, ParameterException) as error:
