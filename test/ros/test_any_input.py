@@ -87,6 +87,11 @@ class World:
             assert self.bench.call("stop").code in ("OK", "NOT_RUNNING")
         return code
 
+    def see_the_table(self):
+        """A cloud that is as it should be."""
+        message = message_from_points(TABLE, Header(frame_id=FRAME))
+        self.bench.node._reception._take_cloud("points", message)
+
     def still_plans(self):
         """Give everything as at first; then a run must start."""
         b = self.bench
@@ -94,9 +99,7 @@ class World:
         assert b.node.set_parameters_atomically(self.body).successful
 
         def start():
-            b.node._reception._take_cloud(
-                "points", message_from_points(TABLE, Header(frame_id=FRAME))
-            )
+            self.see_the_table()
             b.joint_state()
             return self.answered(b.call("start").text) == "OK"
 
@@ -116,13 +119,16 @@ def world():
 @st.composite
 def values(draw, spec=None):
     """A value of any type; of the parameter's own, with some numbers or names exchanged."""
-    if spec is not None and draw(st.booleans()):
-        value = spec.default
-        if isinstance(value, list):
-            size = draw(st.integers(0, 8)) if not value or draw(st.booleans()) else len(value)
-            value = [draw(values_of(spec.kind.removesuffix("[]"), value)) for _ in range(size)]
-        else:
-            value = draw(values_of(spec.kind, [value, *spec.meaning.choices]))
+    if spec is not None and draw(st.integers(0, 5)) > 0:
+        value, kind = spec.default, spec.kind.removesuffix("[]")
+        odd = values_of(kind)
+        if not isinstance(value, list):
+            value = draw(st.sampled_from([value, *spec.meaning.choices]) | odd)
+        elif draw(st.booleans()):
+            value = draw(st.lists(odd, max_size=8))
+        elif value:
+            value = list(value)
+            value[draw(st.integers(0, len(value) - 1))] = draw(odd)
         kinds = {"bool": "BOOL", "integer": "INTEGER", "double": "DOUBLE", "string": "STRING"}
         kind = kinds[spec.kind.removesuffix("[]")] + ("_ARRAY" if spec.kind[-1] == "]" else "")
         return Parameter("x", Parameter.Type[kind], value).get_parameter_value()
@@ -140,23 +146,23 @@ def values(draw, spec=None):
     )
 
 
-def values_of(kind, usual):
-    own = {
+def values_of(kind):
+    return {
         "bool": st.booleans(),
         "integer": st.integers(-5, 20) | st.sampled_from([2**63 - 1, -(2**63)]),
-        "double": NUMBERS,
+        "double": st.floats(0.001, 2.0) | NUMBERS,
         "string": TEXTS,
     }[kind]
-    return st.sampled_from(usual) | own if usual else own
 
 
 @st.composite
 def parameters(draw, specs):
     """Some parameters, most of them of the node's, perhaps one twice."""
     made = []
-    for _ in range(draw(st.integers(0, 5))):
-        known = draw(st.sampled_from([*sorted(specs), None]))
-        name = draw(TEXTS) if known is None else known
+    for _ in range(draw(st.integers(0, 3))):
+        name = draw(st.sampled_from(sorted(specs)))
+        if draw(st.integers(0, 9)) == 0:
+            name = draw(TEXTS)
         made.append(ParameterMessage(name=name, value=draw(values(specs.get(name)))))
     return made
 
@@ -175,12 +181,13 @@ def test_any_parameters_of_a_run(world, data):
 @given(st.data())
 def test_any_parameters_of_the_other_services(world, data):
     service = data.draw(st.sampled_from(["stop_with", "confirm_placed_with", "remove_placed"]))
+    number = st.integers(0, 3).map(lambda n: ParameterValue(type=2, integer_value=n))
     own = [
-        ParameterMessage(name=name, value=data.draw(values()))
-        for name in data.draw(st.lists(st.sampled_from(["run", "solution", "pose"])))
+        ParameterMessage(name=name, value=data.draw(number | values()))
+        for name in data.draw(st.lists(st.sampled_from(["run", "solution", "pose"]), max_size=4))
     ]
     response = world.request(
-        SetParametersAtomically, service, own + data.draw(parameters(world.specs))
+        SetParametersAtomically, service, own + data.draw(st.just([]) | parameters(world.specs))
     )
     world.answered(response.result.reason)
 
@@ -197,6 +204,7 @@ def test_any_parameters_that_are_set(world, data):
         results = [world.request(SetParametersAtomically, service, given_).result]
     assert all(each.successful or each.reason for each in results)
     assert all("INTERNAL" not in each.reason for each in results)
+    world.see_the_table()
     world.bench.joint_state()
     world.answered(world.bench.call("start").text)
 
@@ -283,24 +291,29 @@ def test_after_all_clouds_it_plans(world):
     world.still_plans()
 
 
-@often
-@given(
-    st.builds(
-        Mesh,
-        vertices=st.lists(
-            st.builds(Point, x=NUMBERS, y=NUMBERS, z=NUMBERS), min_size=0, max_size=12
-        ),
-        triangles=st.lists(
-            st.builds(
-                MeshTriangle,
-                vertex_indices=st.lists(UINT32 | st.integers(0, 5), min_size=3, max_size=3).map(
-                    lambda indices: np.array(indices, np.uint32)
-                ),
-            ),
-            max_size=12,
-        ),
+@st.composite
+def objects(draw):
+    """A tetrahedron of which a few parts are something else."""
+    corners = [(0.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.1)]
+    triangles = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
+    number, index = st.floats(-0.2, 0.2) | NUMBERS, st.integers(0, 5) | UINT32
+    for things, odd in ((corners, number), (triangles, index)):
+        for _ in range(draw(st.integers(0, 2))):
+            change, i = draw(st.integers(0, 5)), draw(st.integers(0, 3))
+            if change == 0:
+                del things[i:]
+            elif change == 1:
+                things.append(draw(st.tuples(odd, odd, odd)))
+            elif i < len(things):
+                things[i] = (*things[i][:2], draw(odd))
+    return Mesh(
+        vertices=[Point(x=x, y=y, z=z) for x, y, z in corners],
+        triangles=[MeshTriangle(vertex_indices=np.array(t, np.uint32)) for t in triangles],
     )
-)
+
+
+@often
+@given(objects())
 def test_any_object(world, message):
     b = world.bench
     b.node._reception._take_object(message)
