@@ -34,6 +34,9 @@ CODES = re.findall(
 )
 """INTERNAL, a fault of the node's own, is none of them."""
 
+# What overflows is a fault: it ends in a log that nobody reads, and in a search that finds nothing.
+pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")
+
 often = settings(
     max_examples=int(os.environ.get("EXAMPLES", "60")),
     deadline=None,

@@ -246,6 +246,13 @@ def test_arm_is_derived(tip):
     assert robot.with_open_hand(q, arm) == pytest.approx([0, 0, 0.04, 0.0])
 
 
+@pytest.mark.parametrize("away", [101.0, 1e300])
+def test_a_grasp_far_from_the_tip_is_refused(away):
+    grasp = pin.SE3(np.eye(3), np.array([0.0, -away, 0.2]))
+    with pytest.raises(GraspError, match=r"grasps\[0\].*from the tip"):
+        Robot.from_urdf(hand_urdf()).arm("arm", "tool", grasps=[grasp])
+
+
 def test_hand_without_geometry_is_the_last_moving_link():
     robot = Robot.from_urdf(
         urdf(
