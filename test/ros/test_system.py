@@ -3,23 +3,17 @@
 import signal
 
 import numpy as np
-import pinocchio as pin
 import pytest
-from checker import Solution, Task, Tolerances, check_solution
+from checker import Tolerances, check_solution
 from fakes import values_of
+from published import pose_of, solution_of, task_of
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from system import OBJECT, PARTS, SCENE, Client, start_node, start_when_ready, wait
 
 from placement_planner_ros.core.objective.by_name import objective_names
 from placement_planner_ros.core.timing.trajectory_maker import TimingSettings
-from placement_planner_ros.core.types import Trajectory
-from placement_planner_ros.experiments.cases import start_configuration
-from placement_planner_ros.scenes.objects import object_by_name
-from placement_planner_ros.scenes.primitives import ConvexPrimitive
-from placement_planner_ros.scenes.scenes import scene_by_name
-from placement_planner_ros.scenes.yumi import TIP_FRAMES, load_yumi, yumi_arm
-from placement_planner_ros.share import share_path
+from placement_planner_ros.scenes.yumi import load_yumi
 
 
 def test_before_anything_is_published_start_names_it(client):
@@ -58,23 +52,6 @@ def test_a_user_gets_placements_and_stops(scene, client):
     check_last_solution(client, run, answer.solution)
 
 
-def curve_of(message):
-    """A trajectory message as the checker reads it, times as they were published."""
-    columns = zip(
-        *(
-            (
-                p.time_from_start.sec + p.time_from_start.nanosec * 1e-9,
-                p.positions,
-                p.velocities,
-                p.accelerations,
-            )
-            for p in message.points
-        ),
-        strict=True,
-    )
-    return Trajectory(tuple(message.joint_names), *(np.array(column) for column in columns))
-
-
 def check_last_solution(client, run, solution, objective="maximize_clearance", placed=()):
     """The parts of the last solution belong together and pass the independent checker.
 
@@ -95,42 +72,11 @@ def check_last_solution(client, run, solution, objective="maximize_clearance", p
     np.testing.assert_allclose(retreat.points[0].positions, message.points[-1].positions, atol=1e-9)
     assert pose.header.stamp == client.heard["solution"][-1].header.stamp
     assert client.heard["objective"][-1].data == float(manifest["objective"])
-    p, r = pose.pose.position, pose.pose.orientation
-    T = pin.XYZQUATToSE3(np.array([p.x, p.y, p.z, r.x, r.y, r.z, r.w]))
-    held, world = object_by_name(OBJECT), scene_by_name(SCENE)
-    standing = [
-        ConvexPrimitive(part.name, part.vertices @ other.rotation.T + other.translation)
-        for other in placed
-        for part in held.parts
-    ]
-    arm = yumi_arm(load_yumi(), manifest["arm"])
-    task = Task(
-        solids=[*world.parts, *standing],
-        volume_lower=world.volume.lower,
-        volume_upper=world.volume.upper,
-        object_vertices=held.vertices,
-        object_triangles=held.triangles,
-        center_of_mass=held.center_of_mass,
-        urdf=share_path("urdf", "yumi.urdf").read_text(),
-        srdf=share_path("urdf", "yumi.srdf").read_text(),
-        package_dirs={"placement_planner_ros": share_path("urdf").parent},
-        q_start=start_configuration(OBJECT),
-        objective=objective,
-    )
-    found = Solution(
-        trajectory=curve_of(message),
-        approach_start=float(manifest["approach_start"]),
-        placement_pose=T.homogeneous,
-        objective=float(manifest["objective"]),
-        tip_frame=TIP_FRAMES[manifest["arm"]],
-        T_tip_object=held.grasps[manifest["arm"]][int(manifest["grasp"])].homogeneous,
-        touch_links=arm.touch_links,
-        retreat=curve_of(retreat),
-        gripper_open=dict(zip(arm.gripper_joints, arm.gripper_open, strict=True)),
-    )
+    task = task_of(SCENE, OBJECT, objective, placed)
+    found = solution_of(OBJECT, manifest, message, retreat, pose)
     limit = TimingSettings().acceleration_limits[0]
     assert check_solution(task, found, tolerances=Tolerances(acceleration_limit=limit)) == []
-    return T
+    return pose_of(pose)
 
 
 def test_start_with_other_parameters_for_one_run(scene, client):
