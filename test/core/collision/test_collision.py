@@ -716,7 +716,13 @@ def test_fewer_pairs_and_no_environment_are_what_is_left_of_the_checks(slider):
     wide = CollisionSettings(collision_margin=0.01)
 
     def met(made):
-        return {name for name, x in at.items() if not made.free(np.array([x, 0.0]))}
+        places = {name: np.array([x, 0.0]) for name, x in at.items()}
+        found = {name for name, q in places.items() if not made.free(q)}
+        assert found == {name for name, q in places.items() if not made.edge_free(q, q)}
+        tip = np.eye(4)
+        tip[0, 3] = at["wall"]
+        assert made.hand_collides(tip, 0.0) == ("wall" in found)
+        return found
 
     assert met(checker) == {"post", "object", "wall"}
     assert met(checker.with_pairs(lambda *_: False)) == {"wall"}
