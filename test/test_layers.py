@@ -42,6 +42,7 @@ ORDER = [
 # The same of the node.
 ROS_ORDER = [
     "ros.qos",
+    "ros.timers",
     "ros.spinning",
     "ros.process",
     "ros.log",

@@ -137,7 +137,6 @@ class PlacementPlanner:
             holdings,
             objective,
             settings.ik_seeds,
-            settings.min_improvement,
             rng_ik,
         )
         hierarchy = AfrHierarchy(
@@ -180,7 +179,8 @@ class PlacementPlanner:
         started = time.monotonic()
         best = -np.inf
         while not (self.exhausted or should_stop()):
-            for goal in self.sampler.sample_goals(best, should_stop):
+            bound = best + self._settings.min_improvement  # what every sample is held against
+            for goal in self.sampler.sample_goals(bound, should_stop):
                 self.motion.add(goal)
                 self.statistics.goals += 1
             if self.motion.goals == 0:

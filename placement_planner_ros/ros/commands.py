@@ -79,6 +79,7 @@ class Commands:
             if faults:
                 return refusal(faults)
             parameters = self._parameters.with_changes(changes)
+            self._inputs.robot.look_up()
             snapshot = take_snapshot(self._inputs, parameters, [p.name for p in changes])
             if isinstance(snapshot, list):
                 return refusal(snapshot)

@@ -12,7 +12,6 @@ import pinocchio as pin
 import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import NameValidationException, ParameterException
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from placement_planner_ros.core.errors import PlacementPlannerError
@@ -30,6 +29,7 @@ from placement_planner_ros.ros.log import PERIOD, Log
 from placement_planner_ros.ros.outputs.announcer import Announcer
 from placement_planner_ros.ros.outputs.publishing import Outputs
 from placement_planner_ros.ros.outputs.reporting import Reporter
+from placement_planner_ros.ros.parameters.parameter_node import ParameterNode
 from placement_planner_ros.ros.parameters.server import ParameterServer
 from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.ros.process import (
@@ -54,7 +54,7 @@ START_UP_PATIENCE = 5.0
 """Seconds that the node waits for robot and object to be read before it offers its services."""
 
 
-class PlacementPlannerNode(Node):
+class PlacementPlannerNode(ParameterNode):
     """ROS around the planner.
 
     Args:
@@ -66,11 +66,14 @@ class PlacementPlannerNode(Node):
     """
 
     def __init__(self, prepare: Prepare | None = None, overrides: Sequence[Parameter] = ()) -> None:
-        super().__init__("placement_planner", parameter_overrides=list(overrides))
+        super().__init__("placement_planner", overrides)
         self._log = Log(self.get_logger())
         self.create_timer(PERIOD, self._log.flush, clock=Clock(clock_type=ClockType.STEADY_TIME))
         TROUBLES.listen(self._log.failure)
         self._settings = ParameterServer(self)
+        strange = self._settings.strange(self.given)
+        if strange:
+            self._log.event(f"parameters without effect: {'; '.join(strange)}")
         parameters = self._settings.current
         transforms = Transforms(self)
         files = Files.below(parameters["package_paths"], parameters["file_roots"])
@@ -159,7 +162,7 @@ class PlacementPlannerNode(Node):
 
     def _warm_up(self) -> None:
         self._inputs.robot.wait()
-        robot = self._inputs.robot.robot
+        robot = self._inputs.robot.unplaced
         q = pin.neutral(robot.model)
         outside_robot(np.zeros((1, 3)), robot, q, (), None, 0.0)
         warm_up(robot, make_arms(robot, self._settings.current), q)
@@ -197,7 +200,10 @@ def main(args: list[str] | None = None) -> None:
     asked = catch_signals()
     if asked.is_set():
         return  # while this was loaded
-    begin_ros(args)
+    try:
+        begin_ros(args)
+    except RuntimeError as error:  # arguments or a params file that rcl cannot read
+        sys.exit(f"placement_planner: {error}")
     try:
         node = PlacementPlannerNode()
     except (PlacementPlannerError, ParameterException, NameValidationException) as error:

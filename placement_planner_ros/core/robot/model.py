@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from numbers import Real
 
 import numpy as np
@@ -165,13 +165,18 @@ class Robot:
         """A copy of q (nq,) with the arm's gripper open."""
         return self.with_positions(q, dict(zip(arm.gripper_joints, arm.gripper_open, strict=True)))
 
-    def require_plausible(self, q: Array) -> None:
+    def require_plausible(self, q: Array, joints: Collection[str] | None = None) -> None:
         """Refuse a configuration q (nq,) with joints far beyond their limits.
+
+        Args:
+            joints: of these alone; None: of all.
 
         Raises:
             StartError: a joint is further than `FAR_BEYOND` from them.
         """
         far = np.maximum(self.lower - q, q - self.upper) > FAR_BEYOND
+        if joints is not None:
+            far &= [name in joints for name in self.joint_names]
         if far.any():
             raise StartError(
                 "joint_states",
@@ -212,6 +217,30 @@ class Robot:
         data = self.model.createData()
         pin.framesForwardKinematics(self.model, data, q)
         return pin.SE3(data.oMf[self.frame_id(link)])
+
+    def joints_to(self, link: str) -> tuple[str, ...]:
+        """Joints whose values the pose of a link depends on; none of them mimics another.
+
+        Raises:
+            RobotError: no such link.
+        """
+        chain = self._chain_joints(link)
+        masters = (self.mimics[name].master if name in self.mimics else name for name in chain)
+        return tuple(dict.fromkeys(masters))
+
+    def carried(self, T_root_body: pin.SE3) -> Robot:
+        """This robot with all that its root link carries moved by T_root_body."""
+        model, geometry = self.model.copy(), self.geometry.copy()
+        for joint in range(1, model.njoints):
+            if model.parents[joint] == 0:
+                model.jointPlacements[joint] = T_root_body * model.jointPlacements[joint]
+        for frame in model.frames:
+            if frame.parentJoint == 0 and frame.name not in ("universe", self.root_link):
+                frame.placement = T_root_body * frame.placement
+        for shape in geometry.geometryObjects:
+            if shape.parentJoint == 0:
+                shape.placement = T_root_body * shape.placement
+        return replace(self, model=model, geometry=geometry)
 
     def arm(
         self,

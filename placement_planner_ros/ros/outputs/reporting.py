@@ -8,7 +8,6 @@ import time
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 
 from placement_planner_ros.core.errors import JointStateError
@@ -21,6 +20,7 @@ from placement_planner_ros.ros.parameters.server import ParameterServer
 from placement_planner_ros.ros.run.validity import KnownSpace, blocked_by
 from placement_planner_ros.ros.run.warmth import Warmth
 from placement_planner_ros.ros.run.worker import Run, State
+from placement_planner_ros.ros.timers import every
 
 STATUS_PERIOD = 0.5
 """Least seconds between status messages while searching, unless the state changes."""
@@ -69,9 +69,8 @@ class Reporter:
         self._reported: tuple[State, str, str, dict[str, str]] | None = None
         self._reported_at = -math.inf
         self._closed = False
-        group = MutuallyExclusiveCallbackGroup()
-        node.create_timer(REFRESH_PERIOD, self._refresh, callback_group=group)
-        node.create_timer(1.0, self._diagnose, callback_group=MutuallyExclusiveCallbackGroup())
+        every(node, REFRESH_PERIOD, self._refresh)
+        every(node, 1.0, self._diagnose)
         self.report()
 
     def follow(self, run: Run) -> None:

@@ -24,6 +24,7 @@ from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 from placement_planner_ros.ros.process import begin_ros
 from placement_planner_ros.ros.qos import LATCHED
 from placement_planner_ros.ros.spinning import spin_until
+from placement_planner_ros.ros.timers import every
 from placement_planner_ros.scenes.clouds import camera_clouds, complete_cloud
 from placement_planner_ros.scenes.scenes import SCENE_NAMES, Scene, scene_by_name
 from placement_planner_ros.share import share_path
@@ -75,8 +76,8 @@ class ScenePublisher(Node):
         ]
         for publisher, path in self._latched:
             publisher.publish(String(data=path.read_text(encoding="utf-8")))
-        self.create_timer(1.0 / rate, self._publish_clouds)
-        self.create_timer(1.0 / JOINT_STATE_RATE, self._publish_joint_states)
+        every(self, 1.0 / rate, self._publish_clouds)
+        every(self, 1.0 / JOINT_STATE_RATE, self._publish_joint_states)
         self.get_logger().info(f"publishing scene {scene.name}, clouds: {kind}")
 
     def _choice(self, name: str, default: str, text: str) -> str:
