@@ -265,7 +265,9 @@ def test_trajectories_are_ready_for_a_controller(run, client):
     robot = load_yumi()
     retreats = {m.header.frame_id: m for m in client.heard["retreat_trajectory"] if m.points}
     found = [
-        m for m in client.heard["trajectory"] if m.points and m.header.frame_id.startswith(number)
+        m
+        for m in client.heard["trajectory"]
+        if m.points and m.header.frame_id.startswith(number) and m.header.frame_id in retreats
     ]
     assert found
     for message in found:

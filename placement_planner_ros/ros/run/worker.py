@@ -183,6 +183,12 @@ class Run:
                     "look at what that names: simpler meshes, fewer grasps or a larger "
                     "cloud.cell_size prepare faster"
                 )
+            elif isinstance(error, MemoryError):
+                self._error_code, unexpected = "INTERNAL", True
+                self.reason = (
+                    f"there is not enough memory: {error}; give the node more, or ask for less by "
+                    "a larger cloud.cell_size, a smaller target_volume or thinner clouds"
+                )
             elif isinstance(error, Exception):
                 self._error_code, unexpected = "INTERNAL", True
                 self.reason = f"{type(error).__name__}: {error}; a fault of the planner's own"
