@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import coal
 import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.collision.arm import CollisionSettings, part_set
+from placement_planner_ros.core.body.convex_part import hull_of
+from placement_planner_ros.core.collision.arm import CollisionSettings, coal_convex, part_set
 from placement_planner_ros.core.collision.boxes import box_arrays
 from placement_planner_ros.core.collision.object_kernels import (
     ObjectArrays,
@@ -39,6 +41,7 @@ class ObjectCollision:
         self, body: Body, obstacles: ObstacleSet, settings: CollisionSettings | None = None
     ) -> None:
         self.settings = settings or CollisionSettings()
+        self._parts = body.parts
         self._boxes = box_arrays(obstacles)
         self._arrays = ObjectArrays.of([part_set(part) for part in body.parts])
         self._scratch = ObjectScratch.of(self._arrays)
@@ -76,6 +79,37 @@ class ObjectCollision:
         answers = np.empty(len(poses), dtype=np.int64)
         self._classify(poses, contact, raised, answers)
         return answers == FREE
+
+    def met(
+        self, T_world_object: Array, contact_height: float, raise_height: float
+    ) -> npt.NDArray[np.int64]:
+        """(k,) boxes that the object meets at a pose (4, 4) or on its way down, by coal.
+
+        To say in words what `free` refuses; what is not certain may be missing.
+        """
+        margin = self.settings.collision_margin + self.settings.approach_stray
+        corners = self._boxes.corners
+        support = np.abs(corners[:, 5] - contact_height) <= self.settings.contact_tolerance
+        hit: set[int] = set()
+        for part in self._parts:
+            at_rest = part.vertices @ T_world_object[:3, :3].T + T_world_object[:3, 3]
+            swept = np.concatenate([at_rest, at_rest + np.array([0.0, 0.0, raise_height])])
+            low, high = swept.min(axis=0) - margin, swept.max(axis=0) + margin
+            near = ~support & (corners[:, :3] <= high).all(axis=1)
+            near &= (corners[:, 3:] >= low).all(axis=1)
+            if not near.any():
+                continue
+            hull = hull_of(swept)
+            solid = coal_convex(hull.vertices, hull.triangles)
+            request = coal.CollisionRequest()
+            request.security_margin = margin
+            for k in np.flatnonzero(near).tolist():
+                at = coal.Transform3s(np.eye(3), (corners[k, :3] + corners[k, 3:]) / 2)
+                box = coal.Box(corners[k, 3:] - corners[k, :3])
+                answer = coal.CollisionResult()
+                if coal.collide(solid, coal.Transform3s(), box, at, request, answer):
+                    hit.add(k)
+        return np.array(sorted(hit), dtype=np.int64)
 
     def _classify(
         self, poses: Array, contact: Array, raised: Array, answers: npt.NDArray[np.int64]
