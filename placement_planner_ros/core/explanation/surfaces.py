@@ -21,12 +21,18 @@ _COVERED = 0.25
 """Share of V's columns in which something lies, for V to be about what is there."""
 _STEEPEST = 4.0
 """Cells by which the surface may rise over two columns, to be taken for one surface."""
+_FITS = 3
+"""Times that a plane is fitted to what lies near the one before."""
 _PAIRS = 10
 """Pairs of columns, at least, that show a slope."""
 _LONELY = 0.5
 """Share of columns without neighbours from which on points count as sparse."""
 _LARGEST_CELL = 0.1
 """m, the largest cloud.cell_size."""
+_LOOKED_AT = 200
+"""Tops whose free height is looked at."""
+_THICK = 0.005
+"""m: what is no higher than this above a surface is part of it."""
 _CLEAR = 0.01
 """m, how far V should reach beyond a surface that it is made to hold."""
 _LEVELS = 0.01
@@ -64,6 +70,14 @@ def why_no_region(environment: Environment) -> Explanation:
     slope = slope_in(environment)
     if is_steep(slope) and within.mean() > _COVERED:
         return Explanation(f"{head}: {sloping(slope)}", level(slope), (span,))
+    above = _free_above(environment)
+    if above < RegionSettings().headroom and within.mean() > _COVERED:
+        return Explanation(
+            f"{head}: above most of what was measured in target_volume only {above:.3f} m are "
+            f"free; something can stand on it where {RegionSettings().headroom:g} m are",
+            (Remedy("target_volume", "choose one with more free height"), aligned),
+            (span,),
+        )
     elsewhere = _elsewhere(environment)
     if elsewhere is not None:
         height, gap = elsewhere
@@ -135,15 +149,28 @@ def level(slope: Array) -> tuple[Remedy, ...]:
 
 def slope_in(environment: Environment) -> Array:
     """(2,) how much most of what was measured in V rises along x and y, m per m; 0 where that
-    cannot be told."""
-    tops, size = _tops(environment), environment.measured.cell_size
-    slope = np.zeros(2)
+    cannot be told.
+
+    Steps between columns show roughly how; the plane through what lies near that shows it well.
+    """
+    tops, measured = _tops(environment), environment.measured
+    size, slope = measured.cell_size, np.zeros(2)
     for axis, step in enumerate((tops[2:] - tops[:-2], tops[:, 2:] - tops[:, :-2])):
         of_one = step[np.abs(step) <= _STEEPEST * size]
         if len(of_one) < _PAIRS:
             return np.zeros(2)
         slope[axis] = float(np.median(of_one)) / (2.0 * size)
-    return slope
+    rows = _within(environment)
+    extent, height = measured.surface_extent[rows], measured.surface_height[rows]
+    middles = np.column_stack([extent[:, :2].mean(axis=1), extent[:, 2:4].mean(axis=1)])
+    across = np.column_stack([middles, np.ones(len(middles))])
+    plane = np.append(slope, np.median(height - middles @ slope))
+    for _ in range(_FITS):
+        near = np.abs(height - across @ plane) <= 1.5 * size
+        if near.sum() < _PAIRS:
+            return slope
+        plane = np.linalg.lstsq(across[near], height[near], rcond=None)[0]
+    return np.asarray(plane[:2])
 
 
 def _degrees(slope: Array) -> float:
@@ -197,6 +224,18 @@ def headroom(environment: Environment) -> float:
     return best
 
 
+def _free_above(environment: Environment) -> float:
+    """Free height above most of the tops in V, m."""
+    measured, rows = environment.measured, _within(environment)
+    free = [math.inf]
+    for row in rows[:: max(1, len(rows) // _LOOKED_AT)].tolist():
+        i, j, _ = measured.cells[row].tolist()
+        height = float(measured.surface_height[row])
+        others = measured.lower[column(measured, i, j), 2]
+        free.append(float(np.min(others[others > height + _THICK], initial=math.inf)) - height)
+    return float(np.median(free))
+
+
 def column(obstacles: ObstacleSet, i: int, j: int) -> list[int]:
     """The boxes of one column of cells; none where it lies outside the grid."""
     nx, ny, _ = obstacles.shape
@@ -234,14 +273,19 @@ def _columns(environment: Environment) -> Mask:
 
 def _tops(environment: Environment) -> Array:
     """(nx, ny) height of the highest surface in V of each of its columns; NaN without."""
-    cells, low, shape = _cells(environment)
-    volume, measured = environment.volume, environment.measured
-    height = measured.surface_height[_inside(environment)]
-    inside = (height >= volume.lower[2]) & (height <= volume.upper[2])
+    _, low, shape = _cells(environment)
+    measured, rows = environment.measured, _within(environment)
     result = np.full(shape, -np.inf)
-    at = cells[inside, 0] - low[0], cells[inside, 1] - low[1]
-    np.maximum.at(result, at, height[inside])
+    at = measured.cells[rows, 0] - low[0], measured.cells[rows, 1] - low[1]
+    np.maximum.at(result, at, measured.surface_height[rows])
     return np.where(np.isfinite(result), result, np.nan)
+
+
+def _within(environment: Environment) -> Index:
+    """(k,) the boxes with their top in V."""
+    volume, height = environment.volume, environment.measured.surface_height
+    inside = (height >= volume.lower[2]) & (height <= volume.upper[2])
+    return np.flatnonzero(inside & _inside(environment))
 
 
 def _cells(environment: Environment) -> tuple[Index, Index, tuple[int, int]]:
