@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -46,6 +47,8 @@ from placement_planner_ros.core.statistics import Statistics
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.timing.trajectory_maker import TimingSettings, TrajectoryMaker
 from placement_planner_ros.core.types import Array, Goal, Placement
+
+_log = logging.getLogger(__name__)
 
 _EXPLAINED_AFTER = 2000
 """Samples after which a search that has found nothing says why; again each time they doubled."""
@@ -230,20 +233,27 @@ class PlacementPlanner:
 
         In the thread that runs the search, or once that has ended.
         """
+        try:
+            self.explanation = self._explained()
+        except Exception as error:
+            # A search is worth no less because nobody can say how it goes.
+            _log.exception("explaining a search failed")
+            self.explanation = Explanation(f"{type(error).__name__} while explaining it: {error}")
+        return self.explanation
+
+    def _explained(self) -> Explanation:
         statistics = self.statistics
         if statistics.solutions:
-            self.explanation = Explanation(tables.in_short(statistics.count))
-        else:
-            progress = Progress(
-                statistics.count,
-                statistics.goals,
-                tuple(self._goals),
-                statistics.motion_iterations,
-                statistics.unreached,
-                frozenset(self._remainder.rulings) if self.cause else frozenset(),
-            )
-            self.explanation = explain(self._search, progress)
-        return self.explanation
+            return Explanation(tables.in_short(statistics.count))
+        progress = Progress(
+            statistics.count,
+            statistics.goals,
+            tuple(self._goals),
+            statistics.motion_iterations,
+            statistics.unreached,
+            frozenset(self._remainder.rulings) if self.cause else frozenset(),
+        )
+        return explain(self._search, progress)
 
     def _placements(
         self,

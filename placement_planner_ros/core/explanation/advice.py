@@ -11,8 +11,12 @@ from placement_planner_ros.core.explanation.explanation import Remedy
 from placement_planner_ros.core.explanation.search import Search
 from placement_planner_ros.core.types import Verdict
 
-_SPARED = 0.25
+_SPARED = 0.1
 """Share of refused poses that a setting must make good to be named."""
+_HOLES = 0.1
+"""Share of the surface in V that shows no point, to be named."""
+_UNEVEN = 0.001
+"""m of standard deviation of the surface's height, to be named."""
 _TOLERANCE = 0.01
 """m, the contact_tolerance that is tried on poses without support."""
 
@@ -25,7 +29,7 @@ def advice(search: Search, verdict: Verdict) -> Advice:
     if verdict is Verdict.OUTSIDE_VOLUME:
         return [Remedy("target_volume", "make it wider than the object")], []
     if verdict is Verdict.UNSTABLE:
-        return support(search), []
+        return support(search)
     if verdict is Verdict.COLLIDING:
         return _room(search)
     if verdict is Verdict.NOT_BETTER:
@@ -35,15 +39,19 @@ def advice(search: Search, verdict: Verdict) -> Advice:
     return _hand(search, verdict)
 
 
-def support(search: Search) -> list[Remedy]:
+def support(search: Search) -> Advice:
     """What to try where something lacks support."""
     environment, settings = search.problem.environment, search.settings.collision
     remedies: list[Remedy] = []
+    seen: list[str] = []
     slope = surfaces.slope_in(environment)
     if surfaces.is_steep(slope):
         remedies += surfaces.level(slope)
-    if surfaces.is_sparse(environment):
-        remedies.append(surfaces.coarser(environment))
+        seen.append(surfaces.sloping(slope))
+    holes, scatter = surfaces.holes_in(environment), surfaces.scatter_in(environment)
+    if holes > _HOLES:
+        remedies += [surfaces.coarser(environment), surfaces.MERGED]
+        seen.append(f"{holes:.0%} of the surface in target_volume are holes that show no point")
     rejected = collisions.thinned(search.finder.rejections.poses[Verdict.UNSTABLE])
     if rejected and settings.contact_tolerance < _TOLERANCE:
         wider = replace(settings, contact_tolerance=_TOLERANCE)
@@ -53,14 +61,19 @@ def support(search: Search) -> list[Remedy]:
                 f"raise it: with {_TOLERANCE:g} m {spared} of {len(rejected)} would be supported"
             )
             remedies.append(Remedy("contact_tolerance", words))
+    if scatter > _UNEVEN:
+        seen.append(
+            f"the surface in target_volume is uneven: its heights scatter by {scatter:.4f} m "
+            "about a plane"
+        )
     body = search.problem.body
     width, depth, _ = surfaces.rest_size(body, surfaces.smallest_rest(body))
     margin = 2.0 * search.poses.edge_margin
     words = (
-        f"choose one with larger surfaces, of {width + margin:.3f} x {depth + margin:.3f} m at "
-        "least, and look at ~/occupancy for holes in them"
+        f"choose one with larger surfaces, level for {width + margin:.3f} x {depth + margin:.3f} m "
+        "at least, and look at ~/occupancy for holes in them"
     )
-    return [*remedies, Remedy("target_volume", words)]
+    return [*remedies, Remedy("target_volume", words)], seen
 
 
 def closer(search: Search, gap: float = 0.0) -> list[Remedy]:
@@ -86,6 +99,11 @@ def _unknown() -> Remedy:
     )
 
 
+def _narrower(met: Met) -> Remedy:
+    words = f"lower it: with 0 m {met.spared} of {met.poses} poses looked at again would be free"
+    return Remedy("collision_margin", words)
+
+
 def _room(search: Search) -> Advice:
     """What to try where the object itself meets something."""
     settings, raised = search.settings.collision, search.settings.approach.approach_minimum
@@ -94,9 +112,8 @@ def _room(search: Search) -> Advice:
     remedies: list[Remedy] = []
     if 2 * met.unseen > met.looked:
         remedies.append(_unknown())
-    if met.looked and met.spared >= _SPARED * met.looked:
-        words = f"lower it: with 0 m {met.spared} of {met.looked} looked at again would be free"
-        remedies.append(Remedy("collision_margin", words))
+    if met.poses and met.spared >= _SPARED * met.poses:
+        remedies.append(_narrower(met))
     if 2 * met.above > met.looked:
         body, free = search.problem.body, surfaces.headroom(search.problem.environment)
         needed = surfaces.rest_size(body, surfaces.lowest_rest(body))[2] + raised
@@ -112,6 +129,8 @@ def _hand(search: Search, verdict: Verdict) -> Advice:
     rejected = search.finder.rejections.poses[verdict]
     met = collisions.met_by_arm(search.finder.holdings, rejected, search.problem.environment)
     remedies = [_unknown()] if 2 * met.unseen > met.looked else []
+    if met.poses and met.spared >= _SPARED * met.poses:
+        remedies.append(_narrower(met))
     if verdict is Verdict.ARM_COLLIDING:
         remedies += grasps(search, "give some that keep the hand away from what it meets")
         remedies.append(Remedy("target_volume", "choose one with more room around it"))

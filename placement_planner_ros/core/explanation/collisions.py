@@ -26,7 +26,7 @@ from placement_planner_ros.core.types import Array
 
 _GAP = 0.01
 """m of height, at least, under what hangs over something."""
-_POSES = 12
+_POSES = 32
 """Poses of one kind that are looked at again."""
 _SEEDS = 16
 """Starts of the inverse kinematics for each."""
@@ -34,7 +34,7 @@ _BOXES = 32
 """Boxes looked at of those that the object meets at a pose."""
 _STEPS = 40
 """Configurations looked at on a straight way."""
-_CONFIGURATIONS = 2
+_CONFIGURATIONS = 1
 """Configurations looked at for each."""
 
 
@@ -43,12 +43,13 @@ class Met:
     """What was met at poses looked at again.
 
     Attributes:
-        looked: how many were.
+        looked: how many were, configurations or where the object alone is looked at poses.
         most: what meets what most often, and how often; '' where nothing was seen to.
         times: how often.
         where: (3,) m, the middle of the places where it did.
         unseen: how many met nothing but space that no sensor has seen.
-        spared: how many would be free with a collision_margin of 0.
+        poses: how many poses were.
+        spared: how many of these would be free with a collision_margin of 0.
         above: for the object alone, how many met nothing but what hangs over its support.
     """
 
@@ -57,6 +58,7 @@ class Met:
     times: int = 0
     where: tuple[float, float, float] = (0.0, 0.0, 0.0)
     unseen: int = 0
+    poses: int = 0
     spared: int = 0
     above: int = 0
 
@@ -76,11 +78,21 @@ def met_by_arm(
     """Which link meets what most often where these were to be reached."""
     rng = np.random.default_rng(0)
     meetings: list[Meeting] = []
-    for pose in thinned(poses):
-        T = pin.SE3(pose.T_world_object)
-        meetings += holdings[pose.holding].meetings(T, _SEEDS, rng, _CONFIGURATIONS)
-    unseen = [m.box >= 0 and is_unseen(environment, m.box) for m in meetings]
-    return _counted(meetings, sum(unseen))
+    unseen, spared = 0, 0
+    looked = thinned(poses)
+    for pose in looked:
+        holding, T = holdings[pose.holding], pin.SE3(pose.T_world_object)
+        candidates = holding.candidates(T, _SEEDS, rng)
+        for q in candidates[:_CONFIGURATIONS]:
+            met = holding.meeting(q, T)
+            if met is not None:
+                meetings.append(met)
+                unseen += met.box >= 0 and is_unseen(environment, met.box)
+        exact = replace(holding.collision.settings, collision_margin=0.0)
+        bare = holding.collision.with_pairs(lambda a, b: True, exact)
+        if not holding.collision.free_batch(candidates, contact=True).any():
+            spared += bool(bare.free_batch(candidates, contact=True).any())
+    return replace(_counted(meetings, unseen), poses=len(looked), spared=spared)
 
 
 def met_on_the_way(holding: Holding, goals: Sequence[Array]) -> Met:
@@ -124,7 +136,13 @@ def met_by_object(
         what = "what stands above it" if over else "what stands beside it"
         what = what if seen else "space that no sensor has seen"
         meetings.append(Meeting(HELD_OBJECT, what, middle))
-    return replace(_counted(meetings, unseen), looked=len(looked), above=above, spared=spared)
+    return replace(
+        _counted(meetings, unseen),
+        looked=len(looked),
+        poses=len(looked),
+        above=above,
+        spared=spared,
+    )
 
 
 def stable_with(

@@ -55,6 +55,7 @@ def _ruled_out(search: Search, rulings: frozenset[Ruling]) -> Explanation:
     """Nothing is left to look at, which is proven."""
     words: list[str] = []
     remedies: list[Remedy] = []
+    details: list[str] = []
     if Ruling.OUT_OF_REACH in rulings:
         gap = min(tables.lacking(search).values())
         words.append("out of reach of every arm in every grasp")
@@ -67,9 +68,11 @@ def _ruled_out(search: Search, rulings: frozenset[Ruling]) -> Explanation:
             "without support for every vertex of the placement face, or with the centre of mass "
             f"outside target_volume; the smallest is {rest}"
         )
-        remedies += support(search)
+        tries, seen = support(search)
+        remedies += tries
+        details += seen
     every = f"every pose on the placement regions is {', or '.join(words)}"
-    return Explanation(f"no placement is possible: {every}", tuple(remedies))
+    return Explanation(f"no placement is possible: {every}", tuple(remedies), tuple(details))
 
 
 def _unreached(search: Search, progress: Progress) -> Explanation:

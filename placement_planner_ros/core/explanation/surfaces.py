@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import binary_closing
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.explanation.explanation import SENSOR, Explanation, Remedy
@@ -13,6 +14,8 @@ from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.regions import RegionSettings
 from placement_planner_ros.core.types import Array, TargetVolume
+
+MERGED = Remedy("cloud.mode", "merge, where several clouds together show the whole surface")
 
 Mask = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.int64]
@@ -26,13 +29,17 @@ _FITS = 3
 _PAIRS = 10
 """Pairs of columns, at least, that show a slope."""
 _LONELY = 0.5
-"""Share of columns without neighbours from which on points count as sparse."""
+"""Share of holes from which on no surface shows."""
+_ACROSS = 3
+"""Cells from what was measured to the middle of a hole, at most."""
 _LARGEST_CELL = 0.1
 """m, the largest cloud.cell_size."""
 _LOOKED_AT = 200
 """Tops whose free height is looked at."""
 _THICK = 0.005
 """m: what is no higher than this above a surface is part of it."""
+_FAR = 50.0
+"""m: points further away are perhaps in another unit."""
 _CLEAR = 0.01
 """m, how far V should reach beyond a surface that it is made to hold."""
 _LEVELS = 0.01
@@ -57,8 +64,9 @@ def why_no_region(environment: Environment) -> Explanation:
     span = f"the {environment.points:,} points of the clouds span {_corners(*environment.extent)}"
     aligned = Remedy(SENSOR, "correct the pose of the sensor, if the points are not where it is")
     if len(measured) == 0:
+        scale = "; they are taken to be metres" if np.abs(environment.extent).max() > _FAR else ""
         return Explanation(
-            f"{head}: no point of the clouds lies where the robot could reach: {span}; "
+            f"{head}: no point of the clouds lies where the robot could reach: {span}{scale}; "
             f"target_volume is {_corners(volume.lower, volume.upper)}",
             (
                 Remedy(SENSOR, "give the pose of the sensor's frame, in metres"),
@@ -105,10 +113,12 @@ def why_no_region(environment: Environment) -> Explanation:
             (Remedy("target_volume", over), aligned),
             (span,),
         )
-    if is_sparse(environment):
+    holes = holes_in(environment)
+    if holes > _LONELY:
         return Explanation(
-            f"{head}: the points in target_volume lie too far apart to show a surface",
-            (coarser(environment),),
+            f"{head}: the points in target_volume lie too far apart to show a surface: "
+            f"{holes:.0%} of it are holes",
+            (coarser(environment), MERGED),
             (span,),
         )
     headroom = RegionSettings().headroom
@@ -153,36 +163,52 @@ def slope_in(environment: Environment) -> Array:
 
     Steps between columns show roughly how; the plane through what lies near that shows it well.
     """
-    tops, measured = _tops(environment), environment.measured
-    size, slope = measured.cell_size, np.zeros(2)
+    tops, size = _tops(environment), environment.measured.cell_size
+    slope: Array = np.zeros(2)
     for axis, step in enumerate((tops[2:] - tops[:-2], tops[:, 2:] - tops[:, :-2])):
         of_one = step[np.abs(step) <= _STEEPEST * size]
         if len(of_one) < _PAIRS:
             return np.zeros(2)
         slope[axis] = float(np.median(of_one)) / (2.0 * size)
-    rows = _within(environment)
-    extent, height = measured.surface_extent[rows], measured.surface_height[rows]
-    middles = np.column_stack([extent[:, :2].mean(axis=1), extent[:, 2:4].mean(axis=1)])
+    middles, height = _points_on_top(environment)
     across = np.column_stack([middles, np.ones(len(middles))])
-    plane = np.append(slope, np.median(height - middles @ slope))
+    plane: Array = np.append(slope, np.median(height - middles @ slope))
     for _ in range(_FITS):
         near = np.abs(height - across @ plane) <= 1.5 * size
         if near.sum() < _PAIRS:
-            return slope
-        plane = np.linalg.lstsq(across[near], height[near], rcond=None)[0]
+            break
+        plane = np.asarray(np.linalg.lstsq(across[near], height[near], rcond=None)[0])
     return np.asarray(plane[:2])
+
+
+def _points_on_top(environment: Environment) -> tuple[Array, Array]:
+    """(k, 2) and (k,) where the boxes with their top in V have it."""
+    measured, rows = environment.measured, _within(environment)
+    extent = measured.surface_extent[rows]
+    middles = np.column_stack([extent[:, :2].mean(axis=1), extent[:, 2:4].mean(axis=1)])
+    return middles, measured.surface_height[rows]
 
 
 def _degrees(slope: Array) -> float:
     return math.degrees(math.atan(float(np.hypot(*slope))))
 
 
-def is_sparse(environment: Environment) -> bool:
-    """Whether most columns of V in which something lies have no neighbour in which something is."""
-    filled: Mask = np.pad(_columns(environment), 1)
-    beside = filled[2:, 1:-1] | filled[:-2, 1:-1] | filled[1:-1, 2:] | filled[1:-1, :-2]
-    filled = filled[1:-1, 1:-1]
-    return bool(filled.any() and (filled & ~beside).sum() > _LONELY * filled.sum())
+def holes_in(environment: Environment) -> float:
+    """Share of the surface in V that shows no point: columns that what was measured surrounds."""
+    filled = np.pad(np.isfinite(_tops(environment)), _ACROSS)
+    closed = binary_closing(filled, np.ones((2 * _ACROSS + 1, 2 * _ACROSS + 1)))
+    return 1.0 - float(filled.sum() / max(closed.sum(), 1))
+
+
+def scatter_in(environment: Environment) -> float:
+    """Standard deviation of the surface in V about the plane through most of it, m."""
+    middles, height = _points_on_top(environment)
+    if len(height) < _PAIRS:
+        return 0.0
+    off = height - middles @ slope_in(environment)
+    off = np.abs(off - np.median(off))
+    near = off <= 1.5 * environment.measured.cell_size
+    return float(np.sqrt((off[near] ** 2).mean()))
 
 
 def coarser(environment: Environment) -> Remedy:

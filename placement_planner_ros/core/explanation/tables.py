@@ -28,10 +28,10 @@ WHAT = {
 _BRIEFLY = {
     Verdict.OUTSIDE_VOLUME: "outside target_volume",
     Verdict.UNSTABLE: "without support",
-    Verdict.COLLIDING: "in collision",
+    Verdict.COLLIDING: "with the object in collision",
     Verdict.NOT_BETTER: "no better",
     Verdict.NO_IK: "out of reach",
-    Verdict.ARM_COLLIDING: "in collision",
+    Verdict.ARM_COLLIDING: "with arm or hand in collision",
     Verdict.NO_RELEASE: "with no room to open the fingers",
     Verdict.NO_APPROACH: "with no way down",
     Verdict.NO_RETREAT: "with no way back for the hand",

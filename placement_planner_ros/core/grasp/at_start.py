@@ -89,10 +89,12 @@ def none_usable(reasons: list[str], bad_grasps: list[GraspError]) -> PlacementPl
         "the start configuration must lie within the joint limits and keep collision_margin "
         "with the object in hand; move the robot"
     )
+    if any(HELD_OBJECT in reason for reason in reasons):
+        remedy += "; where it is the held object that is in the way, check grasps and object.scale"
     if any(WITH_CLOUDS in reason for reason in reasons):
         remedy += (
-            ", or where it meets points of its own or of the object, set self_filter.enabled or "
-            "raise self_filter.padding"
+            "; where it meets points of its own or of the object, set self_filter.enabled or raise "
+            "self_filter.padding"
         )
     return StartError("joint_states", "; ".join(reasons), remedy)
 

@@ -276,11 +276,7 @@ class Run:
             if self.should_stop():
                 break
         outcome = State.TIME_LIMIT if self.should_stop() else State.EXHAUSTED
-        try:
-            prepared.planner.explain()
-        except Exception as error:
-            # What was found is not worth less because nobody can say why it is not more.
-            self._observer.failed(self, error)
+        prepared.planner.explain()
         if outcome is State.EXHAUSTED:
             self.reason = self._named(prepared.planner.exhausted)
         return outcome
