@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import pinocchio as pin
 
 from placement_planner_ros.core.collision.arm import (
     ENVIRONMENT,
@@ -81,7 +80,7 @@ def met_by_arm(
     unseen, spared = 0, 0
     looked = thinned(poses)
     for pose in looked:
-        holding, T = holdings[pose.holding], pin.SE3(pose.T_world_object)
+        holding, T = holdings[pose.holding], pose.T_world_object
         candidates = holding.candidates(T, _SEEDS, rng)
         for q in candidates[:_CONFIGURATIONS]:
             met = holding.meeting(q, T)
@@ -122,7 +121,7 @@ def met_by_object(
     meetings, unseen, above, spared = [], 0, 0, 0
     looked = thinned(poses)
     for pose in looked:
-        T = pose.T_world_object
+        T = pose.T_world_object.homogeneous
         boxes = object_.met(T, pose.contact_height, raise_height)[:_BOXES]
         spared += bare.free(T, pose.contact_height, raise_height)
         if len(boxes) == 0:
@@ -153,7 +152,7 @@ def stable_with(
 ) -> int:
     """How many of the poses without support would have it by these settings."""
     other = PoseConstraints(problem, settings, poses.edge_margin, 0.0)
-    return sum(other.stable(pin.SE3(pose.T_world_object), pose.face) for pose in rejected)
+    return sum(other.stable(pose.T_world_object, pose.face) for pose in rejected)
 
 
 def is_unseen(environment: Environment, box: int) -> bool:

@@ -74,9 +74,7 @@ class GoalFinder:
         free = np.flatnonzero(verdicts == Verdict.FEASIBLE)
         remembering = best == -np.inf
         if remembering:
-            for verdict in (Verdict.UNSTABLE, Verdict.COLLIDING):
-                rows = np.flatnonzero(verdicts == verdict)
-                self.rejections.remember(verdict, rows, draws.face, T, draws.contact)
+            self.rejections.remember(verdicts, draws.face, T, draws.contact)
         if len(free):
             values[free] = self._values(T[free], bound)
             verdicts[free] = Verdict.NOT_BETTER
@@ -185,9 +183,7 @@ class GoalFinder:
                 return goal
             self.rejections.tries[k, face, goal] += 1
             if remembering:
-                self.rejections.poses[goal].append(
-                    RejectedPose(face, x.homogeneous, contact_height, k)
-                )
+                self.rejections.poses[goal].append(RejectedPose(face, x, contact_height, k))
             furthest = max(furthest, goal)
             if should_stop():
                 break

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+import pinocchio as pin
 
 from placement_planner_ros.core.types import Array, Verdict
 
@@ -15,21 +16,17 @@ _POSES = 32
 """Poses remembered of each verdict, the newest."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RejectedPose:
-    """A pose x that some constraint refused.
-
-    Attributes:
-        face: index of the face f it stands on.
-        T_world_object: (4, 4) x.
-        contact_height: z of the contact plane, metres.
-        holding: index of what tried to reach it, as in `Rejections`; -1 where nothing did.
-    """
+class RejectedPose(NamedTuple):
+    """A pose x that some constraint refused."""
 
     face: int
-    T_world_object: Array
+    """Index of the face f it stands on."""
+    T_world_object: pin.SE3
+    """x"""
     contact_height: float
+    """z of the contact plane, metres."""
     holding: int = -1
+    """Index of what tried to reach it, as in `Rejections`; -1 where nothing did."""
 
 
 class Rejections:
@@ -59,15 +56,15 @@ class Rejections:
 
     def remember(
         self,
-        verdict: Verdict,
-        rows: npt.NDArray[np.int64],
+        verdicts: npt.NDArray[np.int64],
         faces: npt.NDArray[np.int64],
         T: Array,
         contacts: Array,
     ) -> None:
-        """Keep the first of the rows of a batch that got this verdict; T (n, 4, 4)."""
-        if len(rows):
-            k = int(rows[0])
-            self.poses[verdict].append(
-                RejectedPose(int(faces[k]), T[k].copy(), float(contacts[k, 2]))
-            )
+        """Keep of a batch the first pose (4, 4) of each verdict that no arm had part in."""
+        known = verdicts.tolist()
+        for verdict in (Verdict.UNSTABLE, Verdict.COLLIDING):
+            if verdict in known:
+                k = known.index(verdict)
+                pose = RejectedPose(int(faces[k]), pin.SE3(T[k]), float(contacts[k, 2]))
+                self.poses[verdict].append(pose)

@@ -104,13 +104,13 @@ class SampleCount:
 
     def add(self, verdicts: npt.ArrayLike, faces: npt.ArrayLike = 0) -> None:
         """Count samples with these verdicts, of these faces."""
-        cells = np.asarray(faces) * len(Verdict) + np.atleast_1d(verdicts).astype(np.int64)
-        counts = np.bincount(cells, minlength=self.by_face.size)
-        counts = np.pad(counts, (0, -len(counts) % len(Verdict))).reshape(-1, len(Verdict))
-        if len(counts) > len(self.by_face):
-            more = len(counts) - len(self.by_face)
+        cells = np.atleast_1d(np.multiply(faces, len(Verdict)) + verdicts)
+        counts = np.bincount(cells.astype(np.int64, copy=False), minlength=self.by_face.size)
+        if len(counts) > self.by_face.size:  # a face that was not seen before
+            more = -(-len(counts) // len(Verdict)) - len(self.by_face)
             self.by_face = np.pad(self.by_face, ((0, more), (0, 0)))
-        self.by_face = self.by_face + counts
+            counts = np.pad(counts, (0, self.by_face.size - len(counts)))
+        self.by_face = self.by_face + counts.reshape(self.by_face.shape)
         self.samples += len(cells)
 
 
