@@ -362,7 +362,8 @@ class RealBench(Bench):
 
         def limited(should_stop):
             yield from run(lambda: should_stop() or planner.statistics.samples >= most)
-            self.paused.set()
+            if not planner.exhausted:
+                self.paused.set()
             while not (planner.exhausted or should_stop()):
                 time.sleep(0.002)
 
