@@ -15,8 +15,6 @@ _SPARED = 0.1
 """Share of refused poses that a setting must make good to be named."""
 _HOLES = 0.1
 """Share of the surface in V that shows no point, to be named."""
-_UNEVEN = 0.001
-"""m of standard deviation of the surface's height, to be named."""
 _TOLERANCE = 0.01
 """m, the contact_tolerance that is tried on poses without support."""
 
@@ -48,7 +46,7 @@ def support(search: Search) -> Advice:
     if surfaces.is_steep(slope):
         remedies += surfaces.level(slope)
         seen.append(surfaces.sloping(slope))
-    holes, scatter = surfaces.holes_in(environment), surfaces.scatter_in(environment)
+    holes = surfaces.holes_in(environment)
     if holes > _HOLES:
         remedies += [surfaces.coarser(environment), surfaces.MERGED]
         seen.append(f"{holes:.0%} of the surface in target_volume are holes that show no point")
@@ -61,11 +59,7 @@ def support(search: Search) -> Advice:
                 f"raise it: with {_TOLERANCE:g} m {spared} of {len(rejected)} would be supported"
             )
             remedies.append(Remedy("contact_tolerance", words))
-    if scatter > _UNEVEN:
-        seen.append(
-            f"the surface in target_volume is uneven: its heights scatter by {scatter:.4f} m "
-            "about a plane"
-        )
+    seen += surfaces.uneven_in_words(environment)
     body = search.problem.body
     width, depth, _ = surfaces.rest_size(body, surfaces.smallest_rest(body))
     margin = 2.0 * search.poses.edge_margin

@@ -21,7 +21,7 @@ Mask = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.int64]
 
 _COVERED = 0.25
-"""Share of V's columns in which something lies, for V to be about what is there."""
+"""Share of V's columns with something in V, of those with anything at all, for that to count."""
 _STEEPEST = 4.0
 """Cells by which the surface may rise over two columns, to be taken for one surface."""
 _FITS = 3
@@ -38,6 +38,8 @@ _LOOKED_AT = 200
 """Tops whose free height is looked at."""
 _THICK = 0.005
 """m: what is no higher than this above a surface is part of it."""
+_UNEVEN = 0.001
+"""m of standard deviation of the surface's height, to be named."""
 _FAR = 50.0
 """m: points further away are perhaps in another unit."""
 _CLEAR = 0.01
@@ -121,15 +123,24 @@ def why_no_region(environment: Environment) -> Explanation:
             (coarser(environment), MERGED),
             (span,),
         )
+    uneven = uneven_in_words(environment)
     headroom = RegionSettings().headroom
     return Explanation(
         f"{head}: nothing in target_volume is level, larger than 1 cm² and free for "
         f"{headroom:g} m above it",
-        (
-            Remedy("target_volume", "choose one with a level surface in it"),
-            aligned,
-        ),
-        (span,),
+        (Remedy("target_volume", "choose one with a level surface in it"), aligned),
+        (*uneven, span),
+    )
+
+
+def uneven_in_words(environment: Environment) -> tuple[str, ...]:
+    """How uneven the surface in V is; () where it is even."""
+    scatter = scatter_in(environment)
+    if scatter < _UNEVEN:
+        return ()
+    return (
+        f"the surface in target_volume is uneven: its heights scatter by {scatter:.4f} m about a "
+        "plane",
     )
 
 
@@ -290,7 +301,7 @@ def rest_size(body: Body, face: int) -> tuple[float, float, float]:
 
 
 def _columns(environment: Environment) -> Mask:
-    """(nx, ny) bool, in which columns of V anything was measured, at whatever height."""
+    """(nx, ny) bool, in which of V's columns anything was measured, at whatever height."""
     cells, low, shape = _cells(environment)
     result = np.zeros(shape, dtype=np.bool_)
     result[cells[:, 0] - low[0], cells[:, 1] - low[1]] = True
@@ -315,12 +326,13 @@ def _within(environment: Environment) -> Index:
 
 
 def _cells(environment: Environment) -> tuple[Index, Index, tuple[int, int]]:
-    """Cells (k, 3) of the boxes in V's columns, the first column (2,) and how many there are."""
-    volume, measured = environment.volume, environment.measured
-    low = np.floor((volume.lower[:2] - measured.origin[:2]) / measured.cell_size).astype(np.int64)
-    high = np.floor((volume.upper[:2] - measured.origin[:2]) / measured.cell_size).astype(np.int64)
-    nx, ny = (high - low + 1).tolist()
-    return measured.cells[_inside(environment)].astype(np.int64), low, (nx, ny)
+    """Cells (k, 3) of the boxes in V's columns, the first column (2,) and how many hold them."""
+    cells = environment.measured.cells[_inside(environment)].astype(np.int64)
+    if len(cells) == 0:
+        return cells, np.zeros(2, dtype=np.int64), (1, 1)
+    low = cells[:, :2].min(axis=0)
+    nx, ny = (cells[:, :2].max(axis=0) - low + 1).tolist()
+    return cells, low, (nx, ny)
 
 
 def _inside(environment: Environment) -> Mask:
