@@ -151,7 +151,6 @@ class PlacementPlanner:
             holdings,
             objective,
             settings.ik_seeds,
-            settings.min_improvement,
             rng_ik,
         )
         hierarchy = AfrHierarchy(
@@ -205,7 +204,8 @@ class PlacementPlanner:
         best = -np.inf
         explain_at = _EXPLAINED_AFTER
         while not (self.exhausted or should_stop()):
-            for goal in self.sampler.sample_goals(best, should_stop):
+            bound = best + self._settings.min_improvement  # what every sample is held against
+            for goal in self.sampler.sample_goals(bound, should_stop):
                 self.motion.add(goal)
                 self.statistics.goals += 1
                 self._goals.append(goal)

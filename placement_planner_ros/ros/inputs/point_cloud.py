@@ -13,6 +13,9 @@ from placement_planner_ros.core.types import Array
 MAX_POINTS = 5_000_000
 """Points that a cloud may have."""
 
+FAR = 1e6
+"""Metres from the sensor beyond which a coordinate is none."""
+
 _TYPES = {PointField.FLOAT32: "f4", PointField.FLOAT64: "f8"}
 
 
@@ -20,8 +23,8 @@ def points_from_message(message: PointCloud2) -> Array:
     """The cloud's finite points, (n, 3) metres in its own frame.
 
     Fields x, y and z may be float32 or float64, in any order, at any offset, of either byte
-    order, with other fields and padding between points and rows. Points with NaN or infinite
-    coordinates are left out.
+    order, with other fields and padding between points and rows. Points with coordinates that are
+    NaN or beyond `FAR` are left out.
 
     Raises:
         CloudError: a field is missing or of another type, the sizes contradict each other, or it
@@ -80,9 +83,10 @@ def points_from_message(message: PointCloud2) -> Array:
         strides=(row_step, message.point_step),
     )
     points = np.empty((height * width, 3))
-    for column, name in enumerate("xyz"):
-        points[:, column] = view[name].reshape(-1)
-    return np.asarray(points[np.isfinite(points).all(axis=1)])
+    with np.errstate(invalid="ignore"):  # a NaN may be a signalling one
+        for column, name in enumerate("xyz"):
+            points[:, column] = view[name].reshape(-1)
+    return np.asarray(points[(np.abs(points) <= FAR).all(axis=1)])
 
 
 def message_from_points(points: npt.NDArray[np.floating], header: Header) -> PointCloud2:

@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Callable
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 
 from placement_planner_ros.core.errors import JointStateError
@@ -20,7 +18,9 @@ from placement_planner_ros.ros.inputs.inputs import Inputs
 from placement_planner_ros.ros.outputs.publishing import Outputs
 from placement_planner_ros.ros.parameters.server import ParameterServer
 from placement_planner_ros.ros.run.validity import KnownSpace, blocked_by
+from placement_planner_ros.ros.run.warmth import Warmth
 from placement_planner_ros.ros.run.worker import Run, State
+from placement_planner_ros.ros.timers import every
 
 STATUS_PERIOD = 0.5
 """Least seconds between status messages while searching, unless the state changes."""
@@ -28,6 +28,11 @@ STATUS_PERIOD = 0.5
 REFRESH_PERIOD = 0.1
 """Seconds between looks at whether there is something to say."""
 
+_WAITING = {
+    "true": "waiting for start",
+    "false": "compiling; a start now takes longer",
+    "failed": "warming up failed; a run compiles what it needs as it goes",
+}
 _LEVEL = {
     State.FAILED: DiagnosticStatus.ERROR,
     State.EXHAUSTED: DiagnosticStatus.WARN,
@@ -39,7 +44,7 @@ class Reporter:
     """Publishes status and diagnostics, and watches whether the best placement still holds.
 
     Args:
-        warm: whether everything a search needs is compiled.
+        warm: whether what a search needs is compiled.
     """
 
     def __init__(
@@ -48,7 +53,7 @@ class Reporter:
         outputs: Outputs,
         inputs: Inputs,
         parameters: ParameterServer,
-        warm: Callable[[], bool],
+        warm: Warmth,
     ) -> None:
         self._warm = warm
         self._outputs = outputs
@@ -61,12 +66,11 @@ class Reporter:
         self._checked: tuple[int, int] = (0, 0)
         self._blocked = ""
         self._left = False
-        self._reported: tuple[State, str, bool, dict[str, str]] | None = None
+        self._reported: tuple[State, str, str, dict[str, str]] | None = None
         self._reported_at = -math.inf
         self._closed = False
-        group = MutuallyExclusiveCallbackGroup()
-        node.create_timer(REFRESH_PERIOD, self._refresh, callback_group=group)
-        node.create_timer(1.0, self._diagnose, callback_group=MutuallyExclusiveCallbackGroup())
+        every(node, REFRESH_PERIOD, self._refresh)
+        every(node, 1.0, self._diagnose)
         self.report()
 
     def follow(self, run: Run) -> None:
@@ -101,9 +105,12 @@ class Reporter:
         run, why_not = self._run, self._why_invalid()
         state = State.IDLE if run is None else run.state
         values: dict[str, object] = {"run": 0, "state": state, "code": "OK", "solutions": 0}
-        message = "waiting for start" if self._warm() else "compiling; a start now takes longer"
+        warm = self._warm.shown
+        message = _WAITING[warm]
         values["placed"] = " ".join(map(str, self._inputs.clouds.placed))
-        values["warm"] = str(self._warm()).lower()
+        values["warm"] = warm
+        if warm == "failed":
+            values["warm_failed_reason"] = self._warm.failure
         values |= self._read()
         values["best_valid"] = str(not why_not).lower()
         values["best_invalid_reason"] = why_not
@@ -115,7 +122,7 @@ class Reporter:
         with self._lock:
             if self._closed:
                 return
-            self._reported = (state, why_not, self._warm(), self._read())
+            self._reported = (state, why_not, warm, self._read())
             self._reported_at = time.monotonic()
             self._outputs.status(_LEVEL.get(state, DiagnosticStatus.OK), message, values)
 
@@ -144,7 +151,7 @@ class Reporter:
             self.has_left_start(run)
             if due:
                 self._check_clouds(run)
-        now = (state, self._why_invalid(), self._warm(), self._read())
+        now = (state, self._why_invalid(), self._warm.shown, self._read())
         if (due and state is State.SEARCHING) or self._reported != now:
             self.report()
 

@@ -93,7 +93,8 @@ def _start_up() -> list[Spec]:
         _own(
             "planning_frame",
             "",
-            "Frame of target_volume and of all results, z up; empty: the robot's root link.",
+            "Frame of target_volume and of all results, z up: a link fixed to the root, or one "
+            "that tf2 knows, looked up at each start; empty: the robot's root link.",
             startup=True,
         ),
         _own(

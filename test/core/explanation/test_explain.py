@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 
 from placement_planner_ros.core.explanation import tables
+from placement_planner_ros.core.explanation.explain import explain
 from placement_planner_ros.core.explanation.explanation import Explanation, Remedy
+from placement_planner_ros.core.explanation.search import Progress
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.motion.birrt import GoalSetRRT
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
+from placement_planner_ros.core.search.pruning import Ruling
 from placement_planner_ros.core.search.sampler import SampleCount
 from placement_planner_ros.core.types import Verdict
 from placement_planner_ros.experiments.cases import Case, make_problem
@@ -79,6 +82,25 @@ def test_what_refuses_all_is_the_cause_and_its_remedies_exist(table, verdict, re
         assert re.search(rf"^arm {arm}: of [\d,]+ tries ", "\n".join(told.details), re.MULTILINE)
     for face in range(len(table[0].body.faces)):
         assert f"rest {face} (" in str(told)
+
+
+def test_of_several_proofs_that_nothing_is_left_each_is_told_with_its_remedy(table):
+    problem, objective = table
+    planner = PlacementPlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
+
+    def told(*rulings):
+        return explain(planner._search, Progress(rulings=frozenset(rulings)))
+
+    reach, support = told(Ruling.OUT_OF_REACH), told(Ruling.UNSUPPORTED)
+    both = told(Ruling.UNSUPPORTED, Ruling.OUT_OF_REACH)
+    assert "out of reach of every arm" in reach.cause
+    assert "support" not in reach.short
+    assert "without support for every vertex" in support.cause
+    assert "reach" not in support.short
+    assert both.cause.index("out of reach of every arm") < both.cause.index(", or without support")
+    assert both.remedies == (*reach.remedies, *support.remedies)
+    for each in (reach, support):
+        assert {name for r in each.remedies for name in r.parameter.split(", ")} <= NAMES
 
 
 def test_where_no_motion_is_found_what_is_on_the_way_is_told(table):
