@@ -164,7 +164,7 @@ def test_where_no_arm_is_drawn_the_furthest_that_any_gets_is_the_verdict(made, m
     drawn = rows(draws, 0, 1)
     asked.clear()
     finder._reach_any(drawn, 0, x, 0.0, never)
-    holding = finder._holdings[drawn.arm[0]][drawn.grasp[0]]
+    holding = finder.holdings[finder._first[drawn.arm[0]] + drawn.grasp[0]]
     assert asked == [(holding.arm.name, holding.grasp)]
 
 
