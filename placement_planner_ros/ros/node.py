@@ -19,6 +19,7 @@ from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.warmup import warm_up
 from placement_planner_ros.interrupts import catch_signals
 from placement_planner_ros.ros.commands import STOP_PATIENCE, Commands
+from placement_planner_ros.ros.inputs import point_cloud
 from placement_planner_ros.ros.inputs.frames import Transforms
 from placement_planner_ros.ros.inputs.inputs import Inputs
 from placement_planner_ros.ros.inputs.reception import Reception
@@ -71,7 +72,9 @@ class PlacementPlannerNode(Node):
         )
         self._warm = threading.Event()
         outputs = Outputs(self)
-        self._reporter = Reporter(self, outputs, self._inputs, self._settings, self._warm.is_set)
+        self._reporter = Reporter(
+            self, outputs, self._inputs, self._settings, self._warm.is_set, self._watching_failed
+        )
         self._preparation = Preparation(self._newest, self._has_leisure, self._preparing_failed)
         self._commands = Commands(
             self._inputs,
@@ -100,6 +103,10 @@ class PlacementPlannerNode(Node):
         trace = "".join(traceback.format_exception(error))
         self.get_logger().error(f"preparing ahead failed; it goes on with the next inputs: {trace}")
 
+    def _watching_failed(self, error: Exception) -> None:
+        trace = "".join(traceback.format_exception(error))
+        self.get_logger().error(f"the best placement cannot be held against clouds: {trace}")
+
     def _end_where_robot_moved(self) -> None:
         run = self._commands.run
         if run is not None and self._reporter.has_left_start(run):
@@ -125,6 +132,7 @@ class PlacementPlannerNode(Node):
             robot = self._inputs.robot.robot
             q = pin.neutral(robot.model)
             outside_robot(np.zeros((1, 3)), robot, q, (), None, 0.0)
+            point_cloud.warm_up()
             warm_up(robot, make_arms(robot, self._settings.current), q)
         except PlacementPlannerError as error:
             self.get_logger().warning(f"no search is possible yet: {error}")
@@ -140,7 +148,12 @@ class PlacementPlannerNode(Node):
     @property
     def working(self) -> bool:
         """Whether any thread of its own is still at work."""
-        return self._commands.busy or self._preparation.busy or self._inputs.reading
+        return (
+            self._commands.busy
+            or self._preparation.busy
+            or self._inputs.reading
+            or self._reporter.busy
+        )
 
     def close(self) -> None:
         """End the run, if there is one, and publish nothing from now on."""

@@ -55,7 +55,8 @@ class Inputs:
         self._transforms = transforms
         self._clock = clock
         self._lock = threading.Lock()
-        self._waiting: dict[str, tuple[PointCloud2, float]] = {}
+        self._waiting: dict[str, tuple[PointCloud2, float, int]] = {}
+        self._arrivals = 0
 
     def take_joint_state(self, message: JointState) -> None:
         """Merge a joint state.
@@ -86,12 +87,14 @@ class Inputs:
         """
         with self._lock:
             self._waiting.pop(topic, None)
+            self._arrivals += 1
+            arrival = self._arrivals
         taken = time.monotonic() - self._age(message)
         try:
-            self._store(topic, message, taken, parameters)
+            self._store(topic, message, taken, arrival, parameters)
         except (CloudFrameError, NotReadyError):
             with self._lock:
-                self._waiting[topic] = (message, taken)
+                self._waiting[topic] = (message, taken, arrival)
             raise
 
     def state(self, parameters: ParameterSet) -> tuple[object, ...]:
@@ -124,7 +127,12 @@ class Inputs:
         return max(0.0, (self._clock.now() - stamp).nanoseconds * 1e-9)
 
     def _store(
-        self, topic: str, message: PointCloud2, taken: float, parameters: ParameterSet
+        self,
+        topic: str,
+        message: PointCloud2,
+        taken: float,
+        arrival: int,
+        parameters: ParameterSet,
     ) -> None:
         robot = self.robot.robot
         T_planning_cloud = cloud_pose(
@@ -134,12 +142,11 @@ class Inputs:
             self.joints.positions(),
             lambda frame: self._transforms.pose(robot.root_link, frame, message.header.stamp),
         )
-        points = points_from_message(message)
-        points = points @ T_planning_cloud.rotation.T + T_planning_cloud.translation
+        points = points_from_message(message, T_planning_cloud)
         # In the planning frame a cloud no longer tells where it was seen from.
         moved = message.header.frame_id != robot.root_link
         origin = np.array(T_planning_cloud.translation) if moved else None
-        self.clouds.add(topic, StoredCloud(points, taken, origin))
+        self.clouds.add(topic, StoredCloud(points, taken, origin, arrival))
         if parameters["cloud.mode"] == "merge":
             self.clouds.merge(points, parameters["cloud.cell_size"])
 
@@ -147,11 +154,17 @@ class Inputs:
         """Take clouds whose frame was unknown when they came, where it is known now."""
         with self._lock:
             waiting = dict(self._waiting)
-        for topic, (message, taken) in waiting.items():
+        for topic, (message, taken, arrival) in waiting.items():
+            error = None
             try:
-                self._store(topic, message, taken, parameters)
-            except PlacementPlannerError as error:
-                self.clouds.refuse(topic, error)
-            else:
-                with self._lock:
-                    self._waiting.pop(topic, None)
+                self._store(topic, message, taken, arrival, parameters)
+            except PlacementPlannerError as refused:
+                error = refused
+            with self._lock:
+                waits = self._waiting.get(topic)
+                if waits is None or waits[2] != arrival:
+                    continue  # another one has come meanwhile
+                if error is None:
+                    self._waiting.pop(topic)
+                else:
+                    self.clouds.refuse(topic, error)

@@ -14,12 +14,12 @@ from rclpy.node import Node
 
 from placement_planner_ros.core.errors import JointStateError
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.scene.grid import ObstacleSet
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, Placement
 from placement_planner_ros.ros.inputs.inputs import Inputs
 from placement_planner_ros.ros.outputs.publishing import Outputs
 from placement_planner_ros.ros.parameters.server import ParameterServer
-from placement_planner_ros.ros.run.validity import KnownSpace, blocked_by
+from placement_planner_ros.ros.run.validity import outdated
+from placement_planner_ros.ros.run.watch import Watch
 from placement_planner_ros.ros.run.worker import Run, State
 
 STATUS_PERIOD = 0.5
@@ -40,6 +40,7 @@ class Reporter:
 
     Args:
         warm: whether everything a search needs is compiled.
+        on_error: told what nobody expected.
     """
 
     def __init__(
@@ -49,21 +50,20 @@ class Reporter:
         inputs: Inputs,
         parameters: ParameterServer,
         warm: Callable[[], bool],
+        on_error: Callable[[Exception], None],
     ) -> None:
         self._warm = warm
         self._outputs = outputs
         self._inputs = inputs
         self._parameters = parameters
         self._lock = threading.Lock()
+        self._saying = threading.Lock()
         self._run: Run | None = None
-        self._obstacles: ObstacleSet | None = None
-        self._known: KnownSpace | None = None
-        self._checked: tuple[int, int] = (0, 0)
-        self._blocked = ""
         self._left = False
         self._reported: tuple[State, str, bool, dict[str, str]] | None = None
         self._reported_at = -math.inf
         self._closed = False
+        self._watch = Watch(inputs.clouds, self.report, on_error)
         group = MutuallyExclusiveCallbackGroup()
         node.create_timer(REFRESH_PERIOD, self._refresh, callback_group=group)
         node.create_timer(1.0, self._diagnose, callback_group=MutuallyExclusiveCallbackGroup())
@@ -71,18 +71,24 @@ class Reporter:
 
     def follow(self, run: Run) -> None:
         """From now on report on this run."""
+        self._watch.follow(run.snapshot)
         with self._lock:
-            self._run = run
-            self._obstacles, self._known = None, None
-            self._blocked, self._left = "", False
-            self._checked = (0, self._inputs.clouds.changes)
+            self._run, self._left = run, False
         self.report()
 
-    def environment_known(self, run: Run, environment: Environment) -> None:
-        """What the run plans in."""
-        with self._lock:
-            if self._run is run:
-                self._obstacles = environment.obstacles
+    def prepared(self, run: Run, environment: Environment) -> None:
+        """The run has begun to search in this environment."""
+        self._watch.planned_in(run.snapshot, environment)
+        self.report()
+
+    def placed(self, run: Run, placement: Placement) -> None:
+        """The run has found a better placement."""
+        self._watch.placed(run.snapshot, placement)
+
+    def environment_changed(self) -> None:
+        """What is known of the environment was changed by command."""
+        self._watch.look_again()
+        self.report()
 
     def has_left_start(self, run: Run) -> bool:
         """Whether the robot is further from q_0 than the run's start_tolerance."""
@@ -92,48 +98,60 @@ class Reporter:
         tolerance = run.snapshot.parameters["start_tolerance"]
         left = bool(np.abs(q - run.snapshot.q_start).max() > tolerance)
         with self._lock:
-            if self._run is run:
+            news = self._run is run and self._left != left
+            if news:
                 self._left = left
+        if news:
+            self.report()
         return left
 
     def report(self) -> None:
         """Publish the status as it is now."""
-        run, why_not = self._run, self._why_invalid()
-        state = State.IDLE if run is None else run.state
-        values: dict[str, object] = {"run": 0, "state": state, "code": "OK", "solutions": 0}
-        message = "waiting for start" if self._warm() else "compiling; a start now takes longer"
-        values["placed"] = " ".join(map(str, self._inputs.clouds.placed))
-        values["warm"] = str(self._warm()).lower()
-        values |= self._read()
-        values["best_valid"] = str(not why_not).lower()
-        values["best_invalid_reason"] = why_not
-        if run is not None:
-            values |= _progress(run)
-            message = run.reason or str(state)
-            if run.solutions == 0 and not run.active:
-                message = run.summary()
-        with self._lock:
+        with self._saying:  # what was true last is said last
+            run, why_not = self._run, self._why_invalid()
+            state = State.IDLE if run is None else run.state
+            warm, read = self._warm(), self._read()
+            values: dict[str, object] = {"run": 0, "state": state, "code": "OK", "solutions": 0}
+            message = "waiting for start" if warm else "compiling; a start now takes longer"
+            values["placed"] = " ".join(map(str, self._inputs.clouds.placed))
+            values["warm"] = str(warm).lower()
+            values |= read
+            values["best_valid"] = str(not why_not).lower()
+            values["best_invalid_reason"] = why_not
+            if run is not None:
+                values |= _progress(run)
+                message = run.reason or str(state)
+                if run.solutions == 0 and not run.active:
+                    message = run.summary()
             if self._closed:
                 return
-            self._reported = (state, why_not, self._warm(), self._read())
+            self._reported = (state, why_not, warm, read)
             self._reported_at = time.monotonic()
             self._outputs.status(_LEVEL.get(state, DiagnosticStatus.OK), message, values)
 
     def close(self) -> None:
         """Publish nothing more; a worker that hangs may come back when the node is gone."""
-        with self._lock:
+        self._watch.close()
+        with self._saying:
             self._closed = True
+
+    @property
+    def busy(self) -> bool:
+        """Whether a thread of its own is still at work."""
+        return self._watch.busy
 
     def _read(self) -> dict[str, str]:
         return {"robot": self._inputs.robot.state, "object": self._inputs.object.state}
 
     def _why_invalid(self) -> str:
-        with self._lock:
-            if self._run is None or self._run.best is None:
-                return "there is no placement"
-            if self._run.confirmed:
-                return "it has been carried out"
-            return "the robot has left q_0" if self._left else self._blocked
+        run = self._run
+        if run is None or run.best is None:
+            return "there is no placement"
+        if run.confirmed:
+            return "it has been carried out"
+        if self._left:
+            return "the robot has left q_0"
+        return outdated(run.snapshot, self._inputs) or self._watch.blocked
 
     def _refresh(self) -> None:
         run = self._run
@@ -142,33 +160,9 @@ class Reporter:
         self._outputs.draw()
         if run is not None:
             self.has_left_start(run)
-            if due:
-                self._check_clouds(run)
         now = (state, self._why_invalid(), self._warm(), self._read())
         if (due and state is State.SEARCHING) or self._reported != now:
             self.report()
-
-    def _check_clouds(self, run: Run) -> None:
-        """Look whether clouds newer than the run's cut through its best placement."""
-        with self._lock:
-            obstacles, known, best = self._obstacles, self._known, run.best
-            now = (run.solutions, self._inputs.clouds.changes)
-            if obstacles is None or best is None or now == self._checked or self._left:
-                return
-            self._checked = now
-        q = self._configuration(run)
-        clouds = self._inputs.clouds.latest_points()
-        if q is None or not clouds:
-            return
-        if known is None:
-            known = KnownSpace(obstacles)
-            with self._lock:
-                if self._obstacles is obstacles:
-                    self._known = known
-        blocked = blocked_by(np.vstack(clouds), known, best, run.snapshot, q)
-        with self._lock:
-            if self._run is run:
-                self._blocked = blocked
 
     def _configuration(self, run: Run) -> Array | None:
         try:
