@@ -185,23 +185,26 @@ def _alarms(caller: LoadCaller, options: argparse.Namespace, rng: np.random.Gene
             if not searching:
                 caller.call(caller.stop, Trigger.Request())
             for _ in range(10):
-                place = _on_the_way(robot, q_start, caller.trajectory, rng)
-                if place is None:
-                    continue
-                done += 1
                 if not caller.valid:
                     caller.cloud.publish(clean)
                     if not caller.wait(lambda: caller.valid, _TOLD_WITHIN):
                         raise NodeSpeedError("the best placement does not get valid again")
                 caller.spin(float(rng.uniform(0.1, 0.3)))
+                place = _on_the_way(robot, q_start, caller.trajectory, rng)
+                if place is None:
+                    continue
                 cut = points.copy()
                 rows = rng.choice(POINTS, int(POINTS * _SHARE), replace=False)
                 cut[rows] = place + rng.normal(0.0, _BLOCK, (len(rows), 3))
                 message = message_from_points(cut, Header(frame_id=FRAME))
+                path = caller.trajectory
                 began = time.perf_counter()
                 caller.cloud.publish(message)
                 told = caller.wait(lambda: not caller.valid, _TOLD_WITHIN)
+                if caller.trajectory is not path:
+                    continue  # another one is the best now, that it need not cut through
                 seconds = caller.changed - began if told else _TOLD_WITHIN
+                done += 1
                 tell("load", kind="alarm", seconds=seconds, searching=searching, told=told)
         caller.cloud.publish(clean)
         caller.spin(0.3)
