@@ -35,6 +35,7 @@ from placement_planner_ros.ros.process import (
     share_among_threads,
     spare_what_is_loaded,
 )
+from placement_planner_ros.ros.run import surroundings
 from placement_planner_ros.ros.run.planning import Prepare
 from placement_planner_ros.ros.run.preparation import Preparation
 from placement_planner_ros.ros.run.snapshot import Snapshot
@@ -133,6 +134,7 @@ class PlacementPlannerNode(Node):
             q = pin.neutral(robot.model)
             outside_robot(np.zeros((1, 3)), robot, q, (), None, 0.0)
             point_cloud.warm_up()
+            surroundings.warm_up()
             warm_up(robot, make_arms(robot, self._settings.current), q)
         except PlacementPlannerError as error:
             self.get_logger().warning(f"no search is possible yet: {error}")
