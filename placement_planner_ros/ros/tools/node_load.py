@@ -46,6 +46,10 @@ from placement_planner_ros.scenes.objects import OBJECT_NAMES
 from placement_planner_ros.scenes.scenes import SCENE_NAMES
 from placement_planner_ros.scenes.yumi import TIP_FRAMES, load_yumi
 
+_SETTLED = 1.0
+"""Seconds after which the clouds come, or come no more."""
+_TURN = 3.0
+"""Seconds that clouds come, or do not, while samples are counted."""
 _PAUSE = 0.15
 """Seconds between calls."""
 _FAR = 0.2
@@ -62,7 +66,7 @@ class LoadCaller(Caller):
 
     def __init__(self) -> None:
         super().__init__()
-        self.samples = 0
+        self.counts: list[tuple[float, int]] = []
         self.valid = False
         self.changed = 0.0
         self.trajectory = JointTrajectory()
@@ -79,7 +83,7 @@ class LoadCaller(Caller):
         now = time.perf_counter()
         super()._on_status(message)
         values = {v.key: v.value for v in message.values}
-        self.samples = int(values.get("samples", 0))
+        self.counts.append((now, int(values.get("samples", 0))))
         valid = values.get("best_valid") == "true"
         if valid != self.valid:
             self.valid, self.changed = valid, now
@@ -120,8 +124,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--scene", choices=SCENE_NAMES, default="cabinet_high_clutter")
     parser.add_argument("--object", choices=OBJECT_NAMES, default="small_crayons_box")
     parser.add_argument("--calls", type=int, default=100, help="starts and stops")
-    parser.add_argument("--searches", type=int, default=5, help="pairs with and without clouds")
-    parser.add_argument("--seconds", type=float, default=10.0, help="of each of those searches")
+    parser.add_argument("--searches", type=int, default=2, help="with and without clouds in turns")
+    parser.add_argument("--seconds", type=float, default=80.0, help="of each of those searches")
     parser.add_argument("--alarms", type=int, default=200, help="clouds that cut through the best")
     parser.add_argument("--seed", type=int, default=0)
     return parser
@@ -150,21 +154,29 @@ def _calls(caller: LoadCaller, number: int, rng: np.random.Generator) -> None:
         caller.spin(_PAUSE)
 
 
-def _samples(caller: LoadCaller, pairs: int, seconds: float) -> None:
-    """The same search without clouds and with them, in turns."""
-    for number in range(pairs):
-        counted = {}
-        for clouds in (False, True) if number % 2 else (True, False):
+def _samples(caller: LoadCaller, searches: int, seconds: float) -> None:
+    """Samples per second while clouds come and while none do, in turns within one search."""
+    for number in range(searches):
+        caller.load(False)
+        caller.spin(_SETTLED)
+        run, _ = _start(caller, number)
+        if not caller.wait(lambda run=run: run in caller.first, 20.0):  # type: ignore[misc]
+            raise NodeSpeedError("no placement was found in 20 s")
+        rates: dict[bool, list[float]] = {False: [], True: []}
+        end = time.perf_counter() + seconds
+        clouds = bool(number % 2)
+        while time.perf_counter() < end:
             caller.load(clouds)
-            caller.spin(1.0)
-            _start(caller, number)
-            began = time.perf_counter()
-            caller.spin(seconds)
-            caller.call(caller.stop, Trigger.Request())
-            elapsed = time.perf_counter() - began
-            caller.wait(lambda: caller.state[1] == "stopped", 5.0)
-            counted[clouds] = caller.samples / elapsed
-        tell("load", kind="samples", without=counted[False], beside=counted[True])
+            caller.spin(_SETTLED)
+            caller.counts.clear()
+            caller.spin(_TURN)
+            (begun, before), (ended, after) = caller.counts[0], caller.counts[-1]
+            rates[clouds].append((after - before) / (ended - begun))
+            clouds = not clouds
+        caller.call(caller.stop, Trigger.Request())
+        caller.wait(lambda: caller.state[1] == "stopped", 5.0)
+        without, beside = (float(np.mean(rates[clouds])) for clouds in (False, True))
+        tell("load", kind="samples", without=without, beside=beside, turns=len(rates[True]))
     caller.load(False)
 
 
