@@ -11,7 +11,7 @@ from typing import NoReturn
 
 ARENAS = 2
 """Heaps of the C library: by default each thread gets its own, most of it never given back."""
-SWITCH_INTERVAL = 0.001
+SWITCH_INTERVAL = 3e-5
 """Seconds after which the planner's thread yields the interpreter to a waiting service."""
 
 
