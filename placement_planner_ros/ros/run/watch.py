@@ -55,7 +55,7 @@ class Watch:
         The same words as long as it does.
         """
         with self._lock:
-            return next(filter(None, self._blocked.values()), "")
+            return _first(self._blocked)
 
     def follow(self, snapshot: Snapshot) -> None:
         """A run begins with this."""
@@ -121,7 +121,7 @@ class Watch:
                 if self._wanted is not placement or self._closed:
                     continue
                 before, self._way, self._blocked = self._blocked, way, blocked
-            if before != blocked:
+            if _first(before) != _first(blocked):
                 self._changed()
             for topic, points in self._to_look_at(snapshot).items():
                 if seen.get(topic) is not points:
@@ -159,3 +159,8 @@ class Watch:
             self._blocked[topic] = blocked
         if blocked != before:
             self._changed()
+
+
+def _first(blocked: dict[str, str]) -> str:
+    """What is said first of all that stands in the way; '' where nothing does."""
+    return next(filter(None, blocked.values()), "")
