@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import PointCloud2
@@ -74,6 +74,8 @@ class LoadCaller(Caller):
         self._load = self.create_publisher(Bool, "load", LATCHED)
         planner = "placement_planner"
         self.create_subscription(JointTrajectory, f"{planner}/trajectory", self._on_path, LATCHED)
+        self.ages: list[float] = []
+        self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
 
     def load(self, on: bool) -> None:
         """Have the three clouds published, or not."""
@@ -87,6 +89,12 @@ class LoadCaller(Caller):
         valid = values.get("best_valid") == "true"
         if valid != self.valid:
             self.valid, self.changed = valid, now
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        values = {v.key: v.value for v in message.status[0].values}
+        known = [values.get(f"cloud_age {topic}", "never") for topic in TOPICS]
+        if message.status[0].name.endswith("placement_planner") and "never" not in known:
+            self.ages.append(max(float(age.removesuffix(" s")) for age in known))
 
     def _on_path(self, message: JointTrajectory) -> None:
         if message.points:
@@ -125,7 +133,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--object", choices=OBJECT_NAMES, default="small_crayons_box")
     parser.add_argument("--calls", type=int, default=100, help="starts and stops")
     parser.add_argument("--searches", type=int, default=2, help="with and without clouds in turns")
-    parser.add_argument("--seconds", type=float, default=80.0, help="of each of those searches")
+    parser.add_argument("--seconds", type=float, default=48.0, help="of each of those searches")
     parser.add_argument("--alarms", type=int, default=200, help="clouds that cut through the best")
     parser.add_argument("--seed", type=int, default=0)
     return parser
@@ -169,7 +177,10 @@ def _samples(caller: LoadCaller, searches: int, seconds: float) -> None:
             caller.load(clouds)
             caller.spin(_SETTLED)
             caller.counts.clear()
+            caller.ages.clear()
             caller.spin(_TURN)
+            for age in caller.ages if clouds else ():
+                tell("load", kind="age", seconds=age)
             (begun, before), (ended, after) = caller.counts[0], caller.counts[-1]
             rates[clouds].append((after - before) / (ended - begun))
             clouds = not clouds
