@@ -31,8 +31,6 @@ Work = tuple[Array, Array]
 
 BLOCK = 9
 """Configurations that share a mark; odd, so that one is in their middle."""
-FEWEST = 3
-"""Points of news that lie together before they count; fewer are flying pixels."""
 _COARSE = 0.05
 """m, radius of spheres below which the cubes they sweep are not looked at more closely."""
 
@@ -293,9 +291,16 @@ def _body_at(
 
 @kernel(lean=True, nogil=True)
 def find_hit(
-    points: Array, cubes: Cubes, path: Path, margin: float, together: float, work: Work
+    points: Array,
+    cubes: Cubes,
+    path: Path,
+    margin: float,
+    together: float,
+    fewest: int,
+    work: Work,
 ) -> tuple[int, int]:
-    """The first point that a body comes too near to and that is not alone, and the body; or -1."""
+    """The first point that a body comes too near to, of `fewest` that lie together, and the body;
+    or -1."""
     count = points.shape[0]
     # From here and there, so that a few of many are met soon.
     step = max(1, int(0.6180339887498949 * count))
@@ -314,6 +319,6 @@ def find_hit(
                 and abs(points[other, 1] - y) <= together
                 and abs(points[other, 2] - z) <= together
             )
-            if company >= FEWEST:
+            if company >= fewest:
                 return row, body
     return -1, -1

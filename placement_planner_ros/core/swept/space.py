@@ -49,8 +49,12 @@ _CUBE = 0.02
 """m, edge of the grid's cubes, ..."""
 _MOST_CUBES = 1_000_000
 """... unless there were more than these."""
-_TOGETHER = 3
-"""Cells of the obstacle set within which points lie together."""
+_TOGETHER = 1.5
+"""Cells of the obstacle set by which points that lie together differ at most along an axis."""
+_FEWEST = 5
+"""Points of news that lie together before they count; fewer are flying pixels, ..."""
+_SPARSE = 4.0
+"""... unless there are fewer points than this in a cell: then each of them counts."""
 _NOISE = 5.0
 """Points within this times the noise of a surface that was known are no news."""
 
@@ -96,14 +100,22 @@ class SweptSpace:
         stretches: in the order in which they are run.
         known: the obstacle set.
         margin: that every body keeps from points, metres.
+        density: how many points a cell of the obstacle set had, on average.
     """
 
-    def __init__(self, stretches: Sequence[Stretch], known: ObstacleSet, margin: float) -> None:
+    def __init__(
+        self,
+        stretches: Sequence[Stretch],
+        known: ObstacleSet,
+        margin: float,
+        density: float = np.inf,
+    ) -> None:
         self._stretches = tuple(stretches)
         self._margin = margin + TOLERANCE
         self._known = known.arrays
         self._known_within = max(margin, _NOISE * known.noise)
         self._together = _TOGETHER * known.cell_size
+        self._fewest = _FEWEST if density >= _SPARSE else 1
         self._paths = []
         marks = 0
         for stretch in stretches:
@@ -121,11 +133,13 @@ class SweptSpace:
         return rows[:count]
 
     def first_hit(self, points: Array) -> Hit | None:
-        """Which of (n, 3) points of `news` stands in the way, if `FEWEST` of them lie together."""
+        """Which of (n, 3) points of `news` stands in the way, if enough of them lie together."""
         points, cubes = np.ascontiguousarray(points), self._cubes
         work = np.zeros((6, 4)), np.zeros((1, 3))
         for stretch, path in zip(self._stretches, self._paths, strict=True):
-            row, body = find_hit(points, cubes, path, self._margin, self._together, work)
+            row, body = find_hit(
+                points, cubes, path, self._margin, self._together, self._fewest, work
+            )
             if row >= 0:
                 return Hit(points[row], stretch.name, stretch.arm.body_names[body])
         return None

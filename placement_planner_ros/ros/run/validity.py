@@ -49,7 +49,8 @@ class Way:
     def __init__(self, placement: Placement, snapshot: Snapshot, obstacles: ObstacleSet) -> None:
         settings = snapshot.parameters.planner_settings.collision
         stretches = _stretches(placement, snapshot, obstacles)
-        self._space = SweptSpace(stretches, obstacles, settings.collision_margin)
+        density = sum(map(len, snapshot.clouds)) / max(len(obstacles), 1)
+        self._space = SweptSpace(stretches, obstacles, settings.collision_margin, density)
         self._outline: Outline | None = None
         if snapshot.parameters["self_filter.enabled"]:
             padding = snapshot.parameters["self_filter.padding"]

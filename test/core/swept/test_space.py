@@ -106,8 +106,8 @@ def nearest(robot, points, Q):
 
 
 def hits(space, point):
-    """Whether three points at one place are told, as a cloud would bring them."""
-    cloud = np.repeat(point[None], 3, axis=0)
+    """Whether some points at one place are told, as a cloud would bring them."""
+    cloud = np.repeat(point[None], 5, axis=0)
     news = space.news(cloud)
     return len(news) > 0 and space.first_hit(cloud[news]) is not None
 
@@ -140,7 +140,7 @@ def test_where_it_hits_is_told(robot, holding, obstacles):
     space = SweptSpace([Stretch("path", holding, dense)], obstacles, MARGIN)
     T = robot.link_pose(dense[len(dense) // 2], "fore")
     point = T.act(np.array([0.1, 0.0, 0.0]))
-    hit = space.first_hit(np.repeat(point[None], 3, axis=0))
+    hit = space.first_hit(np.repeat(point[None], 5, axis=0))
     assert (hit.stretch, hit.body) == ("path", "fore")
     np.testing.assert_array_equal(hit.point, point)
 
@@ -179,11 +179,16 @@ def test_single_points_are_flying_pixels(robot, holding, obstacles):
     space = SweptSpace([Stretch("path", holding, dense)], obstacles, MARGIN)
     T = robot.link_pose(dense[0], "fore")
     inside = T.act(np.array([0.1, 0.0, 0.0]))
-    apart = [T.act(np.array([x, 0.0, 0.0])) for x in (0.02, 0.1, 0.18)]
-    assert len(space.news(np.array(apart))) == 3
-    assert space.first_hit(np.array([inside])) is None
-    assert space.first_hit(np.array(apart)) is None
-    assert space.first_hit(inside + np.array([[0, 0, 0], [0, 0, 0.004], [0.004, 0, 0]])) is not None
+    apart = np.array([T.act(np.array([x, 0.0, 0.0])) for x in np.arange(0.02, 0.2, 0.02)])
+    assert len(space.news(apart)) == len(apart) > 5
+    near = inside + 0.004 * np.array([[0, 0, 0], [0, 0, 1], [1, 0, 0], [-1, 0, 0], [0, 0, -1]])
+    assert space.first_hit(inside[None]) is None
+    assert space.first_hit(apart) is None
+    assert space.first_hit(near[:4]) is None
+    assert space.first_hit(near) is not None
+    # Where the cloud has hardly more than one in each cell, all there is is single points.
+    sparse = SweptSpace([Stretch("path", holding, dense)], obstacles, MARGIN, density=1.5)
+    assert sparse.first_hit(inside[None]) is not None
 
 
 def test_what_is_no_number_and_far_away_is_passed_over(holding, obstacles):
