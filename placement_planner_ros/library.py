@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from numbers import Real
 
 import numpy as np
@@ -71,7 +71,10 @@ def plan(
         PlacementPlannerError: an input is unusable; the message says which, its value and what to
             do about it.
     """
-    arms = (arms,) if isinstance(arms, Arm) else tuple(arms)
+    arms = _arms(robot, arms)
+    _require(Body, "body", body, "Body.from_mesh")
+    _require(TargetVolume, "volume", volume, "TargetVolume")
+    _require((PlannerSettings, type(None)), "settings", settings, "PlannerSettings")
     q = _configuration(robot, q_start)
     if not (isinstance(time_limit, Real) and time_limit > 0.0):
         raise ParameterError("time_limit", time_limit, "give seconds above 0, or math.inf")
@@ -103,6 +106,22 @@ def _search(planner: PlacementPlanner, time_limit: float) -> Iterator[Placement]
     yield from planner.run(lambda: time.monotonic() >= end)
     if planner.statistics.solutions == 0:
         _log.warning("no placement: %s", planner.exhausted or planner.statistics.why_nothing())
+
+
+def _require(kind: type | tuple[type, ...], field: str, value: object, maker: str) -> None:
+    if not isinstance(value, kind):
+        raise ParameterError(field, value, f"give what {maker}(...) makes")
+
+
+def _arms(robot: Robot, arms: Arm | Sequence[Arm]) -> tuple[Arm, ...]:
+    _require(Robot, "robot", robot, "Robot.from_urdf")
+    arms = tuple(arms) if isinstance(arms, Iterable) else (arms,)
+    for arm in arms:
+        _require(Arm, "arms", arm, "robot.arm")
+        known = set(arm.joints) <= set(robot.joint_names)
+        if not (known and [robot.index(joint) for joint in arm.joints] == arm.q_index.tolist()):
+            raise ParameterError("arms", arm.name, f"is no arm of the robot {robot.name!r}")
+    return arms
 
 
 def _configuration(robot: Robot, q_start: Mapping[str, float] | npt.ArrayLike) -> Array:

@@ -14,6 +14,7 @@ ORDER = [
     "core.settings",
     "core.types",
     "core.stopping",
+    "core.kernel_cache",
     "core.kernels",
     # libraries that each know one thing
     "core.scene",
@@ -42,8 +43,10 @@ ORDER = [
 # The same of the node.
 ROS_ORDER = [
     "ros.qos",
+    "ros.timers",
     "ros.spinning",
     "ros.process",
+    "ros.log",
     "ros.parameters",
     "ros.inputs",
     "ros.run",

@@ -15,7 +15,14 @@ import pytest
 import trimesh
 
 import placement_planner_ros
-from placement_planner_ros import Body, Environment, PlacementPlannerError, TargetVolume, plan
+from placement_planner_ros import (
+    Body,
+    Environment,
+    PlacementPlannerError,
+    Robot,
+    TargetVolume,
+    plan,
+)
 from placement_planner_ros.core.errors import VolumeError
 from placement_planner_ros.scenes.yumi import START_CONFIGURATION, load_yumi, yumi_arm
 
@@ -105,6 +112,7 @@ def test_importing_the_package_loads_nothing_until_a_name_is_used(core_alone):
 def test_every_name_of_the_facade_is_there():
     for name in placement_planner_ros.__all__:
         assert getattr(placement_planner_ros, name).__name__ == name
+    assert set(placement_planner_ros.__all__) <= set(dir(placement_planner_ros))
     with pytest.raises(AttributeError, match="no attribute 'Planner'"):
         _ = placement_planner_ros.Planner
 
@@ -282,6 +290,13 @@ def test_what_is_left_out_is_logged(caplog):
     ("name", "value", "field"),
     [
         ("arms", (), "arms"),
+        ("arms", None, "arms"),
+        ("arms", "left", "arms"),
+        ("robot", None, "robot"),
+        ("body", trimesh.creation.box((0.02, 0.07, 0.09)), "body"),
+        ("volume", ([0.3, 0.0, -0.05], [0.5, 0.3, 0.15]), "volume"),
+        ("settings", {"sampler": "mcts"}, "settings"),
+        ("q_start", dict.fromkeys(START_CONFIGURATION, "a"), "joint_states: values"),
         ("q_start", {}, "joint_states: missing"),
         ("q_start", [0.0] * 3, "q_start"),
         ("q_start", [math.nan] * 18, "joint_states: values"),
@@ -301,3 +316,40 @@ def test_bad_input_is_refused_at_once(name, value, field):
         asked(**{name: value})
     assert refused.value.field == field
     assert refused.value.remedy
+
+
+def test_an_arm_of_another_robot_is_refused():
+    link = (
+        '<link name="{}"><collision><geometry><sphere radius="0.01"/></geometry></collision></link>'
+    )
+    other = Robot.from_urdf(
+        f"""<robot name="other">{link.format("base")}{link.format("hand")}
+          <joint name="slide" type="prismatic">
+            <parent link="base"/><child link="hand"/>
+            <limit lower="0" upper="1" velocity="1" effort="1"/>
+          </joint></robot>"""
+    )
+    with pytest.raises(PlacementPlannerError, match="'other': is no arm of the robot 'yumi'"):
+        asked(arms=other.arm("other", "hand", grasps=[GRASP]))
+
+
+def test_what_stands_on_no_side_ends_the_search_with_the_reason(caplog):
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=0.02)
+    assert list(asked(body=Body.from_mesh(ball.vertices, ball.faces))) == []
+    assert "no placement: no placement face" in caplog.text
+
+
+def test_grasps_may_be_matrices():
+    robot = given()["robot"]
+    assert yumi_arm(robot, "left", [GRASP.homogeneous]) == given()["arms"]
+    for wrong in (np.eye(3), np.eye(4)[:, ::-1], GRASP.homogeneous.T, [[1.0, 2.0], [3.0]], None):
+        with pytest.raises(PlacementPlannerError, match=r"arm left: grasps\[0\]"):
+            yumi_arm(robot, "left", [wrong])
+    with pytest.raises(PlacementPlannerError, match="give a list of poses"):
+        robot.arm("left", "gripper_l_base", grasps=GRASP)
+
+
+@pytest.mark.parametrize("description", [ROOT, "/robots/mine.urdf"])
+def test_a_path_for_a_description_is_told_from_its_text(description):
+    with pytest.raises(PlacementPlannerError, match="give the text of the file"):
+        Robot.from_urdf(description)

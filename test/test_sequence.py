@@ -48,7 +48,7 @@ def checker_of(scene, held):
         start_configuration(held.name),
         OBJECTIVE,
     )
-    limit = PlannerSettings().execution.acceleration_limits[0]
+    limit = PlannerSettings().timing.acceleration_limits[0]
     return SolutionChecker(task, Tolerances(acceleration_limit=limit))
 
 

@@ -50,7 +50,7 @@ def case_checker(case: dict[str, str], contact: float = 0.003) -> SolutionChecke
         objective=case["objective"],
         measured=_measured(Case(**case)) if case["cloud"] == "complete" else None,
     )
-    limit = PlannerSettings().execution.acceleration_limits[0]
+    limit = PlannerSettings().timing.acceleration_limits[0]
     return SolutionChecker(task, Tolerances(contact=contact, acceleration_limit=limit))
 
 

@@ -4,7 +4,8 @@ Every kernel is cached in a folder named after the state of the file that holds 
 with kernels, or with named tuples that kernels take, that it imports. Numba itself only notices
 changes in the file that holds a kernel, not in what it calls from other files, and would go on
 using what was compiled from an older version of those. The folder lies in NUMBA_CACHE_DIR, in
-XDG_CACHE_HOME or in ~/.cache; where other packages keep their kernels stays as it is.
+XDG_CACHE_HOME or in ~/.cache; where other packages keep their kernels stays as it is. How they
+are kept there says `kernel_cache`.
 
 Lean kernels are compiled without numba's reference counts. Arrays that are handed to a kernel
 belong to its caller, yet numba counts a reference to each of them, those within tuples too: with
@@ -30,6 +31,8 @@ import numba
 from numba.core.options import DefaultOptions
 from numba.core.types import unliteral
 
+from placement_planner_ros.core.kernel_cache import TROUBLES, KernelCache
+
 _F = TypeVar("_F", bound=Callable[..., Any])
 _config: Any = numba.config
 _PACKAGE = Path(__file__).parents[1]
@@ -51,12 +54,9 @@ def kernel(*, lean: bool = False, nogil: bool = False, inline: bool = False) -> 
         options["inline"] = "always"
 
     def decorate(function: _F) -> _F:
-        # numba reads the folder when it decorates, and from nowhere but its global configuration
-        folder, _config.CACHE_DIR = _config.CACHE_DIR, _cache_folder(inspect.getfile(function))
-        try:
-            compiled: Any = numba.njit(cache=True, **options)(function)
-        finally:
-            _config.CACHE_DIR = folder
+        folder = _cache_folder(inspect.getfile(function))
+        compiled: Any = numba.njit(**options)(function)
+        compiled._cache = KernelCache(function, folder)
         template = compiled.get_call_template
         compiled.get_call_template = lambda args, kws: template(
             [unliteral(a) for a in args], {name: unliteral(a) for name, a in kws.items()}
@@ -68,12 +68,30 @@ def kernel(*, lean: bool = False, nogil: bool = False, inline: bool = False) -> 
 
 @functools.cache
 def _cache_folder(file: str) -> str:
-    """For the kernels in `file`, as long as these and all they call stay as they are."""
+    """For the kernels in `file`, as long as these and all they call stay as they are.
+
+    Empty where there is neither a cache nor a home.
+    """
     digest = hashlib.sha256(numba.__version__.encode())
     for path in sorted(_imported(Path(file), {})):
         digest.update(path.name.encode() + path.read_bytes())
-    caches = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / _PACKAGE.name
-    return str(Path(_config.CACHE_DIR or caches) / f"{Path(file).stem}-{digest.hexdigest()[:16]}")
+    caches = _caches()
+    return str(caches / f"{Path(file).stem}-{digest.hexdigest()[:16]}") if caches else ""
+
+
+def _caches() -> Path | None:
+    if _config.CACHE_DIR:
+        return Path(_config.CACHE_DIR)
+    caches = os.environ.get("XDG_CACHE_HOME")
+    try:
+        return Path(caches or Path.home() / ".cache") / _PACKAGE.name
+    except RuntimeError:
+        TROUBLES.note(
+            "unwritten",
+            "kernels are not kept, for there is no home folder; each start compiles them again "
+            "until NUMBA_CACHE_DIR, XDG_CACHE_HOME or HOME names a folder",
+        )
+        return None
 
 
 def _imported(path: Path, found: dict[Path, None]) -> dict[Path, None]:

@@ -39,7 +39,7 @@ from placement_planner_ros.core.search.uniform import UniformSampler
 from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.statistics import Statistics
 from placement_planner_ros.core.stopping import step
-from placement_planner_ros.core.timing.trajectory_maker import ExecutionSettings, TrajectoryMaker
+from placement_planner_ros.core.timing.trajectory_maker import TimingSettings, TrajectoryMaker
 from placement_planner_ros.core.types import Array, Goal, Placement
 
 SamplerName = Literal["optimistic", "mcts", "uniform"]
@@ -81,8 +81,8 @@ class PlannerSettings(Settings):
     approach: ApproachSettings = field(default_factory=ApproachSettings)
     retreat: RetreatSettings = field(default_factory=RetreatSettings)
     transit: TransitSettings = field(default_factory=TransitSettings)
-    refine: AscentSettings = field(default_factory=AscentSettings)
-    execution: ExecutionSettings = field(default_factory=ExecutionSettings)
+    ascent: AscentSettings = field(default_factory=AscentSettings)
+    timing: TimingSettings = field(default_factory=TimingSettings)
 
     @property
     def grasp(self) -> GraspSettings:
@@ -137,7 +137,6 @@ class PlacementPlanner:
             holdings,
             objective,
             settings.ik_seeds,
-            settings.min_improvement,
             rng_ik,
         )
         hierarchy = AfrHierarchy(
@@ -154,9 +153,9 @@ class PlacementPlanner:
         self.sampler = self.make_sampler(hierarchy, finder, rng_sampler)
         self.motion = self.make_motion(rng_motion)
         self._optimizer = LocalOptimizer(
-            poses, objective, settings.min_improvement, settings.refine
+            poses, objective, settings.min_improvement, settings.ascent
         )
-        self._trajectories = TrajectoryMaker(settings.execution, rng_paths)
+        self._trajectories = TrajectoryMaker(settings.timing, rng_paths)
         self.statistics = Statistics(self.sampler.count)
 
     def make_sampler(
@@ -180,7 +179,8 @@ class PlacementPlanner:
         started = time.monotonic()
         best = -np.inf
         while not (self.exhausted or should_stop()):
-            for goal in self.sampler.sample_goals(best, should_stop):
+            bound = best + self._settings.min_improvement  # what every sample is held against
+            for goal in self.sampler.sample_goals(bound, should_stop):
                 self.motion.add(goal)
                 self.statistics.goals += 1
             if self.motion.goals == 0:

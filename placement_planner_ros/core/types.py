@@ -178,6 +178,16 @@ class Placement:
     retreat: Trajectory | None = None
 
     @property
+    def arm(self) -> str:
+        """Name of the arm a that puts the object down."""
+        return self.goal.arm
+
+    @property
+    def grasp(self) -> int:
+        """Index into that arm's grasps."""
+        return self.goal.grasp
+
+    @property
     def T_world_object(self) -> pin.SE3:
         """The placement pose x."""
         return self.goal.T_world_object

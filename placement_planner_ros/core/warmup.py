@@ -22,6 +22,7 @@ from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.reach.ik import InverseKinematics
 from placement_planner_ros.core.reach.kinematics import Chain
+from placement_planner_ros.core.reach.seeds import seed_table
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.environment import Environment
@@ -63,16 +64,20 @@ def warm_up(robot: Robot, arms: Sequence[Arm], q_robot: Array) -> None:
         grasping = replace(settings.grasp, require_retreat=False)
         open_hand = OpenHand(moving, body, obstacles, grasping)
         holding = Holding(moving, Held(body), obstacles, open_hand, grasping)
-        InverseKinematics(chain, settings.ik).sweep(x.homogeneous, q[None])
+        tip = x.homogeneous
+        inverse = InverseKinematics(chain, settings.ik)
+        inverse.sweep(tip, q[None])
+        inverse.solve(tip, seed_table(chain).near(tip[None], 2, rng)[0])
         reached = holding.configurations(x, 8, rng)
-        for found in () if isinstance(reached, Verdict) else reached[:1]:
-            holding.placing_motion(found, x, x.translation[2], poses)
-            open_hand.release_free(found)
-            open_hand.retreat(found, 0, x)
-            straight_way(holding, found)
-            chain.jacobian(found, np.eye(4))
-            holding.collision.explain(found)
-            holding.transit_free(found, q)
+        # Whether or not the robot as it is may hold a thing there, the same is called.
+        found = q if isinstance(reached, Verdict) else reached[0]
+        holding.placing_motion(found, x, x.translation[2], poses)
+        open_hand.release_free(found)
+        open_hand.retreat(found, 0, x)
+        straight_way(holding, found)
+        chain.jacobian(found, np.eye(4))
+        holding.collision.explain(found)
+        holding.transit_free(found, q)
         swept = SweptSpace([Stretch("", holding.collision, np.array([q, q]))], obstacles, 0.01)
         swept.news(x.translation + rng.normal(0.0, 0.01, (10, 3)))
         swept.first_hit(x.translation + rng.normal(0.0, 0.01, (10, 3)))
@@ -100,7 +105,7 @@ def warm_up(robot: Robot, arms: Sequence[Arm], q_robot: Array) -> None:
 
 def _surface_below(point: Array, rng: np.random.Generator) -> tuple[Environment, TargetVolume]:
     """A noisy level patch, 0.2 m wide, 0.2 m below a point, with a step on it."""
-    grid = np.stack(np.meshgrid(*[np.arange(-0.1, 0.1, 0.004)] * 2), axis=-1).reshape(-1, 2)
+    grid = np.stack(np.meshgrid(*[np.arange(-0.1, 0.1, 0.0025)] * 2), axis=-1).reshape(-1, 2)
     heights = np.where(grid[:, 0] > 0.05, 0.05, 0.0) + rng.normal(0.0, 0.002, len(grid))
     points = point + np.column_stack([grid, heights - 0.2])
     volume = TargetVolume(point - 0.3, point + 0.3)

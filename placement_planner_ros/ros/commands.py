@@ -22,6 +22,7 @@ from placement_planner_ros.ros.parameters.server import ParameterServer
 from placement_planner_ros.ros.run.planning import Prepare
 from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.run.start_checks import start_notes, take_snapshot
+from placement_planner_ros.ros.run.warmth import Warmth
 from placement_planner_ros.ros.run.worker import Run, State
 
 STOP_PATIENCE = 1.0
@@ -35,7 +36,7 @@ class Commands:
         prepare: makes the planner of a run.
         environment_of: the environment of a run, where it is there already.
         announcer: tells the world of each run.
-        warm: set once everything a search needs is compiled.
+        warm: set once warming up is over.
 
     Attributes:
         run: the last one; None before the first.
@@ -48,7 +49,7 @@ class Commands:
         prepare: Prepare,
         environment_of: Callable[[Snapshot], Environment | None],
         announcer: Announcer,
-        warm: threading.Event,
+        warm: Warmth,
     ) -> None:
         self.run: Run | None = None
         self._inputs = inputs
@@ -78,6 +79,7 @@ class Commands:
             if faults:
                 return refusal(faults)
             parameters = self._parameters.with_changes(changes)
+            self._inputs.robot.look_up()
             snapshot = take_snapshot(self._inputs, parameters, [p.name for p in changes])
             if isinstance(snapshot, list):
                 return refusal(snapshot)

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import sys
 import threading
-import traceback
+import time
 from collections.abc import Callable, Sequence
 
 import numpy as np
 import pinocchio as pin
 import rclpy
+from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import NameValidationException, ParameterException
-from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.signals import SignalHandlerOptions
 
 from placement_planner_ros.core.errors import PlacementPlannerError
+from placement_planner_ros.core.kernel_cache import TROUBLES
 from placement_planner_ros.core.warmup import warm_up
 from placement_planner_ros.interrupts import catch_signals
 from placement_planner_ros.ros.commands import STOP_PATIENCE, Commands
@@ -26,11 +26,15 @@ from placement_planner_ros.ros.inputs.reception import Reception
 from placement_planner_ros.ros.inputs.resources import Files
 from placement_planner_ros.ros.inputs.robot_input import RobotInput, make_arms
 from placement_planner_ros.ros.inputs.self_filter import outside_robot
+from placement_planner_ros.ros.log import PERIOD, Log
 from placement_planner_ros.ros.outputs.announcer import Announcer
 from placement_planner_ros.ros.outputs.publishing import Outputs
 from placement_planner_ros.ros.outputs.reporting import Reporter
+from placement_planner_ros.ros.parameters.parameter_node import ParameterNode
 from placement_planner_ros.ros.parameters.server import ParameterServer
+from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.ros.process import (
+    begin_ros,
     leave_at_once,
     share_among_threads,
     spare_what_is_loaded,
@@ -40,16 +44,19 @@ from placement_planner_ros.ros.run.planning import Prepare
 from placement_planner_ros.ros.run.preparation import Preparation
 from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.run.start_checks import take_snapshot
+from placement_planner_ros.ros.run.warmth import Warmth
 from placement_planner_ros.ros.run.worker import State
 from placement_planner_ros.ros.services import answer_always, serve
 from placement_planner_ros.ros.spinning import PooledExecutor, spin_until
 
 THREADS = 6
+_LOOK = 0.5
+"""Seconds between looks at whether there are robot and arms to warm up with."""
 START_UP_PATIENCE = 5.0
 """Seconds that the node waits for robot and object to be read before it offers its services."""
 
 
-class PlacementPlannerNode(Node):
+class PlacementPlannerNode(ParameterNode):
     """ROS around the planner.
 
     Args:
@@ -61,8 +68,14 @@ class PlacementPlannerNode(Node):
     """
 
     def __init__(self, prepare: Prepare | None = None, overrides: Sequence[Parameter] = ()) -> None:
-        super().__init__("placement_planner", parameter_overrides=list(overrides))
+        super().__init__("placement_planner", overrides)
+        self._log = Log(self.get_logger())
+        self.create_timer(PERIOD, self._log.flush, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        TROUBLES.listen(self._log.failure)
         self._settings = ParameterServer(self)
+        strange = self._settings.strange(self.given)
+        if strange:
+            self._log.event(f"parameters without effect: {'; '.join(strange)}")
         parameters = self._settings.current
         transforms = Transforms(self)
         files = Files.below(parameters["package_paths"], parameters["file_roots"])
@@ -71,10 +84,11 @@ class PlacementPlannerNode(Node):
         self._inputs = Inputs(
             robot, parameters, extra or ["points"], transforms, self.get_clock(), files
         )
-        self._warm = threading.Event()
+        self._closed = threading.Event()
+        self._warm = Warmth()
         outputs = Outputs(self)
         self._reporter = Reporter(
-            self, outputs, self._inputs, self._settings, self._warm.is_set, self._watching_failed
+            self, outputs, self._inputs, self._settings, self._warm, self._watching_failed
         )
         self._preparation = Preparation(self._newest, self._has_leisure, self._preparing_failed)
         self._commands = Commands(
@@ -82,31 +96,25 @@ class PlacementPlannerNode(Node):
             self._settings,
             prepare or self._preparation.prepare,
             self._preparation.ready,
-            Announcer(self, outputs, self._reporter),
+            Announcer(outputs, self._reporter, self._log),
             self._warm,
         )
         topics = list(dict.fromkeys(["points", *extra]))
         self._reception = Reception(
-            self, self._inputs, self._settings, topics, self._end_where_robot_moved
+            self, self._inputs, self._settings, topics, self._end_where_robot_moved, self._log
         )
         # Nobody calls yet, so nobody waits; who calls first should find it read.
         robot.wait(START_UP_PATIENCE)
         self._inputs.object.wait(START_UP_PATIENCE)
         serve(self, self._commands)
-        answer_always(self, self._internal)
-        self.get_logger().info("ready: start and the other services are offered")
-
-    def _internal(self, error: BaseException) -> None:
-        trace = "".join(traceback.format_exception(error))
-        self.get_logger().error(f"a request met a fault: {trace}")
+        answer_always(self, self._log)
+        self._log.event("ready: start and the other services are offered")
 
     def _preparing_failed(self, error: Exception) -> None:
-        trace = "".join(traceback.format_exception(error))
-        self.get_logger().error(f"preparing ahead failed; it goes on with the next inputs: {trace}")
+        self._log.fault("preparing ahead failed; it goes on with the next inputs", error)
 
     def _watching_failed(self, error: Exception) -> None:
-        trace = "".join(traceback.format_exception(error))
-        self.get_logger().error(f"the best placement cannot be held against clouds: {trace}")
+        self._log.fault("the best placement cannot be held against newer clouds", error)
 
     def _end_where_robot_moved(self) -> None:
         run = self._commands.run
@@ -127,25 +135,54 @@ class PlacementPlannerNode(Node):
         return self._warm.is_set() and not self._commands.busy
 
     def warm_up(self) -> None:
-        """Compile, or load, what a search needs, before somebody waits for it."""
-        try:
-            self._inputs.robot.wait()
-            robot = self._inputs.robot.robot
-            q = pin.neutral(robot.model)
-            outside_robot(np.zeros((1, 3)), robot, q, (), None, 0.0)
-            point_cloud.warm_up()
-            surroundings.warm_up()
-            warm_up(robot, make_arms(robot, self._settings.current), q)
-        except PlacementPlannerError as error:
-            self.get_logger().warning(f"no search is possible yet: {error}")
-        finally:
-            self._warm.set()
-            self._preparation.start()
+        """Compile, or load, what a search needs, before somebody waits for it.
+
+        Where robot and arms do not do for that, once others are given.
+        """
+        unfit = True
+        while unfit and not self._closed.is_set():
+            began, given = time.monotonic(), self._movable()
+            unfit = False
+            try:
+                self._warm_up()
+            except PlacementPlannerError as error:
+                unfit = True
+                if self._movable() != given:
+                    continue
+                self._warm.failure = str(error)
+                self._log.repeats("no search is possible yet", str(error))
+            except Exception as error:
+                # The thread's outermost frame: a run meets the same, or compiles as it goes.
+                self._warm.failure = f"{type(error).__name__}: {error}"
+                self._log.fault("warming up failed; runs compile what they need as they go", error)
+            else:
+                self._warm.failure = ""
+                words = (
+                    f"warm: what a search needs is loaded after {time.monotonic() - began:.1f} s"
+                )
+                self._log.event(words)
+            if not self._warm.is_set():
+                self._warm.set()
+                self._preparation.start()
+            while unfit and self._movable() == given and not self._closed.wait(_LOOK):
+                pass
+
+    def _warm_up(self) -> None:
+        self._inputs.robot.wait()
+        robot = self._inputs.robot.unplaced
+        q = pin.neutral(robot.model)
+        outside_robot(np.zeros((1, 3)), robot, q, (), None, 0.0)
+        point_cloud.warm_up()
+        surroundings.warm_up()
+        warm_up(robot, make_arms(robot, self._settings.current), q)
+
+    def _movable(self) -> tuple[object, ParameterSet]:
+        """What tells robot and arms from others."""
+        return self._inputs.robot.key, self._settings.current
 
     def survive(self, error: Exception) -> None:
         """A callback raised: that must be said, but need not end the node."""
-        trace = "".join(traceback.format_exception(error))
-        self.get_logger().error(f"a message or a request was dropped: {trace}")
+        self._log.fault("a message or a request was dropped", error)
 
     @property
     def working(self) -> bool:
@@ -159,6 +196,7 @@ class PlacementPlannerNode(Node):
 
     def close(self) -> None:
         """End the run, if there is one, and publish nothing from now on."""
+        self._closed.set()
         self._inputs.close()
         self._commands.close()
         self._preparation.close()
@@ -176,7 +214,10 @@ def main(args: list[str] | None = None) -> None:
     asked = catch_signals()
     if asked.is_set():
         return  # while this was loaded
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        begin_ros(args)
+    except RuntimeError as error:  # arguments or a params file that rcl cannot read
+        sys.exit(f"placement_planner: {error}")
     try:
         node = PlacementPlannerNode()
     except (PlacementPlannerError, ParameterException, NameValidationException) as error:

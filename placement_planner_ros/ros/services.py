@@ -15,9 +15,18 @@ from std_srvs.srv import Trigger
 
 from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError
 from placement_planner_ros.ros.commands import Commands
+from placement_planner_ros.ros.log import Log
 from placement_planner_ros.ros.outputs.answers import Answer, answer, refusal
 
-OnFault = Callable[[BaseException], None]
+CHANGING = {
+    "start",
+    "start_with",
+    "confirm_placed",
+    "confirm_placed_with",
+    "remove_placed",
+    "clear_environment",
+}
+"""Services whose success is written down; how a run that is stopped ends is, in any case."""
 
 
 def serve(node: Node, commands: Commands) -> None:
@@ -50,21 +59,38 @@ def serve(node: Node, commands: Commands) -> None:
     trigger("~/clear_environment", commands.clear_environment)
 
 
-def answer_always(node: Node, on_fault: OnFault) -> None:
+def answer_always(node: Node, log: Log) -> None:
     """From now on every service of the node answers, rclpy's own for parameters too.
 
     Without this a callback that raises leaves its caller waiting for ever.
 
     Args:
-        on_fault: told of what is a fault of the node's own.
+        log: hears of refusals, of what begins or changes something, and of the node's own faults.
     """
     for service in node.services:
         kind: Any = service.srv_type
-        service.callback = _answering(service.callback, kind.Response, on_fault)
+        answering = _answering(service.callback, kind.Response, log)
+        name = service.service_name.rpartition("/")[2]
+        service.callback = _telling(answering, name, log)
+
+
+def _telling(respond: Callable[[Any, Any], Any], name: str, log: Log) -> Callable[[Any, Any], Any]:
+    """Who answers like that, and writes down what was refused or brought about."""
+
+    def telling(request: Any, response: Any) -> Any:
+        response = respond(request, response)
+        for success, words in _outcomes(response):
+            if not success:
+                log.refusal(f"{name} refused", words)
+            elif name in CHANGING:
+                log.event(f"{name}: {words}")
+        return response
+
+    return telling
 
 
 def _answering(
-    respond: Callable[[Any, Any], Any], empty: Callable[[], Any], on_fault: OnFault
+    respond: Callable[[Any, Any], Any], empty: Callable[[], Any], log: Log
 ) -> Callable[[Any, Any], Any]:
     def always(request: Any, response: Any) -> Any:
         parameters = getattr(request, "parameters", [])
@@ -75,7 +101,7 @@ def _answering(
             except PlacementPlannerError as error:
                 said = refusal([error])
             except (Exception, GeneratorExit, SystemExit) as error:
-                on_fault(error)
+                log.fault("a request met a fault", error)
                 words = " ".join(str(error).split())
                 said = answer("INTERNAL", f"{type(error).__name__}: {words}; the log has the rest")
         return _saying(said, empty(), len(parameters))
@@ -93,6 +119,16 @@ def _saying(said: Answer, response: Any, parameters: int = 0) -> Any:
         result = SetParametersResult(successful=said.success, reason=said.text)
         response.results = [result] * parameters
     return response
+
+
+def _outcomes(response: Any) -> list[tuple[bool, str]]:
+    """Whether what was asked for was done, and words; of each parameter, where it has several."""
+    if hasattr(response, "success"):
+        return [(response.success, response.message)]
+    if hasattr(response, "result") and hasattr(response.result, "successful"):
+        return [(response.result.successful, response.result.reason)]
+    results = getattr(response, "results", ())
+    return [(each.successful, each.reason) for each in results]
 
 
 def unreadable(parameters: Sequence[ParameterMessage]) -> Answer | None:

@@ -86,6 +86,27 @@ def test_the_paper_s_search_and_the_ablations_plan_too(settings):
     assert all(b > a for a, b in itertools.pairwise(objectives))
 
 
+def test_what_counts_as_better_is_the_same_to_samples_goals_and_placements():
+    """At least `min_improvement` better than ξ_best, from the samples' rewards on."""
+    asked, published = [], [-np.inf]
+    step = 0.01
+    sample = OptimisticSampler.sample_goals
+
+    def watched(self, best, should_stop):
+        asked.append((best, published[-1] + step))
+        return sample(self, best, should_stop)
+
+    problem, objective = make_problem(TABLE, np.random.default_rng(0))
+    settings = replace(PlannerSettings(), min_improvement=step)
+    planner = PlacementPlanner(problem, objective, settings, np.random.default_rng(0))
+    with mock.patch.object(OptimisticSampler, "sample_goals", watched):
+        for placement in planner.run(lambda: planner.statistics.samples >= 2500):
+            published.append(placement.objective)
+    assert len(published) >= 3
+    assert all(best == bound for best, bound in asked)
+    assert all(b > a + step for a, b in itertools.pairwise(published))
+
+
 def test_where_the_optimised_path_cannot_be_timed_the_goal_reached_is_published():
     optimised = []
     optimize, make = LocalOptimizer.optimize, TrajectoryMaker.make

@@ -6,9 +6,17 @@ import os
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
 
+import signal
+import subprocess
+
 import pytest
 import rclpy
 from fakes import Bench
+from rclpy.parameter import Parameter
+from system import OBJECT, SCENE, Client, start_node, wait
+
+from placement_planner_ros.ros.tools.scene_publisher import ScenePublisher
+from placement_planner_ros.share import share_path
 
 
 @pytest.fixture
@@ -31,3 +39,41 @@ def bench(ros):
     yield make
     for each in made:
         each.close()
+
+
+@pytest.fixture(scope="module")
+def ros_module():
+    rclpy.init()
+    yield
+    rclpy.try_shutdown()
+
+
+@pytest.fixture(scope="module")
+def node(ros_module, tmp_path_factory):
+    log = tmp_path_factory.mktemp("node") / "node.log"
+    process = start_node(log, "--params-file", str(share_path("config", f"{OBJECT}.yaml")))
+    yield process
+    process.send_signal(signal.SIGINT)
+    try:
+        process.wait(10.0)
+    except subprocess.TimeoutExpired:
+        process.kill()
+    print(log.read_text())
+
+
+@pytest.fixture(scope="module")
+def client(node):
+    made = Client("client")
+    wait(lambda: made.value("warm") == "true", timeout=400.0)
+    yield made
+    made.close()
+
+
+@pytest.fixture(scope="module")
+def scene(client):
+    """The scene's sensors, publishing until the module's tests are over."""
+    publisher = ScenePublisher([Parameter("name", value=SCENE), Parameter("object", value=OBJECT)])
+    client.executor_.add_node(publisher)
+    yield publisher
+    client.executor_.remove_node(publisher)
+    publisher.destroy_node()

@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 
 import placement_planner_ros
+from placement_planner_ros.share import share_path
 
-PROGRAM = """
+LOADING = """
 import os, sys
 
 class Interrupt:
@@ -27,17 +28,95 @@ placement_planner()
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("module", ["placement_planner_ros.ros.node", "numba", "rclpy.node"])
-def test_a_signal_that_comes_while_modules_are_loaded_ends_the_node(module, number):
+# The node as it is, with inputs; the signal comes as it is about to do what the stage names.
+WORKING = """
+import os, sys, threading, time
+
+stage, number, parameters = sys.argv[1], int(sys.argv[2]), sys.argv[3]
+asked = threading.Event()
+
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
+
+from placement_planner_ros.experiments.cases import start_configuration
+from placement_planner_ros.ros import node as module
+from placement_planner_ros.ros.inputs.point_cloud import message_from_points
+from placement_planner_ros.ros.inputs.robot_input import RobotInput
+from placement_planner_ros.ros.outputs.publishing import Outputs
+from placement_planner_ros.ros.run import preparation
+from placement_planner_ros.scenes.clouds import complete_cloud
+from placement_planner_ros.scenes.scenes import scene_by_name
+
+owner, name = {
+    "reading": (RobotInput, "_read"),
+    "warming": (module, "warm_up"),
+    "preparing": (preparation, "make_planner"),
+    "searching": (Outputs, "solution"),
+}[stage]
+act, make = getattr(owner, name), module.PlacementPlannerNode.__init__
+
+def interrupted(*given):
+    if not asked.is_set():
+        asked.set()
+        os.kill(os.getpid(), number)
+    return act(*given)
+
+def made(node):
+    make(node)
+    threading.Thread(target=use, args=(node,), daemon=True).start()
+
+def use(node):
+    values = start_configuration("small_crayons_box")
+    joints = JointState(name=list(values), position=list(values.values()))
+    points = complete_cloud(scene_by_name("cabinet_high_clutter"))
+    cloud = message_from_points(points, Header(frame_id="yumi_body"))
+    node._inputs.robot.wait()
+    node._inputs.take_cloud("points", cloud, node._settings.current)
+    while not asked.is_set():
+        node._inputs.take_joint_state(joints)
+        node._commands.start()
+        time.sleep(0.05)
+
+setattr(owner, name, interrupted)
+module.PlacementPlannerNode.__init__ = made
+sys.argv[1:] = ["--ros-args", "--params-file", parameters]
+module.main()
+"""
+
+
+def run(program, *arguments):
     root = str(Path(placement_planner_ros.__file__).parent.parent)
     path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
-    ended = subprocess.run(
-        [sys.executable, "-c", PROGRAM, module, str(int(number))],
+    return subprocess.run(
+        [sys.executable, "-c", program, *arguments],
         env={**os.environ, "PYTHONPATH": path},
         capture_output=True,
         text=True,
-        timeout=120.0,
+        timeout=600.0,
         check=False,
     )
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("module", ["placement_planner_ros.ros.node", "numba", "rclpy.node"])
+def test_a_signal_that_comes_while_modules_are_loaded_ends_the_node(module, number):
+    ended = run(LOADING, module, str(int(number)))
     assert (ended.returncode, ended.stderr) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("stage", "number"),
+    [
+        ("reading", signal.SIGTERM),
+        ("warming", signal.SIGINT),
+        ("preparing", signal.SIGTERM),
+        ("searching", signal.SIGINT),
+    ],
+)
+def test_a_signal_that_comes_while_the_node_works_ends_it(stage, number):
+    ended = run(
+        WORKING, stage, str(int(number)), str(share_path("config", "small_crayons_box.yaml"))
+    )
+    assert ended.returncode == 0, ended.stderr
+    assert "Traceback" not in ended.stderr
+    assert "Error" not in ended.stderr

@@ -1,180 +1,19 @@
-"""The real node as a process of its own, and a client as a user would write it."""
+"""The real node as a process of its own, used as a user would."""
 
-import os
 import signal
-import subprocess
-import sys
-import time
-from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 import pytest
-import rclpy
-from checker import Solution, Task, Tolerances, check_solution
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from fakes import Spinning, said, values_of
-from geometry_msgs.msg import PoseStamped
-from rcl_interfaces.srv import SetParameters, SetParametersAtomically
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
+from checker import Tolerances, check_solution
+from fakes import values_of
+from published import pose_of, solution_of, task_of
+from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
-from sensor_msgs.msg import PointCloud2
-from std_msgs.msg import Float64
-from std_srvs.srv import Trigger
-from trajectory_msgs.msg import JointTrajectory
-from visualization_msgs.msg import MarkerArray
+from system import OBJECT, PARTS, SCENE, Client, start_node, start_when_ready, wait
 
-import placement_planner_ros
 from placement_planner_ros.core.objective.by_name import objective_names
-from placement_planner_ros.core.timing.trajectory_maker import ExecutionSettings
-from placement_planner_ros.core.types import Trajectory
-from placement_planner_ros.experiments.cases import start_configuration
-from placement_planner_ros.ros.qos import LATCHED
-from placement_planner_ros.ros.tools.scene_publisher import ScenePublisher
-from placement_planner_ros.scenes.objects import object_by_name
-from placement_planner_ros.scenes.primitives import ConvexPrimitive
-from placement_planner_ros.scenes.scenes import scene_by_name
-from placement_planner_ros.scenes.yumi import TIP_FRAMES, load_yumi, yumi_arm
-from placement_planner_ros.share import share_path
-
-SCENE, OBJECT = "cabinet_high_clutter", "small_crayons_box"
-NODE = "placement_planner"
-PARTS = {
-    "trajectory": JointTrajectory,
-    "retreat_trajectory": JointTrajectory,
-    "placement_pose": PoseStamped,
-    "objective": Float64,
-    "markers": MarkerArray,
-    "occupancy": PointCloud2,
-    "solution": DiagnosticArray,
-    "status": DiagnosticStatus,
-}
-
-
-def start_node(log: Path, *arguments: str) -> subprocess.Popen:
-    """The node under test: of the package that these tests import."""
-    root = str(Path(placement_planner_ros.__file__).parent.parent)
-    path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
-    with log.open("wb") as stream:
-        return subprocess.Popen(
-            [sys.executable, "-m", "placement_planner_ros.ros.node", "--ros-args", *arguments],
-            cwd=log.parent,
-            env={**os.environ, "PYTHONPATH": path},
-            stdout=stream,
-            stderr=subprocess.STDOUT,
-        )
-
-
-class Client(Node):
-    """Keeps what it hears; calls services by name."""
-
-    def __init__(self, name):
-        super().__init__(name)
-        self.heard = {topic: [] for topic in PARTS}
-        for topic, kind in PARTS.items():
-            self.create_subscription(kind, f"{NODE}/{topic}", self.heard[topic].append, LATCHED)
-        self.executor_ = SingleThreadedExecutor()
-        self.executor_.add_node(self)
-        self._spinning = Spinning(self.executor_)
-
-    def close(self):
-        self._spinning.end()
-        self.destroy_node()
-
-    def request(self, kind, service, request):
-        client = self.create_client(kind, f"{NODE}/{service}")
-        assert client.wait_for_service(30.0)
-        future = client.call_async(request)
-        wait(future.done)
-        self.destroy_client(client)
-        return future.result()
-
-    def call(self, service, **parameters):
-        if not service.endswith("_with"):
-            response = self.request(Trigger, service, Trigger.Request())
-            return said(response.success, response.message)
-        request = SetParametersAtomically.Request(
-            parameters=[
-                Parameter(n.replace("__", "."), value=v).to_parameter_msg()
-                for n, v in parameters.items()
-            ]
-        )
-        result = self.request(SetParametersAtomically, service, request).result
-        return said(result.successful, result.reason)
-
-    def solutions(self, run):
-        """Manifests of that run's solutions, without the one that clears."""
-        manifests = [values_of(m.status[0]) for m in list(self.heard["solution"])]
-        return [m for m in manifests if m["run"] == run and m["solution"] != "0"]
-
-    def last_solution(self, run):
-        """Number of the newest; of two in quick succession a latched topic may keep only one."""
-        return int(self.solutions(run)[-1]["solution"]) if self.solutions(run) else 0
-
-    def value(self, key):
-        """A value of the newest status."""
-        return values_of(self.heard["status"][-1])[key] if self.heard["status"] else None
-
-    def state(self):
-        return self.value("state")
-
-
-def wait(condition, timeout=120.0):
-    end = time.monotonic() + timeout
-    while not condition():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.01)
-
-
-@pytest.fixture(scope="module")
-def ros_module():
-    rclpy.init()
-    yield
-    rclpy.try_shutdown()
-
-
-@pytest.fixture(scope="module")
-def node(ros_module, tmp_path_factory):
-    log = tmp_path_factory.mktemp("node") / "node.log"
-    process = start_node(log, "--params-file", str(share_path("config", f"{OBJECT}.yaml")))
-    yield process
-    process.send_signal(signal.SIGINT)
-    try:
-        process.wait(10.0)
-    except subprocess.TimeoutExpired:
-        process.kill()
-    print(log.read_text())
-
-
-@pytest.fixture(scope="module")
-def client(node):
-    made = Client("client")
-    wait(lambda: made.value("warm") == "true", timeout=400.0)
-    yield made
-    made.close()
-
-
-@pytest.fixture(scope="module")
-def scene(client):
-    """The scene's sensors, publishing until the module's tests are over."""
-    publisher = ScenePublisher([Parameter("name", value=SCENE), Parameter("object", value=OBJECT)])
-    client.executor_.add_node(publisher)
-    yield publisher
-    client.executor_.remove_node(publisher)
-    publisher.destroy_node()
-
-
-def start_when_ready(client, service="start", **parameters):
-    """Start as soon as the first inputs have arrived."""
-    answers = []
-
-    def accepted():
-        answers.append(client.call(service, **parameters))
-        return answers[-1].success
-
-    wait(accepted)
-    return answers[-1]
+from placement_planner_ros.core.timing.trajectory_maker import TimingSettings
+from placement_planner_ros.scenes.yumi import load_yumi
 
 
 def test_before_anything_is_published_start_names_it(client):
@@ -213,23 +52,6 @@ def test_a_user_gets_placements_and_stops(scene, client):
     check_last_solution(client, run, answer.solution)
 
 
-def curve_of(message):
-    """A trajectory message as the checker reads it, times as they were published."""
-    columns = zip(
-        *(
-            (
-                p.time_from_start.sec + p.time_from_start.nanosec * 1e-9,
-                p.positions,
-                p.velocities,
-                p.accelerations,
-            )
-            for p in message.points
-        ),
-        strict=True,
-    )
-    return Trajectory(tuple(message.joint_names), *(np.array(column) for column in columns))
-
-
 def check_last_solution(client, run, solution, objective="maximize_clearance", placed=()):
     """The parts of the last solution belong together and pass the independent checker.
 
@@ -250,42 +72,11 @@ def check_last_solution(client, run, solution, objective="maximize_clearance", p
     np.testing.assert_allclose(retreat.points[0].positions, message.points[-1].positions, atol=1e-9)
     assert pose.header.stamp == client.heard["solution"][-1].header.stamp
     assert client.heard["objective"][-1].data == float(manifest["objective"])
-    p, r = pose.pose.position, pose.pose.orientation
-    T = pin.XYZQUATToSE3(np.array([p.x, p.y, p.z, r.x, r.y, r.z, r.w]))
-    held, world = object_by_name(OBJECT), scene_by_name(SCENE)
-    standing = [
-        ConvexPrimitive(part.name, part.vertices @ other.rotation.T + other.translation)
-        for other in placed
-        for part in held.parts
-    ]
-    arm = yumi_arm(load_yumi(), manifest["arm"])
-    task = Task(
-        solids=[*world.parts, *standing],
-        volume_lower=world.volume.lower,
-        volume_upper=world.volume.upper,
-        object_vertices=held.vertices,
-        object_triangles=held.triangles,
-        center_of_mass=held.center_of_mass,
-        urdf=share_path("urdf", "yumi.urdf").read_text(),
-        srdf=share_path("urdf", "yumi.srdf").read_text(),
-        package_dirs={"placement_planner_ros": share_path("urdf").parent},
-        q_start=start_configuration(OBJECT),
-        objective=objective,
-    )
-    found = Solution(
-        trajectory=curve_of(message),
-        approach_start=float(manifest["approach_start"]),
-        placement_pose=T.homogeneous,
-        objective=float(manifest["objective"]),
-        tip_frame=TIP_FRAMES[manifest["arm"]],
-        T_tip_object=held.grasps[manifest["arm"]][int(manifest["grasp"])].homogeneous,
-        touch_links=arm.touch_links,
-        retreat=curve_of(retreat),
-        gripper_open=dict(zip(arm.gripper_joints, arm.gripper_open, strict=True)),
-    )
-    limit = ExecutionSettings().acceleration_limits[0]
+    task = task_of(SCENE, OBJECT, objective, placed)
+    found = solution_of(OBJECT, manifest, message, retreat, pose)
+    limit = TimingSettings().acceleration_limits[0]
     assert check_solution(task, found, tolerances=Tolerances(acceleration_limit=limit)) == []
-    return T
+    return pose_of(pose)
 
 
 def test_start_with_other_parameters_for_one_run(scene, client):

@@ -15,7 +15,6 @@ from placement_planner_ros.core.collision.arrays import (
     BODY_FIRST_PART,
     PART_FIRST_NODE,
     PART_FIRST_SET,
-    SET_FIRST_PLANE,
     SET_FIRST_VERTEX,
     ArmScratch,
     FlatArm,
@@ -25,6 +24,8 @@ from placement_planner_ros.core.types import Array
 
 class PlacedObject:
     """The rows of one fixed body, and where they are.
+
+    But for its planes: these are asked for of bodies against boxes, and this one meets none.
 
     Args:
         flat, scratch: written to by `move`.
@@ -43,17 +44,13 @@ class PlacedObject:
             slice(*arrays.parts[[parts.start, parts.stop], column].tolist())
             for column in (PART_FIRST_NODE, PART_FIRST_SET)
         )
-        vertices, planes = (
-            slice(*arrays.sets[[sets.start, sets.stop], column].tolist())
-            for column in (SET_FIRST_VERTEX, SET_FIRST_PLANE)
-        )
+        vertices = slice(*arrays.sets[[sets.start, sets.stop], SET_FIRST_VERTEX].tolist())
         self._groups = [
             [arrays.vertices[vertices], scratch.vertices[vertices]],
             [arrays.node_spheres[nodes, :3]],
             [arrays.part_spheres[parts, :3], scratch.part_spheres[parts, :3]],
             [t[body : body + 1, :3] for t in (arrays.body_spheres, scratch.body_spheres)],
         ]
-        self._planes = [arrays.planes[planes], scratch.planes[planes]]
         self._bounds = scratch.bounds[sets]
         self._radius = arrays.radius[sets, None]
         self._first = arrays.sets[sets, SET_FIRST_VERTEX] - vertices.start
@@ -61,8 +58,6 @@ class PlacedObject:
         self._rows = [slice(a, b) for a, b in itertools.pairwise(ends.tolist())]
         R, p = T_world_object.rotation, T_world_object.translation
         self._points: Array = (np.vstack([group[0] for group in self._groups]) - p) @ R
-        self._normals: Array = self._planes[0][:, :3] @ R
-        self._offsets: Array = self._planes[0][:, 3] - self._planes[0][:, :3] @ p
 
     def move(self, T_world_object: pin.SE3) -> None:
         """Put the object elsewhere: some 20 µs."""
@@ -73,11 +68,6 @@ class PlacedObject:
         for group, rows in zip(self._groups, self._rows, strict=True):
             for table in group:
                 table[:] = points[rows]
-        normals = self._normals @ R.T
-        offsets = self._offsets + normals @ p
-        for table in self._planes:
-            table[:, :3] = normals
-            table[:, 3] = offsets
         corners = points[self._rows[0]]
         self._bounds[:, :3] = np.minimum.reduceat(corners, self._first) - self._radius
         self._bounds[:, 3:] = np.maximum.reduceat(corners, self._first) + self._radius

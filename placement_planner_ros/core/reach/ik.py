@@ -6,8 +6,6 @@ seeds give a spread over the null space. `sweep` lists the ways between and beyo
 
 from __future__ import annotations
 
-import itertools
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -82,15 +80,11 @@ class InverseKinematics:
         """False where the pose (4, 4) is further away than the arm is long: no q reaches it."""
         return bool(self._reach.within(T_world_tip, self._slack))
 
-    def reachable_batch(self, T_world_tip: Array) -> npt.NDArray[np.bool_]:
-        """`reachable` of (n, 4, 4) poses."""
-        return self._reach.within(T_world_tip, self._slack)
-
     def solve(self, T_world_tip: Array, seeds: Array) -> Array:
         """Distinct solutions (k, dof) for a pose (4, 4) from seeds (s, dof), in seed order.
 
         k <= settings.max_solutions; k = 0 where no seed led to one. Solutions that differ by full
-        turns of a joint count as one: see `full_turns`.
+        turns of a joint count as one.
         """
         solutions, counts = self.solve_batch(T_world_tip[None], seeds[None])
         return np.asarray(solutions[0, : counts[0]])
@@ -149,20 +143,6 @@ class InverseKinematics:
             numbers,
         )
         return found, numbers
-
-    def full_turns(self, q: Array) -> Array:
-        """q (dof,) and all that differ from it by full turns within the limits: (k, dof).
-
-        All put the links in the same place; only the way there differs. q itself comes first.
-        """
-        chain = self.chain
-        options = []
-        for value, low, high, slides in zip(
-            q, chain.lower, chain.upper, chain.prismatic, strict=True
-        ):
-            turns = () if slides else (-4.0 * math.pi, -2.0 * math.pi, 2.0 * math.pi, 4.0 * math.pi)
-            options.append([value] + [value + t for t in turns if low <= value + t <= high])
-        return np.array(list(itertools.product(*options)))
 
     def track(self, T_world_tip: Sequence[Array] | Array, q0: Array) -> Array | None:
         """Follow poses (n, 4, 4), each close to the one before, from q0 (dof,) near the first.

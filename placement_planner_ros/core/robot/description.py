@@ -121,6 +121,8 @@ def read_xml(text: str, field: str) -> ET.Element:
     Raises:
         RobotError: not XML, or beyond `MAX_TEXT`, `MAX_DEPTH` or `MAX_ATTRIBUTES`.
     """
+    if not isinstance(text, str):
+        raise RobotError(field, text, "give the text of the file, not its path")
     if len(text) > MAX_TEXT:
         raise RobotError(
             field, f"{len(text)} characters", f"is longer than {MAX_TEXT}; simplify it"
@@ -128,7 +130,8 @@ def read_xml(text: str, field: str) -> ET.Element:
     try:
         return ET.fromstring(text, ET.XMLParser(target=_Bounded(field)))
     except (ET.ParseError, ValueError) as error:  # ValueError: characters that no XML has
-        raise RobotError(field, text[:60], f"is not XML ({error})") from error
+        remedy = f"is not XML ({error}); give the text of the file"
+        raise RobotError(field, text[:60], remedy) from error
 
 
 def read_urdf(text: str) -> Description:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from numbers import Real
 
 import numpy as np
 import numpy.typing as npt
@@ -164,13 +165,18 @@ class Robot:
         """A copy of q (nq,) with the arm's gripper open."""
         return self.with_positions(q, dict(zip(arm.gripper_joints, arm.gripper_open, strict=True)))
 
-    def require_plausible(self, q: Array) -> None:
+    def require_plausible(self, q: Array, joints: Collection[str] | None = None) -> None:
         """Refuse a configuration q (nq,) with joints far beyond their limits.
+
+        Args:
+            joints: of these alone; None: of all.
 
         Raises:
             StartError: a joint is further than `FAR_BEYOND` from them.
         """
         far = np.maximum(self.lower - q, q - self.upper) > FAR_BEYOND
+        if joints is not None:
+            far &= [name in joints for name in self.joint_names]
         if far.any():
             raise StartError(
                 "joint_states",
@@ -212,12 +218,36 @@ class Robot:
         pin.framesForwardKinematics(self.model, data, q)
         return pin.SE3(data.oMf[self.frame_id(link)])
 
+    def joints_to(self, link: str) -> tuple[str, ...]:
+        """Joints whose values the pose of a link depends on; none of them mimics another.
+
+        Raises:
+            RobotError: no such link.
+        """
+        chain = self._chain_joints(link)
+        masters = (self.mimics[name].master if name in self.mimics else name for name in chain)
+        return tuple(dict.fromkeys(masters))
+
+    def carried(self, T_root_body: pin.SE3) -> Robot:
+        """This robot with all that its root link carries moved by T_root_body."""
+        model, geometry = self.model.copy(), self.geometry.copy()
+        for joint in range(1, model.njoints):
+            if model.parents[joint] == 0:
+                model.jointPlacements[joint] = T_root_body * model.jointPlacements[joint]
+        for frame in model.frames:
+            if frame.parentJoint == 0 and frame.name not in ("universe", self.root_link):
+                frame.placement = T_root_body * frame.placement
+        for shape in geometry.geometryObjects:
+            if shape.parentJoint == 0:
+                shape.placement = T_root_body * shape.placement
+        return replace(self, model=model, geometry=geometry)
+
     def arm(
         self,
         name: str,
         tip_frame: str,
         joints: Sequence[str] | None = None,
-        grasps: Iterable[pin.SE3] = (),
+        grasps: Iterable[pin.SE3 | npt.ArrayLike] = (),
         touch_links: Sequence[str] | None = None,
         gripper_joints: Sequence[str] = (),
         gripper_open: Sequence[float] = (),
@@ -228,7 +258,7 @@ class Robot:
             name: for messages and results.
             tip_frame: link the grasps refer to.
             joints: root to tip; None: every movable joint between the root and the tip.
-            grasps: T_tip_object.
+            grasps: T_tip_object, each a pose or (4, 4).
             touch_links: links that may touch the held object; None: the hand, that is, the tip
                 link and all links it carries, or where these have no geometry, the next link
                 towards the root that does, with all it carries.
@@ -240,6 +270,8 @@ class Robot:
             GraspError: a grasp is not a rigid transform.
         """
         where = f"arm {name}"
+        if not isinstance(grasps, Iterable):
+            raise GraspError(f"{where}: grasps", grasps, "give a list of poses")
         if not self.model.existFrame(tip_frame, pin.FrameType.BODY):
             raise RobotError(
                 f"{where}: tip_frame", tip_frame, f"name a link of the robot {self.name!r}"
@@ -286,9 +318,13 @@ class Robot:
         )
 
     def _filled(self, q: Array, positions: Mapping[str, float]) -> Array:
-        bad = [f"{n} = {v}" for n, v in positions.items() if not math.isfinite(v)]
+        bad = [
+            f"{n} = {v!r}"
+            for n, v in positions.items()
+            if not (isinstance(v, Real) and math.isfinite(v))
+        ]
         if bad:
-            raise JointStateError("joint_states: values", bad, "must be finite")
+            raise JointStateError("joint_states: values", bad, "must be finite numbers")
         for name, value in positions.items():
             q[self.index(name)] = value
         for name, mimic in self.mimics.items():
@@ -373,10 +409,18 @@ def _add_collision_pairs(
     geometry.setCollisionPairs(meet)
 
 
-def _checked_grasp(grasp: pin.SE3, field: str) -> pin.SE3:
-    R = grasp.rotation
-    if not np.isfinite(grasp.homogeneous).all():
-        raise GraspError(field, grasp.homogeneous.tolist(), "every number must be finite")
+def _checked_grasp(grasp: pin.SE3 | npt.ArrayLike, field: str) -> pin.SE3:
+    try:
+        T = np.array(grasp.homogeneous if isinstance(grasp, pin.SE3) else grasp, np.float64)
+    except (TypeError, ValueError):
+        T = np.empty(0)
+    if T.shape != (4, 4):
+        raise GraspError(field, grasp, "give T_tip_object, a pinocchio.SE3 or (4, 4)")
+    R = T[:3, :3]
+    if not np.isfinite(T).all():
+        raise GraspError(field, T.tolist(), "every number must be finite")
     if np.abs(R.T @ R - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0.0:
         raise GraspError(field, R.tolist(), "is not a rotation; normalise the quaternion")
-    return pin.SE3(grasp)
+    if not np.array_equal(T[3], [0.0, 0.0, 0.0, 1.0]):
+        raise GraspError(field, T.tolist(), "its last row must be 0 0 0 1; transpose it?")
+    return pin.SE3(R, T[:3, 3])

@@ -72,7 +72,7 @@ class _Reach:
         self._lengths = np.array([bound.length for bound in bounds])
         self._wrists = np.array(
             [wrists @ f.T_face_object.rotation.T + f.T_face_object.translation for f in body.faces]
-        ).reshape(len(body.faces), -1, 3)
+        ).reshape(len(body.faces), len(wrists), 3)
 
     def out_of_reach(self, placed: _Placed) -> Mask:
         """(n,) cells at none of whose poses any wrist is where its arm can bring it."""

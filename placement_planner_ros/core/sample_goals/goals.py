@@ -33,7 +33,6 @@ class GoalFinder:
     Args:
         holdings: per arm, per grasp.
         ik_seeds: starts of the inverse kinematics for each pose, beside q_0.
-        min_improvement: ξ must exceed ξ_best by this much.
         rng: chooses the seeds.
     """
 
@@ -43,7 +42,6 @@ class GoalFinder:
         holdings: Sequence[Sequence[Holding]],
         objective: Objective,
         ik_seeds: int,
-        min_improvement: float,
         rng: np.random.Generator,
     ) -> None:
         self._body = poses.problem.body
@@ -51,7 +49,6 @@ class GoalFinder:
         self._holdings = holdings
         self._objective = objective
         self._ik_seeds = ik_seeds
-        self._min_improvement = min_improvement
         self._error = 0.0  # of the objective's estimates, at most so far
         self._compared = 0
         self._rng = rng
@@ -60,15 +57,14 @@ class GoalFinder:
         self, draws: Draws, best: float, goals: int, should_stop: Callable[[], bool]
     ) -> Outcome:
         """Each up to its first constraint that fails; the cheap ones of all draws together."""
-        bound = best + self._min_improvement
         verdicts, T = self._poses.verdicts(draws.face, draws.contact, draws.angle)
         values = np.full(len(verdicts), -np.inf)
         free = np.flatnonzero(verdicts == Verdict.FEASIBLE)
         if len(free):
-            values[free] = self._values(T[free], bound)
+            values[free] = self._values(T[free], best)
             verdicts[free] = Verdict.NOT_BETTER
         found: list[Goal] = []
-        for row in free[values[free] > bound]:
+        for row in free[values[free] > best]:
             if should_stop():
                 return Outcome(verdicts[:row], values[:row], found)
             reached = self._reach_any(
@@ -83,8 +79,8 @@ class GoalFinder:
                 return Outcome(verdicts[: row + 1], values[: row + 1], found)
         return Outcome(verdicts, values, found)
 
-    def _values(self, T: Array, bound: float) -> Array:
-        """(n,) ξ of the poses (n, 4, 4); only estimated where that shows it is not above `bound`.
+    def _values(self, T: Array, best: float) -> Array:
+        """(n,) ξ of the poses (n, 4, 4); only estimated where that shows it is not above `best`.
 
         How far estimates are off is learned from the first poses, which proves nothing of the
         others. Measured over the 24 bundled cases, uniform free poses, ξ_best at their median to
@@ -99,7 +95,7 @@ class GoalFinder:
             self._compared += len(T)
             self._error = max(self._error, float(np.abs(values - estimates).max()))
             return values
-        near = estimates + _ERROR_RESERVE * self._error > bound
+        near = estimates + _ERROR_RESERVE * self._error > best
         if near.any():
             estimates[near] = evaluate_batch(self._objective, T[near])
         return estimates
@@ -108,7 +104,6 @@ class GoalFinder:
         self, draws: Draws, best: float, goals: int, should_stop: Callable[[], bool]
     ) -> Outcome:
         """The same with every check made on every sample, as the authors' reward needs."""
-        bound = best + self._min_improvement
         verdicts, values, terms = [], [], []
         found: list[Goal] = []
         for row in range(len(draws.face)):
@@ -122,7 +117,7 @@ class GoalFinder:
             reached = goal is not Verdict.NO_IK
             arm_free = reached and goal is not Verdict.ARM_COLLIDING
             stable, free = self._poses.stable(x, face), self._poses.free(x, contact[2])
-            if verdict is Verdict.FEASIBLE and not value > bound:
+            if verdict is Verdict.FEASIBLE and not value > best:
                 verdict = Verdict.NOT_BETTER
             if verdict is Verdict.FEASIBLE and isinstance(goal, Verdict):
                 verdict = goal

@@ -17,7 +17,7 @@ from placement_planner_ros.core.types import Array, Goal, Trajectory
 
 
 @dataclass(frozen=True, slots=True)
-class ExecutionSettings(Settings):
+class TimingSettings(Settings):
     """Speeds and the effort spent on short paths.
 
     Attributes:
@@ -64,7 +64,7 @@ class Motion:
 class TrajectoryMaker:
     """Shortens, times and certifies what a controller is to execute."""
 
-    def __init__(self, settings: ExecutionSettings, rng: np.random.Generator) -> None:
+    def __init__(self, settings: TimingSettings, rng: np.random.Generator) -> None:
         self._settings = settings
         self._rng = rng
 

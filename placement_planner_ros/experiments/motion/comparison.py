@@ -26,7 +26,7 @@ from placement_planner_ros.core.motion.birrt import GoalSetRRT, GoalSetRRTSettin
 from placement_planner_ros.core.motion.ompl_planner import GoalSetPlanner
 from placement_planner_ros.core.motion.shortcut import shorten
 from placement_planner_ros.core.timing.timing import parameterize
-from placement_planner_ros.core.timing.trajectory_maker import ExecutionSettings
+from placement_planner_ros.core.timing.trajectory_maker import TimingSettings
 from placement_planner_ros.core.types import Array, Trajectory
 from placement_planner_ros.experiments.jobs import Progress, Tell, say
 from placement_planner_ros.experiments.motion.ompl_space import EdgeSpace
@@ -144,7 +144,7 @@ class Workbench:
 
     def shorten(self, path: Array, seed: int) -> Shortened:
         """This project's shortcutting, as much of it as planning does."""
-        attempts = ExecutionSettings().shortcut_attempts
+        attempts = TimingSettings().shortcut_attempts
         rng = np.random.default_rng(seed)
         return self._timed(lambda: shorten(path, self.edge_free, rng, attempts))
 
@@ -157,7 +157,7 @@ class Workbench:
         path = make()
         seconds = time.perf_counter() - started
         arm = self.problem.arm
-        acceleration = np.broadcast_to(ExecutionSettings().acceleration_limits, arm.velocity.shape)
+        acceleration = np.broadcast_to(TimingSettings().acceleration_limits, arm.velocity.shape)
 
         def timed_free(a: Array, b: Array, deviation: Array) -> bool:
             return self.collision.edge_free(a, b, deviation=deviation)

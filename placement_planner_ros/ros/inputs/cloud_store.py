@@ -123,12 +123,10 @@ class CloudStore:
                         self._merged = together[kept]
                     return
 
-    def refuse(self, topic: str, error: PlacementPlannerError) -> bool:
-        """Note that a topic's newest cloud was unusable; True where that is news."""
+    def refuse(self, topic: str, error: PlacementPlannerError) -> None:
+        """Note that a topic's newest cloud was unusable."""
         with self._lock:
-            known = self._refused.get(topic)
             self._refused[topic] = error
-            return known is None or str(known) != str(error)
 
     @property
     def placed(self) -> tuple[int, ...]:

@@ -14,6 +14,8 @@ from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import PointCloud2
 
+from placement_planner_ros.ros.timers import every
+
 PERIOD = 0.5
 """Seconds between looks at what the publishers offer."""
 
@@ -30,7 +32,7 @@ class CloudSubscriptions:
         self._subscriptions: dict[str, tuple[ReliabilityPolicy, Subscription]] = {}
         for topic in topics:
             self._subscribe(topic, ReliabilityPolicy.RELIABLE)
-        node.create_timer(PERIOD, self.follow, callback_group=MutuallyExclusiveCallbackGroup())
+        every(node, PERIOD, self.follow)
 
     def reliability(self, topic: str) -> ReliabilityPolicy:
         """What the subscription to that topic asks for now."""

@@ -4,21 +4,26 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from builtin_interfaces.msg import Time as TimeMessage
+from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.time import Time
 
-from placement_planner_ros.core.errors import JointStateError, PlacementPlannerError
+from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.ros.inputs.point_cloud import FAR
 from placement_planner_ros.ros.parameters.values import ParameterSet
 
 WAIT = Duration(nanoseconds=100_000_000)
+"""For how long a cloud waits for its transform."""
+SET_BACK = Duration(seconds=-1)
+"""From which jump on a clock counts as set back."""
 
 
 class CloudFrameError(PlacementPlannerError):
@@ -27,39 +32,57 @@ class CloudFrameError(PlacementPlannerError):
     code = "CLOUD_FRAME"
 
 
+class ChainMovingError(CloudFrameError):
+    """A cloud was taken while joints that move its sensor moved."""
+
+
+JointValues = Callable[[Sequence[str]], Mapping[str, float]]
+"""Where joints were when a cloud was taken, rad or m. Raises a PlacementPlannerError where nobody
+knows."""
+
+
 def cloud_pose(
     frame: str,
     parameters: ParameterSet,
     robot: Robot,
-    positions: dict[str, float],
+    joints: JointValues,
     transform: Callable[[str], pin.SE3 | None],
+    moved: Callable[[], pin.SE3] = pin.SE3.Identity,
 ) -> pin.SE3:
     """T_planning_cloud: by parameter, as the planning frame, by forward kinematics, by tf2.
 
     Args:
-        positions: newest joint values, rad or m.
+        joints: values when the cloud was taken.
         transform: T_planning_frame by tf2, None where it is not known there.
+        moved: by what the robot was elsewhere when the cloud was taken.
 
     Raises:
-        CloudFrameError: the frame is empty, unknown, or on a link whose joints are unknown.
+        CloudFrameError: the frame is empty, unknown, too far away, or on a link whose joints or
+            whose robot's place are unknown.
     """
     if not frame:
         raise CloudFrameError("cloud frame_id", frame, "publish clouds with their frame's name")
+    T_planning_cloud = _pose(frame, parameters, robot, joints, transform, moved)
+    if not np.abs(T_planning_cloud.translation).max() <= FAR:
+        raise CloudFrameError("cloud frame_id", frame, f"is more than {FAR:g} m away")
+    return T_planning_cloud
+
+
+def _pose(
+    frame: str,
+    parameters: ParameterSet,
+    robot: Robot,
+    joints: JointValues,
+    transform: Callable[[str], pin.SE3 | None],
+    moved: Callable[[], pin.SE3],
+) -> pin.SE3:
     given = parameters.sensor_pose(frame)
     if given is not None:
         return given
     if frame == robot.root_link:
         return pin.SE3.Identity()
     if robot.model.existFrame(frame, pin.FrameType.BODY):
-        fixed = robot.model.frames[robot.frame_id(frame)]
-        if fixed.parentJoint == 0:
-            return pin.SE3(fixed.placement)
-        try:
-            return robot.link_pose(robot.configuration(positions), frame)
-        except JointStateError as error:
-            raise CloudFrameError(
-                "cloud frame_id", frame, f"is a moving link, and {error}"
-            ) from error
+        return _link_pose(frame, robot, joints, moved)
     found = transform(frame)
     if found is None:
         raise CloudFrameError(
@@ -71,6 +94,20 @@ def cloud_pose(
     return found
 
 
+def _link_pose(
+    link: str, robot: Robot, joints: JointValues, moved: Callable[[], pin.SE3]
+) -> pin.SE3:
+    try:
+        values = joints(robot.joints_to(link))
+        q = robot.with_positions(np.zeros(len(robot.joint_names)), values)
+        robot.require_plausible(q, values)
+        return moved() * robot.link_pose(q, link)
+    except CloudFrameError:
+        raise
+    except PlacementPlannerError as error:
+        raise CloudFrameError("cloud frame_id", link, f"is a link, and {error}") from error
+
+
 class Transforms:
     """Looks transforms up by tf2; knows none where tf2_ros is not installed.
 
@@ -79,21 +116,37 @@ class Transforms:
 
     def __init__(self, node: Node) -> None:
         self._buffer: Any = None
-        if importlib.util.find_spec("tf2_ros") is not None:
-            tf2_ros = importlib.import_module("tf2_ros")
-            self._error = tf2_ros.TransformException
-            self._buffer = tf2_ros.Buffer()
-            self._listener = tf2_ros.TransformListener(self._buffer, node, spin_thread=True)
+        if importlib.util.find_spec("tf2_ros") is None:
+            return
+        tf2_ros = importlib.import_module("tf2_ros")
+        self._error = tf2_ros.TransformException
+        self._buffer = tf2_ros.Buffer()
+        self._listener = tf2_ros.TransformListener(self._buffer, node)
+        # Else the buffer would drop whatever comes after the clock was set back.
+        threshold = JumpThreshold(min_forward=None, min_backward=SET_BACK, on_clock_change=True)
+        self._jumps = node.get_clock().create_jump_callback(
+            threshold, post_callback=lambda _: self._buffer.clear()
+        )
 
-    def pose(self, target: str, source: str, stamp: TimeMessage | None = None) -> pin.SE3 | None:
-        """T_target_source at the stamp (the newest without one), or None."""
+    def pose(
+        self, target: str, source: str, stamp: TimeMessage | None = None, *, wait: bool = False
+    ) -> pin.SE3 | None:
+        """T_target_source at the stamp (the newest without one), or None.
+
+        Args:
+            wait: a little, where it is not known yet.
+        """
         if self._buffer is None:
             return None
         time = Time() if stamp is None else Time.from_msg(stamp)
+        patience = WAIT if wait else Duration()
         try:
-            found = self._buffer.lookup_transform(target, source, time, timeout=WAIT).transform
+            found = self._buffer.lookup_transform(target, source, time, timeout=patience).transform
         except self._error:
             return None
         r, t = found.rotation, found.translation
-        rotation = pin.Quaternion(np.array([r.x, r.y, r.z, r.w])).normalized().toRotationMatrix()
-        return pin.SE3(rotation, np.array([t.x, t.y, t.z]))
+        numbers = np.array([t.x, t.y, t.z, r.x, r.y, r.z, r.w])
+        length = float(np.linalg.norm(numbers[3:]))
+        if not np.isfinite(numbers).all() or length == 0.0:
+            return None
+        return pin.SE3(pin.Quaternion(numbers[3:] / length).toRotationMatrix(), numbers[:3])

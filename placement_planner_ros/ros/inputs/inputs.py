@@ -4,24 +4,33 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import pinocchio as pin
+from builtin_interfaces.msg import Time
 from rclpy.clock import Clock
-from rclpy.time import Time
 from sensor_msgs.msg import JointState, PointCloud2
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.errors import JointStateError, PlacementPlannerError
+from placement_planner_ros.core.errors import (
+    CloudError,
+    JointStateError,
+    PlacementPlannerError,
+)
 from placement_planner_ros.ros.inputs.cloud_store import CloudStore, StoredCloud
-from placement_planner_ros.ros.inputs.frames import CloudFrameError, Transforms, cloud_pose
+from placement_planner_ros.ros.inputs.frames import (
+    ChainMovingError,
+    CloudFrameError,
+    Transforms,
+    cloud_pose,
+)
 from placement_planner_ros.ros.inputs.joint_states import JointStates
 from placement_planner_ros.ros.inputs.object_input import ObjectInput
 from placement_planner_ros.ros.inputs.point_cloud import points_from_message
 from placement_planner_ros.ros.inputs.reading import NotReadyError
 from placement_planner_ros.ros.inputs.resources import Files
-from placement_planner_ros.ros.inputs.robot_input import RobotInput
+from placement_planner_ros.ros.inputs.robot_input import RobotInput, UnplacedError
 from placement_planner_ros.ros.inputs.standing_object import StandingObject
 from placement_planner_ros.ros.parameters.values import ParameterSet
 
@@ -55,6 +64,7 @@ class Inputs:
         self._transforms = transforms
         self._clock = clock
         self._lock = threading.Lock()
+        self._known: frozenset[str] = frozenset()
         self._waiting: dict[str, tuple[PointCloud2, float, int]] = {}
         self._arrivals = 0
 
@@ -69,21 +79,31 @@ class Inputs:
             raise JointStateError(
                 "joint_states", f"{len(names)} names", f"a message may have {MAX_NAMES}"
             )
+        stamp = _seconds(message.header.stamp)
+        if stamp is not None and stamp < 0.0:
+            raise JointStateError("joint_states: header.stamp", stamp, "must not be negative")
+        known = self.robot.joint_names
+        if known != self._known:
+            self._known = known
+            self.joints.keep(known)
         if len(position) == len(names):
             # What the robot does not have is not kept: nobody would ever forget it.
-            known = self.robot.joint_names
             mine = [i for i, name in enumerate(names) if name in known]
             if len(mine) < len(names):
                 names, position = [names[i] for i in mine], [position[i] for i in mine]
                 velocity = [velocity[i] for i in mine if i < len(velocity)]
-        self.joints.update(names, position, velocity, time.monotonic())
+        if stamp is None:
+            stamp = self._now()
+        self.joints.update(names, position, velocity, time.monotonic(), stamp)
 
     def take_cloud(self, topic: str, message: PointCloud2, parameters: ParameterSet) -> None:
         """Store a cloud in the planning frame.
 
         Raises:
             PlacementPlannerError: it is malformed, or nobody knows its frame, or the robot yet. A
-                cloud whose frame is unknown is tried again at the next snapshot.
+                cloud whose frame is unknown is tried again at the next snapshot. One that is not
+                merged as its sensor was moving is left out without a word where the topic has
+                delivered before.
         """
         with self._lock:
             self._waiting.pop(topic, None)
@@ -91,8 +111,11 @@ class Inputs:
             arrival = self._arrivals
         taken = time.monotonic() - self._age(message)
         try:
-            self._store(topic, message, taken, arrival, parameters)
-        except (CloudFrameError, NotReadyError):
+            self._store(topic, message, taken, arrival, parameters, wait=True)
+        except ChainMovingError:
+            if topic not in self.clouds.ages(0.0):
+                raise
+        except (CloudFrameError, NotReadyError, UnplacedError):
             with self._lock:
                 self._waiting[topic] = (message, taken, arrival)
             raise
@@ -121,10 +144,16 @@ class Inputs:
 
     def _age(self, message: PointCloud2) -> float:
         """Seconds since the cloud was taken, by its stamp; 0 without one."""
-        stamp = Time.from_msg(message.header.stamp, clock_type=self._clock.clock_type)
-        if stamp.nanoseconds == 0:
+        stamp = _seconds(message.header.stamp)
+        if stamp is None:
             return 0.0
-        return max(0.0, (self._clock.now() - stamp).nanoseconds * 1e-9)
+        if stamp < 0.0:
+            raise CloudError("cloud header.stamp", stamp, "must not be negative; 0 is no stamp")
+        return max(0.0, self._now() - stamp)
+
+    def _now(self) -> float:
+        """Seconds of the clock by which stamps are; it may be set back or stand still."""
+        return self._clock.now().nanoseconds * 1e-9
 
     def _store(
         self,
@@ -133,21 +162,41 @@ class Inputs:
         taken: float,
         arrival: int,
         parameters: ParameterSet,
+        *,
+        wait: bool = False,
     ) -> None:
         robot = self.robot.robot
+        merged = parameters["cloud.mode"] == "merge"
+        stamp = _seconds(message.header.stamp)
+
+        def joints(names: Sequence[str]) -> dict[str, float]:
+            moving = self.joints.moving(names, stamp) if merged else []
+            if moving:
+                raise ChainMovingError(
+                    "cloud frame_id",
+                    message.header.frame_id,
+                    f"was moved by {', '.join(moving)} when the cloud was taken, and such clouds "
+                    "are not merged; publish one from where the sensor stands still",
+                )
+            timeout = parameters["joint_state_timeout"]
+            return self.joints.at(names, stamp, time.monotonic(), timeout)
+
         T_planning_cloud = cloud_pose(
             message.header.frame_id,
             parameters,
             robot,
-            self.joints.positions(),
-            lambda frame: self._transforms.pose(robot.root_link, frame, message.header.stamp),
+            joints,
+            lambda frame: self._transforms.pose(
+                robot.root_link, frame, message.header.stamp, wait=wait
+            ),
+            lambda: self.robot.moved(message.header.stamp),
         )
         points = points_from_message(message, T_planning_cloud)
         # In the planning frame a cloud no longer tells where it was seen from.
         moved = message.header.frame_id != robot.root_link
         origin = np.array(T_planning_cloud.translation) if moved else None
         self.clouds.add(topic, StoredCloud(points, taken, origin, arrival))
-        if parameters["cloud.mode"] == "merge":
+        if merged:
             self.clouds.merge(points, parameters["cloud.cell_size"])
 
     def retry_clouds(self, parameters: ParameterSet) -> None:
@@ -168,3 +217,8 @@ class Inputs:
                     self._waiting.pop(topic)
                 else:
                     self.clouds.refuse(topic, error)
+
+
+def _seconds(stamp: Time) -> float | None:
+    """A stamp in seconds; None where it is 0, which is none."""
+    return None if stamp.sec == 0 and stamp.nanosec == 0 else stamp.sec + stamp.nanosec * 1e-9

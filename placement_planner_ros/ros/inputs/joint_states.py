@@ -5,17 +5,15 @@ from __future__ import annotations
 import math
 import threading
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Sequence
 
 from placement_planner_ros.core.errors import JointStateError, PlacementPlannerError
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.ros.inputs.joint_past import HISTORY, REST_SPEED, JointPast, Sample
 
 REST_WINDOW = 0.3
 """Seconds over which a joint at rest must have stayed where it is."""
-
-REST_SPEED = 0.02
-"""rad/s or m/s; a joint that reports more is moving."""
 
 
 class JointsStaleError(PlacementPlannerError):
@@ -31,15 +29,19 @@ class RobotMovingError(PlacementPlannerError):
 
 
 class JointStates:
-    """The newest value of each joint. Safe to use from several threads.
+    """The newest value of each joint, and where it was before. Safe to use from several threads.
 
-    Times are seconds of one steady clock, passed in.
+    How old a value is and whether the robot is at rest is told by a steady clock, passed in as
+    `now`, whatever clocks the stamps are of. A value whose stamp is older than that of one before
+    it is the newest only where nothing newer came within `REST_WINDOW`: then that clock was set
+    back.
     """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._history: dict[str, deque[tuple[float, float]]] = {}
         self._velocity: dict[str, float] = {}
+        self._past: dict[str, JointPast] = {}
 
     def update(
         self,
@@ -47,11 +49,16 @@ class JointStates:
         positions: Sequence[float],
         velocities: Sequence[float],
         now: float,
+        stamp: float | None = None,
     ) -> None:
         """Take in one message; velocities may be empty.
 
+        Args:
+            stamp: of the values, seconds of the clock that stamps clouds; None: `now`.
+
         Raises:
-            JointStateError: lengths differ, or a position is not finite; nothing is taken then.
+            JointStateError: lengths differ, a position is not finite, or a joint is named twice
+                with different ones; nothing is taken then.
         """
         if len(positions) != len(names):
             raise JointStateError(
@@ -62,15 +69,80 @@ class JointStates:
         bad = [n for n, p in zip(names, positions, strict=True) if not math.isfinite(p)]
         if bad:
             raise JointStateError("joint_states: not finite", bad, "publish finite positions")
+        taken: dict[str, float] = {}
+        twice = [n for n, p in zip(names, positions, strict=True) if taken.setdefault(n, p) != p]
+        if twice:
+            raise JointStateError(
+                "joint_states: named twice, with different positions", twice, "name each joint once"
+            )
         with self._lock:
             for i, (name, position) in enumerate(zip(names, positions, strict=True)):
+                velocity = velocities[i] if i < len(velocities) else 0.0
+                velocity = velocity if math.isfinite(velocity) else 0.0
+                sample = Sample(now if stamp is None else stamp, position, velocity)
+                if not self._is_newest(name, sample, now):
+                    continue
                 history = self._history.setdefault(name, deque())
                 history.append((now, position))
                 # One value from before the window stays: where the joint was when it began.
                 while len(history) > 1 and history[1][0] <= now - REST_WINDOW:
                     history.popleft()
-                velocity = velocities[i] if i < len(velocities) else 0.0
-                self._velocity[name] = velocity if math.isfinite(velocity) else 0.0
+                self._velocity[name] = velocity
+
+    def keep(self, names: Collection[str]) -> None:
+        """Forget every other joint."""
+        with self._lock:
+            for known in (self._history, self._velocity, self._past):
+                for name in [name for name in known if name not in names]:
+                    del known[name]
+
+    def at(
+        self, joints: Sequence[str], stamp: float | None, now: float, timeout: float
+    ) -> dict[str, float]:
+        """Where joints were at a stamp, rad or m.
+
+        Where that is not known, as without a stamp, it is where they are now, if they have been at
+        rest since.
+
+        Args:
+            timeout: age from which on what is newest now is stale, seconds.
+
+        Raises:
+            JointStateError: a joint has never been heard of.
+            JointsStaleError: the newest value is older than the stamp, and too old.
+            RobotMovingError: a joint moved, and where it was is not known.
+        """
+        with self._lock:
+            missing = [name for name in joints if name not in self._past]
+            if missing:
+                raise JointStateError("joint_states: missing", missing, "publish these joints too")
+            pasts = {name: self._past[name] for name in joints}
+            self._require_fresh(
+                [n for n, past in pasts.items() if stamp is None or stamp > past.newest],
+                now,
+                timeout,
+            )
+            values = {name: past.at(stamp) for name, past in pasts.items()}
+        unknown = [name for name, value in values.items() if value is None]
+        if unknown:
+            when = "without a stamp" if stamp is None else "then"
+            raise RobotMovingError(
+                "joint_states: where the joints were",
+                unknown,
+                f"is not known {when}, and they moved; what is known are the last {HISTORY:g} s of "
+                "stamps: stamp clouds and joint states by the same clock, or keep the robot still",
+            )
+        return {name: value for name, value in values.items() if value is not None}
+
+    def moving(self, joints: Sequence[str], stamp: float | None) -> list[str]:
+        """Those of these joints that were moving at a stamp; without one, that are now."""
+        with self._lock:
+            pasts = {name: self._past[name] for name in joints if name in self._past}
+            return [
+                name
+                for name, past in pasts.items()
+                if past.moves(past.newest if stamp is None else stamp)
+            ]
 
     def positions(self) -> dict[str, float]:
         """Newest value of each joint, rad or m."""
@@ -98,14 +170,7 @@ class JointStates:
         q = robot.configuration(self.positions())
         needed = [name for name in robot.joint_names if name not in robot.mimics]
         with self._lock:
-            ages = {name: now - self._history[name][-1][0] for name in needed}
-            stale = {name: f"{age:.1f} s" for name, age in ages.items() if age > timeout}
-            if stale:
-                raise JointsStaleError(
-                    "joint_states: ages",
-                    stale,
-                    f"no value within joint_state_timeout = {timeout:g} s",
-                )
+            self._require_fresh(needed, now, timeout)
             moving = [
                 name
                 for name in needed
@@ -115,6 +180,27 @@ class JointStates:
         if moving:
             raise RobotMovingError("joint_states", moving, "start when the robot is at rest")
         return q
+
+    def _is_newest(self, name: str, sample: Sample, now: float) -> bool:
+        """Remember a value; whether it is the joint's newest. Lock held."""
+        past = self._past.get(name)
+        if past is None:
+            past = self._past[name] = JointPast()
+        late = sample.stamp < past.newest
+        if late and now - self._history[name][-1][0] >= REST_WINDOW:
+            late = False
+            past.forget()
+        past.add(sample)
+        return not late
+
+    def _require_fresh(self, joints: Iterable[str], now: float, timeout: float) -> None:
+        """Lock held; a JointsStaleError names what is older than `timeout` seconds."""
+        ages = {name: now - self._history[name][-1][0] for name in joints}
+        stale = {name: f"{age:.1f} s" for name, age in ages.items() if age > timeout}
+        if stale:
+            raise JointsStaleError(
+                "joint_states: ages", stale, f"no value within joint_state_timeout = {timeout:g} s"
+            )
 
 
 def _spread(history: deque[tuple[float, float]], since: float) -> float:

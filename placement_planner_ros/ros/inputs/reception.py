@@ -17,6 +17,7 @@ from placement_planner_ros.ros.inputs.inputs import Inputs
 from placement_planner_ros.ros.inputs.object_input import NoObjectError, mesh_from_message
 from placement_planner_ros.ros.inputs.reading import NotReadyError
 from placement_planner_ros.ros.inputs.robot_input import require_known
+from placement_planner_ros.ros.log import Log
 from placement_planner_ros.ros.parameters.server import ParameterServer
 from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.ros.qos import LATCHED
@@ -28,6 +29,7 @@ class Reception:
     Args:
         topics: of clouds.
         on_joints: called after each joint state.
+        log: hears of what is read or refused.
 
     Attributes:
         clouds: the subscriptions to clouds.
@@ -40,12 +42,12 @@ class Reception:
         parameters: ParameterServer,
         topics: Sequence[str],
         on_joints: Callable[[], None],
+        log: Log,
     ) -> None:
-        self._log = node.get_logger()
+        self._log = log
         self._inputs = inputs
         self._parameters = parameters
         self._on_joints = on_joints
-        self._said: set[str] = set()
         parameters.check_with(self._check)
         parameters.notify(self._changed)
         self.clouds = CloudSubscriptions(node, topics, self._take_cloud)
@@ -75,16 +77,14 @@ class Reception:
         try:
             self._inputs.take_cloud(topic, message, self._parameters.current)
         except PlacementPlannerError as error:
-            if self._inputs.clouds.refuse(topic, error):
-                self._log.warning(f"cloud on {topic} refused: {error}")
+            self._inputs.clouds.refuse(topic, error)
+            self._log.repeats(f"cloud on {topic} refused", str(error))
 
     def _take_joint_state(self, message: JointState) -> None:
         try:
             self._inputs.take_joint_state(message)
         except JointStateError as error:
-            if str(error) not in self._said:
-                self._said.add(str(error))
-                self._log.warning(f"joint state refused: {error}")
+            self._log.repeats("joint state refused", str(error))
             return
         self._on_joints()
 
@@ -100,26 +100,36 @@ class Reception:
         except NotReadyError:
             return
         except PlacementPlannerError as error:
-            self._log.error(f"robot description refused: {error}")
+            self._tell_of_refusal("robot description refused", error)
             return
-        for warning in robot.warnings:
-            self._log.info(f"robot: {warning}")
-        self._log.info(f"robot {robot.name!r} read, planning frame {robot.root_link!r}")
+        words = f"robot {robot.name!r} read, planning frame {robot.root_link!r}"
+        self._log.event("; ".join([words, *robot.warnings]))
 
     def _tell_of_object(self, key: object) -> None:
         try:
-            self._inputs.object.reading.get(key)
+            body = self._inputs.object.reading.get(key)
         except NotReadyError:
             return
         except PlacementPlannerError as error:
-            self._log.warning(f"object refused: {error}")
+            self._tell_of_refusal("object refused", error)
+            return
+        self._log.event(
+            f"object read: {len(body.vertices)} vertices, {len(body.faces)} faces to stand on"
+        )
+
+    def _tell_of_refusal(self, kind: str, error: PlacementPlannerError) -> None:
+        """That something could not be read, and where in the code if nobody expected that."""
+        self._log.repeats(kind, str(error))
+        cause, expected = error.__cause__, (PlacementPlannerError, ValueError, OSError)
+        if cause is not None and not isinstance(cause, expected):
+            self._log.fault(f"{kind} for a fault", cause)
 
     def _take_object(self, message: Mesh) -> None:
         try:
             mesh = mesh_from_message(message)
         except PlacementPlannerError as error:
             self._inputs.object.refuse_mesh(error)
-            self._log.warning(f"object refused: {error}")
+            self._log.repeats("object refused", str(error))
         else:
             self._inputs.object.set_mesh(*mesh)
 
@@ -138,4 +148,4 @@ class Reception:
     def _tell_of_fault(self) -> None:
         fault = self._inputs.object.fault
         if fault is not None and not isinstance(fault, NoObjectError):
-            self._log.warning(f"object refused: {fault}")
+            self._log.repeats("object refused", str(fault))

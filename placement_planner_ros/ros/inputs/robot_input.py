@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import threading
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Hashable, Iterable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Protocol
 
+import numpy as np
 import pinocchio as pin
+from builtin_interfaces.msg import Time
 
 from placement_planner_ros.core.errors import PlacementPlannerError, RobotError
 from placement_planner_ros.core.robot.geometry import read_mesh
@@ -15,14 +19,23 @@ from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.mesh_files import Triangles, check_header
 from placement_planner_ros.ros.inputs.mesh_process import MeshProcess
-from placement_planner_ros.ros.inputs.reading import Reading, ShouldStop, State
+from placement_planner_ros.ros.inputs.reading import NotReadyError, Reading, ShouldStop, State
 from placement_planner_ros.ros.inputs.resources import Files, description_text
 from placement_planner_ros.ros.parameters.checks import poses_from_list
 from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.share import share_path
 
-FramePose = Callable[[str, str], pin.SE3 | None]
-"""T_a_b of two frames outside the URDF (tf2), or None where nobody knows."""
+
+class FramePose(Protocol):
+    """T_target_source of two frames outside the URDF (tf2), or None where nobody knows."""
+
+    def __call__(self, target: str, source: str, stamp: Time | None = None) -> pin.SE3 | None:
+        """At a stamp; without one, the newest that is known."""
+        ...
+
+
+NEGLIGIBLE = 1e-5
+"""m or rad by which the robot may have moved in planning_frame to count as standing still."""
 
 
 class DescriptionError(RobotError):
@@ -31,11 +44,32 @@ class DescriptionError(RobotError):
     code = "BAD_ROBOT"
 
 
+class UnplacedError(DescriptionError):
+    """Nobody knows where the robot stands in the planning frame."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Read:
+    """A robot as its description has it.
+
+    Attributes:
+        robot: its root link being the planning frame.
+        base: what tf2 is asked for, the robot then being carried there; '' where the description
+            tells where it is.
+    """
+
+    robot: Robot
+    base: str = ""
+
+
 class RobotInput:
     """Reads robot descriptions, in the background. Safe to use from several threads.
 
     Until a description comes by topic the bundled YuMi stands in for it. From then on only the
     newest counts: while it is read there is no robot, and none where it cannot be.
+
+    Where planning_frame is no link of the robot, tf2 is asked where it stands in there: at each
+    start, by `look_up`.
 
     Args:
         parameters: as at start-up.
@@ -51,7 +85,8 @@ class RobotInput:
         self._frame = str(parameters["planning_frame"])
         self._frame_pose = frame_pose
         self._files = files
-        self._reading: Reading[Robot] = Reading("robot", _explain)
+        self._reading: Reading[_Read] = Reading("robot", _explain)
+        self._placed: tuple[_Read, pin.SE3, Robot] | None = None
         self._joints: frozenset[str] = frozenset()
         given = parameters["robot_description"]
         semantic = parameters["robot_description_semantic"]
@@ -92,18 +127,86 @@ class RobotInput:
 
     @property
     def robot(self) -> Robot:
-        """The robot, its root frame being the planning frame.
+        """The robot, its root frame being the planning frame, where it stood at the last look.
 
         Raises:
             NotReadyError: the newest description is being read.
             PlacementPlannerError: it is unusable.
+            UnplacedError: nobody knows where it stands.
         """
-        return self._reading.get(self._key)
+        read = self._reading.get(self._key)
+        placed = self._placed
+        if not read.base:
+            return read.robot
+        return placed[2] if placed is not None and placed[0] is read else self._place(read)
+
+    @property
+    def unplaced(self) -> Robot:
+        """The same, wherever it stands."""
+        return self._reading.get(self._key).robot
+
+    def look_up(self) -> None:
+        """Look where the robot stands now; where nobody knows any more, `robot` says so."""
+        try:
+            read = self._reading.get(self._key)
+            if read.base:
+                self._place(read)
+        except PlacementPlannerError:
+            return
+
+    def moved(self, stamp: Time) -> pin.SE3:
+        """What the base had yet to move at a stamp to where `robot` has it: T_planning_planning.
+
+        Raises:
+            PlacementPlannerError: as `robot`; or nobody knows where it stood then.
+        """
+        read, placed = self._reading.get(self._key), self._placed
+        if not read.base or placed is None:
+            return pin.SE3.Identity()
+        T_planning_base = self._frame_pose(self._frame, read.base, stamp)
+        if T_planning_base is None:
+            raise self._unplaced(read, "at the cloud's stamp")
+        return T_planning_base * placed[1].inverse()
+
+    def _place(self, read: _Read) -> Robot:
+        T_planning_base = self._frame_pose(self._frame, read.base)
+        placed = self._placed
+        if T_planning_base is None:
+            self._placed = None
+            raise self._unplaced(read, "now")
+        if placed is not None and placed[0] is read:
+            way = placed[1].actInv(T_planning_base)
+            if np.abs(pin.log6(way).vector).max() < NEGLIGIBLE:
+                return placed[2]
+        robot = read.robot.carried(T_planning_base)
+        self._placed = read, T_planning_base, robot
+        return robot
+
+    def _unplaced(self, read: _Read, when: str) -> UnplacedError:
+        return UnplacedError(
+            "planning_frame",
+            self._frame,
+            f"is no link of robot {read.robot.name!r}, and tf2 does not know where {read.base!r} "
+            f"is in it {when}; publish that transform, or leave planning_frame empty",
+        )
 
     @property
     def state(self) -> State:
         """Whether there is a robot, as `~/status` says it."""
-        return self._reading.state(self._key)
+        state = self._reading.state(self._key)
+        if state == "ready":
+            try:
+                _ = self.robot
+            except UnplacedError:
+                return "bad"
+            except NotReadyError:
+                return "reading"
+        return state
+
+    @property
+    def key(self) -> Hashable:
+        """Another one whenever another description is given."""
+        return self._key
 
     @property
     def is_given(self) -> bool:
@@ -116,7 +219,7 @@ class RobotInput:
         return self._joints
 
     @property
-    def reading(self) -> Reading[Robot]:
+    def reading(self) -> Reading[Any]:
         """Where descriptions are read."""
         return self._reading
 
@@ -133,44 +236,41 @@ class RobotInput:
         urdf, srdf, beside = self._urdf, self._srdf, self._beside
         trusted = not self._arrived
 
-        def read(should_stop: ShouldStop) -> Robot:
+        def read(should_stop: ShouldStop) -> _Read:
             with MeshProcess(should_stop) as process:
                 meshes = _Meshes(self._files, process, trusted, beside)
-                robot = self._read(urdf, srdf, meshes)
-            self._joints = frozenset(robot.joint_names)
-            return robot
+                made = self._read(urdf, srdf, meshes)
+            self._joints = frozenset(made.robot.joint_names)
+            return made
 
         key = object()  # the same text is read anew where it could not be before
         self._reading.want(key, read, lasting=True)
         return key
 
-    def _read(self, urdf: str, srdf: str | None, meshes: _Meshes) -> Robot:
+    def _read(self, urdf: str, srdf: str | None, meshes: _Meshes) -> _Read:
         try:
             robot = Robot.from_urdf(urdf, meshes, srdf)
             if self._frame in ("", robot.root_link):
-                return robot
+                return _Read(robot)
             T_planning_root = self._root_in_planning_frame(robot)
             urdf = _with_root(urdf, self._frame, robot.root_link, T_planning_root)
-            return Robot.from_urdf(urdf, meshes, srdf)
+            base = "" if self._is_link(robot) else robot.root_link
+            return _Read(Robot.from_urdf(urdf, meshes, srdf), base)
         except RobotError as error:
             raise DescriptionError(error.field, error.value, error.remedy) from error
 
+    def _is_link(self, robot: Robot) -> bool:
+        return bool(robot.model.existFrame(self._frame, pin.FrameType.BODY))
+
     def _root_in_planning_frame(self, robot: Robot) -> pin.SE3:
-        if robot.model.existFrame(self._frame, pin.FrameType.BODY):
-            frame = robot.model.frames[robot.frame_id(self._frame)]
-            if frame.parentJoint != 0:
-                raise RobotError(
-                    "planning_frame", self._frame, "moves; name a frame fixed to the robot's root"
-                )
-            return pin.SE3(frame.placement.inverse())
-        T_planning_root = self._frame_pose(self._frame, robot.root_link)
-        if T_planning_root is None:
+        if not self._is_link(robot):
+            return pin.SE3.Identity()  # and carried from there
+        frame = robot.model.frames[robot.frame_id(self._frame)]
+        if frame.parentJoint != 0:
             raise RobotError(
-                "planning_frame",
-                self._frame,
-                f"is no link of robot {robot.name!r}, and tf2 does not know it either",
+                "planning_frame", self._frame, "moves; name a frame fixed to the robot's root"
             )
-        return T_planning_root
+        return pin.SE3(frame.placement.inverse())
 
 
 class _Meshes:

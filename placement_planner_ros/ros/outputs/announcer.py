@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import traceback
-
-from rclpy.node import Node
-
 from placement_planner_ros.core.types import Placement
+from placement_planner_ros.ros.log import Log
 from placement_planner_ros.ros.outputs.publishing import Outputs
 from placement_planner_ros.ros.outputs.reporting import Reporter
 from placement_planner_ros.ros.run.planning import Prepared
@@ -16,8 +13,8 @@ from placement_planner_ros.ros.run.worker import Run, State
 class Announcer:
     """Publishes, reports and logs a run's progress: its `RunObserver`, in its worker thread."""
 
-    def __init__(self, node: Node, outputs: Outputs, reporter: Reporter) -> None:
-        self._log = node.get_logger()
+    def __init__(self, outputs: Outputs, reporter: Reporter, log: Log) -> None:
+        self._log = log
         self._outputs = outputs
         self._reporter = reporter
 
@@ -28,13 +25,12 @@ class Announcer:
 
     def failed(self, run: Run, error: BaseException) -> None:
         """The run ends over a fault, whose traceback is said here and nowhere else."""
-        trace = "".join(traceback.format_exception(error))
-        self._log.error(f"run {run.number} met a fault: {trace}")
+        self._log.fault("a run met a fault", error)
 
     def prepared(self, run: Run, prepared: Prepared) -> None:
         """The search begins."""
         for reason in prepared.planner.unusable:
-            self._log.warning(f"run {run.number} does without: {reason}")
+            self._log.event(f"run {run.number} does without: {reason}")
         self._outputs.environment(run.snapshot, prepared.environment)
         self._reporter.prepared(run, prepared.environment)
 
@@ -42,12 +38,16 @@ class Announcer:
         """A better placement."""
         self._outputs.solution(run.number, run.solutions, placement, run.elapsed, run.snapshot)
         self._reporter.placed(run, placement)
+        self._log.event(
+            f"run {run.number}: solution {run.solutions} after {run.elapsed:.2f} s, objective "
+            f"{placement.objective:.4g}, arm {placement.goal.arm}"
+        )
 
     def changed(self, run: Run) -> None:
         """Another state."""
-        if run.state is State.FAILED:
-            self._log.error(f"run {run.number} failed: {run.reason}")
         if not run.active:
+            tell = self._log.failure if run.state is State.FAILED else self._log.event
+            tell(f"run {run.number} ended, {run.state}, code {run.code}: {run.summary()}")
             self._outputs.draw_now()
         self._reporter.report()
 

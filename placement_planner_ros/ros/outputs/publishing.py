@@ -67,7 +67,8 @@ class Outputs:
             header = Header(frame_id=frame, stamp=self._now())
             self._occupancy.publish(message_from_points(np.empty((0, 3)), header))
             values = {"run": run, "solution": 0, "has_retreat": "false"}
-            self._solution.publish(self._manifest(self._stamp(), frame, values))
+            words = "no solution yet"
+            self._solution.publish(self._manifest(self._stamp(), frame, words, values))
 
     def environment(self, snapshot: Snapshot, environment: Environment) -> None:
         """Obstacle set and regions, once they are known.
@@ -143,7 +144,13 @@ class Outputs:
                 "has_retreat": str(retreat is not None).lower(),
                 "search_time": float(search_time),
             }
-            self._solution.publish(self._manifest(stamp, snapshot.frame, values))
+            x, y, z = placement.T_world_object.translation
+            words = (
+                f"solution {number} of run {run}: at {x:.3f} {y:.3f} {z:.3f} by arm {goal.arm}, "
+                f"objective {placement.objective:.4g}, {trajectory.duration:.1f} s of motion, "
+                f"found after {search_time:.2f} s"
+            )
+            self._solution.publish(self._manifest(stamp, snapshot.frame, words, values))
             self._draw()
             shown = placement_markers(
                 snapshot.frame,
@@ -171,9 +178,14 @@ class Outputs:
             DiagnosticArray(header=Header(stamp=self._now()), status=[status])
         )
 
-    def _manifest(self, stamp: Time, frame: str, values: Mapping[str, object]) -> DiagnosticArray:
+    def _manifest(
+        self, stamp: Time, frame: str, words: str, values: Mapping[str, object]
+    ) -> DiagnosticArray:
         status = DiagnosticStatus(
-            level=DiagnosticStatus.OK, name=self._node.get_name(), values=_pairs(values)
+            level=DiagnosticStatus.OK,
+            name=self._node.get_name(),
+            message=words,
+            values=_pairs(values),
         )
         return DiagnosticArray(header=Header(frame_id=frame, stamp=stamp), status=[status])
 

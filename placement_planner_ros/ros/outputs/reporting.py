@@ -9,7 +9,6 @@ from collections.abc import Callable
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 
 from placement_planner_ros.core.errors import JointStateError
@@ -19,8 +18,10 @@ from placement_planner_ros.ros.inputs.inputs import Inputs
 from placement_planner_ros.ros.outputs.publishing import Outputs
 from placement_planner_ros.ros.parameters.server import ParameterServer
 from placement_planner_ros.ros.run.validity import outdated
+from placement_planner_ros.ros.run.warmth import Warmth
 from placement_planner_ros.ros.run.watch import Watch
 from placement_planner_ros.ros.run.worker import Run, State
+from placement_planner_ros.ros.timers import every
 
 STATUS_PERIOD = 0.5
 """Least seconds between status messages while searching, unless the state changes."""
@@ -28,6 +29,11 @@ STATUS_PERIOD = 0.5
 REFRESH_PERIOD = 0.1
 """Seconds between looks at whether there is something to say."""
 
+_WAITING = {
+    "true": "waiting for start",
+    "false": "compiling; a start now takes longer",
+    "failed": "warming up failed; a run compiles what it needs as it goes",
+}
 _LEVEL = {
     State.FAILED: DiagnosticStatus.ERROR,
     State.EXHAUSTED: DiagnosticStatus.WARN,
@@ -39,7 +45,7 @@ class Reporter:
     """Publishes status and diagnostics, and watches whether the best placement still holds.
 
     Args:
-        warm: whether everything a search needs is compiled.
+        warm: whether what a search needs is compiled.
         on_error: told what nobody expected.
     """
 
@@ -49,7 +55,7 @@ class Reporter:
         outputs: Outputs,
         inputs: Inputs,
         parameters: ParameterServer,
-        warm: Callable[[], bool],
+        warm: Warmth,
         on_error: Callable[[Exception], None],
     ) -> None:
         self._warm = warm
@@ -60,13 +66,12 @@ class Reporter:
         self._saying = threading.Lock()
         self._run: Run | None = None
         self._left = False
-        self._reported: tuple[State, str, bool, dict[str, str]] | None = None
+        self._reported: tuple[State, str, str, dict[str, str]] | None = None
         self._reported_at = -math.inf
         self._closed = False
         self._watch = Watch(inputs.clouds, self.report, on_error)
-        group = MutuallyExclusiveCallbackGroup()
-        node.create_timer(REFRESH_PERIOD, self._refresh, callback_group=group)
-        node.create_timer(1.0, self._diagnose, callback_group=MutuallyExclusiveCallbackGroup())
+        every(node, REFRESH_PERIOD, self._refresh)
+        every(node, 1.0, self._diagnose)
         self.report()
 
     def follow(self, run: Run) -> None:
@@ -110,11 +115,13 @@ class Reporter:
         with self._saying:  # what was true last is said last
             run, why_not = self._run, self._why_invalid()
             state = State.IDLE if run is None else run.state
-            warm, read = self._warm(), self._read()
+            warm, read = self._warm.shown, self._read()
             values: dict[str, object] = {"run": 0, "state": state, "code": "OK", "solutions": 0}
-            message = "waiting for start" if warm else "compiling; a start now takes longer"
+            message = _WAITING[warm]
             values["placed"] = " ".join(map(str, self._inputs.clouds.placed))
-            values["warm"] = str(warm).lower()
+            values["warm"] = warm
+            if warm == "failed":
+                values["warm_failed_reason"] = self._warm.failure
             values |= read
             values["best_valid"] = str(not why_not).lower()
             values["best_invalid_reason"] = why_not
@@ -160,7 +167,7 @@ class Reporter:
         self._outputs.draw()
         if run is not None:
             self.has_left_start(run)
-        now = (state, self._why_invalid(), self._warm(), self._read())
+        now = (state, self._why_invalid(), self._warm.shown, self._read())
         if (due and state is State.SEARCHING) or self._reported != now:
             self.report()
 

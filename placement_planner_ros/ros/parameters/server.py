@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from rcl_interfaces.msg import (
@@ -25,7 +25,7 @@ from placement_planner_ros.ros.parameters.table import (
     fixed_specs,
     sensor_pose_spec,
 )
-from placement_planner_ros.ros.parameters.values import ParameterSet
+from placement_planner_ros.ros.parameters.values import MOST_HINTS, ParameterSet
 from placement_planner_ros.scenes.yumi import TIP_FRAMES
 
 _TYPES = {
@@ -39,13 +39,16 @@ _TYPES = {
 }
 
 
-class ParameterGoneError(ParameterNotDeclaredException):
-    """A parameter of a former version was set; rclpy answers its client with these words."""
+class UnknownParameterError(ParameterNotDeclaredException):
+    """There is no such parameter; rclpy answers its client with these words."""
 
-    def __init__(self, name: str, value: object) -> None:
-        error = ParameterError(name, value, GONE[name])
+    def __init__(self, name: str, value: object, remedy: str) -> None:
+        error = ParameterError(name, value, remedy)
         ParameterException.__init__(self, f"{error.field} = {error.value!r}", error.remedy)
 
+
+_ROS_OWN = "qos_overrides."
+"""How names begin that are parameters only where somebody asks for them."""
 
 OnChange = Callable[[Sequence[str], ParameterSet], None]
 
@@ -104,6 +107,13 @@ class ParameterServer:
         """Everything for which `with_changes` would refuse these."""
         return self.current.faults({p.name: p.value for p in parameters})
 
+    def strange(self, given: Iterable[str]) -> list[str]:
+        """What to say of names given at start-up that the node does not have."""
+        mine = [n for n in given if not self._node.has_parameter(n) and not n.startswith(_ROS_OWN)]
+        more = [f"and {len(mine) - MOST_HINTS} more"] if len(mine) > MOST_HINTS else []
+        hints = self.current.unknown(mine[:MOST_HINTS])
+        return [f"{name}: {words}" for name, words in hints.items()] + more
+
     def _refuse_gone(self) -> None:
         """Refuse parameters of former versions given at start-up."""
         for name, remedy in GONE.items():
@@ -115,22 +125,24 @@ class ParameterServer:
 
     def _declare(self, spec: Spec) -> Any:
         given = self._node.declare_parameter(spec.name, spec.default, _descriptor(spec)).value
-        value = spec.convert([] if given is None and spec.kind.endswith("[]") else given)
+        value = spec.convert(given)
         self._node.set_parameters([Parameter(spec.name, _TYPES[spec.kind], value)])
         return value
 
     def _convert(self, parameters: list[Parameter]) -> list[Parameter]:
         """Give values the type of their parameter; bad ones are left for `_validate` to refuse."""
+        strange = [p for p in parameters if not self._node.has_parameter(p.name)]
+        for name, remedy in self.current.unknown(p.name for p in strange[:1]).items():
+            raise UnknownParameterError(name, strange[0].value, remedy)
         return [self._converted(parameter) for parameter in parameters]
 
     def _converted(self, parameter: Parameter) -> Parameter:
-        if parameter.name in GONE:
-            raise ParameterGoneError(parameter.name, parameter.value)
-        spec = self.current.specs.get(parameter.name)
+        name = parameter.name
+        spec = self.current.specs.get(name)
         if spec is None:
             return parameter
         try:
-            return Parameter(spec.name, _TYPES[spec.kind], spec.convert(parameter.value))
+            return Parameter(name, _TYPES[spec.kind], self.current.convert(name, parameter.value))
         except PlacementPlannerError:
             return parameter
 

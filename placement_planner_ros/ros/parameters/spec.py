@@ -61,11 +61,18 @@ class Spec:
         return cls(name, kind_of(default), default, meaning)
 
     def convert(self, value: object) -> Value:
-        """The value in this parameter's type.
+        """The value in this parameter's type; nothing is an empty list.
+
+        Numbers may come as text: YAML takes `1e-05` for one, and `ros2 param set` and `load` all of
+        `[0, 0.5]`.
 
         Raises:
             ParameterError: wrong type or length, not finite, or outside the range.
         """
+        if self.kind.startswith("double") and isinstance(value, str):
+            value = _number_or_list(value)
+        if value is None and self.kind.endswith("[]"):
+            value = []
         if self.kind.endswith("[]"):
             if isinstance(value, (str, bytes)) or not isinstance(value, Iterable):
                 raise ParameterError(self.name, value, f"give a list: {self.meaning.text}")
@@ -94,3 +101,14 @@ class Spec:
             return bool(value)
         self.meaning.check(self.name, value)
         return {"string": str, "integer": int, "double": float}[kind](value)
+
+
+def _number_or_list(text: str) -> float | list[float] | str:
+    """The number, or the numbers in square brackets, that a text is; else the text."""
+    inner = text.strip()
+    numbers = inner[1:-1].split(",") if inner[:1] == "[" and inner[-1:] == "]" else [inner]
+    try:
+        values = [float(number) for number in numbers]
+    except ValueError:
+        return text
+    return values[0] if numbers == [inner] else values

@@ -27,9 +27,9 @@ PLANNER = {
     "approach_distance": "approach.approach_distance",
     "retreat_distance": "retreat.retreat_distance",
     "require_retreat": "require_retreat",
-    "velocity_scaling": "execution.velocity_scaling",
-    "acceleration_scaling": "execution.acceleration_scaling",
-    "acceleration_limits": "execution.acceleration_limits",
+    "velocity_scaling": "timing.velocity_scaling",
+    "acceleration_scaling": "timing.acceleration_scaling",
+    "acceleration_limits": "timing.acceleration_limits",
 }
 """The parameters that are fields of PlannerSettings, and where they stand there."""
 GRID = {"cloud.cell_size": "cell_size"}
@@ -93,7 +93,8 @@ def _start_up() -> list[Spec]:
         _own(
             "planning_frame",
             "",
-            "Frame of target_volume and of all results, z up; empty: the robot's root link.",
+            "Frame of target_volume and of all results, z up: a link fixed to the root, or one "
+            "that tf2 knows, looked up at each start; empty: the robot's root link.",
             startup=True,
         ),
         _own(

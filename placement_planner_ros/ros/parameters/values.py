@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any, TypeVar
 
@@ -16,10 +16,15 @@ from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.settings import Settings
 from placement_planner_ros.core.types import TargetVolume
 from placement_planner_ros.ros.parameters.checks import poses_from_list
+from placement_planner_ros.ros.parameters.nearest import nearest
 from placement_planner_ros.ros.parameters.spec import Spec
 from placement_planner_ros.ros.parameters.table import GONE, GRID, PLANNER
 
 Group = TypeVar("Group", bound=Settings)
+
+NO_SUCH = "there is no such parameter"
+MOST_HINTS = 20
+"""Unknown names for which the nearest known one is looked up in one go, as that takes time."""
 
 
 class ParameterSet:
@@ -57,7 +62,7 @@ class ParameterSet:
             return self
         # What is here has been checked: that a start is quick, only the changes are.
         other = copy.copy(self)
-        other._values = self._values | {n: self.specs[n].convert(v) for n, v in changes.items()}
+        other._values = self._values | {n: self.convert(n, v) for n, v in changes.items()}
         other._check_together()
         return other
 
@@ -71,21 +76,54 @@ class ParameterSet:
                 faults.append(error)
         return faults
 
+    def unknown(self, names: Iterable[str]) -> dict[str, str]:
+        """Those names that no parameter has, and what to do instead."""
+        return {
+            name: self._instead(name) if i < MOST_HINTS else NO_SUCH
+            for i, name in enumerate(name for name in names if name not in self.specs)
+        }
+
+    def _instead(self, name: str) -> str:
+        if name in GONE:
+            return GONE[name]
+        group, _, part = name.rpartition(".")
+        if group == "sensor_poses":
+            return f"{NO_SUCH}, as sensor_frames did not name {part!r} at start-up"
+        meant = nearest(name, self.specs)
+        words = NO_SUCH if meant is None else f"{NO_SUCH}; the nearest is {meant}"
+        if meant is not None and meant.endswith(f".{part}") and self._is_arm(meant):
+            words += f". If {group!r} is an arm, name it in arms at start-up"
+        return words
+
+    def _is_arm(self, name: str) -> bool:
+        return f"{name.partition('.')[0]}.tip_frame" in self.specs
+
     def _alone(self, changes: Mapping[str, object]) -> list[PlacementPlannerError]:
         """What is wrong with each change by itself."""
+        unknown = self.unknown(changes)
         faults: list[PlacementPlannerError] = []
         for name, value in changes.items():
-            if name not in self.specs:
-                remedy = GONE.get(name, "there is no such parameter")
-                faults.append(ParameterError(name, value, remedy))
-            elif self.specs[name].startup:
-                faults.append(ParameterError(name, value, "is read at start-up; set it there"))
-            else:
-                try:
-                    self.specs[name].convert(value)
-                except PlacementPlannerError as error:
-                    faults.append(error)
+            try:
+                if name in unknown:
+                    raise ParameterError(name, value, unknown[name])
+                self.convert(name, value)
+            except PlacementPlannerError as error:
+                faults.append(error)
         return faults
+
+    def convert(self, name: str, value: object) -> Any:
+        """A new value of a parameter in its type.
+
+        Raises:
+            PlacementPlannerError: it is bad, or other than the one read at start-up.
+        """
+        spec = self.specs[name]
+        converted = spec.convert(value)
+        if not spec.startup:
+            return converted
+        if not _same(converted, self[name]):
+            raise ParameterError(name, value, "is read at start-up; set it there")
+        return self[name]
 
     @property
     def planner_settings(self) -> PlannerSettings:
@@ -133,3 +171,13 @@ class ParameterSet:
         if not self["arms"]:
             raise ParameterError("arms", self["arms"], "name at least one arm")
         _ = self.planner_settings, self.grid_settings
+
+
+def _same(a: object, b: object) -> bool:
+    """Whether two values are the same, texts up to their white space.
+
+    `ros2 param load` makes one line of a text of several.
+    """
+    if isinstance(a, str) and isinstance(b, str):
+        return a.split() == b.split()
+    return a == b

@@ -114,7 +114,7 @@ class Preparation:
     Args:
         inputs: what there is now.
         idle: whether there is leisure to prepare anything.
-        on_error: told of what is raised while preparing ahead, once until something else is.
+        on_error: told of what is raised while preparing ahead.
     """
 
     def __init__(
@@ -125,7 +125,6 @@ class Preparation:
     ) -> None:
         self._inputs = inputs
         self._on_error = on_error
-        self._said = ""
         self._idle = idle
         self._lock = threading.Lock()
         self._newest: _Build | None = None
@@ -244,7 +243,7 @@ class Preparation:
             except Exception as error:
                 # The thread's outermost frame: a run that comes meets the same, and tells it; what
                 # comes after that run must find its environment ready again.
-                self._tell(error)
+                self._on_error(error)
             rest = max(LOOK, (time.thread_time() - began) * (1.0 / SHARE - 1.0))
 
     def _look(self) -> None:
@@ -255,13 +254,6 @@ class Preparation:
         if snapshot is not None:
             self._seen = state
             self.ahead(snapshot)
-            self._said = ""
-
-    def _tell(self, error: Exception) -> None:
-        words = f"{type(error).__name__}: {error}"
-        if words != self._said:
-            self._said = words
-            self._on_error(error)
 
 
 def _rehearse(snapshot: Snapshot, environment: Environment) -> None:

@@ -120,8 +120,8 @@ def outdated(snapshot: Snapshot, inputs: Inputs) -> str:
     try:
         if inputs.robot.robot is not snapshot.robot:
             return "the robot was replaced"
-    except PlacementPlannerError:
-        return "the robot was replaced; the new one cannot be used, or not yet"
+    except PlacementPlannerError as error:
+        return f"the robot was replaced, or cannot be used any more ({error.code})"
     if inputs.object.key != snapshot.object_key:
         return "the object was replaced"
     parameters, now = snapshot.parameters, time.monotonic()

@@ -14,6 +14,7 @@ from placement_planner_ros.core.stopping import StoppedError
 from placement_planner_ros.core.types import Placement
 from placement_planner_ros.ros.run.planning import Planner, Prepare, Prepared
 from placement_planner_ros.ros.run.snapshot import Snapshot
+from placement_planner_ros.ros.run.warmth import Warmth
 
 
 class State(enum.StrEnum):
@@ -71,8 +72,7 @@ class Run:
         number: the run's, increasing over the node's life and those before.
         prepare: makes the planner.
         observer: told of everything that happens.
-        warm: set once everything a search needs is compiled. Until then the worker waits, so that
-            it can be stopped.
+        warm: set once warming up is over. Until then the worker waits, so that it can be stopped.
 
     Attributes:
         state: where it is.
@@ -89,7 +89,7 @@ class Run:
         snapshot: Snapshot,
         prepare: Prepare,
         observer: RunObserver,
-        warm: threading.Event,
+        warm: Warmth,
     ) -> None:
         self.number = number
         self.snapshot = snapshot
@@ -220,7 +220,8 @@ class Run:
             if self._ending is not None:
                 raise StoppedError("waiting for compilation")
             self._warm.wait(POLL)
-        latest = time.monotonic() + PREPARATION_LIMIT
+        compiles = bool(self._warm.failure)  # as it goes, which takes as long as it takes
+        latest = float("inf") if compiles else time.monotonic() + PREPARATION_LIMIT
         return self._prepare(
             self.snapshot, lambda: self._ending is not None or time.monotonic() >= latest
         )

@@ -30,6 +30,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from placement_planner_ros.experiments.cases import start_configuration
 from placement_planner_ros.experiments.drawing.picture import draw_objective, draw_placement
+from placement_planner_ros.ros.process import log_arguments
 from placement_planner_ros.ros.qos import LATCHED
 from placement_planner_ros.ros.tools.scene_publisher import ScenePublisher
 from placement_planner_ros.scenes.objects import OBJECT_NAMES, object_by_name
@@ -123,7 +124,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point; 0 where a placement was found."""
     options = _parser().parse_args(arguments)
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    rclpy.init(args=["--ros-args", "-r", f"__ns:={NAMESPACE}", "--log-level", "warn"])
+    here = ["--ros-args", "-r", f"__ns:={NAMESPACE}", "--log-level", "warn"]
+    rclpy.init(args=[*here, *log_arguments()])
     node = subprocess.Popen(_node_command(options))
     try:
         return _demonstrate(options, node)

@@ -14,7 +14,6 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import Header, String
 
@@ -22,8 +21,10 @@ from placement_planner_ros.core.errors import ParameterError, PlacementPlannerEr
 from placement_planner_ros.experiments.cases import start_configuration
 from placement_planner_ros.interrupts import catch_signals
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
+from placement_planner_ros.ros.process import begin_ros
 from placement_planner_ros.ros.qos import LATCHED
 from placement_planner_ros.ros.spinning import spin_until
+from placement_planner_ros.ros.timers import every
 from placement_planner_ros.scenes.clouds import camera_clouds, complete_cloud
 from placement_planner_ros.scenes.scenes import SCENE_NAMES, Scene, scene_by_name
 from placement_planner_ros.share import share_path
@@ -75,8 +76,8 @@ class ScenePublisher(Node):
         ]
         for publisher, path in self._latched:
             publisher.publish(String(data=path.read_text(encoding="utf-8")))
-        self.create_timer(1.0 / rate, self._publish_clouds)
-        self.create_timer(1.0 / JOINT_STATE_RATE, self._publish_joint_states)
+        every(self, 1.0 / rate, self._publish_clouds)
+        every(self, 1.0 / JOINT_STATE_RATE, self._publish_joint_states)
         self.get_logger().info(f"publishing scene {scene.name}, clouds: {kind}")
 
     def _choice(self, name: str, default: str, text: str) -> str:
@@ -116,7 +117,7 @@ class ScenePublisher(Node):
 def main(args: list[str] | None = None) -> None:
     """Publish until interrupted."""
     asked = catch_signals()
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    begin_ros(args)
     try:
         node = ScenePublisher()
     except (PlacementPlannerError, ParameterException) as error:

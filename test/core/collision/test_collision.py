@@ -299,6 +299,49 @@ def test_agrees_with_coal_on_every_kind_of_shape(mixed, self_margin):
     assert (checker.free_batch(Q) == expected).all()
 
 
+SURFACES = """
+<robot name="surfaces">
+  <link name="base">
+    <collision><origin xyz="0 0.2 0"/><geometry><box size="0.1 0.1 0.1"/></geometry></collision>
+    <collision><origin xyz="0 -0.2 0"/><geometry><sphere radius="0.05"/></geometry></collision>
+    <collision><geometry><mesh filename="{ring}"/></geometry></collision></link>
+  <link name="allowed">
+    <collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>
+    <collision><geometry><mesh filename="{ring}"/></geometry></collision></link>
+  <link name="x"/><link name="y"/><link name="z"/>
+  <link name="thing">
+    <collision><origin xyz="0 0 0.15"/>
+    <geometry><box size="0.05 0.02 0.02"/></geometry></collision>
+    <collision><origin xyz="0 0 -0.15"/><geometry><sphere radius="0.02"/></geometry></collision>
+    <collision><geometry><mesh filename="{ring}"/></geometry></collision></link>
+  <joint name="fix" type="fixed"><parent link="base"/><child link="allowed"/>
+    <origin xyz="0.3 0 0"/></joint>
+  <joint name="j1" type="prismatic"><parent link="base"/><child link="x"/><axis xyz="1 0 0"/>
+    <limit lower="-0.2" upper="0.5" velocity="1" effort="1"/></joint>
+  <joint name="j2" type="prismatic"><parent link="x"/><child link="y"/><axis xyz="0 1 0"/>
+    <limit lower="-0.4" upper="0.4" velocity="1" effort="1"/></joint>
+  <joint name="j3" type="prismatic"><parent link="y"/><child link="z"/><axis xyz="0 0 1"/>
+    <limit lower="-0.2" upper="0.2" velocity="1" effort="1"/></joint>
+  <joint name="j4" type="revolute"><parent link="z"/><child link="thing"/><axis xyz="0.6 0 0.8"/>
+    <limit lower="-3" upper="3" velocity="1" effort="1"/></joint>
+</robot>
+"""
+
+
+def test_surfaces_agree_with_coal_part_by_part(ring_file):
+    """What is allowed to meet follows right behind what is not, in the kernels' tables too."""
+    srdf = '<robot name="surfaces"><disable_collisions link1="allowed" link2="thing" reason="x"/>'
+    robot = Robot.from_urdf(SURFACES.format(ring=ring_file), srdf=srdf + "</robot>")
+    arm = robot.arm("arm", "thing")
+    setup = (MovingArm(robot, arm, np.zeros(4)), None, obstacles_of())
+    settings = CollisionSettings(self_margin=0.003)
+    checker, reference = ArmCollision(*setup, settings), ExactCollision(*setup, settings)
+    Q = np.random.default_rng(7).uniform(arm.lower, arm.upper, (1200, arm.dof))
+    expected = np.array([reference.free(q) for q in Q])
+    assert 0.3 < expected.mean() < 0.9
+    assert (checker.free_batch(Q) == expected).all()
+
+
 def test_comparison_counts_disagreements_and_sets_ties_apart(slider):
     wall = obstacles_of(plate((0.002, 0.3, 0.3), (0.5, 0.0, 0.0)))
     arm = slider.arm("arm", "ball")
@@ -603,6 +646,77 @@ def test_explain_names_the_link_and_the_place(slider):
     assert held.startswith("the held object meets the environment")
 
 
+def where(said):
+    return np.array([float(word) for word in said[said.index("(") + 1 : -1].split(",")])
+
+
+def test_explain_names_the_nearest_box_or_the_middle_of_what_meets(slider):
+    wall = plate((0.002, 0.3, 0.3), (0.5, 0.0, 0.0))
+    checker = slider_checker(
+        slider, obstacles_of(wall, wall - np.array([0.3, 0.0, 0.0])), small_body()
+    )
+    for q in ((0.51, 0.1), (0.21, -0.1), (0.492, 0.033)):  # their middle is close to a wall
+        said = checker.explain(np.array(q), contact=True)
+        assert said.startswith("ball meets the environment at (")
+        assert np.abs(where(said) - [0.5 if q[0] > 0.4 else 0.2, q[1], 0.0]).max() < 0.011
+    said = checker.explain(np.array([0.477, 0.1]))
+    assert said.startswith("the held object meets the environment at (")
+    assert abs(where(said)[0] - 0.5) < 0.006
+    assert (np.abs(where(said) - [0.5, 0.1, -0.0405]) < [0.01, 0.03, 0.03]).all()
+
+    post = '<link name="base"><collision><origin xyz="1 0 0"/>'
+    post += '<geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>'
+    urdf = SLIDER.replace('<link name="base"/>', post)
+    robot = Robot.from_urdf(urdf, srdf="<robot name='slider'/>")
+    arm = robot.arm("arm", "ball", touch_links=[])
+    there = pin.SE3(pin.utils.rotate("z", 0.5 * np.pi), np.array([0.2, 0.1, 0.3]))
+    checker = ArmCollision(
+        MovingArm(robot, arm, np.zeros(2)),
+        Standing(small_body((0.2, 0.04, 0.04)), there),
+        obstacles_of(),
+    )
+    said = checker.explain(np.array([0.935, 0.03]))
+    assert said.startswith("ball meets base at (")
+    assert (np.abs(where(said) - [0.9525, 0.03, 0.0]) < [0.003, 0.02, 0.02]).all()
+    assert checker.explain(np.array([0.2, 0.1])) == ""
+    for x in (0.3, -0.4):
+        checker.place(pin.SE3(there.rotation, np.array([x, 0.1, 0.0])))
+        for off, meets in ((0.0399, True), (0.0401, False), (-0.0399, True), (-0.0401, False)):
+            said = checker.explain(np.array([x + off, 0.17]))
+            assert (said != "") == meets
+            if meets:
+                assert said.startswith("ball meets the placed object at (")
+                assert np.abs(where(said)[0] - x) == pytest.approx(0.02, abs=0.001)
+        # Seen from above it reaches 0.1 along y, as it is turned.
+        assert checker.explain(np.array([x, 0.2 + 0.0199])) != ""
+        assert checker.explain(np.array([x, 0.2 + 0.0201])) == ""
+
+
+def test_fewer_pairs_and_no_environment_are_what_is_left_of_the_checks(slider):
+    post = '<link name="base"><collision><origin xyz="1 0 0"/>'
+    post += '<geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>'
+    urdf = SLIDER.replace('<link name="base"/>', post)
+    robot = Robot.from_urdf(urdf, srdf="<robot name='slider'/>")
+    arm = robot.arm("arm", "ball", touch_links=[])
+    there = pin.SE3(np.eye(3), np.array([0.2, 0.0, 0.0]))
+    wall = obstacles_of(plate((0.002, 0.3, 0.3), (-0.5, 0.0, 0.0)))
+    checker = ArmCollision(MovingArm(robot, arm, np.zeros(2)), Standing(small_body(), there), wall)
+    at = {"post": 0.96, "object": 0.2, "wall": -0.5, "nothing": 0.6}
+    wide = CollisionSettings(collision_margin=0.01)
+
+    def met(made):
+        return {name for name, x in at.items() if not made.free(np.array([x, 0.0]))}
+
+    assert met(checker) == {"post", "object", "wall"}
+    assert met(checker.with_pairs(lambda *_: False)) == {"wall"}
+    assert met(checker.with_pairs(lambda a, b: "base" in (a, b))) == {"post", "wall"}
+    assert met(checker.with_pairs(lambda *_: True, environment=False)) == {"post", "object"}
+    near = np.array([-0.5 + 0.02 + 0.008, 0.0])
+    assert checker.free(near)
+    assert not checker.with_pairs(lambda *_: True, wide).free(near)
+    assert met(checker) == {"post", "object", "wall"}
+
+
 def test_settings_refuse_what_makes_no_sense():
     for bad in ({"collision_margin": -0.001}, {"cover_excess": 0.0}, {"self_margin": np.nan}):
         with pytest.raises(ParameterError, match=next(iter(bad))):
@@ -849,3 +963,22 @@ def test_an_edge_of_no_length_is_its_configuration(slider):
     for x in (0.3, 0.47, 0.49, 0.7):
         q = np.array([x, 0.0])
         assert checker.edge_free(q, q) == checker.free(q)
+
+
+def test_edges_are_refused_from_their_resolution_on(slider):
+    """Halves of 1.4 m are 0.0109 m and 0.0055 m: the latter is less than the 6 mm that are left."""
+    wall = obstacles_of(plate((0.002, 0.4, 0.4), (0.5, 0.0, 0.0)))
+    side = wall.upper[:, 1].max() + 0.02 + 0.003
+    post = '<link name="base"><collision><origin xyz="0.5 -0.3 0"/>'
+    post += '<geometry><box size="0.002 0.4 0.4"/></geometry></collision></link>'
+    robot = Robot.from_urdf(SLIDER.replace('<link name="base"/>', post), srdf="<robot name='x'/>")
+    moving = MovingArm(robot, robot.arm("arm", "ball"), np.zeros(2))
+    for resolution, certified in ((0.0109, True), (0.011, False)):
+        settings = CollisionSettings(edge_resolution=resolution, self_resolution=1e-5)
+        checker = ArmCollision(moving, None, wall, settings)
+        a, b = np.array([-0.9, side + 0.006]), np.array([1.9, side + 0.006])
+        assert checker.edge_free(a, b) == certified
+        settings = CollisionSettings(edge_resolution=1e-5, self_resolution=resolution)
+        checker = ArmCollision(moving, None, obstacles_of(), settings)
+        a, b = np.array([-0.9, -0.1 + 0.02 + 0.006]), np.array([1.9, -0.1 + 0.02 + 0.006])
+        assert checker.edge_free(a, b) == certified

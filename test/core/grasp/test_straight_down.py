@@ -20,7 +20,7 @@ from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.timing.quintic import control_points
-from placement_planner_ros.core.timing.trajectory_maker import ExecutionSettings, TrajectoryMaker
+from placement_planner_ros.core.timing.trajectory_maker import TimingSettings, TrajectoryMaker
 from placement_planner_ros.experiments.cases import Case, make_problem
 
 MARGIN, TOLERANCE = 0.003, 0.003
@@ -186,7 +186,7 @@ def test_what_leaves_the_line_is_not_published(planned):
             strays = sampled_stray(holding.chain, chords(coarse), vertices, placed)
             if strays < 0.001:
                 continue
-            maker = TrajectoryMaker(ExecutionSettings(), np.random.default_rng(0))
+            maker = TrajectoryMaker(TimingSettings(), np.random.default_rng(0))
             with mock.patch("placement_planner_ros.core.collision.arm.ArmCollision.edge_free") as f:
                 f.return_value = True
                 made = maker.make(path, goal, holding, lambda: False)

@@ -13,8 +13,15 @@ from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.sample_goals.cell_bounds import _Placed
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.search.cell_layout import LOWER, UPPER, X, halved, whole_cells
-from placement_planner_ros.core.search.hierarchy import AfrHierarchy
+from placement_planner_ros.core.search.cell_layout import (
+    LOWER,
+    UPPER,
+    X,
+    areas,
+    halved,
+    whole_cells,
+)
+from placement_planner_ros.core.search.hierarchy import AfrHierarchy, HierarchySettings
 from placement_planner_ros.core.search.pruning import Cause, Remainder, Ruling
 from placement_planner_ros.core.types import TargetVolume, Verdict
 from placement_planner_ros.experiments.cases import Case, make_problem
@@ -284,10 +291,52 @@ def test_what_is_left_is_sought_until_a_leaf_is_found_that_may_hold_a_goal(cabin
     assert bounds.asked == asked
 
 
+@pytest.mark.parametrize("min_area", [1e-4, 0.02, 10.0])
+@pytest.mark.parametrize("min_angle", [0.1, 1.6, 10.0])
+def test_a_leaf_is_small_in_area_and_in_angle(cabinet, min_area, min_angle):
+    problem = cabinet[0]
+    settings = HierarchySettings(min_area=min_area, min_angle=min_angle)
+    afr = AfrHierarchy([1], len(problem.body.faces), problem.environment.regions, settings)
+    bounds = Bounds(0)
+    judged = []
+    ask = bounds.rulings
+    bounds.rulings = lambda cells: judged.append(cells) or ask(cells)
+    remainder = Remainder(afr, bounds)
+    while not remainder._found:
+        assert not remainder.empty()
+    for number, cells in enumerate(judged):
+        cells = cells[cells[:, 0] != 0]
+        leaves = (areas(cells) <= min_area) & (cells[:, 7] - cells[:, 6] <= min_angle * (1 + 1e-9))
+        assert leaves.any() == (number == len(judged) - 1)
+        assert len(cells) <= 8
+
+
+def test_one_call_looks_at_a_bounded_number_of_cells(cabinet):
+    class Coarse:
+        asked = 0
+
+        def rulings(self, cells):
+            self.asked += 1
+            open_ones = cells[:, 7] - cells[:, 6] > 2.0 * np.pi / 40
+            return np.where(open_ones, Ruling.OPEN, Ruling.OUT_OF_REACH)
+
+    remainder = Remainder(hierarchy(cabinet[0]), Coarse())
+    assert not remainder.empty()
+    assert remainder._bounds.asked == 500
+    assert not remainder.empty()
+    assert remainder._bounds.asked == 1000
+
+
 def test_nothing_is_left_once_every_face_is_ruled_out(cabinet):
     remainder = Remainder(hierarchy(cabinet[0]), Bounds(*range(10)))
     assert any(remainder.empty() for _ in range(1000))
     assert "without support" in remainder.why_empty()
+    assert "out of reach" not in remainder.why_empty()
+    assert remainder.rulings == {Ruling.UNSUPPORTED}
+    remainder.rulings.add(Ruling.OUT_OF_REACH)
+    why = remainder.why_empty()
+    assert why.index("out of reach of every arm") < why.index(", or without support")
+    assert why.index(": move target_volume closer") < why.index("; choose a target_volume with")
 
 
 @pytest.mark.parametrize(

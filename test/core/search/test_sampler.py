@@ -8,7 +8,14 @@ import pytest
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.scene.regions import Region
-from placement_planner_ros.core.search.cell_layout import LOWER, UPPER, Y, halved
+from placement_planner_ros.core.search.cell_layout import (
+    LOWER,
+    UPPER,
+    Y,
+    areas,
+    halved,
+    whole_cells,
+)
 from placement_planner_ros.core.search.hierarchy import (
     FULL_TURN,
     AfrHierarchy,
@@ -192,6 +199,17 @@ def test_parts_of_a_cell_cover_it_without_overlap():
         inside = (parts[:, 2::2] < center) & (center < parts[:, 3::2])
         assert inside.all(axis=1).sum() == 1
     assert (parts[:, :2] == cell[:2]).all()
+
+
+def test_whole_cells_hold_every_face_on_the_extent_of_every_region():
+    bars = Region(np.array([[0.1, 0.0, 0.2, 0.4], [0.2, -0.3, 0.5, 0.05]]), 0.7)
+    square = Region(np.array([[0.0, 0.0, 0.4, 0.2]]), 0.0)
+    cells = whole_cells(AfrHierarchy([1], 3, [square, bars], HierarchySettings()))
+    expected = [[face, 0.0, 0.0, 0.4, 0.0, 0.2, 0.0, FULL_TURN] for face in range(3)]
+    expected += [[face, 0.7, 0.1, 0.5, -0.3, 0.4, 0.0, FULL_TURN] for face in range(3)]
+    assert cells.tolist() == expected
+    assert areas(cells) == pytest.approx([0.08] * 3 + [0.28] * 3)
+    assert whole_cells(AfrHierarchy([1], 3, [], HierarchySettings())).shape == (0, 8)
 
 
 def test_cells_follow_what_is_best_at_every_scale_without_forgetting_the_rest():
@@ -427,3 +445,170 @@ def test_uniform_sampling_draws_every_grasp_of_each_arm_alike():
     pairs = np.unique(np.column_stack([draws.arm, draws.grasp]), axis=0, return_counts=True)
     assert pairs[0].tolist() == [[0, 0], [0, 1], [1, 0]]
     assert pairs[1] / 6000 == pytest.approx([0.25, 0.25, 0.5], abs=0.03)
+
+
+def test_of_too_many_cells_the_worse_are_forgotten(monkeypatch):
+    monkeypatch.setattr("placement_planner_ros.core.search.optimistic._MAX_CELLS", 40)
+    made, _ = sampler(OptimisticSampler)
+    pushed = [(k % 4, float(-k)) for k in np.random.default_rng(0).permutation(41)]
+    for kind, rank in pushed[:40]:
+        made._push(0, kind, rank, np.zeros(8))
+    assert len(made._levels[0]) == 40
+    made._push(0, *pushed[40], np.zeros(8))
+    assert sorted(entry[:2] for entry in made._levels[0]) == sorted(pushed)[:20]
+    # Of those with a goal, too, the best stay.
+    made, _ = sampler(
+        OptimisticSampler, samples_per_call=6000, goals_per_call=10_000, uniform_first=10_000
+    )
+    goals = made.sample_goals(-np.inf, never)
+    best = sorted(goal.objective for goal in goals)[-40:]
+    assert len(goals) > 40
+    assert sorted(value for value, *_ in made._with_goal) == best
+
+
+def test_uniform_poses_grade_the_coarse_cell_they_lie_in():
+    made, _ = sampler(OptimisticSampler)
+    cells, poses = made._graded(500)
+    low, high = cells[:, LOWER], cells[:, UPPER]
+    assert (low <= poses).all()
+    assert (poses <= high).all()
+    square = cells[:, 2] < 0.9
+    size = np.where(square[:, None], [0.1, 0.1, FULL_TURN / 16], [0.025, 0.025, FULL_TURN / 16])
+    assert np.allclose(high - low, size)
+    steps = (low - np.where(square[:, None], 0.0, [1.0, 0.0, 0.0])) / size
+    assert np.allclose(steps, steps.round(), atol=1e-9)
+    assert set(cells[:, 0]) == {0.0, 1.0}
+
+
+def test_what_is_free_is_split_before_what_collides_and_the_unstable_last():
+    """Within a class the better ξ is; where there is none to compare, any may be."""
+    made, _ = sampler(OptimisticSampler)
+    rng = np.random.default_rng(0)
+    verdicts = np.array(list(Verdict) * 3)
+    values = np.where(verdicts >= Verdict.NOT_BETTER, rng.random(len(verdicts)), -np.inf)
+    cells = np.tile([0.0, 0.0, 0.0, 0.1, 0.0, 0.1, 0.0, 1.0], (len(verdicts), 1))
+    cells[:, 1] = np.arange(len(verdicts))
+    made._remember(Outcome(verdicts, values, []), cells, np.zeros(len(verdicts), dtype=np.int64))
+    found = verdicts == Verdict.FEASIBLE
+    assert sorted(int(cell[1]) for *_, cell in made._with_goal) == np.flatnonzero(found).tolist()
+    order = []
+    while made._levels[0]:
+        chosen, depths, _ = made._split_best()
+        assert depths.tolist() == [0]
+        order.append(int(chosen[0, 1]))
+    assert sorted(order) == np.flatnonzero(~found).tolist()
+    classes = {
+        Verdict.NOT_BETTER: 0,
+        Verdict.COLLIDING: 2,
+        Verdict.UNSTABLE: 3,
+        Verdict.OUTSIDE_VOLUME: 3,
+    }
+    split = [classes.get(Verdict(verdicts[k]), 1) for k in order]
+    assert split == sorted(split)
+    free = [values[k] for k in order[: split.count(0)]]
+    assert free == sorted(free, reverse=True)
+
+
+def test_cells_too_small_to_be_split_are_not_remembered():
+    made, _ = sampler(OptimisticSampler)
+    small = hierarchy().settings.min_area
+    sides = np.array([0.5, 0.99, 1.01, 2.0]) * small / 0.1
+    cells = np.array([[0, 0, 0, side, 0, 0.1, 0, 1] for side in sides])
+    for verdict in (Verdict.FEASIBLE, Verdict.COLLIDING):
+        kept = made._with_goal if verdict is Verdict.FEASIBLE else made._levels[0]
+        verdicts = np.full(4, verdict)
+        made._remember(Outcome(verdicts, np.arange(4.0), []), cells, np.zeros(4, dtype=np.int64))
+        assert sorted(cell[3] for *_, cell in kept) == pytest.approx(sides[2:])
+
+
+@pytest.mark.parametrize("kind", [MctsSampler, OptimisticSampler, UniformSampler])
+def test_what_a_stop_leaves_unchecked_counts_as_never_drawn(kind):
+    """The checker returns the first seven of the second batch only."""
+    made, checker = sampler(kind, samples_per_call=1000, goals_per_call=10_000, batch=16)
+    check, sizes = checker.check_batch, []
+
+    def stopping(draws, best, goals, should_stop):
+        outcome = check(draws, best, goals, should_stop)
+        sizes.append(len(draws.face))
+        if len(sizes) == 2:
+            outcome = replace(outcome, verdicts=outcome.verdicts[:7], values=outcome.values[:7])
+        return outcome
+
+    made._check = stopping
+    made.sample_goals(0.5, lambda: len(sizes) == 2)
+    assert sizes == [16, 16]
+    assert made.count.samples == sum(made.count.verdicts.values()) == 23
+    if kind is MctsSampler:
+        assert made.tree.visits(0) == 23
+        below = [n for n in range(len(made.tree)) if made.tree.visits(n)]
+        assert all(
+            made.tree.visits(n) >= sum(made.tree.visits(c) for c in made.tree.added_children(n))
+            for n in below
+        )
+
+
+@pytest.mark.parametrize("kind", [MctsSampler, OptimisticSampler, UniformSampler])
+def test_samplers_can_be_made_where_there_is_nothing_to_sample(kind):
+    """The planner makes its sampler first and then says that there is no region."""
+    empty = AfrHierarchy([1], 1, [], HierarchySettings())
+    kind(empty, CornerChecker(), SETTINGS[kind](), np.random.default_rng(0))
+
+
+def rounds_of(bests):
+    """Of rounds of 16 samples at these ξ_best: samples before, whether refined, size and depths."""
+    made, _ = sampler(OptimisticSampler, samples_per_call=16, uniform_first=64, goals_per_call=99)
+    begin, rounds = made._begin_round, []
+
+    def begun(refine):
+        begin(refine)
+        rounds.append((made.count.samples, refine, len(made._depths), {*made._depths.tolist()}))
+
+    made._begin_round = begun
+    for best in bests:
+        made.sample_goals(best, never)
+    return rounds
+
+
+def test_refinement_begins_once_enough_is_graded_and_something_was_found():
+    nothing_found = rounds_of([-np.inf] * 6)
+    assert nothing_found == [(16 * k, False, 16, {0}) for k in range(6)]
+    found = rounds_of([-0.3] * 5)
+    assert found[:4] == nothing_found[:4]
+    assert found[4][1]
+    assert found[4][3] == {0, 1}
+
+
+def test_poses_of_a_round_are_drawn_from_their_cells_in_any_order():
+    made, _ = sampler(OptimisticSampler, samples_per_call=400, uniform_first=400)
+    made.sample_goals(-0.3, never)
+    orders, shares = [], []
+    for _ in range(30):
+        made._begin_round(refine=True)
+        low, high = made._cells[:, LOWER], made._cells[:, UPPER]
+        assert (low <= made._poses).all()
+        assert (made._poses <= high).all()
+        shares.append(((made._poses - low) / (high - low))[made._depths > 0])
+        orders.append((np.diff(made._depths) < 0).any() and (np.diff(made._depths) > 0).any())
+        draws = made._draw(1000, -0.3)
+        assert (draws.contact[:, :2] == made._poses[:, :2]).all()
+        assert (draws.contact[:, 2] == made._cells[:, 1]).all()
+        assert (draws.angle == made._poses[:, 2]).all()
+        assert (draws.face == made._cells[:, 0]).all()
+        assert (draws.arm == -1).all()
+        assert (draws.grasp == -1).all()
+        checked = made._checker.check_batch(draws, -0.3, 10_000, never)
+        made._learn(checked, -0.3)
+        assert len(made._depths) == 0
+    assert sum(orders) > 15
+    assert np.vstack(shares).mean(axis=0) == pytest.approx(0.5, abs=0.06)
+
+
+def test_cells_whose_goal_was_reached_go_back_where_they_were_taken_from():
+    made, _, _ = searched()
+    waiting = sorted(made._with_goal, key=lambda entry: entry[0])
+    before = [len(level) for level in made._levels]
+    made.sample_goals(waiting[2][0], lambda: True)
+    for value, _, depth, cell in waiting[:3]:
+        found = [entry for entry in made._levels[depth] if entry[3] is cell]
+        assert [entry[:2] for entry in found] == [(0, -value)]
+    assert sum(len(level) for level in made._levels) == sum(before) + 3

@@ -198,3 +198,64 @@ def test_a_hierarchy_without_anything_to_sample_is_refused():
     tree = make(children=lambda node: [])
     with pytest.raises(ParameterError, match="no children"):
         tree.select()
+
+
+def test_a_tree_that_outgrows_its_arrays_loses_nothing():
+    """Visits and rewards of each node are its own and those of its children, and links hold."""
+
+    def wide(node):
+        return [(*node, i) for i in range(4)] if len(node) < 9 else []
+
+    tree = make(children=wide, min_depth=1, c=3.0, max_nodes=5000)
+    rng = np.random.default_rng(1)
+    own = {}
+    for k in range(4000):
+        node = tree.select()
+        reward = float(rng.integers(8)) / 8
+        tree.update(node, reward, -math.inf, 0.0)
+        visits, total = own.get(node, (0, 0.0))
+        own[node] = visits + 1, total + reward
+        if k % 3 == 0:
+            tree.hold(node)
+            assert tree.visits(node) >= own[node][0] + 1
+            tree.release(node)
+    assert len(tree) > 2048  # the arrays have been doubled twice
+    assert len({tree[n] for n in range(len(tree))}) == len(tree)
+    parents = {}
+    for node in range(len(tree)):
+        below = tree.added_children(node)
+        visits, reward = own.get(node, (0, 0.0))
+        assert tree.visits(node) == visits + sum(tree.visits(c) for c in below)
+        assert tree.reward(node) == reward + sum(tree.reward(c) for c in below)
+        assert tree.is_leaf(node) == (len(tree[node]) == 9)
+        for child in below:
+            assert child not in parents
+            assert tree[child][:-1] == tree[node]
+            parents[child] = node
+    assert sorted(parents) == list(range(1, len(tree)))
+
+
+def test_no_child_is_added_beyond_the_bound_but_what_has_none_yet_is_reached():
+    def wide(node):
+        return [(*node, i) for i in range(5)] if len(node) < 6 else []
+
+    for most in (2, 7, 20):
+        tree = make(children=wide, min_depth=2, max_nodes=most)
+        sizes = []
+        for _ in range(300):
+            node = tree.select()
+            assert len(tree[node]) >= 2
+            sizes.append(len(tree))
+            tree.update(node, 0.5, -math.inf, 0.0)
+        # Full, it goes no further than to nodes that can be sampled.
+        assert most <= sizes[-1] <= most + 2
+        assert sizes[-1] == sizes[100]
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("exploration", -1e-9), ("exploration", math.nan), ("max_nodes", 1)]
+)
+def test_trees_of_no_use_are_refused(name, value):
+    with pytest.raises(ParameterError, match=name):
+        make(**{"c" if name == "exploration" else name: value})
+    make(c=0.0, max_nodes=2)

@@ -84,3 +84,69 @@ def test_malformed_messages_change_nothing(yumi):
     with pytest.raises(JointStateError, match="yumi_joint_1_l"):
         joints.update(["yumi_joint_2_l", "yumi_joint_1_l"], [1.0, float("nan")], [], 9.95)
     np.testing.assert_array_equal(resting(joints, yumi), yumi.configuration(HOME))
+
+
+def test_a_joint_named_twice_must_be_in_one_place(yumi):
+    joints = JointStates()
+    full(joints, 9.8)
+    joints.update(["yumi_joint_1_l"] * 2, [0.1, 0.1], [], 9.81)
+    with pytest.raises(JointStateError, match=r"named twice.*yumi_joint_1_l"):
+        joints.update(["yumi_joint_1_l", "x", "yumi_joint_1_l"], [0.5, 0.0, 0.6], [], 9.82)
+    assert joints.positions()["yumi_joint_1_l"] == 0.1
+
+
+def test_what_comes_late_is_not_the_newest():
+    joints = JointStates()
+    for now, stamp, value in ((1.0, 50.0, 0.0), (1.1, 50.1, 0.1), (1.15, 50.05, 0.9)):
+        joints.update(["a"], [value], [], now, stamp)
+    assert joints.positions() == {"a": 0.1}
+    assert joints.at(["a"], 50.05, 1.2, 1.0) == {"a": 0.9}
+    assert joints.age(1.2) == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize("back", [0.5, 2.0, 1000.0])
+def test_a_clock_that_is_set_back_begins_a_new_history(back):
+    """As a recording does that is played in a loop, with its clock or without."""
+    joints = JointStates()
+    for i in range(400):
+        now = i * 0.01
+        stamp = 5000.0 + now - (back if i >= 200 else 0.0)
+        joints.update(["a"], [0.1 * i], [], now, stamp)
+        assert joints.age(now) < 0.35
+    assert joints.positions() == {"a": 0.1 * 399}
+    assert joints.at(["a"], 5000.0 + 3.5 - back, 4.0, 1.0)["a"] == pytest.approx(35.0)
+
+
+def test_one_stamp_from_the_future_is_forgotten():
+    joints = JointStates()
+    joints.update(["a"], [7.0], [], 0.0, 1e9)
+    for i in range(100):
+        joints.update(["a"], [0.1], [], i * 0.01, 100.0 + i * 0.01)
+    assert joints.positions() == {"a": 0.1}
+    assert joints.at(["a"], 100.9, 1.0, 1.0) == {"a": 0.1}
+
+
+def test_where_joints_were_is_told_or_why_not():
+    joints = JointStates()
+    with pytest.raises(JointStateError, match=r"missing.*'b'"):
+        joints.at(["b"], None, 0.0, 1.0)
+    for i in range(100):
+        joints.update(["a", "b"], [0.01 * i, 0.0], [], i * 0.01, 100.0 + i * 0.01)
+    assert joints.at(["a", "b"], 100.505, 1.0, 1.0) == pytest.approx({"a": 0.505, "b": 0.0})
+    for stamp in (None, 99.0, 101.0):
+        with pytest.raises(RobotMovingError, match="'a'"):
+            joints.at(["a", "b"], stamp, 1.0, 1.0)
+        assert joints.at(["b"], stamp, 1.0, 1.0) == {"b": 0.0}
+    assert joints.moving(["a", "b"], 100.5) == ["a"]
+    with pytest.raises(JointsStaleError, match="'b'"):
+        joints.at(["b"], 105.0, 5.0, 1.0)
+    # What is known of then is known, however old it is.
+    assert joints.at(["b"], 100.5, 5.0, 1.0) == {"b": 0.0}
+
+
+def test_joints_that_no_robot_has_any_more_are_forgotten(yumi):
+    joints = JointStates()
+    full(joints, 1.0)
+    joints.keep(["yumi_joint_1_l"])
+    assert list(joints.positions()) == ["yumi_joint_1_l"]
+    assert joints.age(1.0) == 0.0

@@ -102,6 +102,21 @@ def test_bad_values_are_refused_by_name(name, value, error):
     assert name in str(raised.value)
 
 
+def test_numbers_may_come_as_text_as_yaml_takes_some_for_it():
+    assert parameter_set(time_limit="1e-05")["time_limit"] == 1e-05
+    volume = parameter_set(target_volume="[0, 0, 0, 1, 1.5, 1e-1]")["target_volume"]
+    assert volume == [0.0, 0.0, 0.0, 1.0, 1.5, 0.1]
+    for text in ("[0, 0, 0, 1, 1.5]", "0, 0, 0, 1, 1, 1", "[]", "[a, 0]", "nan", ""):
+        with pytest.raises(ParameterError):
+            parameter_set(target_volume=text)
+
+
+def test_nothing_is_an_empty_list():
+    assert parameter_set(left__grasps=None, cloud_topics=None)["cloud_topics"] == []
+    with pytest.raises(ParameterError):
+        parameter_set(target_volume=None)
+
+
 def test_changes_leave_the_original_alone():
     before = parameter_set()
     after = before.changed({"time_limit": 2.0, "collision_margin": 0.01})
@@ -113,11 +128,15 @@ def test_changes_leave_the_original_alone():
 def test_start_up_parameters_cannot_be_changed_for_a_run():
     with pytest.raises(ParameterError, match="start-up"):
         parameter_set().changed({"planning_frame": "map"})
+    same = parameter_set(planning_frame="map").changed({"planning_frame": "map"})
+    assert same["planning_frame"] == "map"
 
 
 def test_unknown_names_are_refused():
-    with pytest.raises(ParameterError, match="no such parameter"):
+    with pytest.raises(ParameterError, match="no such parameter; the nearest is time_limit"):
         parameter_set().changed({"time_limits": 3.0})
+    faults = parameter_set().faults({f"name_{i}": 0 for i in range(5000)})
+    assert len(faults) == 5000
 
 
 def test_every_search_setting_reaches_the_planner():
@@ -139,9 +158,9 @@ def test_every_search_setting_reaches_the_planner():
     assert settings.approach.approach_distance == 0.08
     assert settings.retreat.retreat_distance == 0.07
     assert settings.require_retreat is False
-    assert settings.execution.velocity_scaling == 0.5
-    assert settings.execution.acceleration_scaling == 0.4
-    assert settings.execution.acceleration_limits == (1.0, 2.0)
+    assert settings.timing.velocity_scaling == 0.5
+    assert settings.timing.acceleration_scaling == 0.4
+    assert settings.timing.acceleration_limits == (1.0, 2.0)
     assert ParameterSet(SPECS, {"cloud.cell_size": 0.02}).grid_settings.cell_size == 0.02
 
 

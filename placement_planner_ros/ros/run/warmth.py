@@ -1,0 +1,25 @@
+"""Whether what a search needs is compiled."""
+
+from __future__ import annotations
+
+import threading
+from typing import Literal
+
+
+class Warmth(threading.Event):
+    """Set once warming up is over, be it that it failed.
+
+    Attributes:
+        failure: why it failed; empty where it did not, or is not over.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.failure = ""
+
+    @property
+    def shown(self) -> Literal["true", "false", "failed"]:
+        """As `~/status` says it."""
+        if not self.is_set():
+            return "false"
+        return "failed" if self.failure else "true"

@@ -1,0 +1,193 @@
+"""Distances and bounds of the kernels against brute force: all faces, all boxes."""
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial import ConvexHull
+
+from placement_planner_ros.core.collision.against_boxes import (
+    SetRows,
+    SetsInWorld,
+    boxes_apart,
+    distance_bounds,
+    polytope_meets_box,
+)
+from placement_planner_ros.core.collision.boxes import box_arrays
+from placement_planner_ros.core.collision.separation import COLLIDING, FREE, UNDECIDED, separate
+from placement_planner_ros.core.collision.shapes import polytope
+from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
+
+NEAR = 1e-5
+"""m, more than what thresholds must be passed by."""
+
+
+def distance(a, b):
+    """Between two hulls (m, 3) and (n, 3), by every face of their Minkowski difference.
+
+    Where they overlap, how deep, below zero.
+    """
+    hull = ConvexHull((a[:, None] - b).reshape(-1, 3))
+    if (hull.equations[:, 3] < 0.0).all():
+        return float(hull.equations[:, 3].max())
+    nearest = trimesh.triangles.closest_point(
+        hull.points[hull.simplices], np.zeros((len(hull.simplices), 3))
+    )
+    return float(np.linalg.norm(nearest, axis=1).min())
+
+
+def corners_of(box):
+    return np.array(np.meshgrid(*box.reshape(2, 3).T)).reshape(3, -1).T
+
+
+def thing(rng):
+    size = rng.choice([0.02, 0.1, 0.3], 3)
+    return rng.normal(size=(int(rng.integers(4, 20)), 3)) * size
+
+
+def cases(rng, count):
+    """Hulls, the other as hull or box (1, 6), and their distance."""
+    for k in range(count):
+        a = thing(rng) + rng.normal(size=3) * rng.choice([0.1, 0.5, 1.5])
+        if k % 2:
+            box = np.concatenate([-rng.uniform(0.01, 0.3, 3), rng.uniform(0.01, 0.3, 3)])
+            yield a, box[None], distance(a, corners_of(box))
+        else:
+            b = thing(rng)
+            yield a, b, distance(a, b)
+
+
+def support(other, n):
+    """max of n over what `other` says."""
+    corners = corners_of(other[0]) if other.shape[1] == 6 else other
+    return (corners @ n).max()
+
+
+def asked(a, other, free_at, hit_below, start):
+    """The kernel's answer, with rows of other sets around those that are asked for."""
+    work = np.zeros((6, 4))
+    work[5, :3] = start
+    around = np.full((2, 3), 1e3)
+    outside = np.full((3, other.shape[1]), -1e3)
+    answer = separate(
+        np.vstack([around, a, around]),
+        2,
+        2 + len(a),
+        np.vstack([outside, other, outside]),
+        3,
+        3 + len(other),
+        free_at,
+        hit_below,
+        work,
+    )
+    return answer, work[5, :3]
+
+
+def test_convex_sets_are_as_far_apart_as_all_faces_of_their_difference_say():
+    rng = np.random.default_rng(0)
+    apart = overlapping = 0
+    for a, other, d in cases(rng, 300):
+        start = rng.normal(size=3) * rng.choice([0.0, 1e-3, 1.0])
+        if d > 1e-3:
+            apart += 1
+            answer, n = asked(a, other, d - NEAR, d - NEAR, start)
+            assert answer == FREE
+            assert (a @ n).min() - support(other, n) >= (d - NEAR) * np.linalg.norm(n)
+            assert asked(a, other, d + NEAR, d + NEAR, start)[0] == COLLIDING
+            assert asked(a, other, d + 1e-3, d - 1e-3, start)[0] == UNDECIDED
+            _, n = asked(a, other, np.inf, 0.0, start)
+            assert (a @ n).min() - support(other, n) >= (d - NEAR) * np.linalg.norm(n)
+        elif d < -1e-3:
+            overlapping += 1
+            assert asked(a, other, 1e-3, 1e-3, start)[0] == COLLIDING
+            assert asked(a, other, 0.0, 0.0, start)[0] != FREE
+    assert apart > 100
+    assert overlapping > 50
+
+
+@pytest.mark.parametrize("closed", [False, True])
+def test_a_polytope_is_as_far_from_a_box_as_all_faces_of_their_difference_say(closed):
+    rng = np.random.default_rng(1)
+    by_plane = deep = 0
+    for a, box, d in cases(rng, 400):
+        if box.shape[1] != 6 or abs(d) < 1e-3:
+            continue
+        hull = polytope(a)
+        radius = rng.choice([0.0, 0.05])
+        points = np.vstack([np.full((1, 3), 9.0), hull.vertices, np.full((1, 3), -9.0)])
+        planes = np.column_stack([hull.normals, hull.offsets])
+        bounds = np.zeros((3, 6))
+        bounds[2] = *(a.min(axis=0) - radius), *(a.max(axis=0) + radius)
+        last = len(planes) if rng.random() < 0.8 else 0
+        world = SetsInWorld(points, planes, bounds, np.zeros((6, 4)))
+        rows = SetRows(1, 1 + len(hull.vertices), 0, last, 2, radius)
+        corners = np.vstack([np.full((1, 6), 7.0), box])
+
+        def meets(need, hit, world=world, rows=rows, corners=corners):
+            return polytope_meets_box(world, rows, closed, corners, 1, need, hit)
+
+        gap = d - radius
+        if gap < 0.0:
+            deep += 1
+            assert meets(0.001, 0.001) == COLLIDING
+            continue
+        assert meets(gap + NEAR, gap + NEAR) == COLLIDING
+        assert meets(gap + 1e-3, max(gap - 1e-3, 0.0)) == UNDECIDED
+        assert meets(gap - NEAR, gap - NEAR) == FREE
+        beyond = (planes[:, :3] @ corners_of(box[0]).T).min(axis=1) - planes[:, 3]
+        for need in (gap - NEAR, beyond.max() - radius - NEAR):
+            assert meets(need, need) == FREE
+            plane = int(world.work[5, 3])
+            if plane >= 0:
+                by_plane += 1
+                assert beyond[plane] >= need + radius
+            else:
+                assert not last or beyond.max() < need + radius + 2e-6
+        # Planes that enclose more than the set tell nothing of what lies behind them.
+        planes[:, 3] += 0.5
+        assert closed or meets(gap - NEAR, gap - NEAR) == FREE
+        # Boxes around both keep apart what an axis does.
+        apart = max((box[0, :3] - bounds[2, 3:]).max(), (bounds[2, :3] - box[0, 3:]).max())
+        assert boxes_apart(bounds, 2, corners, 1, apart - NEAR)
+        assert not boxes_apart(bounds, 2, corners, 1, apart + NEAR)
+    assert by_plane > 50
+    assert deep > 20
+
+
+def test_the_field_bounds_the_distance_of_any_point_to_all_boxes():
+    rng = np.random.default_rng(2)
+    points = rng.uniform([0.0, -0.2, 0.1], [0.35, 0.15, 0.3], (30, 3))
+    made = ObstacleSet.from_points(
+        points, GridSettings(cell_size=0.01), bounds=np.array([[-0.2, -0.4, 0.0], [0.5, 0.3, 0.5]])
+    )
+    boxes = box_arrays(made)
+    step = 0.3 / 255
+
+    def brute_force(p):
+        away = np.maximum(np.maximum(made.lower - p, p - made.upper), 0.0)
+        return np.linalg.norm(away, axis=1).min()
+
+    near = far = outside = 0
+    anywhere = rng.uniform([-0.3, -0.5, -0.1], [0.6, 0.4, 0.6], (3000, 3))
+    for p in (*anywhere, *(rng.choice(points, 500) + 0.01 * rng.normal(size=(500, 3)))):
+        d = brute_force(p)
+        lower, upper = distance_bounds(boxes.field_grid, boxes.field, *p)
+        assert lower <= d + 1e-9
+        assert d <= upper + 1e-9
+        cell = np.floor((p - made.origin) / 0.01)
+        if not ((cell >= 0) & (cell < made.shape)).all():
+            outside += 1
+            around = made.lower.min(axis=0), made.upper.max(axis=0)
+            away = np.maximum(np.maximum(around[0] - p, p - around[1]), 0.0)
+            assert lower == pytest.approx(np.linalg.norm(away))
+            assert upper == np.inf
+            continue
+        center = made.origin + (cell + 0.5) * 0.01
+        off, at_center = np.linalg.norm(p - center), brute_force(center)
+        if at_center < 0.024:
+            near += 1
+            assert at_center - step - 1e-6 <= lower + off <= at_center + 1e-6
+            assert at_center - 1e-6 <= upper - off <= at_center + step + 1e-6
+        elif at_center < 0.25:
+            far += 1
+            assert at_center - step - 0.0142 <= lower + off <= at_center + 1e-6
+    assert min(near, far, outside) > 50

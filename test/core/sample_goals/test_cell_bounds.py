@@ -1,0 +1,165 @@
+"""Bounds of cells against sampled poses, and against every column of the map and every arm."""
+
+import numpy as np
+import pytest
+
+from placement_planner_ros.core.constraints import contact_points
+from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
+from placement_planner_ros.core.reach.reach_bound import ReachBound
+from placement_planner_ros.core.sample_goals.cell_bounds import _Placed
+from placement_planner_ros.core.search.cell_layout import LOWER, UPPER, X
+from placement_planner_ros.core.search.pruning import Ruling
+from placement_planner_ros.experiments.cases import Case, make_problem
+
+
+def turned(angle, points):
+    """x and y of points (m, 3) turned about the vertical."""
+    c, s = np.cos(angle), np.sin(angle)
+    return points[:, :2] @ np.array([[c, s], [-s, c]])
+
+
+@pytest.fixture(scope="module")
+def made():
+    case = Case("cabinet_low_clutter", "large_crayons_box", "maximize_clearance")
+    problem, _ = make_problem(case, np.random.default_rng(0))
+    planner = PlacementPlanner(problem, lambda T: 0.0, PlannerSettings(), np.random.default_rng(0))
+    return problem, planner
+
+
+@pytest.fixture(scope="module")
+def cells(made):
+    """Of all sizes, on the regions and across their borders."""
+    problem, _ = made
+    rng = np.random.default_rng(1)
+    rows = []
+    for _ in range(1500):
+        region = problem.environment.regions[rng.integers(len(problem.environment.regions))]
+        size = rng.choice([0.0, 0.005, 0.05, 0.3], 2) * rng.random(2)
+        turn = rng.choice([0.0, 0.05, 0.5, 2.0 * np.pi])
+        low = region.sample(rng)[:2] - rng.random(2) * size - rng.choice([0.0, 0.1]) * rng.random(2)
+        start = rng.uniform(0.0, 2.0 * np.pi)
+        face = rng.integers(len(problem.body.faces))
+        rows.append([face, region.z, low[0], low[0] + size[0], low[1], low[1] + size[1]])
+        rows[-1] += [start, start + turn]
+    return np.array(rows)
+
+
+def test_points_of_the_body_stay_where_they_are_said_to(cells):
+    rng = np.random.default_rng(2)
+    points = rng.normal(size=(5, 3)) * 0.2
+    placed = _Placed(cells)
+    each = np.broadcast_to(points, (len(cells), 5, 3))
+    middles, strays = placed.middles(each), placed.strays(each)
+    assert (placed.half == 0.5 * (cells[:, [3, 5]] - cells[:, [2, 4]])).all()
+    for cell, half, middle, stray in zip(cells, placed.half, middles, strays, strict=True):
+        low, high = cell[LOWER], cell[UPPER]
+        center = 0.5 * (low + high)
+        assert middle == pytest.approx(turned(center[2], points) + center[:2])
+        for x, y, angle in low + rng.random((8, 3)) * (high - low):
+            off = np.abs(turned(angle, points) + np.array([x, y]) - middle)
+            assert (off <= half + stray[:, None] + 1e-12).all()
+        # At the ends of the interval, or half a turn away, no less would do.
+        angle = min(high[2], center[2] + np.pi)
+        way = turned(angle, points) - turned(center[2], points)
+        assert np.linalg.norm(way, axis=1) == pytest.approx(stray, abs=1e-12)
+
+
+def test_cells_are_unsupported_where_no_column_under_some_contact_has_a_surface(made, cells):
+    problem, planner = made
+    poses = planner.sampler._checker._poses
+    support, body, volume = problem.environment.support, problem.body, problem.volume
+    column = np.repeat(np.arange(len(support.start) - 1), np.diff(support.start))
+    at = np.column_stack(np.divmod(column, support.columns[1])) * support.cell_size
+    at = at + support.origin[:2]
+    within = ((at >= volume.lower[:2] - 0.5) & (at <= volume.upper[:2] + 0.5)).all(axis=1)
+    at, heights = at[within], support.height[within]
+    cells = cells[::3]
+    unsupported = planner._bounds._support.unsupported(_Placed(cells))
+    seen = set()
+    for cell, ruled_out in zip(cells, unsupported, strict=True):
+        face = body.faces[int(cell[0])]
+        T = face.T_face_object
+        half = 0.5 * (cell[UPPER] - cell[LOWER])
+        center = 0.5 * (cell[UPPER] + cell[LOWER])
+
+        def reached(points, half=half, center=center):
+            """Lower and upper corners of what points of the face frame stay in."""
+            middle = turned(center[2], points) + center[:2]
+            turn = 2.0 * np.sin(0.5 * min(half[2], np.pi)) * np.hypot(points[:, 0], points[:, 1])
+            return middle - turn[:, None] - half[:2], middle + turn[:, None] + half[:2]
+
+        contacts = contact_points(face, poses.edge_margin) @ T.rotation.T + T.translation
+        low, high = reached(contacts)
+        surely = maybe = True  # supported
+        for a, b in zip(low, high, strict=True):
+            for slack, more in ((0.0, 0.0), (5e-6, 1.1e-3)):
+                near = np.abs(heights - cell[1]) <= poses.contact_tolerance + more
+                near &= (at <= b + slack).all(axis=1)
+                near &= (at + support.cell_size >= a - slack).all(axis=1)
+                if more:
+                    maybe &= bool(near.any())
+                else:
+                    surely &= bool(near.any())
+        a, b = reached(T.act(body.center_of_mass)[None])
+        for slack in (0.0, 5e-6):
+            inside = (b[0] + slack >= volume.lower[:2]).all() and (
+                a[0] - slack <= volume.upper[:2]
+            ).all()
+            if slack:
+                maybe &= bool(inside)
+            else:
+                surely &= bool(inside)
+        assert not (ruled_out and surely)
+        assert ruled_out or maybe
+        seen.add((bool(ruled_out), bool(inside)))
+    assert seen == {(True, True), (True, False), (False, True)}
+
+
+def test_cells_are_out_of_reach_where_they_are_of_every_arm_in_every_grasp(made, cells):
+    problem, planner = made
+    rng = np.random.default_rng(3)
+    moved = cells.copy()
+    shift = rng.uniform(-0.2, 0.6, (len(cells), 2))
+    moved[:, [X, X + 1]] += shift[:, :1]
+    moved[:, [X + 2, X + 3]] += shift[:, 1:]
+    moved[:, 1] += rng.uniform(-0.3, 0.3, len(cells))
+    out = planner._bounds._reach.out_of_reach(_Placed(moved))
+    bounds = []
+    for holding in planner.holdings.values():
+        bound = ReachBound.of(holding.chain)
+        wrist = holding.arm.grasps[holding.grasp].inverse().act(bound.wrist)
+        bounds.append((bound, wrist))
+    assert len(bounds) >= 2
+    one_arm_only = 0
+    for cell, ruled_out in zip(moved, out, strict=True):
+        T = problem.body.faces[int(cell[0])].T_face_object
+        half, center = 0.5 * (cell[UPPER] - cell[LOWER]), 0.5 * (cell[UPPER] + cell[LOWER])
+        near, gaps = [], []
+        for bound, wrist in bounds:
+            point = T.act(wrist)[None]
+            height = point[0, 2] + cell[1] - bound.shoulder[2]
+            share = rng.random((6, 3))
+            for x, y, angle in (center, *(cell[LOWER] + share * 2.0 * half)):
+                aside = turned(angle, point)[0] + (x, y) - bound.shoulder[:2]
+                near.append(np.hypot(np.linalg.norm(aside), height) <= bound.length)
+            aside = turned(center[2], point)[0] + center[:2] - bound.shoulder[:2]
+            turn = 2.0 * np.sin(0.5 * min(half[2], np.pi)) * np.hypot(*point[0, :2])
+            least = max(np.linalg.norm(np.maximum(np.abs(aside) - half[:2], 0.0)) - turn, 0.0)
+            gaps.append(np.hypot(least, height) - bound.length)
+        assert not (ruled_out and any(near))
+        assert ruled_out == (min(gaps) > 0.001)
+        one_arm_only += max(gaps) > 0.001 >= min(gaps)
+    assert one_arm_only > 20
+    assert 0.1 < out.mean() < 0.9
+
+
+def test_rulings_say_what_rules_each_cell_out(made, cells):
+    _, planner = made
+    bounds = planner._bounds
+    far = cells.copy()
+    far[:700, [X, X + 1]] += 0.4
+    rulings, placed = bounds.rulings(far), _Placed(far)
+    out, unsupported = bounds._reach.out_of_reach(placed), bounds._support.unsupported(placed)
+    expected = np.where(unsupported, Ruling.UNSUPPORTED, Ruling.OPEN)
+    assert (rulings == np.where(out, Ruling.OUT_OF_REACH, expected)).all()
+    assert set(rulings) == set(Ruling)

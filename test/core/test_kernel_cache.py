@@ -1,0 +1,225 @@
+"""Kernels on disk: what is damaged is made anew, what cannot be kept is done without."""
+
+import os
+import pickle
+import resource
+import subprocess
+import sys
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+
+import placement_planner_ros
+from placement_planner_ros.core import kernel_cache, kernels
+
+ROOT = Path(placement_planner_ros.__file__).parents[1]
+PROGRAM = """
+from placement_planner_ros.core.kernel_cache import TROUBLES
+from placement_planner_ros.core.kernels import kernel
+
+@kernel()
+def twice(x):
+    return 2 * x
+
+@kernel()
+def thrice(x):
+    return x + twice(x)
+
+print(thrice(2), thrice(0.5))
+print(sum(k.stats.cache_hits.total() for k in (twice, thrice)))
+TROUBLES.listen(print)
+"""
+
+
+@pytest.fixture
+def cache(monkeypatch, tmp_path):
+    """An empty cache; what is said of it is in `cache.said`."""
+    kernels._cache_folder.cache_clear()
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
+    troubles, said = kernel_cache.Troubles(), []
+    troubles.listen(said.append)
+    monkeypatch.setattr(kernel_cache, "TROUBLES", troubles)
+    monkeypatch.setattr(kernels, "TROUBLES", troubles)
+    yield Cache(tmp_path / "cache", said)
+    kernels._cache_folder.cache_clear()
+
+
+class Cache:
+    def __init__(self, folder, said):
+        self.folder = folder
+        self.said = said
+
+    @property
+    def files(self):
+        return sorted(self.folder.rglob("*.nbc"))
+
+
+def total(numbers, factor):
+    result = 0.0
+    for number in numbers:
+        result += factor * number
+    return result
+
+
+def call():
+    """A kernel as a process that has just begun sees it; whether it was there already."""
+    made = kernels.kernel()(total)
+    assert made(np.ones(3), 2) == 6.0
+    return made.stats.cache_hits.total() == 1
+
+
+def other_make(content):
+    """Whole, but of something that has another form."""
+    return kernel_cache._packed(("not", "a", "kernel"))
+
+
+DAMAGES = {
+    "empty": lambda content: b"",
+    "half": lambda content: content[: len(content) // 2],
+    "garbage": lambda content: np.random.default_rng(0).bytes(len(content)),
+    "a block of zeros": lambda content: content[:4096] + bytes(512) + content[4608:],
+    "a flipped bit": lambda content: content[:-9] + bytes([content[-9] ^ 1]) + content[-8:],
+    "more than was written": lambda content: content + content,
+    "a pickle": lambda content: pickle.dumps(call),
+    "another make": other_make,
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_damaged_kernel_is_made_anew_and_that_is_said_once(cache, damage):
+    assert not call()
+    assert call()
+    (file,) = cache.files
+    whole = file.read_bytes()
+    for _ in range(2):
+        file.write_bytes(DAMAGES[damage](whole))
+        assert not call()
+        assert call()
+    assert len(cache.said) == 1
+    assert str(file) in cache.said[0]
+    assert "damaged" in cache.said[0]
+    assert cache.files == [file]
+
+
+def test_a_folder_in_place_of_a_kernel_is_said_and_done_without(cache):
+    assert not call()
+    (file,) = cache.files
+    file.unlink()
+    file.mkdir()
+    assert not call()
+    assert not call()
+    assert len(cache.said) == 2
+    assert all(str(cache.folder) in words for words in cache.said)
+
+
+def test_each_kind_of_arguments_is_a_file_of_its_own(cache):
+    made = kernels.kernel()(total)
+    made(np.ones(3), 2)
+    made(np.ones(3), 2.0)
+    assert len(cache.files) == 2
+    again = kernels.kernel()(total)
+    assert again(np.ones(3), 2.5) == 7.5
+    assert again(np.ones(3), 3) == 9.0
+    assert again.stats.cache_hits.total() == 2
+
+
+def test_what_a_kernel_closes_over_tells_it_from_others(cache):
+    def adding(amount):
+        def added(number):
+            return number + amount
+
+        return kernels.kernel()(added)
+
+    assert [adding(1)(1), adding(2)(1), adding(1)(1)] == [2, 3, 2]
+    assert len(cache.files) == 2
+
+
+def test_a_cache_that_is_flushed_or_disabled_is_empty(cache):
+    assert not call()
+    made = kernels.kernel()(total)
+    made._cache.flush()
+    assert cache.files == []
+    made._cache.disable()
+    made(np.ones(3), 2)
+    assert cache.files == []
+
+
+def test_without_a_home_kernels_are_not_kept(cache, monkeypatch):
+    def nowhere():
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.setattr(numba.config, "CACHE_DIR", "")
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr(Path, "home", nowhere)
+    assert not call()
+    assert not call()
+    assert len(cache.said) == 1
+    assert "no home" in cache.said[0]
+
+
+def test_who_listens_late_hears_what_there_was(cache):
+    troubles, said = kernel_cache.Troubles(), []
+    troubles.note("unread", "one")
+    troubles.note("unread", "two")
+    troubles.listen(said.append)
+    troubles.note("unwritten", "three")
+    assert said == ["one", "three"]
+
+
+def process(folder, program, **options):
+    file = program / "little.py"
+    file.write_text(PROGRAM)
+    clean = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"}
+    return subprocess.Popen(
+        [sys.executable, str(file)],
+        env=clean | {"XDG_CACHE_HOME": str(folder), "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        **options,
+    )
+
+
+def lines(started):
+    said, _ = started.communicate(timeout=120.0)
+    assert started.returncode == 0, said
+    numbers, hits, *troubles = said.splitlines()
+    assert numbers == "6 1.5"
+    return int(hits), troubles
+
+
+def no_room():
+    """As on a full disk: not a byte of a file can be written."""
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+
+
+def test_on_a_full_disk_kernels_are_not_kept(tmp_path):
+    hits, troubles = lines(process(tmp_path / "cache", tmp_path, preexec_fn=no_room))
+    assert hits == 0
+    assert len(troubles) == 1
+    assert "File too large" in troubles[0]
+    assert "XDG_CACHE_HOME" in troubles[0]
+    assert [path for path in (tmp_path / "cache").rglob("*") if path.is_file()] == []
+
+
+def test_where_the_cache_is_a_file_kernels_are_not_kept(tmp_path):
+    (tmp_path / "cache").write_text("mine")
+    hits, troubles = lines(process(tmp_path / "cache", tmp_path))
+    assert (hits, len(troubles)) == (0, 1)
+    assert str(tmp_path / "cache") in troubles[0]
+    assert (tmp_path / "cache").read_text() == "mine"
+
+
+def test_where_nothing_can_be_written_what_is_there_is_used(tmp_path):
+    lines(process(tmp_path / "cache", tmp_path))
+    assert lines(process(tmp_path / "cache", tmp_path, preexec_fn=no_room)) == (2, [])
+
+
+def test_processes_that_compile_at_once_do_not_harm_each_other(tmp_path):
+    both = [process(tmp_path / "cache", tmp_path) for _ in range(2)]
+    assert [lines(each)[1] for each in both] == [[], []]
+    hits, troubles = lines(process(tmp_path / "cache", tmp_path))
+    assert (hits, troubles) == (2, [])
+    assert not list((tmp_path / "cache").rglob("*.tmp"))

@@ -1,0 +1,77 @@
+"""After warming up a search compiles nothing more."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import placement_planner_ros
+
+PACKAGE = Path(placement_planner_ros.__file__).parent
+# In a process of its own, as the other tests call kernels too. The arms' neutral configuration is
+# the one that the node warms up with; that it lies within the limits, or free, is nowhere said.
+PROGRAM = """
+import importlib, sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+from numba.core.dispatcher import Dispatcher
+
+from placement_planner_ros import Body, Environment, PlannerSettings
+from placement_planner_ros.core.objective.by_name import make_objective
+from placement_planner_ros.core.objective.objective import ObjectiveContext
+from placement_planner_ros.core.planner import PlacementPlanner
+from placement_planner_ros.core.problem import Problem
+from placement_planner_ros.core.warmup import warm_up
+from placement_planner_ros.experiments.cases import start_configuration
+from placement_planner_ros.scenes.clouds import complete_cloud
+from placement_planner_ros.scenes.objects import object_by_name
+from placement_planner_ros.scenes.scenes import scene_by_name
+from placement_planner_ros.scenes.yumi import load_yumi, yumi_arm
+
+def versions():
+    return {
+        (module, name, signature)
+        for module, loaded in list(sys.modules.items())
+        if module.startswith("placement_planner_ros.core.")
+        for name, kernel in vars(loaded).items()
+        if isinstance(kernel, Dispatcher) and kernel.py_func.__module__ == module
+        for signature in kernel.signatures
+    }
+
+robot = load_yumi()
+arms = [yumi_arm(robot, name) for name in ("left", "right")]
+warm_up(robot, arms, pin.neutral(robot.model))
+warm = versions()
+held, scene = object_by_name("small_crayons_box"), scene_by_name("cabinet_high_clutter")
+body = Body.from_mesh(held.vertices, held.triangles)
+environment = Environment.from_points(complete_cloud(scene), scene.volume)
+arms = tuple(replace(arm, grasps=tuple(held.grasps[arm.name])) for arm in arms)
+q = robot.configuration(start_configuration("small_crayons_box"))
+problem = Problem(robot, arms, q, body, scene.volume, environment)
+context = ObjectiveContext(environment, scene.volume, body)
+objective = make_objective("maximize_clearance", context)
+for sampler in ("optimistic", "mcts"):
+    settings = replace(PlannerSettings(), sampler=sampler)
+    planner = PlacementPlanner(problem, objective, settings, np.random.default_rng(0))
+    found = planner.run(lambda: planner.statistics.samples > 20_000)
+    print(len([placement for placement, _ in zip(found, range(3))]))
+for module, name, _ in sorted(versions() - warm, key=str):
+    print(module, name)
+"""
+
+
+def test_a_search_compiles_nothing_that_warming_up_has_not():
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM],
+        cwd=PACKAGE.parent,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=600.0,
+    )
+    assert done.returncode == 0, done.stderr
+    found, more, *unknown = done.stdout.splitlines()
+    assert min(int(found), int(more)) >= 2, "this searched too little to tell"
+    assert unknown == []

@@ -1,0 +1,39 @@
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from placement_planner_ros.ros.parameters.nearest import nearest
+from placement_planner_ros.ros.parameters.table import arm_specs, fixed_specs
+
+NAMES = [spec.name for spec in [*fixed_specs(), *arm_specs("left", yumi=True)]]
+
+
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [
+        ("colision_margin", "collision_margin"),
+        ("timelimit", "time_limit"),
+        ("TimeLimit", "time_limit"),
+        ("cell_size", "cloud.cell_size"),
+        ("cloud_mode", "cloud.mode"),
+        ("cloud.max-age", "cloud.max_age"),
+        ("left.tipframe", "left.tip_frame"),
+        ("target_volumes", "target_volume"),
+        ("self_filter.enable", "self_filter.enabled"),
+        ("xyz", None),
+        ("", None),
+        ("wheel_separation", None),
+    ],
+)
+def test_a_slip_of_the_pen_is_recognised(name, meant):
+    assert nearest(name, NAMES) == meant
+
+
+@given(st.text(max_size=300))
+def test_any_name_is_looked_at(name):
+    assert nearest(name, NAMES) in (*NAMES, None)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_one_letter_left_out_is_nearest_to_the_name(name):
+    assert nearest(name[:-2] + name[-1], NAMES) == name

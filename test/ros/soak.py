@@ -1,0 +1,763 @@
+"""Uses the real node for as long as wanted, as clients, sensors and others do who err, and judges.
+
+    python test/ros/soak.py --minutes 60
+
+Several clients call every service at random, with sense and without; clouds, joint states, objects
+and robots come good, bad and not at all. What is good is always the same world, so that whatever is
+published can be checked. Every line of the report that is not as it should be is named at its end,
+and then the exit code is 1.
+"""
+
+import os
+
+os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
+
+import argparse
+import collections
+import functools
+import json
+import multiprocessing
+import signal
+import sys
+import tempfile
+import threading
+import time
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).parents[1]))
+
+import numpy as np
+import rclpy
+from checker import SolutionChecker, Tolerances
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from fakes import Spinning, said, values_of
+from geometry_msgs.msg import Point, PoseStamped
+from published import pose_of, solution_of, task_of
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameters,
+    GetParameterTypes,
+    ListParameters,
+    SetParameters,
+    SetParametersAtomically,
+)
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState, PointCloud2
+from shape_msgs.msg import Mesh, MeshTriangle
+from std_msgs.msg import Header, String
+from std_srvs.srv import Trigger
+from system import NODE, OBJECT, SCENE, start_node, wait
+from trajectory_msgs.msg import JointTrajectory
+
+from placement_planner_ros.core.timing.trajectory_maker import TimingSettings
+from placement_planner_ros.experiments.cases import start_configuration
+from placement_planner_ros.ros.inputs.point_cloud import message_from_points
+from placement_planner_ros.ros.qos import LATCHED
+from placement_planner_ros.scenes.clouds import complete_cloud
+from placement_planner_ros.scenes.objects import object_by_name
+from placement_planner_ros.scenes.scenes import scene_by_name
+from placement_planner_ros.share import share_path
+
+FRAME = "yumi_body"
+PATIENCE = 30.0
+"""Seconds after which a call counts as never answered."""
+LEAST_CALLS = 10_000
+"""In an hour."""
+STANDING = 2
+"""Objects that may stand at a time, so that there is room for more."""
+MEMORY_SETTLED = 600.0
+"""Seconds from which on memory may not grow, in a soak of twice that and more."""
+GROWTH, SHORT_GROWTH = 0.02, 0.15
+"""Of memory from then on; and of shorter soaks, from a third of their time on."""
+EVERY = QoSProfile(
+    depth=100,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+
+
+# --- what is published to the node
+
+
+def parameter(name, value):
+    return Parameter(name, value=value).to_parameter_msg()
+
+
+def bad_clouds(good):
+    """Clouds that the node must refuse, by what is wrong with them."""
+
+    def cloud(**changes):
+        made = PointCloud2(
+            header=Header(frame_id=FRAME),
+            height=good.height,
+            width=good.width,
+            fields=good.fields,
+            point_step=good.point_step,
+            row_step=good.row_step,
+            data=b"",
+        )
+        for name, value in changes.items():
+            setattr(made, name, value)
+        return made
+
+    return [
+        cloud(),
+        cloud(data=bytes(range(100))),
+        cloud(data=good.data, header=Header(frame_id="nowhere")),
+        cloud(data=good.data, header=Header(frame_id="")),
+        cloud(data=good.data, fields=good.fields[:2]),
+        cloud(data=good.data, point_step=4),
+        cloud(width=2**32 - 1, height=2**32 - 1),
+        cloud(data=good.data, height=2, row_step=0),
+    ]
+
+
+def box_mesh(vertices, triangles):
+    return Mesh(
+        vertices=[Point(x=float(x), y=float(y), z=float(z)) for x, y, z in vertices],
+        triangles=[MeshTriangle(vertex_indices=[int(i) for i in t]) for t in triangles],
+    )
+
+
+def bad_objects(held):
+    vertices, triangles = held.vertices, held.triangles
+    return [
+        Mesh(),
+        box_mesh(vertices, []),
+        box_mesh(vertices, triangles + len(vertices)),
+        box_mesh(vertices * np.nan, triangles),
+        box_mesh(vertices * 0.0, triangles),
+        box_mesh(vertices[:3], [[0, 1, 2]]),
+        box_mesh(vertices * 1e30, triangles),
+    ]
+
+
+def bad_robots(urdf):
+    return [
+        "",
+        "no robot",
+        "<robot/>",
+        urdf[: len(urdf) // 2],
+        urdf.replace("<link", "<limk"),
+        urdf.replace(".stl", ".gone").replace(".obj", ".gone").replace(".dae", ".gone"),
+        urdf.replace('type="revolute"', 'type="odd"'),
+        "<robot name='r'>" + "".join(f"<link name='l{i}'/>" for i in range(3000)) + "</robot>",
+    ]
+
+
+class World(Node):
+    """Sensors, and whoever tells of the object and the robot: mostly right."""
+
+    MOODS = ("good",) * 6 + ("clouds", "joints", "moving", "object", "robot", "silent")
+
+    def __init__(self, rng):
+        super().__init__("world")
+        self._rng = rng
+        self._held = object_by_name(OBJECT)
+        self._urdf = share_path("urdf", "yumi.urdf").read_text()
+        self._srdf = share_path("urdf", "yumi.srdf").read_text()
+        self._values = start_configuration(OBJECT)
+        points = complete_cloud(scene_by_name(SCENE))
+        self._cloud = message_from_points(points, Header(frame_id=FRAME))
+        self._bad = {
+            "clouds": bad_clouds(self._cloud),
+            "object": bad_objects(self._held),
+            "robot": bad_robots(self._urdf),
+        }
+        self._clouds = self.create_publisher(PointCloud2, "points", 1)
+        self._joints = self.create_publisher(JointState, "joint_states", 10)
+        self._object = self.create_publisher(Mesh, f"{NODE}/object", LATCHED)
+        self._robot = self.create_publisher(String, "robot_description", LATCHED)
+        self._semantic = self.create_publisher(String, "robot_description_semantic", LATCHED)
+        self._ticks = 0
+        self._until = time.monotonic() + 20.0
+        self._mood = "good"
+        self.create_timer(0.05, self._tick)
+
+    def _tick(self):
+        self._ticks += 1
+        if time.monotonic() > self._until:
+            self._mend()
+            self._mood = self._any(self.MOODS)
+            self._until = time.monotonic() + self._rng.uniform(3.0, 15.0)
+        mood = self._mood
+        if mood == "silent":
+            return
+        if mood == "joints":
+            self._joints.publish(self._bad_joints())
+        elif mood == "moving":  # never at rest, so that no run begins elsewhere
+            self._tell_joints(0.1 * (self._ticks % 2), 0.5)
+        else:
+            self._tell_joints()
+        if self._ticks % 20 == 0:
+            self._cloud.header.stamp = self.get_clock().now().to_msg()
+            self._clouds.publish(self._cloud)
+        elif mood == "clouds":
+            self._clouds.publish(self._any(self._bad["clouds"]))
+        if mood == "object" and self._ticks % 10 == 0:
+            self._object.publish(self._any(self._bad["object"]))
+        if mood == "robot" and self._ticks % 40 == 0:
+            self._robot.publish(String(data=self._any(self._bad["robot"])))
+
+    def _mend(self):
+        """What comes once is told anew, as it should be."""
+        if self._mood == "object":
+            self._object.publish(box_mesh(self._held.vertices, self._held.triangles))
+        if self._mood == "robot":
+            self._robot.publish(String(data=f"{self._urdf}<!-- {self._ticks} -->"))
+            self._semantic.publish(String(data=f"{self._srdf}<!-- {self._ticks} -->"))
+
+    def _any(self, among):
+        return among[self._rng.integers(len(among))]
+
+    def _tell_joints(self, offset=0.0, velocity=0.0):
+        message = JointState(
+            name=list(self._values),
+            position=[value + offset for value in self._values.values()],
+            velocity=[velocity] * len(self._values),
+        )
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._joints.publish(message)
+
+    def _bad_joints(self):
+        names, values = list(self._values), list(self._values.values())
+        strangers = [f"joint {self._ticks} {i}" for i in range(100)]
+        return self._any(
+            [
+                JointState(),
+                JointState(name=names, position=values[:-1]),
+                JointState(name=names, position=[float("nan")] * len(names)),
+                JointState(name=strangers, position=[0.0] * 100),
+                JointState(name=[f"joint {i}" for i in range(20_000)], position=[0.0] * 20_000),
+                JointState(name=names[:3], position=[*values[:2], float("inf")]),
+            ]
+        )
+
+
+# --- what is asked of the node
+
+SENSIBLE = [
+    lambda rng: ("objective", ["maximize_clearance", "minimize_clearance"][rng.integers(2)]),
+    lambda rng: ("arms", [["left"], ["right"], ["left", "right"]][rng.integers(3)]),
+    lambda rng: ("time_limit", float(rng.uniform(1.0, 20.0))),
+    lambda rng: ("seed", int(rng.integers(1000))),
+    lambda rng: ("sampler", ["optimistic", "mcts", "uniform"][rng.integers(3)]),
+    lambda rng: ("local_optimization", bool(rng.integers(2))),
+    lambda rng: ("velocity_scaling", float(rng.uniform(0.2, 1.0))),
+]
+STORED = SENSIBLE[2:]
+"""Those that a client may set for all: what a run is checked against does not change."""
+SENSELESS = [
+    ("time_limit", -1.0),
+    ("time_limit", float("nan")),
+    ("seed", "many"),
+    ("collision_margin", 1e9),
+    ("target_volume", [0.0] * 5),
+    ("target_volume", [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]),
+    ("objective", "beauty"),
+    ("sampler", ""),
+    ("arms", ["third"]),
+    ("left.grasps", [0.0] * 7),
+    ("left.grasps", [1.0]),
+    ("object.mesh", "package://nowhere/cup.stl"),
+    ("object.mesh", "/etc/passwd"),
+    ("robot_description", "<robot/>"),
+    ("cloud.cell_size", 0.0),
+    ("no_such_parameter", 1),
+    ("", 1),
+    ("cloud_topics", ["more"]),
+]
+
+
+class Caller(Node):
+    """A client that calls anything at any time; one call after the other."""
+
+    def __init__(self, number, watcher, rng):
+        super().__init__(f"caller_{number}")
+        self._watcher = watcher
+        self._rng = rng
+        self._asked_of = {}
+        self.asked = threading.Event()
+        self.calls = collections.Counter()
+        self.codes = collections.Counter()
+        self.unanswered = []
+        self.slowest = 0.0
+        self._thread = threading.Thread(target=self._work, daemon=True)
+
+    def start(self):
+        self._thread.start()
+
+    def end(self):
+        self.asked.set()
+        self._thread.join(2 * PATIENCE)
+
+    def _work(self):
+        names, weights = zip(*WEIGHTS.items(), strict=True)
+        weights = np.array(weights) / sum(weights)
+        while not self.asked.wait(self._rng.exponential(0.3)):
+            getattr(self, f"_{self._rng.choice(names, p=weights)}")()
+
+    def _ask(self, kind, service, request):
+        """The answer, None where none came."""
+        if service not in self._asked_of:
+            self._asked_of[service] = self.create_client(kind, f"{NODE}/{service}")
+            self._asked_of[service].wait_for_service(PATIENCE)
+        client, done = self._asked_of[service], threading.Event()
+        began = time.monotonic()
+        future = client.call_async(request)
+        future.add_done_callback(lambda _: done.set())
+        self.calls[service] += 1
+        if not done.wait(PATIENCE):
+            client.remove_pending_request(future)
+            self.unanswered.append(service)
+            return None
+        self.slowest = max(self.slowest, time.monotonic() - began)
+        return future.result()
+
+    def _trigger(self, service):
+        response = self._ask(Trigger, service, Trigger.Request())
+        return self._noted(service, response and said(response.success, response.message))
+
+    def _with(self, service, parameters):
+        request = SetParametersAtomically.Request(parameters=parameters)
+        response = self._ask(SetParametersAtomically, service, request)
+        return self._noted(
+            service, response and said(response.result.successful, response.result.reason)
+        )
+
+    def _noted(self, service, answer):
+        if answer is not None:
+            self.codes[f"{service} {answer.code}"] += 1
+        return answer
+
+    def _some(self, among, most=3):
+        return [among[i] for i in self._rng.integers(len(among), size=self._rng.integers(1, most))]
+
+    def _sensible(self, among):
+        return dict(make(self._rng) for make in self._some(among))
+
+    def _senseless(self):
+        made = [parameter(name, value) for name, value in self._some(SENSELESS)]
+        if self._rng.random() < 0.1:
+            made.append(ParameterMessage(name="seed", value=ParameterValue(type=200)))
+        return made
+
+    # what is done in turn with those that change what stands or what runs: its order is known
+
+    def _start(self):
+        with self._watcher.order:
+            answer = self._trigger("start")
+            if answer is not None and answer.success:
+                self._watcher.begun(answer.run)
+
+    def _start_with(self):
+        with self._watcher.order:
+            values = self._sensible(SENSIBLE)
+            made = [parameter(name, value) for name, value in values.items()]
+            answer = self._with("start_with", made)
+            if answer is not None and answer.success:
+                self._watcher.begun(answer.run, values.get("objective", "maximize_clearance"))
+
+    def _start_badly(self):
+        with self._watcher.order:
+            # of links and joints, the node only says at start that the robot has them not
+            strange = [parameter("left.tip_frame", "no link")] if self._rng.random() < 0.2 else []
+            answer = self._with("start_with", self._senseless() + strange)
+            if answer is not None and answer.success:
+                self._watcher.begun(answer.run, None)
+
+    def _confirm(self):
+        with self._watcher.order:
+            run, count = self._watcher.last, len(self._watcher.standing)
+            if count >= STANDING or run is None:
+                return
+            solution = self._watcher.any_solution(run, self._rng)
+            if solution is None:
+                return
+            made = [parameter("run", int(run)), parameter("solution", int(solution))]
+            answer = self._with("confirm_placed_with", made)
+            if answer is not None and answer.success:
+                self._watcher.stands(run, solution)
+
+    def _confirm_best(self):
+        with self._watcher.order:
+            run, count = self._watcher.last, len(self._watcher.standing)
+            stopped = self._trigger("stop")
+            if count >= STANDING or run is None or stopped is None or stopped.run != run:
+                return
+            solution = getattr(stopped, "solution", "0")
+            try:
+                wait(lambda: solution in self._watcher.poses.get(run, {}), timeout=3.0)
+            except AssertionError:
+                return  # of two in quick succession a latched topic may keep only one
+            answer = self._trigger("confirm_placed")
+            if answer is not None and answer.success:
+                self._watcher.stands(run, solution)
+
+    def _confirm_badly(self):
+        with self._watcher.order:
+            wrong = [parameter("run", 7), parameter("solution", 1)]
+            self._with("confirm_placed_with", wrong[: self._rng.integers(3)])
+
+    def _remove(self):
+        with self._watcher.order:
+            run = next(iter(self._watcher.standing), "7")
+            answer = self._with("remove_placed", [parameter("run", int(run))])
+            if answer is not None and answer.success:
+                self._watcher.standing.pop(run, None)
+
+    def _clear(self):
+        with self._watcher.order:
+            answer = self._trigger("clear_environment")
+            if answer is not None and answer.success:
+                self._watcher.standing.clear()
+
+    # what anybody does at any moment
+
+    def _stop(self):
+        self._trigger("stop")
+
+    def _stop_with(self):
+        run = self._watcher.last
+        number = 7 if run is None or self._rng.random() < 0.5 else int(run)
+        self._with("stop_with", [parameter("run", number)][: self._rng.integers(2) + 1])
+
+    def _set(self):
+        made = [parameter(n, v) for n, v in self._sensible(STORED).items()]
+        self._ask(SetParameters, "set_parameters", SetParameters.Request(parameters=made))
+
+    def _set_badly(self):
+        if self._rng.random() < 0.5:
+            request = SetParameters.Request(parameters=self._senseless())
+            self._ask(SetParameters, "set_parameters", request)
+        else:
+            kind, name = SetParametersAtomically, "set_parameters_atomically"
+            self._ask(kind, name, kind.Request(parameters=self._senseless()))
+
+    def _get(self):
+        names = [name for name, _ in self._some(SENSELESS, 5)]
+        kind, service = (
+            (GetParameters, "get_parameters"),
+            (DescribeParameters, "describe_parameters"),
+            (GetParameterTypes, "get_parameter_types"),
+        )[self._rng.integers(3)]
+        self._ask(kind, service, kind.Request(names=names))
+
+    def _list(self):
+        self._ask(ListParameters, "list_parameters", ListParameters.Request())
+
+
+WEIGHTS = {
+    "start": 8,
+    "start_with": 12,
+    "start_badly": 8,
+    "confirm": 3,
+    "confirm_best": 1,
+    "confirm_badly": 3,
+    "remove": 3,
+    "clear": 2,
+    "stop": 1,
+    "stop_with": 3,
+    "set": 8,
+    "set_badly": 10,
+    "get": 20,
+    "list": 5,
+}
+"""How often each is done; runs must go on for a few seconds now and then."""
+
+
+# --- what the node publishes
+
+PARTS = {
+    "trajectory": JointTrajectory,
+    "retreat_trajectory": JointTrajectory,
+    "placement_pose": PoseStamped,
+}
+
+
+@functools.lru_cache(maxsize=4)
+def checker_of(objective, placed):
+    limit = TimingSettings().acceleration_limits[0]
+    poses = [np.frombuffer(pose).reshape(4, 4) for pose in placed]
+    task = task_of(SCENE, OBJECT, objective, [_Pose(pose) for pose in poses])
+    return SolutionChecker(task, Tolerances(acceleration_limit=limit))
+
+
+class _Pose:
+    def __init__(self, matrix):
+        self.rotation, self.translation = matrix[:3, :3], matrix[:3, 3]
+
+
+def check(objective, placed, solution):
+    """What is wrong with a solution; in a process of its own."""
+    return checker_of(objective, placed).check(solution)
+
+
+def be_quiet():
+    os.nice(10)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+class Watcher(Node):
+    """Puts together what is published, and has it checked.
+
+    Attributes:
+        order: held by whoever changes what runs or what stands.
+        last: the newest run.
+        standing: poses of what stands, by run.
+        poses: of solutions seen, by run and number.
+    """
+
+    def __init__(self):
+        super().__init__("watcher")
+        self.order = threading.Lock()
+        self.last = None
+        self.standing = {}
+        self.poses = {}
+        self.warm = ""
+        self.state = ""
+        self.published = 0
+        self.unwhole = 0
+        self.refused = []
+        self.faults = []
+        self._runs = {}
+        self._best = {}
+        self._heard = {part: {} for part in PARTS}
+        self._manifests = collections.deque()
+        self._pool = ProcessPoolExecutor(
+            1, multiprocessing.get_context("spawn"), initializer=be_quiet
+        )
+        self._checks = []
+        for part, kind in PARTS.items():
+            hear = functools.partial(self._hear, self._heard[part])
+            self.create_subscription(kind, f"{NODE}/{part}", hear, EVERY)
+        self.create_subscription(DiagnosticArray, f"{NODE}/solution", self._manifest, EVERY)
+        self.create_subscription(DiagnosticStatus, f"{NODE}/status", self._status, EVERY)
+        self.create_timer(0.5, self._match)
+
+    def begun(self, run, objective="maximize_clearance"):
+        """A run began, with the lock held: what stands now stood then."""
+        poses = tuple(pose.homogeneous.tobytes() for pose in self.standing.values())
+        self._runs[run] = objective, poses
+        self.last = run
+
+    def stands(self, run, solution):
+        self.standing[run] = self.poses[run][solution]
+
+    def any_solution(self, run, rng):
+        known = list(self.poses.get(run, ()))
+        return known[rng.integers(len(known))] if known else None
+
+    def finish(self):
+        """Wait for what is being checked."""
+        wait(lambda: not self._manifests, timeout=60.0)
+        for name, future in self._checks:
+            found = future.result()
+            if found:
+                self.refused.append(f"{name}: {'; '.join(found)}")
+        self._pool.shutdown()
+
+    @property
+    def checked(self):
+        return len(self._checks)
+
+    def _hear(self, heard, message):
+        if isinstance(message, PoseStamped):
+            key = message.header.stamp.sec, message.header.stamp.nanosec
+        else:
+            key = message.header.frame_id
+        heard[key] = message
+        while len(heard) > 100:
+            heard.pop(next(iter(heard)))
+
+    def _status(self, message):
+        values = values_of(message)
+        self.warm, self.state = values["warm"], values["state"]
+
+    def _manifest(self, message):
+        values = values_of(message.status[0])
+        if values["solution"] == "0":
+            return
+        self.published += 1
+        stamp = message.header.stamp.sec, message.header.stamp.nanosec
+        self._manifests.append((time.monotonic(), stamp, values))
+        before = self._best.get(values["run"], float("-inf"))
+        if float(values["objective"]) <= before:
+            self.faults.append(f"objective {values['objective']} after {before}: {values}")
+        self._best = {values["run"]: float(values["objective"])}
+
+    def _match(self):
+        for _ in range(len(self._manifests)):
+            heard_at, stamp, values = self._manifests.popleft()
+            key = f"{values['run']}/{values['solution']}"
+            keys = key, key, stamp
+            parts = [heard.get(k) for heard, k in zip(self._heard.values(), keys, strict=True)]
+            known = self._runs.get(values["run"])
+            if None not in parts and known is not None:
+                self._check(key, values, parts, *known)
+            elif time.monotonic() - heard_at < 10.0:
+                self._manifests.append((heard_at, stamp, values))
+            else:
+                self.unwhole += 1  # a part gave way to the next one's before it was sent
+
+    def _check(self, key, values, parts, objective, placed):
+        if len(self.poses) > 3:
+            self.poses.pop(next(iter(self.poses)))
+        self.poses.setdefault(values["run"], {})[values["solution"]] = pose_of(parts[2])
+        if objective is None:
+            self.faults.append(f"run {key} began with parameters without sense")
+            return
+        solution = solution_of(OBJECT, values, *parts)
+        self._checks.append((key, self._pool.submit(check, objective, placed, solution)))
+
+
+# --- what it costs
+
+
+class Meter:
+    """Memory, threads and descriptors of a process, over time."""
+
+    def __init__(self, pid):
+        self._root = Path(f"/proc/{pid}")
+        self.samples = []
+
+    def read(self, elapsed):
+        pages = int((self._root / "statm").read_text().split()[1])
+        status = dict(
+            line.split(":", 1) for line in (self._root / "status").read_text().splitlines()
+        )
+        self.samples.append(
+            (
+                elapsed,
+                pages * os.sysconf("SC_PAGE_SIZE"),
+                int(status["Threads"]),
+                len(os.listdir(self._root / "fd")),
+            )
+        )
+
+    def judged(self, minutes):
+        """Growth of memory, and of the least threads and descriptors, once settled."""
+        end = 60.0 * minutes
+        settled = MEMORY_SETTLED if end >= 2.0 * MEMORY_SETTLED else end / 3.0
+        window = (end - settled) / 4.0
+        table = np.array(self.samples)
+        first = table[(table[:, 0] >= settled) & (table[:, 0] < settled + window)]
+        last = table[table[:, 0] >= end - window]
+        memory = [float(np.median(part[:, 1])) for part in (first, last)]
+        return {
+            "memory_mb": [round(each / 1e6, 1) for each in memory],
+            "memory_growth": round(memory[1] / memory[0] - 1.0, 4),
+            "threads": [int(part[:, 2].min()) for part in (first, last)],
+            "descriptors": [int(part[:, 3].min()) for part in (first, last)],
+        }
+
+
+def faults_of(report, short):
+    """Each line of a report that is not as it should be."""
+    limit = SHORT_GROWTH if short else GROWTH
+    wrong = {
+        f"fewer calls than {LEAST_CALLS} an hour": not short
+        and report["calls"] < LEAST_CALLS * report["minutes"] / 60.0,
+        "calls without an answer": report["unanswered"],
+        "solutions that the checker refuses": report["refused"],
+        "contradictions": report["contradictions"],
+        "tracebacks": report["tracebacks"],
+        "no solution was seen": report["solutions"] == 0,
+        f"memory grew by more than {limit:.0%}": report["memory_growth"] > limit,
+        "threads became more": report["threads"][1] > report["threads"][0],
+        "descriptors became more": report["descriptors"][1] > report["descriptors"][0],
+        "the node did not end by a signal with code 0": report["exit_code"] != 0,
+    }
+    return [f"{what}: {value}" for what, value in wrong.items() if value]
+
+
+def soak(minutes, folder, clients=4, seed=0):
+    """The report of a soak."""
+    rclpy.init()
+    log = Path(folder) / "node.log"
+    process = start_node(log, "--params-file", str(share_path("config", f"{OBJECT}.yaml")))
+    try:
+        report = _soak(process, 60.0 * minutes, clients, np.random.SeedSequence(seed))
+    finally:
+        process.send_signal(signal.SIGINT)
+        try:
+            code = process.wait(30.0)
+        except Exception:
+            process.kill()
+            raise
+        rclpy.try_shutdown()
+    text = log.read_text(errors="replace")
+    report |= {
+        "exit_code": code,
+        "log_lines": text.count("\n"),
+        "tracebacks": text.count("Traceback (most recent call last)"),
+    }
+    report |= report.pop("meter").judged(minutes)
+    return report
+
+
+def _soak(process, seconds, clients, seeds):
+    own = [np.random.default_rng(seed) for seed in seeds.spawn(clients + 1)]
+    watcher, world = Watcher(), World(own[0])
+    callers = [Caller(i, watcher, own[i + 1]) for i in range(clients)]
+    executor = SingleThreadedExecutor()
+    for node in (watcher, world, *callers):
+        executor.add_node(node)
+    spinning = Spinning(executor)
+    wait(lambda: watcher.warm == "true" or process.poll() is not None, timeout=600.0)
+    meter, began = Meter(process.pid), time.monotonic()
+    for caller in callers:
+        caller.start()
+    while (elapsed := time.monotonic() - began) < seconds:
+        if process.poll() is not None:
+            break
+        meter.read(elapsed)
+        time.sleep(2.0)
+    for caller in callers:
+        caller.end()
+    watcher.finish()
+    spinning.end()
+    codes = sum((caller.codes for caller in callers), collections.Counter())
+    return {
+        "minutes": round((time.monotonic() - began) / 60.0, 2),
+        "calls": sum(caller.calls.total() for caller in callers),
+        "codes": dict(sorted(codes.items())),
+        "unanswered": [service for caller in callers for service in caller.unanswered],
+        "slowest_answer": round(max(caller.slowest for caller in callers), 3),
+        "runs": len(watcher._runs),
+        "solutions": watcher.published,
+        "checked": watcher.checked,
+        "seen_in_part": watcher.unwhole,
+        "refused": watcher.refused,
+        "contradictions": watcher.faults,
+        "meter": meter,
+    }
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--minutes", type=float, default=60.0)
+    parser.add_argument("--clients", type=int, default=4)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--log", type=Path, help="folder to leave the node's log in")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = options.log or Path(scratch)
+        folder.mkdir(parents=True, exist_ok=True)
+        report = soak(options.minutes, folder, options.clients, options.seed)
+    print(json.dumps(report, indent=1))
+    wrong = faults_of(report, 60.0 * options.minutes < 2.0 * MEMORY_SETTLED)
+    print("\n".join(wrong) or "all is as it should be")
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

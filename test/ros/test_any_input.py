@@ -1,0 +1,309 @@
+"""Whatever is set, called or published: every call is answered with a code, and the node plans on.
+
+EXAMPLES=2000 tries other inputs each time, and more of them.
+"""
+
+import math
+import os
+import re
+
+import numpy as np
+import pytest
+import rclpy
+from builtin_interfaces.msg import Time
+from fakes import FRAME, TABLE, Bench
+from geometry_msgs.msg import Point
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import JointState, PointCloud2, PointField
+from shape_msgs.msg import Mesh, MeshTriangle
+from std_msgs.msg import Header
+
+from placement_planner_ros.ros.inputs.point_cloud import message_from_points
+from placement_planner_ros.scenes.yumi import HOME
+
+CODES = re.findall(
+    r"\w+",
+    "OK ALREADY_RUNNING NOT_RUNNING STOPPING WRONG_RUN NO_CLOUD CLOUD_STALE CLOUD_FRAME "
+    "JOINTS_MISSING JOINTS_STALE ROBOT_MOVING NO_OBJECT BAD_OBJECT BAD_GRASP BAD_VOLUME "
+    "BAD_PARAMETER BAD_ROBOT BAD_START NOT_READY",
+)
+"""INTERNAL, a fault of the node's own, is none of them."""
+
+often = settings(
+    max_examples=int(os.environ.get("EXAMPLES", "60")),
+    deadline=None,
+    derandomize="EXAMPLES" not in os.environ,
+    database=None,
+    suppress_health_check=list(HealthCheck),
+)
+
+ODD = (0.0, -0.0, 1.0, -1.0, 1e-320, 1e9, 1e300, -1e300, math.inf, -math.inf, math.nan)
+NUMBERS = st.sampled_from(ODD) | st.floats(-10.0, 10.0)
+INT32 = st.integers(-(2**31), 2**31 - 1)
+UINT32 = st.integers(0, 2**32 - 1) | st.integers(0, 40)
+WORDS = ["", " ", "left", "right", FRAME, "map", "~/x.stl", "package://a/b", "1e-05"]
+LETTERS = st.characters(exclude_categories=["Cs"], exclude_characters="\0")
+TEXTS = st.sampled_from(WORDS) | st.text(LETTERS, max_size=30)
+STAMPS = st.builds(
+    Time, sec=st.sampled_from([0, 1, -1, 2**31 - 1, -(2**31)]) | INT32, nanosec=UINT32
+)
+
+
+class World:
+    """A node that has all it needs, and whatever else a test gives it."""
+
+    def __init__(self):
+        self.bench = Bench(sensor_frames=["eye"])
+        node = self.bench.node
+        self.specs = node._settings.current.specs
+        self.at_first = [
+            node.get_parameter(name)
+            for name, spec in self.specs.items()
+            if not spec.startup and name not in ("object.vertices", "object.triangles")
+        ]
+        self.body = [node.get_parameter(f"object.{part}") for part in ("vertices", "triangles")]
+        self.names = sorted(self.specs)
+        self.clients = {}
+
+    def request(self, kind, service, parameters):
+        client = self.bench.client
+        if service not in self.clients:
+            self.clients[service] = client.create_client(kind, f"placement_planner/{service}")
+            assert self.clients[service].wait_for_service(30.0)
+        future = self.clients[service].call_async(kind.Request(parameters=parameters))
+        self.bench.wait(future.done)
+        return future.result()
+
+    def answered(self, text):
+        """The code of an answer; a run it began is ended."""
+        code = text.split()[0].removeprefix("code=")
+        assert code in CODES, text
+        if code == "OK":
+            assert self.bench.call("stop").code in ("OK", "NOT_RUNNING")
+        return code
+
+    def still_plans(self):
+        """Give everything as at first; then a run must start."""
+        b = self.bench
+        assert b.node.set_parameters_atomically(self.at_first).successful
+        assert b.node.set_parameters_atomically(self.body).successful
+
+        def start():
+            b.node._reception._take_cloud(
+                "points", message_from_points(TABLE, Header(frame_id=FRAME))
+            )
+            b.joint_state()
+            return self.answered(b.call("start").text) == "OK"
+
+        b.wait(start)
+
+
+@pytest.fixture(scope="module")
+def world():
+    rclpy.init()
+    made = World()
+    made.still_plans()
+    yield made
+    made.bench.close()
+    rclpy.try_shutdown()
+
+
+@st.composite
+def values(draw, spec=None):
+    """A value of any type; of the parameter's own, with some numbers or names exchanged."""
+    if spec is not None and draw(st.booleans()):
+        value = spec.default
+        if isinstance(value, list):
+            size = draw(st.integers(0, 8)) if not value or draw(st.booleans()) else len(value)
+            value = [draw(values_of(spec.kind.removesuffix("[]"), value)) for _ in range(size)]
+        else:
+            value = draw(values_of(spec.kind, [value, *spec.meaning.choices]))
+        kinds = {"bool": "BOOL", "integer": "INTEGER", "double": "DOUBLE", "string": "STRING"}
+        kind = kinds[spec.kind.removesuffix("[]")] + ("_ARRAY" if spec.kind[-1] == "]" else "")
+        return Parameter("x", Parameter.Type[kind], value).get_parameter_value()
+    return ParameterValue(
+        type=draw(st.integers(0, 9) | st.integers(0, 255)),
+        bool_value=draw(st.booleans()),
+        integer_value=draw(st.integers(-(2**63), 2**63 - 1)),
+        double_value=draw(NUMBERS),
+        string_value=draw(TEXTS),
+        byte_array_value=draw(st.lists(st.binary(min_size=1, max_size=1), max_size=5)),
+        bool_array_value=draw(st.lists(st.booleans(), max_size=5)),
+        integer_array_value=draw(st.lists(st.integers(-(2**63), 2**63 - 1), max_size=9)),
+        double_array_value=draw(st.lists(NUMBERS, max_size=15)),
+        string_array_value=draw(st.lists(TEXTS, max_size=5)),
+    )
+
+
+def values_of(kind, usual):
+    own = {
+        "bool": st.booleans(),
+        "integer": st.integers(-5, 20) | st.sampled_from([2**63 - 1, -(2**63)]),
+        "double": NUMBERS,
+        "string": TEXTS,
+    }[kind]
+    return st.sampled_from(usual) | own if usual else own
+
+
+@st.composite
+def parameters(draw, specs):
+    """Some parameters, most of them of the node's, perhaps one twice."""
+    made = []
+    for _ in range(draw(st.integers(0, 5))):
+        known = draw(st.sampled_from([*sorted(specs), None]))
+        name = draw(TEXTS) if known is None else known
+        made.append(ParameterMessage(name=name, value=draw(values(specs.get(name)))))
+    return made
+
+
+@often
+@given(st.data())
+def test_any_parameters_of_a_run(world, data):
+    given_ = data.draw(parameters(world.specs))
+    world.bench.joint_state()
+    response = world.request(SetParametersAtomically, "start_with", given_)
+    code = world.answered(response.result.reason)
+    assert response.result.successful == (code == "OK")
+
+
+@often
+@given(st.data())
+def test_any_parameters_of_the_other_services(world, data):
+    service = data.draw(st.sampled_from(["stop_with", "confirm_placed_with", "remove_placed"]))
+    own = [
+        ParameterMessage(name=name, value=data.draw(values()))
+        for name in data.draw(st.lists(st.sampled_from(["run", "solution", "pose"])))
+    ]
+    response = world.request(
+        SetParametersAtomically, service, own + data.draw(parameters(world.specs))
+    )
+    world.answered(response.result.reason)
+
+
+@often
+@given(st.data())
+def test_any_parameters_that_are_set(world, data):
+    given_ = data.draw(parameters(world.specs))
+    if data.draw(st.booleans()):
+        results = world.request(SetParameters, "set_parameters", given_).results
+        assert len(results) == len(given_)
+    else:
+        service = "set_parameters_atomically"
+        results = [world.request(SetParametersAtomically, service, given_).result]
+    assert all(each.successful or each.reason for each in results)
+    assert all("INTERNAL" not in each.reason for each in results)
+    world.bench.joint_state()
+    world.answered(world.bench.call("start").text)
+
+
+def test_after_all_that_was_set_it_plans(world):
+    world.still_plans()
+
+
+@often
+@given(
+    st.builds(
+        JointState,
+        header=st.builds(Header, stamp=STAMPS, frame_id=TEXTS),
+        name=st.lists(st.sampled_from(sorted(HOME)) | TEXTS, max_size=20),
+        position=st.lists(NUMBERS, max_size=20),
+        velocity=st.lists(NUMBERS, max_size=20),
+        effort=st.lists(NUMBERS, max_size=20),
+    ),
+    st.booleans(),
+    STAMPS,
+)
+def test_any_joint_state(world, message, fits, stamp):
+    if fits:
+        message.position = [*message.position, *([0.1] * 20)][: len(message.name)]
+    world.bench.node._reception._take_joint_state(message)
+    cloud = message_from_points(TABLE[:9], Header(frame_id="gripper_l_base", stamp=stamp))
+    world.bench.node._reception._take_cloud("points", cloud)
+    world.answered(world.bench.call("start").text)
+
+
+def test_after_all_joint_states_it_plans(world):
+    world.still_plans()
+
+
+@st.composite
+def clouds(draw):
+    """A cloud of which all or nothing may fit together."""
+    if draw(st.booleans()):
+        points = draw(st.lists(st.tuples(NUMBERS, NUMBERS, NUMBERS), max_size=30))
+        message = message_from_points(np.reshape(np.array(points, np.float64), (-1, 3)), Header())
+    else:
+        field = st.builds(
+            PointField,
+            name=st.sampled_from(["x", "y", "z", "rgb", ""]),
+            offset=UINT32,
+            datatype=st.integers(0, 255) | st.sampled_from([7, 8]),
+            count=UINT32,
+        )
+        message = PointCloud2(
+            fields=draw(st.lists(field, max_size=5)),
+            height=draw(UINT32),
+            width=draw(UINT32),
+            point_step=draw(UINT32),
+            row_step=draw(UINT32),
+            data=draw(st.binary(max_size=400)),
+        )
+    for name, odd in (("height", UINT32), ("point_step", UINT32), ("row_step", UINT32)):
+        if draw(st.integers(0, 5)) == 0:
+            setattr(message, name, draw(odd))
+    message.is_bigendian = draw(st.booleans())
+    message.header = Header(
+        stamp=draw(STAMPS | st.just(Time())),
+        frame_id=draw(st.sampled_from([FRAME, "eye", "gripper_l_base", "yumi_base"]) | TEXTS),
+    )
+    return message
+
+
+@often
+@given(clouds(), st.sampled_from(["latest", "merge"]))
+def test_any_cloud(world, message, mode):
+    b = world.bench
+    assert b.node.set_parameters([Parameter("cloud.mode", value=mode)])[0].successful
+    b.joint_state()
+    b.node._reception._take_cloud("points", message)
+    world.answered(b.call("start").text)
+
+
+def test_after_all_clouds_it_plans(world):
+    assert world.bench.call("clear_environment").code == "OK"
+    world.still_plans()
+
+
+@often
+@given(
+    st.builds(
+        Mesh,
+        vertices=st.lists(
+            st.builds(Point, x=NUMBERS, y=NUMBERS, z=NUMBERS), min_size=0, max_size=12
+        ),
+        triangles=st.lists(
+            st.builds(
+                MeshTriangle,
+                vertex_indices=st.lists(UINT32 | st.integers(0, 5), min_size=3, max_size=3).map(
+                    lambda indices: np.array(indices, np.uint32)
+                ),
+            ),
+            max_size=12,
+        ),
+    )
+)
+def test_any_object(world, message):
+    b = world.bench
+    b.node._reception._take_object(message)
+    b.node._inputs.object.wait(60.0)
+    b.joint_state()
+    world.answered(b.call("start").text)
+
+
+def test_after_all_objects_it_plans(world):
+    world.still_plans()

@@ -1,0 +1,176 @@
+"""What is said: each event, at most a line a second of what repeats, each traceback once."""
+
+import pytest
+
+from placement_planner_ros.ros.log import KNOWN_FAULTS, LONGEST, PAUSE, Log
+
+
+class Lines:
+    """A logger, and the clock of who uses it."""
+
+    def __init__(self):
+        self.now = 0.0
+        self.said = []
+
+    def info(self, words):
+        self.said.append(("info", words))
+
+    def warning(self, words):
+        self.said.append(("warning", words))
+
+    def error(self, words):
+        self.said.append(("error", words))
+
+    @property
+    def words(self):
+        return [words for _, words in self.said]
+
+
+@pytest.fixture
+def lines():
+    return Lines()
+
+
+@pytest.fixture
+def log(lines):
+    return Log(lines, lambda: lines.now)
+
+
+def fail(number=0):
+    raise ZeroDivisionError(str(number))
+
+
+def fail_elsewhere():
+    raise ZeroDivisionError("elsewhere")
+
+
+def fault(log, act=fail, *args):
+    try:
+        act(*args)
+    except ZeroDivisionError as error:
+        log.fault("a request met a fault", error)
+
+
+def test_every_event_is_a_line(log, lines):
+    for number in range(5):
+        log.event(f"solution {number}")
+    log.failure("run 1 ended\nfailed")
+    assert lines.words == [*(f"solution {number}" for number in range(5)), "run 1 ended; failed"]
+    assert {level for level, _ in lines.said} == {"info", "error"}
+
+
+def test_what_repeats_is_said_once_however_long_it_goes_on(log, lines):
+    for tick in range(36_000):
+        lines.now = tick / 10
+        log.repeats("cloud refused", "no frame")
+        log.flush()
+    assert lines.words == ["cloud refused: no frame"]
+
+
+def test_the_same_is_news_after_a_pause(log, lines):
+    for now in (0.0, 10.0, 20.0 + PAUSE):
+        lines.now = now
+        log.repeats("cloud refused", "no frame")
+    assert lines.words == [
+        "cloud refused: no frame",
+        "cloud refused: no frame (1 more were left out)",
+    ]
+
+
+def test_what_differs_each_time_is_said_once_a_second_and_the_rest_counted(log, lines):
+    for tick in range(1000):
+        lines.now = tick / 100
+        log.repeats("cloud refused", f"stamp {tick}")
+        if tick % 100 == 50:
+            log.flush()
+    assert len(lines.words) == 10
+    assert lines.words[0] == "cloud refused: stamp 0"
+    assert lines.words[1] == "cloud refused: stamp 100 (99 more were left out)"
+
+
+def test_two_that_alternate_are_said_once_a_second(log, lines):
+    for tick in range(1000):
+        lines.now = tick / 100
+        log.repeats("cloud refused", "no frame" if tick % 2 else "no points")
+    assert len(lines.words) == 10
+
+
+def test_kinds_do_not_hide_each_other(log, lines):
+    log.repeats("cloud refused", "no frame")
+    log.repeats("joint state refused", "no names")
+    assert len(lines.words) == 2
+
+
+def test_the_newest_of_what_was_left_out_is_said_in_the_end(log, lines):
+    for tick in range(3):
+        log.repeats("object refused", f"number {tick}")
+    log.flush()
+    assert lines.words == ["object refused: number 0"]
+    lines.now = 1.0
+    log.flush()
+    log.flush()
+    assert lines.words[1:] == ["object refused: number 2 (1 more were left out)"]
+
+
+def test_a_refusal_is_said_each_time_but_for_many_at_once(log, lines):
+    for now in (0.0, 0.1, 0.2, 2.0, 4.0):
+        lines.now = now
+        log.refusal("start refused", "no cloud")
+        log.flush()
+    assert lines.words == [
+        "start refused: no cloud",
+        "start refused: no cloud (2 more were left out)",
+        "start refused: no cloud",
+    ]
+
+
+def test_a_traceback_is_said_once(log, lines):
+    for tick in range(100):
+        lines.now = tick / 10
+        fault(log, fail, tick)
+    traces = [words for words in lines.words if "Traceback" in words]
+    assert len(traces) == 1
+    assert "ZeroDivisionError: 0" in traces[0]
+    assert lines.words[1:] == []
+    lines.now += 2 * PAUSE
+    fault(log, fail, 100)
+    assert "Traceback" not in lines.words[-1]
+    assert "as before: ZeroDivisionError: 100" in lines.words[-1]
+
+
+def test_alternating_faults_are_each_traced_once(log, lines):
+    for tick in range(400):
+        lines.now = tick / 100
+        fault(log, *((fail, tick) if tick % 2 else (fail_elsewhere,)))
+        log.flush()
+    assert sum("Traceback" in words for words in lines.words) == 2
+    assert len(lines.words) <= 4
+
+
+def test_what_caused_a_fault_tells_it_from_others(log, lines):
+    def wrap(act):
+        try:
+            act()
+        except ZeroDivisionError as error:
+            raise ZeroDivisionError("wrapped") from error
+
+    for now, act in enumerate((fail, fail_elsewhere, fail)):
+        lines.now = now
+        fault(log, wrap, act)
+    assert sum("direct cause" in words for words in lines.words) == 2
+
+
+def test_a_long_line_is_cut(log, lines):
+    log.repeats("cloud refused", "x" * 1_000_000)
+    assert len(lines.words[0]) == LONGEST
+
+
+def test_nothing_is_kept_for_ever(log, lines):
+    for tick in range(3 * KNOWN_FAULTS):
+        lines.now = 2.0 * tick
+        scope = {}
+        exec(compile("\n" * tick + "def act():\n    return 1 / 0", "made", "exec"), scope)
+        fault(log, scope["act"])
+        log.repeats("joint state refused", f"names {tick}")
+    assert len(log._faults) == KNOWN_FAULTS
+    assert len(log._kinds) == 2

@@ -1,0 +1,75 @@
+"""What rclpy keeps to itself: neither used nor overwritten."""
+
+import ast
+from pathlib import Path
+
+import pytest
+from rclpy.executors import Executor
+from rclpy.node import Node
+
+import placement_planner_ros
+
+ROS = Path(placement_planner_ros.__file__).parent / "ros"
+FILES = sorted(ROS.rglob("*.py"))
+ALLOWED = {"_exit"}
+"""Of the standard library, and documented."""
+
+
+def is_private(name):
+    return name.startswith("_") and not name.startswith("__")
+
+
+def defined(tree):
+    """Private names that a file gives to its own functions, classes, fields and attributes."""
+    names = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            names.add(node.name)
+        if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+            names.add(node.target.id)
+        if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store):
+            names.add(node.attr)
+    return {name for name in names if is_private(name)}
+
+
+def own_attributes(tree, base):
+    """What classes derived from that one keep in attributes or methods."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ClassDef) and any(
+            isinstance(each, ast.Name) and each.id == base for each in node.bases
+        ):
+            yield node.name, defined(node)
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
+def test_no_private_name_of_another_is_used(file):
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    mine = defined(tree) | ALLOWED
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute) and is_private(node.attr):
+            own = isinstance(node.value, ast.Name) and node.value.id in ("self", "cls")
+            assert own or node.attr in mine, f"{file.name}:{node.lineno} {node.attr}"
+        if isinstance(node, ast.Import):
+            parts = [part for alias in node.names for part in alias.name.split(".")]
+            assert not any(map(is_private, parts)), f"{file.name}:{node.lineno}"
+        if isinstance(node, ast.ImportFrom):
+            parts = [*node.module.split("."), *(alias.name for alias in node.names)]
+            assert not any(map(is_private, parts)), f"{file.name}:{node.lineno}"
+
+
+def test_what_is_derived_from_rclpy_overwrites_nothing_private(ros):
+    node, executor = Node("any"), Executor()
+    theirs = {
+        "Node": {*vars(node), *dir(node)},
+        "Executor": {*vars(executor), *dir(executor)},
+    }
+    executor.shutdown()
+    node.destroy_node()
+    found = []
+    for file in FILES:
+        tree = ast.parse(file.read_text(encoding="utf-8"))
+        for base, names in theirs.items():
+            for name, mine in own_attributes(tree, base):
+                found.append(name)
+                assert mine & names == set(), name
+    assert {"PlacementPlannerNode", "PooledExecutor"} <= set(found)
