@@ -172,6 +172,10 @@ class CloudStore:
         with self._lock:
             return {topic: cloud.points for topic, cloud in self._latest.items()}
 
+    def latest_points(self) -> tuple[Array, ...]:
+        """The newest cloud of each topic."""
+        return tuple(self.latest().values())
+
     @property
     def merged(self) -> Array:
         """The points (n, 3) accumulated."""
