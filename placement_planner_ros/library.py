@@ -105,7 +105,7 @@ def _search(planner: PlacementPlanner, time_limit: float) -> Iterator[Placement]
     end = time.monotonic() + time_limit
     yield from planner.run(lambda: time.monotonic() >= end)
     if planner.statistics.solutions == 0:
-        _log.warning("no placement: %s", planner.exhausted or planner.statistics.why_nothing())
+        _log.warning("no placement: %s", planner.explain())
 
 
 def _require(kind: type | tuple[type, ...], field: str, value: object, maker: str) -> None:

@@ -36,6 +36,7 @@ ORDER = [
     "core.optimize_locally",
     "core.timing",
     # Algorithm 1
+    "core.explanation",
     "core.statistics",
     "core.planner",
     "core.warmup",

@@ -75,7 +75,7 @@ def test_four_objects_one_after_the_other():
             problem, objective, PlannerSettings(), np.random.default_rng(number)
         )
         placements = list(planner.run(lambda p=planner: p.statistics.samples >= SAMPLES))
-        assert placements, f"{name}: {planner.statistics.why_nothing()}"
+        assert placements, f"{name}: {planner.explain().short}"
         best = placements[-1]
         arm = next(arm for arm in problem.arms if arm.name == best.goal.arm)
         assert checker_of(scene, held).check(Solution.of(best, arm)) == []

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Literal, get_args
@@ -11,6 +13,10 @@ import numpy as np
 
 from placement_planner_ros.core.collision.arm import CollisionSettings
 from placement_planner_ros.core.constraints import PoseConstraints
+from placement_planner_ros.core.explanation import tables
+from placement_planner_ros.core.explanation.explain import explain
+from placement_planner_ros.core.explanation.explanation import Explanation
+from placement_planner_ros.core.explanation.search import Progress, Search
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.grasp.settings import (
     ApproachSettings,
@@ -41,6 +47,13 @@ from placement_planner_ros.core.statistics import Statistics
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.timing.trajectory_maker import TimingSettings, TrajectoryMaker
 from placement_planner_ros.core.types import Array, Goal, Placement
+
+_log = logging.getLogger(__name__)
+
+_EXPLAINED_AFTER = 2000
+"""Samples after which a search that has found nothing says why; again each time they doubled."""
+_GOALS = 16
+"""Goals remembered until a motion to one is found."""
 
 SamplerName = Literal["optimistic", "mcts", "uniform"]
 SAMPLERS: tuple[SamplerName, ...] = get_args(SamplerName)
@@ -110,6 +123,7 @@ class PlacementPlanner:
         exhausted: why there is nothing to search, or '' while there is; `cause` is the same for
             programs.
         unusable: why some of the arms and grasps are left out of the search.
+        explanation: what `explain` said last, the run itself having asked at times.
 
     Raises:
         StartError: q_0 is not free for any arm and grasp, or far beyond the joints' limits.
@@ -145,7 +159,7 @@ class PlacementPlanner:
             problem.environment.regions,
             settings.hierarchy,
         )
-        self.cause, self.exhausted = _nothing_to_search(hierarchy)
+        self.cause = _nothing_to_search(hierarchy)
         step("making the bounds of the search")
         self._bounds = BranchBounds(poses, self.holdings.values())
         self._remainder = Remainder(hierarchy, self._bounds)
@@ -156,7 +170,17 @@ class PlacementPlanner:
             poses, objective, settings.min_improvement, settings.ascent
         )
         self._trajectories = TrajectoryMaker(settings.timing, rng_paths)
-        self.statistics = Statistics(self.sampler.count)
+        self.statistics = Statistics(
+            self.sampler.count,
+            finder.rejections,
+            tuple(holding.arm.name for holding in finder.holdings),
+        )
+        self._goals: deque[Goal] = deque(maxlen=_GOALS)
+        self._search = Search(
+            problem, settings.grasp, poses, finder, hierarchy, self._bounds, self.unusable
+        )
+        self.explanation = Explanation("")
+        self.exhausted = self.explain().short if self.cause else ""
 
     def make_sampler(
         self, hierarchy: AfrHierarchy, checker: GoalChecker, rng: np.random.Generator
@@ -178,14 +202,20 @@ class PlacementPlanner:
         (Terminate)."""
         started = time.monotonic()
         best = -np.inf
+        explain_at = _EXPLAINED_AFTER
         while not (self.exhausted or should_stop()):
             bound = best + self._settings.min_improvement  # what every sample is held against
             for goal in self.sampler.sample_goals(bound, should_stop):
                 self.motion.add(goal)
                 self.statistics.goals += 1
+                self._goals.append(goal)
+            if best == -np.inf and self.statistics.samples >= explain_at:
+                explain_at = 2 * self.statistics.samples
+                self.explain()
             if self.motion.goals == 0:
                 if best == -np.inf and self._remainder.empty():
-                    self.cause, self.exhausted = self._remainder.cause, self._remainder.why_empty()
+                    self.cause = self._remainder.cause
+                    self.exhausted = self.explain().short
                 continue
             found = self.motion.plan(self._settings.motion_iterations, should_stop)
             self.statistics.motion_iterations = self.motion.iterations
@@ -197,6 +227,33 @@ class PlacementPlanner:
                 self.statistics.best = best
                 self.statistics.solutions += 1
                 yield placement
+
+    def explain(self) -> Explanation:
+        """Why nothing was found, or where something was, what refused most samples.
+
+        In the thread that runs the search, or once that has ended.
+        """
+        try:
+            self.explanation = self._explained()
+        except Exception as error:
+            # A search is worth no less because nobody can say how it goes.
+            _log.exception("explaining a search failed")
+            self.explanation = Explanation(f"{type(error).__name__} while explaining it: {error}")
+        return self.explanation
+
+    def _explained(self) -> Explanation:
+        statistics = self.statistics
+        if statistics.solutions:
+            return Explanation(tables.in_short(statistics.count))
+        progress = Progress(
+            statistics.count,
+            statistics.goals,
+            tuple(self._goals),
+            statistics.motion_iterations,
+            statistics.unreached,
+            frozenset(self._remainder.rulings) if self.cause else frozenset(),
+        )
+        return explain(self._search, progress)
 
     def _placements(
         self,
@@ -254,12 +311,7 @@ class PlacementPlanner:
         )
 
 
-def _nothing_to_search(hierarchy: AfrHierarchy) -> tuple[Cause | None, str]:
+def _nothing_to_search(hierarchy: AfrHierarchy) -> Cause | None:
     if not hierarchy.regions:
-        return Cause.NO_REGION, (
-            "no placement region: the clouds show no level surface inside target_volume; "
-            "check the volume's corners and the clouds' frame"
-        )
-    if hierarchy.faces == 0:
-        return Cause.NO_FACE, "no placement face: the object can stand on none of its sides"
-    return None, ""
+        return Cause.NO_REGION
+    return Cause.NO_FACE if hierarchy.faces == 0 else None

@@ -1,50 +1,15 @@
-"""What a run has done so far, and in words why nothing was found."""
+"""What a run has done so far."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+import numpy.typing as npt
+
+from placement_planner_ros.core.sample_goals.rejections import Rejections
 from placement_planner_ros.core.search.sampler import SampleCount
 from placement_planner_ros.core.types import Verdict
-
-_ADVICE = {
-    Verdict.OUTSIDE_VOLUME: (
-        "the centre of mass lay outside the target volume",
-        "enlarge target_volume",
-    ),
-    Verdict.UNSTABLE: (
-        "a vertex of the placement face had no support",
-        "look for holes in the measured surface, or choose a volume with larger surfaces",
-    ),
-    Verdict.COLLIDING: (
-        "the object met obstacles at rest or on its way down",
-        "clear some space, or lower collision_margin",
-    ),
-    Verdict.NOT_BETTER: (
-        "the objective did not improve",
-        "this is what a search near its optimum looks like",
-    ),
-    Verdict.NO_IK: (
-        "no arm reaches the pose within its joint limits",
-        "move target_volume closer, or give further grasps",
-    ),
-    Verdict.ARM_COLLIDING: (
-        "arm, hand or object were in collision at the pose",
-        "give grasps that keep the hand away from the support, or clear some space",
-    ),
-    Verdict.NO_RELEASE: (
-        "the fingers could not open without meeting something",
-        "give grasps that keep the fingers away from the support, or a smaller gripper_open",
-    ),
-    Verdict.NO_APPROACH: (
-        "no straight way down onto the support was free",
-        "clear the space above, or choose a volume with more headroom",
-    ),
-    Verdict.NO_RETREAT: (
-        "the open hand could not leave the placed object on a straight way",
-        "shorten retreat_distance, give grasps from other sides, or set require_retreat to false",
-    ),
-}
 
 
 @dataclass(slots=True)
@@ -53,6 +18,8 @@ class Statistics:
 
     Attributes:
         count: goal samples and their verdicts.
+        rejections: of these, what became of the tries to reach poses.
+        arms: the name of the arm of each of its holdings.
         goals: goals found, each a candidate for motion planning.
         motion_iterations: iterations of the bidirectional RRTs.
         unreached: motions to goals that could not be certified once timed.
@@ -61,6 +28,8 @@ class Statistics:
     """
 
     count: SampleCount
+    rejections: Rejections
+    arms: tuple[str, ...]
     goals: int = 0
     motion_iterations: int = 0
     unreached: int = 0
@@ -81,22 +50,21 @@ class Statistics:
             if verdict is not Verdict.FEASIBLE
         }
 
-    def why_nothing(self) -> str:
-        """One sentence on what stood in the way, and one on what to try."""
-        if self.samples == 0:
-            return "no sample was tried: the run ended before the search began"
-        if self.goals > 0:
-            return (
-                f"{self.goals} placements were found, but no motion to any of them in "
-                f"{self.motion_iterations} planning iterations ({self.unreached} motions failed "
-                "certification): allow more time, or clear the way between robot and volume"
-            )
-        verdict = max(_ADVICE, key=lambda v: self.count.verdicts[v])
-        what, remedy = _ADVICE[verdict]
-        share = 100.0 * self.count.verdicts[verdict] / self.samples
-        furthest = max((v for v in _ADVICE if self.count.verdicts[v] > 0), default=verdict)
-        sentence = f"of {self.samples} samples {share:.0f} % failed because {what}: {remedy}"
-        if furthest is not verdict:
-            what, remedy = _ADVICE[furthest]
-            sentence += f"; those that came furthest failed because {what}: {remedy}"
-        return sentence
+    @property
+    def rejected_by_face(self) -> dict[int, dict[str, int]]:
+        """The same of each placement face, by its index."""
+        return {face: _rejected(row) for face, row in enumerate(self.count.by_face)}
+
+    @property
+    def rejected_by_arm(self) -> dict[str, dict[str, int]]:
+        """How many tries of each arm to reach a pose each constraint rejected."""
+        return {name: _rejected(row) for name, row in self.rejections.by_name(self.arms).items()}
+
+
+def _rejected(row: npt.NDArray[np.int64]) -> dict[str, int]:
+    """What is not 0 of the counts (|Verdict|,), by the constraint's name in lower case."""
+    return {
+        verdict.name.lower(): int(row[verdict])
+        for verdict in Verdict
+        if verdict is not Verdict.FEASIBLE and row[verdict]
+    }

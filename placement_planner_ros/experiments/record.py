@@ -224,7 +224,7 @@ def _count(record: Record, planner: PlacementPlanner, elapsed: float) -> None:
     record.uncertified = statistics.unreached
     record.rejected = statistics.rejected
     if not record.solutions:
-        record.failure = planner.exhausted or statistics.why_nothing()
+        record.failure = planner.exhausted or planner.explain().short
 
 
 def describe(record: Mapping[str, Any]) -> str:

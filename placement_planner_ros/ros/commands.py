@@ -246,4 +246,5 @@ def _outcome(code: str, run: Run) -> Answer:
     values: dict[str, object] = {"run": run.number, "solution": run.solutions}
     if run.best is not None:
         values["objective"] = float(run.best.objective)
-    return answer(code, f"{run.state}: {run.summary()}", success=True, **values)
+    words = "\n".join(filter(None, [f"{run.state}: {run.summary()}", run.details]))
+    return answer(code, words, success=True, **values)

@@ -37,8 +37,9 @@ class PooledExecutor(Executor):
         except (ExternalShutdownException, ShutdownException, TimeoutException):
             pass
         else:
-            self._begun.append(task)
-            self._pool.submit(task)
+            if task not in self._begun:  # rclpy hands out a task until it has begun
+                self._begun.append(task)
+                self._pool.submit(task)
         for task in list(self._begun):
             if task.done():
                 self._begun.remove(task)

@@ -205,7 +205,7 @@ def test_it_stops_when_told_before_any_sample():
     planner = PlacementPlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
     assert list(planner.run(lambda: True)) == []
     assert planner.statistics.samples == 0
-    assert "no sample" in planner.statistics.why_nothing()
+    assert "no sample" in planner.explain().cause
 
 
 def test_a_volume_without_surfaces_is_exhausted_at_once_and_says_why():
@@ -342,14 +342,26 @@ def test_the_settings_choose_the_sampler(name, kind):
     assert type(planner.sampler) is kind
 
 
-def test_statistics_name_the_constraint_that_rejects_most():
-    planner, _ = plan(samples=300)
+@pytest.mark.parametrize("sampler", ["optimistic", "mcts", "uniform"])
+def test_what_was_rejected_is_counted_by_face_and_by_arm(sampler):
+    planner, placements = plan(samples=600, sampler=sampler)
     statistics = planner.statistics
-    assert sum(statistics.count.verdicts.values()) == statistics.samples
-    statistics.goals = 0
-    statistics.count.verdicts[Verdict.NO_IK] = 10 * statistics.samples
-    assert "no arm reaches" in statistics.why_nothing()
-    assert statistics.rejected["no_ik"] == 10 * statistics.samples
+    verdicts, by_face = statistics.count.verdicts, statistics.count.by_face
+    assert sum(verdicts.values()) == statistics.samples == by_face.sum()
+    assert {v.name.lower(): n for v, n in verdicts.items() if v != Verdict.FEASIBLE} == (
+        statistics.rejected
+    )
+    assert (by_face.sum(axis=1) > 0).all()
+    assert by_face.shape[0] == len(planner._search.problem.body.faces)
+    unstable = sum(each.get("unstable", 0) for each in statistics.rejected_by_face.values())
+    assert unstable == statistics.rejected["unstable"]
+    tries = statistics.rejections.tries
+    assert set(statistics.rejected_by_arm) == {"left", "right"}
+    # every sample that arms were to reach was tried once at least, and goals once exactly
+    judged = by_face[:, Verdict.NO_IK :].sum(axis=1)
+    assert (tries.sum(axis=(0, 2)) >= judged).all()
+    assert (tries[:, :, Verdict.FEASIBLE].sum(axis=0) == by_face[:, Verdict.FEASIBLE]).all()
+    assert placements
 
 
 @pytest.fixture(scope="module")

@@ -19,6 +19,7 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
+from placement_planner_ros.core.explanation.explanation import Explanation
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.types import Goal, Placement, Trajectory
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
@@ -39,9 +40,8 @@ class FakeStatistics:
     def __init__(self):
         self.samples = 0
         self.rejected = {"unstable": 0}
-
-    def why_nothing(self):
-        return "nothing was tried"
+        self.rejected_by_face = {0: {}}
+        self.rejected_by_arm = {"left": {}}
 
 
 def placement(objective, arm="left", retreats=False, x=0.4):
@@ -63,6 +63,7 @@ class FakePlanner:
     def __init__(self):
         self.statistics = FakeStatistics()
         self.exhausted = ""
+        self.explanation = Explanation("")
         self.cause = None
         self.unusable = ()
         self.offers = []
@@ -71,6 +72,10 @@ class FakePlanner:
         self.retreats = False
         self.done = threading.Event()
         self.searching = threading.Event()
+
+    def explain(self):
+        self.explanation = Explanation("nothing was tried")
+        return self.explanation
 
     def run(self, should_stop):
         self.searching.set()

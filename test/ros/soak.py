@@ -502,7 +502,7 @@ def check(objective, placed, solution):
 
 
 def be_quiet():
-    os.nice(10)
+    os.nice(2)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
@@ -535,7 +535,7 @@ class Watcher(Node):
         self._pool = ProcessPoolExecutor(
             1, multiprocessing.get_context("spawn"), initializer=be_quiet
         )
-        self._checks = []
+        self.checks = []
         for part, kind in PARTS.items():
             hear = functools.partial(self._hear, self._heard[part])
             self.create_subscription(kind, f"{NODE}/{part}", hear, EVERY)
@@ -559,7 +559,7 @@ class Watcher(Node):
     def finish(self):
         """Wait for what is being checked."""
         wait(lambda: not self._manifests, timeout=60.0)
-        for name, future in self._checks:
+        for name, future in self.checks:
             found = future.result()
             if found:
                 self.refused.append(f"{name}: {'; '.join(found)}")
@@ -567,7 +567,7 @@ class Watcher(Node):
 
     @property
     def checked(self):
-        return len(self._checks)
+        return len(self.checks)
 
     def _hear(self, heard, message):
         if isinstance(message, PoseStamped):
@@ -616,7 +616,7 @@ class Watcher(Node):
             self.faults.append(f"run {key} began with parameters without sense")
             return
         solution = solution_of(OBJECT, values, *parts)
-        self._checks.append((key, self._pool.submit(check, objective, placed, solution)))
+        self.checks.append((key, self._pool.submit(check, objective, placed, solution)))
 
 
 # --- what it costs
@@ -704,6 +704,21 @@ def soak(minutes, folder, clients=4, seed=0):
     return report
 
 
+def tell(elapsed, meter, watcher, callers):
+    """A line for who waits."""
+    _, memory, threads, descriptors = meter.samples[-1]
+    calls = sum(caller.calls.total() for caller in callers)
+    unanswered = sum(len(caller.unanswered) for caller in callers)
+    found = [future.result() for _, future in watcher.checks if future.done()]
+    print(
+        f"{elapsed / 60.0:.1f} min: {memory / 1e6:.0f} MB, {threads} threads, {descriptors} "
+        f"descriptors, {calls} calls, {unanswered} unanswered, {watcher.published} solutions, "
+        f"{len(found)} of them checked, {sum(map(bool, found))} refused",
+        file=sys.stderr,
+        flush=True,
+    )
+
+
 def _soak(process, seconds, clients, seeds):
     own = [np.random.default_rng(seed) for seed in seeds.spawn(clients + 1)]
     watcher, world = Watcher(), World(own[0])
@@ -713,16 +728,20 @@ def _soak(process, seconds, clients, seeds):
         executor.add_node(node)
     spinning = Spinning(executor)
     wait(lambda: watcher.warm == "true" or process.poll() is not None, timeout=600.0)
-    meter, began = Meter(process.pid), time.monotonic()
+    meter, began, told = Meter(process.pid), time.monotonic(), 0.0
     for caller in callers:
         caller.start()
     while (elapsed := time.monotonic() - began) < seconds:
         if process.poll() is not None:
             break
         meter.read(elapsed)
+        if elapsed >= told + 60.0:
+            told = elapsed
+            tell(elapsed, meter, watcher, callers)
         time.sleep(2.0)
     for caller in callers:
         caller.end()
+    tell(time.monotonic() - began, meter, watcher, callers)
     watcher.finish()
     spinning.end()
     codes = sum((caller.codes for caller in callers), collections.Counter())

@@ -13,6 +13,7 @@ from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
@@ -36,6 +37,10 @@ PARTS = {
 }
 
 
+EVERY = QoSProfile(depth=100, reliability=LATCHED.reliability, durability=LATCHED.durability)
+"""What is latched, and all that comes in between, as far as it is sent."""
+
+
 def start_node(log: Path, *arguments: str) -> subprocess.Popen:
     """The node under test: of the package that these tests import."""
     root = str(Path(placement_planner_ros.__file__).parent.parent)
@@ -57,7 +62,7 @@ class Client(Node):
         super().__init__(name)
         self.heard = {topic: [] for topic in PARTS}
         for topic, kind in PARTS.items():
-            self.create_subscription(kind, f"{NODE}/{topic}", self.heard[topic].append, LATCHED)
+            self.create_subscription(kind, f"{NODE}/{topic}", self.heard[topic].append, EVERY)
         self.executor_ = SingleThreadedExecutor()
         self.executor_.add_node(self)
         self._spinning = Spinning(self.executor_)

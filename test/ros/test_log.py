@@ -1,7 +1,15 @@
 """What is said: each event, at most a line a second of what repeats, each traceback once."""
 
-import pytest
+import itertools
+import threading
+import time
 
+import pytest
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import JointState
+
+from placement_planner_ros.core.errors import RobotError
+from placement_planner_ros.ros import node as node_module
 from placement_planner_ros.ros.log import KNOWN_FAULTS, LONGEST, PAUSE, Log
 
 
@@ -174,3 +182,117 @@ def test_nothing_is_kept_for_ever(log, lines):
         log.repeats("joint state refused", f"names {tick}")
     assert len(log._faults) == KNOWN_FAULTS
     assert len(log._kinds) == 2
+
+
+@pytest.fixture
+def told(bench):
+    """A node with inputs, and what it says from now on."""
+
+    def make(**values):
+        b, lines = bench(**values), Lines()
+        b.feed()
+        b.node._log._logger = lines
+        return b, lines
+
+    return make
+
+
+def test_the_node_says_what_a_person_wants_to_know_and_no_more(told):
+    b, lines = told()
+    b.call("stop")
+    b.call("start_with", seed="many")
+    run = b.call("start").run
+    b.wait(lambda: b.planners)
+    b.planners[-1].offers += [0.1, 0.2]
+    b.wait(lambda: len(b.manifests()) == 3)
+    b.call("start")
+    b.call("stop")
+    b.call("confirm_placed")
+    b.call("remove_placed", run=int(run))
+    beginnings = [
+        "start_with refused: code=BAD_PARAMETER; BAD_PARAMETER: seed = 'many'",
+        f"start: code=OK run={run}; planning for",
+        f"run {run}: solution 1 after",
+        f"run {run}: solution 2 after",
+        f"start refused: code=ALREADY_RUNNING run={run}",
+        f"run {run} ended, stopped, code OK: 2 solutions",
+        f"confirm_placed: code=OK run={run}",
+        f"remove_placed: code=OK run={run}",
+    ]
+    assert len(lines.words) == len(beginnings), lines.words
+    for words, beginning in zip(lines.words, beginnings, strict=True):
+        assert words.startswith(beginning)
+
+
+def test_a_run_that_fails_says_so_once_with_its_traceback(told):
+    b, lines = told()
+
+    def preparing(_):
+        raise ZeroDivisionError("surprise")
+
+    b.preparing = preparing
+    for _ in range(2):
+        b.call("start")
+        b.wait(lambda: not b.node._commands.busy)
+    assert sum("Traceback" in words for words in lines.words) == 1
+    assert sum("ended, failed, code INTERNAL" in words for words in lines.words) == 2
+
+
+def test_bad_messages_are_told_once_a_second_whatever_differs_in_them(told):
+    b, lines = told()
+    began, numbers = time.monotonic(), itertools.count()
+
+    def bad():
+        b._joints.publish(JointState(name=[f"joint {next(numbers)}"], position=[]))
+        b.cloud(frame=f"frame {next(numbers)}")
+
+    for _ in range(60):
+        bad()
+        time.sleep(0.005)
+        b.cloud()
+    for kind in ("cloud on points refused", "joint state refused"):
+        b.wait(lambda kind=kind: any(kind in words for words in lines.words), again=bad)
+    allowed = 2 * (2 + time.monotonic() - began)
+    assert len(lines.words) <= allowed, lines.words
+
+
+def test_warming_up_that_fails_is_said_and_a_start_compiles_as_it_goes(told, monkeypatch):
+    b, lines = told(warm=False)
+
+    def fail_to(*_):
+        raise OSError("no compiler here")
+
+    monkeypatch.setattr(node_module, "warm_up", fail_to)
+    b.node.warm_up()
+    b.wait(lambda: b.status()["warm"] == "failed")
+    assert b.status()["warm_failed_reason"] == "OSError: no compiler here"
+    assert "warming up failed" in b.messages("status")[-1].message
+    assert ["Traceback" in words for words in lines.words] == [True]
+    assert b.call("start").success
+    b.wait(lambda: b.planners)
+    b.wait(lambda: b.status()["state"] == "searching")
+    assert b.status()["warm"] == "failed"
+
+
+def test_without_a_robot_to_warm_up_with_it_is_done_once_there_is_one(told, monkeypatch):
+    b, lines = told(warm=False)
+    wanted = []
+
+    def warm_up(robot, arms, q):
+        wanted.append(robot)
+        if len(wanted) == 1:
+            raise RobotError("arms", "left", "does not fit")
+
+    monkeypatch.setattr(node_module, "warm_up", warm_up)
+    warming = threading.Thread(target=b.node.warm_up)
+    warming.start()
+    b.wait(lambda: b.status()["warm"] == "failed")
+    assert "does not fit" in b.status()["warm_failed_reason"]
+    assert b.node.set_parameters([Parameter("left.touch_links", value=["yumi_link_7_l"])])[
+        0
+    ].successful
+    b.wait(lambda: b.status()["warm"] == "true")
+    warming.join(60.0)
+    assert not warming.is_alive()
+    assert len(wanted) == 2
+    assert any("no search is possible yet" in words for words in lines.words)

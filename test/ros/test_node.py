@@ -15,6 +15,7 @@ from shape_msgs.msg import Mesh, MeshTriangle
 from std_msgs.msg import Header, String
 
 from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.explanation.explanation import SENSOR, Explanation, Remedy
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 from placement_planner_ros.ros.inputs.self_filter import outside_robot
 from placement_planner_ros.ros.qos import LATCHED
@@ -174,6 +175,41 @@ def test_where_nothing_was_found_stop_says_why(bench):
     answer = b.call("stop")
     assert answer.solution == "0"
     assert "nothing was tried" in answer.words
+
+
+def test_status_says_why_nothing_has_been_found_and_what_was_rejected_where(bench):
+    b = bench()
+    planner = started(b)
+    planner.statistics.rejected_by_face = {0: {"unstable": 3, "colliding": 1}, 1: {}}
+    planner.statistics.rejected_by_arm = {"left": {"no_ik": 5}}
+    planner.explanation = Explanation("it is full", (Remedy(SENSOR, "look again"),), ("4 of 4",))
+    b.wait(lambda: b.status()["why"])
+    status = b.status()
+    assert status["state"] == "searching"
+    assert status["why"] == "it is full\ntry sensor_poses.<frame>: look again\n4 of 4"
+    assert status["rejected.rest_0"] == "unstable=3 colliding=1"
+    assert status["rejected.rest_1"] == ""
+    assert status["rejected.left"] == "no_ik=5"
+    planner.offers.append(0.3)
+    b.wait(lambda: b.status()["solutions"] == "1")
+    assert b.status()["why"] == ""
+    answer = b.call("stop")
+    assert answer.words == "stopped: 1 solutions, the best by arm left; nothing was tried"
+
+
+def test_why_nothing_was_found_names_the_sensors_of_this_node(bench):
+    b = bench(sensor_frames=["front", "rear"])
+    planner = started(b)
+    told = Explanation("it is dark", (Remedy(SENSOR, "look again"),), ("4 of 4",))
+    planner.explain = lambda: setattr(planner, "explanation", told)
+    answer = b.call("stop")
+    sensors = "sensor_poses.front, sensor_poses.rear"
+    first, second = answer.words.splitlines()
+    assert first == f"stopped: no solution: it is dark; try {sensors}: look again"
+    assert second == "4 of 4"
+    b.wait(lambda: b.status()["state"] == "stopped")
+    assert b.messages("status")[-1].message == first.removeprefix("stopped: ")
+    assert sensors in b.status()["why"]
 
 
 def test_stop_with_ends_that_run_only(bench):

@@ -8,6 +8,7 @@ from rclpy.executors import Executor
 from rclpy.node import Node
 
 import placement_planner_ros
+from placement_planner_ros.ros.parameters.parameter_node import ParameterNode
 
 ROS = Path(placement_planner_ros.__file__).parent / "ros"
 FILES = sorted(ROS.rglob("*.py"))
@@ -58,13 +59,15 @@ def test_no_private_name_of_another_is_used(file):
 
 
 def test_what_is_derived_from_rclpy_overwrites_nothing_private(ros):
-    node, executor = Node("any"), Executor()
+    node, derived, executor = Node("any"), ParameterNode("other"), Executor()
     theirs = {
         "Node": {*vars(node), *dir(node)},
+        "ParameterNode": {*vars(derived), *dir(derived)},
         "Executor": {*vars(executor), *dir(executor)},
     }
     executor.shutdown()
     node.destroy_node()
+    derived.destroy_node()
     found = []
     for file in FILES:
         tree = ast.parse(file.read_text(encoding="utf-8"))
@@ -72,4 +75,4 @@ def test_what_is_derived_from_rclpy_overwrites_nothing_private(ros):
             for name, mine in own_attributes(tree, base):
                 found.append(name)
                 assert mine & names == set(), name
-    assert {"PlacementPlannerNode", "PooledExecutor"} <= set(found)
+    assert {"PlacementPlannerNode", "ParameterNode", "PooledExecutor"} <= set(found)

@@ -69,6 +69,29 @@ def test_what_callbacks_raise_is_told_one_by_one_and_ends_nothing(node):
     executor.shutdown()
 
 
+def test_a_callback_that_waits_for_a_thread_is_handed_out_once(node):
+    begun, go_on, handed = threading.Event(), threading.Event(), []
+
+    def hang():
+        begun.set()
+        assert go_on.wait(60.0)
+
+    node.create_timer(0.001, hang, callback_group=ReentrantCallbackGroup())
+    executor = PooledExecutor(1)
+    submit = executor._pool.submit
+    executor._pool.submit = lambda task: handed.append(task) or submit(task)
+    executor.add_node(node)
+    while not begun.is_set():
+        executor.spin_once(timeout_sec=0.01)
+    for _ in range(50):
+        executor.spin_once(timeout_sec=0.01)
+    go_on.set()
+    assert executor.finish(60.0)
+    executor.shutdown()
+    assert len(handed) > 1
+    assert len({id(task) for task in handed}) == len(handed)
+
+
 def test_a_program_may_spin_it_like_another(node):
     called = threading.Event()
     node.create_timer(0.01, called.set)

@@ -1,6 +1,9 @@
 """The real node as a process of its own, used as a user would."""
 
+import contextlib
+import resource
 import signal
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -157,6 +160,43 @@ def test_parameters_can_be_set_while_the_node_runs(client):
     assert accepted.successful, accepted.reason
     assert not refused.successful
     assert "collision_margin" in refused.reason
+
+
+@contextlib.contextmanager
+def limited(node, kind, limit):
+    """The node's process under a limit that it has not begun with."""
+    before = resource.prlimit(node.pid, kind)
+    resource.prlimit(node.pid, kind, (limit, before[1]))
+    try:
+        yield
+    finally:
+        resource.prlimit(node.pid, kind, before)
+
+
+def a_run_goes_well(client):
+    run = start_when_ready(client, "start_with", time_limit=0).run
+    wait(lambda: client.solutions(run))
+    return client.call("stop").code == "OK"
+
+
+def test_without_memory_a_run_fails_with_a_code_and_the_next_one_goes_well(scene, client, node):
+    assert a_run_goes_well(client)
+    status = Path(f"/proc/{node.pid}/status").read_text()
+    used = int(status.partition("VmData:")[2].split()[0]) * 1024
+    with limited(node, resource.RLIMIT_DATA, used + 100_000_000):
+        run = start_when_ready(client, "start_with", cloud__cell_size=0.003).run
+        wait(lambda: client.value("run") == run and client.state() == "failed")
+        assert client.value("code") == "INTERNAL"
+        words = client.call("stop").words
+        assert "not enough memory" in words
+        assert "cloud.cell_size" in words
+    assert a_run_goes_well(client)
+
+
+def test_where_no_file_can_grow_a_run_goes_well(scene, client, node):
+    with limited(node, resource.RLIMIT_FSIZE, 0):  # as on a full disk: nor can the log
+        assert a_run_goes_well(client)
+        assert client.call("start_with", seed="many").code == "BAD_PARAMETER"
 
 
 @pytest.mark.parametrize("signals", [[signal.SIGINT], [signal.SIGINT] * 2, [signal.SIGTERM]])

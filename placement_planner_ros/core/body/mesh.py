@@ -21,6 +21,9 @@ THINNEST = 1e-4
 MAX_TRIANGLES = 300_000
 """Triangles, and vertices, that an object may have."""
 
+FAR = 100.0
+"""Metres from a mesh's origin beyond which a vertex is a mistake."""
+
 MAX_PIECES = 500
 """Connected pieces that an object may have."""
 
@@ -28,11 +31,11 @@ MAX_PIECES = 500
 def checked_mesh(
     vertices: npt.ArrayLike, triangles: npt.ArrayLike, scale: float, max_extent: float
 ) -> tuple[Array, Triangles]:
-    """The mesh (m, 3) in metres and (t, 3).
+    """The mesh (m, 3) in metres and (t, 3), without the vertices that no triangle has.
 
     Raises:
-        ObjectError: empty, too many triangles, not finite, bad indices, or implausibly large or
-            small.
+        ObjectError: empty, too many triangles, not finite, bad indices, implausibly large or
+            small, or further than `FAR` from its origin.
     """
     if not (math.isfinite(scale) and scale > 0.0):
         raise ObjectError("object.scale", scale, "give a finite number above 0")
@@ -53,7 +56,8 @@ def checked_mesh(
         bad = int(faces.min()) if faces.min() < 0 else int(faces.max())
         raise ObjectError("object.triangles", bad, f"is no index of one of {len(points)} vertices")
     require_few(len(points), len(faces))
-    used = points[np.unique(faces)]
+    kept, inverse = np.unique(faces, return_inverse=True)
+    used = points[kept]
     bad = int((~np.isfinite(used).all(axis=1)).sum())
     if bad:
         raise ObjectError(
@@ -70,7 +74,12 @@ def checked_mesh(
         raise ObjectError(
             "object", f"{extents.max():.4g} m across", "is too small; check object.scale"
         )
-    return points * scale, faces.astype(np.int64)
+    away = float(np.abs(used).max()) * scale
+    if away > FAR:
+        raise ObjectError(
+            "object.vertices", f"{away:.4g} m from the origin", f"must lie within {FAR:g} m of it"
+        )
+    return used * scale, inverse.reshape(faces.shape).astype(np.int64)
 
 
 def require_few(vertices: int, triangles: int) -> None:

@@ -51,6 +51,7 @@ from placement_planner_ros.core.types import Array
 
 HELD_OBJECT = "the held object"
 PLACED_OBJECT = "the placed object"
+ENVIRONMENT = "the environment"
 _QUEUE = 4096
 _REMEMBERED = 32
 """Arms laid out that are remembered."""
@@ -89,6 +90,26 @@ class CollisionSettings(Settings):
     edge_resolution: float = setting(0.0005, "[0.00001, 0.1]", "m")
     self_resolution: float = setting(0.00005, "[0.00001, 0.1]", "m")
     cover_excess: float = setting(0.02, "[0.00001, 0.1]", "m")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Meeting:
+    """What meets what at a configuration, and where.
+
+    Attributes:
+        first, second: links, `HELD_OBJECT`, `PLACED_OBJECT` or `ENVIRONMENT`.
+        where: (3,) m.
+        box: of the obstacle set, that is met; -1 where it is not the environment.
+    """
+
+    first: str
+    second: str
+    where: Array
+    box: int = -1
+
+    def __str__(self) -> str:
+        x, y, z = self.where
+        return f"{self.first} meets {self.second} at ({x:.3f}, {y:.3f}, {z:.3f})"
 
 
 class ArmCollision:
@@ -281,20 +302,24 @@ class ArmCollision:
 
     def explain(self, q: Array, reserve: float = 0.0, contact: bool = False) -> str:
         """Which link meets what, and where, at q (dof,); '' where it is free."""
+        found = self.meeting(q, reserve, contact)
+        return "" if found is None else str(found)
+
+    def meeting(self, q: Array, reserve: float = 0.0, contact: bool = False) -> Meeting | None:
+        """A collision at q (dof,), or what is not certain to be free of one; None where free."""
         found = self._collision(q, reserve, contact)
         if found is None:
-            return ""
+            return None
         kind, s, other = found
         if kind == 2:
             kind, s, other = self._ball_in_box(s)
         first = self._flat.bodies[self._flat.set_body[s]].name
         if kind == 0:
             where = (self._obstacles.lower[other] + self._obstacles.upper[other]) / 2
-            second = "the environment"
-        else:
-            where = self._between(s, other)
-            first, second = self._flat.bodies[self._flat.set_body[other]].name, first
-        return f"{first} meets {second} at ({where[0]:.3f}, {where[1]:.3f}, {where[2]:.3f})"
+            return Meeting(first, ENVIRONMENT, where, other)
+        return Meeting(
+            self._flat.bodies[self._flat.set_body[other]].name, first, self._between(s, other)
+        )
 
     def place(self, T_world_object: pin.SE3) -> None:
         """Put the placed object elsewhere, here and in what `with_pairs` made."""

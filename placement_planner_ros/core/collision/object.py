@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
+import coal
 import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.collision.arm import CollisionSettings, part_set
+from placement_planner_ros.core.collision.arm import CollisionSettings, coal_convex, part_set
 from placement_planner_ros.core.collision.boxes import box_arrays
 from placement_planner_ros.core.collision.object_kernels import (
     ObjectArrays,
@@ -17,6 +20,9 @@ from placement_planner_ros.core.collision.separation import FREE
 from placement_planner_ros.core.reach.kinematics import kernel_input
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import Array
+
+_LOOKED_AT = 100
+"""Boxes near a part that `met` looks at."""
 
 
 class ObjectCollision:
@@ -39,6 +45,7 @@ class ObjectCollision:
         self, body: Body, obstacles: ObstacleSet, settings: CollisionSettings | None = None
     ) -> None:
         self.settings = settings or CollisionSettings()
+        self._parts = body.parts
         self._boxes = box_arrays(obstacles)
         self._arrays = ObjectArrays.of([part_set(part) for part in body.parts])
         self._scratch = ObjectScratch.of(self._arrays)
@@ -76,6 +83,48 @@ class ObjectCollision:
         answers = np.empty(len(poses), dtype=np.int64)
         self._classify(poses, contact, raised, answers)
         return answers == FREE
+
+    def met(
+        self, T_world_object: Array, contact_height: float, raise_height: float
+    ) -> npt.NDArray[np.int64]:
+        """(k,) boxes that the object meets at a pose (4, 4) or raised above it, by coal.
+
+        To say in words what `free` refuses: half-way down is not looked at, nor more than some of
+        the boxes near.
+        """
+        margin = self.settings.collision_margin + self.settings.approach_stray
+        request = coal.CollisionRequest()
+        request.security_margin = margin
+        hit: set[int] = set()
+        for part in self._parts:
+            at_rest = part.vertices @ T_world_object[:3, :3].T + T_world_object[:3, 3]
+            low, high = at_rest.min(axis=0) - margin, at_rest.max(axis=0) + margin
+            high[2] += raise_height
+            first, last = self._slab(low[0], high[0])
+            corners = self._boxes.corners[first:last]
+            near = np.abs(corners[:, 5] - contact_height) > self.settings.contact_tolerance
+            near &= (corners[:, :3] <= high).all(axis=1)
+            near &= (corners[:, 3:] >= low).all(axis=1)
+            rows = np.flatnonzero(near)
+            solid = coal_convex(part.vertices, part.triangles)
+            for raised in (0.0, raise_height):
+                position = T_world_object[:3, 3] + np.array([0.0, 0.0, raised])
+                T = coal.Transform3s(T_world_object[:3, :3], position)
+                for k in rows[:: max(1, len(rows) // _LOOKED_AT)].tolist():
+                    at = coal.Transform3s(np.eye(3), (corners[k, :3] + corners[k, 3:]) / 2)
+                    box = coal.Box(corners[k, 3:] - corners[k, :3])
+                    if coal.collide(solid, T, box, at, request, coal.CollisionResult()):
+                        hit.add(first + k)
+        return np.array(sorted(hit), dtype=np.int64)
+
+    def _slab(self, low: float, high: float) -> tuple[int, int]:
+        """First and last box, that one left out, of the cells that lie between two x."""
+        origin, size = self._boxes.grid[0], self._boxes.grid[3]
+        columns = self._boxes.columns
+        i0, i1 = (math.floor((x - origin) / size) for x in (low, high))
+        if i1 < 0 or i0 >= len(columns):
+            return 0, 0
+        return int(columns[max(i0, 0), 0]), int(columns[min(i1, len(columns) - 1), -1])
 
     def _classify(
         self, poses: Array, contact: Array, raised: Array, answers: npt.NDArray[np.int64]

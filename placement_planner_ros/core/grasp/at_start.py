@@ -28,6 +28,9 @@ from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import Array
 
+WITH_CLOUDS = "in collision with the clouds"
+"""How a collision with the obstacle set begins, in words."""
+
 
 def faults_at_start(
     robot: Robot,
@@ -82,12 +85,18 @@ def none_usable(reasons: list[str], bad_grasps: list[GraspError]) -> PlacementPl
     """What to raise where no arm and grasp is left."""
     if not reasons:
         return bad_grasps[0]
-    return StartError(
-        "joint_states",
-        "; ".join(reasons),
+    remedy = (
         "the start configuration must lie within the joint limits and keep collision_margin "
-        "with the object in hand",
+        "with the object in hand; move the robot"
     )
+    if any(HELD_OBJECT in reason for reason in reasons):
+        remedy += "; where it is the held object that is in the way, check grasps and object.scale"
+    if any(WITH_CLOUDS in reason for reason in reasons):
+        remedy += (
+            "; where it meets points of its own or of the object, set self_filter.enabled or raise "
+            "self_filter.padding"
+        )
+    return StartError("joint_states", "; ".join(reasons), remedy)
 
 
 def beyond_limits(arm: Arm, q_start: Array) -> str:
@@ -190,7 +199,7 @@ def _met_in(
             if _meets(thing, T, coal.Box(box[3:] - box[:3]), at, margin):
                 x, y, z = (box[:3] + box[3:]) / 2
                 what = f"{name} meets the environment at ({x:.3f}, {y:.3f}, {z:.3f})"
-                return f"in collision with the clouds: {what}"
+                return f"{WITH_CLOUDS}: {what}"
     return ""
 
 

@@ -13,6 +13,7 @@ from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.arm import (
     PLACED_OBJECT,
     ArmCollision,
+    Meeting,
 )
 from placement_planner_ros.core.collision.load import Standing
 from placement_planner_ros.core.grasp.hand_sweep import with_opening_hand
@@ -79,6 +80,34 @@ class OpenHand:
     def release_free(self, q: Array) -> bool:
         """Whether the fingers, as they open at q (dof,), keep the margins all the way."""
         return self._opening.free(q, self._reserve)
+
+    def release_meeting(self, q: Array) -> Meeting | None:
+        """What the fingers meet as they open at q (dof,); None where nothing."""
+        return self._opening.meeting(q, self._reserve)
+
+    def retreat_meeting(self, q: Array, grasp: int, T_world_object: pin.SE3) -> Meeting | None:
+        """What the open hand meets first on its own way back from q (dof,), along the tip's z.
+
+        None where nothing, or where the arm cannot follow that way at all.
+        """
+        self._place(T_world_object)
+        settings = self._settings
+        steps = max(1, round(settings.retreat_distance / settings.retreat_step))
+        T_world_tip = self._ik.chain.forward(q)
+        poses = np.repeat(T_world_tip[None], steps, axis=0)
+        along = settings.retreat_distance / steps * np.arange(1, steps + 1)
+        poses[:, :3, 3] -= along[:, None] * T_world_tip[:3, 2]
+        leaving = self._leaving[grasp]
+        way = q
+        for pose in poses:
+            tracked = self._ik.track(pose[None], way)
+            if tracked is None:
+                return None
+            way = tracked[-1]
+            found = leaving.meeting(way, self._reserve)
+            if found is not None:
+                return found
+        return None
 
     def retreat(self, q: Array, grasp: int, T_world_object: pin.SE3) -> Array | None:
         """(m, dof) certified waypoints straight away from the object, from q on; None without.

@@ -8,7 +8,7 @@ import numpy as np
 
 from placement_planner_ros.core.collision.load import Held
 from placement_planner_ros.core.errors import GraspError
-from placement_planner_ros.core.grasp.at_start import beyond_limits, none_usable
+from placement_planner_ros.core.grasp.at_start import WITH_CLOUDS, beyond_limits, none_usable
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.grasp.open_hand import OpenHand
 from placement_planner_ros.core.grasp.settings import GraspSettings
@@ -72,7 +72,7 @@ def _why_not_free(holding: Holding) -> str:
     if of_robot:
         return f"in self-collision: {of_robot}"
     with_cloud = holding.collision.explain(holding.q_start)
-    return f"in collision with the clouds: {with_cloud}" if with_cloud else ""
+    return f"{WITH_CLOUDS}: {with_cloud}" if with_cloud else ""
 
 
 def _within_limits(arm: Arm, q_start: Array) -> Arm:

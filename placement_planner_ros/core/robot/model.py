@@ -30,6 +30,9 @@ LIMIT_TOLERANCE = 1e-6
 FAR_BEYOND = 0.1
 """rad or m beyond its limit from which on a value is none of this joint, or in another unit."""
 
+FAR_GRASP = 100.0
+"""Metres from the tip frame beyond which the origin of an object in hand is a mistake."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Robot:
@@ -419,6 +422,8 @@ def _checked_grasp(grasp: pin.SE3 | npt.ArrayLike, field: str) -> pin.SE3:
     R = T[:3, :3]
     if not np.isfinite(T).all():
         raise GraspError(field, T.tolist(), "every number must be finite")
+    if np.abs(T[:3, 3]).max() > FAR_GRASP:
+        raise GraspError(field, T[:3, 3].tolist(), f"is more than {FAR_GRASP:g} m from the tip")
     if np.abs(R.T @ R - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0.0:
         raise GraspError(field, R.tolist(), "is not a rotation; normalise the quaternion")
     if not np.array_equal(T[3], [0.0, 0.0, 0.0, 1.0]):

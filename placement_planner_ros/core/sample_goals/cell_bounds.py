@@ -76,12 +76,16 @@ class _Reach:
 
     def out_of_reach(self, placed: _Placed) -> Mask:
         """(n,) cells at none of whose poses any wrist is where its arm can bring it."""
+        return np.asarray((self.beyond(placed) > _REACH_SLACK).all(axis=1))
+
+    def beyond(self, placed: _Placed) -> Array:
+        """(n, holdings) m, how far beyond its arm's length each wrist is at all poses at least."""
         wrists = self._wrists[placed.face]
         aside = np.abs(placed.middles(wrists) - self._shoulders[:, :2]) - placed.half[:, None]
         aside = np.maximum(aside, 0.0)
         distance = np.maximum(np.hypot(aside[..., 0], aside[..., 1]) - placed.strays(wrists), 0.0)
         height = wrists[..., 2] + placed.contact[:, None, 2] - self._shoulders[:, 2]
-        return np.asarray((np.hypot(distance, height) > self._lengths + _REACH_SLACK).all(axis=1))
+        return np.asarray(np.hypot(distance, height) - self._lengths)
 
 
 class _Support:
@@ -191,3 +195,8 @@ class BranchBounds:
         result[self._support.unsupported(placed)] = Ruling.UNSUPPORTED
         result[self._reach.out_of_reach(placed)] = Ruling.OUT_OF_REACH
         return result
+
+    def beyond_reach(self, cells: Array) -> Array:
+        """(n, holdings) m, how much each arm lacks at least to get to any pose of the cells (n, 8);
+        0 or less where nothing is known to be lacking."""
+        return self._reach.beyond(_Placed(cells))

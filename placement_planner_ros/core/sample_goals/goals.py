@@ -16,6 +16,7 @@ from placement_planner_ros.core.objective.objective import (
     evaluate,
     evaluate_batch,
 )
+from placement_planner_ros.core.sample_goals.rejections import RejectedPose, Rejections
 from placement_planner_ros.core.search.sampler import Draws, Outcome
 from placement_planner_ros.core.types import Array, Goal, Verdict
 
@@ -34,6 +35,10 @@ class GoalFinder:
         holdings: per arm, per grasp.
         ik_seeds: starts of the inverse kinematics for each pose, beside q_0.
         rng: chooses the seeds.
+
+    Attributes:
+        holdings: all of them, arm after arm.
+        rejections: what became of the tries to reach poses.
     """
 
     def __init__(
@@ -46,7 +51,10 @@ class GoalFinder:
     ) -> None:
         self._body = poses.problem.body
         self._poses = poses
-        self._holdings = holdings
+        self.holdings = tuple(holding for of_arm in holdings for holding in of_arm)
+        self.rejections = Rejections(len(self.holdings), len(self._body.faces))
+        ends = np.cumsum([len(of_arm) for of_arm in holdings])
+        self._first = (ends - [len(of_arm) for of_arm in holdings]).tolist()
         self._objective = objective
         self._ik_seeds = ik_seeds
         self._error = 0.0  # of the objective's estimates, at most so far
@@ -60,6 +68,9 @@ class GoalFinder:
         verdicts, T = self._poses.verdicts(draws.face, draws.contact, draws.angle)
         values = np.full(len(verdicts), -np.inf)
         free = np.flatnonzero(verdicts == Verdict.FEASIBLE)
+        remembering = best == -np.inf
+        if remembering:
+            self.rejections.remember(verdicts, draws.face, T, draws.contact)
         if len(free):
             values[free] = self._values(T[free], best)
             verdicts[free] = Verdict.NOT_BETTER
@@ -68,7 +79,12 @@ class GoalFinder:
             if should_stop():
                 return Outcome(verdicts[:row], values[:row], found)
             reached = self._reach_any(
-                draws, int(row), pin.SE3(T[row]), float(values[row]), should_stop
+                draws,
+                int(row),
+                pin.SE3(T[row]),
+                float(values[row]),
+                should_stop,
+                remembering=remembering,
             )
             if isinstance(reached, Verdict):
                 verdicts[row] = reached
@@ -113,7 +129,15 @@ class GoalFinder:
             x = placement_pose(self._body.faces[face], contact, float(draws.angle[row]))
             verdict = self._poses.verdict(x, face, contact[2])
             value = evaluate(self._objective, x)
-            goal = self._reach_any(draws, row, x, value, should_stop, hand_first=False)
+            goal = self._reach_any(
+                draws,
+                row,
+                x,
+                value,
+                should_stop,
+                hand_first=False,
+                remembering=best == -np.inf,
+            )
             reached = goal is not Verdict.NO_IK
             arm_free = reached and goal is not Verdict.ARM_COLLIDING
             stable, free = self._poses.stable(x, face), self._poses.free(x, contact[2])
@@ -138,20 +162,23 @@ class GoalFinder:
         value: float,
         should_stop: Callable[[], bool],
         hand_first: bool = True,
+        remembering: bool = False,
     ) -> Goal | Verdict:
         """A goal with the arm and grasp drawn, or where none was drawn, with the first that can."""
+        face, contact_height = int(draws.face[row]), float(draws.contact[row, 2])
         if draws.arm[row] >= 0:
-            candidates = [self._holdings[draws.arm[row]][draws.grasp[row]]]
+            candidates = [self._first[draws.arm[row]] + int(draws.grasp[row])]
         else:
-            candidates = [holding for of_arm in self._holdings for holding in of_arm]
-            candidates = [candidates[k] for k in self._rng.permutation(len(candidates))]
+            candidates = self._rng.permutation(len(self.holdings)).tolist()
         furthest = Verdict.NO_IK
-        for holding in candidates:
-            goal = self._reach_goal(
-                holding, x, int(draws.face[row]), float(draws.contact[row, 2]), value, hand_first
-            )
+        for k in candidates:
+            goal = self._reach_goal(self.holdings[k], x, face, contact_height, value, hand_first)
             if not isinstance(goal, Verdict):
+                self.rejections.tries[k, face, Verdict.FEASIBLE] += 1
                 return goal
+            self.rejections.tries[k, face, goal] += 1
+            if remembering:
+                self.rejections.poses[goal].append(RejectedPose(face, x, contact_height, k))
             furthest = max(furthest, goal)
             if should_stop():
                 break

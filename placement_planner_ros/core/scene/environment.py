@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -20,7 +20,7 @@ from placement_planner_ros.core.scene.regions import (
 )
 from placement_planner_ros.core.scene.visibility import OutsideRobot, View, unknown_cells
 from placement_planner_ros.core.stopping import step
-from placement_planner_ros.core.types import TargetVolume
+from placement_planner_ros.core.types import Array, TargetVolume
 
 MAX_CELLS = 100_000_000
 """Cells of the obstacle set that V may have with what is known around it, of 17 bytes each."""
@@ -58,6 +58,8 @@ class Environment:
         measured: the obstacle set without unknown space: what regions, support and clearance are
             taken from.
         volume: V.
+        points: how many finite points it was made of, in the workspace or not.
+        extent: (2, 3) lower and upper corner of these, NaN where there are none.
     """
 
     obstacles: ObstacleSet
@@ -65,6 +67,8 @@ class Environment:
     support: SupportMap
     measured: ObstacleSet
     volume: TargetVolume
+    points: int = 0
+    extent: Array = field(default_factory=lambda: np.full((2, 3), np.nan))
 
     @cached_property
     def clearance(self) -> ClearanceField:
@@ -113,4 +117,12 @@ class Environment:
         step("finding unknown space")
         unknown = unknown_cells(measured, views, volume, outside_robot)
         obstacles = measured.with_full_cells(unknown) if len(unknown) else measured
-        return cls(obstacles, found, support, measured, volume)
+        return cls(obstacles, found, support, measured, volume, *_extent(checked_cloud(points)))
+
+
+def _extent(cloud: Array) -> tuple[int, Array]:
+    """How many of the points (n, 3) are finite, and their corners (2, 3)."""
+    finite = cloud if np.isfinite(cloud.sum()) else cloud[np.isfinite(cloud).all(axis=1)]
+    if len(finite) == 0:
+        return 0, np.full((2, 3), np.nan)
+    return len(finite), np.array([finite.min(axis=0), finite.max(axis=0)])

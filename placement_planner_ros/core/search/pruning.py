@@ -51,19 +51,6 @@ class Cause(enum.StrEnum):
     """Several of these, or something else."""
 
 
-_WORDS = {
-    Ruling.OUT_OF_REACH: (
-        "out of reach of every arm in every grasp",
-        "move target_volume closer to the robot, or give further grasps",
-    ),
-    Ruling.UNSUPPORTED: (
-        "without support for every vertex of the placement face, or has the centre of mass outside "
-        "target_volume",
-        "choose a target_volume with larger surfaces, or look at ~/occupancy for holes in them",
-    ),
-}
-
-
 class Remainder:
     """What of the hierarchy is not ruled out: all of it at first.
 
@@ -106,11 +93,3 @@ class Remainder:
         if len(self.rulings) != 1:
             return Cause.NO_SOLUTION
         return Cause[next(iter(self.rulings)).name]
-
-    def why_empty(self) -> str:
-        """In words, why nothing is left, and what to do about it."""
-        rulings = sorted(self.rulings)
-        poses = "every pose on the placement regions is "
-        poses += ", or ".join(_WORDS[ruling][0] for ruling in rulings)
-        remedies = "; ".join(_WORDS[ruling][1] for ruling in rulings)
-        return f"no placement is possible: {poses}: {remedies}"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -91,18 +90,28 @@ class SampleCount:
 
     Attributes:
         samples: samples tried.
-        verdicts: how many ended with each verdict.
+        by_face: (|F|, |Verdict|) how many of each face ended with each verdict; replaced as a whole
+            at every change, so that who reads it sees one moment.
     """
 
     samples: int = 0
-    verdicts: Counter[Verdict] = field(default_factory=lambda: Counter(dict.fromkeys(Verdict, 0)))
+    by_face: Index = field(default_factory=lambda: np.zeros((1, len(Verdict)), dtype=np.int64))
 
-    def add(self, verdicts: npt.ArrayLike) -> None:
-        """Count samples with these verdicts."""
-        counts = np.bincount(np.atleast_1d(verdicts), minlength=len(Verdict))
-        self.samples += int(counts.sum())
-        for verdict in Verdict:
-            self.verdicts[verdict] += int(counts[verdict])
+    @property
+    def verdicts(self) -> dict[Verdict, int]:
+        """How many ended with each verdict."""
+        return dict(zip(Verdict, self.by_face.sum(axis=0).tolist(), strict=True))
+
+    def add(self, verdicts: npt.ArrayLike, faces: npt.ArrayLike = 0) -> None:
+        """Count samples with these verdicts, of these faces."""
+        cells = np.atleast_1d(np.multiply(faces, len(Verdict)) + verdicts)
+        counts = np.bincount(cells.astype(np.int64, copy=False), minlength=self.by_face.size)
+        if len(counts) > self.by_face.size:  # a face that was not seen before
+            more = -(-len(counts) // len(Verdict)) - len(self.by_face)
+            self.by_face = np.pad(self.by_face, ((0, more), (0, 0)))
+            counts = np.pad(counts, (0, self.by_face.size - len(counts)))
+        self.by_face = self.by_face + counts.reshape(self.by_face.shape)
+        self.samples += len(cells)
 
 
 class GoalSampler(Protocol):
@@ -136,8 +145,9 @@ class BatchSampler(ABC):
             draws = self._draw(left, best)
             outcome = self._check(draws, best, wanted - len(goals), should_stop)
             self._learn(outcome, best)
-            self.count.add(outcome.verdicts)
-            left -= len(outcome.verdicts)
+            tried = len(outcome.verdicts)
+            self.count.add(outcome.verdicts, draws.face[:tried])
+            left -= tried
             goals += outcome.goals
         return goals
 

@@ -133,7 +133,7 @@ class DescendingSampler:
                 angle.reshape(1),
             )
             outcome = self._checker.check_batch(draw, best, 1, should_stop)
-            self.count.add(outcome.verdicts)
+            self.count.add(outcome.verdicts, face)
             if outcome.goals:
                 goals += outcome.goals
                 tries = _TRIES_PER_CELL

@@ -238,7 +238,14 @@ class CloudStore:
         if mode == "merge":
             known.append(self._merged)
         if not faults and not any(len(points) for points in known):
-            faults.append(CloudError("clouds", 0, "there is no finite point in any"))
+            faults.append(
+                CloudError(
+                    "clouds",
+                    f"0 points on {', '.join(self._latest) or 'any topic'}",
+                    "there is no finite point in any; look at the sensor, or name the topics that "
+                    "show the surroundings in cloud_topics",
+                )
+            )
         return faults
 
 

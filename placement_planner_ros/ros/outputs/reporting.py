@@ -204,7 +204,16 @@ def _progress(run: Run) -> dict[str, object]:
         statistics = run.planner.statistics
         values["samples"] = statistics.samples
         values |= {f"rejected_{name}": n for name, n in statistics.rejected.items()}
+        for face, rejected in statistics.rejected_by_face.items():
+            values[f"rejected.rest_{face}"] = _counts(rejected)
+        for arm, rejected in statistics.rejected_by_arm.items():
+            values[f"rejected.{arm}"] = _counts(rejected)
+    values["why"] = run.why
     return values
+
+
+def _counts(rejected: dict[str, int]) -> str:
+    return " ".join(f"{name}={number}" for name, number in rejected.items())
 
 
 def _seconds(age: float) -> str:

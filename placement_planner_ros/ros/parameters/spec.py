@@ -40,6 +40,7 @@ class Spec:
         length: how many elements a list has; -1 for any.
         startup: read once at start-up; refused afterwards.
         check: what else the value must fulfil.
+        tidy: makes of a text the one that is kept.
     """
 
     name: str
@@ -49,6 +50,7 @@ class Spec:
     length: int = -1
     startup: bool = False
     check: Check | None = None
+    tidy: Callable[[str], str] | None = None
 
     @classmethod
     def of(cls, name: str, settings: Settings, path: str) -> Spec:
@@ -83,6 +85,8 @@ class Spec:
                 )
         else:
             converted = self._element(value)
+        if self.tidy is not None:
+            converted = self.tidy(converted)
         if self.check is not None:
             self.check(self.name, converted)
         return converted

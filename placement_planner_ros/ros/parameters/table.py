@@ -6,7 +6,7 @@ and range stand with the setting's field. Knows nothing of rclpy: `server.py` de
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from placement_planner_ros.core.body.mesh import MAX_TRIANGLES
 from placement_planner_ros.core.objective.by_name import objective_names
@@ -15,6 +15,7 @@ from placement_planner_ros.core.robot.description import MAX_JOINTS, MAX_LINKS, 
 from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.settings import FINITE, Meaning
 from placement_planner_ros.ros.parameters import checks
+from placement_planner_ros.ros.parameters.one_line import one_line
 from placement_planner_ros.ros.parameters.spec import Check, Kind, Spec, Value, kind_of
 from placement_planner_ros.scenes.scenes import scene_by_name
 from placement_planner_ros.scenes.yumi import GRIPPER_JOINTS, GRIPPER_OPEN, TIP_FRAMES
@@ -67,10 +68,11 @@ def _own(
     length: int = -1,
     startup: bool = False,
     check: Check | None = None,
+    tidy: Callable[[str], str] | None = None,
 ) -> Spec:
     """A parameter of ROS' own; where its default does not show its type, `kind` does."""
     meaning = Meaning(text, unit, interval, choices)
-    return Spec(name, kind or kind_of(default), default, meaning, length, startup, check)
+    return Spec(name, kind or kind_of(default), default, meaning, length, startup, check, tidy)
 
 
 def _start_up() -> list[Spec]:
@@ -82,6 +84,7 @@ def _start_up() -> list[Spec]:
             f"and the bundled YuMi until one arrives there. At most {MAX_LINKS} links, "
             f"{MAX_JOINTS} movable joints and {MAX_TEXT // 1_000_000} MB.",
             startup=True,
+            tidy=one_line,
         ),
         _own(
             "robot_description_semantic",
@@ -89,6 +92,7 @@ def _start_up() -> list[Spec]:
             "SRDF text, a path or a package:// URI: link pairs that self-collision checks "
             "leave out. Optional.",
             startup=True,
+            tidy=one_line,
         ),
         _own(
             "planning_frame",

@@ -121,7 +121,7 @@ class ParameterSet:
         converted = spec.convert(value)
         if not spec.startup:
             return converted
-        if not _same(converted, self[name]):
+        if converted != self[name]:
             raise ParameterError(name, value, "is read at start-up; set it there")
         return self[name]
 
@@ -171,13 +171,3 @@ class ParameterSet:
         if not self["arms"]:
             raise ParameterError("arms", self["arms"], "name at least one arm")
         _ = self.planner_settings, self.grid_settings
-
-
-def _same(a: object, b: object) -> bool:
-    """Whether two values are the same, texts up to their white space.
-
-    `ros2 param load` makes one line of a text of several.
-    """
-    if isinstance(a, str) and isinstance(b, str):
-        return a.split() == b.split()
-    return a == b

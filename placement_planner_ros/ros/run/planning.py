@@ -8,6 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
+from placement_planner_ros.core.explanation.explanation import Explanation
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.planner import PlacementPlanner
@@ -25,7 +26,10 @@ class Counters(Protocol):
     def samples(self) -> int: ...
     @property
     def rejected(self) -> dict[str, int]: ...
-    def why_nothing(self) -> str: ...
+    @property
+    def rejected_by_face(self) -> dict[int, dict[str, int]]: ...
+    @property
+    def rejected_by_arm(self) -> dict[str, dict[str, int]]: ...
 
 
 class Planner(Protocol):
@@ -34,9 +38,11 @@ class Planner(Protocol):
     exhausted: str
     cause: Cause | None
     unusable: tuple[str, ...]
+    explanation: Explanation
 
     @property
     def statistics(self) -> Counters: ...
+    def explain(self) -> Explanation: ...
     def run(self, should_stop: Callable[[], bool]) -> Iterator[Placement]: ...
 
 

@@ -10,6 +10,7 @@ from typing import Protocol
 import pinocchio as pin
 
 from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError
+from placement_planner_ros.core.explanation.explanation import SENSOR
 from placement_planner_ros.core.stopping import StoppedError
 from placement_planner_ros.core.types import Placement
 from placement_planner_ros.ros.run.planning import Planner, Prepare, Prepared
@@ -163,12 +164,35 @@ class Run:
         """In words, what was found, or why nothing was."""
         if self.best is not None:
             found = f"{self.solutions} solutions, the best by arm {self.best.goal.arm}"
-            return f"{found}; ended because {self.reason}" if self.reason else found
+            if self.reason:
+                found += f"; ended because {self.reason}"
+            rejected = "" if self.planner is None else self.planner.explanation.cause
+            return f"{found}; {rejected}" if rejected else found
         if self.reason:
             return f"no solution: {self.reason}"
         if self.planner is None:
             return "no solution: the run ended before the search began"
-        return f"no solution: {self.planner.statistics.why_nothing()}"
+        return f"no solution: {self._named(self.planner.explanation.short)}"
+
+    @property
+    def why(self) -> str:
+        """Why nothing was found, or has been yet, line by line; '' where nothing is to be said."""
+        if self.planner is None or self.best is not None:
+            return ""
+        return self._named(str(self.planner.explanation))
+
+    @property
+    def details(self) -> str:
+        """Of these, the numbers that `summary` leaves out."""
+        if self.planner is None or self.best is not None:
+            return ""
+        return self._named("\n".join(self.planner.explanation.details))
+
+    def _named(self, words: str) -> str:
+        """The words with the names of this node's own sensors."""
+        frames = self.snapshot.parameters["sensor_frames"]
+        names = [f"sensor_poses.{frame}" for frame in frames]
+        return words.replace(SENSOR, ", ".join(names)) if names else words
 
     def fail(self, error: BaseException) -> None:
         """End over an error, in the thread that met it."""
@@ -182,6 +206,12 @@ class Run:
                     f"preparing took longer than {PREPARATION_LIMIT:g} s, the last of it {error}; "
                     "look at what that names: simpler meshes, fewer grasps or a larger "
                     "cloud.cell_size prepare faster"
+                )
+            elif isinstance(error, MemoryError):
+                self._error_code, unexpected = "INTERNAL", True
+                self.reason = (
+                    f"there is not enough memory: {error}; give the node more, or ask for less by "
+                    "a larger cloud.cell_size, a smaller target_volume or thinner clouds"
                 )
             elif isinstance(error, Exception):
                 self._error_code, unexpected = "INTERNAL", True
@@ -252,7 +282,8 @@ class Run:
                 self._observer.placed(self, placement)
             if self.should_stop():
                 break
-        if self.should_stop():
-            return State.TIME_LIMIT
-        self.reason = prepared.planner.exhausted
-        return State.EXHAUSTED
+        outcome = State.TIME_LIMIT if self.should_stop() else State.EXHAUSTED
+        prepared.planner.explain()
+        if outcome is State.EXHAUSTED:
+            self.reason = self._named(prepared.planner.exhausted)
+        return outcome

@@ -278,3 +278,20 @@ def test_triangles_that_share_no_vertices_are_put_together():
     body = Body.from_mesh(corners, np.arange(len(corners)).reshape(-1, 3))
     assert len(body.parts) == 1
     assert body.warnings == ("the object has no face to stand on",)
+
+
+@pytest.mark.parametrize("odd", [np.nan, np.inf, 1e300])
+def test_vertices_of_no_triangle_are_no_part_of_the_object(odd):
+    mesh = box(0.1, 0.2, 0.3)
+    vertices = np.vstack([[odd, 0.0, 0.0], mesh.vertices, [0.0, odd, 9.0]])
+    body = Body.from_mesh(vertices, mesh.faces + 1)
+    np.testing.assert_array_equal(body.vertices, mesh.vertices)
+    np.testing.assert_allclose(body.center_of_mass, 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("away", [101.0, 1e15, 1e300])
+def test_a_mesh_far_from_its_origin_is_refused(away):
+    mesh = box(0.1, 0.2, 0.3)
+    with pytest.raises(ObjectError):
+        Body.from_mesh(np.add(mesh.vertices, [away, 0.0, 0.0]), mesh.faces)
+    assert Body.from_mesh(np.add(mesh.vertices, [99.0, 0.0, 0.0]), mesh.faces).faces

@@ -624,6 +624,17 @@ def test_columns_hold_each_box_in_its_cell_once():
             assert sorted(got) == sorted(expected)
 
 
+def test_every_two_parts_of_a_pair_have_a_direction_of_their_own_to_remember(yumi, mixed):
+    for setup in (mixed_setup(mixed), yumi_setup(yumi, "table", "toy_table", "right")):
+        checker = ArmCollision(*setup)
+        arrays, used = checker._flat.arrays, []
+        parts = np.diff(arrays.bodies[:, 1])
+        assert parts.tolist() == [len(body.parts) for body in checker._flat.bodies]
+        for inner, outer, slot, *_ in arrays.pairs.tolist():
+            used.extend(range(slot, slot + parts[inner] * parts[outer]))
+        assert used == list(range(len(checker._scratch.direction)))
+
+
 def test_allowed_pairs_are_left_out(mixed, ring_file):
     q = np.array([0.0, 1.0, 0.1, 0.0])
     arm = mixed.arm("arm", "tip")
@@ -705,7 +716,13 @@ def test_fewer_pairs_and_no_environment_are_what_is_left_of_the_checks(slider):
     wide = CollisionSettings(collision_margin=0.01)
 
     def met(made):
-        return {name for name, x in at.items() if not made.free(np.array([x, 0.0]))}
+        places = {name: np.array([x, 0.0]) for name, x in at.items()}
+        found = {name for name, q in places.items() if not made.free(q)}
+        assert found == {name for name, q in places.items() if not made.edge_free(q, q)}
+        tip = np.eye(4)
+        tip[0, 3] = at["wall"]
+        assert made.hand_collides(tip, 0.0) == ("wall" in found)
+        return found
 
     assert met(checker) == {"post", "object", "wall"}
     assert met(checker.with_pairs(lambda *_: False)) == {"wall"}

@@ -169,3 +169,19 @@ def test_a_wider_margin_than_the_tables_were_made_for_is_checked_without_them(yu
             lambda a, b: {a, b} == set(links), CollisionSettings(self_margin=margin)
         )
         assert wide.free(np.zeros(7)) == (margin < at_zero)
+
+
+def test_every_cell_says_so_where_links_are_far_apart(elbow):
+    """Half a cell turns them by a hundredth of half a metre: no cell may be left out."""
+    robot, arm = elbow
+    tables = checker_for(robot, arm)._flat.arrays.tables
+    first, second, start = tables.counts[0].tolist()
+    apart = tables.apart[start : start + first * second].reshape(first, second)
+    far = 0
+    for cell in np.random.default_rng(3).integers(0, (first, second), (400, 2)):
+        q = np.zeros(robot.model.nq)
+        q[arm.q_index[:2]] = arm.lower[:2] + (cell + 0.5) * CELL
+        if distance(robot, ("base", "fore"), q) > 0.03:
+            far += 1
+            assert apart[*cell]
+    assert 100 < far < 350

@@ -204,6 +204,33 @@ def test_mimic_of_a_mimic_is_followed_to_the_end():
 # --- arms ---------------------------------------------------------------------------------------
 
 
+def test_the_joints_that_a_link_hangs_on_are_those_that_others_mimic():
+    robot = Robot.from_urdf(hand_urdf())
+    chain = robot.joints_to("finger_a")
+    assert chain[-1] == "fa"
+    assert robot.joints_to("finger_b") == chain
+    assert robot.joints_to(robot.root_link) == ()
+
+
+def test_a_carried_robot_is_the_same_elsewhere():
+    robot = load_yumi()
+    T = pin.SE3(pin.utils.rotate("y", 0.5), np.array([1.0, 2.0, 3.0]))
+    moved, q = robot.carried(T), robot.configuration(HOME)
+
+    def shapes(robot):
+        data, placements = robot.model.createData(), robot.geometry.createData()
+        pin.updateGeometryPlacements(robot.model, data, robot.geometry, placements, q)
+        return np.array([place.homogeneous for place in placements.oMg])
+
+    np.testing.assert_allclose(shapes(moved), T.homogeneous @ shapes(robot), atol=1e-12)
+    for link in ("gripper_l_base", "yumi_link_3_r"):
+        expected = (T * robot.link_pose(q, link)).homogeneous
+        np.testing.assert_allclose(moved.link_pose(q, link).homogeneous, expected, atol=1e-12)
+    assert moved.root_link == robot.root_link
+    np.testing.assert_array_equal(moved.link_pose(q, moved.root_link), np.eye(4))
+    assert len(moved.geometry.collisionPairs) == len(robot.geometry.collisionPairs)
+
+
 @pytest.mark.parametrize("tip", ["hand", "tool", "flange"])
 def test_arm_is_derived(tip):
     robot = Robot.from_urdf(hand_urdf())
@@ -217,6 +244,13 @@ def test_arm_is_derived(tip):
     assert arm.grasps[0] == grasp
     q = robot.configuration({"j1": 0.0, "j2": 0.0, "fa": 0.0})
     assert robot.with_open_hand(q, arm) == pytest.approx([0, 0, 0.04, 0.0])
+
+
+@pytest.mark.parametrize("away", [101.0, 1e300])
+def test_a_grasp_far_from_the_tip_is_refused(away):
+    grasp = pin.SE3(np.eye(3), np.array([0.0, -away, 0.2]))
+    with pytest.raises(GraspError, match=r"grasps\[0\].*from the tip"):
+        Robot.from_urdf(hand_urdf()).arm("arm", "tool", grasps=[grasp])
 
 
 def test_hand_without_geometry_is_the_last_moving_link():

@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 from placement_planner_ros.core.constraints import placement_pose
-from placement_planner_ros.core.grasp.holding import PlacingMotion
+from placement_planner_ros.core.grasp.holding import Holding, PlacingMotion
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
@@ -164,7 +164,7 @@ def test_where_no_arm_is_drawn_the_furthest_that_any_gets_is_the_verdict(made, m
     drawn = rows(draws, 0, 1)
     asked.clear()
     finder._reach_any(drawn, 0, x, 0.0, never)
-    holding = finder._holdings[drawn.arm[0]][drawn.grasp[0]]
+    holding = finder.holdings[finder._first[drawn.arm[0]] + drawn.grasp[0]]
     assert asked == [(holding.arm.name, holding.grasp)]
 
 
@@ -232,6 +232,27 @@ def test_calls_end_where_they_are_told_to(made, checked, monkeypatch):
         assert len(outcome.goals) == (outcome.verdicts == Verdict.FEASIBLE).sum() == wanted
         assert outcome.verdicts[-1] == Verdict.FEASIBLE
         assert outcome.values[-1] == outcome.goals[-1].objective
+
+
+def test_inverse_kinematics_comes_before_the_hand_only_where_every_check_is_made(
+    made, checked, monkeypatch
+):
+    """The authors' reward asks whether a pose is reached, whatever the hand meets there."""
+    _, _, planner, draws = made
+    finder = planner.sampler._checker
+    few, asked = rows(draws, 0, 60), []
+    configurations = Holding.configurations
+
+    def watched(self, x, seeds, rng, hand_first):
+        asked.append(hand_first)
+        return configurations(self, x, seeds, rng, hand_first)
+
+    monkeypatch.setattr(Holding, "configurations", watched)
+    finder.check_batch(few, -np.inf, 10_000, never)
+    assert asked == [True] * (checked.values[:60] > -np.inf).sum()
+    asked.clear()
+    finder.check_all(few, -np.inf, 10_000, never)
+    assert asked == [False] * 60
 
 
 def test_estimates_are_doubted_by_what_they_were_off_by_at_most(made):

@@ -612,3 +612,19 @@ def test_cells_whose_goal_was_reached_go_back_where_they_were_taken_from():
         found = [entry for entry in made._levels[depth] if entry[3] is cell]
         assert [entry[:2] for entry in found] == [(0, -value)]
     assert sum(len(level) for level in made._levels) == sum(before) + 3
+
+
+def test_what_is_no_larger_than_the_least_area_and_angle_is_a_leaf():
+    square = Region(np.array([[0.0, 0.0, 0.25, 0.25]]), 0.0)
+    for area, parts in ((0.0625, 1), (np.nextafter(0.0625, 0.0), 4)):
+        for angle, pieces in ((FULL_TURN, 1), (0.99 * FULL_TURN, 4)):
+            settings = HierarchySettings(min_area=area, min_angle=angle)
+            afr = AfrHierarchy([1], 1, [square], settings)
+            count = afr.child_count(AfrNode(0, 0, 0, square))
+            assert count == (parts * pieces if parts * pieces > 1 else 0)
+            checker = CornerChecker()
+            made = OptimisticSampler(afr, checker, OptimisticSettings(), np.random.default_rng(0))
+            cell = np.array([[0.0, 0.0, 0.0, 0.25, 0.0, 0.25, 0.0, 1.0]])
+            outcome = Outcome(np.array([Verdict.COLLIDING]), np.array([-np.inf]), [])
+            made._remember(outcome, cell, np.zeros(1, dtype=np.int64))
+            assert len(made._levels[0]) == (parts > 1)

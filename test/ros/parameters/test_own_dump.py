@@ -1,18 +1,22 @@
 """What `ros2 param dump` writes of the node, `ros2 param load` and `--params-file` take."""
 
+import xml.etree.ElementTree as ET
+
 import pytest
 import rclpy
 import yaml
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 
+from placement_planner_ros.ros.parameters.one_line import one_line
 from placement_planner_ros.ros.parameters.parameter_node import ParameterNode
 from placement_planner_ros.ros.parameters.server import ParameterServer
+from placement_planner_ros.share import share_path
 
 URDF = """<?xml version="1.0"?>
 <robot name="post">
-  <!-- one link, "nothing" more -->
-  <link name="base">
+  <!-- one link: nothing more -->
+  <link name="base"><visual name="a: b #c &amp; d"/>
   </link>
 </robot>
 """
@@ -72,9 +76,8 @@ def shown(server):
 def test_a_dump_is_taken_while_the_node_runs_and_when_it_starts(node, tmp_path):
     server = ParameterServer(node)
     before, path = shown(server), tmp_path / "dump.yaml"
-    assert {name: before[name] for name in GIVEN if name in before} == {
-        name: value for name, value in GIVEN.items() if name != "use_sim_time"
-    }
+    mine = {name: value for name, value in GIVEN.items() if name in before}
+    assert {name: before[name] for name in mine} == mine | {"robot_description": one_line(URDF)}
     tools = Tools(node)
     tools.dump(path)
     results = tools.wait(tools.client.load_parameter_file(str(path))).results
@@ -84,7 +87,8 @@ def test_a_dump_is_taken_while_the_node_runs_and_when_it_starts(node, tmp_path):
     result = tools.wait(tools.client.load_parameter_file_atomically(str(path))).result
     assert result.successful, result.reason
     assert shown(server) == before
-    assert node.get_parameter("robot_description").value == URDF
+    # The text as it was given is the same too.
+    assert node.set_parameters([Parameter("robot_description", value=URDF)])[0].successful
     # And at start-up, where an empty list has no type.
     rclpy.shutdown()
     rclpy.init(args=["--ros-args", "--params-file", str(path)])
@@ -97,9 +101,22 @@ def test_a_dump_is_taken_while_the_node_runs_and_when_it_starts(node, tmp_path):
         again.destroy_node()
 
 
+def test_a_description_on_one_line_means_the_same():
+    line = one_line(URDF)
+    assert yaml.safe_load(line) == line
+    before, after = ET.fromstring(URDF), ET.fromstring(line)
+    assert [(e.tag, e.attrib) for e in after.iter()] == [(e.tag, e.attrib) for e in before.iter()]
+    assert one_line(line) == line
+    for text in ("", "/a/b.urdf", "package://a/b.urdf", "<robot", "<robot>&</robot>"):
+        assert one_line(text) == text
+    for name in ("yumi.urdf", "yumi.srdf"):
+        line = one_line(share_path("urdf", name).read_text())
+        assert yaml.safe_load(line) == line
+
+
 def test_another_value_than_at_start_up_is_refused_one_that_is_read_only_too(node):
     ParameterServer(node)
-    for name, value in (("robot_description", URDF + "x"), ("sensor_frames", [])):
+    for name, value in (("robot_description", URDF.replace("base", "x")), ("sensor_frames", [])):
         result = node.set_parameters_atomically([Parameter(name, value=value)])
         assert not result.successful
         assert "start-up" in result.reason

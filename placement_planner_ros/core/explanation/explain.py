@@ -1,0 +1,128 @@
+"""Why a search found nothing: the cause, what to try, and the numbers behind it."""
+
+from __future__ import annotations
+
+from placement_planner_ros.core.explanation import collisions, surfaces, tables
+from placement_planner_ros.core.explanation.advice import advice, closer, grasps, support
+from placement_planner_ros.core.explanation.explanation import Explanation, Remedy
+from placement_planner_ros.core.explanation.search import Progress, Search
+from placement_planner_ros.core.search.pruning import Ruling
+from placement_planner_ros.core.search.sampler import SampleCount
+from placement_planner_ros.core.types import Verdict
+
+_FEW = 500
+"""Samples below which more time is the first thing to try."""
+_LITTLE = 0.1
+"""A constraint that lets less than this share pass is named beside the main one."""
+
+
+def explain(search: Search, progress: Progress) -> Explanation:
+    """Why nothing was found."""
+    left_out = [f"left out: {reason}" for reason in search.unusable]
+    environment = search.problem.environment
+    if not environment.regions:
+        told = surfaces.why_no_region(environment)
+        return Explanation(told.cause, told.remedies, (*told.details, *left_out))
+    if search.hierarchy.faces == 0:
+        return Explanation(
+            "no placement face: the object can stand on none of its sides",
+            (
+                Remedy("object.center_of_mass", "check it, and the mesh"),
+                Remedy("object.mesh", "give one with a flat side"),
+            ),
+        )
+    if progress.rulings:
+        told = _ruled_out(search, progress.rulings)
+    elif progress.count.samples == 0:
+        told = Explanation(
+            "no sample was tried: the run ended before the search began",
+            (Remedy("time_limit", "allow more time"),),
+        )
+    elif progress.found:
+        told = _unreached(search, progress)
+    else:
+        told = _refused(search, progress.count)
+    numbers = (
+        surfaces.in_words(environment),
+        *tables.reach_in_words(search),
+        *tables.by_face(search, progress.count),
+        *tables.by_arm(search),
+    )
+    return Explanation(told.cause, told.remedies, (*told.details, *numbers, *left_out))
+
+
+def _ruled_out(search: Search, rulings: frozenset[Ruling]) -> Explanation:
+    """Nothing is left to look at, which is proven."""
+    words: list[str] = []
+    remedies: list[Remedy] = []
+    details: list[str] = []
+    if Ruling.OUT_OF_REACH in rulings:
+        gap = min(tables.lacking(search).values())
+        words.append("out of reach of every arm in every grasp")
+        words[-1] += f", by {gap:.2f} m and more" if gap > 0.0 else ""
+        remedies += closer(search, gap)
+    if Ruling.UNSUPPORTED in rulings:
+        body = search.problem.body
+        rest = surfaces.rest_in_words(body, surfaces.smallest_rest(body))
+        words.append(
+            "without support for every vertex of the placement face, or with the centre of mass "
+            f"outside target_volume; the smallest is {rest}"
+        )
+        tries, seen = support(search)
+        remedies += tries
+        details += seen
+    every = f"every pose on the placement regions is {', or '.join(words)}"
+    return Explanation(f"no placement is possible: {every}", tuple(remedies), tuple(details))
+
+
+def _unreached(search: Search, progress: Progress) -> Explanation:
+    """Placements were found, but no motion to any of them."""
+    cause = (
+        f"{progress.found:,} placements were found, but no motion to any of them in "
+        f"{progress.iterations:,} planning iterations"
+    )
+    if progress.unreached:
+        cause += f" ({progress.unreached:,} motions failed certification)"
+    remedies = [Remedy("time_limit", "allow more time")]
+    remedies += grasps(search, "give some with which the way there is free")
+    if search.settings.collision.collision_margin > 0.0:
+        remedies.append(Remedy("collision_margin", "lower it, or clear the way"))
+    details = []
+    for holding in search.finder.holdings:
+        key = holding.arm.name, holding.grasp
+        ends = [goal.q_raised for goal in progress.goals if (goal.arm, goal.grasp) == key]
+        met = collisions.met_on_the_way(holding, ends)
+        if met.most:
+            details.append(f"on the straight ways of arm {key[0]} with grasp {key[1]}: {met}")
+    return Explanation(cause, tuple(remedies), tuple(details))
+
+
+def _refused(search: Search, count: SampleCount) -> Explanation:
+    """No sample passed every constraint: the one that let the smallest share pass is the cause."""
+    stages: dict[Verdict, tuple[int, int, float]] = {}
+    left = count.samples
+    for verdict, refused in count.verdicts.items():
+        if verdict is not Verdict.FEASIBLE and refused:
+            # where nothing passed, what refused many weighs more than what refused few
+            passed = max(left - refused, 0.5) / (left + 1.0)
+            stages[verdict] = refused, left, passed
+            left -= refused
+    ranked = sorted(stages, key=lambda verdict: stages[verdict][2])
+    causes: list[str] = []
+    remedies: list[Remedy] = []
+    details: list[str] = []
+    for verdict in ranked:
+        refused, entered, passed = stages[verdict]
+        if verdict is not ranked[0] and passed > _LITTLE:
+            continue
+        before = " that passed what is checked before" if entered < count.samples else ""
+        causes.append(f"{refused:,} of {entered:,}{before} {tables.WHAT[verdict]}")
+        more, seen = advice(search, verdict)
+        known = {each.parameter for each in remedies}
+        remedies += [each for each in more if each.parameter not in known]
+        details += seen
+    if count.samples < _FEW:
+        more_time = Remedy("time_limit", f"allow more than it takes for {count.samples:,} samples")
+        remedies.insert(0, more_time)
+    cause = f"in {count.samples:,} samples no placement was found: {'; '.join(causes)}"
+    return Explanation(cause, tuple(remedies), tuple(details))

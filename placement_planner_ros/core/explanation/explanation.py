@@ -1,0 +1,48 @@
+"""What is said of a search that found nothing: the cause, the numbers, and what to try."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+SENSOR = "sensor_poses.<frame>"
+"""The parameter with a sensor's pose."""
+
+
+@dataclass(frozen=True, slots=True)
+class Remedy:
+    """Something to try.
+
+    Attributes:
+        parameter: what to change, by the name it is set by; several with commas between them.
+        words: to what, or how.
+    """
+
+    parameter: str
+    words: str
+
+    def __str__(self) -> str:
+        return f"{self.parameter}: {self.words}"
+
+
+@dataclass(frozen=True, slots=True)
+class Explanation:
+    """Why nothing was found.
+
+    Attributes:
+        cause: the main one, a sentence with its numbers.
+        remedies: what to try, the most promising first.
+        details: further sentences.
+    """
+
+    cause: str
+    remedies: tuple[Remedy, ...] = ()
+    details: tuple[str, ...] = ()
+
+    @property
+    def short(self) -> str:
+        """Cause and remedies on one line."""
+        tries = "; or ".join(map(str, self.remedies))
+        return f"{self.cause}; try {tries}" if tries else self.cause
+
+    def __str__(self) -> str:
+        return "\n".join([self.cause, *(f"try {each}" for each in self.remedies), *self.details])

@@ -1,0 +1,113 @@
+"""The counts of a search in words: by constraint, by rest of the object and by arm."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from placement_planner_ros.core.explanation import surfaces
+from placement_planner_ros.core.explanation.search import Search
+from placement_planner_ros.core.search.cell_layout import COLUMNS, FACE, LOWER, UPPER, Z
+from placement_planner_ros.core.search.sampler import SampleCount
+from placement_planner_ros.core.search.uniform import UniformPoses
+from placement_planner_ros.core.types import Verdict
+
+WHAT = {
+    Verdict.OUTSIDE_VOLUME: "had the centre of mass outside target_volume",
+    Verdict.UNSTABLE: "left a vertex of the placement face without support",
+    Verdict.COLLIDING: "let the object meet something, at rest or on its way down",
+    Verdict.NOT_BETTER: "were no better by the objective",
+    Verdict.NO_IK: "had no arm reach them within its joint limits",
+    Verdict.ARM_COLLIDING: "had arm, hand or object in collision",
+    Verdict.NO_RELEASE: "left the fingers no room to open",
+    Verdict.NO_APPROACH: "had no free straight way down onto the support",
+    Verdict.NO_RETREAT: "left the open hand no straight way off the placed object",
+}
+"""What samples did that a constraint refused."""
+_BRIEFLY = {
+    Verdict.OUTSIDE_VOLUME: "outside target_volume",
+    Verdict.UNSTABLE: "without support",
+    Verdict.COLLIDING: "with the object in collision",
+    Verdict.NOT_BETTER: "no better",
+    Verdict.NO_IK: "out of reach",
+    Verdict.ARM_COLLIDING: "with arm or hand in collision",
+    Verdict.NO_RELEASE: "with no room to open the fingers",
+    Verdict.NO_APPROACH: "with no way down",
+    Verdict.NO_RETREAT: "with no way back for the hand",
+    Verdict.FEASIBLE: "placements",
+}
+_MUCH = 0.5
+"""Share of samples refused from which on a search that found something says so."""
+_FEWEST = 100
+"""Samples below which that is no news."""
+_PROBES = 512
+"""Poses on the regions by which it is told what is within reach."""
+
+
+def in_short(count: SampleCount) -> str:
+    """What refused most samples of a search that found something; '' where little was refused."""
+    refused = {v: n for v, n in count.verdicts.items() if v in WHAT and v != Verdict.NOT_BETTER}
+    if count.samples < _FEWEST or sum(refused.values()) <= _MUCH * count.samples:
+        return ""
+    most = sorted(refused, key=lambda v: -refused[v])[:2]
+    reasons = [f"{refused[v] / count.samples:.0%} {WHAT[v]}" for v in most if refused[v]]
+    return f"of {count.samples:,} samples {' and '.join(reasons)}"
+
+
+def by_face(search: Search, count: SampleCount) -> list[str]:
+    """What became of the samples of each rest."""
+    rows = []
+    for face, verdicts in enumerate(count.by_face.tolist()):
+        if sum(verdicts):
+            rest = surfaces.rest_in_words(search.problem.body, face)
+            rows.append(f"{rest}: {_shares(verdicts, 'samples')}")
+    return rows
+
+
+def by_arm(search: Search) -> list[str]:
+    """What became of the tries of each arm."""
+    names = [holding.arm.name for holding in search.finder.holdings]
+    return [
+        f"arm {name}: {_shares(verdicts.tolist(), 'tries')}"
+        for name, verdicts in search.finder.rejections.by_name(names).items()
+        if verdicts.any()
+    ]
+
+
+def lacking(search: Search) -> dict[str, float]:
+    """By arm, how much its length falls short of the nearest pose on the regions, m; 0 or less
+    where nothing is known to."""
+    faces, contacts, angles = UniformPoses(
+        search.hierarchy, np.random.default_rng(0), even_share=0.5
+    ).draw(_PROBES)[1:]
+    cells = np.empty((_PROBES, COLUMNS))
+    cells[:, FACE], cells[:, Z] = faces, contacts[:, 2]
+    cells[:, LOWER] = cells[:, UPPER] = np.column_stack([contacts[:, :2], angles])
+    beyond = search.bounds.beyond_reach(cells).min(axis=0)
+    least: dict[str, float] = {}
+    for holding, gap in zip(search.finder.holdings, beyond.tolist(), strict=True):
+        least[holding.arm.name] = min(gap, least.get(holding.arm.name, gap))
+    return least
+
+
+def reach_in_words(search: Search) -> list[str]:
+    """How far the regions are from what each arm's length allows."""
+    return [
+        f"arm {name} falls short of the nearest pose by about {gap:.2f} m"
+        if gap > 0.0
+        else f"arm {name} is long enough for some of the poses"
+        for name, gap in lacking(search).items()
+    ]
+
+
+def _shares(verdicts: Sequence[int], noun: str) -> str:
+    """Counts by verdict in words, the most frequent first."""
+    total = sum(verdicts)
+    some = sorted((v for v in Verdict if verdicts[v]), key=lambda v: -verdicts[v])
+    shares = ", ".join(f"{_percent(verdicts[v] / total)} {_BRIEFLY[v]}" for v in some)
+    return f"of {total:,} {noun} {shares}"
+
+
+def _percent(share: float) -> str:
+    return f"{share:.0%}" if share >= 0.005 else "<1%"

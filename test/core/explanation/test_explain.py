@@ -1,0 +1,176 @@
+"""What is said of searches that fail for one reason, each made to fail for it."""
+
+import re
+from dataclasses import replace
+from unittest import mock
+
+import numpy as np
+import pytest
+
+from placement_planner_ros.core.explanation import tables
+from placement_planner_ros.core.explanation.explain import explain
+from placement_planner_ros.core.explanation.explanation import Explanation, Remedy
+from placement_planner_ros.core.explanation.search import Progress
+from placement_planner_ros.core.grasp.holding import Holding
+from placement_planner_ros.core.motion.birrt import GoalSetRRT
+from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
+from placement_planner_ros.core.search.pruning import Ruling
+from placement_planner_ros.core.search.sampler import SampleCount
+from placement_planner_ros.core.types import Verdict
+from placement_planner_ros.experiments.cases import Case, make_problem
+from placement_planner_ros.ros.parameters.table import arm_specs, arms_spec, fixed_specs
+
+TABLE = Case("table", "small_crayons_box", "maximize_clearance")
+NAMES = {
+    spec.name
+    for spec in (
+        *fixed_specs(),
+        arms_spec(["left", "right"]),
+        *arm_specs("left", yumi=True),
+        *arm_specs("right", yumi=True),
+    )
+} | {"sensor_poses.<frame>"}
+
+
+@pytest.fixture(scope="module")
+def table():
+    return make_problem(TABLE, np.random.default_rng(0))
+
+
+def planned(table, samples=600, **settings):
+    problem, objective = table
+    chosen = replace(PlannerSettings(), **settings)
+    planner = PlacementPlanner(problem, objective, chosen, np.random.default_rng(0))
+    assert list(planner.run(lambda: planner.statistics.samples >= samples)) == []
+    return planner
+
+
+@pytest.mark.parametrize("sampler", ["optimistic", "mcts"])
+@pytest.mark.parametrize(
+    ("verdict", "remedies"),
+    [
+        (Verdict.ARM_COLLIDING, ["left.grasps, right.grasps", "target_volume"]),
+        (
+            Verdict.NO_RELEASE,
+            [
+                "left.gripper_open, right.gripper_open",
+                "left.grasps, right.grasps",
+                "require_retreat",
+            ],
+        ),
+        (Verdict.NO_APPROACH, ["target_volume", "left.grasps, right.grasps"]),
+        (
+            Verdict.NO_RETREAT,
+            ["retreat_distance", "left.grasps, right.grasps", "require_retreat"],
+        ),
+    ],
+    ids=str,
+)
+def test_what_refuses_all_is_the_cause_and_its_remedies_exist(table, verdict, remedies, sampler):
+    with mock.patch.object(Holding, "placing_motion", return_value=verdict):
+        planner = planned(table, sampler=sampler)
+    told = planner.explain()
+    assert tables.WHAT[verdict] in told.cause
+    refused = planner.statistics.rejected[verdict.name.lower()]
+    assert f"{refused:,} of " in told.cause
+    named = [remedy.parameter for remedy in told.remedies]
+    assert [name for name in named if name in remedies] == remedies
+    assert {name for names in named for name in names.split(", ")} <= NAMES
+    tries = planner.statistics.rejected_by_arm
+    assert sum(arm.get(verdict.name.lower(), 0) for arm in tries.values()) >= refused
+    for arm in ("left", "right"):
+        assert re.search(rf"^arm {arm}: of [\d,]+ tries ", "\n".join(told.details), re.MULTILINE)
+    for face in range(len(table[0].body.faces)):
+        assert f"rest {face} (" in str(told)
+
+
+def test_of_several_proofs_that_nothing_is_left_each_is_told_with_its_remedy(table):
+    problem, objective = table
+    planner = PlacementPlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
+
+    def told(*rulings):
+        return explain(planner._search, Progress(rulings=frozenset(rulings)))
+
+    reach, support = told(Ruling.OUT_OF_REACH), told(Ruling.UNSUPPORTED)
+    both = told(Ruling.UNSUPPORTED, Ruling.OUT_OF_REACH)
+    assert "out of reach of every arm" in reach.cause
+    assert "support" not in reach.short
+    assert "without support for every vertex" in support.cause
+    assert "reach" not in support.short
+    assert both.cause.index("out of reach of every arm") < both.cause.index(", or without support")
+    assert both.remedies == (*reach.remedies, *support.remedies)
+    for each in (reach, support):
+        assert {name for r in each.remedies for name in r.parameter.split(", ")} <= NAMES
+
+
+def test_where_no_motion_is_found_what_is_on_the_way_is_told(table):
+    with mock.patch.object(GoalSetRRT, "solve", return_value=None):
+        told = planned(table).explain()
+    assert re.match(r"\d+ placements were found, but no motion", told.cause)
+    assert told.remedies[0].parameter == "time_limit"
+    assert re.search(r"on the straight ways of arm \w+ with grasp \d+: in .* meets ", str(told))
+
+
+def test_a_search_without_result_says_why_while_it_goes_on(table):
+    said = []
+
+    def refused(holding, *_):
+        said.append(planner.explanation.cause)
+        return Verdict.NO_RETREAT
+
+    problem, objective = table
+    planner = PlacementPlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
+    with mock.patch.object(Holding, "placing_motion", refused):
+        list(planner.run(lambda: planner.statistics.samples >= 4500))
+    told = list(dict.fromkeys(said))
+    assert told[0] == ""
+    assert [re.search(r"in ([\d,]+) samples", cause).group(1) for cause in told[1:]]
+    assert 2 <= len(told) <= 3
+
+
+def test_explaining_changes_nothing_in_the_search(table):
+    """Neither its random numbers nor what it finds."""
+    problem, objective = table
+    refuse, calls, place = [], [], Holding.placing_motion
+
+    def at_first(*arguments):
+        refuse.append(None)
+        return Verdict.NO_RETREAT if len(refuse) < 150 else place(*arguments)
+
+    found = []
+    for asked in (False, True):
+        refuse.clear()
+        planner = PlacementPlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
+
+        def should_stop(planner=planner, asked=asked):
+            calls.append(None)
+            if asked and len(calls) in (20, 50, 100, 200, 400):
+                planner.explain()
+            return planner.statistics.solutions > 0 or planner.statistics.samples > 5000
+
+        with mock.patch.object(Holding, "placing_motion", at_first):
+            found.append([p.trajectory.positions for p in planner.run(should_stop)])
+        assert planner.statistics.samples > 100
+    assert len(found[0]) == len(found[1]) > 0
+    assert all(map(np.array_equal, *found))
+
+
+def test_of_a_search_that_found_something_only_what_refused_much_is_told():
+    count = SampleCount()
+    count.add([Verdict.UNSTABLE] * 120 + [Verdict.NO_IK] * 40 + [Verdict.NOT_BETTER] * 40)
+    told = tables.in_short(count)
+    assert told.startswith("of 200 samples 60% left a vertex of the placement face without support")
+    assert "20% had no arm reach them" in told
+    assert "no better" not in told
+    little = SampleCount()
+    little.add([Verdict.UNSTABLE] * 60 + [Verdict.NOT_BETTER] * 140)
+    assert tables.in_short(little) == ""
+    assert tables.in_short(SampleCount()) == ""
+
+
+def test_an_explanation_in_one_line_and_in_several():
+    remedies = Remedy("umbrella", "open it"), Remedy("time", "wait")
+    told = Explanation("it rains", remedies, ("wet",))
+    assert told.short == "it rains; try umbrella: open it; or time: wait"
+    assert str(told).splitlines() == ["it rains", "try umbrella: open it", "try time: wait", "wet"]
+    assert str(Explanation("it rains")) == Explanation("it rains").short == "it rains"

@@ -1,0 +1,451 @@
+"""Hopeless situations made on purpose: the code, the remedy named, and that the remedy helps."""
+
+import math
+import re
+import threading
+import time
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import rclpy
+from fakes import FRAME, Bench
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
+
+from placement_planner_ros.ros.inputs.point_cloud import message_from_points
+from placement_planner_ros.scenes.objects import object_by_name
+from placement_planner_ros.scenes.yumi import HOME, TIP_FRAMES, load_yumi
+
+SAMPLES = 1200
+"""After which a search that finds nothing is given up."""
+
+
+def level(x, y, z, step=0.006):
+    """Points of a level rectangle from x[0] to x[1] and y[0] to y[1] at height z."""
+    grid = np.meshgrid(np.arange(*x, step), np.arange(*y, step), z)
+    return np.stack(grid, axis=-1).reshape(-1, 3)
+
+
+TABLE = level((0.2, 0.6), (-0.3, 0.4), 0.0)
+ABOVE = [0.25, -0.1, -0.05, 0.55, 0.3, 0.2]
+"""A target_volume that holds most of the table's surface."""
+
+
+def hand():
+    """Points within the left hand."""
+    robot = load_yumi()
+    x, y, z = robot.link_pose(robot.configuration(HOME), TIP_FRAMES["left"]).translation
+    return level((x - 0.02, x + 0.02), (y - 0.02, y + 0.02), z)
+
+
+def poses(*grasps):
+    return [float(v) for grasp in grasps for v in pin.SE3ToXYZQUAT(grasp)]
+
+
+def pose(T):
+    return [float(v) for v in pin.SE3ToXYZQUAT(T)]
+
+
+def turned(about, angle, x=0.0, y=0.0, z=0.0):
+    return pin.SE3(pin.exp3(angle * np.asarray(about, dtype=float)), np.array([x, y, z]))
+
+
+def plate(side=0.14, thickness=0.01):
+    """Parameters of a plate."""
+    corners = np.array(np.meshgrid(*[(-0.5, 0.5)] * 3)).reshape(3, -1).T
+    corners = corners * (side, side, thickness)
+    faces = [0, 1, 3, 0, 3, 2, 4, 6, 7, 4, 7, 5, 0, 4, 5, 0, 5, 1, 2, 3, 7, 2, 7, 6]
+    faces += [0, 2, 6, 0, 6, 4, 1, 5, 7, 1, 7, 3]
+    return {"object.vertices": corners.ravel().tolist(), "object.triangles": faces}
+
+
+# --- the situations
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What the node is given: parameters, points in a frame, and joint values."""
+
+    parameters: dict[str, Any] = field(default_factory=dict)
+    points: np.ndarray = field(default_factory=lambda: TABLE)
+    frame: str = FRAME
+    joints: dict[str, float] = field(default_factory=dict)
+
+    def but(self, **parameters):
+        """The same with some parameters changed."""
+        changed = {name.replace("__", "."): value for name, value in parameters.items()}
+        return replace(self, parameters={**self.parameters, **changed})
+
+
+def number(pattern, words):
+    """The number that the words give there."""
+    return float(re.search(pattern, words).group(1))
+
+
+def lowered(inputs, words):
+    volume = [*inputs.parameters["target_volume"]]
+    volume[2] = number(r"set its minimum z .* to (-?[\d.]+) or less", words)
+    return inputs.but(target_volume=volume)
+
+
+def raised(inputs, words):
+    volume = [*inputs.parameters["target_volume"]]
+    volume[5] = number(r"set its maximum z .* to (-?[\d.]+) or more", words)
+    return inputs.but(target_volume=volume)
+
+
+def drawn_closer(inputs, words):
+    volume = np.array(inputs.parameters["target_volume"])
+    volume[[0, 3]] -= number(r"move it closer to the robot, by ([\d.]+) m", words) + 0.3
+    return inputs.but(target_volume=volume.tolist())
+
+
+def moved_over(inputs, words):
+    found = re.search(r"level surface is at \((\S+), (\S+)\) m with z = (-?[\d.]+)", words)
+    x, y, z = map(float, found.groups())
+    half = np.array([0.1, 0.1, 0.05])
+    middle = np.array([x, y, z]) - (0.0, 0.15, 0.0)
+    return inputs.but(target_volume=[*(middle - half).tolist(), *(middle + half).tolist()])
+
+
+def on_larger_surface(inputs, words):
+    assert number(r"larger surfaces, level for [\d.]+ x ([\d.]+) m at least", words) < 0.1
+    return inputs.but(target_volume=ABOVE)
+
+
+def under_more_height(inputs, words):
+    assert 0.03 < number(r"more free height, ([\d.]+) m at least", words) < 0.04
+    return inputs.but(target_volume=[0.25, 0.1, -0.05, 0.55, 0.4, 0.02])
+
+
+def untilted(inputs, words):
+    """The sensor's pose turned by what the words say."""
+    angle = np.radians(number(r"correct the sensor's tilt by ([\d.]+) degrees", words))
+    x, y = (number(rf"rising towards .*{axis} = (-?[\d.]+)", words) for axis in "xy")
+    return inputs.but(sensor_poses__camera=pose(turned((-y, x, 0.0), angle)))
+
+
+def coarser(inputs, words):
+    size = number(r"cloud\.cell_size: set it to .* about ([\d.]+)", words)
+    return inputs.but(cloud__cell_size=size)
+
+
+def with_parameters(**parameters):
+    return lambda inputs, _: inputs.but(**parameters)
+
+
+@dataclass(frozen=True)
+class Situation:
+    """A hopeless one, the code and remedy that the node is to name, and what applies it."""
+
+    inputs: Inputs
+    code: str
+    remedy: str
+    cure: Any
+    says: str = ""
+
+
+SIDEWAYS = turned((0, 1, 0), np.pi / 2, z=0.215)
+FROM_ABOVE = turned((0, 0, 1), 0.0, z=0.145)
+PLATE = plate()
+UP_THERE = np.array([0.0, 0.0, 5.0])
+BELOW = np.array([0.4, 0.0, -0.4])
+"""Where a camera sees the table from below."""
+POSTS = np.concatenate(
+    [
+        level((x, x + 0.012), (y, y + 0.012), z, 0.004)
+        for x in np.arange(0.36, 0.6, 0.11)
+        for y in np.arange(-0.3, 0.42, 0.11)
+        for z in np.arange(0.0, 0.15, 0.006)
+    ]
+)
+
+SITUATIONS = {
+    "volume in the air": Situation(
+        Inputs({"target_volume": [0.25, -0.1, 0.1, 0.55, 0.3, 0.3]}),
+        "NO_REGION",
+        "target_volume",
+        lowered,
+        "0.100 m under it",
+    ),
+    "volume under the table": Situation(
+        Inputs({"target_volume": [0.25, -0.1, -0.3, 0.55, 0.3, -0.1]}),
+        "NO_REGION",
+        "target_volume",
+        raised,
+        "0.100 m above it",
+    ),
+    "volume beside the table": Situation(
+        Inputs({"target_volume": [0.25, 0.5, -0.05, 0.55, 0.7, 0.2]}),
+        "NO_REGION",
+        "target_volume",
+        moved_over,
+        "nothing was measured",
+    ),
+    "object larger than any region": Situation(
+        Inputs(
+            {"target_volume": [0.3, 0.0, 0.05, 0.55, 0.2, 0.3]},
+            np.concatenate([TABLE, level((0.4, 0.43), (0.1, 0.13), 0.1, 0.004)]),
+        ),
+        "UNSUPPORTED",
+        "target_volume",
+        on_larger_surface,
+        "one placement region",
+    ),
+    "out of reach": Situation(
+        Inputs(
+            {"target_volume": [1.4, -0.1, -0.05, 1.7, 0.3, 0.2]},
+            level((0.2, 1.8), (-0.3, 0.4), 0.0),
+        ),
+        "OUT_OF_REACH",
+        "target_volume",
+        drawn_closer,
+        "arm left falls short",
+    ),
+    "ceiling too low": Situation(
+        Inputs(
+            {"target_volume": [0.25, -0.3, -0.05, 0.55, 0.0, 0.02]},
+            np.concatenate([TABLE, level((0.2, 0.6), (-0.4, 0.02), 0.0325)]),
+        ),
+        "NO_SOLUTION",
+        "target_volume",
+        under_more_height,
+        "what stands above it",
+    ),
+    "a grasp that always collides": Situation(
+        Inputs({**PLATE, "left.grasps": poses(SIDEWAYS)}),
+        "NO_SOLUTION",
+        "left.grasps",
+        with_parameters(left__grasps=poses(FROM_ABOVE)),
+        "meets the environment",
+    ),
+    "start in self-collision": Situation(
+        Inputs({"arms": ["left", "right"]}, joints=dict.fromkeys(HOME, 0.0)),
+        "BAD_START",
+        "joint_states",
+        lambda inputs, _: replace(inputs, joints={}),
+        "in self-collision",
+    ),
+    "start in collision with the cloud": Situation(
+        Inputs(
+            {"self_filter.enabled": False},
+            np.concatenate([TABLE, hand()]),
+        ),
+        "BAD_START",
+        "self_filter.enabled",
+        with_parameters(self_filter__enabled=True),
+        "in collision with the clouds",
+    ),
+    "one arm disabled": Situation(
+        Inputs(
+            {"target_volume": [0.1, 0.6, -0.05, 0.4, 0.9, 0.2], "arms": ["right"]},
+            level((0.0, 0.5), (0.5, 1.0), 0.0),
+        ),
+        "OUT_OF_REACH",
+        "arms",
+        with_parameters(arms=["left", "right"]),
+        "arm right falls short",
+    ),
+    "an empty cloud": Situation(
+        Inputs(points=np.zeros((0, 3))),
+        "NO_CLOUD",
+        "cloud_topics",
+        lambda inputs, _: replace(inputs, points=TABLE),
+        "no finite point",
+    ),
+    "a frame that nobody knows": Situation(
+        Inputs(points=TABLE, frame="camera"),
+        "CLOUD_FRAME",
+        "sensor_poses.<frame>",
+        with_parameters(sensor_poses__camera=pose(pin.SE3.Identity())),
+        "'camera'",
+    ),
+    "a sensor elsewhere": Situation(
+        Inputs({"sensor_poses.camera": pose(pin.SE3(np.eye(3), UP_THERE))}, frame="camera"),
+        "NO_REGION",
+        "sensor_poses.camera",
+        with_parameters(sensor_poses__camera=pose(pin.SE3.Identity())),
+        "z 5.000 to 5.000",
+    ),
+    "everything unseen": Situation(
+        Inputs(
+            {
+                "sensor_poses.camera": pose(pin.SE3(np.eye(3), BELOW)),
+                "unknown_space": "occupied",
+            },
+            TABLE - BELOW,
+            "camera",
+        ),
+        "NO_SOLUTION",
+        "unknown_space",
+        with_parameters(unknown_space="free"),
+        "no sensor has seen",
+    ),
+    "tilted too far": Situation(
+        Inputs(
+            {"sensor_poses.camera": pose(pin.SE3.Identity())},
+            TABLE @ pin.exp3(np.array([0.1, -0.15, 0.0])).T,
+            "camera",
+        ),
+        "NO_REGION",
+        "sensor_poses.camera",
+        untilted,
+        "slopes by 10.",
+    ),
+    "points too far apart": Situation(
+        Inputs(points=level((0.2, 0.6), (-0.3, 0.4), 0.0, 0.03)),
+        "NO_REGION",
+        "cloud.cell_size",
+        coarser,
+        "too far apart",
+    ),
+    "a surface full of holes": Situation(
+        Inputs(points=TABLE[np.random.default_rng(0).random(len(TABLE)) < 0.07]),
+        "NO_SOLUTION",
+        "cloud.cell_size",
+        coarser,
+        "are holes that show no point",
+    ),
+    "a margin too wide for the hand": Situation(
+        Inputs({"collision_margin": 0.1}),
+        "NO_SOLUTION",
+        "collision_margin",
+        with_parameters(collision_margin=0.003),
+        "poses looked at again would be free",
+    ),
+    "a margin too wide for the object": Situation(
+        Inputs(
+            {"collision_margin": 0.045, "target_volume": [0.36, -0.1, -0.05, 0.55, 0.3, 0.05]},
+            np.concatenate([TABLE, POSTS]),
+        ),
+        "NO_SOLUTION",
+        "collision_margin",
+        with_parameters(collision_margin=0.003),
+        "would be free",
+    ),
+    "no time": Situation(
+        Inputs({"time_limit": 1e-5}),
+        "NO_SOLUTION",
+        "time_limit",
+        with_parameters(time_limit=0.0),
+        "no sample was tried",
+    ),
+}
+
+
+# --- how they are tried
+
+
+@pytest.fixture(scope="module")
+def bench():
+    """One node with its own planner, for all situations."""
+    rclpy.init()
+    made = RealBench(sensor_frames=["camera"])
+    yield made
+    made.close()
+    rclpy.try_shutdown()
+
+
+class RealBench(Bench):
+    """The node with its own planner, which pauses after so many samples until it is stopped."""
+
+    most = SAMPLES
+
+    def _prepare(self, snapshot, should_stop):
+        prepared = self.node._preparation.prepare(snapshot, should_stop)
+        planner, most, self.paused = prepared.planner, self.most, threading.Event()
+        run = planner.run
+
+        def limited(should_stop):
+            yield from run(lambda: should_stop() or planner.statistics.samples >= most)
+            if not planner.exhausted:
+                self.paused.set()
+            while not (planner.exhausted or should_stop()):
+                time.sleep(0.002)
+
+        planner.run = limited
+        return prepared
+
+    def give(self, inputs):
+        """Set all parameters and hand over the messages, as the executor would."""
+        parameters = {**BASE, **inputs.parameters}
+        results = self.node.set_parameters([Parameter(n, value=v) for n, v in parameters.items()])
+        assert all(result.successful for result in results), results
+        self.node._inputs.object.wait()
+        values = {**HOME, **inputs.joints}
+        self.node._reception._take_joint_state(
+            JointState(name=list(values), position=[float(v) for v in values.values()])
+        )
+        message = message_from_points(inputs.points, Header(frame_id=inputs.frame))
+        self.node._reception._take_cloud("points", message)
+
+    def tried(self, inputs):
+        """Code and words of a run that ends by itself, finds something, or has paused."""
+        self.give(inputs)
+        answers = [self.call("start")]
+        while answers[-1].code == "ROBOT_MOVING":  # it moved to where these inputs have it
+            self.give(inputs)
+            answers.append(self.call("start"))
+        answer = answers[-1]
+        if not answer.success:
+            return answer.code, answer.words
+        run = self.node._commands.run
+        self.wait(
+            lambda: (
+                not run.active
+                or run.solutions
+                or (run.planner is not None and self.paused.is_set())
+            )
+        )
+        self.call("stop")
+        self.wait(lambda: not run.active)
+        answer = self.call("stop")
+        self.wait(lambda: self.status()["state"] == run.state)
+        return self.status()["code"], answer.words
+
+
+HELD = object_by_name("small_crayons_box")
+BASE = {
+    "target_volume": ABOVE,
+    "arms": ["left"],
+    "left.grasps": poses(*HELD.grasps["left"]),
+    "right.grasps": poses(*HELD.grasps["right"]),
+    "object.vertices": HELD.vertices.ravel().tolist(),
+    "object.triangles": HELD.triangles.ravel().tolist(),
+    "sensor_poses.camera": [],
+    "unknown_space": "free",
+    "self_filter.enabled": True,
+    "cloud.cell_size": 0.01,
+    "cloud.max_age": 0.0,
+    "collision_margin": 0.003,
+    "joint_state_timeout": 3600.0,
+    "retreat_distance": 0.1,
+    "seed": 1,
+    "time_limit": 0.0,
+}
+"""What every situation begins with."""
+
+
+def remedies(words):
+    """The parameters that are named in a run's words as something to try."""
+    named = re.findall(r"(?:; try|; or) ([\w.<>, ]+):", words.splitlines()[0])
+    return [name for names in named for name in names.split(", ")]
+
+
+@pytest.mark.parametrize("name", SITUATIONS)
+def test_it_is_told_why_nothing_was_found_and_the_remedy_helps(bench, name):
+    situation = SITUATIONS[name]
+    bench.most = SAMPLES
+    code, words = bench.tried(situation.inputs)
+    assert (code, situation.says in words) == (situation.code, True), words
+    refused = code in ("BAD_START", "NO_CLOUD", "CLOUD_FRAME")
+    assert situation.remedy in (words if refused else remedies(words)), words
+    assert refused or all(map(bench.node.has_parameter, remedies(words))), words
+    bench.most = math.inf
+    code, words = bench.tried(situation.cure(situation.inputs, words))
+    assert code == "OK", words
+    assert bench.node._commands.run.solutions

@@ -1,0 +1,12 @@
+"""The node bears a few minutes of everything; `soak.py` by itself does it for an hour."""
+
+import os
+
+import pytest
+from soak import faults_of, soak
+
+
+@pytest.mark.soak
+def test_the_node_bears_what_clients_and_sensors_do(tmp_path):
+    report = soak(float(os.environ.get("SOAK_MINUTES", "3")), tmp_path)
+    assert faults_of(report, short=True) == [], report
