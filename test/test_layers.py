@@ -25,6 +25,7 @@ ORDER = [
     "core.reach",
     "core.objective",
     "core.collision",
+    "core.swept",
     # what placing adds
     "core.problem",
     "core.constraints",

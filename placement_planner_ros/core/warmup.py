@@ -31,6 +31,7 @@ from placement_planner_ros.core.scene.regions import RegionSettings
 from placement_planner_ros.core.scene.visibility import View, unknown_cells
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy, HierarchySettings
 from placement_planner_ros.core.search.tree import SearchTree
+from placement_planner_ros.core.swept.space import Stretch, SweptSpace
 from placement_planner_ros.core.timing.timing import parameterize
 from placement_planner_ros.core.types import Array, TargetVolume, Verdict
 
@@ -77,6 +78,9 @@ def warm_up(robot: Robot, arms: Sequence[Arm], q_robot: Array) -> None:
         chain.jacobian(found, np.eye(4))
         holding.collision.explain(found)
         holding.transit_free(found, q)
+        swept = SweptSpace([Stretch("", holding.collision, np.array([q, q]))], obstacles, 0.01)
+        swept.news(x.translation + rng.normal(0.0, 0.01, (10, 3)))
+        swept.first_hit(x.translation + rng.normal(0.0, 0.01, (10, 3)))
         for region in environment.regions[:1]:
             for part in region.split():
                 part.split()

@@ -19,6 +19,7 @@ from placement_planner_ros.core.kernel_cache import TROUBLES
 from placement_planner_ros.core.warmup import warm_up
 from placement_planner_ros.interrupts import catch_signals
 from placement_planner_ros.ros.commands import STOP_PATIENCE, Commands
+from placement_planner_ros.ros.inputs import point_cloud
 from placement_planner_ros.ros.inputs.frames import Transforms
 from placement_planner_ros.ros.inputs.inputs import Inputs
 from placement_planner_ros.ros.inputs.reception import Reception
@@ -38,6 +39,7 @@ from placement_planner_ros.ros.process import (
     share_among_threads,
     spare_what_is_loaded,
 )
+from placement_planner_ros.ros.run import surroundings
 from placement_planner_ros.ros.run.planning import Prepare
 from placement_planner_ros.ros.run.preparation import Preparation
 from placement_planner_ros.ros.run.snapshot import Snapshot
@@ -85,7 +87,9 @@ class PlacementPlannerNode(ParameterNode):
         self._closed = threading.Event()
         self._warm = Warmth()
         outputs = Outputs(self)
-        self._reporter = Reporter(self, outputs, self._inputs, self._settings, self._warm)
+        self._reporter = Reporter(
+            self, outputs, self._inputs, self._settings, self._warm, self._watching_failed
+        )
         self._preparation = Preparation(self._newest, self._has_leisure, self._preparing_failed)
         self._commands = Commands(
             self._inputs,
@@ -108,6 +112,9 @@ class PlacementPlannerNode(ParameterNode):
 
     def _preparing_failed(self, error: Exception) -> None:
         self._log.fault("preparing ahead failed; it goes on with the next inputs", error)
+
+    def _watching_failed(self, error: Exception) -> None:
+        self._log.fault("the best placement cannot be held against newer clouds", error)
 
     def _end_where_robot_moved(self) -> None:
         run = self._commands.run
@@ -165,6 +172,8 @@ class PlacementPlannerNode(ParameterNode):
         robot = self._inputs.robot.unplaced
         q = pin.neutral(robot.model)
         outside_robot(np.zeros((1, 3)), robot, q, (), None, 0.0)
+        point_cloud.warm_up()
+        surroundings.warm_up()
         warm_up(robot, make_arms(robot, self._settings.current), q)
 
     def _movable(self) -> tuple[object, ParameterSet]:
@@ -178,7 +187,12 @@ class PlacementPlannerNode(ParameterNode):
     @property
     def working(self) -> bool:
         """Whether any thread of its own is still at work."""
-        return self._commands.busy or self._preparation.busy or self._inputs.reading
+        return (
+            self._commands.busy
+            or self._preparation.busy
+            or self._inputs.reading
+            or self._reporter.busy
+        )
 
     def close(self) -> None:
         """End the run, if there is one, and publish nothing from now on."""

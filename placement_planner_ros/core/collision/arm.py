@@ -23,6 +23,7 @@ from placement_planner_ros.core.collision.arrays import (
     PART_FIRST_NODE,
     PART_FIRST_SET,
     SET_JOINT,
+    ArmArrays,
     CollisionBody,
     FlatArm,
     Part,
@@ -164,6 +165,16 @@ class ArmCollision:
         self._queue = np.zeros((_QUEUE, 2))
         self._settled = np.zeros((_QUEUE, arrays.moving + len(arrays.pairs)), dtype=np.bool_)
         self._no_deviation = np.zeros(self._dof)
+
+    @property
+    def arrays(self) -> ArmArrays:
+        """The arm laid out for kernels; not to be written to."""
+        return self._flat.arrays
+
+    @property
+    def body_names(self) -> tuple[str, ...]:
+        """Of links and object, in the order of the arrays."""
+        return tuple(body.name for body in self._flat.bodies)
 
     def free(self, q: Array, reserve: float = 0.0, contact: bool = False) -> bool:
         """Whether q (dof,) keeps the margins, and of `reserve` metres what the settings say.

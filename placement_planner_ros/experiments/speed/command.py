@@ -22,7 +22,11 @@ from placement_planner_ros.experiments.json_lines import read_lines
 from placement_planner_ros.experiments.options import add_case_options, wanted_cases
 from placement_planner_ros.experiments.record import RUNS_FILE, warm_process
 from placement_planner_ros.experiments.speed.clouds import measure_clouds
-from placement_planner_ros.experiments.speed.processes import check_recorded, measure_node
+from placement_planner_ros.experiments.speed.processes import (
+    check_recorded,
+    measure_load,
+    measure_node,
+)
 from placement_planner_ros.experiments.speed.queries import Bench, CompareSettings
 from placement_planner_ros.experiments.speed.recorder import RecordSettings, record
 from placement_planner_ros.experiments.speed.report import (
@@ -54,6 +58,7 @@ _SAMPLING_SECONDS = 1.5
 _FIRST_SEEDS, _PLAIN_SEEDS, _FIRST_LIMIT = 5, 1, 10.0
 _PLAIN_QUERIES, _QUERY_LIMIT = 1, 5.0
 _CLOUD_REPEATS = 5
+_LOAD_SECONDS = 300.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,6 +235,9 @@ def _jobs(arguments: argparse.Namespace) -> Iterator[Job]:
         seconds = 30.0 + 2.5 * arguments.stops + 60.0 * arguments.minutes
         run = partial(measure_node, arguments.stops, arguments.minutes, _SEED)
         yield Job("the node", ("node", "memory"), seconds, run)
+    if "load" in rows:
+        run = partial(measure_load, _SEED)
+        yield Job("the node beside large clouds", ("load",), _LOAD_SECONDS, run)
 
 
 def _recorded(

@@ -36,6 +36,15 @@ def measure_node(stops: int, minutes: float, seed: int) -> Iterator[Entry]:
     return _told("-m", "placement_planner_ros.ros.tools.node_speed", *options)
 
 
+def measure_load(seed: int) -> Iterator[Entry]:
+    """What `placement_planner_ros.ros.tools.node_load` tells.
+
+    Raises:
+        RuntimeError: it could not measure the node.
+    """
+    return _told("-m", "placement_planner_ros.ros.tools.node_load", "--seed", str(seed))
+
+
 def check_recorded(folder: Path) -> Iterator[Entry]:
     """How many of the placements in a folder `test/verify_cases.py` refuses.
 

@@ -298,6 +298,31 @@ def _node(entries: Sequence[Entry]) -> list[Line]:
     return lines
 
 
+def _load(entries: Sequence[Entry]) -> list[Line]:
+    """The node beside three clouds of 300,000 points at 10 Hz."""
+    lines = []
+    for kind, what, limits in (
+        ("start", "beside 3 clouds at 10 Hz: answer of ~/start", {50: 0.1, 99: 0.1}),
+        ("stop", "beside 3 clouds at 10 Hz: from the stop call to idle", {50: 0.1, 99: 0.1}),
+        ("age", "beside 3 clouds at 10 Hz: age of the newest one known", {100: 0.5}),
+        ("alarm", "from a cloud in the way to best_valid: false", {50: 0.1, 95: 0.1, 99: 0.2}),
+    ):
+        seconds = [e["seconds"] for e in entries if e["kind"] == kind]
+        if seconds:
+            untold = sum(not e.get("told", True) for e in entries if e["kind"] == kind)
+            detail = f"{len(seconds)} times, slowest {1e3 * max(seconds):,.0f} ms"
+            detail += f"; {untold} never" if untold else ""
+            lines += _latency("load", what, seconds, limits, detail)
+    turns = [e for e in entries if e["kind"] == "samples"]
+    if turns:
+        without, beside = (_total(turns, key) / len(turns) for key in ("without", "beside"))
+        fall = 100.0 * (1.0 - beside / without)
+        what = "samples per second that 3 clouds at 10 Hz cost a search"
+        detail = f"{without:,.0f} /s without them and {beside:,.0f} /s beside them, in turns"
+        lines.append(Line("load", what, fall, 25.0, f"{fall:.0f} %", "<= 25 %", detail))
+    return lines
+
+
 def slope_per_hour(seconds: Sequence[float], values: Sequence[float]) -> float:
     """Of a straight line through the last four fifths of the points, in units per hour."""
     skipped = len(seconds) // 5
@@ -337,6 +362,7 @@ _LINES: dict[str, Callable[[Sequence[Entry]], list[Line]]] = {
     "goal_sets": _goal_sets,
     "node": _node,
     "memory": _memory,
+    "load": _load,
 }
 """Row -> its lines, in the table's order."""
 

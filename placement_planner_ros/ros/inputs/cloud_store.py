@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +15,10 @@ from placement_planner_ros.ros.inputs.standing_object import StandingObject
 
 MERGE_FRACTION = 4
 """Merged clouds keep one point per cube of this fraction of a cell's edge."""
+
+
+OnCloud = Callable[[str, Array], None]
+"""Told the topic and the points (n, 3) of a cloud."""
 
 
 class CloudStaleError(PlacementPlannerError):
@@ -31,11 +35,13 @@ class StoredCloud:
         points: (n, 3) metres.
         time: when it was taken, seconds of the steady clock.
         origin: (3,) where the sensor was, metres; None where that is not known.
+        arrival: greater than that of clouds that arrived before it.
     """
 
     points: Array
     time: float
     origin: Array | None = None
+    arrival: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,21 +77,35 @@ class CloudStore:
         self._merged = np.empty((0, 3))
         self._standing: dict[int, StandingObject] = {}
         self._refused: dict[str, PlacementPlannerError] = {}
+        self._listener: OnCloud | None = None
         self.updates = 0
         self.changes = 0
 
-    def add(self, topic: str, cloud: StoredCloud) -> None:
-        """Take a cloud as the newest of its topic; one that shows nothing new is not a change."""
+    def listen(self, listener: OnCloud) -> None:
+        """Call this for every cloud that is taken, in the thread that brings it."""
+        self._listener = listener
+
+    def add(self, topic: str, cloud: StoredCloud) -> bool:
+        """Take a cloud as the newest of its topic; False where one that arrived later is known.
+
+        One that shows nothing new is not a change.
+        """
         with self._lock:
             before = self._latest.get(topic)
         same = False
         if before is not None and _same(before, cloud):
             same, cloud = True, replace(cloud, points=before.points)
         with self._lock:
+            newest = self._latest.get(topic)
+            if newest is not None and newest.arrival > cloud.arrival:
+                return False
             self._latest[topic] = cloud
             known = self._refused.pop(topic, None)
             self.updates += 1
             self.changes += not same or known is not None
+        if self._listener is not None:
+            self._listener(topic, cloud.points)
+        return True
 
     def merge(self, points: Array, cell_size: float) -> None:
         """Add points (n, 3) to those accumulated, thinned to a fraction of a cell.
@@ -147,10 +167,20 @@ class CloudStore:
         with self._lock:
             return {topic: now - cloud.time for topic, cloud in self._latest.items()}
 
+    def latest(self) -> dict[str, Array]:
+        """The points (n, 3) of each topic's newest cloud."""
+        with self._lock:
+            return {topic: cloud.points for topic, cloud in self._latest.items()}
+
     def latest_points(self) -> tuple[Array, ...]:
         """The newest cloud of each topic."""
+        return tuple(self.latest().values())
+
+    @property
+    def merged(self) -> Array:
+        """The points (n, 3) accumulated."""
         with self._lock:
-            return tuple(cloud.points for cloud in self._latest.values())
+            return self._merged
 
     def faults(self, mode: str, max_age: float, now: float) -> list[PlacementPlannerError]:
         """Everything that keeps `snapshot` from being taken."""

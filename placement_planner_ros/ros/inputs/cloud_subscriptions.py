@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
@@ -59,7 +60,13 @@ class CloudSubscriptions:
             self._on_cloud(topic, message)
 
         profile = QoSProfile(depth=1, history=HistoryPolicy.KEEP_LAST, reliability=reliability)
+        # What the publishers offer is followed, so nobody need be warned that it is something else.
         subscription = self._node.create_subscription(
-            PointCloud2, topic, received, profile, callback_group=self._group
+            PointCloud2,
+            topic,
+            received,
+            profile,
+            callback_group=self._group,
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
         )
         self._subscriptions[topic] = (reliability, subscription)

@@ -65,7 +65,8 @@ class Inputs:
         self._clock = clock
         self._lock = threading.Lock()
         self._known: frozenset[str] = frozenset()
-        self._waiting: dict[str, tuple[PointCloud2, float]] = {}
+        self._waiting: dict[str, tuple[PointCloud2, float, int]] = {}
+        self._arrivals = 0
 
     def take_joint_state(self, message: JointState) -> None:
         """Merge a joint state.
@@ -106,15 +107,17 @@ class Inputs:
         """
         with self._lock:
             self._waiting.pop(topic, None)
+            self._arrivals += 1
+            arrival = self._arrivals
         taken = time.monotonic() - self._age(message)
         try:
-            self._store(topic, message, taken, parameters, wait=True)
+            self._store(topic, message, taken, arrival, parameters, wait=True)
         except ChainMovingError:
             if topic not in self.clouds.ages(0.0):
                 raise
         except (CloudFrameError, NotReadyError, UnplacedError):
             with self._lock:
-                self._waiting[topic] = (message, taken)
+                self._waiting[topic] = (message, taken, arrival)
             raise
 
     def state(self, parameters: ParameterSet) -> tuple[object, ...]:
@@ -157,6 +160,7 @@ class Inputs:
         topic: str,
         message: PointCloud2,
         taken: float,
+        arrival: int,
         parameters: ParameterSet,
         *,
         wait: bool = False,
@@ -187,12 +191,11 @@ class Inputs:
             ),
             lambda: self.robot.moved(message.header.stamp),
         )
-        points = points_from_message(message)
-        points = points @ T_planning_cloud.rotation.T + T_planning_cloud.translation
+        points = points_from_message(message, T_planning_cloud)
         # In the planning frame a cloud no longer tells where it was seen from.
         moved = message.header.frame_id != robot.root_link
         origin = np.array(T_planning_cloud.translation) if moved else None
-        self.clouds.add(topic, StoredCloud(points, taken, origin))
+        self.clouds.add(topic, StoredCloud(points, taken, origin, arrival))
         if merged:
             self.clouds.merge(points, parameters["cloud.cell_size"])
 
@@ -200,14 +203,20 @@ class Inputs:
         """Take clouds whose frame was unknown when they came, where it is known now."""
         with self._lock:
             waiting = dict(self._waiting)
-        for topic, (message, taken) in waiting.items():
+        for topic, (message, taken, arrival) in waiting.items():
+            error = None
             try:
-                self._store(topic, message, taken, parameters)
-            except PlacementPlannerError as error:
-                self.clouds.refuse(topic, error)
-            else:
-                with self._lock:
-                    self._waiting.pop(topic, None)
+                self._store(topic, message, taken, arrival, parameters)
+            except PlacementPlannerError as refused:
+                error = refused
+            with self._lock:
+                waits = self._waiting.get(topic)
+                if waits is None or waits[2] != arrival:
+                    continue  # another one has come meanwhile
+                if error is None:
+                    self._waiting.pop(topic)
+                else:
+                    self.clouds.refuse(topic, error)
 
 
 def _seconds(stamp: Time) -> float | None:

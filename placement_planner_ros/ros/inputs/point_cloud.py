@@ -1,13 +1,17 @@
-"""PointCloud2 messages to and from arrays, by a structured view: no copy per field, no loop."""
+"""PointCloud2 messages to and from arrays: one compiled pass over a structured view."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
+import pinocchio as pin
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 
 from placement_planner_ros.core.errors import CloudError
+from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
 
 MAX_POINTS = 5_000_000
@@ -19,8 +23,8 @@ FAR = 1e6
 _TYPES = {PointField.FLOAT32: "f4", PointField.FLOAT64: "f8"}
 
 
-def points_from_message(message: PointCloud2) -> Array:
-    """The cloud's finite points, (n, 3) metres in its own frame.
+def points_from_message(message: PointCloud2, T_frame_cloud: pin.SE3 | None = None) -> Array:
+    """The cloud's finite points, (n, 3) metres in that frame, or in its own without one.
 
     Fields x, y and z may be float32 or float64, in any order, at any offset, of either byte
     order, with other fields and padding between points and rows. Points with coordinates that are
@@ -32,7 +36,7 @@ def points_from_message(message: PointCloud2) -> Array:
     """
     fields = {field.name: field for field in message.fields}
     order = ">" if message.is_bigendian else "<"
-    formats, offsets = [], []
+    kinds, offsets = [], []
     for name in "xyz":
         if name not in fields:
             raise CloudError(f"cloud field {name}", sorted(fields), "is missing")
@@ -50,7 +54,7 @@ def points_from_message(message: PointCloud2) -> Array:
                 f"offset {field.offset}",
                 f"does not fit into point_step {message.point_step}",
             )
-        formats.append(order + _TYPES[field.datatype])
+        kinds.append(_TYPES[field.datatype])
         offsets.append(field.offset)
     width, height = message.width, message.height
     if width * height == 0:
@@ -74,7 +78,7 @@ def points_from_message(message: PointCloud2) -> Array:
         dtype=np.dtype(
             {
                 "names": ["x", "y", "z"],
-                "formats": formats,
+                "formats": [order + kind for kind in kinds],
                 "offsets": offsets,
                 "itemsize": message.point_step,
             }
@@ -82,11 +86,54 @@ def points_from_message(message: PointCloud2) -> Array:
         buffer=memoryview(message.data),
         strides=(row_step, message.point_step),
     )
+    T = np.eye(4) if T_frame_cloud is None else T_frame_cloud.homogeneous
+    widest = max(kinds)
     points = np.empty((height * width, 3))
-    with np.errstate(invalid="ignore"):  # a NaN may be a signalling one
-        for column, name in enumerate("xyz"):
-            points[:, column] = view[name].reshape(-1)
-    return np.asarray(points[(np.abs(points) <= FAR).all(axis=1)])
+    x, y, z = (_column(view[name], widest) for name in "xyz")
+    kept = _read(x, y, z, np.ascontiguousarray(T), points)
+    return points[:kept]
+
+
+def warm_up() -> None:
+    """Compile for both kinds of coordinates, or load."""
+    for kind in _TYPES.values():
+        column = _column(np.zeros((1, 1), kind), kind)
+        _read(column, column, column, np.eye(4), np.empty((2, 3)))
+
+
+def _column(values: npt.NDArray[Any], kind: str) -> npt.NDArray[Any]:
+    """(h, w) coordinates as `_read` is compiled for: of that kind in this machine's byte order,
+    aligned, and with gaps in between; a single one is followed by NaN."""
+    flags = values.flags
+    if values.dtype == kind and flags.aligned and not (flags.c_contiguous or flags.f_contiguous):
+        column = values
+    else:
+        height, width = values.shape
+        column = np.full((height, max(width, 2), 2), np.nan, kind)[..., 0]
+        column[:, :width] = values
+    column.setflags(write=False)
+    return column
+
+
+@kernel(nogil=True)
+def _read(
+    x: npt.NDArray[Any], y: npt.NDArray[Any], z: npt.NDArray[Any], T: Array, points: Array
+) -> int:
+    """Fill `points` (h w, 3) with those of (h, w) no farther than `FAR`, moved by T (4, 4); how
+    many."""
+    kept = 0
+    for i in range(x.shape[0]):
+        for j in range(x.shape[1]):
+            a, b, c = float(x[i, j]), float(y[i, j]), float(z[i, j])
+            u = T[0, 0] * a + T[0, 1] * b + T[0, 2] * c + T[0, 3]
+            v = T[1, 0] * a + T[1, 1] * b + T[1, 2] * c + T[1, 3]
+            w = T[2, 0] * a + T[2, 1] * b + T[2, 2] * c + T[2, 3]
+            if abs(a) <= FAR and abs(b) <= FAR and abs(c) <= FAR:  # and they are numbers
+                points[kept, 0] = u
+                points[kept, 1] = v
+                points[kept, 2] = w
+                kept += 1
+    return kept
 
 
 def message_from_points(points: npt.NDArray[np.floating], header: Header) -> PointCloud2:

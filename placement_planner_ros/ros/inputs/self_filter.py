@@ -27,6 +27,63 @@ class _Part:
     half: Array
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Outline:
+    """The space that robot and held object fill at one configuration.
+
+    Attributes:
+        lower, upper: (p, 3) boxes around its convex parts.
+        first: (p + 1,) the first plane of each.
+        normals, offsets: (f, 3) and (f,) of the planes, in the world.
+    """
+
+    lower: Array
+    upper: Array
+    first: npt.NDArray[np.int64]
+    normals: Array
+    offsets: Array
+
+    @classmethod
+    def of(
+        cls, robot: Robot, q: Array, arms: Sequence[Arm], body: Body | None, padding: float
+    ) -> Outline:
+        """Each link as its convex parts, a mesh that is not convex as its hull, and the object in
+        every grasp of every candidate arm.
+
+        Args:
+            q: (nq,) configuration.
+            body: what the hands hold, None for nothing.
+            padding: metres by which every part grows.
+        """
+        data, geometry_data = robot.model.createData(), robot.geometry.createData()
+        pin.updateGeometryPlacements(robot.model, data, robot.geometry, geometry_data, q)
+        placed = [(T, part) for T, part in zip(geometry_data.oMg, _robot_parts(robot), strict=True)]
+        solids = () if body is None else body.parts
+        held = [_part(part.vertices, part.normals, part.offsets, 0.0) for part in solids]
+        for arm in arms:
+            T_world_tip = robot.link_pose(q, arm.tip_frame)
+            placed += [(T_world_tip * grasp, part) for grasp in arm.grasps for part in held]
+        first = np.cumsum([0, *(len(part.offsets) for _, part in placed)])
+        normals = np.vstack([part.normals @ T.rotation.T for T, part in placed])
+        shifts = np.repeat([T.translation for T, _ in placed], np.diff(first), axis=0)
+        offsets = np.concatenate([part.offsets for _, part in placed]) + padding
+        offsets += np.einsum("ij,ij->i", normals, shifts)
+        centers = np.array([T.act(part.center) for T, part in placed])
+        halves = np.array([np.abs(T.rotation) @ part.half for T, part in placed]) + padding
+        return cls(centers - halves, centers + halves, first, normals, offsets)
+
+    def outside(self, points: Array) -> npt.NDArray[np.bool_]:
+        """Which of the (n, 3) points are in none of it."""
+        return _outside(
+            np.ascontiguousarray(points),
+            self.lower,
+            self.upper,
+            self.first,
+            self.normals,
+            self.offsets,
+        )
+
+
 def outside_robot(
     points: Array,
     robot: Robot,
@@ -35,34 +92,8 @@ def outside_robot(
     body: Body | None,
     padding: float,
 ) -> npt.NDArray[np.bool_]:
-    """Which of the (n, 3) points are on neither the robot nor the held object.
-
-    Each link counts as its convex parts, a mesh that is not convex as its hull. The object is
-    taken to be in every grasp of every candidate arm.
-
-    Args:
-        q: (nq,) configuration.
-        body: what the hands hold, None for nothing.
-        padding: metres by which every part grows.
-    """
-    data, geometry_data = robot.model.createData(), robot.geometry.createData()
-    pin.updateGeometryPlacements(robot.model, data, robot.geometry, geometry_data, q)
-    placed = [(T, part) for T, part in zip(geometry_data.oMg, _robot_parts(robot), strict=True)]
-    solids = () if body is None else body.parts
-    held = [_part(part.vertices, part.normals, part.offsets, 0.0) for part in solids]
-    for arm in arms:
-        T_world_tip = robot.link_pose(q, arm.tip_frame)
-        placed += [(T_world_tip * grasp, part) for grasp in arm.grasps for part in held]
-    first = np.cumsum([0, *(len(part.offsets) for _, part in placed)])
-    normals = np.vstack([part.normals @ T.rotation.T for T, part in placed])
-    shifts = np.repeat([T.translation for T, _ in placed], np.diff(first), axis=0)
-    offsets = np.concatenate([part.offsets for _, part in placed]) + padding
-    offsets += np.einsum("ij,ij->i", normals, shifts)
-    centers = np.array([T.act(part.center) for T, part in placed])
-    halves = np.array([np.abs(T.rotation) @ part.half for T, part in placed]) + padding
-    return _outside(
-        np.ascontiguousarray(points), centers - halves, centers + halves, first, normals, offsets
-    )
+    """Which of the (n, 3) points are outside of an `Outline`."""
+    return Outline.of(robot, q, arms, body, padding).outside(points)
 
 
 @kernel(nogil=True)

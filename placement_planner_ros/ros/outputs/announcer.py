@@ -32,12 +32,12 @@ class Announcer:
         for reason in prepared.planner.unusable:
             self._log.event(f"run {run.number} does without: {reason}")
         self._outputs.environment(run.snapshot, prepared.environment)
-        self._reporter.environment_known(run, prepared.environment)
-        self._reporter.report()
+        self._reporter.prepared(run, prepared.environment)
 
     def placed(self, run: Run, placement: Placement) -> None:
         """A better placement."""
         self._outputs.solution(run.number, run.solutions, placement, run.elapsed, run.snapshot)
+        self._reporter.placed(run, placement)
         self._log.event(
             f"run {run.number}: solution {run.solutions} after {run.elapsed:.2f} s, objective "
             f"{placement.objective:.4g}, arm {placement.goal.arm}"
@@ -53,4 +53,4 @@ class Announcer:
 
     def environment_changed(self) -> None:
         """An object stands there now, or does no more."""
-        self._reporter.report()
+        self._reporter.environment_changed()

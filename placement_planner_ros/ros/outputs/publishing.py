@@ -12,7 +12,10 @@ import pinocchio as pin
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
+from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Float64, Header
 from trajectory_msgs.msg import JointTrajectory
@@ -46,15 +49,22 @@ class Outputs:
         self._scene: list[Marker] = []
         self._drawn: Environment | None = None
         self._undrawn: tuple[Snapshot, Environment, float] | None = None
-        self._trajectory = node.create_publisher(JointTrajectory, "~/trajectory", LATCHED)
-        self._retreat = node.create_publisher(JointTrajectory, "~/retreat_trajectory", LATCHED)
-        self._pose = node.create_publisher(PoseStamped, "~/placement_pose", LATCHED)
-        self._objective = node.create_publisher(Float64, "~/objective", LATCHED)
-        self._solution = node.create_publisher(DiagnosticArray, "~/solution", LATCHED)
-        self._status = node.create_publisher(DiagnosticStatus, "~/status", LATCHED)
-        self._markers = node.create_publisher(MarkerArray, "~/markers", LATCHED)
-        self._occupancy = node.create_publisher(PointCloud2, "~/occupancy", LATCHED)
-        self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+
+        def publisher(kind: type, topic: str, qos: QoSProfile | int) -> Publisher:
+            # The executor looks at every event of every publisher each time that it wakes, a
+            # hundred times a second; of one that is incompatible the subscriber is told too.
+            quiet = PublisherEventCallbacks(use_default_callbacks=False)
+            return node.create_publisher(kind, topic, qos, event_callbacks=quiet)
+
+        self._trajectory = publisher(JointTrajectory, "~/trajectory", LATCHED)
+        self._retreat = publisher(JointTrajectory, "~/retreat_trajectory", LATCHED)
+        self._pose = publisher(PoseStamped, "~/placement_pose", LATCHED)
+        self._objective = publisher(Float64, "~/objective", LATCHED)
+        self._solution = publisher(DiagnosticArray, "~/solution", LATCHED)
+        self._status = publisher(DiagnosticStatus, "~/status", LATCHED)
+        self._markers = publisher(MarkerArray, "~/markers", LATCHED)
+        self._occupancy = publisher(PointCloud2, "~/occupancy", LATCHED)
+        self._diagnostics = publisher(DiagnosticArray, "/diagnostics", 10)
 
     def clear(self, run: int, frame: str) -> None:
         """A run begins: withdraw whatever is latched from the one before."""

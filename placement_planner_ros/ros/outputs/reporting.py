@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 import time
+from collections.abc import Callable
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -12,13 +13,13 @@ from rclpy.node import Node
 
 from placement_planner_ros.core.errors import JointStateError
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.scene.grid import ObstacleSet
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, Placement
 from placement_planner_ros.ros.inputs.inputs import Inputs
 from placement_planner_ros.ros.outputs.publishing import Outputs
 from placement_planner_ros.ros.parameters.server import ParameterServer
-from placement_planner_ros.ros.run.validity import KnownSpace, blocked_by
+from placement_planner_ros.ros.run.validity import outdated
 from placement_planner_ros.ros.run.warmth import Warmth
+from placement_planner_ros.ros.run.watch import Watch
 from placement_planner_ros.ros.run.worker import Run, State
 from placement_planner_ros.ros.timers import every
 
@@ -45,6 +46,7 @@ class Reporter:
 
     Args:
         warm: whether what a search needs is compiled.
+        on_error: told what nobody expected.
     """
 
     def __init__(
@@ -54,39 +56,44 @@ class Reporter:
         inputs: Inputs,
         parameters: ParameterServer,
         warm: Warmth,
+        on_error: Callable[[Exception], None],
     ) -> None:
         self._warm = warm
         self._outputs = outputs
         self._inputs = inputs
         self._parameters = parameters
         self._lock = threading.Lock()
+        self._saying = threading.Lock()
         self._run: Run | None = None
-        self._obstacles: ObstacleSet | None = None
-        self._known: KnownSpace | None = None
-        self._checked: tuple[int, int] = (0, 0)
-        self._blocked = ""
         self._left = False
         self._reported: tuple[State, str, str, dict[str, str]] | None = None
         self._reported_at = -math.inf
         self._closed = False
+        self._watch = Watch(inputs.clouds, self.report, on_error)
         every(node, REFRESH_PERIOD, self._refresh)
         every(node, 1.0, self._diagnose)
         self.report()
 
     def follow(self, run: Run) -> None:
         """From now on report on this run."""
+        self._watch.follow(run.snapshot)
         with self._lock:
-            self._run = run
-            self._obstacles, self._known = None, None
-            self._blocked, self._left = "", False
-            self._checked = (0, self._inputs.clouds.changes)
+            self._run, self._left = run, False
         self.report()
 
-    def environment_known(self, run: Run, environment: Environment) -> None:
-        """What the run plans in."""
-        with self._lock:
-            if self._run is run:
-                self._obstacles = environment.obstacles
+    def prepared(self, run: Run, environment: Environment) -> None:
+        """The run has begun to search in this environment."""
+        self._watch.planned_in(run.snapshot, environment)
+        self.report()
+
+    def placed(self, run: Run, placement: Placement) -> None:
+        """The run has found a better placement."""
+        self._watch.placed(run.snapshot, placement)
+
+    def environment_changed(self) -> None:
+        """What is known of the environment was changed by command."""
+        self._watch.look_again()
+        self.report()
 
     def has_left_start(self, run: Run) -> bool:
         """Whether the robot is further from q_0 than the run's start_tolerance."""
@@ -96,51 +103,62 @@ class Reporter:
         tolerance = run.snapshot.parameters["start_tolerance"]
         left = bool(np.abs(q - run.snapshot.q_start).max() > tolerance)
         with self._lock:
-            if self._run is run:
+            news = self._run is run and self._left != left
+            if news:
                 self._left = left
+        if news:
+            self.report()
         return left
 
     def report(self) -> None:
         """Publish the status as it is now."""
-        run, why_not = self._run, self._why_invalid()
-        state = State.IDLE if run is None else run.state
-        values: dict[str, object] = {"run": 0, "state": state, "code": "OK", "solutions": 0}
-        warm = self._warm.shown
-        message = _WAITING[warm]
-        values["placed"] = " ".join(map(str, self._inputs.clouds.placed))
-        values["warm"] = warm
-        if warm == "failed":
-            values["warm_failed_reason"] = self._warm.failure
-        values |= self._read()
-        values["best_valid"] = str(not why_not).lower()
-        values["best_invalid_reason"] = why_not
-        if run is not None:
-            values |= _progress(run)
-            message = run.reason or str(state)
-            if run.solutions == 0 and not run.active:
-                message = run.summary()
-        with self._lock:
+        with self._saying:  # what was true last is said last
+            run, why_not = self._run, self._why_invalid()
+            state = State.IDLE if run is None else run.state
+            warm, read = self._warm.shown, self._read()
+            values: dict[str, object] = {"run": 0, "state": state, "code": "OK", "solutions": 0}
+            message = _WAITING[warm]
+            values["placed"] = " ".join(map(str, self._inputs.clouds.placed))
+            values["warm"] = warm
+            if warm == "failed":
+                values["warm_failed_reason"] = self._warm.failure
+            values |= read
+            values["best_valid"] = str(not why_not).lower()
+            values["best_invalid_reason"] = why_not
+            if run is not None:
+                values |= _progress(run)
+                message = run.reason or str(state)
+                if run.solutions == 0 and not run.active:
+                    message = run.summary()
             if self._closed:
                 return
-            self._reported = (state, why_not, warm, self._read())
+            self._reported = (state, why_not, warm, read)
             self._reported_at = time.monotonic()
             self._outputs.status(_LEVEL.get(state, DiagnosticStatus.OK), message, values)
 
     def close(self) -> None:
         """Publish nothing more; a worker that hangs may come back when the node is gone."""
-        with self._lock:
+        self._watch.close()
+        with self._saying:
             self._closed = True
+
+    @property
+    def busy(self) -> bool:
+        """Whether a thread of its own is still at work."""
+        return self._watch.busy
 
     def _read(self) -> dict[str, str]:
         return {"robot": self._inputs.robot.state, "object": self._inputs.object.state}
 
     def _why_invalid(self) -> str:
-        with self._lock:
-            if self._run is None or self._run.best is None:
-                return "there is no placement"
-            if self._run.confirmed:
-                return "it has been carried out"
-            return "the robot has left q_0" if self._left else self._blocked
+        run = self._run
+        if run is None or run.best is None:
+            return "there is no placement"
+        if run.confirmed:
+            return "it has been carried out"
+        if self._left:
+            return "the robot has left q_0"
+        return outdated(run.snapshot, self._inputs) or self._watch.blocked
 
     def _refresh(self) -> None:
         run = self._run
@@ -149,33 +167,9 @@ class Reporter:
         self._outputs.draw()
         if run is not None:
             self.has_left_start(run)
-            if due:
-                self._check_clouds(run)
         now = (state, self._why_invalid(), self._warm.shown, self._read())
         if (due and state is State.SEARCHING) or self._reported != now:
             self.report()
-
-    def _check_clouds(self, run: Run) -> None:
-        """Look whether clouds newer than the run's cut through its best placement."""
-        with self._lock:
-            obstacles, known, best = self._obstacles, self._known, run.best
-            now = (run.solutions, self._inputs.clouds.changes)
-            if obstacles is None or best is None or now == self._checked or self._left:
-                return
-            self._checked = now
-        q = self._configuration(run)
-        clouds = self._inputs.clouds.latest_points()
-        if q is None or not clouds:
-            return
-        if known is None:
-            known = KnownSpace(obstacles)
-            with self._lock:
-                if self._obstacles is obstacles:
-                    self._known = known
-        blocked = blocked_by(np.vstack(clouds), known, best, run.snapshot, q)
-        with self._lock:
-            if self._run is run:
-                self._blocked = blocked
 
     def _configuration(self, run: Run) -> Array | None:
         try:

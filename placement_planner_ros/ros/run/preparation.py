@@ -79,6 +79,32 @@ class _Build:
             self.ended.set()
 
 
+class _Order:
+    """An environment that a run waits for.
+
+    Attributes:
+        ended: set once there is an environment, an error, or neither as nobody wants it any more.
+    """
+
+    def __init__(self) -> None:
+        self.ended = threading.Event()
+        self.unwanted = False
+        self.error: BaseException | None = None
+        self.build: _Build | None = None
+
+    @property
+    def environment(self) -> Environment:
+        """What was made.
+
+        Raises:
+            PlacementPlannerError: the clouds are unusable.
+        """
+        if self.error is not None:
+            raise self.error
+        assert self.build is not None
+        return self.build.environment
+
+
 class Preparation:
     """Keeps the environment of the newest inputs ready. Safe to use from several threads.
 
@@ -102,6 +128,7 @@ class Preparation:
         self._idle = idle
         self._lock = threading.Lock()
         self._newest: _Build | None = None
+        self._order: _Order | None = None
         self._runs = 0
         self._seen: object = None
         self._rehearsed: tuple[Robot, Body] | None = None
@@ -121,8 +148,9 @@ class Preparation:
     @property
     def busy(self) -> bool:
         """Whether something is being made."""
-        build = self._newest
-        return self._ahead.is_alive() or (build is not None and not build.ended.is_set())
+        waited_for = (self._newest, self._order)
+        making = any(thing is not None and not thing.ended.is_set() for thing in waited_for)
+        return self._ahead.is_alive() or making
 
     def prepare(self, snapshot: Snapshot, should_stop: Callable[[], bool]) -> Prepared:
         """The planner of a run.
@@ -134,16 +162,16 @@ class Preparation:
         with self._lock:
             self._runs += 1  # from now on nothing is prepared ahead
         try:
-            surroundings = Surroundings.of(snapshot, self._before())
-            with self._lock:
-                build, new = self._build(surroundings)
-            if new:
-                threading.Thread(target=build.work, name="environment", daemon=True).start()
-            while not build.ended.wait(_PATIENCE):
+            order = self._order = _Order()
+            threading.Thread(
+                target=self._fulfil, args=(snapshot, order), name="environment", daemon=True
+            ).start()
+            while not order.ended.wait(_PATIENCE):
                 if should_stop():
+                    order.unwanted = True
                     raise StoppedError("making the environment of the clouds")
             with stoppable(should_stop):
-                return make_planner(snapshot, build.environment)
+                return make_planner(snapshot, order.environment)
         finally:
             with self._lock:
                 self._runs -= 1
@@ -172,6 +200,24 @@ class Preparation:
                     _rehearse(snapshot, build.environment)
             except StoppedError:
                 self._rehearsed = None
+
+    def _fulfil(self, snapshot: Snapshot, order: _Order) -> None:
+        """Make a run's environment, or wait for it where it is being made."""
+        try:
+            surroundings = Surroundings.of(snapshot, self._before())
+            with self._lock:
+                if order.unwanted:
+                    return
+                build, new = self._build(surroundings)
+            if new:
+                build.work()  # to its end, unless other inputs come: the next run may need it
+            else:
+                build.ended.wait()
+            order.build = build
+        except BaseException as error:  # raised again in the run's thread
+            order.error = error
+        finally:
+            order.ended.set()
 
     def _before(self) -> Surroundings | None:
         build = self._newest

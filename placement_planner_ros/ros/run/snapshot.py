@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass
 
 from placement_planner_ros.core.body.body import Body
@@ -21,6 +22,8 @@ class Snapshot:
         frame: the planning frame.
         origins: per cloud, (3,) where its sensor was, None where that is not known.
         placed: per cloud, whether it is an object placed before, which is never filtered.
+        object_key: `ObjectInput.key` of what the robot holds by default, which this run may
+            hold another in place of.
     """
 
     robot: Robot
@@ -32,3 +35,4 @@ class Snapshot:
     frame: str
     origins: tuple[Array | None, ...] = ()
     placed: tuple[bool, ...] = ()
+    object_key: Hashable = None

@@ -64,6 +64,7 @@ def take_snapshot(
         if len(arms) == len(made):
             attempt(lambda: require_grasp(arms))
             attempt(lambda: require_limits(arms, parameters["acceleration_limits"]))
+    object_key = inputs.object.key
     body = attempt(lambda: inputs.object.body(parameters, overridden))
     if faults or robot is None or clouds is None or q_start is None or body is None:
         return faults
@@ -71,7 +72,7 @@ def take_snapshot(
     origins = tuple(cloud.origin for cloud in clouds)
     placed = tuple(cloud.placed for cloud in clouds)
     snapshot = Snapshot(
-        robot, arms, q_start, body, points, parameters, robot.root_link, origins, placed
+        robot, arms, q_start, body, points, parameters, robot.root_link, origins, placed, object_key
     )
     attempt(lambda: require_face(body))
     attempt(lambda: require_grid(snapshot))

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.problem import workspace
 from placement_planner_ros.core.scene.environment import Environment, require_room
 from placement_planner_ros.core.scene.grid import GridSettings
@@ -172,17 +173,35 @@ def grid_bounds(snapshot: Snapshot, points: Array) -> tuple[Array, Array]:
     lower, upper = _workspace(snapshot)
     if _is_unknown_occupied(snapshot):
         return lower, upper
-    inside = points[((points >= lower) & (points <= upper)).all(axis=1)]
-    if len(inside) == 0:
+    low, high = _extent(np.ascontiguousarray(points), lower, upper)
+    if low[0] > high[0]:
         return snapshot.parameters.volume.lower, snapshot.parameters.volume.upper
-    # A rim, for neighbours of measured cells count as known, see `validity.KnownSpace`; by whole
-    # cells, so that the cells are the same whatever was seen.
+    # A rim, by whole cells, so that the cells are the same whatever was seen.
     size = snapshot.parameters["cloud.cell_size"]
-    skipped = np.floor((inside.min(axis=0) - lower) / size) - 2.0
+    skipped = np.floor((low - lower) / size) - 2.0
     return (
         lower + np.maximum(skipped, 0.0) * size,
-        np.minimum(upper, inside.max(axis=0) + 2.0 * size),
+        np.minimum(upper, high + 2.0 * size),
     )
+
+
+@kernel(nogil=True)
+def _extent(points: Array, lower: Array, upper: Array) -> tuple[Array, Array]:
+    """Corners (3,) of the box around those of (n, 3) points that lie within other corners; the
+    lower one is above the upper one where none does."""
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for row in range(len(points)):
+        x, y, z = points[row, 0], points[row, 1], points[row, 2]
+        if lower[0] <= x <= upper[0] and lower[1] <= y <= upper[1] and lower[2] <= z <= upper[2]:
+            for axis, value in ((0, x), (1, y), (2, z)):
+                low[axis] = min(low[axis], value)
+                high[axis] = max(high[axis], value)
+    return low, high
+
+
+def warm_up() -> None:
+    """Compile, or load."""
+    _extent(np.zeros((1, 3)), np.zeros(3), np.zeros(3))
 
 
 def require_grid(snapshot: Snapshot) -> None:

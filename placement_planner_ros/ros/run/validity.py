@@ -1,97 +1,154 @@
-"""Whether the best placement still holds, now that newer clouds have come."""
+"""Whether a placement still holds: nothing new in its way, its inputs fresh and the same."""
 
 from __future__ import annotations
 
-import itertools
+import math
+import time
+from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
-from scipy.ndimage import binary_dilation
 
 from placement_planner_ros.core.collision.arm import ArmCollision
-from placement_planner_ros.core.collision.load import Held
-from placement_planner_ros.core.problem import workspace
+from placement_planner_ros.core.collision.load import Held, Standing
+from placement_planner_ros.core.errors import PlacementPlannerError
+from placement_planner_ros.core.grasp.hand_sweep import with_opening_hand
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import ObstacleSet
-from placement_planner_ros.core.types import Array, Placement
-from placement_planner_ros.ros.inputs.self_filter import outside_robot
+from placement_planner_ros.core.swept.space import Stretch, SweptSpace, evenly
+from placement_planner_ros.core.timing.quintic import evaluate
+from placement_planner_ros.core.types import Array, Placement, Trajectory
+from placement_planner_ros.ros.inputs.cloud_store import CloudStaleError
+from placement_planner_ros.ros.inputs.inputs import Inputs
+from placement_planner_ros.ros.inputs.joint_states import JointsStaleError
+from placement_planner_ros.ros.inputs.self_filter import Outline
 from placement_planner_ros.ros.run.snapshot import Snapshot
 
-STEP = 0.02
-"""rad or m, the largest joint step between checked configurations."""
-
-FEWEST = 5
-"""New points below this number are taken for noise."""
-
-
-class KnownSpace:
-    """The cells of an obstacle set that are occupied, and their neighbours."""
-
-    def __init__(self, obstacles: ObstacleSet) -> None:
-        self._origin, self._cell_size = obstacles.origin, obstacles.cell_size
-        everywhere = np.ones((3, 3, 3), dtype=bool)
-        self._known = binary_dilation(obstacles.index >= 0, structure=everywhere)
-
-    def unknown(self, points: Array) -> Array:
-        """Those of (n, 3) points that lie in no known cell."""
-        cells = np.floor((points - self._origin) / self._cell_size).astype(np.int64)
-        inside = ((cells >= 0) & (cells < self._known.shape)).all(axis=1)
-        known = np.zeros(len(points), dtype=bool)
-        x, y, z = cells[inside].T
-        known[inside] = self._known[x, y, z]
-        return np.asarray(points[~known])
+_SAMPLES = 400
+"""Of a curve per second, between which it counts as straight; ..."""
+_FEWEST_SAMPLES, _MOST_SAMPLES = 50, 20_000
+"""... at least, and at most, of each stretch."""
+_NAMED = 3
+"""Joints that are named at most."""
 
 
-def blocked_by(
-    points: Array,
-    known: KnownSpace,
-    placement: Placement,
-    snapshot: Snapshot,
-    q: Array,
-) -> str:
-    """What new points of a cloud stand in the placement's way, in words; '' where nothing does.
+class Way:
+    """The way of one placement, to hold points of newer clouds against. Safe to use from several
+    threads.
+
+    Checked is what was planned: transit and approach with the object in hand, the object where it
+    stands at last, the hand as it opens, and the retreat.
 
     Args:
-        points: (n, 3) of the newer cloud, planning frame.
-        known: what the placement was planned with.
-        q: (nq,) the robot's configuration when the cloud was taken.
+        obstacles: what the placement was planned with.
+
+    Raises:
+        PlacementPlannerError: the arm cannot hold the object like that.
     """
-    robot, arms = snapshot.robot, snapshot.arms
-    lower, upper = workspace(
-        robot, arms, snapshot.q_start, snapshot.body, snapshot.parameters.volume
-    )
-    # Elsewhere nothing moves; a stray point far away would make a grid too large to hold.
-    near = ((points >= lower) & (points <= upper)).all(axis=1)
-    new = known.unknown(points[near])
-    if len(new):
-        kept = outside_robot(
-            new,
-            robot,
-            q,
-            arms,
-            snapshot.body,
-            snapshot.parameters["self_filter.padding"],
+
+    def __init__(self, placement: Placement, snapshot: Snapshot, obstacles: ObstacleSet) -> None:
+        settings = snapshot.parameters.planner_settings.collision
+        stretches = _stretches(placement, snapshot, obstacles)
+        density = sum(map(len, snapshot.clouds)) / max(len(obstacles), 1)
+        self._space = SweptSpace(stretches, obstacles, settings.collision_margin, density)
+        self._outline: Outline | None = None
+        if snapshot.parameters["self_filter.enabled"]:
+            padding = snapshot.parameters["self_filter.padding"]
+            self._outline = Outline.of(
+                snapshot.robot, snapshot.q_start, snapshot.arms, snapshot.body, padding
+            )
+
+    def blocked_by(self, points: Array) -> str:
+        """What of a newer cloud's points (n, 3), planning frame, stands in the way, in words.
+
+        '' where nothing does. Points of the robot and of the object in its hand do not count, as
+        the robot still is where it was when the placement was planned; nor do those of what was
+        known then, of the surface the object comes to stand on, and single ones.
+        """
+        news = points[self._space.news(points)]
+        if self._outline is not None and len(news):
+            news = news[self._outline.outside(news)]
+        hit = self._space.first_hit(news) if len(news) else None
+        if hit is None:
+            return ""
+        x, y, z = hit.point
+        return (
+            f"a newer cloud cuts through it: {hit.body} meets something new "
+            f"at ({x:.3f}, {y:.3f}, {z:.3f}) in the {hit.stretch}"
         )
-        new = new[kept]
-    if len(new) < FEWEST:
-        return ""
+
+
+def _stretches(placement: Placement, snapshot: Snapshot, obstacles: ObstacleSet) -> list[Stretch]:
+    goal, robot = placement.goal, snapshot.robot
     settings = snapshot.parameters.planner_settings.collision
-    arm = next(a for a in arms if a.name == placement.goal.arm)
-    collision = ArmCollision(
-        MovingArm(robot, arm, snapshot.q_start),
-        Held(snapshot.body, placement.goal.grasp),
-        ObstacleSet.from_points(new, snapshot.parameters.grid_settings, None),
-        settings,
-    )
-    for configuration in _dense(placement.trajectory.positions):
-        if not collision.free(configuration):
-            return f"a newer cloud cuts through it: {collision.explain(configuration)}"
+    arm = next(a for a in snapshot.arms if a.name == goal.arm)
+    moving = MovingArm(robot, arm, snapshot.q_start)
+    holding = ArmCollision(moving, Held(snapshot.body, goal.grasp), obstacles, settings)
+    contact = goal.contact_height + settings.contact_tolerance
+    path, begin = placement.trajectory, placement.approach_start
+    stretches = [
+        Stretch("transit", holding, _dense(holding, path, 0.0, begin)),
+        Stretch("approach", holding, _dense(holding, path, begin, path.duration), contact),
+    ]
+    if placement.retreat is not None:
+        opening = replace(moving, robot=with_opening_hand(robot, arm, moving.q_rest))
+        sweeping = ArmCollision(opening, None, obstacles, settings)
+        # As `grasp.OpenHand` has it, which is laid out already.
+        opened = replace(moving.with_open_hand(), arm=replace(arm, touch_links=()))
+        standing = Standing(snapshot.body, placement.T_world_object)
+        leaving = ArmCollision(opened, standing, obstacles, settings)
+        retreat = placement.retreat
+        stretches += [
+            Stretch("release", sweeping, path.positions[-1:]),
+            Stretch("retreat", leaving, _dense(leaving, retreat, 0.0, retreat.duration)),
+        ]
+    return stretches
+
+
+def _dense(arm: ArmCollision, curve: Trajectory, begin: float, end: float) -> Array:
+    """(k, dof) the curve from one time to another, as a `Stretch` needs it."""
+    number = int(np.clip(_SAMPLES * (end - begin), _FEWEST_SAMPLES, _MOST_SAMPLES))
+    times = np.linspace(begin, end, number)
+    return evaluate(curve, evenly(arm, evaluate(curve, times)[0], times))[0]
+
+
+def outdated(snapshot: Snapshot, inputs: Inputs) -> str:
+    """Why what a run began with holds no more, apart from what clouds show; '' where it does.
+
+    The same words as long as the reason is the same.
+    """
+    try:
+        if inputs.robot.robot is not snapshot.robot:
+            return "the robot was replaced"
+    except PlacementPlannerError as error:
+        return f"the robot was replaced, or cannot be used any more ({error.code})"
+    if inputs.object.key != snapshot.object_key:
+        return "the object was replaced"
+    parameters, now = snapshot.parameters, time.monotonic()
+    timeout = parameters["joint_state_timeout"]
+    stale = _stale_joints(snapshot, inputs, now, timeout)
+    if stale:
+        more = len(stale) - _NAMED
+        named = ", ".join(stale[:_NAMED]) + (f" and {more} more" if more > 0 else "")
+        return f"joint values of {named} are older than joint_state_timeout = {timeout:g} s"
+    max_age = parameters["cloud.max_age"]
+    for fault in inputs.clouds.faults(parameters["cloud.mode"], max_age, now):
+        if isinstance(fault, CloudStaleError):
+            topics = ", ".join(_named(fault))
+            return f"clouds on {topics} are older than cloud.max_age = {max_age:g} s"
     return ""
 
 
-def _dense(positions: Array) -> Array:
-    """Configurations along the polyline (n, dof), at most `STEP` apart per joint."""
-    rows = [positions[:1]]
-    for a, b in itertools.pairwise(positions):
-        count = max(1, int(np.ceil(np.abs(b - a).max() / STEP)))
-        rows.append(a + np.linspace(0.0, 1.0, count + 1)[1:, None] * (b - a))
-    return np.vstack(rows)
+def _stale_joints(snapshot: Snapshot, inputs: Inputs, now: float, timeout: float) -> list[str]:
+    try:
+        inputs.joints.resting(snapshot.robot, now, timeout, math.inf)
+    except JointsStaleError as error:
+        return _named(error)
+    except PlacementPlannerError:
+        pass  # whether it has left q_0 is looked at elsewhere
+    return []
+
+
+def _named(error: PlacementPlannerError) -> list[str]:
+    """What the error is about, by name."""
+    return list(error.value) if isinstance(error.value, Mapping) else [str(error.value)]

@@ -35,6 +35,7 @@ from placement_planner_ros.scenes.scenes import SCENE_NAMES, scene_by_name
 from placement_planner_ros.share import share_path
 
 NAMESPACE = "/placement_speed"
+_COMMON = ("--ros-args", "-r", f"__ns:={NAMESPACE}", "--log-level", "warn")
 _READY_WITHIN = 600.0
 """Seconds until the node is warm; after installation it first compiles its kernels."""
 _ANSWER_WITHIN = 10.0
@@ -110,12 +111,32 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point."""
     options = _parser().parse_args(arguments)
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    scene = [
+        *("-m", "placement_planner_ros.ros.tools.scene_publisher", *_COMMON),
+        *("-p", f"name:={options.scene}", "-p", f"object:={options.object}"),
+    ]
+
+    def measure(processes: Sequence[subprocess.Popen[bytes]]) -> None:
+        _measure(Caller(), processes[0], options)
+
+    return measure_processes([node_command(options.scene, options.object), scene], measure)
+
+
+def measure_processes(
+    commands: Sequence[Sequence[str]],
+    measure: Callable[[Sequence[subprocess.Popen[bytes]]], None],
+) -> int:
+    """Run Python commands beside each other while measuring; 1 where that failed."""
     rclpy.init()
     with tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "node.log"
-        processes = _start(options, log)
+        with log.open("wb") as stream:
+            processes = [
+                subprocess.Popen([sys.executable, *command], stdout=stream, stderr=stream)
+                for command in commands
+            ]
         try:
-            _measure(Caller(), processes[0], options)
+            measure(processes)
         except NodeSpeedError as error:
             print(f"{error}\n{log.read_text(errors='replace')[-2000:]}", file=sys.stderr)
             return 1
@@ -141,27 +162,36 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _start(options: argparse.Namespace, log: Path) -> list[subprocess.Popen[bytes]]:
-    volume = scene_by_name(options.scene).volume
+def node_command(scene: str, held: str) -> list[str]:
+    """Starts the node for a bundled scene; its runs go on until they are stopped."""
+    volume = scene_by_name(scene).volume
     corners = [*volume.lower.tolist(), *volume.upper.tolist()]
-    common = ["--ros-args", "-r", f"__ns:={NAMESPACE}", "--log-level", "warn"]
-    node = [
-        *("-m", "placement_planner_ros.ros.node", *common),
-        *("--params-file", str(share_path("config", f"{options.object}.yaml"))),
+    return [
+        *("-m", "placement_planner_ros.ros.node", *_COMMON),
+        *("--params-file", str(share_path("config", f"{held}.yaml"))),
         *("-p", f"target_volume:={corners}", "-p", "time_limit:=0.0"),
     ]
-    scene = [
-        *("-m", "placement_planner_ros.ros.tools.scene_publisher", *common),
-        *("-p", f"name:={options.scene}", "-p", f"object:={options.object}"),
-    ]
-    with log.open("wb") as stream:
-        return [
-            subprocess.Popen([sys.executable, *command], stdout=stream, stderr=stream)
-            for command in (node, scene)
-        ]
 
 
 def _measure(caller: Caller, process: subprocess.Popen[bytes], options: argparse.Namespace) -> None:
+    wait_until_ready(caller, process)
+    rng = np.random.default_rng(options.seed)
+    for number in range(options.stops):
+        run, asked = _timed_start(caller, int(rng.integers(1000)))
+        caller.spin(float(rng.uniform(0.0, 2.0)))
+        if number % 2:  # every other one is stopped wherever it is, the rest after a placement
+            _report_first(caller, run, asked)
+        report_stop(caller)
+    _search(caller, process, options.minutes)
+
+
+def wait_until_ready(caller: Caller, process: subprocess.Popen[bytes]) -> None:
+    """Wait for the kernels, and for the inputs: a run that is not measured.
+
+    Raises:
+        NodeSpeedError: the node has ended, or does not get ready.
+    """
+
     def ready() -> bool:
         if process.poll() is not None:
             raise NodeSpeedError(f"the node ended with code {process.returncode}")
@@ -169,19 +199,6 @@ def _measure(caller: Caller, process: subprocess.Popen[bytes], options: argparse
 
     if not caller.wait(ready, _READY_WITHIN):
         raise NodeSpeedError(f"the node did not get ready within {_READY_WITHIN:g} s")
-    rng = np.random.default_rng(options.seed)
-    _warm_start(caller)
-    for number in range(options.stops):
-        run, asked = _timed_start(caller, int(rng.integers(1000)))
-        caller.spin(float(rng.uniform(0.0, 2.0)))
-        if number % 2:  # every other one is stopped wherever it is, the rest after a placement
-            _report_first(caller, run, asked)
-        _timed_stop(caller)
-    _search(caller, process, options.minutes)
-
-
-def _warm_start(caller: Caller) -> None:
-    """Wait for the inputs: a run that is not measured."""
     end = time.perf_counter() + 30.0
     while True:
         answer, _, _ = caller.call(caller.start, SetParametersAtomically.Request())
@@ -190,7 +207,7 @@ def _warm_start(caller: Caller) -> None:
         if time.perf_counter() > end:
             raise NodeSpeedError(f"start is refused: {answer.result.reason}")
         caller.spin(0.2)
-    run = _values(answer.result.reason)["run"]
+    run = answer_values(answer.result.reason)["run"]
     if not caller.wait(lambda: run in caller.first, 60.0):
         raise NodeSpeedError("the first run found no placement in 60 s")
     caller.call(caller.stop, Trigger.Request())
@@ -204,28 +221,28 @@ def _timed_start(caller: Caller, seed: int) -> tuple[str, float]:
     answer, asked, seconds = caller.call(caller.start, request)
     if not answer.result.successful:
         raise NodeSpeedError(f"start is refused: {answer.result.reason}")
-    _tell(kind="start", seconds=seconds)
-    return _values(answer.result.reason)["run"], asked
+    tell(kind="start", seconds=seconds)
+    return answer_values(answer.result.reason)["run"], asked
 
 
 def _report_first(caller: Caller, run: str, asked: float) -> None:
     solved = caller.wait(lambda: run in caller.first, _FIRST_WITHIN - (time.perf_counter() - asked))
-    _tell(
+    tell(
         kind="first", seconds=caller.first[run] - asked if solved else _FIRST_WITHIN, solved=solved
     )
 
 
-def _timed_stop(caller: Caller) -> None:
+def report_stop(caller: Caller, row: str = "node") -> None:
     """`~/stop` answers once the worker is idle, or after a second that it is not."""
     answer, asked, seconds = caller.call(caller.stop, Trigger.Request())
-    code = _values(answer.message)["code"]
+    code = answer_values(answer.message)["code"]
     if code == "STOPPING":
         if not caller.wait(lambda: caller.state[1] == "stopped", _ANSWER_WITHIN):
             raise NodeSpeedError(f"a worker has not ended {_ANSWER_WITHIN:g} s after stop")
         seconds = time.perf_counter() - asked
     elif code != "OK":
         raise NodeSpeedError(f"stop is refused: {answer.message}")
-    _tell(kind="stop", seconds=seconds)
+    tell(row, kind="stop", seconds=seconds)
 
 
 def _search(caller: Caller, process: subprocess.Popen[bytes], minutes: float) -> None:
@@ -241,12 +258,12 @@ def _search(caller: Caller, process: subprocess.Popen[bytes], minutes: float) ->
         client, request = requests[number % len(requests)]
         number += 1
         _, _, seconds = caller.call(client, request)
-        _tell(kind="service", seconds=seconds, service=client.srv_name.split("/")[-1])
+        tell(kind="service", seconds=seconds, service=client.srv_name.split("/")[-1])
         used = resident_bytes(process.pid)
         if used is not None:
-            _tell(row="memory", run=0, time=elapsed, bytes=used)
+            tell(row="memory", run=0, time=elapsed, bytes=used)
         caller.spin(_PERIOD)
-    _timed_stop(caller)
+    report_stop(caller)
 
 
 def resident_bytes(pid: int) -> int | None:
@@ -257,13 +274,14 @@ def resident_bytes(pid: int) -> int | None:
     return int(path.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
-def _values(message: str) -> dict[str, str]:
+def answer_values(message: str) -> dict[str, str]:
     """What an answer's first line says."""
     first = message.splitlines()[0]
     return dict(word.split("=", 1) for word in first.split() if "=" in word)
 
 
-def _tell(row: str = "node", **values: object) -> None:
+def tell(row: str = "node", **values: object) -> None:
+    """Print an entry."""
     print(json.dumps({"row": row, **values}), flush=True)
 
 

@@ -1,9 +1,11 @@
 import numpy as np
+import pinocchio as pin
 import pytest
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 
 from placement_planner_ros.core.errors import CloudError
+from placement_planner_ros.ros.inputs import point_cloud
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points, points_from_message
 
 POINTS = np.array([[0.5, -1.0, 2.0], [3.0, 4.0, -5.5], [0.25, 0.0, 1.0]])
@@ -110,3 +112,45 @@ def test_integer_coordinates_are_refused():
     message.fields[1].datatype = PointField.INT32
     with pytest.raises(CloudError, match="field y"):
         points_from_message(message)
+
+
+@pytest.mark.parametrize("layout", [{}, {"kind": "f8"}, {"start": 3, "step": 17}], ids=str)
+def test_points_come_in_the_frame_asked_for(layout):
+    T = pin.SE3(pin.utils.rotate("z", 0.7), np.array([1.0, -2.0, 0.5]))
+    moved = points_from_message(cloud(**layout), T)
+    np.testing.assert_allclose(moved, POINTS @ T.rotation.T + T.translation, atol=1e-12)
+
+
+def odd(kinds, width=3, step=40):
+    """POINTS with a kind for each coordinate."""
+    dtype = np.dtype(
+        {"names": list("xyz"), "formats": kinds, "offsets": [0, 8, 16], "itemsize": step}
+    )
+    rows = np.zeros(width, dtype)
+    for i, axis in enumerate("xyz"):
+        rows[axis] = POINTS[:width, i]
+    code = {"f4": PointField.FLOAT32, "f8": PointField.FLOAT64}
+    fields = [
+        PointField(name=n, offset=8 * i, datatype=code[kind], count=1)
+        for i, (n, kind) in enumerate(zip("xyz", kinds, strict=True))
+    ]
+    data = rows.tobytes()
+    return PointCloud2(
+        height=1, width=width, fields=fields, point_step=step, row_step=step * width, data=data
+    )
+
+
+def test_nothing_is_compiled_for_a_cloud_of_another_kind():
+    point_cloud.warm_up()
+    known = len(point_cloud._read.signatures)
+    for kinds in (["f4", "f8", "f4"], ["f8", "f4", "f4"], ["f4"] * 3, ["f8"] * 3):
+        for width in (1, 2, 3):
+            got = points_from_message(odd(kinds, width))
+            np.testing.assert_array_equal(got, POINTS[:width])
+    np.testing.assert_array_equal(points_from_message(cloud(width=1, height=3, row_pad=4)), POINTS)
+    same_place = cloud()
+    for field in same_place.fields:
+        field.offset = 0
+    same_place.point_step, same_place.width, same_place.row_step = 4, 9, 36
+    assert points_from_message(same_place).shape == (9, 3)
+    assert len(point_cloud._read.signatures) == known

@@ -1,0 +1,324 @@
+"""Compiled parts of `space`: what is swept when, and which points that meets."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from placement_planner_ros.core.collision.arrays import (
+    BODY_FIRST_PART,
+    BODY_JOINT,
+    NODE_FIRST,
+    NODE_LAST,
+    NODE_SKIP,
+    PART_FIRST_NODE,
+    SET_FIRST_PLANE,
+    SET_FIRST_VERTEX,
+    ArmArrays,
+    Indices,
+)
+from placement_planner_ros.core.collision.separation import FREE, separate
+from placement_planner_ros.core.kernels import kernel
+from placement_planner_ros.core.reach.kinematics import chain_frames, to_world
+from placement_planner_ros.core.scene.grid import ObstacleArrays
+from placement_planner_ros.core.types import Array
+
+Marks = npt.NDArray[np.int32]
+Work = tuple[Array, Array]
+"""(6, 4) for `separate`, and (1, 3) for a point."""
+
+BLOCK = 9
+"""Configurations that share a mark; odd, so that one is in their middle."""
+_COARSE = 0.05
+"""m, radius of spheres below which the cubes they sweep are not looked at more closely."""
+
+
+class Path(NamedTuple):
+    """A stretch for the kernels."""
+
+    arm: ArmArrays
+    frames: Array
+    """(k, n + 2, 4, 4) of every configuration."""
+    slack: float
+    """m, half of how far a point of a body moves between two configurations."""
+    contact: float
+    first: int
+    """The first mark of this stretch."""
+
+
+class Cubes(NamedTuple):
+    """Where something is swept."""
+
+    origin: Array
+    size: float
+    begin: Marks
+    """(nx, ny, nz) the first mark at which something sweeps a cube, and ..."""
+    end: Marks
+    """... the last one and one; 0 where nothing ever does."""
+
+
+@kernel(nogil=True)
+def place_all(arm: ArmArrays, configurations: Array, frames: Array) -> None:
+    for k in range(len(configurations)):
+        chain_frames(arm.fixed, arm.prismatic, configurations[k], frames[k])
+
+
+@kernel(nogil=True)
+def motions(arm: ArmArrays, frames: Array) -> Array:
+    """(k - 1,) how far points of bodies move at most from each of (k, n + 2, 4, 4) to the next.
+
+    A point of the ball around a body moves no further than its centre, and the radius times the
+    change of the rotation matrix (its Frobenius norm).
+    """
+    moved = np.zeros(max(len(frames) - 1, 0))
+    for k in range(len(moved)):
+        a, b = frames[k], frames[k + 1]
+        for body in range(arm.moving):
+            joint, ball = arm.bodies[body, BODY_JOINT], arm.body_spheres[body]
+            x, y, z = to_world(a, joint, ball[0], ball[1], ball[2])
+            u, v, w = to_world(b, joint, ball[0], ball[1], ball[2])
+            turned = 0.0
+            for i in range(3):
+                for j in range(3):
+                    turned += (b[joint, i, j] - a[joint, i, j]) ** 2
+            # A turn by one angle has two equal singular values.
+            far = np.sqrt((u - x) ** 2 + (v - y) ** 2 + (w - z) ** 2)
+            moved[k] = max(moved[k], far + ball[3] * np.sqrt(0.5 * turned))
+    return moved
+
+
+@kernel(nogil=True)
+def extend_corners(path: Path, beyond: float, lower: Array, upper: Array) -> None:
+    """Move the corners out until they hold all that is swept, and what is so far beyond."""
+    arm, frames = path.arm, path.frames
+    for k in range(len(frames)):
+        for body in range(arm.moving):
+            ball = arm.body_spheres[body]
+            place = to_world(frames[k], arm.bodies[body, BODY_JOINT], ball[0], ball[1], ball[2])
+            for i in range(3):
+                lower[i] = min(lower[i], place[i] - ball[3] - beyond)
+                upper[i] = max(upper[i], place[i] + ball[3] + beyond)
+
+
+@kernel(nogil=True)
+def mark_cubes(path: Path, beyond: float, cubes: Cubes) -> None:
+    """Note when cubes are swept: those whose centre is near enough to a sphere around a piece of a
+    body at the middle of a block of configurations."""
+    arm, frames, size, origin = path.arm, path.frames, cubes.size, cubes.origin
+    nodes, spheres = arm.nodes, arm.node_spheres
+    nx, ny, nz = cubes.end.shape
+    beyond += 0.8661 * size
+    blocks = (len(frames) + BLOCK - 1) // BLOCK
+    for block in range(blocks):
+        mark = path.first + block
+        k = min(block * BLOCK + BLOCK // 2, len(frames) - 1)
+        for body in range(arm.moving):
+            joint = arm.bodies[body, BODY_JOINT]
+            node = arm.parts[arm.bodies[body, BODY_FIRST_PART], PART_FIRST_NODE]
+            last = arm.parts[arm.bodies[body + 1, BODY_FIRST_PART], PART_FIRST_NODE]
+            while node < last:
+                if spheres[node, 3] > _COARSE and nodes[node, NODE_FIRST] < 0:
+                    node += 1
+                    continue
+                x, y, z = to_world(
+                    frames[k], joint, spheres[node, 0], spheres[node, 1], spheres[node, 2]
+                )
+                x, y, z = x - origin[0], y - origin[1], z - origin[2]
+                far = spheres[node, 3] + beyond
+                node = nodes[node, NODE_SKIP]
+                for i in range(max(int((x - far) / size), 0), min(int((x + far) / size) + 1, nx)):
+                    dx = (i + 0.5) * size - x
+                    across = far * far - dx * dx
+                    if across < 0.0:
+                        continue
+                    wide = np.sqrt(across)
+                    for j in range(
+                        max(int((y - wide) / size), 0), min(int((y + wide) / size) + 1, ny)
+                    ):
+                        dy = (j + 0.5) * size - y
+                        rest = across - dy * dy
+                        if rest < 0.0:
+                            continue
+                        high = np.sqrt(rest)
+                        for h in range(
+                            max(int((z - high) / size), 0), min(int((z + high) / size) + 1, nz)
+                        ):
+                            if cubes.end[i, j, h] == 0:
+                                cubes.begin[i, j, h] = mark
+                            cubes.end[i, j, h] = mark + 1
+
+
+@kernel(nogil=True)
+def find_news(
+    points: Array,
+    cubes: Cubes,
+    known: ObstacleArrays,
+    within: float,
+    rows: Indices,
+) -> int:
+    """Fill `rows` with the points that are in a swept cube and far from every box; how many."""
+    origin, end = cubes.origin, cubes.end
+    nx, ny, nz = end.shape
+    per_metre = 1.0 / cubes.size
+    lower, upper, following, index = known.lower, known.upper, known.next, known.first_at
+    mx, my, mz = index.shape
+    cells = 1.0 / known.cell_size
+    count = 0
+    for row in range(len(points)):
+        x, y, z = points[row, 0], points[row, 1], points[row, 2]
+        fx = (x - origin[0]) * per_metre
+        fy = (y - origin[1]) * per_metre
+        fz = (z - origin[2]) * per_metre
+        if not (0.0 <= fx < nx and 0.0 <= fy < ny and 0.0 <= fz < nz):
+            continue
+        if end[int(fx), int(fy), int(fz)] == 0:
+            continue
+        gx, gy, gz = x - known.origin[0], y - known.origin[1], z - known.origin[2]
+        new = True
+        for i in range(
+            max(int(np.floor((gx - within) * cells)), 0),
+            min(int(np.floor((gx + within) * cells)) + 1, mx),
+        ):
+            for j in range(
+                max(int(np.floor((gy - within) * cells)), 0),
+                min(int(np.floor((gy + within) * cells)) + 1, my),
+            ):
+                for k in range(
+                    max(int(np.floor((gz - within) * cells)), 0),
+                    min(int(np.floor((gz + within) * cells)) + 1, mz),
+                ):
+                    box = index[i, j, k]
+                    while new and box >= 0:
+                        dx = max(lower[box, 0] - x, 0.0, x - upper[box, 0])
+                        dy = max(lower[box, 1] - y, 0.0, y - upper[box, 1])
+                        dz = max(lower[box, 2] - z, 0.0, z - upper[box, 2])
+                        new = dx * dx + dy * dy + dz * dz > within * within
+                        box = following[box]
+        if new:
+            rows[count] = row
+            count += 1
+    return count
+
+
+@kernel(lean=True)
+def _near(
+    path: Path, k: int, body: int, x: float, y: float, z: float, need: float, work: Work
+) -> bool:
+    """Whether a point is nearer than `need` to a body at configuration k, or it is not certain."""
+    arm = path.arm
+    joint = arm.bodies[body, BODY_JOINT]
+    F = path.frames[k, joint]
+    dx, dy, dz = x - F[0, 3], y - F[1, 3], z - F[2, 3]
+    # The point in the joint's frame, in which the body does not move.
+    x = F[0, 0] * dx + F[1, 0] * dy + F[2, 0] * dz
+    y = F[0, 1] * dx + F[1, 1] * dy + F[2, 1] * dz
+    z = F[0, 2] * dx + F[1, 2] * dy + F[2, 2] * dz
+    nodes, spheres, sets, planes = arm.nodes, arm.node_spheres, arm.sets, arm.planes
+    node = arm.parts[arm.bodies[body, BODY_FIRST_PART], PART_FIRST_NODE]
+    last = arm.parts[arm.bodies[body + 1, BODY_FIRST_PART], PART_FIRST_NODE]
+    while node < last:
+        far = spheres[node, 3] + need
+        u, v, w = x - spheres[node, 0], y - spheres[node, 1], z - spheres[node, 2]
+        if u * u + v * v + w * w > far * far:
+            node = nodes[node, NODE_SKIP]
+            continue
+        for s in range(max(nodes[node, NODE_FIRST], 0), nodes[node, NODE_LAST]):
+            reach = need + arm.radius[s]
+            deepest = -np.inf
+            for p in range(sets[s, SET_FIRST_PLANE], sets[s + 1, SET_FIRST_PLANE]):
+                deepest = max(
+                    deepest, planes[p, 0] * x + planes[p, 1] * y + planes[p, 2] * z - planes[p, 3]
+                )
+                if deepest >= reach:
+                    break
+            if deepest >= reach:
+                continue
+            if -np.inf < deepest <= arm.radius[s]:
+                return True
+            room, point = work
+            point[0, 0], point[0, 1], point[0, 2] = x, y, z
+            room[5, 0], room[5, 1], room[5, 2] = -u, -v, -w
+            answer = separate(
+                arm.vertices,
+                sets[s, SET_FIRST_VERTEX],
+                sets[s + 1, SET_FIRST_VERTEX],
+                point,
+                0,
+                1,
+                reach,
+                reach,
+                room,
+            )
+            if answer != FREE:
+                return True
+        node += 1
+    return False
+
+
+@kernel(lean=True)
+def _body_at(
+    path: Path, cubes: Cubes, x: float, y: float, z: float, margin: float, work: Work
+) -> int:
+    """The first body that a point is nearer to than the margin anywhere on a stretch, or -1."""
+    arm, frames = path.arm, path.frames
+    i = int((x - cubes.origin[0]) / cubes.size)
+    j = int((y - cubes.origin[1]) / cubes.size)
+    h = int((z - cubes.origin[2]) / cubes.size)
+    blocks = (frames.shape[0] + BLOCK - 1) // BLOCK
+    begin = max(cubes.begin[i, j, h] - path.first, 0)
+    end = min(cubes.end[i, j, h] - path.first, blocks)
+    need = margin + path.slack
+    coarse = margin + path.slack * BLOCK
+    for block in range(begin, end):
+        first = block * BLOCK
+        last = min(first + BLOCK, frames.shape[0])
+        middle = min(first + BLOCK // 2, frames.shape[0] - 1)
+        for body in range(arm.moving):
+            if body == arm.held and z <= path.contact:
+                continue
+            ball, joint = arm.body_spheres[body], arm.bodies[body, BODY_JOINT]
+            u, v, w = to_world(frames[middle], joint, ball[0], ball[1], ball[2])
+            far = ball[3] + coarse
+            if (u - x) ** 2 + (v - y) ** 2 + (w - z) ** 2 > far * far:
+                continue
+            for k in range(first, last):
+                if _near(path, k, body, x, y, z, need, work):
+                    return body
+    return -1
+
+
+@kernel(lean=True, nogil=True)
+def find_hit(
+    points: Array,
+    cubes: Cubes,
+    path: Path,
+    margin: float,
+    together: float,
+    fewest: int,
+    work: Work,
+) -> tuple[int, int]:
+    """The first point that a body comes too near to, of `fewest` that lie together, and the body;
+    or -1."""
+    count = points.shape[0]
+    # From here and there, so that a few of many are met soon.
+    step = max(1, int(0.6180339887498949 * count))
+    while np.gcd(step, count) > 1:
+        step += 1
+    for visit in range(count):
+        row = (visit * step) % count
+        x, y, z = points[row, 0], points[row, 1], points[row, 2]
+        body = _body_at(path, cubes, x, y, z, margin, work)
+        if body < 0:
+            continue
+        company = 0
+        for other in range(count):
+            company += (
+                abs(points[other, 0] - x) <= together
+                and abs(points[other, 1] - y) <= together
+                and abs(points[other, 2] - z) <= together
+            )
+            if company >= fewest:
+                return row, body
+    return -1, -1

@@ -1,0 +1,166 @@
+"""Holds every new cloud against the best placement of a run, as soon as it comes."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.types import Array, Placement
+from placement_planner_ros.ros.inputs.cloud_store import CloudStore
+from placement_planner_ros.ros.run.snapshot import Snapshot
+from placement_planner_ros.ros.run.validity import Way
+
+_CLOSING = 0.5
+"""Seconds that closing waits at most."""
+
+
+class Watch:
+    """What newer clouds show in the way of the best placement. Safe to use from several threads.
+
+    A cloud is looked at in the thread that brings it; what that needs of a placement is made in a
+    thread of its own, after which the newest clouds are looked at again. Until then what was said
+    of the placement before holds.
+
+    Args:
+        changed: called, in any thread, when `blocked` is another.
+        on_error: told what nobody expected.
+    """
+
+    def __init__(
+        self,
+        clouds: CloudStore,
+        changed: Callable[[], None],
+        on_error: Callable[[Exception], None],
+    ) -> None:
+        self._clouds = clouds
+        self._changed = changed
+        self._on_error = on_error
+        self._lock = threading.Lock()
+        self._snapshot: Snapshot | None = None
+        self._environment: Environment | None = None
+        self._wanted: Placement | None = None
+        self._way: Way | None = None
+        self._blocked: dict[str, str] = {}
+        self._news = threading.Event()
+        self._closed = False
+        self._thread = threading.Thread(target=self._work, name="watch", daemon=True)
+        self._thread.start()
+        clouds.listen(self._look)
+
+    @property
+    def blocked(self) -> str:
+        """What stands in the way of the best placement, in words; '' where nothing does.
+
+        The same words as long as it does.
+        """
+        with self._lock:
+            return _first(self._blocked)
+
+    def follow(self, snapshot: Snapshot) -> None:
+        """A run begins with this."""
+        with self._lock:
+            self._snapshot, self._environment = snapshot, None
+            self._wanted, self._way = None, None
+            self._blocked = {}
+
+    def planned_in(self, snapshot: Snapshot, environment: Environment) -> None:
+        """What the run that began with the snapshot plans in."""
+        with self._lock:
+            if self._snapshot is snapshot:
+                self._environment = environment
+
+    def placed(self, snapshot: Snapshot, placement: Placement) -> None:
+        """The best placement of the run that began with the snapshot is another."""
+        with self._lock:
+            if self._snapshot is snapshot:
+                self._wanted = placement
+                self._news.set()
+
+    def look_again(self) -> None:
+        """What is known of the environment has been changed by command: forget what was seen."""
+        with self._lock:
+            self._blocked = {}
+        for topic, points in self._clouds.latest().items():
+            self._look(topic, points)
+        self._changed()
+
+    def close(self) -> None:
+        """Look at nothing more."""
+        with self._lock:
+            self._closed = True
+            self._way = None
+            self._news.set()
+        self._thread.join(_CLOSING)
+
+    @property
+    def busy(self) -> bool:
+        """Whether its thread is still at work."""
+        return self._thread.is_alive()
+
+    def _work(self) -> None:
+        while True:
+            self._news.wait()
+            with self._lock:
+                self._news.clear()
+                if self._closed:
+                    return
+                snapshot, environment, placement = self._snapshot, self._environment, self._wanted
+            if snapshot is None or environment is None or placement is None:
+                continue
+            way, blocked, seen = None, {}, {}
+            try:
+                way = Way(placement, snapshot, environment.obstacles)
+                seen = self._to_look_at(snapshot)
+                blocked = {topic: way.blocked_by(points) for topic, points in seen.items()}
+            except Exception as error:
+                # The thread's outermost frame: what could not be looked at is not called valid.
+                blocked = {"": f"it cannot be held against newer clouds: {error}"}
+                self._on_error(error)
+            with self._lock:
+                if self._wanted is not placement or self._closed:
+                    continue
+                before, self._way, self._blocked = self._blocked, way, blocked
+            if _first(before) != _first(blocked):
+                self._changed()
+            for topic, points in self._to_look_at(snapshot).items():
+                if seen.get(topic) is not points:
+                    self._look(topic, points)
+
+    def _to_look_at(self, snapshot: Snapshot) -> dict[str, Array]:
+        """Clouds that the run has not begun with, by topic; '' for those merged."""
+        clouds = self._clouds.latest()
+        if snapshot.parameters["cloud.mode"] == "merge":
+            clouds[""] = self._clouds.merged
+        return {
+            topic: points
+            for topic, points in clouds.items()
+            if not any(points is known for known in snapshot.clouds)
+        }
+
+    def _look(self, topic: str, points: Array) -> None:
+        with self._lock:
+            way, snapshot = self._way, self._snapshot
+        if way is None or snapshot is None:
+            return  # there is no placement, or its clouds are looked at when the way is made
+        try:
+            known = any(points is cloud for cloud in snapshot.clouds)
+            blocked = "" if known else way.blocked_by(points)
+        except Exception as error:
+            blocked = f"it cannot be held against newer clouds: {error}"
+            self._on_error(error)
+        accumulates = snapshot.parameters["cloud.mode"] == "merge"
+        with self._lock:
+            if self._way is not way:
+                return
+            before = self._blocked.get(topic, "")
+            if before and (blocked or accumulates):
+                blocked = before
+            self._blocked[topic] = blocked
+        if blocked != before:
+            self._changed()
+
+
+def _first(blocked: dict[str, str]) -> str:
+    """What is said first of all that stands in the way; '' where nothing does."""
+    return next(filter(None, blocked.values()), "")

@@ -1,0 +1,216 @@
+"""What is swept, against coal at many more configurations; and what counts as news."""
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+import trimesh
+
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.collision.arm import ArmCollision
+from placement_planner_ros.core.collision.load import Held
+from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.core.robot.moving_arm import MovingArm
+from placement_planner_ros.core.scene.grid import ObstacleSet
+from placement_planner_ros.core.swept.space import BETWEEN, Stretch, SweptSpace, evenly
+
+MARGIN = 0.004
+BOX = (0.06, 0.04, 0.03)
+HELD = pin.SE3(np.eye(3), np.array([0.05, 0.0, 0.0]))
+BOUNDS = np.array([[-1.2, -1.2, -0.8], [1.2, 1.2, 1.2]])
+FLOOR = np.stack(np.meshgrid(*[np.arange(-0.6, 0.6, 0.004)] * 2), -1).reshape(-1, 2)
+URDF = """
+<robot name="mixed">
+  <link name="base"/>
+  <link name="upper"><collision><origin xyz="0 0 0.15"/>
+    <geometry><cylinder radius="0.03" length="0.3"/></geometry></collision></link>
+  <link name="fore"><collision><origin xyz="0.12 0 0"/>
+    <geometry><box size="0.24 0.05 0.04"/></geometry></collision>
+    <collision><origin xyz="0.24 0 0"/>
+    <geometry><sphere radius="0.04"/></geometry></collision></link>
+  <link name="ring"><collision><origin xyz="0.1 0 0"/>
+    <geometry><mesh filename="{ring}"/></geometry></collision></link>
+  <link name="tip"/>
+  <joint name="j1" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0.6 0 0.8"/>
+    <limit lower="-2.5" upper="2.5" velocity="1" effort="1"/></joint>
+  <joint name="j2" type="revolute"><parent link="upper"/><child link="fore"/><axis xyz="0 1 0"/>
+    <origin xyz="0 0 0.33"/><limit lower="-2.5" upper="2.5" velocity="1" effort="1"/></joint>
+  <joint name="j3" type="prismatic"><parent link="fore"/><child link="ring"/><axis xyz="1 0 0"/>
+    <origin xyz="0.3 0 0"/><limit lower="0" upper="0.2" velocity="1" effort="1"/></joint>
+  <joint name="j4" type="revolute"><parent link="ring"/><child link="tip"/><axis xyz="1 0 0"/>
+    <origin xyz="0.25 0 0"/><limit lower="-3" upper="3" velocity="1" effort="1"/></joint>
+</robot>
+"""
+
+
+def floor(z, noise=0.0, rng=None):
+    points = np.column_stack([FLOOR, np.full(len(FLOOR), z)])
+    return points if rng is None else points + rng.normal(0.0, noise, points.shape)
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory):
+    file = tmp_path_factory.mktemp("meshes") / "ring.stl"
+    trimesh.creation.torus(0.07, 0.015, major_sections=16, minor_sections=8).export(file)
+    return Robot.from_urdf(URDF.format(ring=file.as_uri()))
+
+
+@pytest.fixture(scope="module")
+def obstacles():
+    return ObstacleSet.from_points(floor(-0.5), bounds=BOUNDS)
+
+
+@pytest.fixture(scope="module")
+def holding(robot, obstacles):
+    """An arm with a box before its tip."""
+    box = trimesh.creation.box(BOX)
+    arm = robot.arm("arm", "tip", grasps=[HELD], touch_links=["ring"])
+    moving = MovingArm(robot, arm, np.zeros(4))
+    return ArmCollision(moving, Held(Body.from_mesh(box.vertices, box.faces)), obstacles)
+
+
+class Path:
+    """A curve in joint space, bent, with different speeds."""
+
+    def __init__(self, rng):
+        self._ends = rng.uniform(-0.4, 0.4, (3, 4))
+        self._ends[:, 2] = rng.uniform(0.0, 0.2, 3)
+
+    def at(self, times):
+        t = times[:, None]
+        a, b, c = self._ends
+        return (1 - t) ** 2 * a + 2 * t * (1 - t) * b + t**2 * c
+
+    def dense(self, arm):
+        times = np.linspace(0.0, 1.0, 200)
+        return self.at(evenly(arm, self.at(times), times))
+
+
+def nearest(robot, points, Q):
+    """(n,) how near points come to arm and object at any of Q, by coal."""
+    dot = coal.Sphere(1e-9)
+    data, places = robot.model.createData(), robot.geometry.createData()
+    shapes = [*(thing.geometry for thing in robot.geometry.geometryObjects), coal.Box(*BOX)]
+    best = np.full(len(points), np.inf)
+    for q in Q:
+        pin.updateGeometryPlacements(robot.model, data, robot.geometry, places, q)
+        at = [*places.oMg, robot.link_pose(q, "tip") * HELD]
+        for shape, T in zip(shapes, at, strict=True):
+            there = coal.Transform3s(T.rotation, T.translation)
+            for i, point in enumerate(points):
+                here = coal.Transform3s(np.eye(3), point)
+                result = coal.DistanceResult()
+                coal.distance(dot, here, shape, there, coal.DistanceRequest(), result)
+                best[i] = min(best[i], result.min_distance)
+    return best
+
+
+def hits(space, point):
+    """Whether some points at one place are told, as a cloud would bring them."""
+    cloud = np.repeat(point[None], 5, axis=0)
+    news = space.news(cloud)
+    return len(news) > 0 and space.first_hit(cloud[news]) is not None
+
+
+def around(robot, Q, number, rng):
+    """Points near what moves, on the way."""
+    points = []
+    for q in Q[rng.integers(len(Q), size=number)]:
+        along = np.array([rng.uniform(0.0, 0.6), 0.0, 0.0])
+        points.append(robot.link_pose(q, "fore").act(along + rng.normal(0.0, 0.06, 3)))
+    return np.array(points)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_every_point_in_the_way_is_told_and_none_that_is_not(robot, holding, obstacles, seed):
+    rng = np.random.default_rng(seed)
+    path = Path(rng)
+    dense = path.dense(holding)
+    space = SweptSpace([Stretch("path", holding, dense)], obstacles, MARGIN)
+    points = around(robot, dense, 40, rng)
+    near = nearest(robot, points, path.at(np.linspace(0.0, 1.0, 2 * len(dense))))
+    told = np.array([hits(space, point) for point in points])
+    assert told[near < MARGIN].all()
+    assert not told[near > MARGIN + 1.5 * BETWEEN].any()
+    assert 5 < told.sum() < 35
+
+
+def test_where_it_hits_is_told(robot, holding, obstacles):
+    dense = Path(np.random.default_rng(1)).dense(holding)
+    space = SweptSpace([Stretch("path", holding, dense)], obstacles, MARGIN)
+    T = robot.link_pose(dense[len(dense) // 2], "fore")
+    point = T.act(np.array([0.1, 0.0, 0.0]))
+    hit = space.first_hit(np.repeat(point[None], 5, axis=0))
+    assert (hit.stretch, hit.body) == ("path", "fore")
+    np.testing.assert_array_equal(hit.point, point)
+
+
+def test_the_object_may_touch_what_it_comes_to_stand_on(robot, holding, obstacles):
+    q = np.zeros((1, 4))
+    T = robot.link_pose(q[0], "tip") * HELD
+    bottom = T.translation[2] - 0.015
+    for contact, inside, told in (
+        (-np.inf, 0.001, True),
+        (bottom + 0.003, 0.001, False),
+        (bottom + 0.003, 0.005, True),
+    ):
+        stretch = Stretch("approach", holding, q, contact)
+        space = SweptSpace([stretch], obstacles, MARGIN)
+        assert hits(space, T.act(np.array([0.0, 0.0, inside - 0.015]))) is told
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.0005, 0.002])
+def test_a_surface_that_was_known_is_no_news_however_noisy(holding, noise):
+    """The arm brushes the floor with its elbow; other clouds of it, and a floor that has risen."""
+    rng = np.random.default_rng(5)
+    q = np.zeros((1, 4))
+    low = 0.33 - 0.04 - MARGIN - 0.0005
+    known = ObstacleSet.from_points(floor(low, noise, rng), bounds=BOUNDS)
+    space = SweptSpace([Stretch("path", holding, q)], known, MARGIN)
+    for _ in range(5):
+        again = floor(low, noise, rng)
+        assert space.first_hit(again[space.news(again)]) is None
+    risen = floor(low + 0.02, noise, rng)
+    assert space.first_hit(risen[space.news(risen)]).body == "fore"
+
+
+def test_single_points_are_flying_pixels(robot, holding, obstacles):
+    dense = Path(np.random.default_rng(2)).dense(holding)
+    space = SweptSpace([Stretch("path", holding, dense)], obstacles, MARGIN)
+    T = robot.link_pose(dense[0], "fore")
+    inside = T.act(np.array([0.1, 0.0, 0.0]))
+    apart = np.array([T.act(np.array([x, 0.0, 0.0])) for x in np.arange(0.02, 0.2, 0.02)])
+    assert len(space.news(apart)) == len(apart) > 5
+    near = inside + 0.004 * np.array([[0, 0, 0], [0, 0, 1], [1, 0, 0], [-1, 0, 0], [0, 0, -1]])
+    assert space.first_hit(inside[None]) is None
+    assert space.first_hit(apart) is None
+    assert space.first_hit(near[:4]) is None
+    assert space.first_hit(near) is not None
+    # Where the cloud has hardly more than one in each cell, all there is is single points.
+    sparse = SweptSpace([Stretch("path", holding, dense)], obstacles, MARGIN, density=1.5)
+    assert sparse.first_hit(inside[None]) is not None
+
+
+def test_what_is_no_number_and_far_away_is_passed_over(holding, obstacles):
+    dense = Path(np.random.default_rng(3)).dense(holding)
+    space = SweptSpace([Stretch("path", holding, dense)], obstacles, MARGIN)
+    odd = np.array([[np.nan, 0, 0], [np.inf, 0, 0], [-np.inf] * 3, [1e300] * 3, [-1e9, 0, 0]])
+    assert len(space.news(odd)) == 0
+    assert len(space.news(np.zeros((0, 3)))) == 0
+    assert space.first_hit(np.zeros((0, 3))) is None
+
+
+def test_without_anything_known_all_is_news(robot, holding):
+    nothing = ObstacleSet.from_points(np.zeros((0, 3)), bounds=BOUNDS)
+    dense = Path(np.random.default_rng(4)).dense(holding)
+    space = SweptSpace([Stretch("path", holding, dense)], nothing, MARGIN)
+    assert hits(space, robot.link_pose(dense[-1], "fore").act(np.array([0.1, 0.0, 0.0])))
+
+
+def test_a_path_that_stands_still_is_swept_too(robot, holding, obstacles):
+    q = np.array([[0.3, 0.1, 0.05, 0.0]])
+    times = np.linspace(0.0, 1.0, 7)
+    still = np.repeat(q, 7, axis=0)
+    assert len(evenly(holding, still, times)) == 1
+    space = SweptSpace([Stretch("release", holding, q)], obstacles, MARGIN)
+    assert hits(space, robot.link_pose(q[0], "fore").act(np.array([0.1, 0.0, 0.0])))

@@ -1,0 +1,206 @@
+"""Which clouds are held against which placement, and what is said of them."""
+
+import threading
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from placement_planner_ros.ros.inputs.cloud_store import CloudStore, StoredCloud
+from placement_planner_ros.ros.run import watch as module
+from placement_planner_ros.ros.run.watch import Watch
+
+FREE, CUT, CUT_TOO = np.zeros((1, 3)), np.ones((1, 3)), np.full((1, 3), 2.0)
+WITHIN = 20.0
+
+
+class FakeWay:
+    """Blocked by every point other than zero, in words that name the placement and the point."""
+
+    def __init__(self, placement, snapshot, obstacles):
+        placement.making()
+        self._name = placement.name
+
+    def blocked_by(self, points):
+        return f"{self._name} {points[0, 0]:g}" if points.any() else ""
+
+
+def placement(name, making=lambda: None):
+    return SimpleNamespace(name=name, making=making)
+
+
+class Watched:
+    """A watch, its clouds, and what it told."""
+
+    def __init__(self, monkeypatch, mode="latest"):
+        monkeypatch.setattr(module, "Way", FakeWay)
+        self.store = CloudStore(["points"])
+        self.told, self.errors = [], []
+        self.watch = Watch(self.store, self._changed, self.errors.append)
+        self.first = FREE + 0.0
+        self.cloud(self.first)
+        self.snapshot = SimpleNamespace(clouds=(self.first,), parameters={"cloud.mode": mode})
+        self.watch.follow(self.snapshot)
+        self.watch.planned_in(self.snapshot, SimpleNamespace(obstacles=None))
+
+    def _changed(self):
+        self.told.append(self.watch.blocked)
+
+    def cloud(self, points, topic="points"):
+        self.store.add(topic, StoredCloud(points, 0.0))
+
+    def place(self, name, making=lambda: None):
+        """A better placement, once its way is made."""
+        made = threading.Event()
+        looked = self.watch._to_look_at
+
+        def look(snapshot):
+            made.set()
+            return looked(snapshot)
+
+        self.watch._to_look_at = look
+        self.watch.placed(self.snapshot, placement(name, making))
+        assert made.wait(WITHIN)
+        self.until(lambda: self.watch._way is not None and self.watch._way._name == name)
+
+    def until(self, condition):
+        waiting = threading.Event()
+        for _ in range(int(WITHIN / 0.005)):
+            if condition():
+                return
+            waiting.wait(0.005)
+        raise AssertionError("waited in vain")
+
+
+@pytest.fixture
+def watched(monkeypatch):
+    made = []
+
+    def make(**options):
+        made.append(Watched(monkeypatch, **options))
+        return made[-1]
+
+    yield make
+    for each in made:
+        each.watch.close()
+
+
+def test_a_cloud_is_looked_at_as_it_comes_and_told_once(watched):
+    w = watched()
+    w.cloud(CUT)  # nothing is placed yet
+    w.cloud(FREE)
+    w.place("a")
+    assert w.told == []
+    for points in (CUT, CUT_TOO, CUT):
+        w.cloud(points)
+    assert w.told == ["a 1"]  # in the same words as long as it is blocked
+    w.cloud(FREE)
+    assert w.told == ["a 1", ""]
+
+
+def test_all_topics_count(watched):
+    w = watched()
+    w.place("a")
+    w.cloud(CUT, "left")
+    w.cloud(FREE, "points")
+    assert w.watch.blocked == "a 1"
+    w.cloud(CUT_TOO, "points")
+    w.cloud(FREE, "left")
+    assert w.watch.blocked == "a 2"
+
+
+def test_a_better_placement_is_held_against_clouds_that_came_before_it(watched):
+    w = watched()
+    w.place("a")
+    w.cloud(CUT)
+    w.place("b")
+    assert w.watch.blocked == "b 1"
+    w.cloud(FREE)
+    w.place("c")
+    assert w.watch.blocked == ""
+
+
+def test_a_cloud_that_comes_while_the_way_is_made_is_looked_at(watched):
+    w = watched()
+    w.place("a", making=lambda: w.cloud(CUT))
+    w.until(lambda: w.watch.blocked == "a 1")
+
+
+def test_a_cloud_that_comes_after_the_newest_were_looked_at_is_looked_at(watched, monkeypatch):
+    w = watched()
+    w.place("a")
+    w.cloud(CUT)
+    looked = FakeWay.blocked_by
+
+    def late(self, points):
+        if self._name == "b" and points.any():
+            w.cloud(FREE)  # which is held against the placement before
+        return looked(self, points)
+
+    monkeypatch.setattr(FakeWay, "blocked_by", late)
+    w.place("b")
+    w.until(lambda: w.watch.blocked == "")
+
+
+def test_what_the_run_began_with_is_not_held_against_it(watched):
+    w = watched()
+    w.snapshot.clouds = (CUT,)
+    w.place("a")
+    w.cloud(CUT)
+    assert w.watch.blocked == ""
+    w.cloud(CUT_TOO)
+    assert w.watch.blocked == "a 2"
+
+
+def test_what_has_accumulated_stays_until_it_is_forgotten(watched):
+    w = watched(mode="merge")
+    w.place("a")
+    w.cloud(CUT)
+    w.store.merge(CUT, 0.01)
+    w.cloud(FREE)
+    assert w.watch.blocked == "a 1"
+    w.place("b")
+    assert w.watch.blocked == "b 1"
+    w.store.clear()
+    w.watch.look_again()
+    assert w.watch.blocked == ""
+    assert w.told[-1] == ""
+
+
+def test_a_new_run_begins_without_what_was_said_of_the_last(watched):
+    w = watched()
+    w.place("a")
+    w.cloud(CUT)
+    late = w.snapshot
+    w.watch.follow(SimpleNamespace(clouds=(), parameters={"cloud.mode": "latest"}))
+    assert w.watch.blocked == ""
+    w.watch.placed(late, placement("late"))
+    w.watch.planned_in(late, None)
+    w.cloud(CUT_TOO)
+    assert w.watch.blocked == ""
+
+
+def test_what_cannot_be_looked_at_is_not_called_valid(watched):
+    w = watched()
+
+    def fail():
+        raise ZeroDivisionError("a fault")
+
+    w.watch.placed(w.snapshot, placement("a", fail))
+    w.until(lambda: "a fault" in w.watch.blocked)
+    assert isinstance(w.errors[0], ZeroDivisionError)
+    w.place("b")  # and its thread goes on
+    assert w.watch.blocked == ""
+    w.cloud(np.full((1, 3), "no number"))
+    assert "held against" in w.watch.blocked
+    w.cloud(FREE)
+    assert w.watch.blocked == ""
+
+
+def test_nothing_is_looked_at_after_the_end(watched):
+    w = watched()
+    w.place("a")
+    w.watch.close()
+    assert not w.watch.busy
+    w.cloud(CUT)
+    assert w.told == []

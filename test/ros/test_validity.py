@@ -1,0 +1,173 @@
+"""`best_valid`: what makes it false, with which words, and what does not."""
+
+import threading
+import time
+
+import numpy as np
+import pytest
+from fakes import FRAME, TABLE
+from geometry_msgs.msg import Point
+from rclpy.parameter import Parameter
+from shape_msgs.msg import Mesh, MeshTriangle
+from std_msgs.msg import Header, String
+from test_node import started
+
+from placement_planner_ros.ros.inputs import inputs as inputs_module
+from placement_planner_ros.ros.inputs.point_cloud import message_from_points
+from placement_planner_ros.ros.qos import LATCHED
+from placement_planner_ros.scenes.objects import object_by_name
+from placement_planner_ros.scenes.yumi import HOME
+
+
+def placed(bench, retreats=False, **parameters):
+    """A bench whose run has placed something, and stopped."""
+    b = bench()
+    planner = started(b, **parameters)
+    planner.retreats = retreats
+    planner.offers.append(0.1)
+    b.wait(lambda: b.manifests()[-1]["solution"] == "1")
+    b.call("stop")
+    b.wait(lambda: b.status()["state"] == "stopped")
+    b.wait(lambda: b.node._reporter._watch._way is not None)
+    until(b, "true")
+    return b
+
+
+def until(b, valid, words="", again=None):
+    """Wait for the status; joint states go on meanwhile unless something else is done."""
+    b.wait(
+        lambda: b.status()["best_valid"] == valid and words in b.status()["best_invalid_reason"],
+        again=again or b.joint_state,
+    )
+
+
+def test_joint_states_that_die_are_told_until_they_come_again(bench):
+    b = placed(bench, joint_state_timeout=0.5)
+    until(b, "false", "joint_state_timeout = 0.5 s", again=lambda: None)
+    assert "yumi_joint" in b.status()["best_invalid_reason"]
+    told = len(b.messages("status"))
+    time.sleep(0.5)
+    assert len(b.messages("status")) == told  # in the same words, so once
+    # Those of one joint alone keep nothing fresh.
+    b.joint_state()
+    until(b, "true")
+
+
+def test_clouds_that_went_stale_are_told_until_they_come_again(bench):
+    b = placed(bench, cloud__max_age=2.0)
+    until(b, "false", "clouds on points are older than cloud.max_age = 2 s")
+    b.cloud()
+    until(b, "true")
+
+
+def test_another_object_is_told_and_the_same_once_more_is_not(bench):
+    b = placed(bench)
+    again = [b.node.get_parameter(n) for n in ("object.vertices", "object.triangles")]
+    assert all(r.successful for r in b.node.set_parameters(again))
+    assert not b.node._reporter._why_invalid()
+    publisher = b.client.create_publisher(Mesh, "placement_planner/object", LATCHED)
+    held = object_by_name("large_crayons_box")
+    corners = [Point(x=x, y=y, z=z) for x, y, z in held.vertices.tolist()]
+    triangles = [MeshTriangle(vertex_indices=t.astype(np.uint32)) for t in held.triangles]
+    publisher.publish(Mesh(vertices=corners, triangles=triangles))
+    until(b, "false", "the object was replaced")
+    assert all(r.successful for r in b.node.set_parameters(again))
+    until(b, "true")
+    assert b.node.set_parameters([Parameter("object.scale", value=1.1)])[0].successful
+    until(b, "false", "the object was replaced")
+
+
+def test_an_object_for_one_run_is_not_the_other_one(bench):
+    tall = [0.0, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 0.3]
+    triangles = [0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3]
+    b = placed(bench, object__vertices=tall, object__triangles=triangles)
+    assert b.node.set_parameters([Parameter("object.scale", value=1.1)])[0].successful
+    until(b, "false", "the object was replaced")
+
+
+def test_another_robot_is_told_be_it_ready_or_not(bench):
+    b = placed(bench)
+    publisher = b.client.create_publisher(String, "robot_description", LATCHED)
+    publisher.publish(String(data="<robot"))
+    until(b, "false", "the robot was replaced")
+
+
+def place_of(b, link="gripper_l_base", at=0.0, offset=(0.0, 0.0, 0.0)):
+    """Where a link is, `at` of the way from the start (0) to where the fake motion ends (1)."""
+    robot = b.node._inputs.robot.robot
+    moved = {
+        j: v + 0.05 * at * j.startswith("yumi_joint") * j.endswith("_l") for j, v in HOME.items()
+    }
+    return robot.link_pose(robot.configuration(moved), link).act(np.array(offset))
+
+
+@pytest.fixture
+def resting(bench):
+    """A bench with a placement that retreats."""
+    return placed(bench, retreats=True)
+
+
+def test_ordinary_clouds_change_nothing(resting):
+    b = resting
+    rng = np.random.default_rng(0)
+    robot = np.vstack(
+        [
+            place_of(b, link) + rng.normal(0.0, 0.003, (200, 3))
+            for link in ("yumi_link_3_l", "yumi_link_5_l", "gripper_l_base", "yumi_link_4_r")
+        ]
+    )
+    grasp = b.snapshots[-1].arms[0].grasps[0]
+    held = np.array([place_of(b, offset=grasp.act(p)) for p in rng.normal(0.0, 0.01, (500, 3))])
+    noise = TABLE + rng.normal(0.0, 0.0002, TABLE.shape)
+    pixel = place_of(b, "yumi_link_5_l", 1.0)[None] + [[0.2, 0.3, 0.4]]
+    shifted = TABLE + np.array([0.0024, 0.0017, 0.0])
+    for points in (noise, shifted, TABLE[:0], np.vstack([TABLE, robot, held, pixel])):
+        message = message_from_points(points, Header(frame_id=FRAME))
+        b.node._inputs.take_cloud("points", message, b.node._settings.current)
+        assert b.node._reporter._watch.blocked == ""
+
+
+def test_a_block_in_the_way_is_told_and_that_it_has_gone(resting):
+    b = resting
+    rng = np.random.default_rng(0)
+    grasp = b.snapshots[-1].arms[0].grasps[0]
+    # Where the box ends, beyond where it is held now and the padding around it.
+    within = rng.uniform(-0.05, 0.05, (3000, 3))
+    ends = np.array([place_of(b, at=1.0, offset=grasp.act(p)) for p in within])
+    stray = np.full((10, 3), 1e6)
+    b.cloud(np.vstack([TABLE, ends, stray]))
+    until(b, "false", "a newer cloud cuts through it")
+    assert "meets something new at (" in b.status()["best_invalid_reason"]
+    told = len(b.messages("status"))
+    updates = b.node._inputs.clouds.updates
+    b.cloud(np.vstack([TABLE, ends + 1e-4, stray]))
+    b.wait(lambda: b.node._inputs.clouds.updates > updates)
+    b.cloud()
+    until(b, "true")
+    assert len(b.messages("status")) <= told + 2
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_an_older_cloud_that_waited_leaves_the_newer_one_alone(bench, monkeypatch, known):
+    """Whether its frame is known by now or not, the newer one coming just as it is tried again."""
+    b = bench()
+    b.feed()
+    inputs, parameters = b.node._inputs, b.node._settings.current
+    old = message_from_points(TABLE[:3], Header(frame_id="unheard_of"))
+    new = message_from_points(TABLE[:5], Header(frame_id=FRAME))
+    with pytest.raises(inputs_module.CloudFrameError):
+        inputs.take_cloud("points", old, parameters)
+    pose = inputs_module.cloud_pose
+
+    def found(frame, *rest):
+        if frame != FRAME:
+            thread = threading.Thread(target=inputs.take_cloud, args=("points", new, parameters))
+            thread.start()
+            thread.join()
+        return pose(FRAME if known else frame, *rest)
+
+    monkeypatch.setattr(inputs_module, "cloud_pose", found)
+    inputs.retry_clouds(parameters)
+    assert len(inputs.clouds.latest()["points"]) == 5
+    assert not inputs.clouds.faults("latest", 0.0, time.monotonic())
+    assert not inputs._waiting
