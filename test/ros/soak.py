@@ -79,8 +79,8 @@ GROWTH, SHORT_GROWTH = 0.02, 0.3
 """Of memory from then on; and of shorter soaks, from a third of their time on, in which the first
 runs still fill caches."""
 SHORT_MORE = 3
-"""Threads or descriptors that a shorter soak may end with beyond those it had, as a run or a reading
-may go on over all of the time that is looked at."""
+"""Threads or descriptors that a shorter soak may end with beyond those it had, as a run may go on
+over all of the time that is looked at."""
 EVERY = QoSProfile(
     depth=100,
     reliability=ReliabilityPolicy.RELIABLE,
@@ -745,12 +745,13 @@ def _soak(process, seconds, clients, seeds):
         time.sleep(2.0)
     for caller in callers:
         caller.end()
-    tell(time.monotonic() - began, meter, watcher, callers)
+    lasted = time.monotonic() - began
+    tell(lasted, meter, watcher, callers)
     watcher.finish()
     spinning.end()
     codes = sum((caller.codes for caller in callers), collections.Counter())
     return {
-        "minutes": round((time.monotonic() - began) / 60.0, 2),
+        "minutes": round(lasted / 60.0, 2),
         "calls": sum(caller.calls.total() for caller in callers),
         "codes": dict(sorted(codes.items())),
         "unanswered": [service for caller in callers for service in caller.unanswered],
