@@ -145,6 +145,13 @@ def test_unknown_names_are_refused():
     assert len(str(fault)) < 300
 
 
+@pytest.mark.parametrize("name", ["object.vertices", "object.triangles"])
+def test_a_mesh_that_is_too_large_is_refused_when_it_is_set(name):
+    value = array("d" if name.endswith("vertices") else "q", bytes(8 * 900_003))
+    with pytest.raises(ObjectError, match=rf"{name} = '300001 of them': .* 300000"):
+        parameter_set().changed({name: value})
+
+
 def test_every_search_setting_reaches_the_planner():
     changes = {
         "sampler": "uniform",
