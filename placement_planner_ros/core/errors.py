@@ -18,10 +18,12 @@ class PlacementPlannerError(Exception):
         self.field = field
         self.value = value
         self.remedy = remedy
-        shown = repr(value)
-        if len(shown) > 600:
-            shown = shown[:597] + "..."
-        super().__init__(f"{field} = {shown}: {remedy}")
+        super().__init__(f"{_short(field, 200)} = {_short(repr(value), 600)}: {remedy}")
+
+
+def _short(words: str, most: int) -> str:
+    """The words, or what fits of them."""
+    return words if len(words) <= most else f"{words[: most - 3]}..."
 
 
 class ParameterError(PlacementPlannerError):

@@ -80,6 +80,10 @@ class Log:
         """Something that a person wants to know each time."""
         self._logger.info(_short(words))
 
+    def warn(self, words: str) -> None:
+        """The same, of what may be a mistake."""
+        self._logger.warning(_short(words))
+
     def failure(self, words: str) -> None:
         """The same, of what went wrong."""
         self._logger.error(_short(words))

@@ -75,7 +75,7 @@ class PlacementPlannerNode(ParameterNode):
         self._settings = ParameterServer(self)
         strange = self._settings.strange(self.given)
         if strange:
-            self._log.event(f"parameters without effect: {'; '.join(strange)}")
+            self._log.warn(f"parameters without effect: {'; '.join(strange)}")
         parameters = self._settings.current
         transforms = Transforms(self)
         files = Files.below(parameters["package_paths"], parameters["file_roots"])

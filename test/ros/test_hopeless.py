@@ -134,6 +134,14 @@ def coarser(inputs, words):
     return inputs.but(cloud__cell_size=size)
 
 
+def scattered_less(inputs, words):
+    return inputs.but(cloud__cell_size=number(r"cloud\.cell_size: set it to about ([\d.]+)", words))
+
+
+def in_metres(inputs, _):
+    return replace(inputs, points=inputs.points / 1000.0)
+
+
 def with_parameters(**parameters):
     return lambda inputs, _: inputs.but(**parameters)
 
@@ -309,6 +317,27 @@ SITUATIONS = {
         "cloud.cell_size",
         coarser,
         "are holes that show no point",
+    ),
+    "points that scatter": Situation(
+        Inputs(points=TABLE + np.random.default_rng(0).normal(0.0, 0.01, TABLE.shape)),
+        "NO_SOLUTION",
+        "cloud.cell_size",
+        scattered_less,
+        "uneven",
+    ),
+    "a volume narrower than any region": Situation(
+        Inputs({"target_volume": [0.4, 0.1, -0.05, 0.41, 0.11, 0.2]}),
+        "NO_REGION",
+        "target_volume",
+        with_parameters(target_volume=ABOVE),
+        "only 0.010 x 0.010 m wide",
+    ),
+    "a cloud in millimetres": Situation(
+        Inputs(points=1000.0 * TABLE),
+        "NO_REGION",
+        "cloud_topics",
+        in_metres,
+        "taken to be metres",
     ),
     "a margin too wide for the hand": Situation(
         Inputs({"collision_margin": 0.1}),

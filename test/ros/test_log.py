@@ -60,6 +60,8 @@ def fault(log, act=fail, *args):
 
 
 def test_every_event_is_a_line(log, lines):
+    log.warn("odd")
+    assert lines.said.pop() == ("warning", "odd")
     for number in range(5):
         log.event(f"solution {number}")
     log.failure("run 1 ended\nfailed")
@@ -195,6 +197,15 @@ def told(bench):
         return b, lines
 
     return make
+
+
+def test_misspelt_names_are_warned_of(bench, monkeypatch):
+    warned = []
+    monkeypatch.setattr(Log, "warn", lambda _, words: warned.append(words))
+    bench(colision_margin=0.01)
+    (words,) = warned
+    assert "colision_margin" in words
+    assert "the nearest is collision_margin" in words
 
 
 def test_the_node_says_what_a_person_wants_to_know_and_no_more(told):

@@ -354,6 +354,13 @@ def test_a_run_that_cannot_begin_does_not_keep_the_next_from_it(bench, monkeypat
     started(b)
 
 
+def test_a_run_that_ends_as_it_finds_something_says_so(bench, monkeypatch):
+    b = bench()
+    started(b)
+    monkeypatch.setattr(b.planners[-1], "explain", lambda: None)  # with nothing to explain
+    assert "no solution: the run was told to end just as it found" in b.call("stop").words
+
+
 def test_stop_with_ends_the_run_it_looked_at(bench, monkeypatch):
     b = bench()
     started(b)

@@ -59,6 +59,8 @@ def support(search: Search) -> Advice:
                 f"raise it: with {_TOLERANCE:g} m {spared} of {len(rejected)} would be supported"
             )
             remedies.append(Remedy("contact_tolerance", words))
+    if holes <= _HOLES:
+        remedies += surfaces.smoother(environment)
     seen += surfaces.uneven_in_words(environment)
     body = search.problem.body
     width, depth, _ = surfaces.rest_size(body, surfaces.smallest_rest(body))

@@ -40,6 +40,10 @@ _THICK = 0.005
 """m: what is no higher than this above a surface is part of it."""
 _UNEVEN = 0.001
 """m of standard deviation of the surface's height, to be named."""
+_SMOOTH = 4.0
+"""Cells of so many standard deviations level out how points scatter."""
+_ROOM = 2.0
+"""Times the smallest region that V is wide, below which that is too narrow."""
 _FAR = 50.0
 """m: points further away are perhaps in another unit."""
 _CLEAR = 0.01
@@ -66,11 +70,14 @@ def why_no_region(environment: Environment) -> Explanation:
     span = f"the {environment.points:,} points of the clouds span {_corners(*environment.extent)}"
     aligned = Remedy(SENSOR, "correct the pose of the sensor, if the points are not where it is")
     if len(measured) == 0:
-        scale = "; they are taken to be metres" if np.abs(environment.extent).max() > _FAR else ""
+        far = bool(np.abs(environment.extent).max() > _FAR)
+        scale = "; they are taken to be metres" if far else ""
+        in_metres = Remedy("cloud_topics", "name topics with clouds in metres, not in millimetres")
         return Explanation(
             f"{head}: no point of the clouds lies where the robot could reach: {span}{scale}; "
             f"target_volume is {_corners(volume.lower, volume.upper)}",
             (
+                *((in_metres,) if far else ()),
                 Remedy(SENSOR, "give the pose of the sensor's frame, in metres"),
                 Remedy("planning_frame", "name the frame that target_volume is meant in"),
             ),
@@ -123,14 +130,35 @@ def why_no_region(environment: Environment) -> Explanation:
             (coarser(environment), MERGED),
             (span,),
         )
-    uneven = uneven_in_words(environment)
-    headroom = RegionSettings().headroom
+    smallest, headroom = RegionSettings().min_area, RegionSettings().headroom
+    width, depth = (volume.upper - volume.lower)[:2]
+    if width * depth < _ROOM * smallest:
+        return Explanation(
+            f"{head}: target_volume is only {width:.3f} x {depth:.3f} m wide; a region has more "
+            f"than {1e4 * smallest:g} cm²",
+            (Remedy("target_volume", "make it wider"),),
+            (span,),
+        )
     return Explanation(
-        f"{head}: nothing in target_volume is level, larger than 1 cm² and free for "
-        f"{headroom:g} m above it",
-        (Remedy("target_volume", "choose one with a level surface in it"), aligned),
-        (*uneven, span),
+        f"{head}: nothing in target_volume is level, larger than {1e4 * smallest:g} cm² and free "
+        f"for {headroom:g} m above it",
+        (
+            *smoother(environment),
+            Remedy("target_volume", "choose one with a level surface in it"),
+            aligned,
+        ),
+        (*uneven_in_words(environment), span),
     )
+
+
+def smoother(environment: Environment) -> tuple[Remedy, ...]:
+    """What to try where the surface in V is uneven; () where it is even."""
+    scatter, size = scatter_in(environment), environment.measured.cell_size
+    coarse = min(_SMOOTH * scatter, _LARGEST_CELL)
+    if scatter < _UNEVEN or coarse <= size:
+        return ()
+    words = f"set it to about {coarse:.2f}, if the surface is level and the points scatter"
+    return (Remedy("cloud.cell_size", words),)
 
 
 def uneven_in_words(environment: Environment) -> tuple[str, ...]:

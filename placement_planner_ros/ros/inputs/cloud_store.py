@@ -16,6 +16,8 @@ from placement_planner_ros.ros.inputs.standing_object import StandingObject
 MERGE_FRACTION = 4
 """Merged clouds keep one point per cube of this fraction of a cell's edge."""
 
+_OTHER_CLOCK = 86400.0
+"""Seconds of age from which on a cloud's stamp is likely of another clock."""
 
 OnCloud = Callable[[str, Array], None]
 """Told the topic and the points (n, 3) of a cloud."""
@@ -226,13 +228,10 @@ class CloudStore:
             if topic not in self._refused and 0.0 < max_age < now - cloud.time
         }
         if mode == "latest" and stale:
-            faults.append(
-                CloudStaleError(
-                    "clouds: ages",
-                    stale,
-                    f"older than cloud.max_age = {max_age:g} s; publish them again, or set it to 0",
-                )
-            )
+            words = f"older than cloud.max_age = {max_age:g} s; publish them again, or set it to 0"
+            if any(now - self._latest[topic].time > _OTHER_CLOCK for topic in stale):
+                words += "; or are they stamped by another clock than the joint states?"
+            faults.append(CloudStaleError("clouds: ages", stale, words))
         known = [cloud.points for cloud in self._latest.values()]
         known += [thing.points for thing in self._standing.values()]
         if mode == "merge":

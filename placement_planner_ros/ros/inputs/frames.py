@@ -84,6 +84,12 @@ def _pose(
     if robot.model.existFrame(frame, pin.FrameType.BODY):
         return _link_pose(frame, robot, joints, moved)
     found = transform(frame)
+    if found is None and frame in parameters["sensor_frames"]:
+        raise CloudFrameError(
+            "cloud frame_id",
+            frame,
+            f"sensor_frames declares it, but sensor_poses.{frame} is not set",
+        )
     if found is None:
         raise CloudFrameError(
             "cloud frame_id",

@@ -42,6 +42,7 @@ class JointStates:
         self._history: dict[str, deque[tuple[float, float]]] = {}
         self._velocity: dict[str, float] = {}
         self._past: dict[str, JointPast] = {}
+        self._refused: tuple[float, str] = (-math.inf, "")
 
     def update(
         self,
@@ -60,23 +61,14 @@ class JointStates:
             JointStateError: lengths differ, a position is not finite, or a joint is named twice
                 with different ones; nothing is taken then.
         """
-        if len(positions) != len(names):
-            raise JointStateError(
-                "joint_states",
-                f"{len(names)} names, {len(positions)} positions",
-                "publish one position per name",
-            )
-        bad = [n for n, p in zip(names, positions, strict=True) if not math.isfinite(p)]
-        if bad:
-            raise JointStateError("joint_states: not finite", bad, "publish finite positions")
-        taken: dict[str, float] = {}
-        twice = [n for n, p in zip(names, positions, strict=True) if taken.setdefault(n, p) != p]
-        if twice:
-            raise JointStateError(
-                "joint_states: named twice, with different positions", twice, "name each joint once"
-            )
+        try:
+            taken = _positions(names, positions)
+        except JointStateError as error:
+            with self._lock:
+                self._refused = now, str(error)
+            raise
         with self._lock:
-            for i, (name, position) in enumerate(zip(names, positions, strict=True)):
+            for i, (name, position) in enumerate(taken):
                 velocity = velocities[i] if i < len(velocities) else 0.0
                 velocity = velocity if math.isfinite(velocity) else 0.0
                 sample = Sample(now if stamp is None else stamp, position, velocity)
@@ -167,7 +159,11 @@ class JointStates:
             JointsStaleError: a value is too old.
             RobotMovingError: a joint is moving.
         """
-        q = robot.configuration(self.positions())
+        try:
+            q = robot.configuration(self.positions())
+        except JointStateError as error:
+            remedy = f"{error.remedy}{self._refusal(now, timeout)}"
+            raise JointStateError(error.field, error.value, remedy) from None
         needed = [name for name in robot.joint_names if name not in robot.mimics]
         with self._lock:
             self._require_fresh(needed, now, timeout)
@@ -198,9 +194,14 @@ class JointStates:
         ages = {name: now - self._history[name][-1][0] for name in joints}
         stale = {name: f"{age:.1f} s" for name, age in ages.items() if age > timeout}
         if stale:
-            raise JointsStaleError(
-                "joint_states: ages", stale, f"no value within joint_state_timeout = {timeout:g} s"
-            )
+            words = f"no value within joint_state_timeout = {timeout:g} s"
+            words += self._refusal(now, timeout)
+            raise JointsStaleError("joint_states: ages", stale, words)
+
+    def _refusal(self, now: float, timeout: float) -> str:
+        """What to add where values are missing, as messages came but were refused."""
+        when, why = self._refused
+        return f"; of what came, some was refused: {why}" if now - when <= timeout else ""
 
 
 def _spread(history: deque[tuple[float, float]], since: float) -> float:
@@ -208,3 +209,27 @@ def _spread(history: deque[tuple[float, float]], since: float) -> float:
     values = [position for time, position in history if time >= since]
     values += [position for time, position in history if time < since][-1:]
     return max(values) - min(values)
+
+
+def _positions(names: Sequence[str], positions: Sequence[float]) -> list[tuple[str, float]]:
+    """Names and positions of one message.
+
+    Raises:
+        JointStateError: as `JointStates.update` says.
+    """
+    if len(positions) != len(names):
+        raise JointStateError(
+            "joint_states",
+            f"{len(names)} names, {len(positions)} positions",
+            "publish one position per name",
+        )
+    bad = [n for n, p in zip(names, positions, strict=True) if not math.isfinite(p)]
+    if bad:
+        raise JointStateError("joint_states: not finite", bad, "publish finite positions")
+    taken: dict[str, float] = {}
+    twice = [n for n, p in zip(names, positions, strict=True) if taken.setdefault(n, p) != p]
+    if twice:
+        raise JointStateError(
+            "joint_states: named twice, with different positions", twice, "name each joint once"
+        )
+    return list(zip(names, positions, strict=True))

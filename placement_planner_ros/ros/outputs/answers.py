@@ -32,7 +32,7 @@ def answer(code: str, words: str = "", *, success: bool | None = None, **values:
 def refusal(faults: Sequence[PlacementPlannerError]) -> Answer:
     """Every fault on a line of its own; the first line carries the first one's code."""
     lines = [f"{fault.code}: {' '.join(str(fault).split())}" for fault in faults]
-    return answer(faults[0].code, "\n".join(lines))
+    return answer(faults[0].code, "\n".join(dict.fromkeys(lines)))  # one may have several effects
 
 
 def _shown(value: object) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
+from placement_planner_ros.core.body.mesh import require_few
 from placement_planner_ros.core.errors import GraspError, ObjectError, ParameterError
 from placement_planner_ros.core.types import TargetVolume
 
@@ -71,5 +72,6 @@ def names(name: str, value: Sequence[str]) -> None:
 
 def triples(name: str, value: Sequence[float]) -> None:
     """Points or triangles."""
+    require_few(*(len(value) // 3 if name.endswith(of) else 0 for of in ("vertices", "triangles")))
     if len(value) % 3 != 0:
         raise ObjectError(name, f"{len(value)} numbers", "give three for each")

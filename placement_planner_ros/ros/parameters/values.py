@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from array import array
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any, TypeVar
@@ -22,6 +23,8 @@ from placement_planner_ros.ros.parameters.table import GONE, GRID, PLANNER
 
 Group = TypeVar("Group", bound=Settings)
 
+CLOCK = "use_sim_time"
+"""The parameter that every node has."""
 NO_SUCH = "there is no such parameter"
 MOST_HINTS = 20
 """Unknown names for which the nearest known one is looked up in one go, as that takes time."""
@@ -89,7 +92,7 @@ class ParameterSet:
         group, _, part = name.rpartition(".")
         if group == "sensor_poses":
             return f"{NO_SUCH}, as sensor_frames did not name {part!r} at start-up"
-        meant = nearest(name, self.specs)
+        meant = nearest(name, [*self.specs, CLOCK])
         words = NO_SUCH if meant is None else f"{NO_SUCH}; the nearest is {meant}"
         if meant is not None and meant.endswith(f".{part}") and self._is_arm(meant):
             words += f". If {group!r} is an arm, name it in arms at start-up"
@@ -105,7 +108,8 @@ class ParameterSet:
         for name, value in changes.items():
             try:
                 if name in unknown:
-                    raise ParameterError(name, value, unknown[name])
+                    shown = value.tolist() if isinstance(value, array) else value
+                    raise ParameterError(name, shown, unknown[name])
                 self.convert(name, value)
             except PlacementPlannerError as error:
                 faults.append(error)

@@ -38,6 +38,9 @@ POLL = 0.05
 PREPARATION_LIMIT = 60.0
 """Seconds that making environment and planner may take; what compiling takes does not count."""
 
+_TOO_LATE = "the run was told to end just as it found the first placement"
+"""Said where a placement was found too late to be published."""
+
 MOST_POSES = 10_000
 """Placements of a run whose poses are kept, the newest ones."""
 
@@ -172,7 +175,7 @@ class Run:
             return f"no solution: {self.reason}"
         if self.planner is None:
             return "no solution: the run ended before the search began"
-        return f"no solution: {self._named(self.planner.explanation.short)}"
+        return f"no solution: {self._named(self.planner.explanation.short) or _TOO_LATE}"
 
     @property
     def why(self) -> str:

@@ -74,6 +74,9 @@ def test_old_clouds_are_stale_unless_any_age_will_do():
     with pytest.raises(CloudStaleError, match="points") as error:
         store.snapshot("latest", 5.0, 15.1)
     assert error.value.code == "CLOUD_STALE"
+    assert "another clock" not in str(error.value)
+    with pytest.raises(CloudStaleError, match="stamped by another clock"):
+        store.snapshot("latest", 5.0, 1e6)
     assert store.snapshot("latest", 0.0, 1e6)
 
 

@@ -45,7 +45,7 @@ class World:
     def __init__(self, robot, **parameters):
         self.clock = SimpleNamespace(seconds=0.0, now=self.now)
         self.parameters = parameter_set(**parameters)
-        nowhere = SimpleNamespace(pose=lambda *_: None)
+        nowhere = SimpleNamespace(pose=lambda *_, **__: None)
         self.inputs = Inputs(robot, self.parameters, ["points"], nowhere, self.clock, FILES)
 
     def now(self):
@@ -139,6 +139,14 @@ def test_what_is_too_far_away_is_no_point_and_no_sensor(robot):
     far = {"sensor_poses.eye": [0.0, 1e300, 0.0, 0.0, 0.0, 0.0, 1.0]}
     world.parameters = ParameterSet(specs, far)
     with pytest.raises(CloudFrameError, match=r"eye.*away"):
+        world.cloud(0.0, frame="eye")
+
+
+def test_of_a_declared_frame_it_is_told_that_its_pose_is_not_set(robot):
+    world = World(robot)
+    specs = SPECS | {"sensor_poses.eye": sensor_pose_spec("eye")}
+    world.parameters = ParameterSet(specs, {"sensor_frames": ["eye"]})
+    with pytest.raises(CloudFrameError, match=r"sensor_poses\.eye is not set"):
         world.cloud(0.0, frame="eye")
 
 

@@ -150,3 +150,21 @@ def test_joints_that_no_robot_has_any_more_are_forgotten(yumi):
     joints.keep(["yumi_joint_1_l"])
     assert list(joints.positions()) == ["yumi_joint_1_l"]
     assert joints.age(1.0) == 0.0
+
+
+def test_why_values_are_missing_or_old_is_told_where_what_came_was_refused(yumi):
+    joints = JointStates()
+    with pytest.raises(JointStateError, match="finite"):
+        full(joints, 9.9, gripper_l_joint=np.nan)
+    with pytest.raises(
+        JointStateError, match=r"yumi_joint_1_l.*refused: .*gripper_l_joint.*finite"
+    ):
+        resting(joints, yumi)
+    full(joints, 10.0)
+    with pytest.raises(JointStateError, match="one position per name"):
+        joints.update(["yumi_joint_1_l"], [], [], 11.9)
+    with pytest.raises(JointsStaleError, match=r"refused: .*one position per name"):
+        resting(joints, yumi, now=12.0)
+    with pytest.raises(JointsStaleError) as error:
+        resting(joints, yumi, now=13.0)
+    assert "refused" not in str(error.value)

@@ -1,4 +1,5 @@
 import re
+from array import array
 from pathlib import Path
 
 import numpy as np
@@ -137,6 +138,18 @@ def test_unknown_names_are_refused():
         parameter_set().changed({"time_limits": 3.0})
     faults = parameter_set().faults({f"name_{i}": 0 for i in range(5000)})
     assert len(faults) == 5000
+    (fault,) = parameter_set().faults({"use_sim_tim": True})
+    assert "the nearest is use_sim_time" in str(fault)
+    (fault,) = parameter_set().faults({"n" * 100_000: array("d", [1.0, 2.0])})
+    assert str(fault).endswith("... = [1.0, 2.0]: there is no such parameter")
+    assert len(str(fault)) < 300
+
+
+@pytest.mark.parametrize("name", ["object.vertices", "object.triangles"])
+def test_a_mesh_that_is_too_large_is_refused_when_it_is_set(name):
+    value = array("d" if name.endswith("vertices") else "q", bytes(8 * 900_003))
+    with pytest.raises(ObjectError, match=rf"{name} = '300001 of them': .* 300000"):
+        parameter_set().changed({name: value})
 
 
 def test_every_search_setting_reaches_the_planner():
