@@ -268,7 +268,7 @@ SITUATIONS = {
     "a frame that nobody knows": Situation(
         Inputs(points=TABLE, frame="camera"),
         "CLOUD_FRAME",
-        "sensor_poses.<frame>",
+        "sensor_poses.camera",
         with_parameters(sensor_poses__camera=pose(pin.SE3.Identity())),
         "'camera'",
     ),
