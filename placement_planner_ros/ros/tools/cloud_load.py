@@ -24,7 +24,12 @@ from placement_planner_ros.interrupts import catch_signals
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 from placement_planner_ros.ros.qos import LATCHED
 from placement_planner_ros.ros.spinning import spin_until
-from placement_planner_ros.ros.tools.scene_publisher import FRAME, JOINT_STATE_RATE, RELIABLE
+from placement_planner_ros.ros.tools.scene_publisher import (
+    FRAME,
+    JOINT_STATE_RATE,
+    RELIABLE,
+    joint_state_at_rest,
+)
 from placement_planner_ros.scenes.clouds import complete_cloud
 from placement_planner_ros.scenes.scenes import scene_by_name
 
@@ -86,13 +91,8 @@ class CloudLoad(Node):
         self._count += 1
 
     def _publish_joint_states(self) -> None:
-        message = JointState(
-            name=list(self._positions),
-            position=list(self._positions.values()),
-            velocity=[0.0] * len(self._positions),
-        )
-        message.header.stamp = self.get_clock().now().to_msg()
-        self._joint_states.publish(message)
+        stamp = self.get_clock().now().to_msg()
+        self._joint_states.publish(joint_state_at_rest(self._positions, stamp))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import rclpy
+from builtin_interfaces.msg import Time
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
@@ -105,13 +106,18 @@ class ScenePublisher(Node):
             publisher.publish(message)
 
     def _publish_joint_states(self) -> None:
-        message = JointState(
-            name=list(self._positions),
-            position=list(self._positions.values()),
-            velocity=[0.0] * len(self._positions),
-        )
-        message.header.stamp = self.get_clock().now().to_msg()
-        self._joint_states.publish(message)
+        stamp = self.get_clock().now().to_msg()
+        self._joint_states.publish(joint_state_at_rest(self._positions, stamp))
+
+
+def joint_state_at_rest(positions: Mapping[str, float], stamp: Time) -> JointState:
+    """The joints' positions, rad or m, as a robot that stands still publishes them."""
+    return JointState(
+        header=Header(stamp=stamp),
+        name=list(positions),
+        position=list(positions.values()),
+        velocity=[0.0] * len(positions),
+    )
 
 
 def main(args: list[str] | None = None) -> None:
