@@ -12,22 +12,25 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from placement_planner_ros.core.collision.against_mesh import COARSE
 from placement_planner_ros.core.collision.arrays import (
     BODY_FIRST_PART,
     BODY_JOINT,
-    NODE_FIRST,
-    NODE_LAST,
+    NODE_SET,
     NODE_SKIP,
     PART_FIRST_NODE,
     SET_EXACT,
     SET_FIRST_PLANE,
     SET_FIRST_VERTEX,
     SET_JOINT,
+    SET_MESH,
     ArmArrays,
     ArmScratch,
 )
+from placement_planner_ros.core.collision.placed_meshes import mesh_meets_box
 from placement_planner_ros.core.collision.placing import (
     note_undecided,
+    place_inner,
     place_planes,
     place_set,
 )
@@ -46,8 +49,6 @@ _TOGETHER = 16
 """Leaves of one solid that are looked at in one go, at most."""
 _LEVEL = 1e-6
 """Slope below which a plane does not tell boxes of one column apart."""
-COARSE = 0.02
-"""Metres of motion above which an interval is searched for collisions rather than certified."""
 
 
 class BoxArrays(NamedTuple):
@@ -285,7 +286,7 @@ def open_leaves(
                     return COLLIDING, count
                 result = UNDECIDED
                 need = hit
-            if nodes[node, NODE_FIRST] >= 0:
+            if nodes[node, NODE_SET] >= 0:
                 if need - hit > COARSE:
                     result = UNDECIDED
                     need = hit
@@ -317,15 +318,12 @@ def _span_leaves(
     far = need + TOLERANCE
     end = leaf + 1
     node = leaves[leaf]
-    s, last_set = nodes[node, NODE_FIRST], nodes[node, NODE_LAST]
+    s = nodes[node, NODE_SET]
     joint = sets[s, SET_JOINT]
     x, y, z = to_world(frames, joint, spheres[node, 0], spheres[node, 1], spheres[node, 2])
     reach = spheres[node, 3] + far
     x0, y0, z0 = x - reach, y - reach, z - reach
     x1, y1, z1 = x + reach, y + reach, z + reach
-    # Around pieces of a surface there is no box yet.
-    if last_set - s > 1:
-        return end, x, y, z, reach, x0, y0, z0, x1, y1, z1
     if scratch.set_stamp[s] < scratch.counters[0]:
         scratch.set_stamp[s] = scratch.counters[0]
         place_set(arm, scratch, s)
@@ -333,7 +331,7 @@ def _span_leaves(
     alone = reach * reach
     u0, v0, w0, u1, v1, w1 = x0, y0, z0, x1, y1, z1
     together = end
-    while together < min(count, leaf + _TOGETHER) and nodes[leaves[together], NODE_FIRST] == s:
+    while together < min(count, leaf + _TOGETHER) and nodes[leaves[together], NODE_SET] == s:
         node = leaves[together]
         u, v, w = to_world(frames, joint, spheres[node, 0], spheres[node, 1], spheres[node, 2])
         other = spheres[node, 3] + far
@@ -397,8 +395,17 @@ def _heights_before_plane(
 def _set_meets_box(
     arm: ArmArrays, boxes: BoxArrays, scratch: ArmScratch, s: int, box: int, need: float, hit: float
 ) -> int:
-    """Set s of a moving body against one box; a plane that keeps them apart is remembered."""
+    """Set s of a moving body against one box; a plane that keeps them apart is remembered.
+
+    Where the set is part of a cover, that only says what is free, or by how much more than its
+    excess `need` cannot be kept; the rest is left to the mesh.
+    """
     sets = arm.sets
+    mesh = sets[s, SET_MESH]
+    short = need - arm.excess[s]
+    closer = hit
+    if mesh >= 0:
+        closer = short if short > hit else 0.0
     # Its planes are put where they are when the first box asks for them.
     if scratch.plane_stamp[s] < scratch.counters[0]:
         scratch.plane_stamp[s] = scratch.counters[0]
@@ -417,14 +424,41 @@ def _set_meets_box(
         boxes.corners,
         box,
         need,
-        hit,
+        closer,
     )
-    if answer == FREE and scratch.work[5, 3] >= 0.0:
-        scratch.plane[s] = int(scratch.work[5, 3])
-    if answer == COLLIDING:
-        if sets[s, SET_EXACT] == 0:
+    if answer == FREE:
+        if scratch.work[5, 3] >= 0.0:
+            scratch.plane[s] = int(scratch.work[5, 3])
+        return FREE
+    if mesh >= 0:
+        if answer == COLLIDING and short > hit:
             answer = UNDECIDED
         else:
+            answer = mesh_meets_box(arm, scratch, mesh, boxes.corners, box, need, hit)
+            scratch.work[5, 3] = -1.0
+        if answer == COLLIDING:
+            scratch.hit[0] = 0
+            scratch.hit[1] = s
+            scratch.hit[2] = box
+    elif answer == COLLIDING:
+        if sets[s, SET_EXACT] == 0:
+            # Certain where the copy that the shape contains collides too.
+            last = place_inner(arm, scratch, s, 0)
+            need_inner = hit + arm.radius[s]
+            answer = separate(
+                scratch.inner,
+                0,
+                last,
+                boxes.corners,
+                box,
+                box + 1,
+                need_inner,
+                need_inner,
+                scratch.work,
+            )
+            if answer == FREE:
+                answer = UNDECIDED
+        if answer == COLLIDING:
             scratch.hit[0] = 0
             scratch.hit[1] = s
             scratch.hit[2] = box
@@ -451,7 +485,6 @@ def open_leaves_meet_boxes(
     nodes, counters, bounds = arm.nodes, scratch.counters, scratch.bounds
     ox, oy, oz, size = boxes.grid[0], boxes.grid[1], boxes.grid[2], boxes.grid[3]
     per_metre = 1.0 / size
-    now = counters[0]
     result = FREE
     previous = -1
     end = 0
@@ -461,18 +494,17 @@ def open_leaves_meet_boxes(
         if scratch.leaf_bound[leaf] >= need:
             continue
         node = scratch.leaves[leaf]
-        first_set, last_set = nodes[node, NODE_FIRST], nodes[node, NODE_LAST]
-        solid = last_set - first_set == 1
+        s = nodes[node, NODE_SET]
         # A solid looks at a box once, whichever of its leaves reach it.
-        if first_set != previous:
-            previous = first_set
+        if s != previous:
+            previous = s
             counters[1] += 1
         visit = counters[1]
         end, x, y, z, reach, x0, y0, z0, x1, y1, z1 = _span_leaves(arm, scratch, leaf, count, need)
-        plane = scratch.plane[first_set] if solid else -1
+        plane = scratch.plane[s]
         nx = ny = nz = offset = 0.0
         if plane >= 0:
-            nx, ny, nz, offset = _plane_in_world(arm, scratch, first_set, plane, need)
+            nx, ny, nz, offset = _plane_in_world(arm, scratch, s, plane, need)
         i0 = max(int(np.floor((x0 - ox) * per_metre)), 0)
         j0 = max(int(np.floor((y0 - oy) * per_metre)), 0)
         i1 = min(int(np.floor((x1 - ox) * per_metre)) + 1, columns.shape[0])
@@ -502,29 +534,25 @@ def open_leaves_meet_boxes(
                     if u * u + v * v + w * w > reach * reach or scratch.box_stamp[box] == visit:
                         continue
                     scratch.box_stamp[box] = visit
-                    for s in range(first_set, last_set):
-                        if scratch.set_stamp[s] < now:
-                            scratch.set_stamp[s] = now
-                            place_set(arm, scratch, s)
-                        if boxes_apart(bounds, s, corners, box, need):
-                            continue
-                        if plane >= 0 and (
-                            nx * corners[box, 0 if nx > 0.0 else 3]
-                            + ny * corners[box, 1 if ny > 0.0 else 4]
-                            + nz * corners[box, 2 if nz > 0.0 else 5]
-                            >= offset
-                        ):
-                            continue
-                        answer = _set_meets_box(arm, boxes, scratch, s, box, need, hit)
-                        if answer == COLLIDING:
-                            return COLLIDING
-                        if answer == UNDECIDED:
-                            result = UNDECIDED
-                            need = hit
-                        elif solid and scratch.work[5, 3] >= 0.0:
-                            # What keeps this box away may keep its neighbours away.
-                            plane = scratch.plane[s]
-                            nx, ny, nz, offset = _plane_in_world(arm, scratch, s, plane, need)
+                    if boxes_apart(bounds, s, corners, box, need):
+                        continue
+                    if plane >= 0 and (
+                        nx * corners[box, 0 if nx > 0.0 else 3]
+                        + ny * corners[box, 1 if ny > 0.0 else 4]
+                        + nz * corners[box, 2 if nz > 0.0 else 5]
+                        >= offset
+                    ):
+                        continue
+                    answer = _set_meets_box(arm, boxes, scratch, s, box, need, hit)
+                    if answer == COLLIDING:
+                        return COLLIDING
+                    if answer == UNDECIDED:
+                        result = UNDECIDED
+                        need = hit
+                    elif scratch.work[5, 3] >= 0.0:
+                        # What keeps this box away may keep its neighbours away.
+                        plane = scratch.plane[s]
+                        nx, ny, nz, offset = _plane_in_world(arm, scratch, s, plane, need)
     return result
 
 

@@ -10,29 +10,26 @@ from __future__ import annotations
 
 import numpy as np
 
-from placement_planner_ros.core.collision.against_boxes import COARSE
+from placement_planner_ros.core.collision.against_mesh import COARSE
 from placement_planner_ros.core.collision.arrays import (
     BODY_FIRST_PART,
-    NODE_FIRST,
-    NODE_LAST,
-    NODE_SKIP,
     PAIR_INNER,
     PAIR_OUTER,
     PAIR_OUTWARD,
     PAIR_SLOT,
     PAIR_TABLE,
-    PART_FIRST_NODE,
-    PART_FIRST_SET,
-    PART_SOLID,
+    PART_SET,
     SET_EXACT,
     SET_FIRST_VERTEX,
     SET_JOINT,
+    SET_MESH,
     ArmArrays,
     ArmScratch,
     Indices,
 )
 from placement_planner_ros.core.collision.pair_tables import apart_within
-from placement_planner_ros.core.collision.placing import note_undecided, place_set
+from placement_planner_ros.core.collision.placed_meshes import mesh_meets_set, placed_meshes_meet
+from placement_planner_ros.core.collision.placing import note_undecided, place_inner, place_set
 from placement_planner_ros.core.collision.separation import (
     COLLIDING,
     FREE,
@@ -41,8 +38,10 @@ from placement_planner_ros.core.collision.separation import (
     separate,
 )
 from placement_planner_ros.core.kernels import kernel
-from placement_planner_ros.core.reach.kinematics import to_world
 from placement_planner_ros.core.types import Array
+
+COVERS_MEET = 3
+"""Two parts whose covers do not settle how near their meshes are."""
 
 
 @kernel(inline=True)
@@ -54,7 +53,11 @@ def _sets_meet(
     need: float,
     hit: float,
 ) -> int:
-    """Two convex sets; work[5, :3] is where to start (zero: anywhere), and where it ended."""
+    """Two convex sets; work[5, :3] is where to start (zero: anywhere), and where it ended.
+
+    Sets of covers only say what is free, or by how much more than their excess `need` cannot be
+    kept; the rest is left to the meshes.
+    """
     now = scratch.counters[0]
     bounds = scratch.bounds
     # Put them where they are, unless another pair has.
@@ -68,6 +71,11 @@ def _sets_meet(
             work[5, i] = bounds[a, i] + bounds[a, i + 3] - bounds[b, i] - bounds[b, i + 3]
     sets = arm.sets
     radius = arm.radius[a] + arm.radius[b]
+    covers = sets[a, SET_MESH] >= 0 or sets[b, SET_MESH] >= 0
+    short = need - arm.excess[a] - arm.excess[b]
+    closer = hit
+    if covers:
+        closer = short if short > hit else 0.0
     answer = separate(
         scratch.vertices,
         sets[a, SET_FIRST_VERTEX],
@@ -76,11 +84,29 @@ def _sets_meet(
         sets[b, SET_FIRST_VERTEX],
         sets[b + 1, SET_FIRST_VERTEX],
         need + radius,
-        hit + radius,
+        closer + radius,
         work,
     )
-    # Sets that are larger than what they stand for can be proved apart, but not to collide.
-    if answer == COLLIDING and sets[a, SET_EXACT] != 0 and sets[b, SET_EXACT] != 0:
+    if answer != FREE and covers:
+        return COVERS_MEET if short <= hit or answer != COLLIDING else UNDECIDED
+    if answer == COLLIDING and (sets[a, SET_EXACT] == 0 or sets[b, SET_EXACT] == 0):
+        # Certain where the copies that the shapes contain collide too.
+        last_a = place_inner(arm, scratch, a, 0)
+        last_b = place_inner(arm, scratch, b, last_a)
+        answer = separate(
+            scratch.inner,
+            0,
+            last_a,
+            scratch.inner,
+            last_a,
+            last_b,
+            hit + radius,
+            hit + radius,
+            work,
+        )
+        if answer == FREE:
+            answer = UNDECIDED
+    if answer == COLLIDING:
         scratch.hit[0] = 1
         scratch.hit[1] = a
         scratch.hit[2] = b
@@ -190,19 +216,41 @@ def spheres_apart(scratch: ArmScratch, pair: Indices, need: float) -> bool:
 
 
 @kernel(lean=True)
+def _meshes_meet(
+    arm: ArmArrays, scratch: ArmScratch, a: int, b: int, need: float, hit: float
+) -> int:
+    """What sets a and b are parts of, the meshes themselves where there are any."""
+    sets = arm.sets
+    mesh, other = sets[a, SET_MESH], sets[b, SET_MESH]
+    if mesh >= 0 and other >= 0:
+        answer = placed_meshes_meet(arm, scratch, mesh, other, need, hit)
+    else:
+        s = b if mesh >= 0 else a
+        answer = mesh_meets_set(arm, scratch, max(mesh, other), s, need, hit)
+    if answer == COLLIDING:
+        scratch.hit[0] = 1
+        scratch.hit[1] = a
+        scratch.hit[2] = b
+    elif answer == UNDECIDED:
+        note_undecided(scratch.undecided, scratch.counters, 1, a, b)
+    return answer
+
+
+@kernel(lean=True)
 def bodies_meet(arm: ArmArrays, scratch: ArmScratch, pair: int, need: float, hit: float) -> int:
     """One pair of bodies: FREE if they keep `need`, COLLIDING if they are closer than `hit`.
 
     What is left UNDECIDED is noted in the scratch. Once `need` cannot be kept any more, only
     collisions are looked for.
     """
-    bodies, parts, bounds = arm.bodies, arm.parts, scratch.bounds
+    bodies, parts, sets, bounds = arm.bodies, arm.parts, arm.sets, scratch.bounds
     body_spheres, spheres = scratch.body_spheres, scratch.part_spheres
     a, b = arm.pairs[pair, PAIR_INNER], arm.pairs[pair, PAIR_OUTER]
     fixed = a >= arm.moving
     slot = arm.pairs[pair, PAIR_SLOT]
     first_b, last_b = bodies[b, BODY_FIRST_PART], bodies[b + 1, BODY_FIRST_PART]
     result = FREE
+    apart = apart_other = -1
     # Parts of the one against all of the other, then against its parts.
     for p in range(bodies[a, BODY_FIRST_PART], bodies[a + 1, BODY_FIRST_PART]):
         slot += last_b - first_b
@@ -212,8 +260,7 @@ def bodies_meet(arm: ArmArrays, scratch: ArmScratch, pair: int, need: float, hit
         reach = near + body_spheres[b, 3]
         if dx * dx + dy * dy + dz * dz > reach * reach:
             continue
-        s = parts[p, PART_FIRST_SET]
-        solid = parts[p, PART_SOLID] != 0
+        s = parts[p, PART_SET]
         for o in range(first_b, last_b):
             dx, dy, dz = x - spheres[o, 0], y - spheres[o, 1], z - spheres[o, 2]
             reach = near + spheres[o, 3]
@@ -228,19 +275,24 @@ def bodies_meet(arm: ArmArrays, scratch: ArmScratch, pair: int, need: float, hit
                 reach = near + spheres[o, 3]
                 if square > reach * reach:
                     continue
-            if not solid or parts[o, PART_SOLID] == 0:
-                answer = _surfaces_meet(arm, scratch, p, o, need, hit)
-            else:
-                if fixed:
-                    # The box around a fixed set is known for good, and tighter than its ball.
-                    dx = max(bounds[s, 0] - spheres[o, 0], 0.0, spheres[o, 0] - bounds[s, 3])
-                    dy = max(bounds[s, 1] - spheres[o, 1], 0.0, spheres[o, 1] - bounds[s, 4])
-                    dz = max(bounds[s, 2] - spheres[o, 2], 0.0, spheres[o, 2] - bounds[s, 5])
-                    reach = spheres[o, 3] + need + TOLERANCE
-                    if dx * dx + dy * dy + dz * dz > reach * reach:
-                        continue
-                t = parts[o, PART_FIRST_SET]
-                answer = _solids_meet(arm, scratch, s, t, slot - last_b + o, need, hit)
+            if fixed:
+                # The box around a fixed set is known for good, and tighter than its ball.
+                dx = max(bounds[s, 0] - spheres[o, 0], 0.0, spheres[o, 0] - bounds[s, 3])
+                dy = max(bounds[s, 1] - spheres[o, 1], 0.0, spheres[o, 1] - bounds[s, 4])
+                dz = max(bounds[s, 2] - spheres[o, 2], 0.0, spheres[o, 2] - bounds[s, 5])
+                reach = spheres[o, 3] + need + TOLERANCE
+                if dx * dx + dy * dy + dz * dz > reach * reach:
+                    continue
+            t = parts[o, PART_SET]
+            answer = _solids_meet(arm, scratch, s, t, slot - last_b + o, need, hit)
+            if answer == COVERS_MEET:
+                # The meshes as wholes, once for all of their parts; of a set without, only it.
+                mesh, other = sets[s, SET_MESH], sets[t, SET_MESH]
+                if mesh == apart and other == apart_other and mesh >= 0 and other >= 0:
+                    continue
+                answer = _meshes_meet(arm, scratch, s, t, need, hit)
+                if answer == FREE:
+                    apart, apart_other = mesh, other
             if answer == COLLIDING:
                 return COLLIDING
             if answer == UNDECIDED:
@@ -270,76 +322,11 @@ def pair_meets(
         return FREE
     # Tables know of whole ranges of joints.
     table, joint = row[PAIR_TABLE], row[PAIR_OUTWARD]
+    second = min(joint + 1, q.shape[0] - 1)
     if (
         table >= 0
         and margin <= arm.tables.clear
-        and apart_within(arm.tables, table, q[joint], q[joint + 1], delta[joint], delta[joint + 1])
+        and apart_within(arm.tables, table, q[joint], q[second], delta[joint], delta[second])
     ):
         return FREE
     return bodies_meet(arm, scratch, pair, need, margin)
-
-
-@kernel(inline=True)
-def _sets_under(arm: ArmArrays, part: int, node: int) -> tuple[int, int]:
-    """The range of sets that a sphere of a part stands for; -1 above the leaves of a surface.
-
-    Of a solid part only the set counts, so its root stands for all of its tree.
-    """
-    if arm.parts[part, PART_SOLID] != 0:
-        first = arm.parts[part, PART_FIRST_SET]
-        return first, first + 1
-    return arm.nodes[node, NODE_FIRST], arm.nodes[node, NODE_LAST]
-
-
-@kernel(lean=True)
-def _surfaces_meet(
-    arm: ArmArrays, scratch: ArmScratch, p: int, o: int, need: float, hit: float
-) -> int:
-    """Two parts of which one at least is a surface: leaves of p against leaves of o.
-
-    A walk over both trees in preorder: where a sphere of the one keeps `need` from the other, all
-    below it does and is skipped.
-    """
-    parts, nodes, local, frames = arm.parts, arm.nodes, arm.node_spheres, scratch.frames
-    joint_p = arm.sets[parts[p, PART_FIRST_SET], SET_JOINT]
-    joint_o = arm.sets[parts[o, PART_FIRST_SET], SET_JOINT]
-    whole = scratch.part_spheres
-    result = FREE
-    end_a = parts[p + 1, PART_FIRST_NODE]
-    end_b = parts[o + 1, PART_FIRST_NODE]
-    a = parts[p, PART_FIRST_NODE]
-    while a < end_a:
-        x, y, z = to_world(frames, joint_p, local[a, 0], local[a, 1], local[a, 2])
-        near = local[a, 3] + need + TOLERANCE
-        dx, dy, dz = x - whole[o, 0], y - whole[o, 1], z - whole[o, 2]
-        reach = near + whole[o, 3]
-        if dx * dx + dy * dy + dz * dz > reach * reach:
-            a = nodes[a, NODE_SKIP]
-            continue
-        first_a, last_a = _sets_under(arm, p, a)
-        if first_a < 0:
-            a += 1
-            continue
-        b = parts[o, PART_FIRST_NODE]
-        while b < end_b:
-            u, v, w = to_world(frames, joint_o, local[b, 0], local[b, 1], local[b, 2])
-            dx, dy, dz = x - u, y - v, z - w
-            reach = near + local[b, 3]
-            if dx * dx + dy * dy + dz * dz > reach * reach:
-                b = nodes[b, NODE_SKIP]
-                continue
-            first_b, last_b = _sets_under(arm, o, b)
-            if first_b < 0:
-                b += 1
-                continue
-            for s in range(first_a, last_a):
-                for t in range(first_b, last_b):
-                    scratch.work[5, :3] = 0.0
-                    answer = _sets_meet(arm, scratch, s, t, need, hit)
-                    if answer == COLLIDING:
-                        return COLLIDING
-                    if answer == UNDECIDED:
-                        result = UNDECIDED
-            b = nodes[b, NODE_SKIP]
-        a = nodes[a, NODE_SKIP]
-    return result

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import copy
 import functools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import coal
@@ -18,10 +18,9 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.body.convex_part import ConvexPart
 from placement_planner_ros.core.collision.arrays import (
     PART_FIRST_NODE,
-    PART_FIRST_SET,
+    PART_SET,
     SET_JOINT,
     ArmArrays,
     CollisionBody,
@@ -34,12 +33,17 @@ from placement_planner_ros.core.collision.arrays import (
 from placement_planner_ros.core.collision.boxes import box_arrays
 from placement_planner_ros.core.collision.edges import OVERFLOW, check_edge
 from placement_planner_ros.core.collision.hand import WristTurns, hand_collides
+from placement_planner_ros.core.collision.link_shapes import link_shapes
 from placement_planner_ros.core.collision.load import Held, Standing
+from placement_planner_ros.core.collision.object_solids import (
+    object_in_hand,
+    object_overlaps,
+    object_solids,
+)
 from placement_planner_ros.core.collision.placed_object import PlacedObject
 from placement_planner_ros.core.collision.separation import COLLIDING, FREE
-from placement_planner_ros.core.collision.shapes import ConvexSet, Shape, shape_of
 from placement_planner_ros.core.collision.states import NOT_FINITE, check_states
-from placement_planner_ros.core.errors import GraspError, JointStateError
+from placement_planner_ros.core.errors import JointStateError
 from placement_planner_ros.core.reach.kinematics import Chain, kernel_input
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
@@ -377,7 +381,7 @@ class ArmCollision:
         """Which set meets which box, where the ball inside a sphere is known to meet one."""
         arrays, corners = self._flat.arrays, self._boxes.corners
         part = int(np.searchsorted(arrays.parts[:, PART_FIRST_NODE], node, "right")) - 1
-        s = int(arrays.parts[part, PART_FIRST_SET])
+        s = int(arrays.parts[part, PART_SET])
         frame = self._scratch.frames[arrays.sets[s, SET_JOINT]]
         center = frame[:3, :3] @ arrays.node_spheres[node, :3] + frame[:3, 3]
         away = np.maximum(np.maximum(corners[:, :3] - center, center - corners[:, 3:]), 0.0)
@@ -396,22 +400,6 @@ def _not_finite(*configurations: Array) -> JointStateError:
         [np.asarray(q).ravel().tolist() for q in configurations],
         "every joint value must be finite",
     )
-
-
-def part_set(part: ConvexPart) -> ConvexSet:
-    """A part of the object; planes that stand for several facets are moved out to hold it."""
-    offsets = (part.vertices @ part.normals.T).max(axis=0)
-    return ConvexSet(part.vertices, part.normals, offsets)
-
-
-def coal_convex(vertices: Array, triangles: npt.NDArray[np.int_]) -> coal.Convex:
-    """A coal polytope from vertices (m, 3) and outward triangles (t, 3)."""
-    points, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
-    for vertex in vertices:
-        points.append(vertex)
-    for triangle in triangles:
-        faces.append(coal.Triangle(*(int(i) for i in triangle)))
-    return coal.Convex(points, faces)
 
 
 def arm_joint(model: pin.Model, joint_ids: list[int], joint: int) -> int:
@@ -453,21 +441,12 @@ def _flat_arm(
             tip_joint = arm_joint(model, joint_ids, model.frames[tip].parentJoint)
             parts = _object_parts(body, data.oMf[tip] * arm.grasps[grasp])
             thing = CollisionBody(HELD_OBJECT, tip_joint, parts)
-            _check_grasp(arm, grasp, thing, others)
+            still = [link for link in others if link.joint == tip_joint]
+            _check_grasp(robot, data, arm, grasp, body, still)
         pairs += [(link.name, thing.name) for link in others]
         bodies.append(thing)
     held = HELD_OBJECT if body is not None and grasp is not None else None
     return flatten(Chain.from_robot(robot, arm, q), bodies, held, pairs, excess, clear)
-
-
-@functools.lru_cache(maxsize=8)
-def _link_shapes(robot: Robot) -> tuple[Shape, ...]:
-    """The shape of each of the robot's geometries."""
-    shapes = []
-    for link, thing in zip(robot.geometry_links, robot.geometry.geometryObjects, strict=True):
-        step(f"reading the shape of link {link}")
-        shapes.append(shape_of(thing.geometry, f"link {link}"))
-    return tuple(shapes)
 
 
 def _links(robot: Robot, data: pin.Data, joint_ids: list[int]) -> list[CollisionBody]:
@@ -476,7 +455,7 @@ def _links(robot: Robot, data: pin.Data, joint_ids: list[int]) -> list[Collision
     rigid: dict[str, bool] = {}
     mount = robot.model.parents[joint_ids[0]]
     for link, thing, shape in zip(
-        robot.geometry_links, robot.geometry.geometryObjects, _link_shapes(robot), strict=True
+        robot.geometry_links, robot.geometry.geometryObjects, link_shapes(robot), strict=True
     ):
         joints[link] = arm_joint(robot.model, joint_ids, thing.parentJoint)
         rigid[link] = thing.parentJoint in (mount, *joint_ids)
@@ -495,51 +474,31 @@ def _pairs(robot: Robot, links: list[str]) -> list[tuple[str, str]]:
 
 
 def _object_parts(body: Body, T_world_object: pin.SE3) -> tuple[Part, ...]:
-    return tuple(Part(*solid, T_world_object) for solid in object_solids(body))
+    return tuple(Part(solid.shape, solid.geometry, T_world_object) for solid in object_solids(body))
 
 
-@functools.lru_cache(maxsize=4)
-def object_solids(body: Body) -> tuple[tuple[Shape, coal.Convex], ...]:
-    """The convex parts of the object, each for the kernels and for coal."""
-    return tuple(
-        (Shape((part_set(part),), solid=True), coal_convex(part.vertices, part.triangles))
-        for part in body.parts
-    )
-
-
-def _check_grasp(arm: Arm, grasp: int, thing: CollisionBody, links: list[CollisionBody]) -> None:
-    for link in links:
-        step(f"comparing {arm.name}.grasps[{grasp}] with link {link.name}")
-        if link.joint == thing.joint and any(
-            coal.collide(
-                a.geometry,
-                _coal(a.T_world_part),
-                b.geometry,
-                _coal(b.T_world_part),
-                coal.CollisionRequest(),
-                coal.CollisionResult(),
-            )
-            for a, b in _products(thing, link)
-        ):
-            raise object_in_hand(arm, grasp, link.name)
-
-
-def object_in_hand(arm: Arm, grasp: int, link: str) -> GraspError:
-    """The object overlaps a link that it does not move against."""
-    return GraspError(
-        f"{arm.name}.grasps[{grasp}]",
-        arm.grasps[grasp].homogeneous.round(4).tolist(),
-        f"the object lies in {link}; move the grasp, or list the link in touch_links",
-    )
-
-
-def _products(a: CollisionBody, b: CollisionBody) -> Iterator[tuple[Part, Part]]:
-    return ((p, q) for p in a.parts for q in b.parts)
+def _check_grasp(
+    robot: Robot, data: pin.Data, arm: Arm, grasp: int, body: Body, links: list[CollisionBody]
+) -> None:
+    """Raise if the object, held, overlaps links that it does not move against."""
+    T_object = data.oMf[robot.frame_id(arm.tip_frame)] * arm.grasps[grasp]
+    depths: dict[str, float] = {}
+    still = {link.name for link in links}
+    overlaps, first = object_overlaps(robot, body), len(robot.geometry_links)
+    for i, (link, thing) in enumerate(
+        zip(robot.geometry_links, robot.geometry.geometryObjects, strict=True)
+    ):
+        if link not in still:
+            continue
+        step(f"comparing {arm.name}.grasps[{grasp}] with link {link}")
+        T_link = data.oMi[thing.parentJoint] * thing.placement
+        for j in range(first, len(overlaps.shapes)):
+            depth = overlaps.depth(i, j, T_link, T_object)
+            if depth > 0.0:
+                depths[link] = max(depth, depths.get(link, 0.0))
+    if depths:
+        raise object_in_hand(arm, grasp, depths)
 
 
 def _se3(frame: Array) -> pin.SE3:
     return pin.SE3(frame[:3, :3], frame[:3, 3])
-
-
-def _coal(T: pin.SE3) -> coal.Transform3s:
-    return coal.Transform3s(T.rotation, T.translation)

@@ -8,7 +8,7 @@ frame, turned so that the joint's axis is z.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -17,15 +17,16 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from placement_planner_ros.core.collision.meshes import MeshArrays, MeshTree, shared_arrays
 from placement_planner_ros.core.collision.pair_tables import (
+    CELL,
     PairTables,
-    TableLink,
     TablePair,
-    can_be_tabled,
+    TableShape,
     pair_tables,
 )
 from placement_planner_ros.core.collision.shapes import Shape
-from placement_planner_ros.core.collision.spheres import SphereTree, bounding_sphere, sphere_tree
+from placement_planner_ros.core.collision.spheres import SphereTree, bounding_sphere, sphere_trees
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
@@ -34,15 +35,18 @@ Indices = npt.NDArray[np.int64]
 
 
 BODY_JOINT, BODY_FIRST_PART = 0, 1
-PART_FIRST_NODE, PART_FIRST_SET, PART_SOLID = 0, 1, 2
-NODE_SKIP, NODE_FIRST, NODE_LAST = 0, 1, 2
-SET_FIRST_VERTEX, SET_FIRST_PLANE, SET_JOINT, SET_EXACT = 0, 1, 2, 3
+PART_FIRST_NODE, PART_SET = 0, 1
+NODE_SKIP, NODE_SET = 0, 1
+SET_FIRST_VERTEX, SET_FIRST_PLANE, SET_JOINT, SET_EXACT, SET_MESH = 0, 1, 2, 3, 4
+MESH_TREE, MESH_JOINT = 0, 1
 PAIR_INNER, PAIR_OUTER, PAIR_SLOT, PAIR_OUTWARD, PAIR_TABLE = 0, 1, 2, 3, 4
 """Columns of the tables of `ArmArrays`."""
 
 
 class ArmArrays(NamedTuple):
-    """What the kernels read: n joints, b bodies, p parts, k spheres, s sets, c pairs.
+    """What the kernels read: n joints, b bodies, p parts, k spheres, s sets, g meshes, c pairs.
+
+    A part is one convex set: a solid link, or one of the sets that cover a mesh.
 
     A range belonging to row i of a table runs from its `FIRST` column to that of row i + 1. Spheres
     are centre and radius. Joint n + 1 stands for the world.
@@ -60,22 +64,32 @@ class ArmArrays(NamedTuple):
     body_spheres: Array
     """(b, 4) bounding spheres in the joint's frame."""
     parts: Indices
-    """(p + 1, 3) first node, first set, whether one solid set (1) or a surface of many (0)."""
+    """(p + 1, 2) first node, set."""
     part_spheres: Array
     """(p, 4)."""
     nodes: Indices
-    """(k, 3) next node not below, range of sets of a leaf (-1 above leaves)."""
+    """(k, 2) next node not below, set of a leaf (-1 above leaves)."""
     node_spheres: Array
     """(k, 4)."""
     node_inner: Array
     """(k,) radius of a ball around the sphere's centre that the part holds, -inf without one."""
     sets: Indices
-    """(s + 1, 4) first vertex, first plane, joint, whether exact."""
+    """(s + 1, 5) first vertex, first plane, joint, whether it is exact (1), contains its shape and
+    is contained by it when scaled (0), or only contains it (-1), mesh that it covers, or -1."""
     radius: Array
     """(s,) that each set is dilated by."""
+    excess: Array
+    """(s,) no point of a set is further than this from its mesh, or what that encloses."""
     vertices: Array
     planes: Array
     """(f, 4) normal and offset."""
+    inner: Array
+    """(s, 4) of sets that are not exact: what they are scaled about, and by."""
+    meshes: Indices
+    """(g, 2) tree in `trees`, joint."""
+    mesh_frames: Array
+    """(g, 4, 4) T_joint_mesh."""
+    trees: MeshArrays
     pairs: Indices
     """(c, 5) inner body, outer body, first remembered direction, first joint between them, and
     table, -1 without one."""
@@ -107,6 +121,13 @@ class ArmScratch(NamedTuple):
     """(k,) leaf spheres that the field leaves open; `leaf_bound` (k,): their distance at least."""
     leaf_bound: Array
     work: Array
+    inner: Array
+    """(2 v, 3) scaled copies of two sets."""
+    mesh_points: Array
+    """(v, 3) of what is held against a mesh, in its frame; `mesh_frame` (4, 4), and `stack` (., 2),
+    pairs of nodes that wait."""
+    mesh_frame: Array
+    stack: Indices
     direction: Array
     """(., 6) direction that last kept a pair of parts apart, in the frames of both."""
     undecided: Indices
@@ -191,7 +212,6 @@ def flatten(
         bodies, key=lambda b: (b.joint < 0, b.name != held, -b.joint, -_extent(b), b.name)
     )
     number = {body.name: i for i, body in enumerate(ordered)}
-    trees: list[SphereTree] = []
     flat = _Rows()
     for i, body in enumerate(ordered):
         T_joint_world = (
@@ -199,9 +219,8 @@ def flatten(
         )
         for j, part in enumerate(body.parts):
             step(f"covering {body.name} with spheres")
-            tree = sphere_tree(part.shape, excess if body.joint >= 0 else 10 * excess)
-            trees.append(tree)
-            flat.add(tree, part.shape.solid, T_joint_world * part.T_world_part, i, j)
+            spheres = sphere_trees(part.shape, excess if body.joint >= 0 else 10 * excess)
+            flat.add(part.shape, spheres, T_joint_world * part.T_world_part, i, j)
         flat.end_body()
     between = []
     for a, b in pairs:
@@ -269,19 +288,23 @@ def _tables(
         inner, outer = bodies[a], bodies[b]
         joints = slice(inner.joint + 1, outer.joint + 1)
         lower, upper = chain.lower[joints], chain.upper[joints]
+        fixed = chain.fixed[joints]
+        if len(lower) == 1:
+            # A second joint at the same place, which stays where it is.
+            lower, upper = np.append(lower, -0.5 * CELL), np.append(upper, -0.5 * CELL)
+            fixed = np.concatenate([fixed, np.eye(4)[None]])
         if (
             len(lower) == 2
             and inner.rigid
             and outer.rigid
             and not chain.prismatic[joints].any()
-            and all(part.shape.solid for part in inner.parts + outer.parts)
-            and can_be_tabled(lower, upper)
+            and np.isfinite([*lower, *upper]).all()
         ):
             tabled.append(
                 TablePair(
-                    _table_link(inner, joint_frames),
-                    _table_link(outer, joint_frames),
-                    chain.fixed[joints].tobytes(),
+                    _table_shapes(inner, joint_frames),
+                    _table_shapes(outer, joint_frames),
+                    fixed.tobytes(),
                     tuple(lower.tolist()),
                     tuple(upper.tolist()),
                 )
@@ -292,15 +315,9 @@ def _tables(
     return rows, pair_tables(tuple(tabled), clear)
 
 
-def _table_link(body: CollisionBody, joint_frames: list[pin.SE3]) -> TableLink:
-    parts = []
-    for part in body.parts:
-        T = part.T_world_part
-        if body.joint >= 0:
-            T = joint_frames[body.joint].inverse() * T
-        only = part.shape.sets[0]
-        parts.append((only.vertices @ T.rotation.T + T.translation, only.radius))
-    return TableLink.of(parts)
+def _table_shapes(body: CollisionBody, joint_frames: list[pin.SE3]) -> tuple[TableShape, ...]:
+    zero = joint_frames[body.joint].inverse() if body.joint >= 0 else pin.SE3.Identity()
+    return tuple(TableShape.of(part.shape, zero * part.T_world_part) for part in body.parts)
 
 
 def with_own_object(flat: FlatArm, name: str, T_world_object: pin.SE3) -> FlatArm:
@@ -315,6 +332,7 @@ def with_own_object(flat: FlatArm, name: str, T_world_object: pin.SE3) -> FlatAr
         node_spheres=arrays.node_spheres.copy(),
         part_spheres=arrays.part_spheres.copy(),
         body_spheres=arrays.body_spheres.copy(),
+        mesh_frames=arrays.mesh_frames.copy(),
     )
     bodies = tuple(
         replace(body, parts=tuple(replace(p, T_world_part=T_world_object) for p in body.parts))
@@ -351,6 +369,10 @@ def scratch_for(flat: FlatArm, boxes: int) -> ArmScratch:
         leaves=np.zeros(len(a.nodes), dtype=np.int64),
         leaf_bound=np.zeros(len(a.nodes)),
         work=np.zeros((6, 4)),
+        inner=np.zeros((2 * int(np.diff(a.sets[:, SET_FIRST_VERTEX]).max(initial=0)), 3)),
+        mesh_points=np.zeros((8 + int(np.diff(a.sets[:, SET_FIRST_VERTEX]).max(initial=0)), 3)),
+        mesh_frame=np.zeros((4, 4)),
+        stack=np.zeros((256, 2), dtype=np.int64),
         direction=np.zeros((flat.directions, 6)),
         undecided=np.zeros((256, 3), dtype=np.int64),
         hit=np.zeros(3, dtype=np.int64),
@@ -365,13 +387,17 @@ class _Rows:
 
     def __init__(self) -> None:
         self.first_part = [0]
-        self.parts: list[tuple[int, int, int]] = []
+        self.parts: list[tuple[int, int]] = []
         self.part_spheres: list[Array] = []
         self.body_spheres: list[tuple[float, float, float, float]] = []
         self.nodes: list[Indices] = []
         self.node_spheres: list[Array] = []
         self.node_inner: list[Array] = []
-        self.sets: list[tuple[int, int, int, int]] = []
+        self.sets: list[tuple[int, int, int, int, int]] = []
+        self.excess: list[float] = []
+        self.inner: list[tuple[float, float, float, float]] = []
+        self.meshes: list[tuple[MeshTree, int]] = []
+        self.mesh_frames: list[Array] = []
         self.set_body: list[int] = []
         self.set_part: list[int] = []
         self.radius: list[float] = []
@@ -380,26 +406,35 @@ class _Rows:
         self.ends = np.zeros(4, dtype=np.int64)
         """Nodes, sets, vertices, planes so far."""
 
-    def add(self, tree: SphereTree, solid: bool, T: pin.SE3, body: int, part: int) -> None:
-        nodes, sets, _, _ = self.ends.tolist()
-        spheres = np.column_stack([tree.centers @ T.rotation.T + T.translation, tree.radii])
-        below = np.column_stack([tree.first, tree.last])
-        below[tree.first >= 0] += sets
-        self.parts.append((nodes, sets, int(solid)))
-        self.part_spheres.append(spheres[0])
-        self.nodes.append(np.column_stack([tree.skip + nodes, below]))
-        self.node_spheres.append(spheres)
-        self.node_inner.append(tree.inner)
-        for convex in tree.sets:
-            self.sets.append((int(self.ends[2]), int(self.ends[3]), body, int(convex.exact)))
+    def add(
+        self, shape: Shape, trees: Sequence[SphereTree], T: pin.SE3, body: int, part: int
+    ) -> None:
+        """Add a shape with the spheres around each of its sets, at T in the body's joint."""
+        mesh = -1
+        if shape.mesh is not None:
+            mesh = len(self.meshes)
+            self.meshes.append((shape.mesh, body))
+            self.mesh_frames.append(T.homogeneous)
+        for convex, tree in zip(shape.sets, trees, strict=True):
+            nodes, sets, _, _ = self.ends.tolist()
+            spheres = np.column_stack([tree.centers @ T.rotation.T + T.translation, tree.radii])
+            self.parts.append((nodes, sets))
+            self.part_spheres.append(spheres[0])
+            self.nodes.append(np.column_stack([tree.skip + nodes, np.where(tree.leaf, sets, -1)]))
+            self.node_spheres.append(spheres)
+            self.node_inner.append(tree.inner)
+            exact = int(convex.inner_scale == 1.0) - int(convex.inner_scale == 0.0)
+            self.sets.append((int(self.ends[2]), int(self.ends[3]), body, exact, mesh))
+            center = T.act(np.array(convex.inner_center))
+            self.inner.append((*center.tolist(), convex.inner_scale))
             normals = convex.normals @ T.rotation.T
             self.vertices.append(convex.vertices @ T.rotation.T + T.translation)
             self.planes.append(np.column_stack([normals, convex.offsets + normals @ T.translation]))
             self.radius.append(convex.radius)
+            self.excess.append(shape.excess)
             self.set_body.append(body)
             self.set_part.append(part)
-            self.ends += (0, 1, len(convex.vertices), len(convex.offsets))
-        self.ends[0] += len(spheres)
+            self.ends += (len(spheres), 1, len(convex.vertices), len(convex.offsets))
 
     def end_body(self) -> None:
         first = self.parts[self.first_part[-1]][1]
@@ -412,17 +447,32 @@ class _Rows:
     def arrays(self, joints: list[int]) -> dict[str, Any]:
         """The tables, given the joint of each body."""
         nodes, sets, vertices, planes = self.ends.tolist()
-        rows = [(*ends, joints[body], exact) for *ends, body, exact in self.sets]
+        rows = [(*ends, joints[body], exact, mesh) for *ends, body, exact, mesh in self.sets]
+        # In the same order for each arm of a robot, so that they share the arrays.
+        trees = list(dict.fromkeys(tree for tree, _ in sorted(self.meshes, key=_content)))
+        number = {tree: i for i, tree in enumerate(trees)}
+        meshes = [(number[tree], joints[body]) for tree, body in self.meshes]
         return {
             "bodies": np.column_stack([[*joints, 0], self.first_part]).astype(np.int64),
             "body_spheres": np.array(self.body_spheres),
-            "parts": np.array([*self.parts, (nodes, sets, 0)], dtype=np.int64),
+            "parts": np.array([*self.parts, (nodes, sets)], dtype=np.int64),
             "part_spheres": np.array(self.part_spheres),
             "nodes": np.vstack(self.nodes),
             "node_spheres": np.vstack(self.node_spheres),
             "node_inner": np.concatenate(self.node_inner),
-            "sets": np.array([*rows, (vertices, planes, 0, 0)], dtype=np.int64),
+            "sets": np.array([*rows, (vertices, planes, 0, 0, -1)], dtype=np.int64),
             "radius": np.array(self.radius),
+            "excess": np.array(self.excess),
+            "inner": np.array(self.inner),
+            "meshes": np.array(meshes, dtype=np.int64).reshape(-1, 2),
+            "mesh_frames": np.array(self.mesh_frames).reshape(-1, 4, 4),
+            "trees": shared_arrays(tuple(trees)),
             "vertices": np.vstack(self.vertices),
             "planes": np.vstack(self.planes),
         }
+
+
+def _content(mesh: tuple[MeshTree, int]) -> tuple[int, float]:
+    """What orders the meshes of a robot."""
+    tree, _ = mesh
+    return len(tree.corners), float(tree.corners.sum())

@@ -9,13 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.collision.arm import CollisionSettings, coal_convex, part_set
+from placement_planner_ros.core.collision.arm import CollisionSettings
 from placement_planner_ros.core.collision.boxes import box_arrays
 from placement_planner_ros.core.collision.object_kernels import (
-    ObjectArrays,
     ObjectScratch,
     check_poses,
 )
+from placement_planner_ros.core.collision.object_solids import object_arrays, object_solids
 from placement_planner_ros.core.collision.separation import FREE
 from placement_planner_ros.core.reach.kinematics import kernel_input
 from placement_planner_ros.core.scene.grid import ObstacleSet
@@ -29,9 +29,9 @@ class ObjectCollision:
     """The object against the obstacle set, its support excepted.
 
     What must keep `collision_margin` and `approach_stray` from every box is the object swept
-    straight down, from raised to rest. Each convex part sweeps the hull of its two copies, which
-    is exact. Boxes whose top lies within `contact_tolerance` of the contact plane are support,
-    wherever they are.
+    straight down, from raised to rest: convex pieces as the hull of both copies, all others as the
+    triangles they have. Boxes whose top lies within `contact_tolerance` of the contact plane are
+    support, wherever they are.
 
     Not to be shared between threads.
 
@@ -45,10 +45,10 @@ class ObjectCollision:
         self, body: Body, obstacles: ObstacleSet, settings: CollisionSettings | None = None
     ) -> None:
         self.settings = settings or CollisionSettings()
-        self._parts = body.parts
+        self._solids = object_solids(body)
         self._boxes = box_arrays(obstacles)
-        self._arrays = ObjectArrays.of([part_set(part) for part in body.parts])
-        self._scratch = ObjectScratch.of(self._arrays)
+        self._arrays = object_arrays(body)
+        self._scratch = ObjectScratch.of(self._arrays, self._boxes.number)
         self._one_pose = np.zeros((1, 4, 4))
         self._one = np.zeros((2, 1))
         self._answer = np.zeros(1, dtype=np.int64)
@@ -96,8 +96,8 @@ class ObjectCollision:
         request = coal.CollisionRequest()
         request.security_margin = margin
         hit: set[int] = set()
-        for part in self._parts:
-            at_rest = part.vertices @ T_world_object[:3, :3].T + T_world_object[:3, 3]
+        for solid in self._solids:
+            at_rest = solid.corners @ T_world_object[:3, :3].T + T_world_object[:3, 3]
             low, high = at_rest.min(axis=0) - margin, at_rest.max(axis=0) + margin
             high[2] += raise_height
             first, last = self._slab(low[0], high[0])
@@ -106,14 +106,13 @@ class ObjectCollision:
             near &= (corners[:, :3] <= high).all(axis=1)
             near &= (corners[:, 3:] >= low).all(axis=1)
             rows = np.flatnonzero(near)
-            solid = coal_convex(part.vertices, part.triangles)
             for raised in (0.0, raise_height):
                 position = T_world_object[:3, 3] + np.array([0.0, 0.0, raised])
                 T = coal.Transform3s(T_world_object[:3, :3], position)
                 for k in rows[:: max(1, len(rows) // _LOOKED_AT)].tolist():
                     at = coal.Transform3s(np.eye(3), (corners[k, :3] + corners[k, 3:]) / 2)
                     box = coal.Box(corners[k, 3:] - corners[k, :3])
-                    if coal.collide(solid, T, box, at, request, coal.CollisionResult()):
+                    if coal.collide(solid.geometry, T, box, at, request, coal.CollisionResult()):
                         hit.add(first + k)
         return np.array(sorted(hit), dtype=np.int64)
 

@@ -2,7 +2,9 @@
 
 The sweep of a convex part is the hull of two copies. It is separated from a box by a face plane
 of the part (of the upper copy where the normal points up, of the lower where it points down),
-by an axis of the box, or by the distance kernel on the vertices of both copies.
+by an axis of the box, or by the distance kernel on the vertices of both copies. Parts that cover a
+mesh only say what is free; for the rest, what a mesh sweeps upward meets a box where the mesh
+itself meets what the box sweeps downward, which is a box again.
 """
 
 from __future__ import annotations
@@ -22,15 +24,17 @@ from placement_planner_ros.core.collision.against_boxes import (
     layer_range,
     polytope_meets_box,
 )
+from placement_planner_ros.core.collision.against_mesh import mesh_meets_hull
+from placement_planner_ros.core.collision.meshes import MeshArrays, mesh_arrays
 from placement_planner_ros.core.collision.separation import FREE, TOLERANCE
-from placement_planner_ros.core.collision.shapes import ConvexSet
+from placement_planner_ros.core.collision.shapes import ConvexSet, Shape
 from placement_planner_ros.core.collision.spheres import bounding_sphere
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
 
 
 class ObjectArrays(NamedTuple):
-    """p convex parts in the object's frame."""
+    """p convex parts in the object's frame, the last of which cover the mesh."""
 
     part_vertices: npt.NDArray[np.int64]
     """(p + 1,) first vertex of each part."""
@@ -41,10 +45,17 @@ class ObjectArrays(NamedTuple):
     vertices: Array
     planes: Array
     """(f, 4) normal and offset."""
+    solids: int
+    """How many of the parts, the first, are what they are."""
+    mesh: MeshArrays
+    """The mesh that the others cover, or none."""
 
     @classmethod
-    def of(cls, parts: Sequence[ConvexSet]) -> ObjectArrays:
-        """Lay out convex parts."""
+    def of(cls, parts: Sequence[ConvexSet], covered: Shape | None = None) -> ObjectArrays:
+        """Lay out convex parts, and a mesh with its cover."""
+        solids, trees = len(parts), []
+        if covered is not None and covered.mesh is not None:
+            parts, trees = [*parts, *covered.sets], [covered.mesh]
         corners = [np.ascontiguousarray(part.vertices, dtype=np.float64) for part in parts]
         every = np.ascontiguousarray(np.vstack(corners))
         balls = [bounding_sphere(c) for c in (*corners, every)]
@@ -54,6 +65,8 @@ class ObjectArrays(NamedTuple):
             spheres=np.array([[*center, radius + 1e-9] for center, radius in balls]),
             vertices=every,
             planes=np.vstack([np.column_stack([p.normals, p.offsets]) for p in parts]),
+            solids=solids,
+            mesh=mesh_arrays(trees),
         )
 
 
@@ -67,15 +80,21 @@ class ObjectScratch(NamedTuple):
     bounds: Array
     """(p, 6) box around each swept part, lower then upper corner."""
     work: Array
+    box: Array
+    """(8, 3) corners of a swept box in the object's frame."""
+    seen: npt.NDArray[np.int64]
+    """(m,) pose at which an obstacle was last found free of the mesh, and the number of poses."""
 
     @classmethod
-    def of(cls, arrays: ObjectArrays) -> ObjectScratch:
-        """Work space for one object."""
+    def of(cls, arrays: ObjectArrays, boxes: int) -> ObjectScratch:
+        """Work space for one object among so many boxes."""
         return cls(
             vertices=np.zeros((2 * len(arrays.vertices), 3)),
             planes=np.zeros((len(arrays.planes), 4)),
             bounds=np.zeros((len(arrays.part_planes) - 1, 6)),
             work=np.zeros((6, 4)),
+            box=np.zeros((8, 3)),
+            seen=np.zeros(boxes + 1, dtype=np.int64),
         )
 
 
@@ -112,12 +131,35 @@ def _place_part(
         planes[v, 3] = offset + max(planes[v, 2], 0.0) * raised
 
 
+@kernel(lean=True)
+def _mesh_meets_box(
+    thing: ObjectArrays,
+    scratch: ObjectScratch,
+    T: Array,
+    raised: float,
+    corners: Array,
+    b: int,
+    margin: float,
+) -> int:
+    """The swept mesh against box b of `corners` (m, 6)."""
+    box = scratch.box
+    for row in range(8):
+        dx = corners[b, 0 if row & 1 == 0 else 3] - T[0, 3]
+        dy = corners[b, 1 if row & 2 == 0 else 4] - T[1, 3]
+        dz = (corners[b, 2] - raised if row & 4 == 0 else corners[b, 5]) - T[2, 3]
+        for i in range(3):
+            box[row, i] = T[0, i] * dx + T[1, i] * dy + T[2, i] * dz
+    return mesh_meets_hull(thing.mesh, 0, box, 8, margin, margin, scratch.work)
+
+
 @kernel(inline=True)
 def _part_meets_boxes(
     thing: ObjectArrays,
     boxes: BoxArrays,
     scratch: ObjectScratch,
     part: int,
+    T: Array,
+    raised: float,
     contact: float,
     closed: bool,
     margin: float,
@@ -155,7 +197,12 @@ def _part_meets_boxes(
                     scratch.bounds, part, corners, b, margin
                 ):
                     continue
+                if part >= thing.solids and scratch.seen[b] == scratch.seen[-1]:
+                    continue
                 answer = polytope_meets_box(world, rows, closed, corners, b, margin, margin)
+                if answer != FREE and part >= thing.solids:
+                    answer = _mesh_meets_box(thing, scratch, T, raised, corners, b, margin)
+                    scratch.seen[b] = scratch.seen[-1]
                 if answer != FREE:
                     return answer
     return FREE
@@ -196,13 +243,14 @@ def check_pose(
     parts = thing.part_vertices.shape[0] - 1
     if boxes.number == 0 or _ball_clear(boxes, thing.spheres[parts], T, raised, margin):
         return FREE
+    scratch.seen[-1] += 1
     for part in range(parts):
         if _ball_clear(boxes, thing.spheres[part], T, raised, margin):
             continue
         _place_part(thing, scratch, part, T, raised)
         # The planes of a part enclose what it sweeps and more, but for a part that stays.
         answer = _part_meets_boxes(
-            thing, boxes, scratch, part, contact, raised == 0.0, margin, tolerance
+            thing, boxes, scratch, part, T, raised, contact, raised == 0.0, margin, tolerance
         )
         if answer != FREE:
             return answer

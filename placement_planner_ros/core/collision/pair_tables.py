@@ -1,7 +1,8 @@
-"""Pairs of links with two revolute joints between them: where in those joints they are apart.
+"""Pairs of links with one or two revolute joints between them: where in those they are apart.
 
-How such a pair lies depends on two angles alone, so their plane is divided into cells. Either the
+How such a pair lies depends on two angles at most, so their plane is divided into cells. Either the
 links are certainly as far apart as stated throughout a cell, or the cell is open and says nothing.
+One joint is taken for two of the same axis, of which the second does not turn.
 Tables depend on the robot alone, are made with the first checker for it and shared by all.
 
 Within a block of cells a point p that both joints carry moves, from the block's centre, by J δ up
@@ -9,42 +10,57 @@ to second order, so along the direction n that keeps the links apart at the cent
 
     n·p(q + δ) ≥ n·p(q) - |n·J_1 δ_1| - |n·J_2 δ_2| - (ρ_1 δ_1² + 2 ρ_2 |δ_1 δ_2| + ρ_2 δ_2²) / 2
 
-with ρ_k the largest distance of any such p from joint k.
+with ρ_k the largest distance of any such p from joint k. No direction keeps apart links that reach
+around each other: where their covers are not known to be apart, their meshes at the middle of a
+block are, by as much more as any point can move within it, δ_2 ρ_2 + δ_1 (ρ_1 + δ_2 ρ_2).
 """
 
 from __future__ import annotations
 
+import functools
+import hashlib
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+import pinocchio as pin
 
-from placement_planner_ros.core.collision.separation import TOLERANCE, separate
+from placement_planner_ros.core.collision.against_mesh import mesh_meets_hull, meshes_meet
+from placement_planner_ros.core.collision.meshes import MeshArrays, MeshTree, mesh_arrays
+from placement_planner_ros.core.collision.separation import FREE, TOLERANCE, separate
+from placement_planner_ros.core.collision.shapes import Shape
+from placement_planner_ros.core.kept_files import Arrays, kept_arrays, version_of
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
 
 Indices = npt.NDArray[np.int64]
 
-CELL = math.radians(2.0)
-_MAX_CELLS = 1 << 18
-"""Joints that turn further than this many cells are left without a table."""
+ROUND = 180
+"""Cells in a whole turn."""
+CELL = 2.0 * math.pi / ROUND
 _MAX_RANGE = 64
 """Cells that one question looks at, at most; wider motions are left to the other checks."""
+_FAR = 1e6
+"""Cells from the first one beyond which nothing is known."""
 _BLOCK = 16
 """Cells along the sides of the blocks that are looked at first; open ones are cut in four."""
+_MESH_BLOCK = 4
+"""Cells along the sides of the largest blocks in which meshes are compared."""
 
 
 class PairTables(NamedTuple):
     """Tables of t pairs for the kernels."""
 
     grid: Array
-    """(t, 2) lower limits of the two joints, rad."""
+    """(t, 2) angles at which the two joints' first cells begin, rad."""
     counts: Indices
-    """(t, 3) cells along the first joint, along the second, and the table's first in `cells`."""
+    """(t, 3) cells along the first joint, along the second, and the table's first in `cells`.
+
+    A joint that can turn all the way round has `ROUND`, and comes back to the first after the last.
+    """
     clear: float
     """Metres by which pairs are apart throughout a cell that says so."""
     apart: npt.NDArray[np.bool_]
@@ -65,18 +81,49 @@ class _Pair(NamedTuple):
     """(s,) that it is dilated by."""
     vertices: Array
     """(v, 3) inner links in their own frame, outer ones in that of the second joint."""
+    mesh: Indices
+    """(s,) which of the meshes a part covers, -1 for a solid."""
+    mesh_frames: Array
+    """(g, 4, 4) of the meshes, in the frame of their vertices."""
+    trees: MeshArrays
+
+
+class _Room(NamedTuple):
+    """Work space: vertices (v, 3) where they are, axes (4, 3), and what `against_mesh` asks for."""
+
+    points: Array
+    axes: Array
+    outer: Array
+    """(4, 4) of the second joint."""
+    work: Array
+    between: Array
+    """(4, 4) of one mesh in the frame of another."""
+    local: Array
+    stack: Indices
 
 
 @dataclass(frozen=True, slots=True)
-class TableLink:
-    """The solid parts of a link: vertices (m, 3) as bytes and the radius they are dilated by."""
+class TableShape:
+    """A shape of a link: its convex sets, and its mesh where they cover one.
+
+    Attributes:
+        parts: vertices (m, 3) as bytes and the radius they are dilated by.
+        mesh: its triangles.
+        frame: (4, 4) as bytes, of the mesh.
+    """
 
     parts: tuple[tuple[bytes, float], ...]
+    mesh: MeshTree | None
+    frame: bytes
 
     @classmethod
-    def of(cls, parts: list[tuple[Array, float]]) -> TableLink:
-        """From vertices (m, 3), metres, in the frame that `TablePair` says."""
-        return cls(tuple((np.ascontiguousarray(v).tobytes(), float(r)) for v, r in parts))
+    def of(cls, shape: Shape, T: pin.SE3) -> TableShape:
+        """Of a shape at T in the frame that `TablePair` says."""
+        parts = tuple(
+            ((s.vertices @ T.rotation.T + T.translation).tobytes(), float(s.radius))
+            for s in shape.sets
+        )
+        return cls(parts, shape.mesh, T.homogeneous.tobytes())
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,20 +137,19 @@ class TablePair:
         lower, upper: limits of the two joints, rad.
     """
 
-    inner: TableLink
-    outer: TableLink
+    inner: tuple[TableShape, ...]
+    outer: tuple[TableShape, ...]
     frames: bytes
     lower: tuple[float, ...]
     upper: tuple[float, ...]
 
 
-def can_be_tabled(lower: Array, upper: Array) -> bool:
-    """Whether two joints (2,) are limited enough for a table."""
-    counts = np.ceil((upper - lower) / CELL)
-    return bool(np.isfinite(counts).all() and np.prod(counts + 1) <= _MAX_CELLS)
+def _cells(lower: float, upper: float) -> int:
+    """How many a joint with these limits has."""
+    return min(math.floor((upper - lower) / CELL) + 1, ROUND)
 
 
-@lru_cache(maxsize=16)
+@functools.lru_cache(maxsize=16)
 def pair_tables(pairs: tuple[TablePair, ...], clear: float) -> PairTables:
     """Tables of these pairs; the same ones for the same pairs.
 
@@ -112,16 +158,13 @@ def pair_tables(pairs: tuple[TablePair, ...], clear: float) -> PairTables:
     """
     counts, tables, total = [], [np.zeros(0, dtype=np.bool_)], 0
     for number, pair in enumerate(pairs):
-        step(f"tabling pair {number + 1} of {len(pairs)} of links two joints apart")
-        first, second = (
-            math.floor((high - low) / CELL) + 1
-            for low, high in zip(pair.lower, pair.upper, strict=True)
-        )
+        step(f"tabling pair {number + 1} of {len(pairs)} of links up to two joints apart")
+        first, second = map(_cells, pair.lower, pair.upper)
         counts.append((first, second, total))
         total += first * second
-        table = np.zeros((first, second), dtype=np.bool_)
-        _fill(_geometry(pair), np.array(pair.lower), clear, table)
-        tables.append(table.ravel())
+        make = functools.partial(_table, pair, first, second, clear)
+        kept = kept_arrays("pair tables", _key(pair, clear), make)
+        tables.append(np.unpackbits(kept["apart"], count=first * second).astype(np.bool_))
     return PairTables(
         grid=np.array([pair.lower for pair in pairs]).reshape(-1, 2),
         counts=np.array(counts, dtype=np.int64).reshape(-1, 3),
@@ -130,15 +173,66 @@ def pair_tables(pairs: tuple[TablePair, ...], clear: float) -> PairTables:
     )
 
 
+def _table(pair: TablePair, first: int, second: int, clear: float) -> Arrays:
+    table = np.zeros((first, second), dtype=np.bool_)
+    geometry = _geometry(pair)
+    _fill(geometry, _room_for(geometry), np.array(pair.lower), clear, table)
+    return {"apart": np.packbits(table)}
+
+
+def _key(pair: TablePair, clear: float) -> bytes:
+    """All that a table depends on."""
+    digest = hashlib.sha256(f"{_version()} {clear} {pair.lower} {pair.upper}".encode())
+    digest.update(pair.frames)
+    for shapes in (pair.inner, pair.outer):
+        digest.update(b"link")
+        for shape in shapes:
+            digest.update(shape.frame)
+            for vertices, radius in shape.parts:
+                digest.update(f"{radius} {len(vertices)}".encode() + vertices)
+            if shape.mesh is not None:
+                digest.update(shape.mesh.digest)
+    return digest.digest()
+
+
+@functools.cache
+def _version() -> str:
+    names = ("pair_tables.py", "against_mesh.py", "meshes.py", "separation.py")
+    return version_of(__file__, names)
+
+
 def _geometry(pair: TablePair) -> _Pair:
-    parts = pair.inner.parts + pair.outer.parts
+    shapes = pair.inner + pair.outer
+    parts = [part for shape in shapes for part in shape.parts]
     vertices = [np.frombuffer(data).reshape(-1, 3) for data, _ in parts]
+    meshes = [shape for shape in shapes if shape.mesh is not None]
+    number = {id(shape): i for i, shape in enumerate(meshes)}
     return _Pair(
         frames=np.frombuffer(pair.frames).reshape(2, 4, 4).copy(),
-        inner=len(pair.inner.parts),
+        inner=sum(len(shape.parts) for shape in pair.inner),
         parts=np.cumsum([0] + [len(v) for v in vertices]),
         radius=np.array([radius for _, radius in parts]),
         vertices=np.vstack(vertices),
+        mesh=np.array(
+            [number.get(id(shape), -1) for shape in shapes for _ in shape.parts], dtype=np.int64
+        ),
+        mesh_frames=np.array(
+            [np.frombuffer(shape.frame).reshape(4, 4) for shape in meshes]
+        ).reshape(-1, 4, 4),
+        trees=mesh_arrays([shape.mesh for shape in meshes if shape.mesh is not None]),
+    )
+
+
+def _room_for(pair: _Pair) -> _Room:
+    most = int(np.diff(pair.parts).max(initial=0))
+    return _Room(
+        points=pair.vertices.copy(),
+        axes=np.zeros((4, 3)),
+        outer=np.eye(4),
+        work=np.zeros((6, 4)),
+        between=np.eye(4),
+        local=np.zeros((most + 12, 3)),
+        stack=np.zeros((256, 2), dtype=np.int64),
     )
 
 
@@ -155,24 +249,33 @@ def apart_within(
     v = (q2 - grid[table, 1]) / CELL
     du = delta1 / CELL
     dv = delta2 / CELL
-    if not (u >= du and v >= dv and u + du < counts[table, 0] and v + dv < counts[table, 1]):
+    if counts[table, 1] == 1:
+        # One cell for all of it.
+        v, dv = 0.5, 0.0
+    if not (du <= _MAX_RANGE and dv <= _MAX_RANGE and abs(u) < _FAR and abs(v) < _FAR):
         return False
-    i0, i1 = int(u - du), int(u + du)
-    j0, j1 = int(v - dv), int(v + dv)
+    rows, columns = counts[table, 0], counts[table, 1]
+    if not ((rows == ROUND or u >= du) and (columns == ROUND or v >= dv)):
+        return False
+    if not ((rows == ROUND or u + du < rows) and (columns == ROUND or v + dv < columns)):
+        return False
+    i0, i1 = int(np.floor(u - du)), int(np.floor(u + du))
+    j0, j1 = int(np.floor(v - dv)), int(np.floor(v + dv))
     if (i1 - i0 + 1) * (j1 - j0 + 1) > _MAX_RANGE:
         return False
     for i in range(i0, i1 + 1):
         for j in range(j0, j1 + 1):
-            if not tables.apart[counts[table, 2] + i * counts[table, 1] + j]:
+            if not tables.apart[counts[table, 2] + (i % rows) * columns + j % columns]:
                 return False
     return True
 
 
 @kernel()
-def _fill(pair: _Pair, lower: Array, clear: float, apart: npt.NDArray[np.bool_]) -> None:
+def _fill(
+    pair: _Pair, room: _Room, lower: Array, clear: float, apart: npt.NDArray[np.bool_]
+) -> None:
     """All cells (m, n) of one table: a block at a time, and where that is open its quarters."""
     rows, columns = apart.shape
-    points = pair.vertices.copy()
     s = len(pair.radius)
     known = np.zeros((pair.inner, s - pair.inner, 3))
     stack = np.empty((64, 3), dtype=np.int64)
@@ -183,9 +286,12 @@ def _fill(pair: _Pair, lower: Array, clear: float, apart: npt.NDArray[np.bool_])
             while waiting > 0:
                 waiting -= 1
                 k, m, size = stack[waiting]
-                q1 = lower[0] + (k + 0.5 * size) * CELL
-                q2 = lower[1] + (m + 0.5 * size) * CELL
-                if _apart_around(pair, points, known, q1, q2, 0.5 * size * CELL + 1e-9, clear):
+                # A block beyond the last row or column is no larger than the table.
+                across, along = min(size, rows - k), min(size, columns - m)
+                delta1, delta2 = 0.5 * across * CELL + 1e-9, 0.5 * along * CELL + 1e-9
+                q1, q2 = lower[0] + k * CELL + delta1, lower[1] + m * CELL + delta2
+                _place_outer(pair, room, q1, q2)
+                if _apart_around(pair, room, known, delta1, delta2, clear, size <= _MESH_BLOCK):
                     apart[k : k + size, m : m + size] = True
                 elif size > 1:
                     half = size // 2
@@ -198,20 +304,26 @@ def _fill(pair: _Pair, lower: Array, clear: float, apart: npt.NDArray[np.bool_])
 
 @kernel()
 def _apart_around(
-    pair: _Pair, points: Array, known: Array, q1: float, q2: float, delta: float, clear: float
+    pair: _Pair,
+    room: _Room,
+    known: Array,
+    delta1: float,
+    delta2: float,
+    clear: float,
+    meshes: bool,
 ) -> bool:
-    """Whether a pair keeps `clear` wherever its joints are within ±delta of q (module's formula).
+    """Whether a pair keeps `clear` wherever its joints are within ±delta of where it is placed.
 
     Args:
-        points: (v, 3) vertices, of which the outer link's are put where they are at q.
         known: (., ., 3) direction that last kept two parts apart, tried before a new one is sought.
+        meshes: whether what covers leave open is asked of the meshes.
     """
     parts, radius = pair.parts, pair.radius
+    points, axes, work = room.points, room.axes, room.work
     B = pair.frames[1]
-    axes = np.empty((4, 3))
-    work = np.zeros((6, 4))
-    _place_outer(pair, points, axes, q1, q2)
     offset = np.sqrt(B[0, 3] ** 2 + B[1, 3] ** 2 + B[2, 3] ** 2)
+    mesh = other = -1
+    moved = _motion(pair, room, delta1, delta2)
     for o in range(pair.inner, len(radius)):
         # What the formula's second order may take: ρ_2 is at most the distance `far` from the
         # second joint's origin, ρ_1 at most that and the offset between both joints.
@@ -219,7 +331,8 @@ def _apart_around(
         for v in range(parts[o], parts[o + 1]):
             x, y, z = pair.vertices[v, 0], pair.vertices[v, 1], pair.vertices[v, 2]
             far = max(far, x * x + y * y + z * z)
-        bend = 0.5 * delta * delta * (offset + 4.0 * np.sqrt(far))
+        far = np.sqrt(far)
+        bend = 0.5 * (delta1 * delta1 * (offset + far) + delta2 * (2.0 * delta1 + delta2) * far)
         for s in range(pair.inner):
             need = clear + TOLERANCE + radius[o] + radius[s] + bend
             apart = False
@@ -243,27 +356,96 @@ def _apart_around(
                 length = np.sqrt(nx * nx + ny * ny + nz * nz)
                 if length > 1e-9:
                     nx, ny, nz = nx / length, ny / length, nz / length
-                    apart = _gap_along(pair, points, axes, o, s, delta, nx, ny, nz) >= need
+                    gap = _gap_along(pair, points, axes, o, s, delta1, delta2, nx, ny, nz)
+                    apart = gap >= need
                 if apart:
                     known[s, o - pair.inner, 0] = nx
                     known[s, o - pair.inner, 1] = ny
                     known[s, o - pair.inner, 2] = nz
                     break
-            if not apart:
+            if apart:
+                continue
+            a, b = pair.mesh[s], pair.mesh[o]
+            if not meshes or (a < 0 and b < 0):
                 return False
+            if a >= 0 and b >= 0 and a == mesh and b == other:
+                continue
+            if not _meshes_apart(pair, room, s, o, clear + moved):
+                return False
+            mesh, other = a, b
     return True
 
 
 @kernel()
-def _place_outer(pair: _Pair, points: Array, axes: Array, q1: float, q2: float) -> None:
-    """Put the outer link where it is at q; `axes` (4, 3): direction and origin of both joints."""
-    B = pair.frames[1]
-    T = pair.frames[0].copy()
-    _turn(T, q1)
-    N = T.copy()
+def _motion(pair: _Pair, room: _Room, delta1: float, delta2: float) -> float:
+    """How far any point of the outer link moves within ±delta, at most (the module's last)."""
+    most = 0.0
+    for v in range(pair.parts[pair.inner], len(room.points)):
+        inner = delta2 * _from_axis(room, 1, v)
+        most = max(most, inner + delta1 * (_from_axis(room, 0, v) + inner))
+    thick = pair.radius.max()
+    return most + delta2 * thick + delta1 * thick * (1.0 + delta2)
+
+
+@kernel(inline=True)
+def _from_axis(room: _Room, joint: int, v: int) -> float:
+    """ρ of a placed vertex: its distance from the axis of the first or second joint."""
+    axis, at = room.axes[2 * joint], room.axes[2 * joint + 1]
+    x, y, z = room.points[v, 0] - at[0], room.points[v, 1] - at[1], room.points[v, 2] - at[2]
+    along = x * axis[0] + y * axis[1] + z * axis[2]
+    return float(np.sqrt(max(x * x + y * y + z * z - along * along, 0.0)))
+
+
+@kernel()
+def _meshes_apart(pair: _Pair, room: _Room, s: int, o: int, need: float) -> bool:
+    """Whether what parts s and o belong to, one a mesh at least, keep `need` where they are."""
+    a, b = pair.mesh[s], pair.mesh[o]
+    if a >= 0 and b >= 0:
+        _compose(pair.mesh_frames[a], room.outer, pair.mesh_frames[b], room.between)
+        answer = meshes_meet(
+            pair.trees, a, b, room.between, need, need, room.stack, room.local, room.work
+        )
+        return answer == FREE
+    mesh, part = (a, o) if a >= 0 else (b, s)
+    # The mesh where it is, and the points of the other in its frame.
+    T = room.between
+    if a >= 0:
+        T[:] = pair.mesh_frames[a]
+    else:
+        T[:] = room.outer @ pair.mesh_frames[b]
+    first, last = pair.parts[part], pair.parts[part + 1]
+    for v in range(first, last):
+        for i in range(3):
+            room.local[v - first, i] = 0.0
+            for j in range(3):
+                room.local[v - first, i] += T[j, i] * (room.points[v, j] - T[j, 3])
+    need += pair.radius[part]
+    answer = mesh_meets_hull(pair.trees, mesh, room.local, last - first, need, need, room.work)
+    return answer == FREE
+
+
+@kernel()
+def _compose(A: Array, T: Array, B: Array, out: Array) -> None:
+    """Set `out` to A⁻¹ T B, all (4, 4) poses."""
+    C = T @ B
     for i in range(3):
         for j in range(4):
-            N[i, j] = T[i, 0] * B[0, j] + T[i, 1] * B[1, j] + T[i, 2] * B[2, j] + T[i, 3] * B[3, j]
+            out[i, j] = 0.0
+            for k in range(3):
+                out[i, j] += A[k, i] * (C[k, j] - (A[k, 3] if j == 3 else 0.0))
+
+
+@kernel()
+def _place_outer(pair: _Pair, room: _Room, q1: float, q2: float) -> None:
+    """Put the outer link where it is at q; `axes` are direction and origin of both joints."""
+    B = pair.frames[1]
+    axes, points, N = room.axes, room.points, room.outer
+    T = pair.frames[0].copy()
+    _turn(T, q1)
+    for i in range(3):
+        for j in range(4):
+            N[i, j] = T[i, 0] * B[0, j] + T[i, 1] * B[1, j] + T[i, 2] * B[2, j]
+        N[i, 3] += T[i, 3]
         axes[0, i], axes[1, i] = T[i, 2], T[i, 3]
         axes[2, i], axes[3, i] = N[i, 2], N[i, 3]
     _turn(N, q2)
@@ -280,7 +462,8 @@ def _gap_along(
     axes: Array,
     o: int,
     s: int,
-    delta: float,
+    delta1: float,
+    delta2: float,
     nx: float,
     ny: float,
     nz: float,
@@ -296,8 +479,9 @@ def _gap_along(
     nearest = np.inf
     for v in range(pair.parts[o], pair.parts[o + 1]):
         x, y, z = points[v, 0], points[v, 1], points[v, 2]
-        slip = abs(ax * x + ay * y + az * z - a0) + abs(bx * x + by * y + bz * z - b0)
-        nearest = min(nearest, nx * x + ny * y + nz * z - delta * slip)
+        slip = delta1 * abs(ax * x + ay * y + az * z - a0)
+        slip += delta2 * abs(bx * x + by * y + bz * z - b0)
+        nearest = min(nearest, nx * x + ny * y + nz * z - slip)
     reach = -np.inf
     for v in range(pair.parts[s], pair.parts[s + 1]):
         reach = max(reach, nx * points[v, 0] + ny * points[v, 1] + nz * points[v, 2])

@@ -14,8 +14,9 @@ import pinocchio as pin
 from placement_planner_ros.core.collision.arrays import (
     BODY_FIRST_PART,
     PART_FIRST_NODE,
-    PART_FIRST_SET,
+    PART_SET,
     SET_FIRST_VERTEX,
+    SET_MESH,
     ArmScratch,
     FlatArm,
 )
@@ -42,7 +43,7 @@ class PlacedObject:
         parts = slice(*arrays.bodies[body : body + 2, BODY_FIRST_PART].tolist())
         nodes, sets = (
             slice(*arrays.parts[[parts.start, parts.stop], column].tolist())
-            for column in (PART_FIRST_NODE, PART_FIRST_SET)
+            for column in (PART_FIRST_NODE, PART_SET)
         )
         vertices = slice(*arrays.sets[[sets.start, sets.stop], SET_FIRST_VERTEX].tolist())
         self._groups = [
@@ -54,6 +55,8 @@ class PlacedObject:
         self._bounds = scratch.bounds[sets]
         self._radius = arrays.radius[sets, None]
         self._first = arrays.sets[sets, SET_FIRST_VERTEX] - vertices.start
+        used = np.unique(arrays.sets[sets, SET_MESH])
+        self._mesh_frames = [arrays.mesh_frames[mesh] for mesh in used[used >= 0].tolist()]
         ends = np.cumsum([0] + [len(group[0]) for group in self._groups])
         self._rows = [slice(a, b) for a, b in itertools.pairwise(ends.tolist())]
         R, p = T_world_object.rotation, T_world_object.translation
@@ -68,6 +71,8 @@ class PlacedObject:
         for group, rows in zip(self._groups, self._rows, strict=True):
             for table in group:
                 table[:] = points[rows]
+        for frame in self._mesh_frames:  # in the object's own frame
+            frame[:] = T_world_object.homogeneous
         corners = points[self._rows[0]]
         self._bounds[:, :3] = np.minimum.reduceat(corners, self._first) - self._radius
         self._bounds[:, 3:] = np.maximum.reduceat(corners, self._first) + self._radius

@@ -81,6 +81,21 @@ def place_set(arm: ArmArrays, scratch: ArmScratch, s: int) -> None:
         bounds[s, i + 3] = high + radius
 
 
+@kernel(lean=True)
+def place_inner(arm: ArmArrays, scratch: ArmScratch, s: int, first: int) -> int:
+    """Put the scaled copy of convex set s, placed, from row `first` of `inner` on; its end."""
+    frames, joint = scratch.frames, arm.sets[s, SET_JOINT]
+    scale = arm.inner[s, 3]
+    x, y, z = to_world(frames, joint, arm.inner[s, 0], arm.inner[s, 1], arm.inner[s, 2])
+    row = first
+    for v in range(arm.sets[s, SET_FIRST_VERTEX], arm.sets[s + 1, SET_FIRST_VERTEX]):
+        scratch.inner[row, 0] = x + scale * (scratch.vertices[v, 0] - x)
+        scratch.inner[row, 1] = y + scale * (scratch.vertices[v, 1] - y)
+        scratch.inner[row, 2] = z + scale * (scratch.vertices[v, 2] - z)
+        row += 1
+    return row
+
+
 @kernel(inline=True)
 def place_planes(arm: ArmArrays, scratch: ArmScratch, s: int) -> None:
     """Planes of convex set s in the world."""

@@ -1,21 +1,25 @@
 """Collision geometry as convex sets: what every distance kernel works on.
 
 A convex set is the hull of its vertices, dilated by a radius (a sphere is one dilated point, a
-capsule two). Solid shapes are one set; a mesh (the robot model has already made convex ones into
-polytopes) is the surface made of its triangles, one set each, as coal sees it. Curved shapes
-without such a form (cylinder, cone, ellipsoid) are enclosed by a polytope, marked as not exact.
+capsule two). A mesh (the robot model has already made convex ones into polytopes) is covered by a
+few sets that contain it, and has its triangles beside them. Curved shapes without such a form
+(cylinder, cone, ellipsoid) are enclosed by a polytope, a smaller copy of which they contain.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
 import coal
 import numpy as np
+import numpy.typing as npt
 import trimesh
 from scipy.spatial import ConvexHull, QhullError
 
+from placement_planner_ros.core.body.convex_cover import Cover
+from placement_planner_ros.core.collision.meshes import MeshTree
 from placement_planner_ros.core.errors import RobotError
 from placement_planner_ros.core.types import Array, frozen_array
 
@@ -31,14 +35,17 @@ class ConvexSet:
         normals, offsets: (p, 3), (p,) face planes n·x ≤ d of the hull, merged; empty where it has
             no volume.
         radius: metres.
-        exact: whether the set is the shape itself; if not, it contains it.
+        inner_scale: the shape contains the copy of the set that this scales about `inner_center`; 1
+            where the set is the shape itself, 0 where it only contains (a part of) it.
+        inner_center: (3,) metres.
     """
 
     vertices: Array
     normals: Array
     offsets: Array
     radius: float = 0.0
-    exact: bool = True
+    inner_scale: float = 1.0
+    inner_center: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "vertices", frozen_array(self.vertices, (-1, 3)))
@@ -51,29 +58,46 @@ class Shape:
     """One collision geometry.
 
     Attributes:
-        sets: the convex sets it is made of.
-        solid: whether it is one solid set; otherwise the sets are the triangles of a surface.
+        sets: the convex sets that together contain it.
+        mesh: its triangles, where the sets are a cover.
+        excess: no point of the cover is further than this from the mesh or its inside, metres.
     """
 
     sets: tuple[ConvexSet, ...]
-    solid: bool
+    mesh: MeshTree | None = None
+    excess: float = 0.0
 
 
-def polytope(vertices: Array, radius: float = 0.0, exact: bool = True) -> ConvexSet:
+def polytope(
+    vertices: Array,
+    radius: float = 0.0,
+    inner_scale: float = 1.0,
+    inner_center: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> ConvexSet:
     """The hull of (m, 3) vertices with its merged face planes, remembered.
 
     Raises:
         QhullError: the vertices span no volume.
     """
-    return _polytope(np.array(vertices, dtype=np.float64).tobytes(), radius, exact)
+    data = np.array(vertices, dtype=np.float64).tobytes()
+    return _polytope(data, radius, inner_scale, inner_center)
 
 
 @lru_cache(maxsize=4096)
-def _polytope(data: bytes, radius: float, exact: bool) -> ConvexSet:
+def _polytope(
+    data: bytes, radius: float, inner_scale: float, inner_center: tuple[float, float, float]
+) -> ConvexSet:
     vertices = np.frombuffer(data).reshape(-1, 3)
     hull = ConvexHull(vertices)
     planes = merge_planes(hull.equations)
-    return ConvexSet(vertices[np.sort(hull.vertices)], planes[:, :3], -planes[:, 3], radius, exact)
+    return ConvexSet(
+        vertices[np.sort(hull.vertices)],
+        planes[:, :3],
+        -planes[:, 3],
+        radius,
+        inner_scale,
+        inner_center,
+    )
 
 
 def merge_planes(equations: Array) -> Array:
@@ -82,18 +106,19 @@ def merge_planes(equations: Array) -> Array:
     return np.asarray(equations[np.sort(first)])
 
 
-def shape_of(geometry: coal.CollisionGeometry, name: str) -> Shape:
+def shape_of(geometry: coal.CollisionGeometry, name: str, cover: Cover | None = None) -> Shape:
     """The convex sets of a coal geometry, in its own frame.
 
     Args:
         geometry: primitive, Convex or BVH.
         name: the link's or geometry's name, for errors.
+        cover: of a BVH; without one its hull has to do.
 
     Raises:
         RobotError: empty, not finite, without volume, or of a kind no robot link has.
     """
     if isinstance(geometry, coal.BVHModelBase):
-        return _mesh_shape(geometry, name)
+        return _mesh_shape(geometry, name, cover)
     radius = (
         float(geometry.getSweptSphereRadius()) if hasattr(geometry, "getSweptSphereRadius") else 0.0
     )
@@ -105,7 +130,7 @@ def shape_of(geometry: coal.CollisionGeometry, name: str) -> Shape:
         _positive(name, geometry.radius)
         ends = np.array([[0, 0, -geometry.halfLength], [0, 0, geometry.halfLength]])
         return _solid(ConvexSet(ends, *none, geometry.radius + radius))
-    exact = True
+    scale, center = 1.0, (0.0, 0.0, 0.0)
     if isinstance(geometry, coal.Box):
         vertices = np.array(np.meshgrid(*([-1, 1],) * 3)).reshape(3, -1).T * geometry.halfSide
     elif isinstance(geometry, coal.ConvexBase):
@@ -114,17 +139,18 @@ def shape_of(geometry: coal.CollisionGeometry, name: str) -> Shape:
         rim = _circumscribed_polygon(geometry.radius)
         up = np.array([0.0, 0.0, geometry.halfLength])
         vertices = np.vstack([rim - up, rim + up])
-        exact = False
+        scale = math.cos(math.pi / _SIDES)
     elif isinstance(geometry, coal.Cone):
         rim = _circumscribed_polygon(geometry.radius)
         up = np.array([0.0, 0.0, geometry.halfLength])
         vertices = np.vstack([rim - up, up])
-        exact = False
+        # About its base: moved towards that, a point of a cone stays in it.
+        scale, center = math.cos(math.pi / _SIDES), (0.0, 0.0, -float(geometry.halfLength))
     elif isinstance(geometry, coal.Ellipsoid):
         ball = trimesh.creation.icosphere(subdivisions=2)
         inscribed = np.min(np.einsum("ij,ij->i", ball.face_normals, ball.triangles_center))
         vertices = np.asarray(ball.vertices) / inscribed * geometry.radii
-        exact = False
+        scale = float(inscribed)
     else:
         raise RobotError(
             f"collision geometry of {name}",
@@ -134,7 +160,9 @@ def shape_of(geometry: coal.CollisionGeometry, name: str) -> Shape:
     if not np.isfinite(vertices).all():
         raise RobotError(f"collision geometry of {name}", "not finite", "repair its numbers")
     try:
-        return _solid(polytope(vertices, radius, exact))
+        return _solid(
+            polytope(vertices, radius, scale * (1.0 - 1e-9) if scale < 1.0 else 1.0, center)
+        )
     except (QhullError, ValueError) as error:
         raise RobotError(
             f"collision geometry of {name}",
@@ -151,7 +179,7 @@ def triangle_mesh(geometry: coal.BVHModelBase) -> tuple[Array, np.ndarray]:
     return vertices.reshape(-1, 3), triangles.reshape(-1, 3)
 
 
-def _mesh_shape(geometry: coal.BVHModelBase, name: str) -> Shape:
+def _mesh_shape(geometry: coal.BVHModelBase, name: str, cover: Cover | None) -> Shape:
     vertices, triangles = triangle_mesh(geometry)
     if not len(triangles) or not np.isfinite(vertices).all():
         raise RobotError(
@@ -159,15 +187,19 @@ def _mesh_shape(geometry: coal.BVHModelBase, name: str) -> Shape:
             f"{len(triangles)} triangles",
             "the mesh is empty or has vertices that are not finite: repair the file",
         )
-    corners = vertices[triangles]
-    sides = corners[:, 1:] - corners[:, :1]
-    corners = corners[np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) > 0.0]
-    none = np.zeros((0, 3)), np.zeros(0)
-    return Shape(tuple(ConvexSet(corner, *none) for corner in corners), solid=False)
+    if cover is None:
+        cover = Cover((vertices,), np.inf, closed=False)
+    return covered_mesh(cover, vertices, triangles)
+
+
+def covered_mesh(cover: Cover, vertices: Array, triangles: npt.NDArray[np.int64]) -> Shape:
+    """A mesh of vertices (n, 3) and triangles (t, 3) with a cover of it."""
+    sets = tuple(polytope(part, inner_scale=0.0) for part in cover.parts)
+    return Shape(sets, MeshTree.of(vertices, triangles), cover.excess)
 
 
 def _solid(convex_set: ConvexSet) -> Shape:
-    return Shape((convex_set,), solid=True)
+    return Shape((convex_set,))
 
 
 def _circumscribed_polygon(radius: float) -> Array:

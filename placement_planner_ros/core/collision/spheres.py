@@ -1,28 +1,32 @@
-"""Trees of spheres that cover a collision shape, from coarse to fine.
+"""Trees of spheres that cover a convex set, from coarse to fine.
 
-A convex set is cut in halves across its longest extent until the ball around each piece sticks out
-of the set by no more than the stated excess; as the pieces make up the whole set, so do their balls
-cover it, inside included. The triangles of a surface are cut small and split by their centres.
+A set is cut in halves across its longest extent until the ball around each piece sticks out of the
+set by no more than the stated excess; as the pieces make up the whole set, so do their balls cover
+it, inside included.
 """
 
 from __future__ import annotations
 
+import functools
+import hashlib
 import math
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-import trimesh
 from scipy.spatial import ConvexHull
 
+from placement_planner_ros.core.collision.against_mesh import inside_of_mesh
+from placement_planner_ros.core.collision.meshes import mesh_arrays
 from placement_planner_ros.core.collision.shapes import ConvexSet, Shape
+from placement_planner_ros.core.kept_files import Arrays, kept_arrays, version_of
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array, frozen_array
 
 _PAD = 1e-9
-_MAX_DEPTH = 9
-_TRIANGLES_PER_LEAF = 4
+_MAX_DEPTH = 10
+_FEW = 32
+"""Vertices of a shape whose spheres are made as quickly as they are read."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,164 +36,242 @@ class SphereTree:
     Attributes:
         centers: (n, 3) in the shape's frame, metres.
         radii: (n,) metres.
-        inner: (n,) radius of a ball around the centre inside of the shape; -inf where the shape is
-            a surface, or larger than what it stands for.
+        inner: (n,) radius of a ball around the centre inside of the shape; -inf where none is
+            known to be.
         skip: (n,) the next sphere not below this one.
-        first, last: (n,) range of `sets` that a leaf covers pieces of; (-1, -1) inside the tree.
-        sets: what the leaves cover, in their order (a mesh's triangles are cut and sorted).
-        excess: a bound on how far any leaf sticks out of the shape, metres.
+        leaf: (n,) whether there are none below.
+        excess: a bound on how far any leaf sticks out of the set, metres.
     """
 
     centers: Array
     radii: Array
     inner: Array
     skip: npt.NDArray[np.int64]
-    first: npt.NDArray[np.int64]
-    last: npt.NDArray[np.int64]
-    sets: tuple[ConvexSet, ...]
+    leaf: npt.NDArray[np.bool_]
     excess: float
 
 
-def sphere_tree(shape: Shape, excess: float) -> SphereTree:
-    """Cover a shape.
+@functools.lru_cache(maxsize=512)
+def sphere_trees(shape: Shape, excess: float) -> tuple[SphereTree, ...]:
+    """Cover each set of a shape; what takes long is kept on disk.
 
     Args:
         shape: what to cover.
-        excess: stop splitting where a sphere sticks out of the shape by at most this, metres.
+        excess: stop splitting where a sphere sticks out of its set by at most this, metres.
     """
-    if shape.solid:
-        only = shape.sets[0]
-        volume = len(only.offsets) > 0
-        nodes = _cover_solid(only.vertices.tobytes(), volume, only.radius, excess)
-        sets = shape.sets
-        solid = only.exact
-    else:
-        corners = np.array([s.vertices for s in shape.sets])
-        nodes, pieces = _cover_surface(corners.tobytes(), excess)
-        none = np.zeros((0, 3)), np.zeros(0)
-        sets = tuple(ConvexSet(piece, *none) for piece in pieces)
-        solid = False
-    centers, radii, inner, skip, first, last, reached = nodes
-    if not solid:
-        inner = frozen_array(np.full(len(radii), -np.inf))
-    return SphereTree(centers, radii, inner, skip, first, last, sets, reached)
+    if shape.mesh is None and sum(len(convex.vertices) for convex in shape.sets) <= _FEW:
+        return tuple(_tree(shape, convex, excess) for convex in shape.sets)
+    digest = hashlib.sha256(f"{_version()} {excess}".encode())
+    digest.update(b"" if shape.mesh is None else shape.mesh.digest)
+    for convex in shape.sets:
+        inside = convex.radius, convex.inner_scale, *convex.inner_center
+        digest.update(f"{len(convex.vertices)} {len(convex.offsets)} {inside}".encode())
+        digest.update(convex.vertices.tobytes())
+    kept = kept_arrays("sphere trees", digest.digest(), lambda: _arrays(shape, excess))
+    columns = zip(
+        *(np.split(kept[name], kept["first"]) for name in ("spheres", "skip", "leaf")), strict=True
+    )
+    return tuple(
+        SphereTree(spheres[:, :3], spheres[:, 3], spheres[:, 4], skip, leaf, float(bound))
+        for (spheres, skip, leaf), bound in zip(columns, kept["excess"], strict=True)
+    )
 
 
-_Nodes = tuple[
-    Array, Array, Array, npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.int64], float
-]
+@functools.cache
+def _version() -> str:
+    names = ("spheres.py", "against_mesh.py", "meshes.py", "separation.py")
+    return version_of(__file__, names)
+
+
+def _arrays(shape: Shape, excess: float) -> Arrays:
+    """Of the sets of a shape, one after the other."""
+    trees = [_tree(shape, convex, excess) for convex in shape.sets]
+    spheres = [np.column_stack([tree.centers, tree.radii, tree.inner]) for tree in trees]
+    return {
+        "spheres": np.vstack(spheres),
+        "skip": np.concatenate([tree.skip for tree in trees]),
+        "leaf": np.concatenate([tree.leaf for tree in trees]),
+        "first": np.cumsum([len(tree.radii) for tree in trees])[:-1],
+        "excess": np.array([tree.excess for tree in trees]),
+    }
+
+
+def _tree(shape: Shape, convex: ConvexSet, excess: float) -> SphereTree:
+    volume = len(convex.offsets) > 0
+    tree = _cover_solid(convex.vertices.tobytes(), volume, convex.radius, excess)
+    if convex.inner_scale == 1.0:
+        return tree
+    inner = np.full(len(tree.radii), -np.inf)
+    if convex.inner_scale > 0.0:
+        # The ball in the set, scaled like it, holds a smaller one about the same centre.
+        apart = np.linalg.norm(tree.centers - convex.inner_center, axis=1)
+        inner = convex.inner_scale * tree.inner - (1.0 - convex.inner_scale) * apart
+    if shape.mesh is not None:
+        inside_of_mesh(mesh_arrays([shape.mesh]), tree.centers, inner)
+        inner -= _PAD
+    return replace(tree, inner=frozen_array(inner))
 
 
 class _Builder:
     def __init__(self) -> None:
         self.spheres: list[tuple[float, float, float, float, float]] = []
-        self.ranges: list[tuple[int, int]] = []
+        self.leaves: list[bool] = []
         self.skip: list[int] = []
         self.excess = 0.0
 
     def add(self, center: Array, radius: float, inner: float = -math.inf) -> int:
         self.spheres.append((*center.tolist(), radius, inner))
-        self.ranges.append((-1, -1))
+        self.leaves.append(False)
         self.skip.append(0)
         return len(self.skip) - 1
 
     def close(self, node: int) -> None:
         self.skip[node] = len(self.skip)
 
-    def nodes(self) -> _Nodes:
+    def tree(self) -> SphereTree:
         spheres = np.array(self.spheres)
-        ranges = np.array(self.ranges, dtype=np.int64)
         skip = np.array(self.skip, dtype=np.int64)
-        first, last = ranges[:, 0].copy(), ranges[:, 1].copy()
-        for array in (skip, first, last):
+        leaf = np.array(self.leaves)
+        for array in (skip, leaf):
             array.setflags(write=False)
-        return (
+        return SphereTree(
             frozen_array(spheres[:, :3]),
             frozen_array(spheres[:, 3]),
             frozen_array(spheres[:, 4]),
             skip,
-            first,
-            last,
+            leaf,
             self.excess,
         )
 
 
-@lru_cache(maxsize=1024)
-def _cover_solid(vertices: bytes, volume: bool, radius: float, excess: float) -> _Nodes:
-    corners = np.frombuffer(vertices).reshape(-1, 3).copy()
-    facets = ConvexHull(corners).equations if volume else np.zeros((1, 4))
+@functools.lru_cache(maxsize=4096)
+def _cover_solid(vertices: bytes, volume: bool, radius: float, excess: float) -> SphereTree:
+    points = np.frombuffer(vertices).reshape(-1, 3).copy()
+    if volume:
+        hull = ConvexHull(points)
+        facets, surface = hull.equations, points[hull.simplices]
+    else:  # a point or the axis of a capsule
+        facets, surface = np.zeros((1, 4)), points[[[0, 0, len(points) - 1]]]
     builder = _Builder()
 
     def split(piece: Array, depth: int) -> None:
         # The centre is a mean of the piece's corners, so the set holds it.
-        center, ball = bounding_sphere(piece)
+        corners = _corners(piece)
+        center, ball = bounding_sphere(corners)
         inside = max(0.0, float(np.min(-facets[:, :3] @ center - facets[:, 3])))
         node = builder.add(center, ball + radius + _PAD, inside + radius - _PAD)
         sticks_out = ball - inside
         if sticks_out <= excess or depth == _MAX_DEPTH:
-            builder.ranges[node] = (0, 1)
+            builder.leaves[node] = True
             builder.excess = max(builder.excess, sticks_out)
         else:
-            for half in _halves(piece):
+            for half in _halves(piece, corners):
                 split(half, depth + 1)
         builder.close(node)
 
-    split(corners, 0)
-    return builder.nodes()
+    split(np.ascontiguousarray(surface), 0)
+    return builder.tree()
 
 
-@lru_cache(maxsize=64)
-def _cover_surface(corners: bytes, excess: float) -> tuple[_Nodes, Array]:
-    triangles = np.frombuffer(corners).reshape(-1, 3, 3)
-    fine, faces = trimesh.remesh.subdivide_to_size(
-        triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3), 2 * excess, 30
-    )
-    pieces = np.asarray(fine)[np.asarray(faces)]
-    centroids = pieces.mean(axis=1)
-    builder = _Builder()
-    order: list[npt.NDArray[np.int64]] = []
-    placed = 0
-
-    def split(rows: npt.NDArray[np.int64]) -> None:
-        nonlocal placed
-        center, ball = bounding_sphere(np.ascontiguousarray(pieces[rows].reshape(-1, 3)))
-        node = builder.add(center, ball + _PAD)
-        if len(rows) <= _TRIANGLES_PER_LEAF:
-            order.append(rows)
-            builder.ranges[node] = (placed, placed + len(rows))
-            builder.excess = max(builder.excess, ball)
-            placed += len(rows)
-        else:
-            spread = centroids[rows]
-            axis = int(np.argmax(np.ptp(spread, axis=0)))
-            ranked = rows[np.argsort(spread[:, axis], kind="stable")]
-            split(ranked[: len(rows) // 2])
-            split(ranked[len(rows) // 2 :])
-        builder.close(node)
-
-    split(np.arange(len(pieces)))
-    return builder.nodes(), pieces[np.concatenate(order)]
+@kernel()
+def _corners(surface: Array) -> Array:
+    """The corners (m, 3) of triangles (k, 3, 3), each once."""
+    points = surface.reshape(-1, 3)
+    kept = np.empty(points.shape)
+    count = 0
+    for i in range(len(points)):
+        known = False
+        for j in range(count):
+            if (
+                abs(kept[j, 0] - points[i, 0]) < _PAD
+                and abs(kept[j, 1] - points[i, 1]) < _PAD
+                and abs(kept[j, 2] - points[i, 2]) < _PAD
+            ):
+                known = True
+                break
+        if not known:
+            kept[count] = points[i]
+            count += 1
+    return kept[:count].copy()
 
 
-def _halves(piece: Array) -> tuple[Array, Array]:
-    """Cut the hull of (m, 3) vertices across its longest principal extent."""
-    centered = piece - piece.mean(axis=0)
-    axis = np.linalg.svd(centered, full_matrices=False)[2][0]
-    height = centered @ axis
-    height -= (height.max() + height.min()) / 2
-    below, above = height <= 0.0, height > 0.0
-    low, high = height[below][:, None], height[above][None, :]
-    share = (low / (low - high))[..., None]
-    cut = (piece[below][:, None] * (1 - share) + piece[above][None, :] * share).reshape(-1, 3)
-    return _hull_vertices(np.vstack([piece[below], cut])), _hull_vertices(
-        np.vstack([piece[above], cut])
-    )
+@kernel()
+def _halves(surface: Array, corners: Array) -> tuple[Array, Array]:
+    """Cut a polytope across its longest extent: its surface (k, 3, 3), of `corners` (m, 3)."""
+    mean = np.zeros(3)
+    for i in range(len(corners)):
+        mean += corners[i]
+    mean /= len(corners)
+    spread = np.zeros((3, 3))
+    for i in range(len(corners)):
+        for j in range(3):
+            for k in range(3):
+                spread[j, k] += (corners[i, j] - mean[j]) * (corners[i, k] - mean[k])
+    # The direction in which they spread most, by power iteration.
+    nx, ny, nz = 0.61, 0.53, 0.59
+    for _ in range(40):
+        x = spread[0, 0] * nx + spread[0, 1] * ny + spread[0, 2] * nz
+        y = spread[1, 0] * nx + spread[1, 1] * ny + spread[1, 2] * nz
+        z = spread[2, 0] * nx + spread[2, 1] * ny + spread[2, 2] * nz
+        length = math.sqrt(x * x + y * y + z * z) + 1e-300
+        nx, ny, nz = x / length, y / length, z / length
+    points = surface.reshape(-1, 3)
+    low, high = np.inf, -np.inf
+    heights = np.empty(len(points))
+    for i in range(len(points)):
+        heights[i] = nx * points[i, 0] + ny * points[i, 1] + nz * points[i, 2]
+        low, high = min(low, heights[i]), max(high, heights[i])
+    heights -= 0.5 * (low + high)
+    return _below(surface, heights), _below(surface, -heights)
 
 
-def _hull_vertices(points: Array) -> Array:
-    if len(points) <= 8 or np.linalg.matrix_rank(points - points[0], tol=1e-7) < 3:
-        return np.ascontiguousarray(points)
-    return np.ascontiguousarray(points[ConvexHull(points, qhull_options="QJ").vertices])
+@kernel()
+def _below(surface: Array, heights: Array) -> Array:
+    """The surface (., 3, 3) of that part of a convex polytope where heights are not above 0.
+
+    Args:
+        surface: (k, 3, 3) triangles of the polytope.
+        heights: (3 k,) of their corners.
+    """
+    kept = np.empty((3 * len(surface), 3, 3))
+    count = 0
+    polygon = np.empty((4, 3))
+    cut = np.empty((2, 3))
+    fan = np.empty(3)
+    closing = False
+    for t in range(len(surface)):
+        size = crossings = 0
+        for v in range(3):
+            w = (v + 1) % 3
+            a, b = heights[3 * t + v], heights[3 * t + w]
+            if a <= 0.0:
+                polygon[size] = surface[t, v]
+                size += 1
+            if (a < 0.0 < b) or (b < 0.0 < a):
+                polygon[size] = surface[t, v] + a / (a - b) * (surface[t, w] - surface[t, v])
+                cut[crossings] = polygon[size]
+                size += 1
+                crossings += 1
+            elif a == 0.0 and crossings < 2:
+                cut[crossings] = surface[t, v]
+                crossings += 1
+        if size == 0:
+            continue
+        for v in range(2, max(size, 3)):
+            kept[count, 0] = polygon[0]
+            kept[count, 1] = polygon[min(v - 1, size - 1)]
+            kept[count, 2] = polygon[min(v, size - 1)]
+            count += 1
+        # Where the plane crosses the surface is the rim of the cut: a fan from any of its points.
+        if crossings == 2:
+            if not closing:
+                fan[:] = cut[0]
+                closing = True
+            kept[count, 0] = fan
+            kept[count, 1] = cut[0]
+            kept[count, 2] = cut[1]
+            count += 1
+    return kept[:count].copy()
 
 
 @kernel()

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from dataclasses import dataclass, field
 from itertools import combinations
+from typing import Literal
+from xml.sax.saxutils import quoteattr
 
-import coal
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
 from placement_planner_ros.core.errors import RobotError
 from placement_planner_ros.core.robot.description import Description, read_xml
+from placement_planner_ros.core.robot.overlap import Overlaps
+from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
 
 Pair = tuple[str, str]
@@ -21,16 +24,77 @@ SAMPLES = 200
 """Random configurations for the derived pairs."""
 
 ALWAYS = 0.95
-"""A pair that collides in this share of them or more is left out, as MoveIt's assistant does."""
+"""A pair that overlaps in this share of them or more is left out, as MoveIt's assistant does."""
 
+OFTEN = 0.5
+"""Above this share a pair of links at most `NEARBY` joints apart is left out."""
+
+NEARBY = 3
+"""Joints between two links up to which their meshes may overlap though the links never meet:
+covers, bearings and cables are drawn larger than they are."""
+
+Reason = Literal["adjacent", "always", "often", "zero", "start"]
+
+_SRDF_REASON = {"adjacent": "Adjacent", "always": "Always"}
+_WORDS = {
+    "adjacent": "adjacent",
+    "always": "always overlap",
+    "often": "overlap in most configurations",
+    "zero": "overlap at the zero pose",
+    "start": "overlap where the robot stands",
+}
 
 _NAMED = 20
 """Unknown links that are warned of one by one."""
 
 
+@dataclass(frozen=True, slots=True)
+class LeftOut:
+    """A pair of links that self-collision checks leave out although no SRDF says so.
+
+    Attributes:
+        links: which.
+        reason: why; `zero` and `start` are the poses at which their meshes overlap.
+        joints: movable joints between them.
+        depth: metres by which one must be moved that their meshes overlap no more, where they were
+            first seen to overlap; 0 where nobody looked.
+        share: of random configurations in which they overlap.
+    """
+
+    links: Pair
+    reason: Reason
+    joints: int
+    depth: float = field(default=0.0, compare=False)
+    share: float = field(default=0.0, compare=False)
+
+    @property
+    def can_hide(self) -> bool:
+        """Whether a true collision of the two would not be noticed."""
+        return self.reason != "adjacent"
+
+    @property
+    def srdf(self) -> str:
+        """The line of an SRDF that says the same."""
+        return srdf_line(self.links, _SRDF_REASON.get(self.reason, "User"))
+
+    def __str__(self) -> str:
+        words = f"{self.links[0]} and {self.links[1]} {_WORDS[self.reason]}"
+        if self.can_hide:
+            words += f", {self.depth:.4f} m deep"
+        if self.share:
+            words += f", in {self.share:.0%} of random configurations"
+        return words
+
+
 def pair(a: str, b: str) -> Pair:
     """The two links in sorted order."""
     return (a, b) if a <= b else (b, a)
+
+
+def srdf_line(links: Pair, reason: str = "User") -> str:
+    """The line of an SRDF that has a pair left out."""
+    first, second = (quoteattr(link) for link in links)
+    return f"<disable_collisions link1={first} link2={second} reason={quoteattr(reason)}/>"
 
 
 def read_srdf(text: str, links: tuple[str, ...]) -> tuple[frozenset[Pair], tuple[str, ...]]:
@@ -68,22 +132,82 @@ def derive(
     model: pin.Model,
     geometry: pin.GeometryModel,
     geometry_links: tuple[str, ...],
-) -> frozenset[Pair]:
-    """Pairs to leave out where no SRDF says so.
+) -> tuple[LeftOut, ...]:
+    """Pairs to leave out where no SRDF says so, sorted by name.
 
-    Neighbours (one joint between them; links without geometry are looked through), the two sides
-    of a mimic joint (fingers that meet when closed), and pairs that collide in at least the share
-    `ALWAYS` of `SAMPLES` random configurations. The configurations are the same at each call.
+    Neighbours (one joint between them; links without geometry are looked through), pairs that
+    overlap in at least the share `ALWAYS` of `SAMPLES` random configurations, and of those at most
+    `NEARBY` joints apart the ones that overlap at the zero pose or in more than the share `OFTEN`.
+    Links below a joint that cannot be at zero have no zero pose: at the limit next to it an arm
+    may well be folded into itself. All of it on the triangles of the meshes; the configurations
+    are the same at each call, and mimicking joints follow their masters.
+
+    Raises:
+        StoppedError: nobody wants the result any more.
     """
     links = sorted(set(geometry_links))
-    allowed = _neighbours(description, links) | _mimic_sides(description, links)
+    between = joints_between(model)
     joint = {link: _joint_of(model, link) for link in links}
+
+    def apart(p: Pair) -> int:
+        return int(between[joint[p[0]], joint[p[1]]])
+
+    neighbours = _neighbours(description, links)
+    found = [LeftOut(p, "adjacent", apart(p)) for p in neighbours]
     undecided = {
-        p for p in combinations(links, 2) if p not in allowed and joint[p[0]] != joint[p[1]]
+        p: apart(p)
+        for p in combinations(links, 2)
+        if p not in neighbours and joint[p[0]] != joint[p[1]]
     }
-    return frozenset(
-        allowed | _always_colliding(description, model, geometry, geometry_links, undecided)
-    )
+    poses = _Poses(description, model)
+    found += _overlapping(undecided, model, geometry, geometry_links, poses)
+    return tuple(sorted(found, key=lambda left_out: left_out.links))
+
+
+class NearPairs:
+    """The pairs of a robot that are checked and lie at most `NEARBY` joints apart."""
+
+    def __init__(
+        self, model: pin.Model, geometry: pin.GeometryModel, geometry_links: tuple[str, ...]
+    ) -> None:
+        self._model, self._geometry = model, geometry
+        carriers = [thing.parentJoint for thing in geometry.geometryObjects]
+        joints = np.array(carriers, dtype=np.int64)
+        checked = np.array([(p.first, p.second) for p in geometry.collisionPairs], dtype=np.int64)
+        checked = checked.reshape(-1, 2)
+        apart = joints_between(model)[joints[checked[:, 0]], joints[checked[:, 1]]]
+        near = np.flatnonzero(apart <= NEARBY)
+        self._joints = {
+            pair(geometry_links[a], geometry_links[b]): int(n)
+            for (a, b), n in zip(checked[near].tolist(), apart[near], strict=True)
+        }
+        self._rows = _Rows(self._joints, geometry, geometry_links)
+
+    def overlapping_at(self, q: Array) -> tuple[LeftOut, ...]:
+        """Those whose meshes overlap at q (nq,).
+
+        Where the robot itself stands there, they are not in each other.
+        """
+        rows = self._rows
+        depths = rows.depths_at(self._model, self._geometry, q)
+        return tuple(
+            LeftOut(p, "start", self._joints[p], depths[n])
+            for n, p in enumerate(rows.pairs)
+            if n in depths
+        )
+
+
+def joints_between(model: pin.Model) -> npt.NDArray[np.int64]:
+    """(njoints, njoints) movable joints on the way from what one joint carries to another."""
+    ways: list[list[int]] = [[]]
+    for joint in range(1, model.njoints):
+        ways.append([*ways[model.parents[joint]], joint])
+    number = len(ways)
+    apart = np.zeros((number, number), dtype=np.int64)
+    for a, b in combinations(range(number), 2):
+        common = sum(1 for x, y in zip(ways[a], ways[b], strict=False) if x == y)
+        apart[a, b] = apart[b, a] = len(ways[a]) + len(ways[b]) - 2 * common
+    return apart
 
 
 def _joint_of(model: pin.Model, link: str) -> int:
@@ -95,77 +219,163 @@ def _neighbours(description: Description, links: list[str]) -> set[Pair]:
         str(j.find("child").get("link")): str(j.find("parent").get("link"))  # type: ignore[union-attr]
         for j in description.root.findall("joint")
     }
-    found = set()
+    known, found = set(links), set()
     for link in links:
         parent = above.get(link)
-        while parent is not None and parent not in links:
+        while parent is not None and parent not in known:
             parent = above.get(parent)
         if parent is not None:
             found.add(pair(link, parent))
     return found
 
 
-def _mimic_sides(description: Description, links: list[str]) -> set[Pair]:
-    child = {
-        str(j.get("name")): str(j.find("child").get("link"))  # type: ignore[union-attr]
-        for j in description.root.findall("joint")
-    }
-    sides = (
-        pair(child[joint.name], child[joint.mimic.master])
-        for joint in description.joints.values()
-        if joint.mimic is not None
-    )
-    return {p for p in sides if p[0] in links and p[1] in links}
+class _Poses:
+    """Configurations of a robot, (nq,) each, in which mimicking joints follow."""
+
+    def __init__(self, description: Description, model: pin.Model) -> None:
+        names = list(model.names[1:])
+        joints = [description.joints[name] for name in names]
+        self._lower = np.array([joint.lower for joint in joints])
+        self._upper = np.array([joint.upper for joint in joints])
+        self._mimics = [
+            (i, names.index(joint.mimic.master), joint.mimic)
+            for i, joint in enumerate(joints)
+            if joint.mimic is not None
+        ]
+        self._parents = list(model.parents)
+        self._rng = np.random.default_rng(0)
+
+    def zero(self) -> Array:
+        """All joints at zero, or at the limit next to it."""
+        return self._follow(np.clip(np.zeros(len(self._lower)), self._lower, self._upper))
+
+    def have_zero(self) -> set[int]:
+        """The joints (0 being the world) that are at zero there with all that carry them."""
+        q, able = self.zero(), {0}
+        for joint in range(1, len(self._parents)):
+            if self._parents[joint] in able and (q[joint - 1] == 0.0 or self._follows(joint - 1)):
+                able.add(joint)
+        return able
+
+    def _follows(self, i: int) -> bool:
+        return any(follower == i for follower, _, _ in self._mimics)
+
+    def random(self) -> Array:
+        """Uniform within the limits."""
+        return self._follow(self._rng.uniform(self._lower, self._upper))
+
+    def _follow(self, q: Array) -> Array:
+        for follower, master, mimic in self._mimics:
+            q[follower] = mimic.multiplier * q[master] + mimic.offset
+        return q
 
 
-def _always_colliding(
-    description: Description,
+class _Rows:
+    """The shapes of some pairs of links.
+
+    Attributes:
+        pairs: the links, numbered.
+        table: (n, 3) every pair of shapes of each of them, and its number.
+    """
+
+    def __init__(
+        self, pairs: dict[Pair, int], geometry: pin.GeometryModel, links: tuple[str, ...]
+    ) -> None:
+        self.pairs = sorted(pairs)
+        self.overlaps = Overlaps.of(geometry)
+        of_link: dict[str, list[int]] = {}
+        for i, link in enumerate(links):
+            of_link.setdefault(link, []).append(i)
+        rows = [
+            (i, j, number)
+            for number, (a, b) in enumerate(self.pairs)
+            for i in of_link[a]
+            for j in of_link[b]
+        ]
+        self.table = np.array(rows, dtype=np.int64).reshape(-1, 3)
+
+    def meeting(self, placements: list[pin.SE3]) -> set[int]:
+        """Numbers of the pairs that overlap."""
+        found: set[int] = set()
+        for i, j, number in self.table[self.overlaps.near(self.table, placements)].tolist():
+            if number not in found and self.overlaps.meet(i, j, placements[i], placements[j]):
+                found.add(number)
+        return found
+
+    def depths_at(
+        self,
+        model: pin.Model,
+        geometry: pin.GeometryModel,
+        q: Array,
+        wanted: set[int] | None = None,
+    ) -> dict[int, float]:
+        """Metres by which each pair (or each that is wanted) overlaps at q (nq,), if it does."""
+        placements = _placements(model, geometry, q)
+        numbers = self.meeting(placements) if wanted is None else wanted
+        depths: dict[int, float] = {}
+        for i, j, number in self.table.tolist():
+            if number in numbers:
+                step(f"measuring how deep {' and '.join(self.pairs[number])} overlap")
+                depth = self.overlaps.depth(i, j, placements[i], placements[j])
+                depths[number] = max(depths.get(number, 0.0), depth)
+        return depths
+
+
+def _placements(model: pin.Model, geometry: pin.GeometryModel, q: Array) -> list[pin.SE3]:
+    data = geometry.createData()
+    pin.updateGeometryPlacements(model, model.createData(), geometry, data, q)
+    return list(data.oMg)
+
+
+def _overlapping(
+    undecided: dict[Pair, int],
     model: pin.Model,
     geometry: pin.GeometryModel,
-    geometry_links: tuple[str, ...],
-    undecided: set[Pair],
-) -> set[Pair]:
-    rng = np.random.default_rng(0)
-    data, geometry_data = model.createData(), geometry.createData()
-    shapes = [thing.geometry for thing in geometry.geometryObjects]
-    for shape in shapes:
-        shape.computeLocalAABB()
-    centers = np.array([shape.aabb_center for shape in shapes]).reshape(-1, 3)
-    radii = np.array([shape.aabb_radius for shape in shapes])
-    numbers = {p: n for n, p in enumerate(sorted(undecided))}
-    # every pair of objects of an undecided pair of links, and that pair's number
-    rows = [
-        (i, j, numbers[pair(geometry_links[i], geometry_links[j])])
-        for i, j in combinations(range(len(shapes)), 2)
-        if pair(geometry_links[i], geometry_links[j]) in numbers
-    ]
-    table = np.array(rows, dtype=np.int64).reshape(-1, 3)
-    free = np.zeros(len(numbers), dtype=np.int64)
-    lower = np.array([description.joints[name].lower for name in model.names[1:]])
-    upper = np.array([description.joints[name].upper for name in model.names[1:]])
-    request = coal.CollisionRequest()
-    for _ in range(SAMPLES):
-        if not len(table):
+    links: tuple[str, ...],
+    poses: _Poses,
+) -> list[LeftOut]:
+    """Of these pairs, with the joints between them, those whose meshes say that they never meet."""
+    rows = _Rows(undecided, geometry, links)
+    apart = np.array([undecided[p] for p in rows.pairs], dtype=np.int64)
+    zero = poses.zero()
+    posed = poses.have_zero()
+    at_zero = {
+        n
+        for n in rows.meeting(_placements(model, geometry, zero))
+        if apart[n] <= NEARBY and all(_joint_of(model, link) in posed for link in rows.pairs[n])
+    }
+    needed = np.where(apart <= NEARBY, OFTEN, ALWAYS)
+    needed[list(at_zero)] = 0.0
+    seen = np.zeros(len(apart), dtype=np.int64)
+    first: dict[int, Array] = dict.fromkeys(at_zero, zero)
+    for sample in range(SAMPLES):
+        if not len(rows.table):
             break
-        q = rng.uniform(lower, upper)
-        pin.updateGeometryPlacements(model, data, geometry, geometry_data, q)
-        placements = [coal.Transform3s(T.rotation, T.translation) for T in geometry_data.oMg]
-        colliding = np.zeros(len(numbers), dtype=np.bool_)
-        for i, j, number in table[_near(table, geometry_data.oMg, centers, radii)].tolist():
-            colliding[number] = colliding[number] or coal.collide(
-                shapes[i], placements[i], shapes[j], placements[j], request, coal.CollisionResult()
+        step("finding links that overlap in most configurations")
+        q = poses.random()
+        for number in rows.meeting(_placements(model, geometry, q)):
+            seen[number] += 1
+            first.setdefault(number, q)
+        # what cannot come to the share that it needs any more is not looked at again
+        possible = seen + (SAMPLES - 1 - sample)
+        rows.table = rows.table[(possible >= needed * SAMPLES)[rows.table[:, 2]]]
+    share = seen / SAMPLES
+    found = []
+    kept = sorted(set(rows.table[:, 2].tolist()))
+    for number in kept:
+        reason: Reason = "zero" if number in at_zero else "often"
+        if share[number] >= ALWAYS:
+            reason = "always"
+        elif reason == "often" and not (share[number] > OFTEN and apart[number] <= NEARBY):
+            continue
+        depths = rows.depths_at(model, geometry, first[number], {number})
+        found.append(
+            LeftOut(
+                rows.pairs[number],
+                reason,
+                int(apart[number]),
+                depths[number],
+                float(share[number]),
             )
-        free += ~colliding
-        table = table[free[table[:, 2]] <= (1.0 - ALWAYS) * SAMPLES]
-    left = set(table[:, 2].tolist())
-    return {p for p, number in numbers.items() if number in left}
-
-
-def _near(
-    table: npt.NDArray[np.int64], placements: Iterable[pin.SE3], centers: Array, radii: Array
-) -> npt.NDArray[np.bool_]:
-    """Of which rows the balls around both objects meet; others cannot collide."""
-    at = np.array([T.act(c) for T, c in zip(placements, centers, strict=True)])
-    first, second = table[:, 0], table[:, 1]
-    apart = np.linalg.norm(at[first] - at[second], axis=1)
-    return np.asarray(apart <= (radii[first] + radii[second]) * (1.0 + 1e-9) + 1e-9)
+        )
+    return found

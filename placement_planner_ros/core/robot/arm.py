@@ -27,6 +27,10 @@ class Arm:
         q_index: (dof,) coordinates of `joints` in the robot's q.
         lower, upper: (dof,) joint limits, rad or m.
         velocity: (dof,) velocity limits, rad/s or m/s.
+        acceleration: (dof,) acceleration limits, rad/s² or m/s², stated or assumed.
+        continuous: those of `joints` that turn without end stops.
+        turnable: those, and the ones that turn two times around or more: what such a joint reaches
+            it reaches in another turn, too.
     """
 
     name: str
@@ -40,12 +44,15 @@ class Arm:
     lower: Array
     upper: Array
     velocity: Array
+    acceleration: Array
+    continuous: tuple[str, ...] = ()
+    turnable: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         index = np.array(self.q_index, dtype=np.int64)
         index.setflags(write=False)
         object.__setattr__(self, "q_index", index)
-        for name in ("lower", "upper", "velocity"):
+        for name in ("lower", "upper", "velocity", "acceleration"):
             object.__setattr__(self, name, frozen_array(getattr(self, name), (len(index),)))
 
     def __eq__(self, other: object) -> bool:
@@ -68,9 +75,24 @@ class Arm:
             self.lower.tobytes(),
             self.upper.tobytes(),
             self.velocity.tobytes(),
+            self.acceleration.tobytes(),
+            self.continuous,
+            self.turnable,
         )
 
     @property
     def dof(self) -> int:
         """Number of joints."""
         return len(self.joints)
+
+    def nearest_turns(self, Q: Array, q: Array) -> Array:
+        """Q (n, dof), turned by whole turns to where its joints are next to q (dof,).
+
+        As far as joints can, and their limits let them.
+        """
+        Q, turn = np.asarray(Q), 2.0 * np.pi
+        if not self.turnable:
+            return Q
+        fewest, most = np.ceil((Q - self.upper) / turn), np.floor((Q - self.lower) / turn)
+        turns = np.clip(np.round((Q - q) / turn), fewest, np.maximum(most, fewest))
+        return np.where(np.isin(self.joints, self.turnable), Q - turn * turns, Q)

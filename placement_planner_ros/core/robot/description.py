@@ -1,19 +1,28 @@
 """URDF text: read, checked, and brought to one coordinate per movable joint.
 
 What a description leaves open or states badly is decided here, once, and said in `warnings`:
-a continuous joint gets the range ±2π, a missing or useless velocity limit a cautious default.
+a continuous joint gets a range that no plan comes to the end of, a missing or useless velocity
+limit a cautious default.
 """
 
 from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 
 from placement_planner_ros.core.errors import RobotError
+from placement_planner_ros.core.robot.joint_limits import (
+    ANGULAR_ACCELERATION,
+    FIELD,
+    LINEAR_ACCELERATION,
+    Assumed,
+    JointLimit,
+)
 from placement_planner_ros.core.types import Array
 
 DEFAULT_ANGULAR_VELOCITY = 1.0
@@ -25,8 +34,9 @@ DEFAULT_LINEAR_VELOCITY = 0.1
 MAX_VELOCITY = 100.0
 """Velocity limits above this (rad/s or m/s) are read as "not stated"."""
 
-CONTINUOUS_RANGE = 2.0 * math.pi
-"""rad to either side of zero, for joints without an end stop."""
+CONTINUOUS_RANGE = 2.25 * math.pi
+"""rad to either side of zero, for joints without an end stop: a plan begins within half a turn of
+zero (`Robot.unwound`) and ends within half a turn of there, and has room beyond for an approach."""
 
 MOVABLE = ("revolute", "continuous", "prismatic")
 
@@ -36,11 +46,14 @@ MAX_TEXT = 5_000_000
 MAX_LINKS = 500
 """Links that a robot may have."""
 
-MAX_JOINTS = 100
+MAX_JOINTS = 300
 """Movable joints that a robot may have: what its kinematics need grows with their cube."""
 
 MAX_ATTRIBUTES = 100
 """Attributes that one element may have: what reads URDF compares each with all others."""
+
+_NAMED = 5
+"""Joints that are named at most."""
 
 MAX_DEPTH = 50
 """Elements that may lie within each other: what reads URDF calls itself for each."""
@@ -57,13 +70,28 @@ class Mimic:
 
 @dataclass(frozen=True, slots=True)
 class Joint:
-    """A movable joint: its range (rad or m), velocity limit (rad/s or m/s), what it mimics."""
+    """A movable joint.
+
+    Attributes:
+        name: of the joint.
+        lower, upper: its range, rad or m.
+        velocity: its limit, rad/s or m/s.
+        mimic: what it follows.
+        continuous: whether it turns without end stops.
+        prismatic: whether it slides.
+        acceleration: its limit, rad/s² or m/s²; None where nobody states one.
+        assumed: the limits that nobody states, and what they are taken to be.
+    """
 
     name: str
     lower: float
     upper: float
     velocity: float
     mimic: Mimic | None
+    continuous: bool = False
+    prismatic: bool = False
+    acceleration: float | None = None
+    assumed: tuple[Assumed, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,8 +162,11 @@ def read_xml(text: str, field: str) -> ET.Element:
         raise RobotError(field, text[:60], remedy) from error
 
 
-def read_urdf(text: str) -> Description:
+def read_urdf(text: str, limits: Mapping[str, JointLimit] | None = None) -> Description:
     """Read URDF `text`.
+
+    Args:
+        limits: what else is stated of joints. The narrower range and the lower velocity count.
 
     Raises:
         RobotError: not XML, too much of it, not a tree of links, a joint of a kind or with a range
@@ -154,7 +185,8 @@ def read_urdf(text: str) -> Description:
         read_origin(element, f"joint {name}")
         kind = element.get("type", "")
         if kind in MOVABLE:
-            joints[name] = _read_joint(name, element, elements, warnings)
+            limit = (limits or {}).get(name, JointLimit())
+            joints[name] = _read_joint(name, element, elements, limit, warnings)
         elif kind != "fixed":
             raise RobotError(
                 f"joint {name}",
@@ -162,6 +194,12 @@ def read_urdf(text: str) -> Description:
                 "only fixed, revolute, continuous and prismatic joints have one coordinate;"
                 " fix this joint or replace it by a chain of those",
             )
+    strangers = sorted(set(limits or {}) - set(joints))
+    if strangers:
+        warnings.append(
+            f"{FIELD} has limits of {', '.join(strangers[:_NAMED])}"
+            f"{' and others' if len(strangers) > _NAMED else ''}, no movable joints of the URDF"
+        )
     if len(joints) > MAX_JOINTS:
         raise RobotError(
             "robot_description",
@@ -261,7 +299,11 @@ def _number(element: ET.Element | None, attribute: str, default: float, field: s
 
 
 def _read_joint(
-    name: str, element: ET.Element, elements: dict[str, ET.Element], warnings: list[str]
+    name: str,
+    element: ET.Element,
+    elements: dict[str, ET.Element],
+    stated: JointLimit,
+    warnings: list[str],
 ) -> Joint:
     field = f"joint {name}"
     kind = element.get("type")
@@ -279,24 +321,48 @@ def _read_joint(
     endless = kind == "continuous" or (kind == "revolute" and math.isinf(upper - lower))
     if endless:
         lower, upper = -CONTINUOUS_RANGE, CONTINUOUS_RANGE
-        warnings.append(f"{field} has no end stops: planned within ±2π")
-    elif math.isinf(upper - lower):
+    lower = lower if stated.lower is None else max(lower, stated.lower)
+    upper = upper if stated.upper is None else min(upper, stated.upper)
+    if lower > upper:
+        remedy = f"leaves nothing of the URDF's range with {FIELD}; make them fit each other"
+        raise RobotError(field, (lower, upper), remedy)
+    if math.isinf(upper - lower):
         raise RobotError(field, (lower, upper), "give a prismatic joint finite limits in metres")
-    elif lower == upper:
+    if endless and (lower, upper) != (-CONTINUOUS_RANGE, CONTINUOUS_RANGE):
+        endless = False
+    if lower == upper:
         warnings.append(f"{field} has the empty range [{lower:g}, {upper:g}]: it cannot move")
+    angular, assumed = kind != "prismatic", []
+    if stated.velocity is not None:
+        velocity = min(velocity, stated.velocity) if velocity > 0.0 else stated.velocity
     if not 0.0 < velocity <= MAX_VELOCITY:
-        angular = kind != "prismatic"
         default = DEFAULT_ANGULAR_VELOCITY if angular else DEFAULT_LINEAR_VELOCITY
         unit = "rad/s" if angular else "m/s"
         warnings.append(f"{field} has no usable velocity limit: planned with {default:g} {unit}")
         velocity = default
+        assumed.append(Assumed(name, "velocity", velocity, unit))
+    if stated.acceleration is None:
+        default = ANGULAR_ACCELERATION if angular else LINEAR_ACCELERATION
+        unit = "rad/s^2" if angular else "m/s^2"
+        assumed.append(Assumed(name, "acceleration", default, unit))
 
     element.set("type", "prismatic" if kind == "prismatic" else "revolute")
     if limit is None:
         limit = ET.SubElement(element, "limit")
     limit.attrib.update(lower=repr(lower), upper=repr(upper), velocity=repr(velocity))
     limit.attrib.setdefault("effort", "0")
-    return Joint(name, lower, upper, velocity, _read_mimic(name, elements))
+    mimic = _read_mimic(name, elements)
+    return Joint(
+        name,
+        lower,
+        upper,
+        velocity,
+        mimic,
+        endless,
+        not angular,
+        stated.acceleration,
+        tuple(assumed),
+    )
 
 
 def _read_mimic(name: str, elements: dict[str, ET.Element]) -> Mimic | None:

@@ -1,11 +1,13 @@
 """Collision geometry of a URDF as coal shapes: primitives as they are, convex meshes as convex
-polytopes, all other meshes as exact triangle soups."""
+polytopes, all other meshes as their triangles with a convex cover beside them."""
 
 from __future__ import annotations
 
+import functools
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 from urllib.parse import unquote, urlparse
@@ -16,13 +18,17 @@ import numpy.typing as npt
 import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
+from placement_planner_ros.core.body.convex_cover import Cover, convex_cover, cover_tolerance
+from placement_planner_ros.core.body.convex_part import (
+    CONVEX_SHARE,
+    CONVEX_TOLERANCE,
+    MOST_AROUND,
+)
+from placement_planner_ros.core.body.cover_store import kept_cover
 from placement_planner_ros.core.errors import RobotError
+from placement_planner_ros.core.meshes.read import read_mesh
 from placement_planner_ros.core.robot.description import read_floats, read_origin
 from placement_planner_ros.core.types import Array
-
-CONVEX_TOLERANCE = 1e-3
-"""m (and 1 % of the mesh's size): a mesh whose triangles lie this close beneath the facets of its
-hull counts as convex; its hull, which stands in for it, is nowhere further outside."""
 
 MAX_EXTENT = 10.0
 """m; a mesh larger than this is taken to be in millimetres."""
@@ -44,6 +50,9 @@ MAX_ALL_TRIANGLES = 300_000
 MAX_SHAPES = 1000
 """Collision shapes that a robot may have."""
 
+_TOLD = 20
+"""Unusable shapes that are told of one by one."""
+
 _MOST_COMPARED = 100_000_000
 """Facets of a hull times triangles of its mesh; with more, the mesh is taken as it is."""
 
@@ -51,6 +60,63 @@ PackageDirs = Mapping[str, str | Path] | Sequence[str | Path]
 """Package name -> its share folder, or folders that hold packages or relative mesh paths."""
 
 Triangles = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinkMesh:
+    """A mesh that is not convex, as a link has it.
+
+    Attributes:
+        link: for messages.
+        vertices: (n, 3) metres, scaled.
+        triangles: (t, 3) rows of vertices.
+    """
+
+    link: str
+    vertices: Array
+    triangles: Triangles
+
+    @property
+    def tolerance(self) -> float:
+        """Metres that its cover may reach beyond it."""
+        return cover_tolerance(self.vertices)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinkCover(Cover):
+    """The cover of a link's mesh, and the mesh."""
+
+    mesh: LinkMesh
+
+
+_COARSE = 2.0
+"""Times the tolerance beyond which a cover is told."""
+
+CoverMaker = Callable[[Sequence[LinkMesh]], Sequence[Cover]]
+"""Makes the covers of all meshes of a robot."""
+
+
+def make_covers(meshes: Sequence[LinkMesh]) -> list[Cover]:
+    """The covers of these meshes, from disk where they were made before."""
+    arguments = [(mesh.vertices, mesh.triangles, mesh.tolerance) for mesh in meshes]
+    return [kept_cover(*each, functools.partial(convex_cover, *each)) for each in arguments]
+
+
+def _notes(meshes: Sequence[LinkMesh], covers: Sequence[Cover]) -> list[str]:
+    """What users should know of the meshes."""
+    notes = []
+    for mesh, cover in zip(meshes, covers, strict=True):
+        if not cover.closed:
+            notes.append(
+                f"link {mesh.link}: its mesh is not closed and counts as a sheet without an inside"
+            )
+        if cover.excess > _COARSE * mesh.tolerance:
+            notes.append(
+                f"link {mesh.link}: its convex cover reaches {cover.excess:.3f} m beyond its mesh "
+                f"instead of {mesh.tolerance:g}, which slows down checks beside it; a simpler mesh "
+                "has a closer one"
+            )
+    return notes
 
 
 class MeshFiles(Protocol):
@@ -65,18 +131,48 @@ class MeshFiles(Protocol):
         ...
 
 
+class ShapesError(RobotError):
+    """Several collision shapes are unusable.
+
+    Attributes:
+        faults: of one shape each.
+        grouped: all of them, those with the same remedy on one line.
+    """
+
+    def __init__(self, faults: Sequence[RobotError]) -> None:
+        self.faults = tuple(faults)
+        alike: dict[str, list[str]] = {}
+        for fault in faults:
+            alike.setdefault(fault.remedy, []).append(f"{fault.field} {fault.value!s:.200}")
+        lines = [
+            f"{_listed(which, '; ')}: {remedy}" for remedy, which in list(alike.items())[:_TOLD]
+        ]
+        if len(alike) > _TOLD:
+            lines.append(f"and {len(alike) - _TOLD} more")
+        self.grouped = "\n".join(lines)
+        number = f"{len(faults)} collision shapes"
+        super().__init__("robot_description", number, "cannot be used. " + ". ".join(lines))
+
+
+def _listed(words: Sequence[str], separator: str) -> str:
+    more = [f"and {len(words) - _TOLD} more"] if len(words) > _TOLD else []
+    return separator.join([*words[:_TOLD], *more])
+
+
 def package_names(urdf_text: str) -> tuple[str, ...]:
     """Packages that `package://` URIs in a URDF refer to, sorted."""
     return tuple(sorted(set(re.findall(r"package://([^/\"'<>\s]+)", urdf_text))))
 
 
 def build_geometry(
-    root: ET.Element, model: pin.Model, files: PackageDirs | MeshFiles
-) -> tuple[pin.GeometryModel, tuple[str, ...]]:
+    root: ET.Element, model: pin.Model, files: PackageDirs | MeshFiles, cover: CoverMaker
+) -> tuple[pin.GeometryModel, tuple[str, ...], tuple[LinkCover | None, ...], list[str]]:
     """All <collision> elements of a URDF.
 
     Returns:
-        the geometry model without collision pairs, and the link of each of its objects.
+        the geometry model without collision pairs; of each of its objects the link and, where it
+        is a mesh that is not convex, the cover, one for all that share the mesh and its scale; and
+        what users should know of the meshes.
 
     Raises:
         RobotError: a geometry is empty, not finite, of no size, in millimetres, too large or not
@@ -92,14 +188,20 @@ def build_geometry(
     meshes = _Meshes(_Folders(files) if isinstance(files, (Mapping, Sequence)) else files)
     geometry = pin.GeometryModel()
     links: list[str] = []
+    keys: list[_Key | None] = []
+    faults: list[RobotError] = []
     for link in root.findall("link"):
         name = str(link.get("name"))
         frame_id = model.getFrameId(name, pin.FrameType.BODY)
         frame = model.frames[frame_id]
         for index, element in enumerate(link.findall("collision")):
             field = f"link {name}, collision {index}"
-            shape = _read_shape(element, field, meshes)
-            T_link_shape = read_origin(element, field)
+            try:
+                shape, key = _read_shape(element, name, field, meshes)
+                T_link_shape = read_origin(element, field)
+            except RobotError as error:
+                faults.append(error)
+                continue
             geometry.addGeometryObject(
                 pin.GeometryObject(
                     f"{name}_{index}",
@@ -110,10 +212,26 @@ def build_geometry(
                 )
             )
             links.append(name)
-    return geometry, tuple(links)
+            keys.append(key)
+    if faults:
+        raise faults[0] if len(faults) == 1 else ShapesError(faults)
+    soups = list(meshes.soups.values())
+    made = [
+        LinkCover(each.parts, each.excess, each.closed, soup)
+        for each, soup in zip(cover(soups), soups, strict=True)
+    ]
+    by_key = dict(zip(meshes.soups, made, strict=True))
+    covers = tuple(None if key is None else by_key.get(key) for key in keys)
+    return geometry, tuple(links), covers, _notes(soups, made)
 
 
-def _read_shape(collision: ET.Element, field: str, meshes: _Meshes) -> coal.CollisionGeometry:
+_Key = tuple[Path, tuple[float, ...]]
+"""A mesh file and its scale."""
+
+
+def _read_shape(
+    collision: ET.Element, link: str, field: str, meshes: _Meshes
+) -> tuple[coal.CollisionGeometry, _Key | None]:
     geometry = collision.find("geometry")
     shapes = [] if geometry is None else list(geometry)
     if len(shapes) != 1:
@@ -121,7 +239,7 @@ def _read_shape(collision: ET.Element, field: str, meshes: _Meshes) -> coal.Coll
     shape = shapes[0]
     if shape.tag == "mesh":
         scale = read_floats(shape.get("scale", "1 1 1"), 3, f"{field}: scale")
-        return meshes.shape(shape.get("filename", ""), scale, field)
+        return meshes.shape(shape.get("filename", ""), scale, link, field)
     if shape.tag not in PRIMITIVES:
         raise RobotError(field, shape.tag, f"use mesh or one of {list(PRIMITIVES)}")
     make, counts = PRIMITIVES[shape.tag]
@@ -131,7 +249,7 @@ def _read_shape(collision: ET.Element, field: str, meshes: _Meshes) -> coal.Coll
         raise RobotError(f"{field}: {shape.tag}", values.tolist(), "every size must be positive")
     primitive = make(*values.tolist())
     primitive.computeLocalAABB()
-    return primitive
+    return primitive, None
 
 
 class _Folders:
@@ -143,6 +261,8 @@ class _Folders:
     def find(self, uri: str) -> Path:
         """The file a mesh URI names: package://, file://, absolute, or relative to a folder."""
         parts = urlparse(uri)
+        if parts.scheme == "package" and not parts.netloc:
+            raise FileNotFoundError("names no package; write two slashes: package://PACKAGE/PATH")
         if isinstance(self._package_dirs, Mapping):
             folders = [Path(folder) for folder in self._package_dirs.values()]
             known = parts.netloc in self._package_dirs
@@ -162,7 +282,13 @@ class _Folders:
         for candidate in candidates:
             if candidate.is_file():
                 return candidate.resolve()
-        tried = ", ".join(str(c) for c in candidates) or "no folder of that package is known"
+        if parts.scheme == "package" and not packages:
+            known_ones = ", ".join(str(each) for each in self._package_dirs) or "none"
+            raise FileNotFoundError(
+                f"no such file; package {parts.netloc} is not in package_dirs, which has "
+                f"{known_ones}"
+            )
+        tried = ", ".join(map(str, packages if parts.scheme == "package" else candidates))
         raise FileNotFoundError(f"no such file; tried {tried}")
 
     def read(self, path: Path) -> tuple[Array, Triangles]:
@@ -171,15 +297,22 @@ class _Folders:
 
 
 class _Meshes:
-    """The meshes of one robot as shapes, each read once."""
+    """The meshes of one robot as shapes, each read once.
+
+    Attributes:
+        soups: those that are not convex.
+    """
 
     def __init__(self, files: MeshFiles) -> None:
         self._files = files
         self._read: dict[Path, tuple[Array, Triangles]] = {}
-        self._shapes: dict[tuple[Path, tuple[float, ...]], coal.CollisionGeometry] = {}
+        self._shapes: dict[_Key, coal.CollisionGeometry] = {}
+        self.soups: dict[_Key, LinkMesh] = {}
         self._triangles = 0
 
-    def shape(self, uri: str, scale: Array, field: str) -> coal.CollisionGeometry:
+    def shape(
+        self, uri: str, scale: Array, link: str, field: str
+    ) -> tuple[coal.CollisionGeometry, _Key]:
         """The mesh a URI names, scaled by (3,) `scale`.
 
         Raises:
@@ -193,8 +326,14 @@ class _Meshes:
         if key not in self._shapes:
             if path not in self._read:
                 self._read[path] = self._arrays(path, field)
-            self._shapes[key] = mesh_shape(*self._read[path], scale, f"{field}: mesh", str(path))
-        return self._shapes[key]
+            vertices, triangles = self._read[path]
+            if np.prod(scale) < 0.0:
+                triangles = triangles[:, ::-1]  # a mirrored solid faces outward as before
+            shape = mesh_shape(vertices, triangles, scale, f"{field}: mesh", str(path))
+            self._shapes[key] = shape
+            if isinstance(shape, coal.BVHModelBase):
+                self.soups[key] = LinkMesh(link, vertices * scale, triangles)
+        return self._shapes[key], key
 
     def _arrays(self, path: Path, field: str) -> tuple[Array, Triangles]:
         try:
@@ -213,23 +352,6 @@ class _Meshes:
                 f"a robot together {MAX_ALL_TRIANGLES}: use simpler collision meshes",
             )
         return vertices, triangles
-
-
-def read_mesh(path: Path) -> tuple[Array, Triangles]:
-    """Vertices (n, 3) and triangles (t, 3) of a mesh file, in its unit.
-
-    Raises:
-        ValueError: unreadable; the message says why.
-    """
-    try:
-        mesh = coal.MeshLoader().load(str(path), np.ones(3))
-    except (ValueError, RuntimeError) as error:
-        reason = " ".join(str(error).split("message:")[-1].split("Hint")[0].split())
-        raise ValueError(reason) from error
-    vertices = np.array(mesh.vertices(), dtype=np.float64).reshape(-1, 3)
-    rows = (mesh.tri_indices(i) for i in range(mesh.num_tris))
-    triangles = np.array([[t[0], t[1], t[2]] for t in rows], dtype=np.int64)
-    return vertices, triangles.reshape(-1, 3)
 
 
 def mesh_shape(
@@ -259,7 +381,9 @@ def mesh_shape(
     if not area > 0.0:
         raise RobotError(field, name, "has no surface; check its scale")
     hull = _hull_if_convex(corners, area, extent)
-    return _bvh(vertices, triangles) if hull is None else convex(hull)
+    if hull is None or np.bincount(hull.simplices.ravel()).max() > MOST_AROUND:
+        return triangle_geometry(vertices, triangles)
+    return convex(hull)
 
 
 def _hull_if_convex(corners: Array, area: float, extent: float) -> ConvexHull | None:
@@ -273,7 +397,7 @@ def _hull_if_convex(corners: Array, area: float, extent: float) -> ConvexHull | 
     planes = np.unique(hull.equations.round(9), axis=0)
     if len(planes) * len(corners) > _MOST_COMPARED:
         return None
-    tolerance = min(CONVEX_TOLERANCE, 0.01 * extent)
+    tolerance = min(CONVEX_TOLERANCE, CONVEX_SHARE * extent)
     chunk = max(1, 1_000_000 // (3 * len(planes)))
     for start in range(0, len(corners), chunk):
         part = corners[start : start + chunk]
@@ -299,7 +423,8 @@ def convex(hull: ConvexHull) -> coal.Convex:
     return shape
 
 
-def _bvh(vertices: Array, triangles: npt.NDArray[np.int_]) -> coal.BVHModelOBBRSS:
+def triangle_geometry(vertices: Array, triangles: npt.NDArray[np.int_]) -> coal.BVHModelOBBRSS:
+    """Triangles (t, 3) of vertices (n, 3) as a coal surface."""
     mesh = coal.BVHModelOBBRSS()
     points, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
     points.extend(list(vertices))

@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from numbers import Real
 
 import numpy as np
@@ -17,11 +18,30 @@ from placement_planner_ros.core.errors import (
     JointStateError,
     RobotError,
     StartError,
+    listed,
 )
 from placement_planner_ros.core.robot import allowed_pairs as pairs
 from placement_planner_ros.core.robot.arm import Arm
-from placement_planner_ros.core.robot.description import Mimic, read_urdf
-from placement_planner_ros.core.robot.geometry import MeshFiles, PackageDirs, build_geometry
+from placement_planner_ros.core.robot.description import (
+    Description,
+    Joint,
+    Mimic,
+    read_urdf,
+)
+from placement_planner_ros.core.robot.geometry import (
+    CoverMaker,
+    LinkCover,
+    MeshFiles,
+    PackageDirs,
+    build_geometry,
+    make_covers,
+)
+from placement_planner_ros.core.robot.joint_limits import (
+    ANGULAR_ACCELERATION,
+    LINEAR_ACCELERATION,
+    Assumed,
+    JointLimit,
+)
 from placement_planner_ros.core.types import Array, frozen_array
 
 LIMIT_TOLERANCE = 1e-6
@@ -45,11 +65,18 @@ class Robot:
         model: pinocchio model, nq == nv == len(joint_names).
         geometry: collision geometry; its collision pairs are those self-collision checks need.
         geometry_links: link of each of geometry.geometryObjects.
+        covers: of each of geometry.geometryObjects that is a mesh and not convex a convex cover
+            with the mesh, the same for all with the same file and scale; of all others None.
         joint_names: (nq) movable joints, mimicking ones included.
-        lower, upper: (nq,) joint limits, rad or m; ±2π for joints without end stops.
+        lower, upper: (nq,) joint limits, rad or m; those of joints without end stops hold for
+            plans alone (`description.CONTINUOUS_RANGE`).
+        continuous: joints without end stops, which may have been turned any number of times.
         velocity_limits: (nq,) rad/s or m/s.
+        acceleration_limits: (nq,) rad/s² or m/s²; nobody states those that `assumed` names.
+        assumed: velocity and acceleration limits that nobody states.
         mimics: joints that follow another.
         allowed_pairs: sorted link pairs that self-collision checks leave out.
+        left_out: those of them that no SRDF names, and why; None where there is an SRDF.
         warnings: what was decided where the description was silent.
     """
 
@@ -57,22 +84,32 @@ class Robot:
     model: pin.Model
     geometry: pin.GeometryModel
     geometry_links: tuple[str, ...]
+    covers: tuple[LinkCover | None, ...]
     joint_names: tuple[str, ...]
     lower: Array
     upper: Array
     velocity_limits: Array
+    acceleration_limits: Array
+    assumed: tuple[Assumed, ...]
     mimics: Mapping[str, Mimic]
+    continuous: frozenset[str]
     allowed_pairs: frozenset[pairs.Pair]
+    left_out: tuple[pairs.LeftOut, ...] | None
     warnings: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        for name in ("lower", "upper", "velocity_limits"):
+        for name in ("lower", "upper", "velocity_limits", "acceleration_limits"):
             array = frozen_array(getattr(self, name), (len(self.joint_names),))
             object.__setattr__(self, name, array)
 
     @classmethod
     def from_urdf(
-        cls, urdf_text: str, package_dirs: PackageDirs | MeshFiles = (), srdf: str | None = None
+        cls,
+        urdf_text: str,
+        package_dirs: PackageDirs | MeshFiles = (),
+        srdf: str | None = None,
+        joint_limits: Mapping[str, JointLimit] | None = None,
+        cover: CoverMaker = make_covers,
     ) -> Robot:
         """Read a robot.
 
@@ -83,43 +120,71 @@ class Robot:
                 mesh files.
             srdf: text that lists disabled collisions; without it they are derived
                 (`allowed_pairs.derive`).
+            joint_limits: what else is stated of joints (`read_joint_limits`).
+            cover: makes the covers of its meshes.
 
         Raises:
             RobotError: the description or its geometry is unusable; the message names the part.
         """
-        description = read_urdf(urdf_text)
-        try:
-            model = pin.buildModelFromXML(description.text)
-        except Exception as error:  # whatever pinocchio raises at what it is given
-            raise RobotError(
-                "robot_description", description.root.get("name"), f"is refused: {error}"
-            ) from error
+        description = read_urdf(urdf_text, joint_limits)
+        model = _build_model(description)
         joints = [description.joints[name] for name in model.names[1:]]
-        geometry, geometry_links = build_geometry(description.root, model, package_dirs)
+        geometry, geometry_links, covers, notes = build_geometry(
+            description.root, model, package_dirs, cover
+        )
         links = tuple(f.name for f in model.frames if f.type == pin.FrameType.BODY)
-        warnings = list(description.warnings)
+        warnings = [*description.warnings, *notes]
+        left_out: tuple[pairs.LeftOut, ...] | None = None
         if srdf is None:
-            allowed = pairs.derive(description, model, geometry, geometry_links)
-            warnings.append(
-                f"no SRDF: {len(allowed)} link pairs left out of self-collision checks"
-                " by adjacency and sampling"
-            )
+            left_out = pairs.derive(description, model, geometry, geometry_links)
+            allowed = frozenset(each.links for each in left_out)
+            warnings.extend(_said_of(left_out))
         else:
-            allowed, notes = pairs.read_srdf(srdf, links)
-            warnings.extend(notes)
+            allowed, ignored = pairs.read_srdf(srdf, links)
+            warnings.extend(ignored)
         _add_collision_pairs(geometry, geometry_links, allowed)
         return cls(
             name=str(description.root.get("name")),
             model=model,
             geometry=geometry,
             geometry_links=geometry_links,
+            covers=covers,
             joint_names=tuple(joint.name for joint in joints),
             lower=np.array([joint.lower for joint in joints]),
             upper=np.array([joint.upper for joint in joints]),
             velocity_limits=np.array([joint.velocity for joint in joints]),
+            acceleration_limits=np.array([_acceleration(joint) for joint in joints]),
+            assumed=tuple(each for joint in joints for each in joint.assumed),
             mimics={joint.name: joint.mimic for joint in joints if joint.mimic is not None},
+            continuous=frozenset(joint.name for joint in joints if joint.continuous),
             allowed_pairs=allowed,
+            left_out=left_out,
             warnings=tuple(warnings),
+        )
+
+    def standing_at(self, q: Array) -> Robot:
+        """This robot, which stands at q (nq,); itself where that shows nothing new.
+
+        Without an SRDF, links at most `allowed_pairs.NEARBY` joints apart whose meshes overlap
+        there are left out of self-collision checks: where the robot itself stands, they are not in
+        each other. Only its pairs differ then.
+        """
+        if self.left_out is None:
+            return self
+        found = _near_pairs(self).overlapping_at(q)
+        if not found:
+            return self
+        return _without(self, found)
+
+    @property
+    def turnable(self) -> frozenset[str]:
+        """Joints that turn two times around or more."""
+        around = self.upper - self.lower >= 4.0 * np.pi - LIMIT_TOLERANCE
+        kinds = [joint.shortname() for joint in self.model.joints[1:]]
+        return frozenset(
+            name
+            for name, far, kind in zip(self.joint_names, around, kinds, strict=True)
+            if far and "JointModelP" not in kind
         )
 
     @property
@@ -143,7 +208,7 @@ class Robot:
         Values beyond the limits are taken as they are: see `limit_violations`.
 
         Raises:
-            JointStateError: a joint is missing or not finite; the message names every one.
+            JointStateError: a joint is missing or not finite; the message names them.
         """
         wanted = [name for name in self.joint_names if name not in self.mimics]
         missing = [name for name in wanted if name not in positions]
@@ -164,6 +229,26 @@ class Robot:
                 raise RobotError("joint", name, f"follows {self.mimics[name].master}; set that one")
         return self._filled(np.array(q, dtype=np.float64), positions)
 
+    def unwound(self, q: Array) -> Array:
+        """q (nq,), continuous joints turned by whole turns to within half a turn of zero.
+
+        A plan begins there. Coupled joints stay as they are, as no arm has any.
+        """
+        coupled = {*self.mimics, *(mimic.master for mimic in self.mimics.values())}
+        endless = np.isin(self.joint_names, list(self.continuous - coupled))
+        return np.asarray(q - np.where(endless, 2.0 * np.pi * np.round(q / (2.0 * np.pi)), 0.0))
+
+    def apart(self, a: Array, b: Array) -> Array:
+        """(nq,) how far each joint is from a to b, (nq,) both; continuous ones the shorter way.
+
+        0 for joints that follow others, which may do so at another pace.
+        """
+        away = np.abs(a - b)
+        endless = np.isin(self.joint_names, list(self.continuous))
+        wrapped = np.abs(away - 2.0 * np.pi * np.round(away / (2.0 * np.pi)))
+        following = np.isin(self.joint_names, list(self.mimics))
+        return np.where(following, 0.0, np.where(endless, wrapped, away))
+
     def with_open_hand(self, q: Array, arm: Arm) -> Array:
         """A copy of q (nq,) with the arm's gripper open."""
         return self.with_positions(q, dict(zip(arm.gripper_joints, arm.gripper_open, strict=True)))
@@ -178,13 +263,15 @@ class Robot:
             StartError: a joint is further than `FAR_BEYOND` from them.
         """
         far = np.maximum(self.lower - q, q - self.upper) > FAR_BEYOND
+        # a mimicking joint follows its master, whatever its own limits say
+        far &= [name not in self.continuous | set(self.mimics) for name in self.joint_names]
         if joints is not None:
             far &= [name in joints for name in self.joint_names]
         if far.any():
             raise StartError(
                 "joint_states",
                 [f"{name} = {value:.6g}" for name, value in self._those(q, far)],
-                "; ".join(self.limit_violations(np.where(far, q, self.lower)))
+                listed(self.limit_violations(np.where(far, q, self.lower)), "; ")
                 + f", by more than {FAR_BEYOND:g}: publish rad or m",
             )
 
@@ -198,7 +285,8 @@ class Robot:
             for name, value, low, high in zip(
                 self.joint_names, q, self.lower, self.upper, strict=True
             )
-            if not low - LIMIT_TOLERANCE <= value <= high + LIMIT_TOLERANCE
+            if name not in self.continuous
+            and not low - LIMIT_TOLERANCE <= value <= high + LIMIT_TOLERANCE
         ]
 
     def frame_id(self, link: str) -> int:
@@ -254,6 +342,7 @@ class Robot:
         touch_links: Sequence[str] | None = None,
         gripper_joints: Sequence[str] = (),
         gripper_open: Sequence[float] = (),
+        also_touch: Sequence[str] = (),
     ) -> Arm:
         """An arm of this robot; what is None is derived.
 
@@ -265,6 +354,7 @@ class Robot:
             touch_links: links that may touch the held object; None: the hand, that is, the tip
                 link and all links it carries, or where these have no geometry, the next link
                 towards the root that does, with all it carries.
+            also_touch: more of them.
             gripper_joints, gripper_open: joints that open the hand, and their values when open.
 
         Raises:
@@ -294,14 +384,17 @@ class Robot:
                 f"{where}: joints", list(joints), f"list each once, root to tip: {ordered}"
             )
         for follower, mimic in self.mimics.items():
-            if follower in chain or mimic.master in joints:
+            if follower in joints or mimic.master in joints:
+                others = [j for j in joints if j not in (follower, mimic.master)]
                 raise RobotError(
                     f"{where}: joints",
                     follower,
-                    f"mimics {mimic.master}; coupled joints in an arm cannot be planned",
+                    f"mimics {mimic.master}; coupled joints in an arm cannot be planned: leave "
+                    f"both out, which then stay where they are: {others}",
                 )
         if touch_links is None:
             touch_links = self._hand_links(tip_frame)
+        touch_links = tuple(dict.fromkeys([*touch_links, *also_touch]))
         for link in touch_links:
             if not self.model.existFrame(link, pin.FrameType.BODY):
                 raise RobotError(f"{where}: touch_links", link, "name a link of the robot")
@@ -311,13 +404,16 @@ class Robot:
             tip_frame=tip_frame,
             joints=joints,
             grasps=tuple(_checked_grasp(g, f"{where}: grasps[{i}]") for i, g in enumerate(grasps)),
-            touch_links=tuple(touch_links),
+            touch_links=touch_links,
             gripper_joints=tuple(gripper_joints),
             gripper_open=self._checked_gripper(where, joints, gripper_joints, gripper_open),
             q_index=np.array(index),
             lower=self.lower[index],
             upper=self.upper[index],
             velocity=self.velocity_limits[index],
+            acceleration=self.acceleration_limits[index],
+            continuous=tuple(joint for joint in joints if joint in self.continuous),
+            turnable=tuple(joint for joint in joints if joint in self.turnable),
         )
 
     def _filled(self, q: Array, positions: Mapping[str, float]) -> Array:
@@ -393,6 +489,64 @@ class Robot:
                     f"{where}: gripper_open", value, f"must lie in {joint}'s [{low:g}, {high:g}]"
                 )
         return tuple(float(v) for v in gripper_open)
+
+
+@lru_cache(maxsize=4)
+def _near_pairs(robot: Robot) -> pairs.NearPairs:
+    return pairs.NearPairs(robot.model, robot.geometry, robot.geometry_links)
+
+
+@lru_cache(maxsize=16)
+def _without(robot: Robot, found: tuple[pairs.LeftOut, ...]) -> Robot:
+    """The robot with these pairs left out too; the same one for the same pairs."""
+    allowed = robot.allowed_pairs | {each.links for each in found}
+    geometry = robot.geometry.copy()
+    _add_collision_pairs(geometry, robot.geometry_links, allowed)
+    known = robot.left_out or ()
+    return replace(robot, geometry=geometry, allowed_pairs=allowed, left_out=(*known, *found))
+
+
+def _acceleration(joint: Joint) -> float:
+    assumed = LINEAR_ACCELERATION if joint.prismatic else ANGULAR_ACCELERATION
+    return assumed if joint.acceleration is None else joint.acceleration
+
+
+def _said_of(left_out: tuple[pairs.LeftOut, ...]) -> list[str]:
+    """What to say of pairs that were left out without an SRDF."""
+    hidden = [each for each in left_out if each.can_hide]
+    plain = len(left_out) - len(hidden)
+    words = f"no SRDF: {plain} pairs of neighbouring links are left out of self-collision checks"
+    if not hidden:
+        return [words]
+    remedy = "give robot_description_semantic where these can really meet"
+    return [f"{words}, and {len(hidden)} more; {remedy}", *(f"left out: {each}" for each in hidden)]
+
+
+def place_of(link: str, urdf_text: str) -> tuple[str, pin.SE3 | None, bool]:
+    """Where a link of a URDF is, without a look at its geometry.
+
+    Returns:
+        the root link, T_root_link with all joints at zero (None where there is no such link), and
+        whether a joint moves it.
+
+    Raises:
+        RobotError: the description is unusable.
+    """
+    model = _build_model(read_urdf(urdf_text))
+    root = str(next(f.name for f in model.frames if f.type == pin.FrameType.BODY))
+    if not model.existFrame(link, pin.FrameType.BODY):
+        return root, None, False
+    frame = model.frames[model.getFrameId(link, pin.FrameType.BODY)]
+    return root, pin.SE3(frame.placement), frame.parentJoint != 0
+
+
+def _build_model(description: Description) -> pin.Model:
+    try:
+        return pin.buildModelFromXML(description.text)
+    except Exception as error:  # whatever pinocchio raises at what it is given
+        raise RobotError(
+            "robot_description", description.root.get("name"), f"is refused: {error}"
+        ) from error
 
 
 def _add_collision_pairs(

@@ -7,15 +7,17 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from placement_planner_ros.core.collision.against_mesh import mesh_meets_hull
 from placement_planner_ros.core.collision.arrays import (
     BODY_FIRST_PART,
     BODY_JOINT,
-    NODE_FIRST,
-    NODE_LAST,
+    MESH_TREE,
+    NODE_SET,
     NODE_SKIP,
     PART_FIRST_NODE,
     SET_FIRST_PLANE,
     SET_FIRST_VERTEX,
+    SET_MESH,
     ArmArrays,
     Indices,
 )
@@ -119,7 +121,7 @@ def mark_cubes(path: Path, beyond: float, cubes: Cubes) -> None:
             node = arm.parts[arm.bodies[body, BODY_FIRST_PART], PART_FIRST_NODE]
             last = arm.parts[arm.bodies[body + 1, BODY_FIRST_PART], PART_FIRST_NODE]
             while node < last:
-                if spheres[node, 3] > _COARSE and nodes[node, NODE_FIRST] < 0:
+                if spheres[node, 3] > _COARSE and nodes[node, NODE_SET] < 0:
                     node += 1
                     continue
                 x, y, z = to_world(
@@ -203,6 +205,48 @@ def find_news(
 
 
 @kernel(lean=True)
+def _near_set(path: Path, s: int, x: float, y: float, z: float, need: float, work: Work) -> bool:
+    """Whether a point in its joint's frame is nearer than `need` to set s, or it is not certain."""
+    arm = path.arm
+    sets, planes = arm.sets, arm.planes
+    reach = need + arm.radius[s]
+    deepest = -np.inf
+    for p in range(sets[s, SET_FIRST_PLANE], sets[s + 1, SET_FIRST_PLANE]):
+        deepest = max(
+            deepest, planes[p, 0] * x + planes[p, 1] * y + planes[p, 2] * z - planes[p, 3]
+        )
+        if deepest >= reach:
+            return False
+    if -np.inf < deepest <= arm.radius[s]:
+        return True
+    room, point = work
+    point[0, 0], point[0, 1], point[0, 2] = x, y, z
+    first = sets[s, SET_FIRST_VERTEX]
+    room[5, 0] = arm.vertices[first, 0] - x
+    room[5, 1] = arm.vertices[first, 1] - y
+    room[5, 2] = arm.vertices[first, 2] - z
+    answer = separate(
+        arm.vertices, first, sets[s + 1, SET_FIRST_VERTEX], point, 0, 1, reach, reach, room
+    )
+    return answer != FREE
+
+
+@kernel(lean=True)
+def _near_mesh(
+    path: Path, mesh: int, x: float, y: float, z: float, need: float, work: Work
+) -> bool:
+    """The same for a mesh."""
+    arm = path.arm
+    T = arm.mesh_frames[mesh]
+    room, point = work
+    dx, dy, dz = x - T[0, 3], y - T[1, 3], z - T[2, 3]
+    for i in range(3):
+        point[0, i] = T[0, i] * dx + T[1, i] * dy + T[2, i] * dz
+    answer = mesh_meets_hull(arm.trees, arm.meshes[mesh, MESH_TREE], point, 1, need, need, room)
+    return answer != FREE
+
+
+@kernel(lean=True)
 def _near(
     path: Path, k: int, body: int, x: float, y: float, z: float, need: float, work: Work
 ) -> bool:
@@ -215,7 +259,7 @@ def _near(
     x = F[0, 0] * dx + F[1, 0] * dy + F[2, 0] * dz
     y = F[0, 1] * dx + F[1, 1] * dy + F[2, 1] * dz
     z = F[0, 2] * dx + F[1, 2] * dy + F[2, 2] * dz
-    nodes, spheres, sets, planes = arm.nodes, arm.node_spheres, arm.sets, arm.planes
+    nodes, spheres, sets = arm.nodes, arm.node_spheres, arm.sets
     node = arm.parts[arm.bodies[body, BODY_FIRST_PART], PART_FIRST_NODE]
     last = arm.parts[arm.bodies[body + 1, BODY_FIRST_PART], PART_FIRST_NODE]
     while node < last:
@@ -224,34 +268,10 @@ def _near(
         if u * u + v * v + w * w > far * far:
             node = nodes[node, NODE_SKIP]
             continue
-        for s in range(max(nodes[node, NODE_FIRST], 0), nodes[node, NODE_LAST]):
-            reach = need + arm.radius[s]
-            deepest = -np.inf
-            for p in range(sets[s, SET_FIRST_PLANE], sets[s + 1, SET_FIRST_PLANE]):
-                deepest = max(
-                    deepest, planes[p, 0] * x + planes[p, 1] * y + planes[p, 2] * z - planes[p, 3]
-                )
-                if deepest >= reach:
-                    break
-            if deepest >= reach:
-                continue
-            if -np.inf < deepest <= arm.radius[s]:
-                return True
-            room, point = work
-            point[0, 0], point[0, 1], point[0, 2] = x, y, z
-            room[5, 0], room[5, 1], room[5, 2] = -u, -v, -w
-            answer = separate(
-                arm.vertices,
-                sets[s, SET_FIRST_VERTEX],
-                sets[s + 1, SET_FIRST_VERTEX],
-                point,
-                0,
-                1,
-                reach,
-                reach,
-                room,
-            )
-            if answer != FREE:
+        s = nodes[node, NODE_SET]
+        if s >= 0 and _near_set(path, s, x, y, z, need, work):
+            mesh = sets[s, SET_MESH]
+            if mesh < 0 or _near_mesh(path, mesh, x, y, z, need, work):
                 return True
         node += 1
     return False

@@ -10,6 +10,7 @@ import coal
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
+import trimesh
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 from scipy.spatial import ConvexHull
@@ -28,17 +29,17 @@ from placement_planner_ros.scenes.scenes import Scene
 
 Triangles = npt.NDArray[np.int64]
 
-_PLACED: Colour = (0.15, 0.70, 0.25)
+PLACED: Colour = (0.15, 0.70, 0.25)
 _START: Colour = (0.55, 0.55, 0.60)
-_LINK: Colour = (0.88, 0.88, 0.90)
-_HAND: Colour = (0.35, 0.36, 0.42)
-_VOLUME: Colour = (0.85, 0.15, 0.55)
+LINK: Colour = (0.88, 0.88, 0.90)
+HAND: Colour = (0.35, 0.36, 0.42)
+VOLUME: Colour = (0.85, 0.15, 0.55)
 _TOWARDS_EYE = (-2.3, 0.62)
 """Azimuth and elevation, rad: over the robot's right shoulder."""
 _SEE_THROUGH = 0.28
 _CLOSE_BY = 0.3
 _PLATE = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "boxstyle": "round"}
-_OVERSAMPLING = 2
+OVERSAMPLING = 2
 _SIZE = (10.0, 7.5)
 
 
@@ -66,28 +67,28 @@ def draw_placement(
         T_world_start: where the object was at first, drawn as a ghost.
         hand_links: links in the darker colour, such as an arm's touch links.
     """
-    placed = _moved(body_vertices, T_world_object)
-    links = _robot_meshes(robot, q, hand_links)
-    width, height = (int(side * DPI * _OVERSAMPLING) for side in _SIZE)
+    placed = moved(body_vertices, T_world_object)
+    links = robot_meshes(robot, q, hand_links)
+    width, height = (int(side * DPI * OVERSAMPLING) for side in _SIZE)
     view = View.around(_shown(placed, scene.volume, links), *_TOWARDS_EYE, width, height)
     solids = [Mesh(part.vertices, part.triangles, part.colour) for part in scene.parts] + links
-    meshes = [Mesh(placed, body_triangles, _PLACED)]
+    meshes = [Mesh(placed, body_triangles, PLACED)]
     for mesh, hides in zip(solids, _hiding(view, placed, solids), strict=True):
         meshes.append(replace(mesh, alpha=_SEE_THROUGH) if hides else mesh)
     if T_world_start is not None:
-        meshes.append(Mesh(_moved(body_vertices, T_world_start), body_triangles, _START, 0.5))
+        meshes.append(Mesh(moved(body_vertices, T_world_start), body_triangles, _START, 0.5))
     image = render(view, meshes)
 
     figure = new_figure(*_SIZE, constrained=False)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-    axes.imshow(_averaged(image.colours), extent=(0, width, height, 0), interpolation="nearest")
+    axes.imshow(averaged(image.colours), extent=(0, width, height, 0), interpolation="nearest")
     axes.set_axis_off()
-    _draw_volume(axes, view, image, scene.volume)
+    draw_volume(axes, view, image, scene.volume)
     _draw_frame(axes, view)
     size = " × ".join(f"{side:.2f}" for side in scene.volume.upper - scene.volume.lower)
     entries = [
-        Patch(color=_PLACED, label="placed object"),
-        Patch(color=_VOLUME, label=f"target volume, {size} m"),
+        Patch(color=PLACED, label="placed object"),
+        Patch(color=VOLUME, label=f"target volume, {size} m"),
     ]
     if T_world_start is not None:
         entries.append(Patch(color=_START, alpha=0.5, label="object at the start"))
@@ -139,11 +140,12 @@ def draw_objective(
     figure.savefig(path)
 
 
-def _moved(vertices: Array, T: pin.SE3) -> Array:
+def moved(vertices: Array, T: pin.SE3) -> Array:
+    """Vertices (n, 3) at T."""
     return np.asarray(np.asarray(vertices) @ T.rotation.T + T.translation)
 
 
-def _box_corners(volume: TargetVolume) -> Array:
+def box_corners(volume: TargetVolume) -> Array:
     """(8, 3): bit k of the row says whether coordinate k is the upper one."""
     upper = (np.arange(8)[:, None] >> np.arange(3)) & 1
     return np.where(upper == 1, volume.upper, volume.lower)
@@ -151,21 +153,22 @@ def _box_corners(volume: TargetVolume) -> Array:
 
 def _shown(placed: Array, volume: TargetVolume, links: Sequence[Mesh]) -> Array:
     """(n, 3) points the picture has to hold: the object, V, and the robot's part close by."""
-    points = np.vstack([placed, _box_corners(volume)])
+    points = np.vstack([placed, box_corners(volume)])
     low, high = points.min(axis=0) - _CLOSE_BY, points.max(axis=0) + _CLOSE_BY
     robot = np.vstack([mesh.vertices for mesh in links])
     near = ((robot > low) & (robot < high)).all(axis=1)
     return np.vstack([points, robot[near]])
 
 
-def _averaged(colours: Array) -> Array:
-    """Every `_OVERSAMPLING` squared pixels as one, which smooths edges."""
-    n = _OVERSAMPLING
+def averaged(colours: Array) -> Array:
+    """Every `OVERSAMPLING` squared pixels as one, which smooths edges."""
+    n = OVERSAMPLING
     height, width, _ = colours.shape
     return np.asarray(colours.reshape(height // n, n, width // n, n, 3).mean(axis=(1, 3)))
 
 
-def _robot_meshes(robot: Robot, q: Array, hand_links: Sequence[str]) -> list[Mesh]:
+def robot_meshes(robot: Robot, q: Array, hand_links: Sequence[str]) -> list[Mesh]:
+    """Each collision shape at q (nq,), `hand_links` in the darker colour."""
     data, placements = robot.model.createData(), robot.geometry.createData()
     pin.updateGeometryPlacements(robot.model, data, robot.geometry, placements, q)
     meshes = []
@@ -173,8 +176,8 @@ def _robot_meshes(robot: Robot, q: Array, hand_links: Sequence[str]) -> list[Mes
         robot.geometry.geometryObjects, robot.geometry_links, placements.oMg, strict=True
     ):
         vertices, triangles = _shape_mesh(thing.geometry)
-        colour = _HAND if link in hand_links else _LINK
-        meshes.append(Mesh(_moved(vertices, T), triangles, colour))
+        colour = HAND if link in hand_links else LINK
+        meshes.append(Mesh(moved(vertices, T), triangles, colour))
     return meshes
 
 
@@ -187,7 +190,24 @@ def _shape_mesh(shape: coal.CollisionGeometry) -> tuple[Array, Triangles]:
     if isinstance(shape, coal.ConvexBase):
         vertices = np.array(shape.points())
         return vertices, ConvexHull(vertices).simplices.astype(np.int64)
+    primitive = _primitive(shape)
+    if primitive is not None:
+        return np.array(primitive.vertices), np.array(primitive.faces, dtype=np.int64)
     raise TypeError(f"cannot draw a {type(shape).__name__}")
+
+
+def _primitive(shape: coal.CollisionGeometry) -> trimesh.Trimesh | None:
+    if isinstance(shape, coal.Box):
+        return trimesh.creation.box(2.0 * shape.halfSide)
+    if isinstance(shape, coal.Sphere):
+        return trimesh.creation.icosphere(subdivisions=2, radius=shape.radius)
+    if isinstance(shape, coal.Cylinder):
+        return trimesh.creation.cylinder(shape.radius, 2.0 * shape.halfLength)
+    if isinstance(shape, coal.Capsule):
+        made = trimesh.creation.capsule(2.0 * shape.halfLength, shape.radius)
+        made.apply_translation(-made.bounds.mean(axis=0))
+        return made
+    return None
 
 
 def _hiding(view: View, placed: Array, solids: Sequence[Mesh]) -> list[bool]:
@@ -203,9 +223,9 @@ def _hiding(view: View, placed: Array, solids: Sequence[Mesh]) -> list[bool]:
     return result
 
 
-def _draw_volume(axes: Axes, view: View, image: Image, volume: TargetVolume) -> None:
+def draw_volume(axes: Axes, view: View, image: Image, volume: TargetVolume) -> None:
     """V's edges: solid where seen, dotted where something is in front."""
-    corners = _box_corners(volume)
+    corners = box_corners(volume)
     for i in range(8):
         for axis in range(3):
             if not i >> axis & 1:
@@ -215,7 +235,7 @@ def _draw_volume(axes: Axes, view: View, image: Image, volume: TargetVolume) -> 
                 seen = _seen(image, line)
                 for mask, style, thick, alpha in ((seen, "-", 1.4, 1.0), (~seen, ":", 1.0, 0.6)):
                     u, v = np.where(mask[:, None], line[:, :2], np.nan).T
-                    axes.plot(u, v, style, color=_VOLUME, linewidth=thick, alpha=alpha)
+                    axes.plot(u, v, style, color=VOLUME, linewidth=thick, alpha=alpha)
 
 
 def _seen(image: Image, line: Array) -> npt.NDArray[np.bool_]:

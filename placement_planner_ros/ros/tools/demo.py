@@ -15,11 +15,14 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import pinocchio as pin
 import rclpy
+import trimesh
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from rclpy.executors import SingleThreadedExecutor
@@ -28,13 +31,20 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
+from placement_planner_ros.core.robot.model import Arm, Robot
+from placement_planner_ros.core.types import Array
 from placement_planner_ros.experiments.cases import start_configuration
 from placement_planner_ros.experiments.drawing.picture import draw_objective, draw_placement
 from placement_planner_ros.ros.process import log_arguments
 from placement_planner_ros.ros.qos import LATCHED
+from placement_planner_ros.ros.tools.robot_check.findings import Findings
+from placement_planner_ros.ros.tools.robot_check.given import read_given, start_in
+from placement_planner_ros.ros.tools.robot_check.subject import read_subject
 from placement_planner_ros.ros.tools.scene_publisher import ScenePublisher
-from placement_planner_ros.scenes.objects import OBJECT_NAMES, object_by_name
-from placement_planner_ros.scenes.scenes import SCENE_NAMES, scene_by_name
+from placement_planner_ros.ros.tools.things_publisher import ThingsPublisher
+from placement_planner_ros.scenes.objects import ALL_OBJECTS, object_by_name
+from placement_planner_ros.scenes.scenes import SCENE_NAMES, Scene, scene_by_name
+from placement_planner_ros.scenes.table_of_things import table_of_things
 from placement_planner_ros.scenes.yumi import load_yumi, yumi_arm
 from placement_planner_ros.share import share_path
 
@@ -45,6 +55,10 @@ READY_WITHIN = 600.0
 
 INPUTS_WITHIN = 20.0
 """Seconds within which cloud and joint states must have arrived."""
+
+
+PROGRESS_EVERY = 5.0
+"""Seconds between lines of how far the node is with getting ready."""
 
 
 class DemoError(Exception):
@@ -61,6 +75,7 @@ class Client(Node):
         self.pose: PoseStamped | None = None
         self.manifest: dict[str, str] = {}
         self.warm = False
+        self.progress = ""
         self._start = self.create_client(Trigger, "placement_planner/start")
         self._stop = self.create_client(Trigger, "placement_planner/stop")
         self.create_subscription(
@@ -77,7 +92,9 @@ class Client(Node):
         )
 
     def _on_status(self, message: DiagnosticStatus) -> None:
-        self.warm = any(v.key == "warm" and v.value == "true" for v in message.values)
+        values = {v.key: v.value for v in message.values}
+        self.warm = values.get("warm") == "true"
+        self.progress = values.get("robot_progress") or values.get("warm_progress", "")
 
     def _on_trajectory(self, message: JointTrajectory) -> None:
         if message.points:
@@ -126,9 +143,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     here = ["--ros-args", "-r", f"__ns:={NAMESPACE}", "--log-level", "warn"]
     rclpy.init(args=[*here, *log_arguments()])
-    node = subprocess.Popen(_node_command(options))
+    node: subprocess.Popen[bytes] | None = None
     try:
-        return _demonstrate(options, node)
+        setting = _setting(options)
+        node = subprocess.Popen(_node_command(options))
+        return _demonstrate(options, node, setting)
     except DemoError as error:
         print(f"placement_demo: {error}", file=sys.stderr)
         return 1
@@ -136,18 +155,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 130
     finally:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-        node.send_signal(signal.SIGINT)
-        try:
-            node.wait(10.0)
-        except subprocess.TimeoutExpired:
-            node.kill()
+        if node is not None:
+            node.send_signal(signal.SIGINT)
+            try:
+                node.wait(10.0)
+            except subprocess.TimeoutExpired:
+                node.kill()
         rclpy.try_shutdown()
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="placement_demo", description=__doc__)
     parser.add_argument("--scene", choices=SCENE_NAMES, default="cabinet_high_clutter")
-    parser.add_argument("--object", choices=OBJECT_NAMES, default="small_crayons_box")
+    parser.add_argument(
+        "--params-file",
+        type=Path,
+        metavar="FILE",
+        help="another robot, with its object, at a table of things instead of scene and object: "
+        "config/robots has some",
+    )
+    parser.add_argument("--object", choices=ALL_OBJECTS, default="small_crayons_box")
     parser.add_argument("--objective", default="maximize_clearance")
     parser.add_argument("--seconds", type=float, default=20.0, help="time to search")
     parser.add_argument("--seed", type=int, default=-1)
@@ -160,34 +187,108 @@ def _node_command(options: argparse.Namespace) -> list[str]:
     beside = Path(sys.executable).parent
     installed = shutil.which("placement_planner", path=f"{beside}{os.pathsep}{os.environ['PATH']}")
     command = [installed] if installed else [sys.executable, "-m", "placement_planner_ros.ros.node"]
-    volume = scene_by_name(options.scene).volume
-    corners = [*volume.lower.tolist(), *volume.upper.tolist()]
+    if options.params_file is not None:
+        own = ["--params-file", str(options.params_file)]
+    else:
+        volume = scene_by_name(options.scene).volume
+        corners = [*volume.lower.tolist(), *volume.upper.tolist()]
+        own = ["--params-file", str(share_path("config", f"{options.object}.yaml"))]
+        own += ["-p", f"target_volume:={corners}"]
     return [
         *command,
         "--ros-args",
         *("-r", f"__ns:={NAMESPACE}"),
         *("--log-level", "warn"),
-        *("--params-file", str(share_path("config", f"{options.object}.yaml"))),
-        *("-p", f"target_volume:={corners}"),
+        *own,
         *("-p", f"objective:={options.objective}"),
         *("-p", f"seed:={options.seed}"),
         *("-p", "time_limit:=0.0"),
     ]
 
 
-def _demonstrate(options: argparse.Namespace, node: subprocess.Popen[bytes]) -> int:
-    scene = ScenePublisher(
-        [
-            Parameter("name", value=options.scene),
-            Parameter("object", value=options.object),
-        ]
+@dataclass(frozen=True, slots=True, eq=False)
+class Setting:
+    """What the demonstration is about.
+
+    Attributes:
+        title: of pictures and lines.
+        publisher: makes the node that publishes the scene and the robot's joint states.
+        q_start: (nq,) where the robot stands.
+        arm: by name.
+        vertices, triangles: (n, 3) and (t, 3) of the object.
+    """
+
+    title: str
+    scene: Scene
+    publisher: Callable[[], Node]
+    robot: Robot
+    q_start: Array
+    arm: Callable[[str], Arm]
+    vertices: Array
+    triangles: npt.NDArray[np.int64]
+
+
+def _setting(options: argparse.Namespace) -> Setting:
+    """The bundled robot at a bundled scene, or another at a table of things.
+
+    Raises:
+        DemoError: something is wrong with the other one.
+    """
+    if options.params_file is not None:
+        return _robot_setting(options.params_file)
+    held, robot = object_by_name(options.object), load_yumi()
+
+    def publisher() -> Node:
+        given = {"name": options.scene, "object": options.object}
+        return ScenePublisher([Parameter(name, value=value) for name, value in given.items()])
+
+    return Setting(
+        f"{options.scene}, {options.object}",
+        scene_by_name(options.scene),
+        publisher,
+        robot,
+        robot.configuration(start_configuration(options.object)),
+        lambda name: yumi_arm(robot, name, held.grasps[name]),
+        held.vertices,
+        held.triangles,
     )
+
+
+def _robot_setting(file: Path) -> Setting:
+    print(f"reading {file}", flush=True)
+    findings = Findings()
+    given = read_given(file, {}, findings)
+    subject = None if findings.faults else read_subject(given, None, findings, start_in(file))
+    if findings.faults or subject is None or subject.body is None:
+        raise DemoError("; ".join([*findings.faults, "placement_check_robot says more"]))
+    scene, arms, body = (
+        table_of_things(subject.parameters.volume),
+        {arm.name: arm for arm in subject.arms},
+        subject.body,
+    )
+    hull = trimesh.convex.convex_hull(body.vertices)
+    return Setting(
+        f"{subject.robot.name}, table of things",
+        scene,
+        lambda: ThingsPublisher(scene, subject),
+        subject.robot,
+        subject.q,
+        arms.__getitem__,
+        np.asarray(hull.vertices),
+        np.asarray(hull.faces, dtype=np.int64),
+    )
+
+
+def _demonstrate(
+    options: argparse.Namespace, node: subprocess.Popen[bytes], setting: Setting
+) -> int:
+    scene = setting.publisher()
     client = Client()
     executor = SingleThreadedExecutor()
     executor.add_node(scene)
     executor.add_node(client)
     try:
-        return _converse(options, node, client, executor)
+        return _converse(options, node, client, executor, setting)
     finally:
         # In this order: a node that goes while the executor still waits on it is an error.
         executor.shutdown()
@@ -200,17 +301,21 @@ def _converse(
     node: subprocess.Popen[bytes],
     client: Client,
     executor: SingleThreadedExecutor,
+    setting: Setting,
 ) -> int:
     def spin() -> None:
         if node.poll() is not None:
             raise DemoError(f"the node ended with code {node.returncode}")
         executor.spin_once(timeout_sec=0.05)
 
-    print(f"scene {options.scene}, object {options.object}, objective {options.objective}")
+    print(f"{setting.title}, objective {options.objective}")
     print("the node gets ready; the first time after installation this takes a while", flush=True)
-    give_up = time.monotonic() + READY_WITHIN
+    give_up, said, say_next = time.monotonic() + READY_WITHIN, "", 0.0
     while not (client.warm and client.service_ready()):
         spin()
+        if client.progress not in ("", said) and time.monotonic() > say_next:
+            said, say_next = client.progress, time.monotonic() + PROGRESS_EVERY
+            print(f"  {said}", flush=True)
         if time.monotonic() > give_up:
             raise DemoError(f"the node did not get ready within {READY_WITHIN:g} s")
     give_up = time.monotonic() + INPUTS_WITHIN
@@ -228,22 +333,19 @@ def _converse(
         spin()
     if client.trajectory is None or client.pose is None:
         return 1
-    _draw(options, client)
+    _draw(options, client, setting)
     return 0
 
 
-def _draw(options: argparse.Namespace, client: Client) -> None:
+def _draw(options: argparse.Namespace, client: Client, setting: Setting) -> None:
     assert client.trajectory is not None
     assert client.pose is not None
     options.output.mkdir(parents=True, exist_ok=True)
-    robot = load_yumi()
-    held = object_by_name(options.object)
-    q_start = robot.configuration(start_configuration(options.object))
+    robot, arm = setting.robot, setting.arm(client.manifest["arm"])
     reached = dict(
         zip(client.trajectory.joint_names, client.trajectory.points[-1].positions, strict=True)
     )
-    arm = yumi_arm(robot, client.manifest["arm"])
-    T_tip_object = held.grasps[arm.name][int(client.manifest["grasp"])]
+    T_tip_object = arm.grasps[int(client.manifest["grasp"])]
     p, r = client.pose.pose.position, client.pose.pose.orientation
     objective = client.improvements[-1][1]
     picture = options.output / "placement.png"
@@ -251,18 +353,18 @@ def _draw(options: argparse.Namespace, client: Client) -> None:
     draw_placement(
         picture,
         robot=robot,
-        q=robot.with_positions(q_start, reached),
-        body_vertices=held.vertices,
-        body_triangles=held.triangles,
+        q=robot.with_positions(setting.q_start, reached),
+        body_vertices=setting.vertices,
+        body_triangles=setting.triangles,
         T_world_object=pin.XYZQUATToSE3(np.array([p.x, p.y, p.z, r.x, r.y, r.z, r.w])),
-        scene=scene_by_name(options.scene),
-        T_world_start=robot.link_pose(q_start, arm.tip_frame) * T_tip_object,
+        scene=setting.scene,
+        T_world_start=robot.link_pose(setting.q_start, arm.tip_frame) * T_tip_object,
         hand_links=arm.touch_links,
-        title=f"{options.scene}, {options.object}\n{options.objective}: {objective:.4f}",
+        title=f"{setting.title}\n{options.objective}: {objective:.4f}",
     )
     draw_objective(
         plot,
-        f"{options.scene}, {options.object}",
+        setting.title,
         client.improvements,
         end=options.seconds,
         title=options.objective,

@@ -42,7 +42,7 @@ from placement_planner_ros.ros.tools.node_speed import (
     wait_until_ready,
 )
 from placement_planner_ros.ros.tools.scene_publisher import FRAME, RELIABLE
-from placement_planner_ros.scenes.objects import OBJECT_NAMES
+from placement_planner_ros.scenes.objects import ALL_OBJECTS
 from placement_planner_ros.scenes.scenes import SCENE_NAMES
 from placement_planner_ros.scenes.yumi import TIP_FRAMES, load_yumi
 
@@ -130,7 +130,7 @@ def _parser() -> argparse.ArgumentParser:
     parts = ("calls", "samples", "alarms")
     parser.add_argument("--only", nargs="+", choices=parts, default=parts)
     parser.add_argument("--scene", choices=SCENE_NAMES, default="cabinet_high_clutter")
-    parser.add_argument("--object", choices=OBJECT_NAMES, default="small_crayons_box")
+    parser.add_argument("--object", choices=ALL_OBJECTS, default="small_crayons_box")
     parser.add_argument("--calls", type=int, default=100, help="starts and stops")
     parser.add_argument("--searches", type=int, default=2, help="with and without clouds in turns")
     parser.add_argument("--seconds", type=float, default=48.0, help="of each of those searches")

@@ -30,7 +30,7 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from placement_planner_ros.ros.qos import LATCHED
-from placement_planner_ros.scenes.objects import OBJECT_NAMES
+from placement_planner_ros.scenes.objects import ALL_OBJECTS
 from placement_planner_ros.scenes.scenes import SCENE_NAMES, scene_by_name
 from placement_planner_ros.share import share_path
 
@@ -155,7 +155,7 @@ def measure_processes(
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--scene", choices=SCENE_NAMES, default="cabinet_high_clutter")
-    parser.add_argument("--object", choices=OBJECT_NAMES, default="small_crayons_box")
+    parser.add_argument("--object", choices=ALL_OBJECTS, default="small_crayons_box")
     parser.add_argument("--stops", type=int, default=20, help="runs stopped at a random moment")
     parser.add_argument("--minutes", type=float, default=1.0, help="of one search, for memory")
     parser.add_argument("--seed", type=int, default=0)

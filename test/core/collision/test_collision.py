@@ -629,7 +629,9 @@ def test_every_two_parts_of_a_pair_have_a_direction_of_their_own_to_remember(yum
         checker = ArmCollision(*setup)
         arrays, used = checker._flat.arrays, []
         parts = np.diff(arrays.bodies[:, 1])
-        assert parts.tolist() == [len(body.parts) for body in checker._flat.bodies]
+        assert parts.tolist() == [
+            sum(len(part.shape.sets) for part in body.parts) for body in checker._flat.bodies
+        ]
         for inner, outer, slot, *_ in arrays.pairs.tolist():
             used.extend(range(slot, slot + parts[inner] * parts[outer]))
         assert used == list(range(len(checker._scratch.direction)))

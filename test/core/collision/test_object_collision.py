@@ -8,9 +8,10 @@ import trimesh
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision import object as object_collision
-from placement_planner_ros.core.collision.arm import CollisionSettings, part_set
+from placement_planner_ros.core.collision.arm import CollisionSettings
 from placement_planner_ros.core.collision.object import ObjectCollision
 from placement_planner_ros.core.collision.object_kernels import ObjectArrays
+from placement_planner_ros.core.collision.object_solids import part_set
 from placement_planner_ros.core.collision.separation import UNDECIDED
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.scenes.clouds import complete_cloud
@@ -48,13 +49,13 @@ def standing(x=0.0, y=0.0, z=0.0):
     return pin.SE3(np.eye(3), np.array([x, y, z + CUBE / 2])).homogeneous
 
 
-def reference(body, obstacles, T, contact, raised, settings):
-    """coal on the sweep of every part against every box that is not support."""
+def reference(parts, obstacles, T, contact, raised, settings):
+    """coal on the sweep of every convex part against every box that is not support."""
     request = coal.CollisionRequest()
     request.security_margin = settings.collision_margin + settings.approach_stray
     keep = np.abs(obstacles.upper[:, 2] - contact) > settings.contact_tolerance
     at = coal.Transform3s(T[:3, :3], T[:3, 3])
-    for part in body.parts:
+    for part in parts:
         up = T[2, :3] * raised
         corners = np.vstack([part.vertices, part.vertices + up])
         hull = trimesh.convex.convex_hull(corners)
@@ -83,6 +84,8 @@ def reference(body, obstacles, T, contact, raised, settings):
         ("cabinet_high_clutter", "wine_glass"),
         ("table", "toy_table"),
         ("table", "large_crayons_box"),
+        ("cabinet_high_clutter", "wine_glass_mesh"),
+        ("table", "toy_table_mesh"),
     ],
 )
 def test_agrees_with_coal(scene, thing):
@@ -95,7 +98,7 @@ def test_agrees_with_coal(scene, thing):
     rng = np.random.default_rng(1)
     floor = 0.0 if scene == "table" else 0.176
     poses, raised = [], []
-    corners = np.vstack([part.vertices for part in body.parts])
+    corners = np.vstack([part.vertices for part in made.parts])
     for i in range(240):
         R = pin.utils.rotate("z", rng.uniform(-3, 3))
         if i % 2:
@@ -106,7 +109,7 @@ def test_agrees_with_coal(scene, thing):
         raised.append(rng.choice([0.0, 0.02, 0.1]))
     expected = np.array(
         [
-            reference(body, obstacles, T, floor, up, settings)
+            reference(made.parts, obstacles, T, floor, up, settings)
             for T, up in zip(poses, raised, strict=True)
         ]
     )
@@ -217,3 +220,66 @@ def test_planes_and_balls_of_parts_hold_them_and_hardly_more(thing):
         reach = np.linalg.norm(corners - center, axis=1).max()
         assert reach <= radius <= reach + 1e-8
         assert radius <= 1.01 * trimesh.nsphere.minimum_nsphere(corners)[1] + 1e-8
+
+
+def bowl(thick=0.004, sides=48):
+    """A hollow bowl, upside down: 160 mm across, 60 mm high, open below, one closed surface."""
+    outer, inner, high = 0.08, 0.08 - thick, 0.06
+    profile = [(0.0, high - thick), (inner, high - thick), (inner, 0.0), (outer, 0.0)]
+    profile += [(outer, high), (0.0, high)]
+    mesh = trimesh.creation.revolve(np.array(profile), sections=sides)
+    assert mesh.is_volume
+    return Body.from_mesh(mesh.vertices, mesh.faces)
+
+
+def test_a_bowl_goes_over_what_stands_inside_and_not_through_it():
+    body = bowl()
+    assert body.warnings == ()
+    low = obstacles_of(TABLE, block((-0.02, -0.02, 0.0), (0.02, 0.02, 0.045)))
+    high = obstacles_of(TABLE, block((-0.02, -0.02, 0.0), (0.02, 0.02, 0.058)))
+
+    def at(x, y=0.0):
+        return pin.SE3(np.eye(3), np.array([x, y, 0.0])).homogeneous
+
+    over = ObjectCollision(body, low)
+    assert over.free(at(0.0), 0.0, 0.1)
+    assert over.free(at(0.03, 0.02), 0.0, 0.1)
+    for angle in np.linspace(0.0, 6.0, 13):  # on the wall
+        assert not over.free(at(0.078 * np.cos(angle), 0.078 * np.sin(angle)), 0.0, 0.1)
+    assert over.free(at(0.11), 0.0, 0.1)
+    assert not ObjectCollision(body, high).free(at(0.0), 0.0, 0.1)
+    # how near it may come to the wall: the margin and the stray
+    settings = CollisionSettings()
+    kept = settings.collision_margin + settings.approach_stray
+    reach = 0.076 * np.cos(np.pi / 48)
+    wall = obstacles_of(TABLE, block((-0.02, -0.001, 0.0), (0.02, 0.001, 0.03)))
+    face = wall.upper[wall.upper[:, 2] > 0.02][:, 0].max()
+    beside = ObjectCollision(body, wall)
+    turned = pin.utils.rotate("z", np.pi / 48)  # a flat of the wall faces along x
+    for missing, free in ((-1e-4, False), (1e-4, True)):
+        T = pin.SE3(turned, np.array([face + kept + missing - reach, 0.0, 0.0])).homogeneous
+        assert beside.free(T, 0.0, 0.1) == free
+
+
+def test_what_lies_wholly_inside_the_solid_of_a_mesh_collides():
+    ring = trimesh.creation.annulus(r_min=0.05, r_max=0.15, height=0.2)
+    body = Body.from_mesh(ring.vertices, ring.faces)
+    grain = obstacles_of(block((0.099, -0.001, 0.0), (0.101, 0.001, 0.002), 0.001))
+    hole = obstacles_of(block((-0.001, -0.001, 0.0), (0.001, 0.001, 0.002), 0.001))
+    T = np.eye(4)
+    for raised in (0.0, 0.01):
+        assert not ObjectCollision(body, grain).free(T, -1.0, raised)
+        assert ObjectCollision(body, hole).free(T, -1.0, raised)
+    # on its way down it passes over the grain
+    T[2, 3] = -0.15
+    assert ObjectCollision(body, grain).free(T, -1.0, 0.0)
+    assert not ObjectCollision(body, grain).free(T, -1.0, 0.2)
+
+
+def test_an_object_that_its_cover_holds_stands_on_its_support():
+    """Parts of a cover may reach below the face that it stands on."""
+    for body in (bowl(), bowl(0.002)):
+        assert min(part.vertices[:, 2].min() for part in body.parts) < 1e-9
+        checker = ObjectCollision(body, obstacles_of(TABLE))
+        for height in (0.0, 0.01, 0.1):
+            assert checker.free(np.eye(4), 0.0, height)

@@ -5,6 +5,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from placement_planner_ros.core import kept_files
+from placement_planner_ros.core.collision import arm, pair_tables
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
 from placement_planner_ros.core.collision.pair_tables import CELL, apart_within
 from placement_planner_ros.core.robot.model import Robot
@@ -153,6 +155,21 @@ def test_a_range_is_apart_where_all_its_cells_are(elbow):
     assert not apart_within(tables, 0, *(arm.lower - 0.01), 0.0, 0.0)
     assert not apart_within(tables, 0, *(arm.upper + 2 * CELL), 0.0, 0.0)
     assert not apart_within(tables, 0, 0.0, 0.0, 1e300, np.inf)
+
+
+def test_tables_are_kept_for_the_next_process(elbow, monkeypatch, tmp_path):
+    monkeypatch.setattr(kept_files, "kept_folder", lambda: tmp_path)
+    made = []
+    fill = pair_tables._fill
+    monkeypatch.setattr(pair_tables, "_fill", lambda *given: (made.append(1), fill(*given)))
+    tables = []
+    for _ in range(2):
+        pair_tables.pair_tables.cache_clear()
+        arm._flat_arm.cache_clear()
+        tables.append(checker_for(*elbow)._flat.arrays.tables)
+    assert len(made) == 1
+    assert (tables[0].apart == tables[1].apart).all()
+    assert tables[0].apart is not tables[1].apart
 
 
 def test_tables_belong_to_the_robot_and_are_shared(yumi):

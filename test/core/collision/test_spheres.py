@@ -1,15 +1,35 @@
-"""Covers contain what they cover; shapes are what coal makes of the same geometry."""
+"""Spheres contain what they cover; shapes are what coal makes of the same geometry."""
 
 import coal
 import numpy as np
 import pytest
 import trimesh
 
+from placement_planner_ros.core.body.convex_cover import convex_cover
 from placement_planner_ros.core.collision.shapes import Shape, polytope, shape_of
-from placement_planner_ros.core.collision.spheres import bounding_sphere, sphere_tree
+from placement_planner_ros.core.collision.spheres import (
+    SphereTree,
+    bounding_sphere,
+    sphere_trees,
+)
 from placement_planner_ros.core.errors import RobotError
 
 EXCESS = 0.01
+
+
+def sphere_tree(shape: Shape, excess: float) -> SphereTree:
+    """Of the only set of a shape."""
+    (tree,) = sphere_trees(shape, excess)
+    return tree
+
+
+def leaves_of(shape: Shape) -> tuple[np.ndarray, np.ndarray]:
+    """Centres and radii of the leaves around all sets of a shape."""
+    trees = sphere_trees(shape, EXCESS)
+    return (
+        np.vstack([tree.centers[tree.leaf] for tree in trees]),
+        np.concatenate([tree.radii[tree.leaf] for tree in trees]),
+    )
 
 
 @pytest.fixture
@@ -46,6 +66,16 @@ SHAPES = {
         trimesh.creation.torus(0.1, 0.02),
     ),
 }
+
+
+def covers(name):
+    """The cover of what is a mesh, None of the others."""
+    if name != "torus":
+        return None
+    mesh = SHAPES[name][1]
+    return convex_cover(np.asarray(mesh.vertices), np.asarray(mesh.faces), EXCESS)
+
+
 for _key in ("capsule", "cone"):
     _mesh = SHAPES[_key][1]
     _mesh.apply_translation(-_mesh.bounds.mean(axis=0))
@@ -54,24 +84,25 @@ for _key in ("capsule", "cone"):
 @pytest.mark.parametrize("name", SHAPES)
 def test_surface_lies_in_every_level_of_the_cover(name):
     geometry, mesh = SHAPES[name]
-    tree = sphere_tree(shape_of(geometry, name), EXCESS)
+    shape = shape_of(geometry, name, covers(name))
     points = trimesh.sample.sample_surface(mesh, 4000, seed=1)[0]
-    distance = np.linalg.norm(points[:, None] - tree.centers, axis=2) - tree.radii
-    leaves = tree.first >= 0
-    assert distance[:, leaves].min(axis=1).max() <= 1e-9
-    assert distance[:, 0].max() <= 1e-9
+    centers, radii = leaves_of(shape)
+    distance = np.linalg.norm(points[:, None] - centers, axis=2) - radii
+    assert distance.min(axis=1).max() <= 1e-9
+    roots = sphere_trees(shape, EXCESS)
+    whole = [np.linalg.norm(points - tree.centers[0], axis=1) - tree.radii[0] for tree in roots]
+    assert np.min(whole, axis=0).max() <= 1e-9
 
 
 @pytest.mark.parametrize("name", ["box", "sphere", "capsule", "cylinder", "cone"])
 def test_inside_of_a_solid_is_covered_too(name, rng):
     geometry, mesh = SHAPES[name]
-    tree = sphere_tree(shape_of(geometry, name), EXCESS)
+    centers, radii = leaves_of(shape_of(geometry, name))
     points = rng.uniform(*mesh.bounds, size=(4000, 3))
     heights = np.einsum("ij,ij->i", mesh.face_normals, mesh.triangles_center)
     points = points[(points @ mesh.face_normals.T <= heights).all(axis=1)]
     assert len(points) > 500
-    leaves = tree.first >= 0
-    distance = np.linalg.norm(points[:, None] - tree.centers[leaves], axis=2) - tree.radii[leaves]
+    distance = np.linalg.norm(points[:, None] - centers, axis=2) - radii
     assert distance.min(axis=1).max() <= 1e-9
 
 
@@ -79,7 +110,7 @@ def test_inside_of_a_solid_is_covered_too(name, rng):
 def test_leaves_stick_out_by_no_more_than_stated(name, rng):
     geometry, _ = SHAPES[name]
     tree = sphere_tree(shape_of(geometry, name), EXCESS)
-    leaves = np.flatnonzero(tree.first >= 0)
+    leaves = np.flatnonzero(tree.leaf)
     directions = rng.normal(size=(200, 3))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
     worst = 0.0
@@ -97,6 +128,11 @@ def test_leaves_stick_out_by_no_more_than_stated(name, rng):
 
 
 INSIDE = {
+    "cylinder": lambda p: np.maximum(np.hypot(p[:, 0], p[:, 1]) - 0.06, np.abs(p[:, 2]) - 0.125),
+    "cone": lambda p: np.maximum(
+        np.hypot(p[:, 0], p[:, 1]) - 0.06 * (0.1 - p[:, 2]) / 0.2, -0.1 - p[:, 2]
+    ),
+    "ellipsoid": lambda p: np.linalg.norm(p / (0.05, 0.1, 0.02), axis=1) - 1.0,
     "box": lambda p: (np.abs(p) - (0.05, 0.15, 0.01)).max(axis=1),
     "sphere": lambda p: np.linalg.norm(p, axis=1) - 0.07,
     "capsule": lambda p: np.linalg.norm(p - np.clip(p, (0, 0, -0.1), (0, 0, 0.1)), axis=1) - 0.03,
@@ -105,33 +141,49 @@ INSIDE = {
 
 @pytest.mark.parametrize("name", SHAPES)
 def test_inner_balls_lie_inside_of_what_is_known_exactly(name, rng):
-    tree = sphere_tree(shape_of(SHAPES[name][0], name), EXCESS)
-    if name not in INSIDE:
-        assert (tree.inner == -np.inf).all(), "larger than the shape, or hollow"
+    if name == "torus":
+        inside_of_torus(rng)
         return
+    tree = sphere_tree(shape_of(SHAPES[name][0], name), EXCESS)
     directions = rng.normal(size=(300, 3))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
     outside = [
         INSIDE[name](center + inner * directions).max()
         for center, inner in zip(tree.centers, tree.inner, strict=True)
+        if inner >= 0.0
     ]
     assert max(outside) <= 0.0
-    assert tree.inner.max() > 0.9 * {"box": 0.01, "sphere": 0.07, "capsule": 0.03}[name]
+    deepest = {"box": 0.01, "sphere": 0.07, "capsule": 0.03, "cylinder": 0.06, "ellipsoid": 0.02}
+    assert tree.inner.max() > 0.9 * deepest.get(name, 0.02)
+
+
+def inside_of_torus(rng):
+    trees = sphere_trees(shape_of(SHAPES["torus"][0], "torus", covers("torus")), EXCESS)
+    centers = np.vstack([tree.centers for tree in trees])
+    inner = np.concatenate([tree.inner for tree in trees])
+    known = np.isfinite(inner)
+    assert known.any()
+    assert not known[np.hypot(centers[:, 0], centers[:, 1]) < 0.07].any(), "in the hole"
+    distance = [
+        coal.distance(
+            SHAPES["torus"][0],
+            coal.Transform3s(),
+            coal.Sphere(1e-9),
+            coal.Transform3s(np.eye(3), center),
+            coal.DistanceRequest(),
+            coal.DistanceResult(),
+        )
+        for center in centers[known]
+    ]
+    assert inner[known] == pytest.approx(distance, abs=1e-6)
 
 
 def test_skips_lead_past_exactly_what_lies_below():
     tree = sphere_tree(shape_of(coal.Box(0.1, 0.3, 0.1), "box"), EXCESS)
     nodes = np.arange(len(tree.radii))
     assert (tree.skip > nodes).all()
-    assert (tree.skip[tree.first >= 0] == nodes[tree.first >= 0] + 1).all()
+    assert (tree.skip[tree.leaf] == nodes[tree.leaf] + 1).all()
     assert tree.skip[0] == len(nodes)
-
-
-def test_surface_keeps_its_area_when_cut_small():
-    mesh = trimesh.creation.torus(0.1, 0.02)
-    tree = sphere_tree(shape_of(bvh(mesh), "torus"), EXCESS)
-    area = sum(trimesh.triangles.area(s.vertices[None])[0] for s in tree.sets)
-    assert area == pytest.approx(mesh.area, rel=1e-9)
 
 
 def test_bounding_sphere_is_nearly_the_smallest(rng):
@@ -149,7 +201,13 @@ def test_polytopes_hold_the_shape_they_stand_for(name):
     points = np.asarray(mesh.vertices)
     assert (points @ hull.normals.T <= hull.offsets + 1e-9).all()
     assert (hull.vertices @ hull.normals.T <= hull.offsets + 1e-9).all()
-    assert hull.exact == (name == "box")
+    assert (hull.inner_scale == 1.0) == (name == "box")
+    inner = hull.inner_center + hull.inner_scale * (hull.vertices - hull.inner_center)
+    for point in inner:
+        place, at, dot = coal.Transform3s(), coal.Transform3s(np.eye(3), point), coal.Sphere(1e-9)
+        asked = coal.DistanceRequest(), coal.DistanceResult()
+        assert coal.distance(geometry, place, dot, at, *asked) < 1e-6
+    assert hull.inner_scale > 0.97
 
 
 @pytest.mark.parametrize(
@@ -170,7 +228,6 @@ def test_cube_has_six_planes():
     corners = np.array(np.meshgrid([0, 1], [0, 1], [0, 1]), dtype=float).reshape(3, -1).T
     cube = polytope(corners)
     assert len(cube.offsets) == 6
-    assert Shape((cube,), solid=True).solid
 
 
 def test_primitives_have_the_corners_and_radii_of_their_definition():
@@ -179,9 +236,9 @@ def test_primitives_have_the_corners_and_radii_of_their_definition():
     assert len(np.unique(box.vertices, axis=0)) == 8
     capsule = shape_of(coal.Capsule(0.03, 0.2), "capsule").sets[0]
     assert sorted(capsule.vertices.tolist()) == [[0.0, 0.0, -0.1], [0.0, 0.0, 0.1]]
-    assert (capsule.radius, capsule.exact, len(capsule.offsets)) == (0.03, True, 0)
+    assert (capsule.radius, capsule.inner_scale, len(capsule.offsets)) == (0.03, 1.0, 0)
     ball = shape_of(coal.Sphere(0.07), "ball").sets[0]
-    assert (ball.vertices.tolist(), ball.radius, ball.exact) == ([[0.0] * 3], 0.07, True)
+    assert (ball.vertices.tolist(), ball.radius, ball.inner_scale) == ([[0.0] * 3], 0.07, 1.0)
     cylinder = shape_of(coal.Cylinder(0.06, 0.25), "cylinder").sets[0]
     cone = shape_of(coal.Cone(0.06, 0.2), "cone").sets[0]
     for hull, height in ((cylinder, 0.125), (cone, 0.1)):
@@ -205,32 +262,27 @@ def test_a_swept_sphere_dilates_the_shape(name):
     after = shape_of(geometry, name).sets[0]
     assert after.radius == pytest.approx(before.radius + 0.004)
     assert (after.vertices == before.vertices).all()
-    tree, bare = (sphere_tree(Shape((s,), solid=True), 5 * EXCESS) for s in (after, before))
+    tree, bare = (sphere_tree(Shape((s,)), 5 * EXCESS) for s in (after, before))
     assert tree.radii == pytest.approx(bare.radii + 0.004)
 
 
-def test_triangles_without_area_are_dropped_and_broken_meshes_refused():
-    mesh = trimesh.creation.torus(0.1, 0.02)
-    flat = trimesh.Trimesh(
-        mesh.vertices, np.vstack([mesh.faces, [[0, 0, 1], [2, 2, 2]]]), process=False
-    )
-    assert len(shape_of(bvh(flat), "torus").sets) == len(mesh.faces)
-    assert not shape_of(bvh(mesh), "torus").solid
+def test_meshes_that_are_not_finite_are_refused():
+    mesh = SHAPES["torus"][1]
     broken = mesh.vertices.copy()
     broken[3, 1] = np.nan
     with pytest.raises(RobotError, match="link elbow"):
         shape_of(bvh(trimesh.Trimesh(broken, mesh.faces, process=False)), "link elbow")
 
 
-def test_the_leaves_of_a_surface_stand_for_all_of_its_pieces_in_order():
-    tree = sphere_tree(shape_of(bvh(trimesh.creation.torus(0.1, 0.02)), "torus"), EXCESS)
-    leaves = np.flatnonzero(tree.first >= 0)
-    assert (tree.last[tree.first < 0] == -1).all()
-    ends = np.column_stack([tree.first, tree.last])[leaves]
-    assert (ends[0, 0], ends[-1, 1]) == (0, len(tree.sets))
-    assert (ends[1:, 0] == ends[:-1, 1]).all()
-    assert (np.diff(ends, axis=1) <= 4).all()
-    for leaf, (first, last) in zip(leaves, ends, strict=True):
-        corners = np.vstack([s.vertices for s in tree.sets[first:last]])
-        assert np.linalg.norm(corners - tree.centers[leaf], axis=1).max() <= tree.radii[leaf]
-    assert tree.excess == pytest.approx(tree.radii[leaves].max(), abs=1e-8)
+def test_a_mesh_has_the_sets_of_its_cover_and_its_triangles_beside_them():
+    mesh = SHAPES["torus"][1]
+    cover = covers("torus")
+    shape = shape_of(SHAPES["torus"][0], "torus", cover)
+    assert len(shape.sets) == len(cover.parts) > 1
+    assert not any(convex.inner_scale for convex in shape.sets)
+    assert shape.excess == cover.excess
+    assert len(shape.mesh.closed) == len(mesh.faces)
+    bare = shape_of(SHAPES["torus"][0], "torus")
+    assert len(bare.sets) == 1
+    assert bare.excess == np.inf
+    assert bare.mesh is not None

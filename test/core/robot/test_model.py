@@ -7,7 +7,7 @@ import pytest
 import trimesh
 from shared import SHARED
 
-from placement_planner_ros.core.errors import GraspError, JointStateError, RobotError
+from placement_planner_ros.core.errors import GraspError, JointStateError, RobotError, StartError
 from placement_planner_ros.core.robot.geometry import package_names
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.scenes.yumi import HOME, load_yumi, yumi_arm
@@ -82,12 +82,12 @@ def test_one_coordinate_per_joint():
     )
     assert robot.joint_names == ("spin", "turn", "lift")
     assert robot.model.nq == robot.model.nv == 3
-    assert robot.lower == pytest.approx([-2 * np.pi, -1, 0])
-    assert robot.upper == pytest.approx([2 * np.pi, 2, 1])
+    assert robot.continuous == {"spin"}
+    assert robot.lower[1:] == pytest.approx([-1, 0])
+    assert robot.upper[1:] == pytest.approx([2, 1])
     assert robot.velocity_limits == pytest.approx([1.0, 1.0, 0.1])
     text = "\n".join(robot.warnings)
     for sentence in (
-        "joint spin has no end stops: planned within ±2π",
         "joint spin has no usable velocity limit: planned with 1 rad/s",
         "joint turn has no usable velocity limit: planned with 1 rad/s",
         "joint lift has no usable velocity limit: planned with 0.1 m/s",
@@ -299,7 +299,7 @@ def test_bad_arms_are_refused(changed, error, message):
 
 
 def test_pairs_are_derived_without_srdf():
-    """Neighbours (through `flange`, which has no geometry), coupled fingers, always touching."""
+    """Neighbours (through `flange`, which has no geometry), always touching."""
     robot = Robot.from_urdf(hand_urdf())
     assert robot.allowed_pairs == {
         ("base", "one"),
@@ -307,9 +307,8 @@ def test_pairs_are_derived_without_srdf():
         ("hand", "two"),
         ("finger_a", "hand"),
         ("finger_b", "hand"),
-        ("finger_a", "finger_b"),
     }
-    assert any("no SRDF: 6 link pairs" in warning for warning in robot.warnings)
+    assert any("no SRDF: 5 pairs" in warning for warning in robot.warnings)
     stuck = urdf(
         link("a", BOX),
         link("b", BOX),
@@ -337,6 +336,7 @@ def test_collision_pairs_are_what_moves_and_may_not_touch():
         ("finger_b", "one"),
         ("finger_a", "two"),
         ("finger_b", "two"),
+        ("finger_a", "finger_b"),
     }
 
 
@@ -550,8 +550,19 @@ def test_panda(tmp_path, with_srdf):
     q = robot.configuration(ready | {"panda_finger_joint1": 0.065})
     assert q[robot.index("panda_finger_joint2")] == 0.065
     assert len(robot.limit_violations(q)) == 2
-    q = robot.with_positions(q, {"panda_finger_joint1": 0.0})
+    # Closed, its fingers touch, which only the SRDF leaves out.
+    q = robot.with_positions(q, {"panda_finger_joint1": 0.0 if with_srdf else 0.001})
     data, geometry_data = robot.model.createData(), robot.geometry.createData()
     assert not pin.computeCollisions(robot.model, data, robot.geometry, geometry_data, q, True)
     folded = robot.with_positions(q, {"panda_joint4": -3.07, "panda_joint6": 0.0})
     assert pin.computeCollisions(robot.model, data, robot.geometry, geometry_data, folded, True)
+
+
+def test_a_mimicking_joint_may_be_where_its_master_puts_it():
+    """As the PR2's parallel links, whose own limits have the wrong sign."""
+    limit = '<limit lower="0" upper="1" velocity="2" effort="1"/>'
+    follower = joint("b", "b", "c", limit=limit, more='<mimic joint="a" multiplier="-1"/>')
+    robot = Robot.from_urdf(urdf(link("a"), link("b"), link("c"), joint("a", "a", "b"), follower))
+    robot.require_plausible(robot.configuration({"a": 0.9}))
+    with pytest.raises(StartError, match=r"a = 1\.9"):
+        robot.require_plausible(robot.configuration({"a": 1.9}))

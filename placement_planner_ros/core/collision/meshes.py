@@ -1,0 +1,233 @@
+"""Meshes as they are: trees of boxes over the original triangles, and which of them are closed.
+
+Covers of convex parts say what is free; what they leave open is decided here (`against_mesh`).
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from placement_planner_ros.core.body.mesh_components import Components
+from placement_planner_ros.core.types import Array, frozen_array
+
+Indices = npt.NDArray[np.int64]
+Singles = npt.NDArray[np.float32]
+
+_LEAF = 4
+"""Triangles in a leaf, at most."""
+
+_SINGLE = 1e-6, 1e-7
+"""Share, and metres, that turned boxes are larger by than what they hold: as float32, their axes
+are off by a tenth of that share."""
+
+
+class MeshArrays(NamedTuple):
+    """m meshes for the kernels, each in its own frame.
+
+    The tree of a mesh is complete: below its node i, counted from the root, are 2i + 1 and 2i + 2.
+    Rows that belong to mesh i run from its entry in a `first` array to that of mesh i + 1.
+    """
+
+    first_node: Indices
+    """(m + 1,)."""
+    first_leaf: Indices
+    """(m + 1,) in `leaves`."""
+    first_component: Indices
+    """(m + 1,)."""
+    boxes: Array
+    """(k, 6) box around what is below each node, lower then upper corner."""
+    turned: Singles
+    """(k, 16) box around the same, turned as fits it best: three axes one after the other, its
+    middle, half of its extent along each axis, and half of its diagonal."""
+    leaves: Indices
+    """(l + 1,) first triangle of each leaf."""
+    corners: Array
+    """(3 t, 3) corners of the triangles, one after the other; closed components face outward."""
+    closed: npt.NDArray[np.bool_]
+    """(t,) whether a triangle bounds a solid; else it is part of a sheet."""
+    components: Array
+    """(c, 3) a point of each component."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeshTree:
+    """One mesh for `MeshArrays`: the same arrays, but `leaves` from 0 on.
+
+    Attributes:
+        boxes: (k, 6).
+        turned: (k, 16).
+        leaves: (l + 1,).
+        corners: (3 t, 3).
+        closed: (t,).
+        components: (c, 3).
+        digest: of the triangles, and which bound a solid; computed unless given.
+    """
+
+    boxes: Array
+    turned: Singles
+    leaves: Indices
+    corners: Array
+    closed: npt.NDArray[np.bool_]
+    components: Array
+    digest: bytes = b""
+
+    def __post_init__(self) -> None:
+        arrays = self.boxes, self.turned, self.leaves, self.corners, self.closed, self.components
+        for array in arrays:
+            array.setflags(write=False)
+        if not self.digest:
+            content = hashlib.sha256(self.corners.tobytes() + self.closed.tobytes())
+            object.__setattr__(self, "digest", content.digest())
+
+    @classmethod
+    def of(cls, vertices: Array, triangles: Indices) -> MeshTree:
+        """Of a mesh: vertices (n, 3) metres, triangles (t, 3)."""
+        made = Components.of(np.asarray(vertices, dtype=np.float64), triangles)
+        corners, label, solid = made.corners.copy(), made.label, made.closed
+        # A closed component is turned outward: then the solid is where any winds about a point.
+        volume = np.bincount(label, np.linalg.det(corners - corners.mean(axis=(0, 1))), len(solid))
+        inward = (volume < 0.0)[label]
+        corners[inward] = corners[inward][:, ::-1]
+        order, leaves = _sorted(corners.mean(axis=1))
+        corners = corners[order]
+        _, one = np.unique(label[order], return_index=True)
+        # What has two corners at one place bounds nothing; its neighbours meet there.
+        point = (corners == np.roll(corners, 1, axis=1)).all(axis=2).any(axis=1)
+        return cls(
+            boxes=frozen_array(_boxes(corners, leaves), (-1, 6)),
+            turned=_turned_boxes(corners, leaves),
+            leaves=leaves,
+            corners=frozen_array(corners.reshape(-1, 3)),
+            closed=solid[label[order]] & ~point,
+            components=frozen_array(corners[one, 0], (-1, 3)),
+        )
+
+
+def _sorted(centers: Array) -> tuple[Indices, Indices]:
+    """Triangles in the order of the tree's leaves, and the first of each leaf and their number.
+
+    Each node is cut in two halves of as many triangles across the longest side of the box around
+    their centres (t, 3), all nodes of a level at once.
+    """
+    count = len(centers)
+    depth = max(0, int(np.ceil(np.log2(count / _LEAF))))
+    order = np.arange(count)
+    first = np.array([0, count])
+    for _ in range(depth):
+        placed = centers[order]
+        spans = np.maximum.reduceat(placed, first[:-1]) - np.minimum.reduceat(placed, first[:-1])
+        sizes = np.diff(first)
+        node = np.repeat(np.arange(len(sizes)), sizes)
+        along = placed[np.arange(count), spans.argmax(axis=1)[node]]
+        order = order[np.lexsort((along, node))]
+        first = np.sort(np.concatenate([first, first[:-1] + sizes // 2]))
+    return order, first
+
+
+def _boxes(corners: Array, leaves: Indices) -> Array:
+    """(k, 6) boxes of the complete tree over leaves (l + 1,) of triangles (t, 3, 3)."""
+    level = np.hstack(
+        [
+            np.minimum.reduceat(corners.min(axis=1), leaves[:-1]),
+            np.maximum.reduceat(corners.max(axis=1), leaves[:-1]),
+        ]
+    )
+    levels = [level]
+    while len(level) > 1:
+        lower = np.minimum(level[::2, :3], level[1::2, :3])
+        level = np.hstack([lower, np.maximum(level[::2, 3:], level[1::2, 3:])])
+        levels.append(level)
+    return np.vstack(levels[::-1])
+
+
+def _turned_boxes(corners: Array, leaves: Indices) -> Singles:
+    """(k, 16) turned boxes of the complete tree over leaves (l + 1,) of triangles (t, 3, 3).
+
+    Their axes are those in which the corners spread, or those of the mesh where that box is smaller
+    by its surface. Extents are measured along the axes as rounded, so that rounding leaves nothing
+    out.
+    """
+    points = corners.reshape(-1, 3)
+    # Sums over ranges of points, about their common middle.
+    away = points - points.mean(axis=0)
+    squares = (away[:, :, None] * away[:, None, :]).reshape(-1, 9)
+    sums = np.vstack([np.zeros(12), np.cumsum(np.hstack([away, squares]), axis=0)])
+    levels = []
+    first = 3 * leaves
+    while True:
+        counts = np.diff(first)[:, None]
+        mean, square = np.split(np.diff(sums[first], axis=0) / counts, [3], axis=1)
+        spread = square.reshape(-1, 3, 3) - mean[:, :, None] * mean[:, None, :]
+        own = np.linalg.eigh(spread)[1].transpose(0, 2, 1)
+        made = [
+            _around(points, first, axes) for axes in (own, np.broadcast_to(np.eye(3), own.shape))
+        ]
+        surfaces = [h[:, 0] * h[:, 1] + h[:, 1] * h[:, 2] + h[:, 2] * h[:, 0] for *_, h in made]
+        better = (surfaces[0] < surfaces[1])[:, None]
+        axes, middle, half = (np.where(better, *pair) for pair in zip(*made, strict=True))
+        radius = np.linalg.norm(half, axis=1, keepdims=True)
+        levels.append(np.hstack([axes, middle, half, radius]))
+        if len(first) == 2:
+            return np.vstack(levels[::-1]).astype(np.float32)
+        first = np.append(first[:-1:2], first[-1])
+
+
+def _around(points: Array, first: Indices, axes: Array) -> tuple[Array, Array, Array]:
+    """Boxes along `axes` (n, 3, 3), in rows, around points that begin at `first` (n + 1,): the axes
+    (n, 9), middles and half extents (n, 3), all as float32 can have them."""
+    axes = axes.astype(np.float32).astype(np.float64)
+    node = np.repeat(np.arange(len(axes)), np.diff(first))
+    along = np.einsum("nij,nj->ni", axes[node], points)
+    low, high = np.minimum.reduceat(along, first[:-1]), np.maximum.reduceat(along, first[:-1])
+    middle = np.einsum("nij,ni->nj", axes, 0.5 * (low + high)).astype(np.float32)
+    middle = middle.astype(np.float64)
+    at = np.einsum("nij,nj->ni", axes, middle)
+    half = np.maximum(high - at, at - low) * (1.0 + _SINGLE[0]) + _SINGLE[1]
+    return axes.reshape(-1, 9), middle, half
+
+
+@functools.lru_cache(maxsize=8)
+def shared_arrays(trees: tuple[MeshTree, ...]) -> MeshArrays:
+    """`mesh_arrays`, remembered, since they are the largest part of a robot."""
+    return mesh_arrays(trees)
+
+
+def mesh_arrays(trees: Sequence[MeshTree]) -> MeshArrays:
+    """Meshes one after the other."""
+    return MeshArrays(
+        first_node=_firsts([len(tree.boxes) for tree in trees]),
+        first_leaf=_firsts([len(tree.leaves) - 1 for tree in trees]),
+        first_component=_firsts([len(tree.components) for tree in trees]),
+        boxes=_stacked([tree.boxes for tree in trees], 6),
+        turned=np.vstack([np.zeros((0, 16), np.float32), *(tree.turned for tree in trees)]),
+        leaves=np.concatenate(
+            [np.zeros(0, dtype=np.int64)]
+            + [
+                tree.leaves[:-1] + first
+                for tree, first in zip(trees, _triangles(trees), strict=False)
+            ]
+            + [_triangles(trees)[-1:]]
+        ),
+        corners=_stacked([tree.corners for tree in trees], 3),
+        closed=np.concatenate([np.zeros(0, dtype=np.bool_), *(tree.closed for tree in trees)]),
+        components=_stacked([tree.components for tree in trees], 3),
+    )
+
+
+def _triangles(trees: Sequence[MeshTree]) -> Indices:
+    return _firsts([len(tree.closed) for tree in trees])
+
+
+def _firsts(sizes: Sequence[int]) -> Indices:
+    return np.cumsum([0, *sizes], dtype=np.int64)
+
+
+def _stacked(arrays: Sequence[Array], columns: int) -> Array:
+    return np.ascontiguousarray(np.vstack([np.zeros((0, columns)), *arrays]))

@@ -1,0 +1,107 @@
+"""The object as collision checks see it: convex pieces as they are, all others as triangles."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import coal
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.body.convex_part import ConvexPart
+from placement_planner_ros.core.collision.object_kernels import ObjectArrays
+from placement_planner_ros.core.collision.shapes import ConvexSet, Shape, covered_mesh
+from placement_planner_ros.core.errors import GraspError
+from placement_planner_ros.core.robot.arm import Arm
+from placement_planner_ros.core.robot.geometry import triangle_geometry
+from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.core.robot.overlap import Overlaps
+from placement_planner_ros.core.types import Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ObjectSolid:
+    """A piece of the object, in its frame.
+
+    Attributes:
+        shape: for the kernels.
+        geometry: for coal, to which a mesh is a surface.
+        corners: (n, 3) whose hull holds it.
+        around: (t, 3, 3) triangles of a closed mesh; None where it is convex or a sheet.
+    """
+
+    shape: Shape
+    geometry: coal.CollisionGeometry
+    corners: Array
+    around: Array | None = None
+
+
+@functools.lru_cache(maxsize=4)
+def object_solids(body: Body) -> tuple[ObjectSolid, ...]:
+    """The convex pieces, each for itself, and all others together."""
+    solids = [
+        ObjectSolid(
+            Shape((part_set(part),)), coal_convex(part.vertices, part.triangles), part.vertices
+        )
+        for part in body.solids
+    ]
+    if body.mesh is not None:
+        vertices, triangles = body.mesh.vertices, body.mesh.triangles
+        shape = covered_mesh(body.mesh.cover, vertices, triangles)
+        geometry = triangle_geometry(vertices, triangles)
+        around = vertices[triangles] if body.mesh.cover.closed else None
+        solids.append(ObjectSolid(shape, geometry, vertices, around))
+    for solid in solids:
+        solid.geometry.computeLocalAABB()
+    return tuple(solids)
+
+
+def object_arrays(body: Body) -> ObjectArrays:
+    """The object laid out for c_f(x)."""
+    shapes = [solid.shape for solid in object_solids(body)]
+    convex = [shape.sets[0] for shape in shapes if shape.mesh is None]
+    return ObjectArrays.of(convex, None if body.mesh is None else shapes[-1])
+
+
+@functools.lru_cache(maxsize=4)
+def object_overlaps(robot: Robot, body: Body) -> Overlaps:
+    """How the robot's geometries overlap the object's solids, which follow them in number."""
+    links = [thing.geometry for thing in robot.geometry.geometryObjects]
+    return Overlaps([*links, *(solid.geometry for solid in object_solids(body))])
+
+
+def object_in_hand(arm: Arm, grasp: int, depths: Mapping[str, float]) -> GraspError:
+    """The object overlaps links that it does not move against, each by so many metres."""
+    links = ", ".join(f"{link} ({depth:.4f} m deep)" for link, depth in depths.items())
+    return GraspError(
+        f"{arm.name}.grasps[{grasp}]",
+        arm.grasps[grasp].homogeneous.round(4).tolist(),
+        f"the object lies in {links}; move the grasp, list "
+        f"{'the link' if len(depths) == 1 else 'the links'} in touch_links, or correct "
+        "object.scale where the object is not that large",
+    )
+
+
+def part_set(part: ConvexPart) -> ConvexSet:
+    """A part of the object; planes that stand for several facets are moved out to hold it."""
+    offsets = (part.vertices @ part.normals.T).max(axis=0)
+    return ConvexSet(part.vertices, part.normals, offsets)
+
+
+def coal_convex(vertices: Array, triangles: npt.NDArray[np.int_]) -> coal.Convex:
+    """A coal polytope from vertices (m, 3) and outward triangles (t, 3)."""
+    points, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+    for vertex in vertices:
+        points.append(vertex)
+    for triangle in triangles:
+        faces.append(coal.Triangle(*(int(i) for i in triangle)))
+    return coal.Convex(points, faces)
+
+
+def coal_transform(T: pin.SE3) -> coal.Transform3s:
+    """The same pose for coal."""
+    return coal.Transform3s(T.rotation, T.translation)

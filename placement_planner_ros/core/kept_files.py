@@ -1,0 +1,170 @@
+"""Files kept for the next process: checked as they are read, and never needed.
+
+Each is written aside and then moved into its place, so that processes that write at once do not
+meet, and holds a digest of its content, since a file may lose a block.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import tempfile
+import threading
+from collections.abc import Callable, Sequence
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numba
+import numpy as np
+
+_config: Any = numba.config
+_PACKAGE = Path(__file__).parents[1]
+_DIGEST = hashlib.sha256().digest_size
+
+
+class Troubles:
+    """What keeps files from being kept, each kind once. Safe to use from several threads."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._known: dict[str, str] = {}
+        self._listener: Callable[[str], None] | None = None
+
+    def listen(self, listener: Callable[[str], None]) -> None:
+        """Call this with words for each trouble there was so far, and for each that comes."""
+        with self._lock:
+            self._listener = listener
+            known = list(self._known.values())
+        for words in known:
+            listener(words)
+
+    def note(self, trouble: str, words: str) -> None:
+        """There is trouble of that kind."""
+        with self._lock:
+            if trouble in self._known:
+                return
+            self._known[trouble] = words
+            listener = self._listener
+        if listener is not None:
+            listener(words)
+
+
+TROUBLES = Troubles()
+"""Of this process."""
+
+
+def kept_folder() -> Path | None:
+    """Where files are kept: NUMBA_CACHE_DIR, or below XDG_CACHE_HOME or ~/.cache; None without."""
+    if _config.CACHE_DIR:
+        return Path(_config.CACHE_DIR)
+    caches = os.environ.get("XDG_CACHE_HOME")
+    try:
+        return Path(caches or Path.home() / ".cache") / _PACKAGE.name
+    except RuntimeError:
+        return None
+
+
+def sealed(content: bytes, name: str) -> bytes:
+    """The content of the file of that name, after the digest of both."""
+    return hashlib.sha256(name.encode() + content).digest() + content
+
+
+def unsealed(data: bytes, name: str) -> bytes:
+    """The content that was sealed for the file of that name.
+
+    Raises:
+        ValueError: it is not as it was written there.
+    """
+    digest, content = data[:_DIGEST], data[_DIGEST:]
+    if hashlib.sha256(name.encode() + content).digest() != digest:
+        raise ValueError("damaged")
+    return content
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file that others see whole or not at all.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    descriptor, aside = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".tmp")
+    try:
+        with open(descriptor, "wb") as stream:
+            stream.write(content)
+        os.replace(aside, path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            os.unlink(aside)
+        raise
+
+
+Arrays = dict[str, np.ndarray[Any, Any]]
+
+
+def kept_arrays(what: str, key: bytes, make: Callable[[], Arrays]) -> Arrays:
+    """Arrays from disk, or made and kept there.
+
+    Args:
+        what: they are, in words: `convex covers`.
+        key: all that they depend on.
+        make: makes them; what it raises ends it.
+    """
+    folder = kept_folder()
+    if folder is None:
+        return make()
+    name = f"{hashlib.sha256(key).hexdigest()[:32]}.{what.split()[-1]}"
+    path = folder / what.replace(" ", "-") / name
+    found = _read_arrays(what, path)
+    if found is None:
+        found = make()
+        _write_arrays(what, path, found)
+    return found
+
+
+def _read_arrays(what: str, path: Path) -> Arrays | None:
+    try:
+        data = path.read_bytes()
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    except OSError as error:
+        words = f"{what} in {path.parent} cannot be read and are made: {error.strerror}"
+        TROUBLES.note(f"{what} unread", words)
+        return None
+    try:
+        with np.load(BytesIO(unsealed(data, path.name)), allow_pickle=False) as kept:
+            return dict(kept)
+    except Exception:  # whatever a damaged file, or one of another make, leads to
+        TROUBLES.note(f"{what} damaged", f"{path}, of {what}, is damaged and made anew")
+        with contextlib.suppress(OSError):
+            path.unlink()
+        return None
+
+
+def _write_arrays(what: str, path: Path, arrays: Arrays) -> None:
+    stream = BytesIO()
+    named: Any = arrays
+    np.savez(stream, **named)  # not compressed: that takes longer than it saves
+    try:
+        write_whole(path, sealed(stream.getvalue(), path.name))
+    except OSError as error:
+        TROUBLES.note(
+            f"{what} unwritten",
+            f"{what} cannot be kept in {path.parent}: {error.strerror or error}; each start "
+            "makes them again until NUMBA_CACHE_DIR or XDG_CACHE_HOME names a folder that can be "
+            "written",
+        )
+
+
+def version_of(file: str, names: Sequence[str]) -> str:
+    """Of the files of these names beside `file`: what they make is kept for it alone.
+
+    Args:
+        names: `shapes.py`, or `../body/polytope.py` for a file in a folder nearby.
+    """
+    digest = hashlib.sha256()
+    for name in names:
+        digest.update(Path(file).parent.joinpath(name).read_bytes())
+    return digest.hexdigest()

@@ -1,0 +1,1 @@
+"""Mesh files of links and objects: what their headers show, and their triangles."""

@@ -1,0 +1,78 @@
+"""Triangles of a mesh file, the same for links and objects."""
+
+from __future__ import annotations
+
+import io
+import struct
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+from placement_planner_ros.core.meshes.collada import Triangles, read_collada
+from placement_planner_ros.core.meshes.headers import (
+    STL_TEXT,
+    check_archive,
+    check_header,
+    check_xml,
+)
+from placement_planner_ros.core.meshes.threemf import read_3mf
+from placement_planner_ros.core.types import Array
+
+
+def read_mesh(path: Path) -> tuple[Array, Triangles]:
+    """Vertices (n, 3), equal ones merged, and triangles (t, 3) of a mesh file.
+
+    All meshes and scenes in it together, each where the file's transforms put it. In metres where
+    the file is a .dae, which states its unit; else in the file's unit, whatever it says of it.
+
+    Raises:
+        OSError: it cannot be opened.
+        ValueError: it cannot be read; the message says why.
+        Exception: whatever else loaders raise at what they are given.
+    """
+    check_header(path)
+    vertices, triangles = _contents(path.suffix.lower(), path.read_bytes())
+    if len(triangles) == 0:
+        raise ValueError("it holds no triangles")
+    bad = int((~np.isfinite(vertices).all(axis=1)).sum())
+    if bad:
+        raise ValueError(f"{bad} of its vertices are not finite")
+    mesh = trimesh.Trimesh(vertices, triangles, process=False)
+    mesh.merge_vertices()
+    return np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
+
+
+def _contents(suffix: str, data: bytes) -> tuple[Array, Triangles]:
+    if suffix == ".dae":
+        check_xml(data)
+        return read_collada(data)
+    if suffix == ".3mf":
+        check_archive(data)
+        return read_3mf(data)
+    if suffix == ".stl":
+        data = _one_stl(data)
+    elif suffix in (".obj", ".off"):
+        data = _utf8(data)
+    # By its contents alone, so that it cannot name other files, and misses none that it names.
+    mesh = trimesh.load_mesh(io.BytesIO(data), file_type=suffix[1:], process=False)
+    if not isinstance(mesh, trimesh.Trimesh):
+        raise ValueError("it holds no triangles")
+    return np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
+
+
+def _one_stl(data: bytes) -> bytes:
+    """Without what some programs append to a binary one."""
+    if b"\0" not in data[:STL_TEXT]:
+        return _utf8(data)
+    (count,) = struct.unpack("<I", data[80:84])
+    return data[: 84 + 50 * count]
+
+
+def _utf8(data: bytes) -> bytes:
+    """A text whose names and comments may be in another encoding."""
+    try:
+        data.decode()
+    except UnicodeDecodeError:
+        return data.decode("latin-1").encode()
+    return data

@@ -1,0 +1,101 @@
+"""Joint limits beyond the URDF's: MoveIt's joint_limits.yaml, and what is assumed without."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from placement_planner_ros.core.errors import RobotError
+
+FIELD = "robot_description_planning"
+"""Under which MoveIt's limits are given."""
+
+ANGULAR_ACCELERATION = 5.0
+"""rad/s², for a joint that turns and whose limit nobody states."""
+
+LINEAR_ACCELERATION = 0.5
+"""m/s², the same for one that slides: lifts and rails carry what hangs on them."""
+
+_NUMBERS = ("min_position", "max_position", "max_velocity", "max_acceleration")
+_KINDS = ("position", "velocity", "acceleration")
+
+
+@dataclass(frozen=True, slots=True)
+class JointLimit:
+    """What is stated of one joint besides its URDF, rad or m and seconds; None where nothing is."""
+
+    lower: float | None = None
+    upper: float | None = None
+    velocity: float | None = None
+    acceleration: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Assumed:
+    """A limit that nobody states.
+
+    Attributes:
+        joint: whose.
+        what: which.
+        value: what is planned with instead.
+        unit: of the value.
+    """
+
+    joint: str
+    what: Literal["velocity", "acceleration"]
+    value: float
+    unit: str
+
+    def __str__(self) -> str:
+        return f"{self.what} {self.value:g} {self.unit} of {self.joint}"
+
+
+def read_joint_limits(given: object) -> dict[str, JointLimit]:
+    """Limits by joint, from what MoveIt's joint_limits.yaml holds, with or without the levels
+    `robot_description_planning` and `joint_limits` around it.
+
+    A limit counts unless its `has_…_limits` is false. What is known of other kinds, as jerk, is
+    passed over.
+
+    Raises:
+        RobotError: not of that form, or a limit is no number, or not above zero.
+    """
+    for level in (FIELD, "joint_limits"):
+        if isinstance(given, Mapping) and level in given:
+            given = given[level]
+    given = {} if given is None else given
+    remedy = "give what MoveIt's joint_limits.yaml holds: joint_limits, and below it joint by joint"
+    if not isinstance(given, Mapping):
+        raise RobotError(FIELD, str(given)[:60], remedy)
+    return {
+        str(joint): _read(str(joint), values)
+        for joint, values in given.items()
+        if isinstance(values, Mapping) or _refuse(str(joint), values, remedy)
+    }
+
+
+def _refuse(joint: str, values: object, remedy: str) -> bool:
+    # default_velocity_scaling_factor and the like stand beside joint_limits
+    if isinstance(values, (bool, int, float)):
+        return False
+    raise RobotError(f"{FIELD}: {joint}", str(values)[:60], remedy)
+
+
+def _read(joint: str, values: Mapping[object, object]) -> JointLimit:
+    off = {kind for kind in _KINDS if values.get(f"has_{kind}_limits") is False}
+    numbers: dict[str, float | None] = {}
+    for name in _NUMBERS:
+        value = values.get(name)
+        kind = name.partition("_")[2]
+        if value is None or kind in off:
+            numbers[name] = None
+            continue
+        field = f"{FIELD}.joint_limits.{joint}.{name}"
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise RobotError(field, value, "give a number")
+        if not math.isfinite(value) or (kind != "position" and value <= 0.0):
+            raise RobotError(field, value, "give a finite number, above zero unless a position")
+        numbers[name] = float(value)
+    return JointLimit(*(numbers[name] for name in _NUMBERS))

@@ -1,0 +1,203 @@
+"""Whether two collision shapes overlap, and how far, on the triangles that the files hold."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import coal
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from placement_planner_ros.core.types import Array
+
+_MOST_PIECES = 32
+"""Pieces of a mesh that are looked for inside another one, the largest of them."""
+
+_FIRST_STEP = 1e-3
+"""Metres that two shapes are drawn apart by at first, to find how deep they overlap."""
+
+_DEEPEST = 1.0
+"""Metres beyond which nobody asks how deep they overlap."""
+
+_RESOLUTION = 5e-4
+"""Metres that a depth is found to."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Piece:
+    """A connected piece of a mesh, or a whole solid.
+
+    Attributes:
+        corners: (n, 3) metres; points of it that are outermost in some direction.
+    """
+
+    corners: Array
+
+
+class Overlaps:
+    """Shapes asked pair by pair, such as those of one robot.
+
+    A mesh is a surface to coal; what lies wholly inside of a closed one overlaps it all the same.
+
+    Attributes:
+        shapes: in the order of their numbers.
+        centers, radii: (n, 3), (n,) balls around them, each in its own frame, metres.
+    """
+
+    def __init__(self, shapes: Sequence[coal.CollisionGeometry]) -> None:
+        self.shapes = list(shapes)
+        for shape in self.shapes:
+            shape.computeLocalAABB()
+        self.centers = np.array([shape.aabb_center for shape in self.shapes]).reshape(-1, 3)
+        self.radii = np.array([shape.aabb_radius for shape in self.shapes])
+        self._request = coal.CollisionRequest()
+        self._pieces: dict[int, tuple[Piece, ...]] = {}
+        self._triangles: dict[int, Array] = {}
+
+    def near(self, rows: npt.NDArray[np.int64], placements: list[pin.SE3]) -> Array:
+        """Of which rows (n, 2 or more) the balls around both shapes meet; others cannot overlap."""
+        at = np.array([T.act(c) for T, c in zip(placements, self.centers, strict=True)])
+        at = at.reshape(-1, 3)
+        first, second = rows[:, 0], rows[:, 1]
+        apart = np.linalg.norm(at[first] - at[second], axis=1)
+        reach = (self.radii[first] + self.radii[second]) * (1.0 + 1e-9) + 1e-9
+        return np.asarray(apart <= reach)
+
+    @classmethod
+    def of(cls, geometry: pin.GeometryModel) -> Overlaps:
+        """Of a robot's shapes."""
+        return cls([thing.geometry for thing in geometry.geometryObjects])
+
+    def meet(self, i: int, j: int, T_i: pin.SE3, T_j: pin.SE3) -> bool:
+        """Whether shapes i and j overlap where they are placed."""
+        return self._collide(i, j, T_i, T_j) or self.nested(i, j, T_i, T_j)
+
+    def depth(
+        self, i: int, j: int, T_i: pin.SE3, T_j: pin.SE3, resolution: float = _RESOLUTION
+    ) -> float:
+        """Metres by which one must be moved that they do not overlap any more.
+
+        Not the very least way: the shortest of 26 directions.
+
+        Args:
+            resolution: metres that it is found to.
+        """
+        if not self.meet(i, j, T_i, T_j):
+            return 0.0
+        least = _DEEPEST
+        for direction in _directions():
+
+            def apart(by: float, direction: Array = direction) -> bool:
+                moved = pin.SE3(T_j.rotation, T_j.translation + by * direction)
+                return not self.meet(i, j, T_i, moved)
+
+            if not apart(least - resolution):
+                continue
+            far = _FIRST_STEP
+            while far < least and not apart(far):
+                far *= 2.0
+            near, far = (0.0 if far == _FIRST_STEP else far / 2.0), min(far, least)
+            while far - near > resolution:
+                middle = 0.5 * (near + far)
+                near, far = (near, middle) if apart(middle) else (middle, far)
+            least = min(least, far)
+        return least
+
+    def place(self, i: int, j: int, T_i: pin.SE3, T_j: pin.SE3) -> Array:
+        """(3,) a point at which two shapes that overlap do so."""
+        request, result = coal.CollisionRequest(), coal.CollisionResult()
+        request.enable_contact = True
+        at_i = coal.Transform3s(T_i.rotation, T_i.translation)
+        at_j = coal.Transform3s(T_j.rotation, T_j.translation)
+        coal.collide(self.shapes[i], at_i, self.shapes[j], at_j, request, result)
+        if result.numContacts():
+            return np.array(result.getContact(0).pos)
+        smaller, T = (i, T_i) if self.radii[i] < self.radii[j] else (j, T_j)
+        return np.asarray(T.act(self.centers[smaller]))
+
+    def _collide(self, i: int, j: int, T_i: pin.SE3, T_j: pin.SE3) -> bool:
+        result = coal.CollisionResult()
+        at_i = coal.Transform3s(T_i.rotation, T_i.translation)
+        at_j = coal.Transform3s(T_j.rotation, T_j.translation)
+        return bool(coal.collide(self.shapes[i], at_i, self.shapes[j], at_j, self._request, result))
+
+    def nested(self, i: int, j: int, T_i: pin.SE3, T_j: pin.SE3) -> bool:
+        """Whether one holds a piece of the other, their surfaces being apart."""
+        return self._holds(i, j, T_i.actInv(T_j)) or self._holds(j, i, T_j.actInv(T_i))
+
+    def _holds(self, outer: int, inner: int, T_outer_inner: pin.SE3) -> bool:
+        if not isinstance(self.shapes[outer], coal.BVHModelBase):
+            return False  # a solid: coal has answered
+        box = self.shapes[outer].aabb_local
+        lower, upper = np.asarray(box.min_), np.asarray(box.max_)
+        middle = T_outer_inner.act(self.centers[inner])
+        reach = self.radii[inner]
+        if (middle + reach < lower).any() or (middle - reach > upper).any():
+            return False
+        for piece in self._pieces_of(inner):
+            points = piece.corners @ T_outer_inner.rotation.T + T_outer_inner.translation
+            inside = bool(((points >= lower) & (points <= upper)).all())
+            if inside and winding_number(points[0], self._triangles_of(outer)) > 0.5:
+                return True
+        return False
+
+    def _triangles_of(self, i: int) -> Array:
+        if i not in self._triangles:
+            self._triangles[i] = triangles_of(self.shapes[i])
+        return self._triangles[i]
+
+    def _pieces_of(self, i: int) -> tuple[Piece, ...]:
+        if i not in self._pieces:
+            mesh = isinstance(self.shapes[i], coal.BVHModelBase)
+            self._pieces[i] = (
+                _pieces(self._triangles_of(i)) if mesh else (Piece(self.centers[i : i + 1]),)
+            )
+        return self._pieces[i]
+
+
+def triangles_of(mesh: coal.BVHModelBase) -> Array:
+    """(t, 3, 3) corners of a mesh's triangles, metres."""
+    vertices = np.array(mesh.vertices()).reshape(-1, 3)
+    rows = (mesh.tri_indices(k) for k in range(mesh.num_tris))
+    indices = np.array([[t[0], t[1], t[2]] for t in rows], dtype=np.int64).reshape(-1, 3)
+    return np.asarray(vertices[indices])
+
+
+def winding_number(point: Array, triangles: Array) -> float:
+    """How often a surface (t, 3, 3) goes around a point (3,): 0 outside, 1 inside of a closed one,
+    of an open one the share of the view that it covers; without its sign."""
+    a, b, c = np.moveaxis(triangles - point, 1, 0)
+    la, lb, lc = (np.sqrt((v * v).sum(axis=1)) for v in (a, b, c))
+    triple = (a * np.cross(b, c)).sum(axis=1)
+    dots = la * lb * lc
+    dots = dots + (a * b).sum(axis=1) * lc + (b * c).sum(axis=1) * la + (c * a).sum(axis=1) * lb
+    return abs(float(np.arctan2(triple, dots).sum())) / (2.0 * np.pi)
+
+
+def _pieces(triangles: Array) -> tuple[Piece, ...]:
+    """The connected pieces of a surface (t, 3, 3), the largest first."""
+    points, index = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
+    index = index.reshape(-1, 3)
+    pairs = np.concatenate([index[:, [0, 1]], index[:, [1, 2]]])
+    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (len(points),) * 2)
+    number, label = connected_components(links, directed=False)
+    order = np.argsort(label, kind="stable")
+    parts = np.split(order, np.cumsum(np.bincount(label, minlength=number))[:-1])
+    parts.sort(key=lambda rows: -len(rows))
+    directions = _directions()
+    found = []
+    for rows in parts[:_MOST_PIECES]:
+        outermost = np.unique((points[rows] @ directions.T).argmax(axis=0))
+        found.append(Piece(points[rows][outermost]))
+    return tuple(found)
+
+
+def _directions() -> Array:
+    """(26, 3) unit vectors to the faces, edges and corners of a cube."""
+    grid = np.array(np.meshgrid(*([-1.0, 0.0, 1.0],) * 3)).reshape(3, -1).T
+    grid = grid[np.abs(grid).sum(axis=1) > 0.0]
+    return np.asarray(grid / np.linalg.norm(grid, axis=1, keepdims=True))

@@ -1,0 +1,111 @@
+"""A robot as a parameter file of the node describes it: arms, object, target volume, start."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import yaml
+
+from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.robot.model import Arm, Robot
+from placement_planner_ros.core.types import Array, TargetVolume
+
+SHARE = Path(pin.__file__).parents[4] / "share"
+"""Where pip puts the robots of example-robot-data."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Subject:
+    """What is measured.
+
+    Attributes:
+        name: of its file.
+        file: with its parameters.
+        urdf, srdf: texts; the second is '' where there is none.
+        package_dirs: folders that hold the packages the URDF names.
+        q_start: (nq,) q_0.
+        vertices, triangles: of the object.
+    """
+
+    name: str
+    file: Path
+    urdf: str
+    srdf: str
+    package_dirs: tuple[Path, ...]
+    robot: Robot
+    arms: tuple[Arm, ...]
+    q_start: Array
+    volume: TargetVolume
+    vertices: Array
+    triangles: Any
+
+
+def read_subject(file: Path, package_dirs: Sequence[Path] = (SHARE,)) -> Subject:
+    """The robot of a parameter file.
+
+    Raises:
+        ParameterError: the file does not name what it must, or a description is not there.
+        PlacementPlannerError: robot or arm are unusable.
+    """
+    tree = yaml.safe_load(file.read_text(encoding="utf-8"))
+    try:
+        values = tree["/**"]["ros__parameters"]
+        urdf_file = _found(values["robot_description"], package_dirs)
+        semantic = values.get("robot_description_semantic")
+        srdf = _found(semantic, package_dirs).read_text(encoding="utf-8") if semantic else ""
+        urdf = urdf_file.read_text(encoding="utf-8")
+        folders = (*package_dirs, urdf_file.parent)
+        robot = Robot.from_urdf(urdf, folders, srdf or None)
+        arms = tuple(_arm(robot, name, values[name]) for name in values["arms"])
+        start = tree.get("placement_scene", {}).get("ros__parameters", {}).get("start", {})
+        volume = np.array(values["target_volume"], dtype=np.float64)
+        vertices = np.array(values["object"]["vertices"], dtype=np.float64).reshape(-1, 3)
+        triangles = np.array(values["object"]["triangles"], dtype=np.int64).reshape(-1, 3)
+    except (KeyError, TypeError) as error:
+        raise ParameterError("file", str(file), f"it does not give {error}") from error
+    at_rest = np.clip(np.zeros(len(robot.joint_names)), robot.lower, robot.upper)
+    given = {name: float(value) for name, value in zip(robot.joint_names, at_rest, strict=True)}
+    given |= {name: float(value) for name, value in start.items()}
+    return Subject(
+        file.stem,
+        file,
+        urdf,
+        srdf,
+        tuple(folders),
+        robot,
+        arms,
+        robot.configuration(given),
+        TargetVolume(volume[:3], volume[3:]),
+        vertices,
+        triangles,
+    )
+
+
+def _arm(robot: Robot, name: str, values: Mapping[str, Any]) -> Arm:
+    poses = np.array(values["grasps"], dtype=np.float64).reshape(-1, 7)
+    tip = values["tip_frame"]
+    return robot.arm(
+        name,
+        tip,
+        joints=values.get("joints") or None,
+        grasps=[pin.XYZQUATToSE3(pose) for pose in poses],
+        touch_links=values.get("touch_links") or None,
+        gripper_joints=values.get("gripper_joints", ()),
+        gripper_open=values.get("gripper_open", ()),
+    )
+
+
+def _found(name: str, package_dirs: Sequence[Path]) -> Path:
+    """The file of a path or a `package://` URI."""
+    inside = name.removeprefix("package://")
+    for path in [folder / inside for folder in package_dirs] if inside != name else [Path(name)]:
+        if path.is_file():
+            return path
+    where = ", ".join(map(str, package_dirs))
+    words = f"is in none of {where}: pip install example-robot-data, or give --packages"
+    raise ParameterError("robot_description", name, words)

@@ -1,0 +1,71 @@
+"""What robots are measured with: a table with things on it within V, and two objects."""
+
+from __future__ import annotations
+
+import numpy as np
+import trimesh
+
+from placement_planner_ros.core.types import Array, TargetVolume
+from placement_planner_ros.experiments.robots.subject import Subject
+from placement_planner_ros.scenes.clouds import DepthCamera, camera_clouds, complete_cloud
+from placement_planner_ros.scenes.primitives import Colour, box, frustum, standing_box
+from placement_planner_ros.scenes.scenes import Scene
+
+OBJECTS = ("box", "two boxes")
+CLOUDS = ("complete", "one camera")
+_THINGS = 6
+_HEIGHT = 0.05
+"""m above V's lower end, of the table's surface."""
+_TRIES = 1000
+_WOOD: Colour = (0.80, 0.68, 0.50)
+_THING: Colour = (0.55, 0.60, 0.68)
+
+
+def table_of(volume: TargetVolume, rng: np.random.Generator) -> Scene:
+    """A table a little above the lower end of V, with a few boxes and round things."""
+    low, high = volume.lower, volume.upper
+    top = float(low[2]) + _HEIGHT
+    corners = ((*(low[:2] - 0.05), top - 0.03), (*(high[:2] + 0.05), top))
+    parts = [box("table", *corners, _WOOD)]
+    discs: list[tuple[float, float, float]] = []
+    for _ in range(_TRIES):
+        if len(discs) == _THINGS:
+            break
+        size = rng.uniform((0.04, 0.04, 0.05), (0.10, 0.08, 0.16))
+        radius = float(np.hypot(size[0], size[1])) / 2.0
+        x, y = rng.uniform(low[:2] + radius, high[:2] - radius).tolist()
+        if any(np.hypot(x - a, y - b) < radius + r + 0.03 for a, b, r in discs):
+            continue
+        name = f"thing_{len(discs)}"
+        discs.append((x, y, radius))
+        if len(discs) % 2:
+            yaw = rng.uniform(0.0, np.pi)
+            parts.append(standing_box(name, tuple(size), (x, y), yaw, top, _THING))
+        else:
+            half = float(size[0]) / 2.0
+            parts.append(frustum(name, half, half, top, top + float(size[2]), _THING, (x, y)))
+    return Scene("table", volume, tuple(parts))
+
+
+def cloud_of(scene: Scene, cloud: str, rng: np.random.Generator) -> Array:
+    """(n, 3) points of one of `CLOUDS`, world frame."""
+    if cloud == CLOUDS[0]:
+        return complete_cloud(scene)
+    middle = (scene.volume.lower + scene.volume.upper) / 2.0
+    eye = np.add(middle, (-0.6, 0.3, 0.7))
+    camera = DepthCamera.looking_at("camera", eye, middle)
+    return camera_clouds(scene, rng, cameras=(camera,))[0].world_points()
+
+
+def object_of(subject: Subject, name: str) -> tuple[Array, Array]:
+    """Vertices and triangles of one of `OBJECTS`, for the same grasps."""
+    if name == OBJECTS[0]:
+        return subject.vertices, subject.triangles
+    low, high = subject.vertices.min(axis=0), subject.vertices.max(axis=0)
+    size, middle = high - low, (low + high) / 2.0
+    wide, narrow = size * (1.0, 1.0, 0.5), size * (0.6, 0.6, 0.4)
+    beneath, above = np.array((0.0, 0.0, -0.25 * size[2])), np.array((0.0, 0.0, 0.2 * size[2]))
+    lower = trimesh.creation.box(wide).apply_translation(np.add(middle, beneath))
+    upper = trimesh.creation.box(narrow).apply_translation(np.add(middle, above))
+    vertices = np.vstack([lower.vertices, upper.vertices])
+    return vertices, np.vstack([lower.faces, upper.faces + len(lower.vertices)])

@@ -1,0 +1,104 @@
+"""`placement_check_robot`: what the node would make of a robot, and everything that is wrong."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.experiments.drawing.robot_picture import draw_robot
+from placement_planner_ros.ros.tools.robot_check import description
+from placement_planner_ros.ros.tools.robot_check.findings import Findings
+from placement_planner_ros.ros.tools.robot_check.given import read_given, start_in
+from placement_planner_ros.ros.tools.robot_check.grasps import check_grasps
+from placement_planner_ros.ros.tools.robot_check.reach import check_reach, check_speed
+from placement_planner_ros.ros.tools.robot_check.subject import read_subject
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point; 0 where the node could plan."""
+    options = _parser().parse_args(arguments)
+    try:
+        return _check(options)
+    except KeyboardInterrupt:
+        return 130
+
+
+def _check(options: argparse.Namespace) -> int:
+    findings = Findings()
+    overrides = {
+        name: str(path.absolute())
+        for name, path in (
+            ("robot_description", options.urdf),
+            ("robot_description_semantic", options.srdf),
+            ("object.mesh", options.object),
+        )
+        if path is not None
+    }
+    given = read_given(options.params_file, overrides, findings)
+    start = None if options.params_file is None else _start_in(options.params_file)
+    subject = read_subject(given, options.joints, findings, start)
+    if subject is not None:
+        robot = subject.robot
+        description.describe_robot(robot, bool(given.parameters["robot_description"]), findings)
+        description.describe_arms(subject, findings)
+        description.describe_joint_states(subject, findings)
+        description.describe_links(robot, findings)
+        description.describe_pairs(robot, findings)
+        if options.write_srdf is not None:
+            options.write_srdf.write_text(description.srdf_of(robot), encoding="utf-8")
+            findings.say(f"wrote {options.write_srdf}")
+        can_begin = check_grasps(subject, findings)
+        if options.picture is not None:
+            draw_robot(
+                options.picture, robot, subject.q, subject.arms, subject.body,
+                given.parameters.volume,
+            )  # fmt: skip
+            findings.say(f"wrote {options.picture}")
+        check_reach(subject, findings)
+        if can_begin:
+            check_speed(subject, findings)
+    findings.conclude()
+    return 1 if findings.faults else 0
+
+
+def _start_in(file: Path) -> dict[str, Any] | None:
+    try:
+        return start_in(file)
+    except ParameterError:
+        return None  # what is wrong with the file has been said
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="placement_check_robot",
+        description="Loads robot, object and grasps as the node would; says what it understood, "
+        "what it assumed and what is wrong. Exit code 0 only where the node could plan.",
+    )
+    parser.add_argument("--params-file", type=Path, metavar="FILE", help="the node's own")
+    parser.add_argument("--urdf", type=Path, metavar="FILE", help="instead of robot_description")
+    parser.add_argument(
+        "--srdf", type=Path, metavar="FILE", help="instead of robot_description_semantic"
+    )
+    parser.add_argument("--object", type=Path, metavar="FILE", help="instead of object.mesh")
+    parser.add_argument(
+        "--joints",
+        type=Path,
+        metavar="FILE",
+        help="the start: lines `joint: value`, or a joint state as ros2 topic echo writes it; "
+        "else `start` of placement_scene in the params file, else zero or the limit next to it",
+    )
+    parser.add_argument(
+        "--write-srdf", type=Path, metavar="FILE", help="with the pairs that are left out"
+    )
+    parser.add_argument(
+        "--picture", type=Path, metavar="FILE", help="robot, grasps, target volume and cover (PNG)"
+    )
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

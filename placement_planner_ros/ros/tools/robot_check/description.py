@@ -1,0 +1,153 @@
+"""What the node understood of the robot: arms, links, pairs that are left out, joint states."""
+
+from __future__ import annotations
+
+import time
+from xml.sax.saxutils import quoteattr
+
+import coal
+import numpy as np
+
+from placement_planner_ros.core.robot.allowed_pairs import srdf_line
+from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.ros.inputs.robot_input import announced
+from placement_planner_ros.ros.tools.robot_check.findings import Findings
+from placement_planner_ros.ros.tools.robot_check.subject import Subject
+
+_CHECKS = 20
+"""Collision checks, of which the median takes the time that is told."""
+
+
+def describe_robot(robot: Robot, given: bool, findings: Findings) -> None:
+    """Names, sizes and what was decided where the description is silent."""
+    which = "" if given else ": the bundled YuMi, as none is given"
+    findings.title(f"robot {robot.name}{which}")
+    findings.say(f"planning_frame {robot.root_link}, {len(robot.joint_names)} movable joints")
+    for name, mimic in robot.mimics.items():
+        findings.say(f"{name} = {mimic.multiplier:g} · {mimic.master} + {mimic.offset:g}", 2)
+    for words in robot.warnings:
+        if not words.startswith("left out:"):  # in a section of its own
+            findings.say(f"assumed: {words}")
+
+
+def describe_arms(subject: Subject, findings: Findings) -> None:
+    """Each arm's chain with what bounds it, its hand and grasps."""
+    timing = subject.parameters.planner_settings.timing
+    for arm in subject.arms:
+        told = announced(subject.robot, subject.parameters, arm)
+        findings.title(f"arm {arm.name}: {arm.dof} joints to {arm.tip_frame}")
+        unstated = {(each.joint, each.what) for each in told.assumed}
+        if timing.chosen:
+            unstated = {each for each in unstated if each[1] == "velocity"}
+        rows = [
+            [
+                joint,
+                *(("without", "end") if joint in arm.continuous else (f"{low:.3f}", f"{high:.3f}")),
+                f"{velocity:.3g}" + "*" * ((joint, "velocity") in unstated),
+                f"{acceleration:.3g}" + "*" * ((joint, "acceleration") in unstated),
+                f"{subject.q[index]:.3f}",
+            ]
+            for joint, low, high, velocity, acceleration, index in zip(
+                arm.joints,
+                arm.lower,
+                arm.upper,
+                arm.velocity,
+                np.broadcast_to(timing.accelerations(arm), (arm.dof,)),
+                arm.q_index,
+                strict=True,
+            )
+        ]
+        start = "zero" if subject.assumed else "start"
+        findings.table(["joint", "lower", "upper", "velocity", "acceleration", start], rows)
+        findings.say(f"rad and m, per s and s²{'; * is assumed' if unstated else ''}", 2)
+        for words in (told.torso, told.limits(accelerations=not timing.chosen)):
+            if words:
+                findings.say(words)
+        findings.say(f"may touch the object: {', '.join(arm.touch_links) or 'nothing'}")
+        opening = [
+            f"{joint} {value:g}"
+            for joint, value in zip(arm.gripper_joints, arm.gripper_open, strict=True)
+        ]
+        findings.say(f"opens by: {', '.join(opening) or 'nothing; see gripper_joints'}")
+
+
+def describe_joint_states(subject: Subject, findings: Findings) -> None:
+    """Which joints the node waits for."""
+    robot = subject.robot
+    names = [name for name in robot.joint_names if name not in robot.mimics]
+    findings.title("joint_states must have, in one or several messages")
+    findings.say(", ".join(names))
+
+
+def describe_links(robot: Robot, findings: Findings) -> None:
+    """Shapes of each link, and how well a cover of convex parts stands in for a mesh."""
+    findings.title("links")
+    rows, plain = [], 0
+    rng = np.random.default_rng(0)
+    for thing, link, cover in zip(
+        robot.geometry.geometryObjects, robot.geometry_links, robot.covers, strict=True
+    ):
+        if cover is None:
+            plain += 1
+            continue
+        shape = thing.geometry
+        rows.append(
+            [
+                link,
+                str(shape.num_tris),
+                str(len(cover.parts)),
+                f"{1e3 * cover.excess:.1f}",
+                "solid" if cover.closed else "open",
+                f"{1e3 * _seconds_to_check(shape, rng):.3f}",
+            ]
+        )
+    if rows:
+        findings.table(["mesh of", "triangles", "parts", "excess mm", "", "ms to check"], rows)
+    if any(row[4] == "open" for row in rows):
+        findings.say("open meshes count as sheets, without an inside", 2)
+    findings.say(f"{plain} shapes are primitives or convex" + ("" if rows else ", all there are"))
+    if not robot.geometry_links:
+        findings.wrong("the robot has no collision shapes: nothing would be kept apart; give its "
+                       "links <collision> elements")  # fmt: skip
+
+
+def _seconds_to_check(shape: coal.CollisionGeometry, rng: np.random.Generator) -> float:
+    """Of one box of 2 cm near the shape, on its triangles."""
+    shape.computeLocalAABB()
+    low, high = np.array(shape.aabb_local.min_), np.array(shape.aabb_local.max_)
+    box, request = coal.Box(0.02, 0.02, 0.02), coal.CollisionRequest()
+    request.security_margin = 0.003
+    places = [
+        coal.Transform3s(np.eye(3), at) for at in rng.uniform(low - 0.02, high + 0.02, (_CHECKS, 3))
+    ]
+    seconds = []
+    for T in places:
+        began = time.perf_counter()
+        coal.collide(shape, coal.Transform3s(), box, T, request, coal.CollisionResult())
+        seconds.append(time.perf_counter() - began)
+    return float(np.median(seconds))
+
+
+def describe_pairs(robot: Robot, findings: Findings) -> None:
+    """Which links are not kept apart from each other, and why."""
+    findings.title("pairs of links that are not kept apart")
+    if robot.left_out is None:
+        findings.say(f"{len(robot.allowed_pairs)}, as the SRDF says")
+        return
+    hidden = [each for each in robot.left_out if each.can_hide]
+    findings.say(f"{len(robot.left_out) - len(hidden)} of neighbours, and {len(hidden)} more, "
+                 "whose true collisions would not be noticed:")  # fmt: skip
+    for each in hidden:
+        findings.say(str(each), 2)
+    if hidden:
+        findings.say("an SRDF (--write-srdf FILE) says which of these to leave out")
+
+
+def srdf_of(robot: Robot) -> str:
+    """An SRDF that has the same pairs left out."""
+    if robot.left_out is None:
+        lines = [srdf_line(links) for links in sorted(robot.allowed_pairs)]
+    else:
+        lines = [each.srdf for each in robot.left_out]
+    body = "\n".join(f"  {line}" for line in dict.fromkeys(lines))
+    return f'<?xml version="1.0"?>\n<robot name={quoteattr(robot.name)}>\n{body}\n</robot>\n'

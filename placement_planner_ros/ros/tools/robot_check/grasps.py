@@ -1,0 +1,151 @@
+"""What the object touches in each grasp, with the hand as it stands, open, and closing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.collision.object_solids import object_overlaps
+from placement_planner_ros.core.errors import PlacementPlannerError
+from placement_planner_ros.core.grasp.at_start import faults_at_start
+from placement_planner_ros.core.robot.model import Arm, Robot
+from placement_planner_ros.core.types import Array
+from placement_planner_ros.ros.tools.robot_check.findings import Findings
+from placement_planner_ros.ros.tools.robot_check.subject import Subject
+
+TOUCHING = 0.001
+"""m; what is closer to the object touches it."""
+_FAR = 0.005
+"""m; a hand that comes no closer does not hold it."""
+_STEPS = 40
+"""Between the open hand and its closed end."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Touch:
+    """How far the links are from the object; overlapping ones at 0."""
+
+    distances: dict[str, float]
+
+    @property
+    def links(self) -> list[str]:
+        """Those that touch it."""
+        return sorted(link for link, far in self.distances.items() if far <= TOUCHING)
+
+    def __str__(self) -> str:
+        if self.links:
+            return ", ".join(self.links)
+        if not self.distances:
+            return "nothing within 0.1 m"
+        nearest = min(self.distances, key=self.distances.__getitem__)
+        return f"nothing; {nearest} is {1e3 * self.distances[nearest]:.1f} mm away"
+
+
+def check_grasps(subject: Subject, findings: Findings) -> bool:
+    """Say what touches the object in each grasp; whether the robot can begin so."""
+    body, robot = subject.body, subject.robot
+    if body is None or not any(arm.grasps for arm in subject.arms):
+        return False
+    findings.title("grasps: what the object touches")
+    for arm in subject.arms:
+        for number in range(len(arm.grasps)):
+            findings.say(f"{arm.name}, grasp {number}")
+            at_start = touched(robot, arm, number, body, subject.q)
+            findings.say(f"as the hand stands: {at_start}", 2)
+            best = min(at_start.distances.values(), default=np.inf)
+            if arm.gripper_joints:
+                opened = touched(robot, arm, number, body, robot.with_open_hand(subject.q, arm))
+                findings.say(f"open hand: {opened}", 2)
+                closes = _closing(subject, arm, number, body)
+                findings.say(f"closing: {closes[0]}", 2)
+                best = min(best, closes[1], *opened.distances.values())
+            if best > _FAR:
+                findings.wrong(
+                    f"{arm.name}.grasps: in grasp {number} the hand comes no closer to the object "
+                    f"than {1e3 * min(best, 9.999):.0f} mm, so nothing holds it; check the pose of "
+                    f"the object in {arm.tip_frame}, its quaternion (x y z w) and object.scale"
+                )
+    return _check_start(subject, body, findings)
+
+
+def _check_start(subject: Subject, body: Body, findings: Findings) -> bool:
+    arms = tuple(arm for arm in subject.arms if arm.grasps)
+    settings = subject.parameters.planner_settings.collision
+    try:
+        for words in faults_at_start(subject.robot, arms, subject.q, body, settings):
+            findings.say(f"does without {words}")
+        return True
+    except PlacementPlannerError as error:
+        assumed = " (the start is assumed to be zero; give the real one as --joints FILE)"
+        findings.wrong(f"{error}{assumed if subject.assumed else ''}")
+        return False
+
+
+def touched(robot: Robot, arm: Arm, grasp: int, body: Body, q: Array) -> Touch:
+    """How far links within 0.1 m are from the object in a grasp at q (nq,)."""
+    data, geometry = robot.model.createData(), robot.geometry.createData()
+    pin.updateGeometryPlacements(robot.model, data, robot.geometry, geometry, q)
+    T = robot.link_pose(q, arm.tip_frame) * arm.grasps[grasp]
+    place = coal.Transform3s(T.rotation, T.translation)
+    overlaps, first = object_overlaps(robot, body), len(robot.geometry_links)
+    near: dict[str, float] = {}
+    for i, (link, at) in enumerate(zip(robot.geometry_links, geometry.oMg, strict=True)):
+        shape, center = overlaps.shapes[i], at.act(overlaps.centers[i])
+        for j, solid in enumerate(overlaps.shapes[first:], first):
+            apart = float(np.linalg.norm(center - T.act(overlaps.centers[j])))
+            if apart > overlaps.radii[i] + overlaps.radii[j] + 0.1:
+                continue
+            far = coal.distance(
+                solid, place, shape, coal.Transform3s(at.rotation, at.translation),
+                coal.DistanceRequest(), coal.DistanceResult(),
+            )  # fmt: skip
+            if far > 0.0 and overlaps.nested(i, j, at, T):
+                far = 0.0
+            near[link] = min(near.get(link, np.inf), max(float(far), 0.0))
+    return Touch({link: far for link, far in near.items() if far <= 0.1})
+
+
+def _closing(subject: Subject, arm: Arm, grasp: int, body: Body) -> tuple[str, float]:
+    """Where the fingers meet the object first, in words, and how close they come."""
+    robot, closest = subject.robot, np.inf
+    index = [robot.index(joint) for joint in arm.gripper_joints]
+    opened = np.array(arm.gripper_open)
+    low, high = robot.lower[index], robot.upper[index]
+    closed = np.where(np.abs(low - opened) > np.abs(high - opened), low, high)
+    moved = _moved(robot, arm)
+    for share in np.linspace(0.0, 1.0, _STEPS + 1):
+        values = opened + share * (closed - opened)
+        q = robot.with_positions(
+            subject.q, dict(zip(arm.gripper_joints, values.tolist(), strict=True))
+        )
+        touch = touched(robot, arm, grasp, body, q)
+        fingers = {link: far for link, far in touch.distances.items() if link in moved}
+        closest = min(closest, *fingers.values(), np.inf)
+        met = sorted(link for link, far in fingers.items() if far <= TOUCHING)
+        if met:
+            at = ", ".join(
+                f"{joint} = {value:.3f}"
+                for joint, value in zip(arm.gripper_joints, values, strict=True)
+            )
+            return f"{', '.join(met)} meets it at {at}", closest
+    return "no finger meets it", closest
+
+
+def _moved(robot: Robot, arm: Arm) -> set[str]:
+    """Links that the gripper's joints move."""
+    movers = set(arm.gripper_joints) | {
+        follower for follower, mimic in robot.mimics.items() if mimic.master in arm.gripper_joints
+    }
+    ids = {robot.model.getJointId(name) for name in movers}
+    found = set()
+    for thing, link in zip(robot.geometry.geometryObjects, robot.geometry_links, strict=True):
+        joint = thing.parentJoint
+        while joint != 0 and joint not in ids:
+            joint = robot.model.parents[joint]
+        if joint != 0:
+            found.add(link)
+    return found

@@ -1,0 +1,175 @@
+"""How much of the target volume the arms reach, and how fast the planner is with this robot."""
+
+from __future__ import annotations
+
+import math
+import time
+
+import numpy as np
+import pinocchio as pin
+
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.errors import PlacementPlannerError
+from placement_planner_ros.core.grasp.holding import Holding
+from placement_planner_ros.core.objective.by_name import make_objective
+from placement_planner_ros.core.objective.objective import ObjectiveContext
+from placement_planner_ros.core.planner import PlacementPlanner
+from placement_planner_ros.core.problem import Problem
+from placement_planner_ros.core.reach.ik import InverseKinematics
+from placement_planner_ros.core.reach.kinematics import Chain
+from placement_planner_ros.core.robot.model import Arm
+from placement_planner_ros.core.stopping import StoppedError, stoppable
+from placement_planner_ros.core.types import Array, TargetVolume
+from placement_planner_ros.core.warmup import warm_up
+from placement_planner_ros.ros.run.snapshot import Snapshot
+from placement_planner_ros.ros.run.surroundings import Surroundings
+from placement_planner_ros.ros.tools.robot_check.findings import Findings
+from placement_planner_ros.ros.tools.robot_check.subject import Subject
+
+POSES = 200
+"""Random poses in V per arm and grasp."""
+_SEEDS = 31
+_EDGE = 0.5
+"""rad or m, the length of an edge."""
+SECONDS = 1.0
+"""That edges and samples are counted for."""
+_PATIENCE = 60.0
+"""Seconds after which making a planner is given up."""
+
+
+def check_reach(subject: Subject, findings: Findings) -> None:
+    """Say for which share of random poses in V there is inverse kinematics."""
+    arms = [arm for arm in subject.arms if arm.grasps]
+    if not arms:
+        return
+    findings.title("random poses of the object in target_volume that an arm reaches")
+    volume = subject.parameters.volume
+    most = 0.0
+    for arm in arms:
+        for grasp in range(len(arm.grasps)):
+            share = reached_share(subject, arm, grasp, volume)
+            most = max(most, share)
+            findings.say(f"{arm.name}, grasp {grasp}: {share:.0%}")
+    if most == 0.0:
+        tips = "; ".join(
+            f"the tip of {arm.name} starts at "
+            f"{subject.robot.link_pose(subject.q, arm.tip_frame).translation.round(3).tolist()}"
+            for arm in arms
+        )
+        findings.wrong(
+            f"target_volume = {subject.parameters['target_volume']}: no arm reaches any of {POSES} "
+            f"random poses in it; it counts from {subject.robot.root_link}, where {tips}"
+        )
+
+
+def reached_share(subject: Subject, arm: Arm, grasp: int, volume: TargetVolume) -> float:
+    """Of poses at random places in V, standing on a random face, turned at random."""
+    rng = np.random.default_rng(1)
+    T_object_tip = arm.grasps[grasp].inverse()
+    tips = []
+    for _ in range(POSES):
+        T = pin.SE3(_upright(rng), rng.uniform(volume.lower, volume.upper))
+        if subject.body is not None and subject.body.faces:
+            face = subject.body.faces[int(rng.integers(len(subject.body.faces)))]
+            T = T * face.T_face_object
+        else:
+            turn = pin.Quaternion(*(rng.normal(size=4))).normalized()
+            T = T * pin.SE3(turn.matrix(), np.zeros(3))
+        tips.append((T * T_object_tip).homogeneous)
+    chain = Chain.from_robot(subject.robot, arm, subject.q)
+    ik = InverseKinematics(chain)
+    seeds = ik.random_seeds(rng, (POSES, _SEEDS))
+    seeds = np.concatenate(
+        [np.broadcast_to(subject.q[arm.q_index], (POSES, 1, arm.dof)), seeds], axis=1
+    )
+    return float((ik.solve_batch(np.array(tips), seeds)[1] > 0).mean())
+
+
+def _upright(rng: np.random.Generator) -> Array:
+    angle = rng.uniform(-math.pi, math.pi)
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def check_speed(subject: Subject, findings: Findings) -> None:
+    """Say how many edges and samples a second there are, over a plane through V."""
+    arms = tuple(arm for arm in subject.arms if arm.grasps)
+    if subject.body is None or not arms:
+        return
+    findings.title("speed, over a plane at the bottom of target_volume")
+    warm_up(subject.robot, arms, subject.q)
+    end = time.monotonic() + _PATIENCE
+    try:
+        with stoppable(lambda: time.monotonic() > end):
+            began = time.process_time()
+            planner = _planner(subject, arms, subject.body)
+    except StoppedError:
+        findings.say(f"a planner is not made within {_PATIENCE:g} s")
+        return
+    except PlacementPlannerError as error:
+        findings.wrong(error)
+        return
+    findings.say(f"making a planner: {time.process_time() - began:.2f} s")
+    for words in planner.unusable:
+        findings.say(f"does without {words}")
+    of_arm: dict[str, Holding] = {}
+    for (name, _), holding in planner.holdings.items():
+        of_arm.setdefault(name, holding)
+    for name, holding in of_arm.items():
+        number, free, seconds = count_edges(holding)
+        findings.say(
+            f"{name}: {number / seconds:,.0f} edges of {_EDGE:g} rad a second, object in hand, "
+            f"{free / number:.0%} of them free"
+        )
+    began, end = time.monotonic(), time.monotonic() + SECONDS
+    while time.monotonic() < end:
+        planner.sampler.sample_goals(-np.inf, lambda: time.monotonic() > end)
+    samples = planner.statistics.samples
+    findings.say(f"{samples / (time.monotonic() - began):,.0f} samples of goals a second")
+
+
+def _planner(subject: Subject, arms: tuple[Arm, ...], body: Body) -> PlacementPlanner:
+    parameters, volume = subject.parameters, subject.parameters.volume
+    frame = subject.robot.root_link
+    snapshot = Snapshot(
+        subject.robot,
+        arms,
+        subject.q,
+        body,
+        (plane_in(volume),),
+        parameters,
+        frame,
+        (None,),
+        (False,),
+    )
+    environment = Surroundings.of(snapshot).environment()
+    problem = Problem(subject.robot, arms, subject.q, body, volume, environment)
+    objective = make_objective("maximize_clearance", ObjectiveContext(environment, volume, body))
+    rng = np.random.default_rng(0)
+    return PlacementPlanner(problem, objective, parameters.planner_settings, rng)
+
+
+def plane_in(volume: TargetVolume) -> Array:
+    """(n, 3) points every 5 mm, more than a cell above the bottom of V."""
+    low, high = volume.lower, volume.upper
+    x, y = (np.arange(low[i], high[i], 0.005) for i in range(2))
+    height = low[2] + min(0.02, 0.1 * (high[2] - low[2]))
+    grid = np.meshgrid(x, y, [height], indexing="ij")
+    return np.column_stack([axis.ravel() for axis in grid])
+
+
+def count_edges(holding: Holding) -> tuple[int, int, float]:
+    """Edges of a set length between random configurations: how many, how many free, seconds."""
+    rng = np.random.default_rng(2)
+    arm = holding.arm
+    number = free = 0
+    began = time.perf_counter()
+    while True:
+        a = rng.uniform(arm.lower, arm.upper)
+        way = rng.normal(size=arm.dof)
+        b = np.clip(a + _EDGE * way / np.linalg.norm(way), arm.lower, arm.upper)
+        free += holding.transit_free(a, b)
+        number += 1
+        seconds = time.perf_counter() - began
+        if seconds > SECONDS:
+            return number, free, seconds

@@ -1,0 +1,92 @@
+"""The shapes of links are made once for each mesh, and kept for the next process."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from placement_planner_ros.core import kept_files
+from placement_planner_ros.core.collision import link_shapes, spheres
+from placement_planner_ros.core.robot.model import Robot
+
+LINK = """<link name="{0}"><collision><geometry><mesh filename="ring.stl"/></geometry></collision>
+</link>"""
+URDF = f"""<robot name="rings">{LINK.format("a")}{LINK.format("b")}
+<link name="c"><collision><geometry><box size="1 1 1"/></geometry></collision></link>
+<joint name="ab" type="fixed"><parent link="a"/><child link="b"/></joint>
+<joint name="bc" type="fixed"><parent link="b"/><child link="c"/></joint></robot>"""
+
+
+@pytest.fixture
+def robot(monkeypatch, tmp_path):
+    """Reads the robot, and counts what is made."""
+    trimesh.creation.annulus(0.1, 0.15, 0.04, sections=12).export(tmp_path / "ring.stl")
+    monkeypatch.setattr(kept_files, "kept_folder", lambda: tmp_path / "kept")
+    made = []
+    for module, name in ((link_shapes, "covered_mesh"), (spheres, "_tree")):
+        original = getattr(module, name)
+
+        def counted(*given, original=original, name=name):
+            made.append(name)
+            return original(*given)
+
+        monkeypatch.setattr(module, name, counted)
+
+    def read():
+        return Robot.from_urdf(URDF, [tmp_path])
+
+    return read, made
+
+
+def same(a, b):
+    """Whether two shapes hold the same numbers."""
+    arrays = ("boxes", "turned", "leaves", "corners", "closed", "components")
+    assert all(np.array_equal(getattr(a.mesh, n), getattr(b.mesh, n)) for n in arrays)
+    assert a.mesh.digest == b.mesh.digest
+    assert a.excess == b.excess
+    assert len(a.sets) == len(b.sets) > 1
+    for one, other in zip(a.sets, b.sets, strict=True):
+        assert np.array_equal(one.vertices, other.vertices)
+        assert np.array_equal(one.normals, other.normals)
+        assert np.array_equal(one.offsets, other.offsets)
+        assert one.inner_scale == other.inner_scale == 0.0
+
+
+def test_a_mesh_of_two_links_is_one_shape_and_made_once_for_all_processes(robot):
+    read, made = robot
+    first, second, box = link_shapes.link_shapes(read())
+    assert first is second
+    assert box.mesh is None
+    assert made == ["covered_mesh"]
+    again, _, _ = link_shapes.link_shapes(read())
+    assert again is not first
+    assert made == ["covered_mesh"]
+    same(again, first)
+    cover = read().covers[0]
+    same(again, link_shapes.covered_mesh(cover, cover.mesh.vertices, cover.mesh.triangles))
+
+
+def test_spheres_are_made_once_for_all_processes(robot):
+    read, made = robot
+    trees = []
+    for _ in range(2):
+        shape = link_shapes.link_shapes(read())[0]
+        trees.append(spheres.sphere_trees(shape, 0.01))
+        assert made.count("_tree") == len(shape.sets)
+    for one, other in zip(*trees, strict=True):
+        assert one is not other
+        assert one.excess == other.excess
+        for name in ("centers", "radii", "inner", "skip", "leaf"):
+            assert np.array_equal(getattr(one, name), getattr(other, name))
+    spheres.sphere_trees(shape, 0.02)
+    assert made.count("_tree") == 2 * len(shape.sets)
+
+
+def test_a_damaged_shape_is_made_anew(robot, tmp_path):
+    read, made = robot
+    first = link_shapes.link_shapes(read())[0]
+    (file,) = (tmp_path / "kept" / "link-shapes").iterdir()
+    whole = bytearray(file.read_bytes())
+    whole[len(whole) // 2] ^= 1
+    file.write_bytes(bytes(whole))
+    same(link_shapes.link_shapes(read())[0], first)
+    assert made == ["covered_mesh"] * 2

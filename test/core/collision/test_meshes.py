@@ -1,0 +1,258 @@
+"""Original triangles against coal's distances, brute force and what is known to be inside."""
+
+import coal
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from placement_planner_ros.core.body.mesh_components import Components
+from placement_planner_ros.core.collision.against_mesh import (
+    mesh_meets_hull,
+    meshes_meet,
+    surface_distance,
+    winding,
+)
+from placement_planner_ros.core.collision.meshes import MeshTree, mesh_arrays
+from placement_planner_ros.core.collision.separation import COLLIDING, FREE, UNDECIDED
+
+WORK = np.zeros((6, 4))
+
+
+def bvh(corners):
+    model = coal.BVHModelOBBRSS()
+    model.beginModel(len(corners), 3 * len(corners))
+    points, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+    points.extend(list(corners.reshape(-1, 3)))
+    triangles.extend([coal.Triangle(3 * t, 3 * t + 1, 3 * t + 2) for t in range(len(corners))])
+    model.addSubModel(points, triangles)
+    model.endModel()
+    return model
+
+
+def solid(name):
+    if name == "torus":
+        return trimesh.creation.torus(0.1, 0.03, 24, 12)
+    if name == "annulus":
+        return trimesh.creation.annulus(0.05, 0.08, 0.2, sections=20)
+    if name == "two balls":
+        balls = [trimesh.creation.icosphere(2, 0.05) for _ in range(2)]
+        balls[1].apply_translation((0.07, 0.0, 0.0))
+        return trimesh.util.concatenate(balls)
+    return trimesh.creation.box((0.2, 0.1, 0.05))
+
+
+SOLIDS = ("torus", "annulus", "two balls", "box")
+
+
+def arrays_of(*meshes):
+    return mesh_arrays([MeshTree.of(np.asarray(m.vertices), np.asarray(m.faces)) for m in meshes])
+
+
+def random_pose(rng, reach):
+    T = np.eye(4)
+    T[:3, :3] = Rotation.random(random_state=rng).as_matrix()
+    T[:3, 3] = rng.uniform(-reach, reach, 3)
+    return T
+
+
+def coal_distance(a, b, T):
+    return coal.distance(
+        a,
+        coal.Transform3s(),
+        b,
+        coal.Transform3s(T[:3, :3], T[:3, 3]),
+        coal.DistanceRequest(),
+        coal.DistanceResult(),
+    )
+
+
+@pytest.mark.parametrize("count", [1, 3, 4, 5, 64, 1000])
+def test_every_triangle_is_in_one_leaf_and_in_all_boxes_above(count):
+    corners = np.random.default_rng(count).normal(size=(count, 3, 3))
+    faces = np.arange(3 * count).reshape(-1, 3)
+    tree = MeshTree.of(corners.reshape(-1, 3), faces)
+    assert tree.leaves[0] == 0
+    assert tree.leaves[-1] == count
+    sizes = np.diff(tree.leaves)
+    assert sizes.min() >= 1
+    assert sizes.max() <= 4
+    nodes, leaves = len(tree.boxes), len(sizes)
+    assert nodes == 2 * leaves - 1
+    placed = tree.corners.reshape(-1, 3, 3)
+    for leaf in range(leaves):
+        mine = placed[tree.leaves[leaf] : tree.leaves[leaf + 1]].reshape(-1, 3)
+        node = nodes // 2 + leaf
+        while True:
+            assert (mine >= tree.boxes[node, :3]).all()
+            assert (mine <= tree.boxes[node, 3:]).all()
+            axes, middle, half, radius = np.split(tree.turned[node].astype(float), [9, 12, 15])
+            axes = axes.reshape(3, 3)
+            assert np.allclose(axes @ axes.T, np.eye(3), atol=1e-6)
+            assert (np.abs((mine - middle) @ axes.T) <= half).all()
+            assert (np.linalg.norm(mine - middle, axis=1) <= radius).all()
+            if node == 0:
+                break
+            node = (node - 1) // 2
+    known = {tuple(sorted(map(tuple, c.round(9)))) for c in corners}
+    assert known == {tuple(sorted(map(tuple, c.round(9)))) for c in placed}
+
+
+@pytest.mark.parametrize("name", SOLIDS)
+@pytest.mark.parametrize("turned", [False, True])
+def test_inside_is_where_the_solid_is(name, turned):
+    mesh = solid(name)
+    if turned:
+        mesh.invert()
+    arrays = arrays_of(mesh)
+    rng = np.random.default_rng(1)
+    points = rng.uniform(mesh.bounds[0] - 0.02, mesh.bounds[1] + 0.02, (1500, 3))
+    inside = Components.of(np.asarray(mesh.vertices), np.asarray(mesh.faces)).inside(points)
+    assert 50 < inside.sum() < 1450
+    assert [winding(arrays, 0, *p) > 0 for p in points] == inside.tolist()
+
+
+def test_rays_through_edges_and_corners_find_the_inside_too():
+    arrays = arrays_of(trimesh.creation.box((0.2, 0.2, 0.2)))
+    away = np.array([[0.34107, 0.22713, 0.91218], [0.87131, 0.39217, 0.29498]])
+    corner = np.array([0.1, 0.1, 0.1])
+    for point in (*(corner - 0.1 * away), np.zeros(3), np.array([0.05, 0.05, 0.05])):
+        assert winding(arrays, 0, *point) == 1
+    assert winding(arrays, 0, 0.11, 0.0, 0.0) == 0
+
+
+def test_sheets_have_no_inside_and_what_encloses_no_hollow():
+    sphere = trimesh.creation.icosphere(2, 0.1)
+    opened = trimesh.Trimesh(sphere.vertices, sphere.faces[1:], process=False)
+    assert winding(arrays_of(opened), 0, 0.0, 0.0, 0.0) == 0
+    inner = trimesh.creation.icosphere(2, 0.05)
+    inner.invert()
+    shell = trimesh.util.concatenate([sphere, inner])
+    assert winding(arrays_of(shell), 0, 0.07, 0.0, 0.0) > 0
+    assert winding(arrays_of(shell), 0, 0.0, 0.0, 0.0) > 0, "nothing gets there"
+
+
+@pytest.mark.parametrize("name", SOLIDS)
+def test_distance_to_the_surface(name):
+    mesh = solid(name)
+    arrays = arrays_of(mesh)
+    surface = bvh(np.asarray(mesh.triangles))
+    for point in np.random.default_rng(2).uniform(-0.2, 0.2, (100, 3)):
+        T = np.eye(4)
+        T[:3, 3] = point
+        expected = coal_distance(surface, coal.Sphere(1e-9), T)
+        assert surface_distance(arrays, 0, *point) == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", SOLIDS)
+def test_a_hull_is_free_and_collides_as_coal_says(name):
+    mesh = solid(name)
+    arrays, surface = arrays_of(mesh), bvh(np.asarray(mesh.triangles))
+    components = Components.of(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+    rng = np.random.default_rng(3)
+    half = np.array([0.03, 0.02, 0.01])
+    block = coal.Box(*(2 * half))
+    corners = np.array(np.meshgrid(*([-1, 1],) * 3)).reshape(3, -1).T * half
+    answers = []
+    for _ in range(400):
+        T = random_pose(rng, 0.2)
+        points = corners @ T[:3, :3].T + T[:3, 3]
+        distance = coal_distance(surface, block, T)
+        if distance > 0.0 and components.inside(T[None, :3, 3])[0]:
+            distance = -1.0
+        need, hit = 0.02, 0.003
+        answer = mesh_meets_hull(arrays, 0, points, 8, need, hit, WORK)
+        answers.append(answer)
+        if abs(distance - need) > 1e-4 and abs(distance - hit) > 1e-4:
+            expected = FREE if distance > need else COLLIDING if distance < hit else UNDECIDED
+            assert answer == expected, (distance, answer)
+    assert set(answers) == {FREE, COLLIDING, UNDECIDED}
+
+
+@pytest.mark.parametrize(("first", "second"), [("torus", "annulus"), ("box", "two balls")])
+def test_two_meshes_are_free_and_collide_as_coal_says(first, second):
+    a, b = solid(first), solid(second)
+    arrays = arrays_of(a, b)
+    surfaces = bvh(np.asarray(a.triangles)), bvh(np.asarray(b.triangles))
+    rng, stack, room = np.random.default_rng(4), np.zeros((256, 2), np.int64), np.zeros((12, 3))
+    answers = []
+    for _ in range(400):
+        T = random_pose(rng, 0.2)
+        distance = coal_distance(*surfaces, T)
+        need, hit = 0.005, 0.002
+        answer = meshes_meet(arrays, 0, 1, T, need, hit, stack, room, WORK)
+        answers.append(answer)
+        if abs(distance - need) > 1e-4 and abs(distance - hit) > 1e-4:
+            expected = FREE if distance > need else COLLIDING if distance < hit else UNDECIDED
+            assert answer == expected, (distance, answer)
+    assert {FREE, COLLIDING} <= set(answers)
+
+
+def test_turned_boxes_are_as_thin_as_what_runs_askew():
+    plate = trimesh.creation.box((0.2, 0.1, 0.001))
+    plate.apply_transform(trimesh.transformations.rotation_matrix(0.6, (1, 2, 3)))
+    tree = MeshTree.of(np.asarray(plate.vertices), np.asarray(plate.faces))
+    assert tree.turned[0, 12:15].min() < 0.0006
+    assert np.ptp(tree.boxes[0].reshape(2, 3), axis=0).min() > 0.05
+
+
+@pytest.mark.parametrize("gap", [0.0005, 0.002])
+def test_surfaces_that_run_beside_each_other_are_free_as_far_as_they_are_apart(gap):
+    """A shaft in its bearing, wherever it is turned to."""
+    shaft = trimesh.creation.cylinder(0.03, 0.1, sections=90)
+    bearing = trimesh.creation.annulus(0.03 + gap, 0.05, 0.04, sections=90)
+    arrays = arrays_of(bearing, shaft)
+    surfaces = bvh(np.asarray(bearing.triangles)), bvh(np.asarray(shaft.triangles))
+    rng, stack, room = np.random.default_rng(5), np.zeros((256, 2), np.int64), np.zeros((12, 3))
+    for _ in range(20):
+        T = np.eye(4)
+        T[:3, :3] = Rotation.from_euler("z", rng.uniform(-3.0, 3.0)).as_matrix()
+        T[:3, 3] = rng.uniform(-0.3, 0.3, 3) * gap
+        distance = coal_distance(*surfaces, T)
+        assert 0.0 < distance < gap
+        for order, T_order in (((0, 1), T), ((1, 0), np.linalg.inv(T))):
+            for share, expected in ((0.98, FREE), (1.02, COLLIDING)):
+                need = share * distance
+                answer = meshes_meet(arrays, *order, T_order, need, need, stack, room, WORK)
+                assert answer == expected
+
+
+def test_what_lies_wholly_inside_collides_whichever_of_both_it_is():
+    large, small = trimesh.creation.icosphere(2, 0.2), trimesh.creation.box((0.02, 0.02, 0.02))
+    # One of several components, and not the first.
+    far = trimesh.creation.box((0.02, 0.02, 0.02))
+    far.apply_translation((0.5, 0.0, 0.0))
+    several = trimesh.util.concatenate([far, small])
+    arrays = arrays_of(large, several)
+    stack, room = np.zeros((256, 2), np.int64), np.zeros((12, 3))
+    for order in ((0, 1), (1, 0)):
+        assert meshes_meet(arrays, *order, np.eye(4), 0.0, 0.0, stack, room, WORK) == COLLIDING
+    T = np.eye(4)
+    T[1, 3] = 0.5
+    assert meshes_meet(arrays, 0, 1, T, 0.0, 0.0, stack, room, WORK) == FREE
+    corners = np.asarray(small.vertices)
+    assert mesh_meets_hull(arrays, 0, corners, 8, 0.0, 0.0, WORK) == COLLIDING
+
+
+def test_a_far_need_is_refused_without_a_look_for_collisions():
+    """Long motions are cut into shorter ones first."""
+    arrays = arrays_of(solid("box"))
+    corners = np.asarray(trimesh.creation.box((0.02, 0.02, 0.02)).vertices)
+    assert (
+        mesh_meets_hull(arrays, 0, corners + np.array([0.15, 0.0, 0.0]), 8, 0.1, 0.0, WORK)
+        == UNDECIDED
+    )
+    assert (
+        mesh_meets_hull(arrays, 0, corners + np.array([0.25, 0.0, 0.0]), 8, 0.1, 0.0, WORK) == FREE
+    )
+
+
+@pytest.mark.parametrize("spoil", ["repeated", "degenerate"])
+def test_triangles_too_many_and_without_area_change_nothing(spoil):
+    mesh = trimesh.creation.box((0.2, 0.1, 0.05))
+    faces = np.asarray(mesh.faces)
+    more = faces[:3] if spoil == "repeated" else np.array([[0, 0, 1], [2, 2, 2]])
+    spoilt = trimesh.Trimesh(mesh.vertices, np.vstack([faces, more]), process=False)
+    arrays = arrays_of(spoilt)
+    assert winding(arrays, 0, 0.01, 0.02, 0.003) == 1
+    assert surface_distance(arrays, 0, 0.0, 0.0, 0.0) == pytest.approx(0.025)

@@ -1,0 +1,153 @@
+"""An object in one surface against the same made of convex solids: held, placed, swept."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import trimesh
+
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
+from placement_planner_ros.core.collision.load import Held, Standing
+from placement_planner_ros.core.collision.object import ObjectCollision
+from placement_planner_ros.core.collision.separation import COLLIDING, FREE, UNDECIDED
+from placement_planner_ros.core.robot.moving_arm import MovingArm
+from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
+from placement_planner_ros.core.swept.space import Stretch, SweptSpace
+from placement_planner_ros.scenes.clouds import complete_cloud
+from placement_planner_ros.scenes.objects import object_by_name
+from placement_planner_ros.scenes.primitives import bowl
+from placement_planner_ros.scenes.scenes import scene_by_name
+from placement_planner_ros.scenes.yumi import START_CONFIGURATION, load_yumi, yumi_arm
+
+BOUNDS = np.array([[-1.0, -1.0, -1.0], [1.5, 1.0, 1.0]])
+GRASP = pin.SE3(pin.utils.rotate("x", 0.3), np.array([0.0, 0.02, 0.16]))
+GREEN = (0.0, 1.0, 0.0)
+WALL, HIGH, OUTER = 0.004, 0.055, 0.06
+
+
+def bowls():
+    """A bowl made of convex solids, and as one surface."""
+    parts = bowl("bowl", 2 * OUTER, HIGH, (0.0, 0.0), 0.0, GREEN, WALL)
+    joined = trimesh.util.concatenate(
+        [trimesh.Trimesh(part.vertices, part.triangles, process=False) for part in parts]
+    )
+    inner = OUTER - WALL
+    profile = [(0, 0), (OUTER, 0), (OUTER, HIGH), (inner, HIGH), (inner, WALL), (0, WALL)]
+    mesh = trimesh.creation.revolve(np.array(profile, float), sections=24)
+    return Body.from_mesh(joined.vertices, joined.faces), Body.from_mesh(mesh.vertices, mesh.faces)
+
+
+def glasses():
+    made = [object_by_name(name) for name in ("wine_glass", "wine_glass_mesh")]
+    return tuple(Body.from_mesh(o.vertices, o.triangles, o.center_of_mass) for o in made)
+
+
+@pytest.fixture(scope="module")
+def yumi():
+    return load_yumi()
+
+
+@pytest.fixture(scope="module")
+def obstacles():
+    points = complete_cloud(scene_by_name("table"), spacing=0.008, bounds=BOUNDS * 0.9)
+    return ObstacleSet.from_points(points, GridSettings(cell_size=0.01), bounds=BOUNDS)
+
+
+@pytest.fixture(scope="module", params=[bowls, glasses])
+def both(request):
+    solids, mesh = request.param()
+    assert solids.mesh is None
+    assert len(solids.solids) > 4
+    assert mesh.solids == ()
+    return solids, mesh
+
+
+def arm_of(yumi, grasps=(GRASP,)):
+    q = yumi.configuration(dict(START_CONFIGURATION))
+    return MovingArm(yumi, yumi_arm(yumi, "left", grasps), q)
+
+
+def compare(first, second):
+    """Certain answers agree, and there are some of both; what one leaves open is rare."""
+    certain = (first != UNDECIDED) & (second != UNDECIDED)
+    assert (first == second)[certain].all()
+    assert certain.mean() > 0.99
+    assert 0.05 < (first == FREE).mean() < 0.97
+    assert (first == COLLIDING).any()
+
+
+def test_held_it_meets_what_its_solids_meet(yumi, obstacles, both):
+    moving = arm_of(yumi)
+    solids, mesh = (ArmCollision(moving, Held(body), obstacles) for body in both)
+    rng = np.random.default_rng(0)
+    spread = rng.normal(size=(1500, moving.arm.dof)) * 0.5
+    Q = np.clip(moving.q + spread, moving.arm.lower, moving.arm.upper)
+    only = [
+        each.with_pairs(lambda a, b: "the held object" in (a, b)).classify(Q)
+        for each in (solids, mesh)
+    ]
+    compare(*only)
+    compare(solids.classify(Q), mesh.classify(Q))
+    near = [each.edge_free(moving.q, q) for q in Q[:60] for each in (solids, mesh)]
+    assert near[::2] == near[1::2]
+    assert 0 < sum(near) < len(near)
+
+
+def test_placed_it_meets_what_its_solids_meet(yumi, obstacles, both):
+    """Wherever it is moved to."""
+    moving = arm_of(yumi, ())
+    made = [
+        ArmCollision(moving, Standing(body, pin.SE3.Identity()), obstacles).with_pairs(
+            lambda a, b: "the placed object" in (a, b), environment=False
+        )
+        for body in both
+    ]
+    rng = np.random.default_rng(1)
+    spread = rng.normal(size=(300, moving.arm.dof)) * 0.3
+    Q = np.clip(moving.q + spread, moving.arm.lower, moving.arm.upper)
+    tip = yumi.link_pose(moving.q_rest, moving.arm.tip_frame)
+    answers = []
+    for _ in range(4):
+        T = tip * pin.SE3(pin.exp3(rng.normal(size=3)), rng.normal(size=3) * 0.08)
+        for each in made:
+            each.place(T)
+        answers.append([each.classify(Q) for each in made])
+    compare(*(np.concatenate(each) for each in zip(*answers, strict=True)))
+
+
+def test_coming_down_it_meets_what_its_solids_meet(obstacles, both):
+    solids, mesh = (ObjectCollision(body, obstacles) for body in both)
+    rng = np.random.default_rng(2)
+    poses = []
+    for _ in range(600):
+        T = pin.SE3(pin.exp3(rng.normal(size=3) * 0.5), rng.uniform(-0.3, 0.4, 3))
+        T.translation[2] = rng.uniform(0.0, 0.15)
+        T.translation[0] += 0.4
+        poses.append(T.homogeneous)
+    raised = rng.choice([0.0, 0.02, 0.1], len(poses))
+    answers = [each.free_at(np.array(poses), 0.0, raised) for each in (solids, mesh)]
+    assert (answers[0] == answers[1]).all()
+    assert 0.1 < answers[0].mean() < 0.9
+
+
+def test_points_in_its_hollow_are_not_in_the_way(yumi):
+    """Of a bowl that is carried, by the space that it sweeps."""
+    moving = arm_of(yumi)
+    nothing = ObstacleSet.from_points(np.zeros((0, 3)), GridSettings(), BOUNDS)
+    _, mesh = bowls()
+    held = ArmCollision(moving, Held(mesh), nothing, CollisionSettings())
+    Q = np.repeat(moving.q[None], 2, axis=0)
+    space = SweptSpace([Stretch("carrying", held, Q)], nothing, 0.003)
+    T = yumi.link_pose(moving.q_rest, moving.arm.tip_frame) * GRASP
+
+    def hit(point):
+        cloud = np.repeat(T.act(np.array(point, float))[None], 5, axis=0)
+        rows = space.news(cloud)
+        found = space.first_hit(cloud[rows]) if len(rows) else None
+        return None if found is None else found.body
+
+    assert hit((0.0, 0.0, 0.03)) is None
+    assert hit((0.03, 0.0, 0.04)) is None
+    assert hit((OUTER - 0.002, 0.0, 0.03)) == "the held object"
+    assert hit((0.0, 0.0, WALL / 2)) == "the held object"
+    assert hit((0.0, 0.0, WALL + 0.002)) == "the held object"

@@ -1,0 +1,180 @@
+"""COLLADA files as programs write them: every kind of primitive, transform and reference."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from placement_planner_ros.core.meshes.collada import read_collada
+
+BOX = trimesh.creation.box((0.1, 0.06, 0.04))
+QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+PLACED = '<instance_geometry url="#g"/>'
+
+
+def words(numbers):
+    return " ".join(str(number) for number in np.ravel(numbers))
+
+
+def triangles(faces=BOX.faces):
+    return (
+        f'<triangles count="{len(faces)}"><input semantic="VERTEX" source="#v" offset="0"/>'
+        f"<p>{words(faces)}</p></triangles>"
+    )
+
+
+def collada(
+    primitives=None, nodes=f'<node id="n">{PLACED}</node>', asset="", more="", points=BOX.vertices
+):
+    primitives = triangles() if primitives is None else primitives
+    return f"""<?xml version="1.0" encoding="utf-8"?>
+        <COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+        <asset>{asset}</asset>{more}
+        <library_geometries><geometry id="g"><mesh>
+          <source id="p"><float_array id="f" count="{np.size(points)}">{words(points)}</float_array>
+            <technique_common><accessor source="#f" count="{len(points)}" stride="3">
+              <param name="X" type="float"/><param name="Y" type="float"/>
+              <param name="Z" type="float"/></accessor></technique_common></source>
+          <vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
+          {primitives}
+        </mesh></geometry></library_geometries>
+        <library_visual_scenes><visual_scene id="s">{nodes}</visual_scene></library_visual_scenes>
+        <scene><instance_visual_scene url="#s"/></scene></COLLADA>""".encode()
+
+
+def solid(data):
+    vertices, faces = read_collada(data)
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
+    mesh.merge_vertices()
+    assert mesh.is_watertight
+    return mesh
+
+
+def primitive(tag, body):
+    return f'<{tag}><input semantic="VERTEX" source="#v" offset="0"/>{body}</{tag}>'
+
+
+EACH_QUAD = [f"<p>{words(quad)}</p>" for quad in QUADS]
+EACH_STRIP = [f"<p>{words((a, b, d, c))}</p>" for a, b, c, d in QUADS]
+
+
+@pytest.mark.parametrize(
+    "primitives",
+    [
+        triangles(),
+        triangles(BOX.faces[:5]) + triangles(BOX.faces[5:]),
+        primitive("polylist", f"<vcount>4 4 4 4 4 4</vcount><p>{words(QUADS)}</p>"),
+        primitive("polygons", "".join(EACH_QUAD)),
+        primitive("trifans", "".join(EACH_QUAD)),
+        primitive("tristrips", "".join(EACH_STRIP)),
+        triangles() + primitive("lines", "<p>0 1</p>"),
+    ],
+    ids=["triangles", "two materials", "polylist", "polygons", "trifans", "tristrips", "lines"],
+)
+def test_every_primitive_is_the_same_box(primitives):
+    mesh = solid(collada(primitives))
+    assert abs(mesh.volume) == pytest.approx(BOX.volume)
+    np.testing.assert_allclose(mesh.bounds, BOX.bounds)
+
+
+def test_other_inputs_are_passed_over():
+    normals = np.zeros((len(BOX.faces), 3, 2), int)
+    normals[..., 1] = BOX.faces
+    both = (
+        '<triangles><input semantic="NORMAL" source="#none" offset="0"/>'
+        f'<input semantic="VERTEX" source="#v" offset="1"/><p>{words(normals)}</p></triangles>'
+    )
+    image = (
+        '<library_images><image id="i"><init_from>missing.png</init_from></image></library_images>'
+    )
+    assert solid(collada(both, more=image)).volume == pytest.approx(BOX.volume)
+
+
+def test_a_concave_polygon_is_held_by_its_triangles():
+    corners = np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [1, 0.5, 0], [0, 2, 0]], float)
+    body = "<vcount>5</vcount><p>3 4 0 1 2</p>"
+    vertices, faces = read_collada(collada(primitive("polylist", body), points=corners))
+    assert trimesh.Trimesh(vertices, faces, process=False).area >= 2.5
+
+
+@pytest.mark.parametrize(
+    ("nodes", "bounds"),
+    [
+        (
+            f"<node><translate>1 0 0</translate>{PLACED}</node>",
+            ([0.95, -0.03, -0.02], [1.05, 0.03, 0.02]),
+        ),
+        (
+            "<node><translate>1 0 0</translate><node><rotate>0 0 1 90</rotate>"
+            f"<scale>2 1 1</scale>{PLACED}</node></node>",
+            ([0.97, -0.1, -0.02], [1.03, 0.1, 0.02]),
+        ),
+        (
+            f"<node><matrix>0 0 1 0 0 1 0 0 -1 0 0 3 0 0 0 1</matrix>{PLACED}</node>",
+            ([-0.02, -0.03, 2.95], [0.02, 0.03, 3.05]),
+        ),
+        (
+            '<node><translate>0 5 0</translate><instance_node url="#m"/></node>',
+            ([-0.05, 4.97, 0.98], [0.05, 5.03, 1.02]),
+        ),
+        (f"<node>{PLACED}</node><node><translate>0 0 1</translate>{PLACED}</node>",
+         ([-0.05, -0.03, -0.02], [0.05, 0.03, 1.02])),
+        ('<node><instance_controller url="#c"/></node>', BOX.bounds),
+    ],
+    ids=["one", "nested", "matrix", "instance of a node", "two", "skin"],
+)  # fmt: skip
+def test_nodes_place_what_they_hold(nodes, bounds):
+    more = (
+        f'<library_nodes><node id="m"><translate>0 0 1</translate>{PLACED}</node></library_nodes>'
+        '<library_controllers><controller id="c"><skin source="#g"/></controller>'
+        "</library_controllers>"
+    )
+    mesh = solid(collada(nodes=nodes, more=more))
+    np.testing.assert_allclose(mesh.bounds, bounds, atol=1e-12)
+    assert mesh.volume > 0.0
+
+
+def test_a_mirrored_node_faces_outward():
+    mesh = solid(collada(nodes=f"<node><scale>-1 1 2</scale>{PLACED}</node>"))
+    assert mesh.volume == pytest.approx(2.0 * BOX.volume)
+
+
+@pytest.mark.parametrize("axis", ["X_UP", "Y_UP", "Z_UP"])
+def test_the_unit_counts_and_the_up_axis_does_not(axis):
+    asset = f'<unit name="inch" meter="0.0254"/><up_axis>{axis}</up_axis>'
+    moved = f"<node><translate>1 0 0</translate>{PLACED}</node>"
+    mesh = solid(collada(nodes=moved, asset=asset))
+    np.testing.assert_allclose(mesh.extents, 0.0254 * BOX.extents)
+    np.testing.assert_allclose(mesh.center_mass, [0.0254, 0, 0], atol=1e-12)
+
+
+def test_without_a_scene_everything_is_where_it_is():
+    data = collada().replace(b'<instance_visual_scene url="#s"/>', b"")
+    assert solid(data).volume == pytest.approx(BOX.volume)
+    start, end = data.index(b"<library_visual"), data.index(b"<scene>")
+    assert solid(data[:start] + data[end:]).volume == pytest.approx(BOX.volume)
+
+
+@pytest.mark.parametrize(
+    ("data", "reason"),
+    [
+        (b"<COLLADA>", "no XML"),
+        (b"<robot/>", "<robot>"),
+        (collada(asset='<unit meter="0"/>'), "unit"),
+        (collada(asset='<unit meter="a"/>'), "unit"),
+        (collada(nodes='<node><instance_geometry url="#h"/></node>'), "'#h'"),
+        (collada(nodes='<node><instance_geometry url="other.dae#g"/></node>'), "other.dae"),
+        (collada(nodes='<node id="n"><instance_node url="#n"/></node>'), "deep"),
+        (collada(nodes=f"<node><translate>1 0</translate>{PLACED}</node>"), "2 numbers, not 3"),
+        (collada(nodes=f"<node><skew>1 0 0 0 1 0 0</skew>{PLACED}</node>"), "skew"),
+        (collada(triangles([[0, 1, 8]])), "none of 8 points"),
+        (collada(triangles([[0, 1]])), "left over"),
+        (collada(triangles([["a", 1, 2]])), "no number"),
+        (collada(primitive("polylist", "<vcount>4</vcount><p>0 1 2</p>")), "counts 4 corners"),
+        (collada(triangles().replace("VERTEX", "NORMAL")), "no vertices"),
+        (collada().replace(b'count="8"', b'count="9"'), "not 9 points"),
+        (collada().replace(b"mesh>", b"brep>"), "is a brep"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_understood_is_refused_with_its_reason(data, reason):
+    with pytest.raises(ValueError, match=reason):
+        read_collada(data)

@@ -1,0 +1,132 @@
+"""Every kind of mesh file, as programs write them, is the same solid."""
+
+import io
+import zipfile
+
+import numpy as np
+import pytest
+import trimesh
+
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.meshes.read import read_mesh
+
+BOX = trimesh.creation.box((0.1, 0.06, 0.04))
+TEXT, BINARY = BOX.export(file_type="stl_ascii"), BOX.export(file_type="stl")
+
+
+def scene():
+    """A box, one that a transform moves, and one that it mirrors."""
+    made = trimesh.Scene()
+    made.add_geometry(BOX)
+    made.add_geometry(BOX, transform=trimesh.transformations.translation_matrix([1, 0, 0]))
+    mirrored = np.diag([-1.0, 1.0, 1.0, 1.0])
+    mirrored[1, 3] = 1.0
+    made.add_geometry(BOX, transform=mirrored)
+    return made
+
+
+def quads():
+    """An .obj with two objects, materials that are not there, texture coordinates and normals."""
+    lines = ["# caf\u00e9", "mtllib missing.mtl", "vt 0 0", "vt 1 1", "vn 0 0 1"]
+    lines += [f"v {x} {y} {z} 0.5 0.5 0.5" for x, y, z in BOX.vertices]
+    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    for number, face in enumerate(faces):
+        if number in (0, 3):
+            lines += [f"o part{number}", f"usemtl {number}"]
+        lines.append("f " + " ".join(f"{i + 1}/{1 + number % 2}/1" for i in face))
+    return "\n".join(lines).encode("latin-1")
+
+
+FILES = {
+    "binary.stl": BINARY,
+    "UPPER.STL": BINARY,
+    "solid.stl": b"solid" + BINARY[5:],
+    "appended.stl": BINARY + b"what some programs add",
+    "text.stl": TEXT.encode(),
+    "windows.stl": TEXT.replace("\n", "\r\n").upper().encode(),
+    "latin.stl": TEXT.replace("solid", "solid caf\u00e9", 1).encode("latin-1"),
+    "a.obj": BOX.export(file_type="obj").encode(),
+    "quads.obj": quads(),
+    "text.ply": BOX.export(file_type="ply", encoding="ascii"),
+    "binary.ply": BOX.export(file_type="ply"),
+    "a.off": BOX.export(file_type="off").encode(),
+    "a.glb": BOX.export(file_type="glb"),
+}
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_each_kind_is_the_same_closed_box(tmp_path, name):
+    (tmp_path / name).write_bytes(FILES[name])
+    vertices, triangles = read_mesh(tmp_path / name)
+    mesh = trimesh.Trimesh(vertices, triangles, process=False)
+    assert vertices.shape == (8, 3)
+    assert triangles.shape == (12, 3)
+    assert mesh.is_watertight
+    assert mesh.volume == pytest.approx(BOX.volume)
+
+
+def test_several_solids_are_read(tmp_path):
+    moved = BOX.copy().apply_translation([1.0, 0.0, 0.0])
+    (tmp_path / "a.stl").write_text(TEXT + moved.export(file_type="stl_ascii"))
+    assert len(read_mesh(tmp_path / "a.stl")[1]) == 24
+
+
+def threemf():
+    vertices = "".join(f'<vertex x="{x}" y="{y}" z="{z}"/>' for x, y, z in BOX.vertices)
+    faces = "".join(f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in BOX.faces)
+    core = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
+    model = (
+        f'<model xmlns="{core}"><resources><object id="1"><mesh><vertices>{vertices}</vertices>'
+        f"<triangles>{faces}</triangles></mesh></object><object id='2'><components><component "
+        'objectid="1"/><component objectid="1" transform="1 0 0 0 1 0 0 0 1 1 0 0"/></components>'
+        '</object></resources><build><item objectid="2"/><item objectid="1" '
+        'transform="-1 0 0 0 1 0 0 0 1 0 1 0"/></build></model>'
+    )
+    made = io.BytesIO()
+    with zipfile.ZipFile(made, "w") as archive:
+        archive.writestr("3D/3dmodel.model", model)
+    return made.getvalue()
+
+
+@pytest.mark.parametrize("name", ["a.glb", "a.3mf"])
+def test_transforms_of_a_scene_count(tmp_path, name):
+    data = threemf() if name == "a.3mf" else scene().export(file_type="glb")
+    (tmp_path / name).write_bytes(data)
+    mesh = trimesh.Trimesh(*read_mesh(tmp_path / name), process=False)
+    np.testing.assert_allclose(mesh.bounds, [[-0.05, -0.03, -0.02], [1.05, 1.03, 0.02]], atol=1e-7)
+    assert mesh.is_watertight
+    assert mesh.volume == pytest.approx(3.0 * BOX.volume)
+
+
+def test_what_it_cannot_read_it_says(tmp_path):
+    path = tmp_path / "a.gltf"
+    path.write_text("{}")
+    with pytest.raises(ValueError, match=r"\.gltf is not read; use \.stl.*\.dae"):
+        read_mesh(path)
+
+
+@pytest.mark.parametrize("odd", ["nan", "inf"])
+@pytest.mark.parametrize("kind", ["stl_ascii", "stl", "obj", "off", "ply", "glb"])
+def test_vertices_that_are_no_numbers_are_refused_with_their_count(tmp_path, kind, odd):
+    vertices = np.array(BOX.vertices)
+    vertices[[2, 5], [1, 0]] = float(odd)
+    mesh = trimesh.Trimesh(vertices, BOX.faces, process=False, validate=False)
+    data = mesh.export(file_type=kind)
+    name = f"a.{kind.removesuffix('_ascii')}"
+    (tmp_path / name).write_bytes(data if isinstance(data, bytes) else data.encode())
+    corners = 2 if kind in ("obj", "off", "ply", "glb") else int(np.isin(BOX.faces, [2, 5]).sum())
+    with pytest.raises(ValueError, match=f"^{corners} of its vertices are not finite"):
+        read_mesh(tmp_path / name)
+
+
+def test_materials_parts_and_inverted_normals_are_the_same_solids(tmp_path):
+    inside_out = trimesh.Trimesh(BOX.vertices, BOX.faces[:, ::-1], process=False)
+    for name, mesh in (("a.obj", inside_out), ("a.ply", inside_out), ("a.stl", inside_out)):
+        mesh.export(tmp_path / name)
+        body = Body.from_mesh(*read_mesh(tmp_path / name))
+        assert len(body.volume_points) == 20 * 12 * 8
+        assert body.warnings == ()
+    (tmp_path / "quads.obj").write_bytes(quads())
+    body = Body.from_mesh(*read_mesh(tmp_path / "quads.obj"))
+    np.testing.assert_allclose(body.center_of_mass, 0.0, atol=1e-9)
+    assert len(body.faces) == 6

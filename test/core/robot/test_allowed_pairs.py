@@ -1,0 +1,261 @@
+"""Which links are not checked against each other where no SRDF says so."""
+
+from itertools import pairwise
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+import trimesh
+
+from placement_planner_ros.core.robot.allowed_pairs import SAMPLES, srdf_line
+from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.core.robot.overlap import Overlaps, winding_number
+from placement_planner_ros.core.stopping import StoppedError, stoppable
+
+
+def link(name, *boxes):
+    """Boxes: size and origin, each three numbers in words."""
+    shapes = "".join(
+        f'<collision><origin xyz="{at}"/><geometry><box size="{size}"/></geometry></collision>'
+        for size, at in boxes
+    )
+    return f'<link name="{name}">{shapes}</link>'
+
+
+def joint(name, parent, child, at="0 0 0.2", limits=(-1.5, 1.5), axis="0 1 0", more=""):
+    low, high = limits
+    return (
+        f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{at}"/><axis xyz="{axis}"/>'
+        f'<limit lower="{low}" upper="{high}" velocity="1" effort="1"/>{more}</joint>'
+    )
+
+
+def robot_of(*elements, srdf=None):
+    return Robot.from_urdf(f'<robot name="test">{"".join(elements)}</robot>', srdf=srdf)
+
+
+def why(robot):
+    return {each.links: each for each in robot.left_out}
+
+
+STICK = ("0.04 0.04 0.1", "0 0 0.1")
+
+
+def test_neighbours_are_left_out_without_a_word_of_each():
+    robot = robot_of(
+        link("a", STICK), link("b", STICK), link("c", STICK), joint("j", "a", "b"),
+        joint("k", "b", "c"),
+    )  # fmt: skip
+    assert {p: each.reason for p, each in why(robot).items()} == {
+        ("a", "b"): "adjacent",
+        ("b", "c"): "adjacent",
+    }
+    assert [w for w in robot.warnings if "left out:" in w] == []
+    assert any("2 pairs of neighbouring links" in w for w in robot.warnings)
+
+
+def test_what_overlaps_at_zero_is_left_out_and_told_with_depth_and_share():
+    """c reaches 20 mm into a where all is straight, and seldom else."""
+    robot = robot_of(
+        link("a", ("0.1 0.1 0.1", "0 0 0")),
+        link("b"),
+        link("bearing", ("0.02 0.02 0.02", "0 0 0.3")),
+        link("c", ("0.1 0.1 0.12", "0 0 -0.21")),
+        joint("j", "a", "bearing", "0 0 0", axis="0 0 1"),
+        joint("fixed", "bearing", "b", "0 0 0.3"),
+        joint("k", "b", "c", "0 0 0"),
+    )
+    left_out = why(robot)["a", "c"]
+    assert left_out.reason == "zero"
+    assert left_out.joints == 3
+    assert left_out.depth == pytest.approx(0.02, abs=1e-3)
+    assert 0.0 < left_out.share < 0.5
+    (said,) = [w for w in robot.warnings if "a and c" in w]
+    assert "zero pose" in said
+    assert f"{left_out.depth:.4f} m" in said
+    assert f"{left_out.share:.0%}" in said
+
+
+def test_links_that_cannot_be_at_zero_have_no_zero_pose():
+    """At the limit next to zero the arm is folded into itself."""
+
+    def folding(limits):
+        return robot_of(
+            link("a", ("0.1 0.1 0.4", "0 0 0.1")),
+            link("b", ("0.02 0.02 0.02", "0 0 0.9")),
+            link("c", ("0.04 0.04 0.3", "0 0 -0.2")),
+            joint("j", "a", "b", limits=limits, at="0 0 0.3"),
+            joint("k", "b", "c", limits=(-3.0, 3.0), at="0 0.05 0"),
+        )
+
+    assert why(folding((-0.5, 3.0)))["a", "c"].reason == "zero"
+    assert ("a", "c") not in why(folding((0.5, 3.0)))
+
+
+@pytest.mark.parametrize(("between", "left_out"), [("bc", True), ("bcd", False)])
+def test_that_far_links_overlap_at_zero_proves_nothing(between, left_out):
+    names = ["base", *between, "last"]
+    robot = robot_of(
+        link("base", ("0.1 0.1 0.1", "0 0 0")),
+        *(link(name, ("0.001 0.001 0.001", "0.5 0 0")) for name in between),
+        link("last", ("0.05 0.05 0.3", "0 0 -0.15")),
+        *(
+            joint(f"to_{below}", above, below, "0 0 0.05", limits=(-3.0, 3.0))
+            for above, below in pairwise(names)
+        ),
+    )
+    assert (why(robot).get(("base", "last")) is not None) == left_out
+    standing = robot.standing_at(np.zeros(len(between) + 1))
+    assert (("base", "last") in standing.allowed_pairs) == left_out
+
+
+def test_mimic_joints_follow_while_sampling():
+    """A tongue between two prongs, on the same axis: only what turns it alone makes them meet."""
+    prongs = [("0.01 0.02 0.2", f"{x} 0 0.2") for x in (-0.04, 0.04)]
+
+    def hand(more):
+        return robot_of(
+            link("palm", ("0.02 0.02 0.02", "0 0 -0.1")),
+            link("prongs", *prongs),
+            link("tongue", ("0.02 0.02 0.2", "0 0 0.2")),
+            joint("a", "palm", "prongs", "0 0 0", limits=(-0.4, 0.4)),
+            joint("b", "palm", "tongue", "0 0 0", limits=(-0.4, 0.4), more=more),
+        )
+
+    pair = ("prongs", "tongue")
+    assert why(hand(""))[pair].reason == "often"
+    assert pair not in why(hand('<mimic joint="a"/>'))
+    assert why(hand('<mimic joint="a" offset="0.2"/>'))[pair].share == 1.0
+
+
+def box_mesh(tmp_path, name, extents, at=(0, 0, 0), holes=0):
+    mesh = trimesh.creation.box(extents)
+    mesh.apply_translation(at)
+    if holes:
+        mesh.update_faces(np.arange(len(mesh.faces)) >= holes)
+    ring = trimesh.creation.icosphere(radius=0.01)  # so that it is no convex mesh
+    ring.apply_translation(np.add(at, (0, 0, extents[2])))
+    trimesh.util.concatenate([mesh, ring]).export(tmp_path / name)
+    return f'<collision><geometry><mesh filename="{tmp_path / name}"/></geometry></collision>'
+
+
+def test_what_lies_inside_of_a_closed_mesh_overlaps_it(tmp_path):
+    """Its surface meets none; the share of the samples tells that it is always so."""
+    case = box_mesh(tmp_path, "case.stl", (0.4, 0.4, 0.4))
+    core = box_mesh(tmp_path, "core.stl", (0.02, 0.02, 0.02))
+    robot = robot_of(
+        f'<link name="case">{case}</link>',
+        link("gear", ("0.002 0.002 0.002", "0 0 0.9")),
+        f'<link name="core">{core}</link>',
+        joint("j", "case", "gear", "0 0 0"),
+        joint("k", "gear", "core", "0 0 0"),
+    )
+    kinds = [type(thing.geometry) for thing in robot.geometry.geometryObjects]
+    assert kinds[0] is kinds[2] is coal.BVHModelOBBRSS
+    found = why(robot)["case", "core"]
+    assert found.reason == "always"
+    assert found.share == 1.0
+    # a little less than from the middle of the case to its outside
+    assert found.depth == pytest.approx(0.23, abs=0.02)
+
+
+@pytest.mark.parametrize("apart", [0.001, 0.019, 0.0199])
+def test_depth_is_how_far_shapes_must_be_moved_apart(apart):
+    geometry = pin.GeometryModel()
+    for name in "ab":
+        box = coal.Box(0.1, 0.1, 0.02)
+        geometry.addGeometryObject(pin.GeometryObject(name, 0, 0, pin.SE3.Identity(), box))
+    shift = pin.SE3(np.eye(3), np.array([0.03, 0.0, apart]))
+    overlaps = Overlaps.of(geometry)
+    depth = overlaps.depth(0, 1, pin.SE3.Identity(), shift)
+    assert depth == pytest.approx(0.02 - apart, abs=6e-4)
+    away = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.021]))
+    assert overlaps.depth(0, 1, pin.SE3.Identity(), away) == 0.0
+
+
+def test_winding_numbers_tell_inside_from_outside_and_sheets_from_solids():
+    box = trimesh.creation.box((1.0, 2.0, 3.0))
+    assert winding_number(np.array([0.4, 0.9, -1.4]), box.triangles) == pytest.approx(1.0)
+    assert winding_number(np.array([0.6, 0.0, 0.0]), box.triangles) == pytest.approx(0.0, abs=1e-9)
+    assert winding_number(np.zeros(3), box.triangles[:2]) < 0.5
+
+
+def test_where_the_robot_stands_close_links_are_not_in_each_other():
+    """Two joints apart, overlapping in 1 % of configurations: only where it stands shows it."""
+    robot = robot_of(
+        link("a", ("0.1 0.1 0.4", "0 0 0.1")),
+        link("b", ("0.02 0.02 0.02", "0 0 0.9")),
+        link("c", ("0.04 0.04 0.3", "0 0 0.2")),
+        joint("j", "a", "b", limits=(-0.1, 3.0), at="0 0 0.3"),
+        joint("k", "b", "c", limits=(-3.1, 3.1), at="0 0.05 0"),
+    )
+    assert ("a", "c") not in robot.allowed_pairs
+    straight, folded = np.array([0.1, 0.0]), np.array([0.3, 2.9])
+    assert robot.standing_at(straight) is robot
+    standing = robot.standing_at(folded)
+    assert standing.left_out[-1].links == ("a", "c")
+    assert standing.left_out[-1].reason == "start"
+    assert standing.left_out[-1].depth > 0.001
+    assert len(standing.geometry.collisionPairs) == len(robot.geometry.collisionPairs) - 1
+    assert len(robot.geometry.collisionPairs) == 1
+    assert standing.standing_at(folded) is standing
+    assert robot.standing_at(folded) is standing, "made once, so that caches hold"
+    assert standing.model is robot.model
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [
+        ('<link name="a"/>',),
+        (link("a", STICK),),
+        ('<link name="a"/>', '<link name="b"/>', joint("j", "a", "b")),
+        (link("a", STICK, STICK), '<link name="b"/>', joint("j", "a", "b")),
+    ],
+    ids=["one empty link", "one link", "no shapes", "two shapes of one link"],
+)
+def test_robots_without_pairs_have_none(parts):
+    robot = robot_of(*parts)
+    assert robot.left_out == ()
+    assert robot.standing_at(np.zeros(robot.model.nq)) is robot
+
+
+def test_an_srdf_has_the_last_word():
+    robot = robot_of(
+        link("a", ("0.1 0.1 0.4", "0 0 0.1")),
+        link("b", ("0.1 0.1 0.1", "0 0 0")),
+        joint("j", "a", "b"),
+        srdf='<robot name="test"/>',
+    )
+    assert robot.left_out is None
+    assert robot.standing_at(np.zeros(1)) is robot
+    assert len(robot.geometry.collisionPairs) == 1
+
+
+def test_a_line_of_an_srdf_says_the_same():
+    parts = [link("a", ("0.1 0.1 0.4", "0 0 0.1")), link("b", ("0.1 0.1 0.1", "0 0 0"))]
+    robot = robot_of(*parts, joint("j", "a", "b"))
+    lines = "".join(each.srdf for each in robot.left_out)
+    again = robot_of(*parts, joint("j", "a", "b"), srdf=f'<robot name="t">{lines}</robot>')
+    assert again.allowed_pairs == robot.allowed_pairs
+    assert srdf_line(('"a', "b&")).count("&amp;") == 1
+
+
+def test_it_can_be_stopped():
+    asked = 0
+
+    def should_stop():
+        nonlocal asked
+        asked += 1
+        return asked > SAMPLES // 10
+
+    with stoppable(should_stop), pytest.raises(StoppedError, match="overlap"):
+        robot_of(
+            link("a", ("0.1 0.1 0.1", "0 0 0")),
+            link("b", ("0.02 0.02 0.02", "0 0 0.9")),
+            link("c", ("0.1 0.1 0.12", "0 0 0.05")),
+            joint("j", "a", "b"),
+            joint("k", "b", "c"),
+        )
+    assert asked == SAMPLES // 10 + 1

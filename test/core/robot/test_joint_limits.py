@@ -1,0 +1,150 @@
+"""What MoveIt states of joints, what is assumed without, and what is said of it."""
+
+import numpy as np
+import pytest
+
+from placement_planner_ros.core.errors import ParameterError, RobotError
+from placement_planner_ros.core.robot.announcement import announce
+from placement_planner_ros.core.robot.joint_limits import JointLimit, read_joint_limits
+from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.core.timing.trajectory_maker import TimingSettings
+
+
+def joint(name, parent, child, kind="revolute", limit='lower="-2" upper="2" velocity="1"'):
+    limit = f'<limit {limit} effort="1"/>' if limit else ""
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<axis xyz="0 0 1"/>{limit}</joint>'
+    )
+
+
+def tower(limits=None, more=""):
+    """A lift that carries an arm of two joints and a head, and a hand with a finger."""
+    links = "".join(f'<link name="{n}"/>' for n in ("foot", *"abchf"))
+    return Robot.from_urdf(
+        f'<robot name="tower">{links}'
+        + joint("lift", "foot", "a", "prismatic", 'lower="0" upper="0.4" velocity="0.1"')
+        + joint("swing", "a", "b")
+        + joint("spin", "b", "c", "continuous", "")
+        + joint("head", "a", "h")
+        + joint("finger", "c", "f", "prismatic", 'lower="0" upper="0.1" velocity="0.1"')
+        + f"{more}</robot>",
+        joint_limits=limits,
+    )
+
+
+def test_the_narrower_limit_counts_and_accelerations_are_taken():
+    robot = tower(
+        {
+            "swing": JointLimit(-1.0, 3.0, 5.0, 7.0),
+            "spin": JointLimit(velocity=0.3),
+            "head": JointLimit(velocity=0.2),
+            "ghost": JointLimit(),
+        }
+    )
+    i = robot.index("swing")
+    assert (robot.lower[i], robot.upper[i]) == (-1.0, 2.0)
+    assert robot.velocity_limits[i] == 1.0
+    assert robot.acceleration_limits[i] == 7.0
+    assert robot.velocity_limits[robot.index("spin")] == 0.3
+    assert robot.velocity_limits[robot.index("head")] == 0.2
+    assert any("ghost" in warning for warning in robot.warnings)
+    assert robot.continuous == {"spin"}
+
+
+def test_a_range_makes_an_endless_joint_a_limited_one():
+    robot = tower({"spin": JointLimit(-1.0, 1.0)})
+    assert robot.continuous == frozenset()
+    assert robot.upper[robot.index("spin")] == 1.0
+    with pytest.raises(RobotError, match=r"joint swing = .*robot_description_planning"):
+        tower({"swing": JointLimit(2.5, 3.0)})
+
+
+def test_what_nobody_states_is_assumed_by_the_kind_of_joint():
+    robot = tower({"swing": JointLimit(acceleration=3.0)})
+    assumed = {(each.joint, each.what): each.value for each in robot.assumed}
+    assert assumed == {
+        ("lift", "acceleration"): 0.5,
+        ("spin", "velocity"): 1.0,
+        ("spin", "acceleration"): 5.0,
+        ("head", "acceleration"): 5.0,
+        ("finger", "acceleration"): 0.5,
+    }
+    arm = robot.arm("arm", "c")
+    np.testing.assert_array_equal(arm.acceleration, [0.5, 3.0, 5.0])
+
+
+def test_limits_that_are_set_count_instead_of_what_is_stated_or_assumed():
+    arm = tower({"swing": JointLimit(acceleration=3.0)}).arm("arm", "c")
+    np.testing.assert_array_equal(TimingSettings().accelerations(arm), [0.5, 3.0, 5.0])
+    of_all = TimingSettings(acceleration_limits=(2.0,)).accelerations(arm)
+    np.testing.assert_array_equal(of_all, [2.0, 2.0, 2.0])
+    each = TimingSettings(acceleration_limits=(1.0, 2.0, 9.0)).accelerations(arm)
+    np.testing.assert_array_equal(each, [1.0, 2.0, 9.0])
+    with pytest.raises(ParameterError, match="give one value, or 3 for arm arm"):
+        TimingSettings(acceleration_limits=(1.0, 2.0)).accelerations(arm)
+
+
+@pytest.mark.parametrize("levels", [(), ("joint_limits",), ("a", "joint_limits")])
+def test_moveit_files_are_read_with_and_without_the_levels_around(levels):
+    given = {"j": {"max_acceleration": 2, "has_velocity_limits": False, "max_velocity": 1.0}}
+    for level in reversed(levels):
+        given = {("robot_description_planning" if level == "a" else level): given}
+    assert read_joint_limits(given) == {"j": JointLimit(None, None, None, 2.0)}
+    assert read_joint_limits(None) == {}
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ("text", "joint_limits"),
+        ([1], "joint_limits"),
+        ({"joint_limits": {"j": "fast"}}, "j = 'fast'"),
+        ({"j": {"max_velocity": "fast"}}, r"j\.max_velocity = 'fast'"),
+        ({"j": {"max_velocity": True}}, r"j\.max_velocity = True"),
+        ({"j": {"max_velocity": 0.0}}, r"j\.max_velocity = 0"),
+        ({"j": {"max_acceleration": float("inf")}}, r"j\.max_acceleration = inf"),
+    ],
+)
+def test_other_files_are_refused_with_the_place(given, message):
+    with pytest.raises(RobotError, match=message):
+        read_joint_limits(given)
+
+
+def test_a_torso_is_announced_with_what_it_moves_and_the_way_to_leave_it_out():
+    robot = tower()
+    known = announce(robot, robot.arm("arm", "c"), derived=True)
+    (shared,) = known.shared
+    assert (shared.name, shared.lower, shared.upper, shared.unit) == ("lift", 0.0, 0.4, "m")
+    assert shared.moves == ("head",)
+    assert "lift (0 to 0.4 m), which moves head too" in known.torso
+    assert "arm.joints: [swing, spin]" in known.torso
+    assert "a controller of all 3 joints" in known.torso
+    assert known.slides == ("lift",)
+    assert "velocity limit 1 rad/s of spin" in known.limits()
+    assert "velocity limit 1 rad/s of spin" in known.limits(accelerations=False)
+    assert "acceleration limit" not in known.limits(accelerations=False)
+    assert len(known.notes()) == 2
+
+
+def test_chosen_joints_and_plain_arms_are_no_news():
+    robot = tower({"spin": JointLimit(velocity=1.0)})
+    arm = robot.arm("arm", "c", joints=["swing", "spin"])
+    known = announce(robot, arm, derived=False)
+    assert known.shared == ()
+    assert known.notes() == []
+    assert "as chosen: swing, spin" in known.chain
+
+
+def test_an_arm_may_leave_coupled_joints_where_they_are():
+    """A lift of two stages: what the second does is the first's."""
+    links = "".join(f'<link name="{n}"/>' for n in ("foot", *"abc"))
+    stages = joint("first", "foot", "a", "prismatic", 'lower="0" upper="0.4" velocity="0.1"')
+    second = joint("second", "a", "b", "prismatic", 'lower="0" upper="0.4" velocity="0.1"')
+    second = second.replace("</joint>", '<mimic joint="first"/></joint>')
+    robot = Robot.from_urdf(
+        f'<robot name="lift">{links}{stages}{second}{joint("swing", "b", "c")}</robot>'
+    )
+    with pytest.raises(RobotError, match=r"leave both out.*\['swing'\]"):
+        robot.arm("arm", "c")
+    assert robot.arm("arm", "c", joints=["swing"]).joints == ("swing",)

@@ -1,0 +1,84 @@
+"""A robot's mesh files: each kind loads, mirrored ones face outward, all that is wrong is told."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from placement_planner_ros.core.errors import RobotError
+from placement_planner_ros.core.robot.model import Robot
+
+# Not convex, so that its triangles are kept.
+LOWER = trimesh.creation.box(bounds=[[0, 0, 0], [0.3, 0.1, 0.1]])
+UPPER = trimesh.creation.box(bounds=[[0, 0.2, 0], [0.1, 0.3, 0.1]])
+TWO = trimesh.util.concatenate([LOWER, UPPER])
+
+
+def urdf(*meshes):
+    links = "".join(
+        f'<link name="l{n}"><collision><geometry><mesh {mesh}/></geometry></collision></link>'
+        for n, mesh in enumerate(meshes)
+    )
+    joints = "".join(
+        f'<joint name="j{n}" type="fixed"><parent link="l0"/><child link="l{n}"/></joint>'
+        for n in range(1, len(meshes))
+    )
+    return f'<robot name="r">{links}{joints}</robot>'
+
+
+def triangles(robot, number=0):
+    shape = robot.geometry.geometryObjects[number].geometry
+    points = np.array(shape.vertices()).reshape(-1, 3)
+    rows = [shape.tri_indices(i) for i in range(shape.num_tris)]
+    return trimesh.Trimesh(points, [[t[0], t[1], t[2]] for t in rows], process=False)
+
+
+@pytest.mark.parametrize("name", ["a.stl", "a.STL", "a.obj", "a.ply", "a.glb", "a.off"])
+def test_each_kind_of_file_is_a_link(tmp_path, name):
+    TWO.export(tmp_path / name, file_type=name[2:].lower())
+    robot = Robot.from_urdf(urdf(f'filename="{name}" scale="1 2 1"'), [tmp_path])
+    mesh = triangles(robot)
+    assert mesh.volume == pytest.approx(2.0 * TWO.volume)
+    np.testing.assert_allclose(mesh.bounds[1], [0.3, 0.6, 0.1], atol=1e-7)
+
+
+@pytest.mark.parametrize("scale", ["-1 1 1", "1 1 -1", "-1 -1 -1", "-1 -1 1", "1 1 1"])
+def test_a_mirrored_mesh_faces_outward(tmp_path, scale):
+    TWO.export(tmp_path / "a.stl")
+    mesh = triangles(Robot.from_urdf(urdf(f'filename="a.stl" scale="{scale}"'), [tmp_path]))
+    assert mesh.volume == pytest.approx(TWO.volume)
+
+
+def test_everything_that_is_wrong_with_meshes_is_told_at_once(tmp_path):
+    TWO.export(tmp_path / "good.stl")
+    (tmp_path / "bad.stl").write_text("no mesh")
+    text = urdf(
+        'filename="good.stl"',
+        'filename="package://gone/meshes/a.dae"',
+        'filename="package://gone/meshes/b.dae"',
+        'filename="bad.stl"',
+        'filename="package:///meshes/c.stl"',
+        'filename="good.stl" scale="0 0 0"',
+        'filename="good.stl" scale="1000 1000 1000"',
+    )
+    with pytest.raises(RobotError) as error:
+        Robot.from_urdf(text, [tmp_path])
+    said = str(error.value)
+    for words in ("6 collision shapes", "package://gone/meshes/a.dae", "package://gone/meshes/b.dae",
+                  f"{tmp_path}/gone", "bad.stl", "link l5", "scale 0.001",
+                  "write two slashes: package://PACKAGE/PATH"):  # fmt: skip
+        assert words in said, words
+    assert said.count(f"{tmp_path}/gone") == 1
+    assert [fault.field.split(",")[0] for fault in error.value.faults] == [
+        f"link l{n}" for n in range(1, 7)
+    ]
+
+
+@pytest.mark.parametrize("sides", [200, 260])
+def test_a_rim_of_many_corners_is_covered(tmp_path, sides):
+    """coal takes no convex mesh with more than 254 facets at a corner, as qhull makes of a disc."""
+    file = tmp_path / "drum.stl"
+    trimesh.creation.cylinder(0.1, 0.2, sides).export(file)
+    robot = Robot.from_urdf(urdf(f'filename="{file.as_uri()}"'))
+    (cover,) = robot.covers
+    assert cover.closed
+    assert len(cover.parts) == 1

@@ -1,0 +1,202 @@
+"""A robot with a lift, an endless wrist and no SRDF: what the node makes of it, and says."""
+
+import numpy as np
+import pytest
+import yaml
+from sensor_msgs.msg import JointState
+
+from placement_planner_ros.core.errors import PlacementPlannerError
+from placement_planner_ros.ros.inputs.robot_input import make_arm
+
+CARRIED = {"lift": 0.1, "pan": 0.2, "swing": 0.3, "bend": 0.4, "roll": 17.3}
+
+
+def part(name, size="0.05 0.05 0.1", at="0 0 0.1"):
+    box = f'<origin xyz="{at}"/><geometry><box size="{size}"/></geometry>'
+    return f'<link name="{name}"><collision>{box}</collision></link>'
+
+
+def joint(name, parent, child, kind="revolute", at="0 0 0.25", axis="0 1 0", limits=(-1.5, 1.5)):
+    low, high = limits
+    range_ = "" if kind == "continuous" else f'lower="{low}" upper="{high}"'
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{at}"/><axis xyz="{axis}"/>'
+        f'<limit {range_} velocity="1" effort="1"/></joint>'
+    )
+
+
+URDF = "".join(
+    [
+        '<robot name="tower">',
+        part("foot"),
+        part("column"),
+        part("head", at="0 0 0.3"),
+        part("upper"),
+        part("fore"),
+        part("hand"),
+        joint("lift", "foot", "column", "prismatic", axis="0 0 1", limits=(0, 0.3)),
+        joint("pan", "column", "head", at="0 0 0.5", axis="0 0 1"),
+        joint("swing", "column", "upper"),
+        joint("bend", "upper", "fore", limits=(-3, 3)),
+        joint("roll", "fore", "hand", "continuous", axis="0 0 1"),
+        "</robot>",
+    ]
+)
+GRASP = [0.0, 0.0, 0.3, 0.0, 0.0, 0.0, 1.0]
+
+
+TOWER = {
+    "robot_description": URDF,
+    "arms": ["left"],
+    "left.tip_frame": "hand",
+    "left.grasps": GRASP,
+    "left.gripper_joints": [],
+    "left.gripper_open": [],
+    "right.grasps": None,
+}
+
+
+def stand(b, **changes):
+    values = {**CARRIED, **changes}
+
+    def publish():
+        b._joints.publish(
+            JointState(name=list(values), position=[float(v) for v in values.values()])
+        )
+
+    inputs = b.node._inputs
+    cloud = np.array([[x, y, -1.0] for x in np.arange(3.0, 3.4, 0.01) for y in (0.0, 0.01)])
+    b.cloud(cloud, "foot")
+    b.wait(lambda: inputs.clouds.updates > 0, again=lambda: b.cloud(cloud, "foot"))
+    b.wait(lambda: inputs.joints.positions() == values, again=publish)
+    publish()
+
+
+def test_a_run_begins_from_any_number_of_turns_and_its_robot_may_wrap_them(bench):
+    b = bench(**TOWER)
+    stand(b)
+    answer = b.call("start")
+    assert answer.code == "OK", answer.text
+    b.wait(lambda: b.snapshots)
+    (snapshot,) = b.snapshots
+    assert snapshot.q_start[snapshot.robot.index("roll")] == 17.3
+    stand(b, roll=17.3 - 6 * np.pi)
+    assert not b.node._reporter.has_left_start(b.node._commands.run)
+    stand(b, roll=17.4 - 6 * np.pi)
+    assert b.node._reporter.has_left_start(b.node._commands.run)
+
+
+def test_a_lift_in_the_chain_is_told_with_the_way_to_leave_it_out(bench):
+    b = bench(**TOWER)
+    stand(b)
+    words = b.call("start").words
+    assert "arm left plans with lift (0 to 0.3 m), which moves pan too" in words
+    assert "left.joints: [swing, bend, roll]" in words
+    assert "acceleration limit 0.5 m/s^2 of lift" in words
+    b.call("stop")
+    alone = b.call("start_with", left__joints=["swing", "bend", "roll"])
+    assert alone.code == "OK"
+    assert "plans with" not in alone.words
+    assert "acceleration limit" not in alone.words
+
+
+def test_links_that_overlap_where_the_robot_stands_are_left_out_and_told(bench):
+    """The forearm lies along the column: their boxes overlap, the robot stands there."""
+    b = bench(**TOWER)
+    stand(b, bend=3.0, swing=0.0)
+    answer = b.call("start")
+    assert answer.code == "OK", answer.text
+    (said,) = [line for line in answer.words.splitlines() if "not checked" in line]
+    assert "overlap where the robot stands" in said
+    assert "robot_description_semantic" in said
+    b.wait(lambda: b.snapshots)
+    first = b.snapshots[0].robot
+    assert any(each.reason == "start" for each in first.left_out)
+    b.call("stop")
+    stand(b)
+    b.wait(lambda: b.call("start").code == "OK", again=lambda: stand(b))  # once it is at rest
+    b.wait(lambda: len(b.snapshots) == 2)
+    assert b.snapshots[1].robot is first, "made once"
+
+
+def test_an_srdf_decides_and_the_line_that_is_missing_is_told(bench):
+    b = bench(**TOWER, robot_description_semantic='<robot name="tower"/>')
+    stand(b, bend=3.0, swing=0.0)
+    answer = b.call("start")
+    assert answer.code == "BAD_START"
+    assert '<disable_collisions link1="' in answer.text
+    line = answer.text[answer.text.index("<disable_collisions") :].partition(" and ")[0]
+    assert 'reason="User"/>' in line
+
+
+def test_touch_links_add_to_the_hand(bench):
+    b = bench(**TOWER, **{"left.touch_links": ["fore"]})
+    parameters = b.node._settings.current
+    arm = make_arm(b.node._inputs.robot.robot, parameters, "left")
+    assert arm.touch_links == ("hand", "fore")
+
+
+def limits_of(b):
+    b.node._inputs.robot.wait()
+    robot = b.node._inputs.robot.robot
+    return {
+        name: (robot.velocity_limits[i], robot.acceleration_limits[i])
+        for i, name in enumerate(robot.joint_names)
+    }
+
+
+LIMITS = {
+    "lift": {"has_acceleration_limits": True, "max_acceleration": 0.2},
+    "swing": {
+        "has_velocity_limits": True,
+        "max_velocity": 0.25,
+        "has_acceleration_limits": False,
+        "max_acceleration": 9.0,
+    },
+    "bend": {"max_velocity": 3, "max_acceleration": 2, "has_jerk_limits": False, "max_jerk": 1.0},
+}
+
+
+@pytest.mark.parametrize("kind", ["file", "parameters"])
+def test_moveit_limits_are_read(bench, tmp_path, kind):
+    """As its joint_limits.yaml, or as its launch files give them to a node."""
+    if kind == "file":
+        path = tmp_path / "joint_limits.yaml"
+        path.write_text(
+            yaml.safe_dump({"default_velocity_scaling_factor": 0.1, "joint_limits": LIMITS})
+        )
+        b = bench(**TOWER, robot_description_planning=str(path))
+    else:
+        b = bench(
+            **TOWER,
+            **{
+                f"robot_description_planning.joint_limits.{joint}.{what}": value
+                for joint, values in LIMITS.items()
+                for what, value in values.items()
+            },
+        )
+    found = limits_of(b)
+    assert found["lift"] == (1.0, 0.2)
+    assert found["swing"] == (0.25, 5.0)
+    assert found["bend"] == (1.0, 2.0), "the URDF's velocity is the lower one"
+    assert found["roll"] == (1.0, 5.0)
+
+
+def test_a_file_of_other_limits_is_refused(bench, tmp_path):
+    path = tmp_path / "joint_limits.yaml"
+    path.write_text("joint_limits: {lift: {max_acceleration: fast}}")
+    with pytest.raises(PlacementPlannerError, match=r"lift\.max_acceleration = 'fast'"):
+        bench(**TOWER, robot_description_planning=str(path))
+    with pytest.raises(PlacementPlannerError, match="no_such"):
+        bench(**TOWER, robot_description_planning=str(tmp_path / "no_such.yaml"))
+
+
+def test_without_a_description_the_robot_in_use_is_named(bench):
+    b = bench()
+    b.cloud()
+    answer = b.call("start")
+    assert "JOINTS_MISSING" in answer.text
+    assert "YuMi" in answer.text
+    assert "robot_description" in answer.text
+    assert "yumi_joint_1_l" not in answer.text
