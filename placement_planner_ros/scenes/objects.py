@@ -1,4 +1,7 @@
-"""The four bundled objects, made of convex solids, and how the YuMi's hands hold them.
+"""The bundled objects, and how the YuMi's hands hold them.
+
+The paper's four are made of convex solids. The two of them that are not convex are there a second
+time, as a single closed surface each.
 
 A grasp is `T_tip_object`, the object's pose in the gripper base frame: the palm ends at
 z = 0.0936, the finger pads (21 mm wide along y) reach to z = 0.1359 and close along x.
@@ -7,7 +10,7 @@ z = 0.0936, the finger pads (21 mm wide along y) reach to z = 0.1359 and close a
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -16,12 +19,24 @@ import pinocchio as pin
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.types import Array, frozen_array
 from placement_planner_ros.scenes.primitives import Colour, ConvexPrimitive, box, frustum
+from placement_planner_ros.scenes.single_mesh import joined_boxes, turned
 
 _GREEN: Colour = (0.35, 0.75, 0.35)
 _PALM = 0.098
 """Depth in the tip frame at which a held object begins: 4 mm in front of the palm."""
 _STEM = 0.126
 """Depth at which the fingers hold a stem or leg across: in the front half of the pads."""
+
+_GLASS = (  # height, radius
+    (0.000, 0.0285),
+    (0.003, 0.0285),
+    (0.012, 0.0040),
+    (0.075, 0.0040),
+    (0.120, 0.0420),
+    (0.145, 0.0285),
+)
+"""Outline of the wine glass, metres."""
+_GLASS_SIDES = 32
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,12 +46,13 @@ class GraspedObject:
     Attributes:
         name: as on the command line.
         vertices: (n, 3) metres, in the object frame.
-        triangles: (t, 3) indices, outward; every connected component is a closed convex solid.
+        triangles: (t, 3) indices, outward; every connected component is closed, and convex but for
+            the objects in `SINGLE_MESHES`.
         center_of_mass: (3,) in the object frame.
         grasps: per arm, the poses T_tip_object in which its hand can hold the object.
         finger_opening: value of each finger joint at which the fingers touch the object, metres;
             the same for all grasps.
-        parts: the convex solids themselves.
+        parts: convex solids whose union it is.
     """
 
     name: str
@@ -122,18 +138,13 @@ def _wine_glass() -> GraspedObject:
     Being round, it can be turned about its axis by the placement; the grasps differ in height
     and in how far the hand points down (or, for standing on the rim, up).
     """
-    rings = (  # height, radius
-        (0.000, 0.0285),
-        (0.003, 0.0285),
-        (0.012, 0.0040),
-        (0.075, 0.0040),
-        (0.120, 0.0420),
-        (0.145, 0.0285),
-    )
     parts = tuple(
-        frustum(f"wine_glass/{name}", r0, r1, z0, z1, _GREEN, sides=32)
+        frustum(f"wine_glass/{name}", r0, r1, z0, z1, _GREEN, sides=_GLASS_SIDES)
         for name, (z0, r0), (z1, r1) in zip(
-            ("foot", "foot_top", "stem", "bowl_bottom", "bowl_top"), rings, rings[1:], strict=False
+            ("foot", "foot_top", "stem", "bowl_bottom", "bowl_top"),
+            _GLASS,
+            _GLASS[1:],
+            strict=False,
         )
     )
     grasps = (
@@ -165,14 +176,45 @@ def _toy_table() -> GraspedObject:
     return _assemble("toy_table", parts, (0, 0, 0.044), grasps, plate / 2)
 
 
+def _wine_glass_mesh() -> GraspedObject:
+    """The wine glass as one surface."""
+    glass = _wine_glass()
+    return _in_one(glass, "wine_glass_mesh", *turned(_GLASS, _GLASS_SIDES))
+
+
+def _toy_table_mesh() -> GraspedObject:
+    """The toy table as one surface."""
+    table = _toy_table()
+    boxes = [(part.vertices.min(axis=0), part.vertices.max(axis=0)) for part in table.parts]
+    return _in_one(table, "toy_table_mesh", *joined_boxes(boxes))
+
+
+def _in_one(
+    thing: GraspedObject, name: str, vertices: Array, triangles: npt.NDArray[np.int64]
+) -> GraspedObject:
+    """The same thing with the surface of its union for its mesh."""
+    triangles.setflags(write=False)
+    return replace(thing, name=name, vertices=frozen_array(vertices), triangles=triangles)
+
+
 _OBJECTS: dict[str, Callable[[], GraspedObject]] = {
     "large_crayons_box": _large_crayons_box,
     "small_crayons_box": _small_crayons_box,
     "wine_glass": _wine_glass,
     "toy_table": _toy_table,
 }
+_IN_ONE: dict[str, Callable[[], GraspedObject]] = {
+    "wine_glass_mesh": _wine_glass_mesh,
+    "toy_table_mesh": _toy_table_mesh,
+}
 
 OBJECT_NAMES: tuple[str, ...] = tuple(_OBJECTS)
+"""The paper's."""
+
+SINGLE_MESHES: tuple[str, ...] = tuple(_IN_ONE)
+"""Those of them that are not convex, as one surface."""
+
+ALL_OBJECTS: tuple[str, ...] = OBJECT_NAMES + SINGLE_MESHES
 
 
 def object_by_name(name: str) -> GraspedObject:
@@ -181,6 +223,7 @@ def object_by_name(name: str) -> GraspedObject:
     Raises:
         ParameterError: no such object; the message lists those there are.
     """
-    if name not in _OBJECTS:
-        raise ParameterError("object", name, f"choose one of {', '.join(OBJECT_NAMES)}")
-    return _OBJECTS[name]()
+    known = _OBJECTS | _IN_ONE
+    if name not in known:
+        raise ParameterError("object", name, f"choose one of {', '.join(known)}")
+    return known[name]()

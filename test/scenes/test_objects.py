@@ -11,12 +11,18 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+import trimesh
 from scipy.spatial import ConvexHull
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.reach.ik import InverseKinematics
 from placement_planner_ros.core.reach.kinematics import Chain
-from placement_planner_ros.scenes.objects import OBJECT_NAMES, GraspedObject, object_by_name
+from placement_planner_ros.scenes.objects import (
+    OBJECT_NAMES,
+    SINGLE_MESHES,
+    GraspedObject,
+    object_by_name,
+)
 from placement_planner_ros.scenes.scenes import SCENE_NAMES, Scene, scene_by_name
 from placement_planner_ros.scenes.yumi import (
     GRIPPER_JOINTS,
@@ -138,6 +144,23 @@ def test_meshes_are_convex_solids_that_touch_but_do_not_overlap(thing: GraspedOb
     assert inside.max() == 1
 
 
+@pytest.mark.parametrize("name", SINGLE_MESHES)
+def test_single_meshes_are_the_closed_surface_of_the_same_solids(name: str) -> None:
+    surface, solids = object_by_name(name), object_by_name(name.removesuffix("_mesh"))
+    made = trimesh.Trimesh(surface.vertices, surface.triangles, process=False)
+    assert made.is_volume
+    assert made.body_count == 1
+    np.testing.assert_allclose(made.bounds[0], solids.vertices.min(axis=0), atol=1e-12)
+    np.testing.assert_allclose(made.bounds[1], solids.vertices.max(axis=0), atol=1e-12)
+    # the solids only touch each other
+    assert made.volume == pytest.approx(sum(ConvexHull(p.vertices).volume for p in solids.parts))
+    centres = made.triangles_center - 1e-6 * made.face_normals
+    depth = np.max([part.depth(centres) for part in solids.parts], axis=0)
+    assert depth.min() > 0
+    assert np.max([part.depth(centres + 2e-6 * made.face_normals) for part in solids.parts]) < 0
+    assert surface.grasps == solids.grasps
+
+
 def test_fingers_touch_and_the_palm_is_clear(thing: GraspedObject) -> None:
     hand, opened = hand_solids(thing.finger_opening), hand_solids(GRIPPER_OPEN)
     assert len(hand) == 3
@@ -249,7 +272,7 @@ def _reaches(task, arm, ik, columns, q_start, grasp, candidates, rng) -> bool:
     solution = checker.Solution(
         still, 0.0, np.eye(4), 0.0, arm.tip_frame, grasp.homogeneous, arm.touch_links
     )
-    components = checker.convex_components(task.object_vertices, task.object_triangles)
+    components = checker.object_pieces(task.object_vertices, task.object_triangles)
     world = checker.World.build(reader(), task, components, solution, checker.Tolerances().contact)
     model, shapes = reader().model, world.geometry.createData()
     data = model.createData()

@@ -8,7 +8,10 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from placement_planner_ros.core.body.convex_part import ConvexPart, hull_of, part_of
+from placement_planner_ros.core.body.assumed import in_words
+from placement_planner_ros.core.body.convex_cover import cover_tolerance
+from placement_planner_ros.core.body.convex_part import ConvexPart, convex_part, hull_of
+from placement_planner_ros.core.body.covered_mesh import CoveredMesh, CoverMaker, make_cover
 from placement_planner_ros.core.body.mesh import (
     Triangles,
     checked_center,
@@ -16,11 +19,20 @@ from placement_planner_ros.core.body.mesh import (
     connected_pieces,
     read_only,
 )
-from placement_planner_ros.core.body.placement_face import PlacementFace, placement_faces
+from placement_planner_ros.core.body.mesh_components import Components
+from placement_planner_ros.core.body.placement_face import PlacementFace, offered, placement_faces
 from placement_planner_ros.core.body.settings import BodySettings
-from placement_planner_ros.core.body.volume_points import volume_points
+from placement_planner_ros.core.body.volume_points import center_of_union, volume_points
 from placement_planner_ros.core.errors import ObjectError
 from placement_planner_ros.core.types import Array, frozen_array
+
+_COARSE = 2.0
+"""Times the tolerance beyond which a cover is told."""
+
+_OPEN = (
+    "the mesh is not closed: it counts as a sheet without an inside, and the centre of mass is "
+    "that of its hull"
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,21 +40,32 @@ class Body:
     """The grasped object in its own frame.
 
     Attributes:
-        parts: convex parts whose union holds the object.
+        solids: its connected pieces that are convex.
+        mesh: all others, if there are any.
         faces: F, larger first.
         volume_points: (n, 3) B_o, voxel centres inside.
         center_of_mass: (3,).
         vertices, triangles: (m, 3), (t, 3) the mesh.
         warnings: what was not as expected, in words.
+        rolling: how many faces are left out as the object could roll from them.
+        assumed: what it is taken for, in words.
     """
 
-    parts: tuple[ConvexPart, ...]
+    solids: tuple[ConvexPart, ...]
+    mesh: CoveredMesh | None
     faces: tuple[PlacementFace, ...]
     volume_points: Array
     center_of_mass: Array
     vertices: Array
     triangles: Triangles
     warnings: tuple[str, ...]
+    rolling: int = 0
+    assumed: tuple[str, ...] = ()
+
+    @property
+    def parts(self) -> tuple[ConvexPart, ...]:
+        """Convex parts whose union holds the object: those that cover `mesh` hold more."""
+        return self.solids if self.mesh is None else self.solids + self.mesh.parts
 
     @classmethod
     def from_mesh(
@@ -52,44 +75,48 @@ class Body:
         center_of_mass: npt.ArrayLike | None = None,
         scale: float = 1.0,
         settings: BodySettings | None = None,
+        cover: CoverMaker = make_cover,
     ) -> Body:
         """Prepare the object for planning.
 
-        Each connected piece of the mesh becomes a convex part: itself where it is convex, else its
-        hull, which is on the safe side. Where a piece is not closed, or some of its triangles face
-        inward, B_o and the centre of mass are those of the hull of all.
+        Each connected piece of the mesh that is convex is taken for its hull; the others are what
+        their triangles are, and get a convex cover, which takes some seconds the first time. A
+        piece that is not closed is a sheet without an inside; where there is one, the centre of
+        mass is that of the hull of all.
 
         Args:
             vertices: (m, 3).
             triangles: (t, 3) indices of vertices.
             center_of_mass: (3,) in the mesh's frame and units; of uniform density unless given.
             scale: metres per unit of the mesh.
+            cover: makes the cover of what is not convex.
 
         Raises:
             ObjectError: empty, not finite, bad indices, without volume, implausibly large or
-                small, with more triangles (`mesh.MAX_TRIANGLES`), pieces (`mesh.MAX_PIECES`) or
-                hull facets (`convex_part.MAX_FACETS`) than can be planned with, or a centre of mass
-                outside the hull.
+                small, with more triangles (`mesh.MAX_TRIANGLES`) or pieces (`mesh.MAX_PIECES`) than
+                can be planned with, or a centre of mass outside the hull.
         """
         settings = settings or BodySettings()
         points, faces = checked_mesh(vertices, triangles, scale, settings.max_extent)
         hull = hull_of(points[np.unique(faces)])
         warnings: list[str] = []
         pieces = connected_pieces(points, faces)
-        parts = tuple(part_of(piece, number, warnings) for number, piece in enumerate(pieces))
-        solids = pieces
-        fault = _no_solid(pieces)
+        parts = [convex_part(piece, number, warnings) for number, piece in enumerate(pieces)]
+        surfaces = [_Surface.of(each, part) for each, part in zip(pieces, parts, strict=True)]
+        fault = next((surface.fault for surface in surfaces if surface.fault), "")
         if fault:
-            warnings.append(f"{fault}: volume and centre of mass are its hull's")
-            solids = [trimesh.Trimesh(hull.vertices, hull.triangles, process=False)]
-        surface = np.concatenate([np.asarray(solid.triangles) for solid in solids])
-        points_inside = volume_points(surface, hull, settings, warnings)
+            warnings.append(fault)
+        closed = np.concatenate([surface.closed for surface in surfaces])
+        open_ = np.concatenate([surface.open for surface in surfaces])
+        points_inside = volume_points(closed, open_, hull, settings, warnings)
         if center_of_mass is not None:
             center = checked_center(center_of_mass, scale)
-        elif len(solids) == 1 and np.isfinite(solids[0].center_mass).all():
-            center = np.asarray(solids[0].center_mass)
+        elif fault:
+            center = _center_of(hull.vertices[hull.triangles])
+        elif len(surfaces) == 1 and np.isfinite(_center_of(closed)).all():
+            center = _center_of(closed)
         else:  # pieces may overlap, and so may one with itself: count what they share once
-            center = points_inside.mean(axis=0)
+            center = center_of_union(closed, hull)
         outside = float(np.max(hull.normals @ center - hull.offsets))
         if outside > 1e-6:
             raise ObjectError(
@@ -97,24 +124,86 @@ class Body:
                 center.tolist(),
                 f"lies {outside:.4g} m outside the object's hull; give it in the object's frame",
             )
-        found = placement_faces(hull, center, settings)
-        if not found:
-            warnings.append("the object has no face to stand on")
+        found, rolling = offered(placement_faces(points, center, settings), settings, warnings)
+        rest = [piece for piece, part in zip(pieces, parts, strict=True) if part is None]
+        mesh = CoveredMesh.of(rest, cover) if rest else None
+        if mesh is not None and mesh.cover.excess > _COARSE * cover_tolerance(mesh.vertices):
+            warnings.append(
+                f"its convex cover reaches {mesh.cover.excess:.3f} m beyond its mesh instead of "
+                f"{cover_tolerance(mesh.vertices):g}, which slows down checks beside it; a simpler "
+                "mesh has a closer one"
+            )
         return cls(
-            parts=parts,
+            solids=tuple(part for part in parts if part is not None),
+            mesh=mesh,
             faces=found,
             volume_points=frozen_array(points_inside),
             center_of_mass=frozen_array(center),
             vertices=frozen_array(points),
             triangles=read_only(faces),
             warnings=tuple(warnings),
+            rolling=rolling,
+            assumed=in_words(
+                points,
+                scale,
+                center,
+                given=center_of_mass is not None,
+                fault=fault,
+                pieces=len(pieces),
+                parts=len(parts) if mesh is None else len(parts) - len(rest) + len(mesh.parts),
+                faces=found,
+                left_out=rolling,
+                excess=0.0 if mesh is None else mesh.cover.excess,
+            ),
         )
 
 
-def _no_solid(pieces: list[trimesh.Trimesh]) -> str:
-    """Why the pieces' own volume cannot be told, in words; empty where it can."""
-    if not all(piece.is_watertight for piece in pieces):
-        return "the mesh is not closed"
-    if not all(piece.is_winding_consistent for piece in pieces):
-        return "some triangles of the mesh face inward"
-    return ""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Surface:
+    """The surface of a connected piece.
+
+    Attributes:
+        closed, open: (s, 3, 3), (t, 3, 3) corners of its triangles: those around a solid, outward,
+            and those of sheets.
+        fault: what of the piece is not as expected, in words.
+    """
+
+    closed: Array
+    open: Array
+    fault: str
+
+    @classmethod
+    def of(cls, piece: trimesh.Trimesh, part: ConvexPart | None) -> _Surface:
+        """Of a piece, and of its hull where it is convex."""
+        none = np.zeros((0, 3, 3))
+        if piece.is_watertight and piece.is_winding_consistent:
+            return cls(np.asarray(piece.triangles), none, "")
+        inward = "some triangles of the mesh face inward: its centre of mass is that of its hull"
+        if part is not None:
+            cracks = "" if piece.is_watertight else "the mesh is not closed"
+            return cls(part.vertices[part.triangles], none, cracks or inward)
+        made = Components.of(np.asarray(piece.vertices), np.asarray(piece.faces))
+        solid = made.closed[made.label]
+        closed, open_ = made.corners[solid], made.corners[~solid]
+        if _volume_of(closed) < 0.0:
+            closed = closed[:, ::-1]
+        if len(open_):
+            return cls(closed, open_, _OPEN)
+        return cls(closed, none, "" if _volume_of(closed) > 0.0 else inward)
+
+
+def _volume_of(corners: Array) -> float:
+    """m³ that triangles (t, 3, 3) enclose."""
+    return (
+        float(np.linalg.det(corners - corners.mean(axis=(0, 1))).sum()) / 6.0
+        if len(corners)
+        else 0.0
+    )
+
+
+def _center_of(corners: Array) -> Array:
+    """(3,) the centre of what triangles (t, 3, 3) enclose."""
+    middle = corners.mean(axis=(0, 1))
+    volumes = np.linalg.det(corners - middle)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(middle + volumes @ (corners - middle).sum(axis=1) / (4.0 * volumes.sum()))

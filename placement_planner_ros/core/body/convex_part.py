@@ -16,7 +16,28 @@ _SHEET = 0.0005
 """Parts without thickness are thickened by this to every side, metres."""
 
 MAX_FACETS = 6000
-"""Facets, triangles of it, that the hull of an object or of one of its pieces may have."""
+"""Facets, triangles of it, that the hull of a piece may have that counts as convex; rounder ones
+are covered."""
+
+CONVEX_TOLERANCE, CONVEX_SHARE = 1e-3, 0.01
+"""Metres, and share of its size, that a piece's triangles may lie beneath the facets of its hull
+where it counts as convex."""
+
+_CONVEX_AREA = 1e-3
+"""Share by which the area of such a piece may differ from that of its hull."""
+
+MOST_AROUND = 200
+"""Facets that meet in a corner of what counts as convex: coal takes no more than 254."""
+
+_MOST_COMPARED = 100_000_000
+"""Facets of a hull times triangles of its piece that are compared; a piece with more counts as not
+convex. As many times vertices are for its offsets."""
+
+_ROUNDING = 1e-9
+"""Metres by which planes are moved out where there are more."""
+
+_AT_ONCE = 2_000_000
+"""Points times planes that are compared at once."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,20 +57,16 @@ class ConvexPart:
     offsets: Array
 
 
-def _polytope(points: Array) -> ConvexPart:
+def polytope_of(points: Array) -> ConvexPart:
     """The convex hull of (n, 3) points.
 
     Raises:
         QhullError: they have no volume.
-        ObjectError: it has more than `MAX_FACETS`.
     """
-    hull = ConvexHull(points)
-    if len(hull.simplices) > MAX_FACETS:
-        raise ObjectError(
-            "object",
-            f"a convex hull of {len(hull.simplices)} facets",
-            f"it may have {MAX_FACETS}; simplify the mesh where it is round",
-        )
+    return _polytope(ConvexHull(points))
+
+
+def _polytope(hull: ConvexHull) -> ConvexPart:
     # coplanar triangles come with equal equations, up to rounding
     normals = hull.equations[:, :3]
     used, index = np.unique(hull.simplices, return_inverse=True)
@@ -61,7 +78,11 @@ def _polytope(points: Array) -> ConvexPart:
     triangles[inward] = triangles[inward][:, ::-1]
     _, first = np.unique(np.round(hull.equations, 7), axis=0, return_index=True)
     planes = normals[np.sort(first)]
-    offsets = np.max(vertices @ planes.T, axis=0)  # no vertex is cut off by rounding
+    offsets = -hull.equations[np.sort(first), 3] + _ROUNDING
+    if len(vertices) * len(planes) <= _MOST_COMPARED:  # no vertex is cut off by rounding
+        chunk = max(1, _AT_ONCE // len(vertices))
+        rows = range(0, len(planes), chunk)
+        offsets = np.concatenate([(planes[r : r + chunk] @ vertices.T).max(axis=1) for r in rows])
     return ConvexPart(
         frozen_array(vertices), read_only(triangles), frozen_array(planes), frozen_array(offsets)
     )
@@ -71,29 +92,59 @@ def hull_of(vertices: Array) -> ConvexPart:
     """The hull of the whole object.
 
     Raises:
-        ObjectError: it has no volume, or too many facets.
+        ObjectError: it has no volume.
     """
     flat = ObjectError("object", "flat mesh", "has no volume; give it a thickness")
     spread = np.linalg.svd(vertices - vertices.mean(axis=0), full_matrices=False)[2]
     if np.min(np.ptp(vertices @ spread.T, axis=0)) < THINNEST:
         raise flat
     try:
-        return _polytope(vertices)
+        return _polytope(ConvexHull(vertices))
     except QhullError as error:
         raise flat from error
 
 
-def part_of(piece: trimesh.Trimesh, number: int, warnings: list[str]) -> ConvexPart:
-    """A connected piece's hull, with a warning where that is more than the piece."""
-    vertices = np.asarray(piece.vertices)
+def convex_part(piece: trimesh.Trimesh, number: int, warnings: list[str]) -> ConvexPart | None:
+    """A connected piece that is its own hull; None where it is not convex.
+
+    A flat piece that fills its outline is given a thickness, with a warning.
+    """
+    vertices, area = np.asarray(piece.vertices), float(piece.area)
     try:
-        part = _polytope(vertices)
+        hull = ConvexHull(vertices)
     except QhullError:
+        if not _fills_outline(vertices, area):
+            return None
         warnings.append(f"part {number} has no thickness: taken as {2 * _SHEET * 1e3:g} mm thick")
         corners = _SHEET * np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, -1).T
-        return _polytope((vertices[:, None] + corners).reshape(-1, 3))
-    if piece.is_watertight and piece.is_winding_consistent:
-        filled = trimesh.Trimesh(part.vertices, part.triangles, process=False).volume
-        if filled - piece.volume > 0.01 * filled:
-            warnings.append(f"part {number} is not convex: its hull stands for it")
-    return part
+        return polytope_of((vertices[:, None] + corners).reshape(-1, 3))
+    if abs(area - hull.area) > _CONVEX_AREA * hull.area or len(hull.simplices) > MAX_FACETS:
+        return None
+    if np.bincount(hull.simplices.ravel()).max() > MOST_AROUND:
+        return None
+    return _polytope(hull) if _is_on_hull(np.asarray(piece.triangles), hull) else None
+
+
+def _is_on_hull(corners: Array, hull: ConvexHull) -> bool:
+    """Whether every triangle of corners (t, 3, 3) lies along a facet."""
+    planes = np.unique(hull.equations.round(9), axis=0)
+    if len(planes) * len(corners) > _MOST_COMPARED:
+        return False
+    size = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
+    tolerance = min(CONVEX_TOLERANCE, CONVEX_SHARE * size)
+    chunk = max(1, _AT_ONCE // (3 * len(planes)))
+    for row in range(0, len(corners), chunk):
+        depth = -(corners[row : row + chunk] @ planes[:, :3].T + planes[:, 3])
+        if depth.max(axis=1).min(axis=1).max() > tolerance:
+            return False
+    return True
+
+
+def _fills_outline(vertices: Array, area: float) -> bool:
+    """Whether a flat piece of (m, 3) vertices is as large as the convex outline of it."""
+    axes = np.linalg.svd(vertices - vertices.mean(axis=0), full_matrices=False)[2]
+    try:
+        outline = ConvexHull((vertices - vertices.mean(axis=0)) @ axes[:2].T)
+    except QhullError:
+        return True  # a line
+    return bool(abs(area - outline.volume) <= _CONVEX_AREA * outline.volume)

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
-from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial import ConvexHull
 
-from placement_planner_ros.core.body.convex_part import ConvexPart
+from placement_planner_ros.core.body.rests import GRAVITY, TIPPING_ENERGY, Rest, rests
 from placement_planner_ros.core.body.settings import BodySettings
+from placement_planner_ros.core.body.tipping import Index, Mask, Tipping
 from placement_planner_ros.core.types import Array, frozen_array
+
+_CONTACT, _CONTACT_HEIGHT = 0.2, 0.01
+"""Shares of the flatness, and of the height of the centre of mass, up to which a vertex above the
+plane is one that touches it."""
+
+_ROUNDING = 1e-7
+"""Metres."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,85 +32,107 @@ class PlacementFace:
         T_face_object: fT_o; T(R_z(θ), (x, y, z_r)) · fT_o is a pose of S^(r, f), with the
             reference vertex at (x, y, z_r).
         area: of the polygon, m².
+        rolls: whether the object could roll from there.
     """
 
     vertices: Array
     normal: Array
     T_face_object: pin.SE3
     area: float
+    rolls: bool = False
 
 
 def placement_faces(
-    hull: ConvexPart, center: Array, settings: BodySettings
+    points: Array, center: Array, settings: BodySettings
 ) -> tuple[PlacementFace, ...]:
-    """Supporting planes of the hull on which the object stands, larger first.
+    """Planes on which an object of these points (n, 3) rests, larger first; rolling ones too.
 
-    Of hull planes within `merge_angle` of each other the one with the largest contact stands for
-    all. Angles are taken to that plane alone, so that round sides are not merged around corners.
+    Args:
+        center: (3,) its centre of mass, inside their hull.
     """
-    extents = np.ptp(hull.vertices, axis=0)
-    margin = min(settings.center_margin, 0.25 * float(np.min(extents)))
-    heights = hull.offsets - hull.normals @ center
-    stable = []
-    for normal, offset, height in zip(hull.normals, hull.offsets, heights, strict=True):
-        bearing = min(settings.contact_flatness, 0.01 * float(height))
-        reach = max(margin, height * math.tan(settings.tipping_angle))
-        depths = offset - hull.vertices @ normal
-        bears = depths <= max(bearing, 1e-7)
-        # quick: some bearing vertex must be that far from the projected centre of mass
-        away = hull.vertices[bears] - center
-        beside = np.sqrt(np.maximum((away**2).sum(axis=1) - (away @ normal) ** 2, 0.0))
-        if bears.sum() < 3 or beside.max() < reach:
-            continue
-        axes = _plane_axes(normal)
-        polygon = _convex_polygon((hull.vertices[bears] - center) @ axes.T)
-        if polygon is None:
-            continue
-        order, outline = polygon
-        distances = _edge_distances(outline)
-        edge = int(np.argmin(distances))
-        if distances[edge] < reach - 1e-9:
-            continue
-        ends = hull.vertices[bears][[order[edge], order[(edge + 1) % len(order)]]]
-        rolls = _next_facet(hull, normal, ends) < settings.rolling_angle
-        if rolls and distances[edge] < height * math.tan(2.0 * settings.tipping_angle):
-            continue
-        stable.append((_polygon_area(outline), normal, offset))
-    stable.sort(key=lambda face: -face[0])
-    faces: list[PlacementFace] = []
-    for _, normal, offset in stable:
-        if all(face.normal @ normal < math.cos(settings.merge_angle) for face in faces):
-            faces.append(_face(hull, normal, offset, settings))
-    faces.sort(key=lambda face: -face.area)
-    return tuple(faces)
+    tipping = Tipping.of(points, center)
+    found = rests(tipping, settings.flatness, settings.merge_angle)
+    faces = [_face(tipping, rest, center, settings) for rest in found]
+    faces.sort(key=lambda made: (-made[0].area, -made[1]))
+    return tuple(face for face, _ in faces)
 
 
-def _face(hull: ConvexPart, normal: Array, offset: float, settings: BodySettings) -> PlacementFace:
-    depths = offset - hull.vertices @ normal
-    near = hull.vertices[depths <= settings.flatness]
-    near = near + (offset - near @ normal)[:, None] * normal  # onto the plane
+def offered(
+    faces: tuple[PlacementFace, ...], settings: BodySettings, warnings: list[str]
+) -> tuple[tuple[PlacementFace, ...], int]:
+    """The faces that a placement may use, and how many were left out; warns where there is none."""
+    kept = tuple(face for face in faces if settings.allow_rolling or not face.rolls)
+    if not kept:
+        warnings.append("the object has no face to stand on")
+    return kept, len(faces) - len(kept)
+
+
+def _face(
+    tipping: Tipping, rest: Rest, center: Array, settings: BodySettings
+) -> tuple[PlacementFace, float]:
+    """The face of a rest, and the area that touches, m².
+
+    v(f) is what lies within the flatness of the plane. Where so little touches that the body may
+    come to rock on what is around, that belongs to v(f), too.
+    """
+    normal = tipping.normals[rest.facet]
+    offset = float((tipping.vertices @ normal).max())  # no vertex is cut off by rounding
+    height = float(offset - normal @ center)
+    depths = offset - tipping.vertices @ normal
     axes = _plane_axes(normal)
-    polygon = _convex_polygon(near @ axes.T)
-    assert polygon is not None  # it holds the bearing polygon
-    order, outline = polygon
-    area = _polygon_area(outline)
-    if len(order) > settings.max_face_vertices:
-        angles = 2.0 * np.pi * np.arange(settings.max_face_vertices) / settings.max_face_vertices
-        directions = np.stack((np.cos(angles), np.sin(angles)))
-        order = order[np.unique((outline @ directions).argmax(axis=0))]
-    vertices = near[order]
-    # x along the longest edge, z against the normal
+    touching = min(_CONTACT * settings.flatness, _CONTACT_HEIGHT * height)
+    touches = depths <= max(touching, _ROUNDING)
+    touches[tipping.facets[rest.facet]] = True
+    _, contact = _convex_polygon((tipping.vertices[touches] - center) @ axes.T)
+    bears = touches | (depths <= settings.flatness)
+    if not rest.rolls and not _holds(contact, height):
+        bears |= _rocks_on(tipping, rest)
+    near = tipping.vertices[bears]
+    near = near + (offset - near @ normal)[:, None] * normal  # onto the plane
+    order, outline = _convex_polygon(near @ axes.T)
+    vertices = near[_thinned(order, outline, settings.max_face_vertices)]
+    rotation = _axes_along(vertices, normal)
+    face = PlacementFace(
+        vertices=frozen_array(vertices),
+        normal=frozen_array(normal),
+        T_face_object=pin.SE3(rotation, -rotation @ vertices[0]),
+        area=_polygon_area(outline),
+        rolls=rest.rolls,
+    )
+    return face, _polygon_area(contact)
+
+
+def _thinned(order: Index, outline: Array, most: int) -> Index:
+    """Of indices (k,) of corners (k, 2) at most so many, extreme in evenly spread directions."""
+    if len(order) <= most:
+        return order
+    angles = 2.0 * np.pi * np.arange(most) / most
+    directions = np.stack((np.cos(angles), np.sin(angles)))
+    return np.asarray(order[np.unique((outline @ directions).argmax(axis=0))])
+
+
+def _axes_along(vertices: Array, normal: Array) -> Array:
+    """(3, 3) rows: x along the longest edge of the polygon, z against the normal."""
     edges = np.roll(vertices, -1, axis=0) - vertices
     along = edges[np.argmax(np.linalg.norm(edges, axis=1))]
     along = along - (along @ normal) * normal
     along /= np.linalg.norm(along)
-    rotation = np.stack((along, np.cross(-normal, along), -normal))
-    return PlacementFace(
-        vertices=frozen_array(vertices),
-        normal=frozen_array(normal),
-        T_face_object=pin.SE3(rotation, -rotation @ vertices[0]),
-        area=area,
-    )
+    return np.stack((along, np.cross(-normal, along), -normal))
+
+
+def _holds(outline: Array, height: float) -> bool:
+    """Whether tipping over each edge of the outline about the centre takes enough energy."""
+    distance = float(_edge_distances(outline).min())
+    return distance > 0.0 and GRAVITY * (np.hypot(height, distance) - height) >= TIPPING_ENERGY
+
+
+def _rocks_on(tipping: Tipping, rest: Rest) -> Mask:
+    """(n,) vertices of the facets that the body gets to with less than that energy."""
+    highest = float(tipping.heights[rest.facet]) + TIPPING_ENERGY / GRAVITY
+    facets = tipping.around(rest.facet, -np.inf, highest)
+    found = np.zeros(len(tipping.vertices), np.bool_)
+    found[tipping.facets[facets]] = True
+    return found
 
 
 def _plane_axes(normal: Array) -> Array:
@@ -115,12 +143,9 @@ def _plane_axes(normal: Array) -> Array:
     return np.stack((first, np.cross(normal, first)))
 
 
-def _convex_polygon(points: Array) -> tuple[npt.NDArray[np.int64], Array] | None:
+def _convex_polygon(points: Array) -> tuple[Index, Array]:
     """Indices (k,) and corners (k, 2) of the hull of (n, 2) points, counter-clockwise."""
-    try:
-        order = ConvexHull(points).vertices.astype(np.int64)
-    except QhullError:
-        return None  # all on a line
+    order = ConvexHull(points).vertices.astype(np.int64)
     return order, points[order]
 
 
@@ -129,16 +154,6 @@ def _edge_distances(polygon: Array) -> Array:
     edges = np.roll(polygon, -1, axis=0) - polygon
     across = polygon[:, 0] * edges[:, 1] - polygon[:, 1] * edges[:, 0]
     return np.asarray(across / np.linalg.norm(edges, axis=1))
-
-
-def _next_facet(hull: ConvexPart, normal: Array, ends: Array) -> float:
-    """Angle to the nearest hull facet that leaves this plane at the edge between `ends`, rad."""
-    touches = (np.abs(hull.normals @ ends.T - hull.offsets[:, None]) < 1e-6).all(axis=1)
-    away = np.cross(ends[1] - ends[0], normal)  # out of the polygon, counter-clockwise from above
-    touches &= hull.normals @ away > 1e-3 * np.linalg.norm(away)
-    if not touches.any():
-        return math.pi
-    return float(np.arccos(np.clip(np.max(hull.normals[touches] @ normal), -1.0, 1.0)))
 
 
 def _polygon_area(polygon: Array) -> float:

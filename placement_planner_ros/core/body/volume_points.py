@@ -8,44 +8,70 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.body.convex_part import ConvexPart
+from placement_planner_ros.core.body.mesh_surroundings import surface_points
 from placement_planner_ros.core.body.settings import BodySettings
 from placement_planner_ros.core.errors import ObjectError
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
 
+_FINE = 2_000_000
+"""Cells by which a centre of mass is found: 0.8 mm for a mug, whose walls are too thin for B_o."""
+
 
 def volume_points(
-    triangles: Array, hull: ConvexPart, settings: BodySettings, warnings: list[str]
+    solids: Array, sheets: Array, hull: ConvexPart, settings: BodySettings, warnings: list[str]
 ) -> Array:
-    """B_o: voxel centres inside the closed surface, the grid centred on the object's extents."""
+    """B_o: centres (n, 3) of voxels inside closed surfaces, and of those that sheets pass through.
+
+    The grid is centred on the object's extents.
+
+    Args:
+        solids: (s, 3, 3) corners of the triangles of closed surfaces.
+        sheets: (t, 3, 3) of open ones.
+    """
     lower, upper = hull.vertices.min(axis=0), hull.vertices.max(axis=0)
     size = settings.voxel_size
     room = float(np.prod(upper - lower)) / size**3
     if room > 200.0 * settings.max_volume_points:  # far too fine to count first
         size *= (room / (200.0 * settings.max_volume_points)) ** (1.0 / 3.0)
-    points = _voxel_centers(triangles, lower, upper, size)
+    points = _voxel_centers(solids, sheets, lower, upper, size)
     while len(points) > settings.max_volume_points:
         size *= max(1.02, (len(points) / settings.max_volume_points) ** (1.0 / 3.0))
-        points = _voxel_centers(triangles, lower, upper, size)
+        points = _voxel_centers(solids, sheets, lower, upper, size)
     for _ in range(3):  # walls thinner than a voxel
         if len(points) >= 20:
             break
         size *= 0.5
-        points = _voxel_centers(triangles, lower, upper, size)
+        points = _voxel_centers(solids, sheets, lower, upper, size)
     if len(points) == 0:
         warnings.append("its walls are too thin for volume points: those of the hull stand in")
         corners = np.asarray(hull.vertices[hull.triangles])
-        points = _voxel_centers(corners, lower, upper, size)
+        points = _voxel_centers(corners, sheets, lower, upper, size)
     if len(points) == 0:
         raise ObjectError("object", "thin mesh", "holds no volume point; give it a thickness")
     return points
 
 
-def _voxel_centers(triangles: Array, lower: Array, upper: Array, size: float) -> Array:
+def center_of_union(solids: Array, hull: ConvexPart) -> Array:
+    """(3,) the centre of what closed surfaces (s, 3, 3) enclose, what they share counted once."""
+    lower, upper = hull.vertices.min(axis=0), hull.vertices.max(axis=0)
+    size = float((np.prod(upper - lower) / _FINE) ** (1.0 / 3.0))
+    points = _voxel_centers(solids, solids[:0], lower, upper, size)
+    return np.asarray((points if len(points) else hull.vertices).mean(axis=0))
+
+
+def _voxel_centers(solids: Array, sheets: Array, lower: Array, upper: Array, size: float) -> Array:
     count = np.ceil((upper - lower) / size - 1e-9).astype(np.int64)
     count = np.maximum(count, 1)
     start = 0.5 * (lower + upper) - 0.5 * (count - 1) * size
-    return np.asarray(_inside(np.ascontiguousarray(triangles), start, count, size))
+    points = np.asarray(_inside(np.ascontiguousarray(solids), start, count, size))
+    if not len(sheets):
+        return points
+    cells = [np.rint((points - start) / size).astype(np.int64)]
+    for on in surface_points(sheets, 0.5 * size):
+        passed = np.rint((on - start) / size).astype(np.int64).clip(0, count - 1)
+        cells.append(np.unique(passed, axis=0))
+    return np.asarray(start + np.unique(np.concatenate(cells), axis=0) * size)
 
 
 @kernel(nogil=True)

@@ -7,7 +7,9 @@ to a margin that nothing is certain is refused too.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
+from itertools import product
 
 import coal
 import numpy as np
@@ -19,17 +21,51 @@ from placement_planner_ros.core.collision.arm import (
     HELD_OBJECT,
     CollisionSettings,
     arm_joint,
+)
+from placement_planner_ros.core.collision.object_solids import (
+    coal_transform,
     object_in_hand,
+    object_overlaps,
     object_solids,
 )
-from placement_planner_ros.core.errors import GraspError, PlacementPlannerError, StartError
+from placement_planner_ros.core.errors import GraspError, PlacementPlannerError, StartError, listed
+from placement_planner_ros.core.robot.allowed_pairs import pair, srdf_line
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.core.robot.moving_arm import MovingArm
+from placement_planner_ros.core.robot.overlap import Overlaps, winding_number
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import Array
 
 WITH_CLOUDS = "in collision with the clouds"
 """How a collision with the obstacle set begins, in words."""
+
+MOVE_ROBOT = "move the robot to where it keeps collision_margin with the object in hand"
+CHECK_GRASP = "check grasps and object.scale, as the held object is in the way"
+FILTER_ITSELF = (
+    "where these are points of the robot or of the object, set self_filter.enabled or raise "
+    "self_filter.padding"
+)
+_Thing = tuple[str, coal.CollisionGeometry, coal.Transform3s, Array | None]
+"""A name, a shape at its place, and what triangles enclose its inside, where it is a surface."""
+_NAMED = 3
+"""Pairs of links that are named at most."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """Why an arm, or one of its grasps, cannot begin at q_0.
+
+    Attributes:
+        words: which, and what is wrong.
+        remedies: what may help.
+    """
+
+    words: str
+    remedies: tuple[str, ...]
+
+    def __str__(self) -> str:
+        return f"{self.words}; {'; '.join(self.remedies)}"
 
 
 def faults_at_start(
@@ -49,64 +85,115 @@ def faults_at_start(
         StartError: q_0 is wrong for every arm and grasp.
         GraspError: in every grasp the object overlaps the hand.
     """
-    reasons: list[str] = []
+    faults: list[Fault] = []
     bad_grasps: list[GraspError] = []
     usable = 0
-    solids = [solid for _, solid in object_solids(body)]
     placed = _Placed(robot, q_start)
     margin = settings.collision_margin
     for arm in arms:
         fault = beyond_limits(arm, q_start) or placed.met(arm, settings.self_margin)
         if obstacles is not None and not fault:
             fault = placed.met_in(obstacles, arm, margin)
-        if fault:
-            reasons.append(f"{arm.name}: {fault}")
+        if fault is not None:
+            faults.append(Fault(f"{arm.name}: {fault.words}", fault.remedies))
             continue
         for grasp in range(len(arm.grasps)):
-            in_hand, link = placed.met_by_object(arm, grasp, solids, settings.self_margin)
-            in_cloud = ""
-            if obstacles is not None and not link:
-                in_cloud = placed.met_by_object_in(obstacles, arm, grasp, solids, margin)
-            if in_cloud:
-                reasons.append(f"{arm.name} with grasp {grasp}: {in_cloud}")
+            depths, link = placed.met_by_object(arm, grasp, body, settings.self_margin)
+            in_cloud = None
+            if obstacles is not None and not (depths or link):
+                in_cloud = placed.met_by_object_in(obstacles, arm, grasp, body, margin)
+            name = f"{arm.name} with grasp {grasp}"
+            if in_cloud is not None:
+                faults.append(Fault(f"{name}: {in_cloud.words}", in_cloud.remedies))
+            elif depths:
+                bad_grasps.append(object_in_hand(arm, grasp, depths))
             elif not link:
                 usable += 1
-            elif in_hand:
-                bad_grasps.append(object_in_hand(arm, grasp, link))
             else:
-                met = f"in self-collision: the held object meets {link}"
-                reasons.append(f"{arm.name} with grasp {grasp}: {met}")
+                met = f"in self-collision: {HELD_OBJECT} meets {link}"
+                faults.append(Fault(f"{name}: {met}", (CHECK_GRASP, MOVE_ROBOT)))
     if not usable:
-        raise none_usable(reasons, bad_grasps)
-    return (*map(str, bad_grasps), *reasons)
+        raise none_usable(faults, bad_grasps)
+    return (*map(str, bad_grasps), *map(str, faults))
 
 
-def none_usable(reasons: list[str], bad_grasps: list[GraspError]) -> PlacementPlannerError:
+def touches_clouds(holding: MovingArm, grasp: int, body: Body, obstacles: ObstacleSet) -> bool:
+    """Whether the arm at q_0, or the object in that grasp, meets a box, whatever the margin."""
+    placed, arm = _Placed(holding.robot, holding.q_rest), holding.arm
+    met = placed.met_in(obstacles, arm, 0.0)
+    return (met or placed.met_by_object_in(obstacles, arm, grasp, body, 0.0)) is not None
+
+
+def none_usable(faults: list[Fault], bad_grasps: list[GraspError]) -> PlacementPlannerError:
     """What to raise where no arm and grasp is left."""
-    if not reasons:
+    if not faults:
         return bad_grasps[0]
-    remedy = (
-        "the start configuration must lie within the joint limits and keep collision_margin "
-        "with the object in hand; move the robot"
-    )
-    if any(HELD_OBJECT in reason for reason in reasons):
-        remedy += "; where it is the held object that is in the way, check grasps and object.scale"
-    if any(WITH_CLOUDS in reason for reason in reasons):
-        remedy += (
-            "; where it meets points of its own or of the object, set self_filter.enabled or raise "
-            "self_filter.padding"
+    remedies = dict.fromkeys(remedy for fault in faults for remedy in fault.remedies)
+    words = [*(fault.words for fault in faults), *map(str, bad_grasps)]
+    return StartError("joint_states", listed(words, "; ", 4), "; ".join(remedies))
+
+
+def beyond_limits(arm: Arm, q_start: Array) -> Fault | None:
+    """Which of the arm's joints are beyond their limits at q_0 (nq,), and how far."""
+    beyond = []
+    for joint, q, lower, upper in zip(
+        arm.joints, q_start[arm.q_index].tolist(), arm.lower, arm.upper, strict=True
+    ):
+        if joint in arm.continuous or lower <= q <= upper:
+            continue
+        side, limit = ("lower", lower) if q < lower else ("upper", upper)
+        beyond.append(
+            f"{joint} = {q:.4f} is not in [{lower:.4f}, {upper:.4f}], {abs(q - limit):.4g} beyond "
+            f"its {side} limit"
         )
-    return StartError("joint_states", "; ".join(reasons), remedy)
-
-
-def beyond_limits(arm: Arm, q_start: Array) -> str:
-    """Which of the arm's joints are beyond their limits at q_0 (nq,), '' where none is."""
-    q = q_start[arm.q_index]
-    joints = ", ".join(
-        f"{arm.joints[j]} = {q[j]:.4f} is not in [{arm.lower[j]:.4f}, {arm.upper[j]:.4f}]"
-        for j in np.flatnonzero((q < arm.lower) | (q > arm.upper))
+    if not beyond:
+        return None
+    return Fault(
+        f"beyond the joint limits: {listed(beyond)}",
+        ("move these joints back between their limits, or correct the limits in the URDF",),
     )
-    return f"beyond the joint limits: {joints}" if joints else ""
+
+
+def met_itself(robot: Robot, q: Array, links: list[tuple[str, str]]) -> Fault:
+    """The fault of links that meet each other at q (nq,), with what they need to be left out."""
+    rows = dict.fromkeys(pair(*each) for each in links)
+    overlaps, placements = _overlaps(robot), _placements(robot, q)
+    words = []
+    for first, second in rows:
+        said, deepest = f"{first} meets {second}", 0.0
+        for i, j in product(_shapes_of(robot, first), _shapes_of(robot, second)):
+            depth = overlaps.depth(i, j, placements[i], placements[j])
+            if depth > deepest:
+                x, y, z = overlaps.place(i, j, placements[i], placements[j])
+                said = (
+                    f"{first} meets {second} at ({x:.3f}, {y:.3f}, {z:.3f}), their shapes "
+                    f"{depth:.4f} m in each other"
+                )
+                deepest = depth
+        words.append(said)
+    if any(HELD_OBJECT in each for each in rows):
+        return Fault(f"in self-collision: {listed(words)}", (CHECK_GRASP, MOVE_ROBOT))
+    remedy = (
+        "where the robot does stand like this and only its meshes overlap, add to the SRDF "
+        f"(robot_description_semantic): {' '.join(map(srdf_line, rows))}"
+    )
+    return Fault(f"in self-collision: {listed(words)}", (remedy, MOVE_ROBOT))
+
+
+def _shapes_of(robot: Robot, link: str) -> list[int]:
+    return [i for i, name in enumerate(robot.geometry_links) if name == link]
+
+
+def met_environment(met: str, near: bool, margin: float) -> Fault:
+    """The fault of what meets the clouds, in words.
+
+    Args:
+        near: whether it does so only within the margin (metres) around it.
+    """
+    if not near:
+        return Fault(f"{WITH_CLOUDS}: {met}", (MOVE_ROBOT, FILTER_ITSELF))
+    within = f"{met}, nearer than collision_margin = {margin:g} m without touching it"
+    return Fault(f"{WITH_CLOUDS}: {within}", ("lower collision_margin", MOVE_ROBOT, FILTER_ITSELF))
 
 
 class _Placed:
@@ -122,69 +209,103 @@ class _Placed:
             (g.geometry, coal.Transform3s(T.rotation, T.translation))
             for g, T in zip(objects, geometry.oMg, strict=True)
         ]
-        centers, self._radii = _spheres(robot)
+        self._q, self._places, self._overlaps = q, list(geometry.oMg), _overlaps(robot)
+        centers, self._radii = self._overlaps.centers, self._overlaps.radii
         self._centers = np.array([T.act(c) for T, c in zip(geometry.oMg, centers, strict=True)])
         self._centers = self._centers.reshape(-1, 3)
 
-    def met(self, arm: Arm, margin: float) -> str:
-        """Which links meet that move to each other with the arm, in words; '' where none do."""
+    def met(self, arm: Arm, margin: float) -> Fault | None:
+        """Which links meet that move to each other with the arm; None where none do."""
         pairs, carried = _pairs(self._robot), _carried(self._robot, arm)
         pairs = pairs[carried[pairs[:, 0]] != carried[pairs[:, 1]]]
         apart = np.linalg.norm(self._centers[pairs[:, 0]] - self._centers[pairs[:, 1]], axis=1)
         near = apart <= self._radii[pairs[:, 0]] + self._radii[pairs[:, 1]] + margin
+        names, met = self._robot.geometry_links, []
         for a, b in pairs[near].tolist():
             (first, T_first), (second, T_second) = self._solids[a], self._solids[b]
-            if _meets(first, T_first, second, T_second, margin):
-                names = self._robot.geometry_links
-                return f"in self-collision: {names[a]} meets {names[b]}"
-        return ""
+            if _meets(first, T_first, second, T_second, margin) or self._overlaps.nested(
+                a, b, self._places[a], self._places[b]
+            ):
+                met.append((names[a], names[b]))
+                if len(set(met)) == _NAMED:
+                    break
+        return met_itself(self._robot, self._q, met) if met else None
 
     def met_by_object(
-        self, arm: Arm, grasp: int, parts: list[coal.Convex], margin: float
-    ) -> tuple[bool, str]:
-        """Whether the object lies in the hand, and which link it meets; '' where none."""
+        self, arm: Arm, grasp: int, body: Body, margin: float
+    ) -> tuple[dict[str, float], str]:
+        """How deep the object lies in links of the hand, metres; and which other link it meets
+        first, '' where none."""
         robot, model = self._robot, self._robot.model
         frame = robot.frame_id(arm.tip_frame)
         T = self._data.oMf[frame] * arm.grasps[grasp]
-        place = coal.Transform3s(T.rotation, T.translation)
+        place = coal_transform(T)
         carried = _carried(robot, arm)
         hand = arm_joint(model, _joint_ids(robot, arm), model.frames[frame].parentJoint)
         in_hand = carried == hand
+        overlaps, first = object_overlaps(robot, body), len(self._solids)
+        depths: dict[str, float] = {}
+        met = ""
         for rows, kept in ((in_hand, 0.0), (~in_hand, margin)):
-            for part in parts:
-                part.computeLocalAABB()
-                center = T.act(np.array(part.aabb_center))
-                away = np.linalg.norm(self._centers - center, axis=1)
-                near = away <= self._radii + part.aabb_radius + kept
-                for i in np.flatnonzero(near & rows):
+            for j, part in enumerate(object_solids(body), first):
+                away = np.linalg.norm(self._centers - T.act(overlaps.centers[j]), axis=1)
+                near = away <= self._radii + overlaps.radii[j] + kept
+                for i in np.flatnonzero(near & rows).tolist():
                     link, (solid, T_solid) = robot.geometry_links[i], self._solids[i]
-                    if link not in arm.touch_links and _meets(part, place, solid, T_solid, kept):
-                        return bool(in_hand[i]), link
-        return False, ""
+                    if link in arm.touch_links:
+                        continue
+                    if in_hand[i]:
+                        depth = overlaps.depth(i, j, self._places[i], T)
+                        if depth > 0.0:
+                            depths[link] = max(depth, depths.get(link, 0.0))
+                    elif not met and (
+                        _meets(part.geometry, place, solid, T_solid, kept)
+                        or overlaps.nested(i, j, self._places[i], T)
+                    ):
+                        met = link
+        return depths, met
 
-    def met_in(self, obstacles: ObstacleSet, arm: Arm, margin: float) -> str:
-        """Which link that the arm moves meets the environment; '' where none does."""
+    def met_in(self, obstacles: ObstacleSet, arm: Arm, margin: float) -> Fault | None:
+        """Which link that the arm moves meets the environment; None where none does."""
         moved = np.flatnonzero(_carried(self._robot, arm) >= 0).tolist()
-        things = [(self._robot.geometry_links[i], *self._solids[i]) for i in moved]
+        things: list[_Thing] = [
+            (self._robot.geometry_links[i], *self._solids[i], None) for i in moved
+        ]
         return _met_in(obstacles, things, margin)
 
     def met_by_object_in(
-        self, obstacles: ObstacleSet, arm: Arm, grasp: int, parts: list[coal.Convex], margin: float
-    ) -> str:
-        """Whether the object that the arm holds meets the environment; '' where it does not."""
+        self, obstacles: ObstacleSet, arm: Arm, grasp: int, body: Body, margin: float
+    ) -> Fault | None:
+        """Whether the object that the arm holds meets the environment; None where it does not."""
         T = self._data.oMf[self._robot.frame_id(arm.tip_frame)] * arm.grasps[grasp]
-        place = coal.Transform3s(T.rotation, T.translation)
-        return _met_in(obstacles, [(HELD_OBJECT, part, place) for part in parts], margin)
+        things = [
+            (HELD_OBJECT, solid.geometry, coal_transform(T), solid.around)
+            for solid in object_solids(body)
+        ]
+        return _met_in(obstacles, things, margin)
 
 
 def _met_in(
     obstacles: ObstacleSet,
-    things: list[tuple[str, coal.CollisionGeometry, coal.Transform3s]],
+    things: list[_Thing],
+    margin: float,
+) -> Fault | None:
+    """Which of the things comes as near to a box as the margin; None where none does."""
+    met = _first_met(obstacles, things, margin)
+    if not met:
+        return None
+    touching = _first_met(obstacles, things, 0.0)
+    return met_environment(touching or met, not touching, margin)
+
+
+def _first_met(
+    obstacles: ObstacleSet,
+    things: list[_Thing],
     margin: float,
 ) -> str:
-    """Which of the things meets a box, in words; '' where none does."""
+    """The first of the things that comes as near to a box, in words; '' where none does."""
     bounds = np.empty((len(things), 2, 3))
-    for bound, (_, thing, T) in zip(bounds, things, strict=True):
+    for bound, (_, thing, T, _) in zip(bounds, things, strict=True):
         thing.computeLocalAABB()
         local = thing.aabb_local
         center = T.getRotation() @ ((local.min_ + local.max_) / 2) + T.getTranslation()
@@ -193,13 +314,14 @@ def _met_in(
     lower, upper = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
     near = ((obstacles.lower <= upper) & (obstacles.upper >= lower)).all(axis=1)
     corners = np.hstack([obstacles.lower[near], obstacles.upper[near]])
-    for (low, high), (name, thing, T) in zip(bounds, things, strict=True):
+    for (low, high), (name, thing, T, around) in zip(bounds, things, strict=True):
         for box in corners[((corners[:, :3] <= high) & (corners[:, 3:] >= low)).all(axis=1)]:
             at = coal.Transform3s(np.eye(3), (box[:3] + box[3:]) / 2)
-            if _meets(thing, T, coal.Box(box[3:] - box[:3]), at, margin):
+            if _meets(thing, T, coal.Box(box[3:] - box[:3]), at, margin) or _encloses(
+                around, T, (box[:3] + box[3:]) / 2
+            ):
                 x, y, z = (box[:3] + box[3:]) / 2
-                what = f"{name} meets the environment at ({x:.3f}, {y:.3f}, {z:.3f})"
-                return f"{WITH_CLOUDS}: {what}"
+                return f"{name} meets the environment at ({x:.3f}, {y:.3f}, {z:.3f})"
     return ""
 
 
@@ -216,15 +338,25 @@ def _meets(
     return bool(coal.collide(a, T_a, b, T_b, request, coal.CollisionResult()))
 
 
+def _encloses(triangles: Array | None, T: coal.Transform3s, point: Array) -> bool:
+    """Whether a closed surface (t, 3, 3) at T encloses a point (3,)."""
+    if triangles is None:
+        return False
+    local = T.getRotation().T @ (point - T.getTranslation())
+    if (local < triangles.min(axis=(0, 1))).any() or (local > triangles.max(axis=(0, 1))).any():
+        return False
+    return winding_number(local, triangles) > 0.5
+
+
 @lru_cache(maxsize=4)
-def _spheres(robot: Robot) -> tuple[Array, Array]:
-    """Centres (n, 3) in their own frames and radii (n,) of spheres around the geometries."""
-    centers, radii = [], []
-    for thing in robot.geometry.geometryObjects:
-        thing.geometry.computeLocalAABB()
-        centers.append(np.array(thing.geometry.aabb_center))
-        radii.append(float(thing.geometry.aabb_radius))
-    return np.array(centers).reshape(-1, 3), np.array(radii)
+def _overlaps(robot: Robot) -> Overlaps:
+    return Overlaps.of(robot.geometry)
+
+
+def _placements(robot: Robot, q: Array) -> list[pin.SE3]:
+    data = robot.geometry.createData()
+    pin.updateGeometryPlacements(robot.model, robot.model.createData(), robot.geometry, data, q)
+    return list(data.oMg)
 
 
 @lru_cache(maxsize=4)

@@ -10,13 +10,19 @@ import numpy as np
 import pinocchio as pin
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.collision.arm import coal_convex
 from placement_planner_ros.core.collision.load import Held
+from placement_planner_ros.core.collision.object_solids import (
+    coal_transform,
+    object_overlaps,
+    object_solids,
+)
 from placement_planner_ros.core.errors import GraspError, RobotError
 from placement_planner_ros.core.grasp.hand_sweep import revolute
+from placement_planner_ros.core.grasp.settings import PARTING
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
+from placement_planner_ros.core.robot.overlap import Overlaps
 from placement_planner_ros.core.stopping import step
 
 _TRAVEL = 1e-3
@@ -28,26 +34,44 @@ _STILL = 1e-9
 """m; geometry that moves less does not move."""
 _DEEPER = 1e-4
 """m that a finger may get deeper into the object, for the numerics."""
+_FINE = 2e-5
+"""m to which it is told how deep a mesh lies in another shape."""
+_MOST_STUCK = PARTING + 0.001
+"""m; a link of the open hand that lies deeper in the object comes off too late."""
 
 
 def check_opening(moving: MovingArm, held: Held) -> None:
-    """Raise if opening the hand, from where it is on, pushes a finger into the object it holds.
+    """Raise if the hand, from where it is on, cannot let go of the object that it holds.
 
     A finger that lies in the object to begin with, as joint states and meshes may have it, must
-    not get deeper.
+    not get deeper as the hand opens; what the open hand leaves in the object must come off within
+    the first `PARTING` of the retreat.
 
     Raises:
-        GraspError: names the grasp, the link and how deep it gets.
+        GraspError: names the grasp, all links at once, and how deep each gets.
     """
     arm = moving.arm
-    link, depth = _deepest(moving.robot, arm, held.grasp, held.body, moving.q_zero.tobytes())
-    if depth > _DEEPER:
+    given = moving.robot, arm, held.grasp, held.body, moving.q_zero.tobytes()
+    pushes, stuck = dict(_pushes(*given)), dict(_stuck(*given))
+    words = []
+    if pushes:
+        words.append(f"opening the hand pushes {_listed(pushes)} into the object")
+    if stuck:
+        words.append(
+            f"the open hand leaves {_listed(stuck)} in the object, and the retreat must have "
+            f"brought it off within {PARTING:g} m"
+        )
+    if words:
         raise GraspError(
             f"{arm.name}.grasps[{held.grasp}]",
             arm.grasps[held.grasp].homogeneous.round(4).tolist(),
-            f"opening the hand pushes {link} {1000 * depth:.1f} mm into the object; "
-            "move the grasp, check gripper_open, or set require_retreat to false",
+            f"{'; '.join(words)}; "
+            "move the grasp, check gripper_open and object.scale, or set require_retreat to false",
         )
+
+
+def _listed(depths: dict[str, float]) -> str:
+    return ", ".join(f"{link} {depth:.4f} m" for link, depth in depths.items())
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,35 +79,66 @@ class _Finger:
     """A geometry that opening moves.
 
     Attributes:
+        number: of the robot's geometries.
         places: where it is from the beginning to the end of opening.
         travel: no point of it gets further than this from where it begins, metres.
         slides: whether it is convex and slides, so that its distance from convex things is a convex
             function of the way.
     """
 
+    number: int
     link: str
     geometry: coal.CollisionGeometry
-    places: tuple[coal.Transform3s, ...]
+    places: tuple[pin.SE3, ...]
     travel: float
     slides: bool
 
 
+Depths = tuple[tuple[str, float], ...]
+"""Links, and metres."""
+
+
 @functools.lru_cache(maxsize=64)
-def _deepest(robot: Robot, arm: Arm, grasp: int, body: Body, q_bytes: bytes) -> tuple[str, float]:
-    """Which finger gets how much deeper into the object than it begins, metres."""
-    at = _coal(robot.link_pose(np.frombuffer(q_bytes), arm.tip_frame) * arm.grasps[grasp])
-    parts = [coal_convex(part.vertices, part.triangles) for part in body.parts]
-    deepest = "", 0.0
+def _pushes(robot: Robot, arm: Arm, grasp: int, body: Body, q_bytes: bytes) -> Depths:
+    """Which links get how much deeper into the object than they begin, beyond `_DEEPER`."""
+    at = robot.link_pose(np.frombuffer(q_bytes), arm.tip_frame) * arm.grasps[grasp]
+    overlaps, first = object_overlaps(robot, body), len(robot.geometry_links)
+    deepest: dict[str, float] = {}
     for finger in _fingers(robot, arm, q_bytes):
-        for part in parts:
-            depth = _deeper(finger, part, at)
-            if depth > deepest[1]:
-                deepest = finger.link, depth
-    return deepest
+        for number, solid in enumerate(object_solids(body), first):
+            meshes = (finger.geometry, solid.geometry)
+            if any(isinstance(each, coal.BVHModelBase) for each in meshes):
+                depth = _mesh_deeper(finger, overlaps, number, at)
+            else:
+                depth = _deeper(finger, solid.geometry, at)
+            if depth > _DEEPER:
+                deepest[finger.link] = max(depth, deepest.get(finger.link, 0.0))
+    return tuple(deepest.items())
 
 
-def _deeper(finger: _Finger, part: coal.CollisionGeometry, at: coal.Transform3s) -> float:
+@functools.lru_cache(maxsize=64)
+def _stuck(robot: Robot, arm: Arm, grasp: int, body: Body, q_bytes: bytes) -> Depths:
+    """Which links lie how deep in the object when the hand is open, beyond `_MOST_STUCK`."""
+    q = robot.with_open_hand(np.frombuffer(q_bytes), arm)
+    data, geometry = robot.model.createData(), robot.geometry.createData()
+    pin.updateGeometryPlacements(robot.model, data, robot.geometry, geometry, q)
+    at = robot.link_pose(q, arm.tip_frame) * arm.grasps[grasp]
+    overlaps, first = object_overlaps(robot, body), len(robot.geometry_links)
+    found: dict[str, float] = {}
+    for i, link in enumerate(robot.geometry_links):
+        if link not in arm.touch_links:
+            continue
+        step(f"looking how deep {link} of the open hand lies in the object")
+        for j in range(first, len(overlaps.shapes)):
+            depth = overlaps.depth(i, j, geometry.oMg[i], at)
+            if depth > _MOST_STUCK:
+                found[link] = max(depth, found.get(link, 0.0))
+    return tuple(found.items())
+
+
+def _deeper(finger: _Finger, part: coal.CollisionGeometry, T_part: pin.SE3) -> float:
     """How much deeper it gets into a part than it begins, metres; only looked at where it might."""
+    at = coal_transform(T_part)
     first = _gap(finger, 0, part, at)
     if first > finger.travel:
         return 0.0
@@ -97,6 +152,21 @@ def _deeper(finger: _Finger, part: coal.CollisionGeometry, at: coal.Transform3s)
         step(f"looking whether {finger.link} opens into the object")
         least = min(least, _gap(finger, stage, part, at))
     return allowed - least
+
+
+def _mesh_deeper(finger: _Finger, overlaps: Overlaps, number: int, at: pin.SE3) -> float:
+    """The same where one of both is a mesh, the object's solid being of that number."""
+    i, places = finger.number, finger.places
+    apart = np.linalg.norm(places[0].act(overlaps.centers[i]) - at.act(overlaps.centers[number]))
+    if apart > overlaps.radii[i] + overlaps.radii[number] + finger.travel:
+        return 0.0
+    begun = overlaps.depth(i, number, places[0], at, _FINE)
+    most = begun
+    for place in places[1:]:
+        step(f"looking whether {finger.link} opens into the object")
+        if overlaps.meet(i, number, place, at):
+            most = max(most, overlaps.depth(i, number, place, at, _FINE))
+    return most - begun
 
 
 @functools.lru_cache(maxsize=8)
@@ -119,7 +189,9 @@ def _fingers(robot: Robot, arm: Arm, q_bytes: bytes) -> tuple[_Finger, ...]:
         pin.forwardKinematics(robot.model, data, q + share * change)
         frames.append([pin.SE3(T) for T in data.oMi])
     fingers = []
-    for link, thing in zip(robot.geometry_links, robot.geometry.geometryObjects, strict=True):
+    for i, (link, thing) in enumerate(
+        zip(robot.geometry_links, robot.geometry.geometryObjects, strict=True)
+    ):
         step(f"opening the hand of arm {arm.name}, at {link}")
         ways = [frames[0][thing.parentJoint].actInv(f[thing.parentJoint]) for f in frames]
         turned = max(float(np.linalg.norm(pin.log3(way.rotation))) for way in ways)
@@ -128,9 +200,9 @@ def _fingers(robot: Robot, arm: Arm, q_bytes: bytes) -> tuple[_Finger, ...]:
         reach += thing.geometry.aabb_radius
         travel = max(float(np.linalg.norm(way.translation)) for way in ways) + turned * reach
         if travel > _STILL:
-            places = tuple(_coal(frame[thing.parentJoint] * thing.placement) for frame in frames)
+            places = tuple(frame[thing.parentJoint] * thing.placement for frame in frames)
             slides = turned < _STILL and not isinstance(thing.geometry, coal.BVHModelBase)
-            fingers.append(_Finger(link, thing.geometry, places, travel, slides))
+            fingers.append(_Finger(i, link, thing.geometry, places, travel, slides))
     return tuple(fingers)
 
 
@@ -140,10 +212,11 @@ def _gap(finger: _Finger, stage: int, part: coal.CollisionGeometry, at: coal.Tra
     request.enable_signed_distance = True
     return float(
         coal.distance(
-            finger.geometry, finger.places[stage], part, at, request, coal.DistanceResult()
+            finger.geometry,
+            coal_transform(finger.places[stage]),
+            part,
+            at,
+            request,
+            coal.DistanceResult(),
         )
     )
-
-
-def _coal(T: pin.SE3) -> coal.Transform3s:
-    return coal.Transform3s(T.rotation, T.translation)

@@ -14,7 +14,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from placement_planner_ros.core.collision.shapes import shape_of
 from placement_planner_ros.core.robot.arm import Arm
-from placement_planner_ros.core.robot.geometry import convex
+from placement_planner_ros.core.robot.geometry import LinkCover, convex
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
@@ -62,11 +62,15 @@ def _swept(robot: Robot, hand_bytes: bytes, change_bytes: bytes) -> Robot:
         frames.append(_joint_frames(robot, stage))
     swept = pin.GeometryModel()
     links: list[str] = []
-    for link, thing in zip(robot.geometry_links, robot.geometry.geometryObjects, strict=True):
+    covers: list[LinkCover | None] = []
+    for link, thing, cover in zip(
+        robot.geometry_links, robot.geometry.geometryObjects, robot.covers, strict=True
+    ):
         joint = thing.parentJoint
         if all(frame[joint].isApprox(frames[0][joint], _STILL) for frame in frames):
             swept.addGeometryObject(pin.GeometryObject(thing))
             links.append(link)
+            covers.append(cover)
             continue
         local = _solid_vertices(thing.geometry, link)
         copies = [_act(frame[joint] * thing.placement, local) for frame in frames]
@@ -89,7 +93,8 @@ def _swept(robot: Robot, hand_bytes: bytes, change_bytes: bytes) -> Robot:
                 )
             )
             links.append(link)
-    return replace(robot, geometry=swept, geometry_links=tuple(links))
+            covers.append(None)
+    return replace(robot, geometry=swept, geometry_links=tuple(links), covers=tuple(covers))
 
 
 def revolute(robot: Robot) -> npt.NDArray[np.bool_]:

@@ -11,6 +11,7 @@ import pinocchio as pin
 from placement_planner_ros.core.collision.arm import ArmCollision, Meeting
 from placement_planner_ros.core.collision.load import Held
 from placement_planner_ros.core.constraints import PoseConstraints
+from placement_planner_ros.core.errors import GraspError
 from placement_planner_ros.core.grasp.hand_opening import check_opening
 from placement_planner_ros.core.grasp.open_hand import OpenHand
 from placement_planner_ros.core.grasp.settings import GraspSettings
@@ -77,10 +78,20 @@ class Holding:
         self.grasp = held.grasp
         self.q_start = moving.q
         self.chain = Chain.from_robot(moving.robot, moving.arm, moving.q_rest)
-        self.collision = ArmCollision(moving, held, obstacles, settings.collision)
         self.require_retreat = settings.require_retreat
+        errors = []
+        try:
+            self.collision = ArmCollision(moving, held, obstacles, settings.collision)
+        except GraspError as error:
+            errors.append(error)
         if self.require_retreat:
-            check_opening(moving, held)
+            try:
+                check_opening(moving, held)
+            except GraspError as error:
+                errors.append(error)
+        if errors:  # all that is wrong with the grasp at once
+            words = ". ".join(error.remedy for error in errors)
+            raise GraspError(errors[0].field, errors[0].value, words)
         self.open_hand = open_hand
         self._ik = InverseKinematics(self.chain, settings.ik)
         self._T_object_tip = self.arm.grasps[held.grasp].inverse()
@@ -139,9 +150,10 @@ class Holding:
             if len(solutions) == 0:
                 continue
             verdict = Verdict.ARM_COLLIDING
-            free = self._free_at_contact(solutions)
+            free = self._free_at_contact(self._nearest(solutions))
             if len(free) == 0:
-                free = self._free_at_contact(self._ik.sweep(T_world_tip, solutions))
+                swept = self._ik.sweep(T_world_tip, solutions)
+                free = self._free_at_contact(self._nearest(swept))
             if len(free):
                 return np.asarray(free[np.argsort(np.abs(free - self.q_start).sum(axis=1))])
         return verdict
@@ -154,7 +166,13 @@ class Holding:
         """(k, dof) configurations with O(q) = x, free or not."""
         T_world_tip = self.tip_pose(T_world_object)
         near = self._seeds.near(T_world_tip[None], seeds, rng)[0]
-        return self._ik.solve(T_world_tip, np.concatenate([self.q_start[None], near]))
+        return self._nearest(
+            self._ik.solve(T_world_tip, np.concatenate([self.q_start[None], near]))
+        )
+
+    def _nearest(self, Q: Array) -> Array:
+        """Q (n, dof), the shorter way round from q_0."""
+        return self.arm.nearest_turns(Q, self.q_start)
 
     def meeting(self, q: Array, T_world_object: pin.SE3) -> Meeting | None:
         """What stands in the way of placing the object with q (dof,), O(q) = x; None where nothing

@@ -13,6 +13,8 @@ from placement_planner_ros.core.settings import Settings, setting
 
 LONGEST_RETREAT = 0.5
 """m."""
+PARTING = 0.003
+"""m of the retreat, at the longest, on which links of the open hand may touch the object still."""
 _SIDEWAYS = ((0.0, 1.0), (0.0, -1.0), (1.0, 0.0), (-1.0, 0.0))
 
 Direction = tuple[float, float, float]

@@ -8,13 +8,21 @@ import numpy as np
 
 from placement_planner_ros.core.collision.load import Held
 from placement_planner_ros.core.errors import GraspError
-from placement_planner_ros.core.grasp.at_start import WITH_CLOUDS, beyond_limits, none_usable
+from placement_planner_ros.core.grasp.at_start import (
+    Fault,
+    beyond_limits,
+    met_environment,
+    met_itself,
+    none_usable,
+    touches_clouds,
+)
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.grasp.open_hand import OpenHand
 from placement_planner_ros.core.grasp.settings import GraspSettings
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.moving_arm import MovingArm
+from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
 
@@ -33,14 +41,14 @@ def usable_holdings(
     """
     body, obstacles = problem.body, problem.environment.obstacles
     holdings: list[list[Holding]] = []
-    reasons: list[str] = []
+    faults: list[Fault] = []
     bad_grasps: list[GraspError] = []
     for arm in problem.arms:
         of_arm: list[Holding] = []
         q_start = problem.q_start[arm.q_index]
         beyond = beyond_limits(arm, problem.q_start)
-        if beyond:
-            reasons.append(f"{arm.name}: {beyond}")
+        if beyond is not None:
+            faults.append(Fault(f"{arm.name}: {beyond.words}", beyond.remedies))
             holdings.append(of_arm)
             continue
         step(f"making the open hand of arm {arm.name}")
@@ -54,25 +62,30 @@ def usable_holdings(
             except GraspError as error:
                 bad_grasps.append(error)
                 continue
-            reason = _why_not_free(holding)
-            if reason:
-                reasons.append(f"{arm.name} with grasp {grasp}: {reason}")
+            fault = _why_not_free(holding, obstacles, settings.collision.collision_margin)
+            if fault is not None:
+                words = f"{arm.name} with grasp {grasp}: {fault.words}"
+                faults.append(Fault(words, fault.remedies))
             else:
                 of_arm.append(holding)
         holdings.append(of_arm)
     if not any(holdings):
-        raise none_usable(reasons, bad_grasps)
-    return holdings, (*map(str, bad_grasps), *reasons)
+        raise none_usable(faults, bad_grasps)
+    return holdings, (*map(str, bad_grasps), *map(str, faults))
 
 
-def _why_not_free(holding: Holding) -> str:
-    """What q_0 collides with, '' where it is free."""
+def _why_not_free(holding: Holding, obstacles: ObstacleSet, margin: float) -> Fault | None:
+    """What q_0 collides with, None where it is free."""
     alone = holding.collision.with_pairs(lambda a, b: True, environment=False)
-    of_robot = alone.explain(holding.q_start)
-    if of_robot:
-        return f"in self-collision: {of_robot}"
+    robot, q_start = holding.moving.robot, holding.moving.q_rest
+    of_robot = alone.meeting(holding.q_start)
+    if of_robot is not None:
+        return met_itself(robot, q_start, [(of_robot.first, of_robot.second)])
     with_cloud = holding.collision.explain(holding.q_start)
-    return f"{WITH_CLOUDS}: {with_cloud}" if with_cloud else ""
+    if not with_cloud:
+        return None
+    touching = touches_clouds(holding.moving, holding.grasp, holding.held.body, obstacles)
+    return met_environment(with_cloud, not touching, margin)
 
 
 def _within_limits(arm: Arm, q_start: Array) -> Arm:

@@ -1,5 +1,7 @@
 """What start says of the robot as it stands, against what the search would find."""
 
+import re
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +12,8 @@ from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSett
 from placement_planner_ros.core.collision.load import Held
 from placement_planner_ros.core.errors import GraspError, StartError
 from placement_planner_ros.core.grasp.at_start import faults_at_start
+from placement_planner_ros.core.grasp.settings import GraspSettings
+from placement_planner_ros.core.grasp.usable import usable_holdings
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.experiments.cases import Case, make_problem
 
@@ -65,8 +69,54 @@ def test_a_robot_that_meets_itself_is_refused_with_the_links(problem):
     q = problem.q_start.copy()
     for arm in problem.arms:
         q[arm.q_index] = 0.0
-    with pytest.raises(StartError, match=r"left: in self-collision: \w+ meets \w+"):
+    with pytest.raises(StartError, match=r"left: in self-collision: \w+ meets \w+") as caught:
         faults(problem, q=q)
+    met = re.findall(
+        r"(\w+) meets (\w+) at \([^)]+\), their shapes (0\.\d{4}) m", str(caught.value)
+    )
+    assert met
+    for first, second, deep in met:
+        line = f'<disable_collisions link1="{first}" link2="{second}" reason="User"/>'
+        assert line in caught.value.remedy, "what to add to the SRDF"
+        assert float(deep) > 0.0
+    named = {frozenset(each[:2]) for each in met}
+    allowed = problem.robot.allowed_pairs | {tuple(sorted(p)) for p in named}
+    assert len(allowed) == len(problem.robot.allowed_pairs) + len(named)
+
+
+def test_how_far_a_joint_is_beyond_which_limit_is_told(problem):
+    left = problem.arms[0]
+    q = problem.q_start.copy()
+    q[left.q_index[1]] = left.upper[1] + 0.0321
+    (said,) = faults(problem, q=q)
+    assert f"{left.joints[1]} = {q[left.q_index[1]]:.4f} is not in [" in said
+    assert "], 0.0321 beyond its upper limit" in said
+
+
+@pytest.mark.parametrize("usable", [False, True])
+def test_a_margin_too_wide_for_where_the_robot_stands_is_named(problem, usable):
+    """By start, and by the search where the environment was not ready at start."""
+    wide = replace(SETTINGS, collision_margin=0.1)
+    arms, obstacles = problem.arms[:1], problem.environment.obstacles
+    q = problem.q_start.copy()
+    rng = np.random.default_rng(2)
+    while True:  # to where the arm is near something, but free
+        q[arms[0].q_index] = rng.uniform(arms[0].lower, arms[0].upper)
+        with suppress(StartError):
+            faults(problem, arms, q, obstacles)
+            try:
+                faults_at_start(problem.robot, arms, q, problem.body, wide, obstacles)
+            except StartError as error:
+                refusal = error
+                break
+    if usable:
+        task = replace(problem, arms=arms, q_start=q)
+        with pytest.raises(StartError) as caught:
+            usable_holdings(task, GraspSettings(collision=wide))
+        refusal = caught.value
+    assert "nearer than collision_margin = 0.1 m" in str(refusal)
+    assert "lower collision_margin" in refusal.remedy
+    assert "disable_collisions" not in refusal.remedy
 
 
 def test_one_arm_beyond_its_limits_is_a_note_and_all_of_them_a_fault(problem):
@@ -89,5 +139,5 @@ def test_a_bad_grasp_among_others_is_a_note_and_all_of_them_a_fault(problem):
     (said,) = faults(problem, (replace(bare, grasps=(in_palm,)), problem.arms[1]))
     assert "left.grasps[0]" in said
     assert "lies in" in said
-    with pytest.raises(GraspError, match="touch_links"):
+    with pytest.raises(GraspError, match=r"touch_links.*object\.scale"):
         faults(problem, (replace(bare, grasps=(in_palm,)),))

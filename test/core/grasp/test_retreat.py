@@ -1,7 +1,9 @@
 """Release and retreat: the open hand against brute force, and refusals of the checker."""
 
 import copy
+import re
 from dataclasses import asdict, replace
+from itertools import pairwise
 from types import SimpleNamespace
 
 import coal
@@ -321,6 +323,22 @@ def test_the_checker_refuses_to_end_in_touch_with_the_object(judged):
     assert all(violation.startswith("retreat: ends with gripper") for violation in found)
 
 
+def test_the_checker_refuses_fingers_that_slide_along_the_object(planned, judged):
+    """Drawn straight back, but never opened: they may touch it on the first millimetres only."""
+    _, planner, placement = planned
+    checker, solution = judged
+    ik = planner.holdings[placement.goal.arm, placement.goal.grasp].open_hand._ik
+    tip = ik.chain.forward(placement.goal.q)
+    closed = {j: checker.task.q_start[j] for j in solution.gripper_open}
+    for far, refused in ((0.003, False), (0.03, True)):
+        poses = np.repeat(tip[None], 6, axis=0)
+        poses[:, :3, 3] -= np.linspace(far / 6, far, 6)[:, None] * tip[:3, 2]
+        positions = np.vstack([placement.goal.q, ik.track(poses, placement.goal.q)])
+        way = at_rest(solution.retreat, positions)
+        found = checker.check(replace(solution, retreat=way, gripper_open=closed))
+        assert any(v.startswith("retreat: coll") and "finger" in v for v in found) == refused
+
+
 def test_the_checker_refuses_a_finger_dragged_through_the_object(planned, judged):
     """The hand leaves along its closing direction."""
     _, planner, placement = planned
@@ -403,7 +421,7 @@ def block(parts):
 
 @pytest.mark.parametrize(
     ("wall", "depth"),
-    [(None, None), (0.15, None), (0.061, None), (0.055, "5.5 mm"), (0.035, "9")],
+    [(None, None), (0.15, None), (0.061, None), (0.055, "0.0055 m"), (0.035, "0.009")],
 )
 def test_a_hand_whose_finger_opens_into_the_object_is_refused(wall, depth):
     robot = Robot.from_urdf(JAWS)
@@ -426,3 +444,133 @@ def test_a_hand_whose_finger_opens_into_the_object_is_refused(wall, depth):
     else:
         with pytest.raises(GraspError, match=rf"arm.grasps\[0\].*pushes finger {depth}"):
             check_opening(MovingArm(robot, arm, q), Held(body))
+
+
+def jaws_over(body, opened, depth=0.0):
+    """The jaws around a body, opened, and what they touch; they retreat from 0.5 m on."""
+    robot = Robot.from_urdf(JAWS)
+    arm = robot.arm(
+        "arm",
+        "hand",
+        grasps=[pin.SE3(np.eye(3), np.array([0.0, 0.0, -depth]))],
+        touch_links=["finger", "hand"],
+        gripper_joints=["slide"],
+        gripper_open=[opened],
+    )
+    q = robot.configuration({"lift": 0.5, "slide": 0.0})
+    moving = MovingArm(robot, arm, q)
+    hand = OpenHand(moving, body, NOTHING, GraspSettings())
+    T_world_object = robot.link_pose(q, "hand") * arm.grasps[0]
+    way = hand.retreat(np.array([0.5]), 0, T_world_object)
+    return hand, T_world_object, way, set(hand._leaving[0].touching)
+
+
+BESIDE_FINGER = block([((-0.02, 0.0, 0.05), (0.03, 0.02, 0.04))])
+
+
+@pytest.mark.parametrize(
+    ("opened", "touching", "leaves"),
+    [(0.0, True, False), (1e-4, True, False), (5e-4, True, True), (2e-3, False, True)],
+)
+def test_a_finger_does_not_slide_along_the_object_all_the_way(opened, touching, leaves):
+    """Open, it lies flat against the side that it held."""
+    _, _, way, touched = jaws_over(BESIDE_FINGER, opened)
+    assert touched == ({"finger"} if touching else set())
+    assert (way is not None) == leaves
+
+
+@pytest.mark.parametrize(("depth", "leaves"), [(0.0, True), (0.0025, True), (0.0035, False)])
+def test_a_palm_may_come_off_on_the_first_millimetres(depth, leaves):
+    on_palm = block([((-0.03, 0.0, 0.03), (0.03, 0.02, 0.08))])
+    hand, T, way, touched = jaws_over(on_palm, 0.03, depth)
+    assert touched == {"hand"}
+    assert (way is not None) == leaves
+    if not leaves:
+        return
+    assert way[1:4, 0] == pytest.approx([0.499, 0.498, 0.497], abs=1e-4)
+    free = hand.edge_free(0, T, way)
+    still = np.zeros(1)
+    assert all(free(a, b, still) for a, b in pairwise(way))
+    assert free(way[0], way[-1], still)  # cut where less may touch
+    # Once it has come off, and after 3 mm at the latest, it may not be there again.
+    assert not hand._leaving[0].without(frozenset()).free(way[0])
+    assert not free(np.array([0.5]), np.array([0.506]), still) or depth == 0.0
+
+
+@pytest.mark.parametrize("lip", [False, True])
+def test_what_has_come_off_must_not_meet_the_object_again(lip):
+    """The palm lifts off, and a finger with nothing beside it meets a lip further up."""
+    parts = [((-0.03, 0.0, 0.03), (0.03, 0.02, 0.08))]
+    if lip:
+        parts.append(((0.02, 0.0, -0.06), (0.13, 0.02, 0.005)))
+    _, _, way, touched = jaws_over(block(parts), 0.03)
+    assert touched == {"hand"}
+    assert (way is None) == lip
+
+
+def test_a_hand_inside_of_a_hollow_object_is_not_in_it():
+    """A bowl held by its rim: the hull would hold finger and palm."""
+    outer, inner, high = 0.05, 0.046, 0.05
+    profile = [(0.0, 0.0), (outer, 0.0), (outer, high), (inner, high), (inner, 0.004), (0.0, 0.004)]
+    mesh = trimesh.creation.revolve(np.array(profile), sections=64)
+    mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi, [1, 0, 0]))
+    mesh.apply_translation([0.0, 0.0, 0.08])  # its mouth, at z = 0.03, towards the palm
+    body = Body.from_mesh(mesh.vertices, mesh.faces)
+    assert body.mesh is not None
+    _, _, way, touched = jaws_over(body, 0.02)
+    assert touched == set()
+    assert way is not None
+    # pushed on, the finger's end is in the bowl's ground
+    _, _, way, touched = jaws_over(body, 0.02, 0.018)
+    assert touched == {"finger"}
+    assert way is not None
+    _, _, way, _ = jaws_over(body, 0.02, 0.022)
+    assert way is None
+
+
+def test_all_that_is_wrong_with_a_grasp_is_told_at_once_in_metres():
+    robot = Robot.from_urdf(JAWS)
+    body = block([((0.0, 0.0, 0.05), (0.3, 0.1, 0.14))])
+    arm = robot.arm(
+        "arm",
+        "hand",
+        grasps=[pin.SE3.Identity()],
+        touch_links=["finger"],
+        gripper_joints=["slide"],
+        gripper_open=[0.05],
+    )
+    moving = MovingArm(robot, replace(arm, touch_links=("finger", "hand")), np.zeros(2))
+    with pytest.raises(GraspError) as caught:
+        check_opening(moving, Held(body))
+    assert re.search(r"open hand leaves hand 0\.0\d+ m, finger 0\.0\d+ m in", str(caught.value))
+    bare = MovingArm(robot, replace(arm, touch_links=()), np.zeros(2))
+    with pytest.raises(GraspError) as caught:
+        ArmCollision(bare, Held(body), NOTHING)
+    assert re.search(r"lies in hand \(0\.0\d+ m deep\), finger \(0\.0\d+", str(caught.value))
+
+
+@pytest.mark.parametrize(("gap", "bad"), [(0.03, False), (0.012, True)])
+def test_a_finger_that_opens_into_a_mesh_is_refused(gap, bad):
+    """Held by the rim of a cup: the finger inside opens towards the other side."""
+    inner, high = gap, 0.05
+    outer = inner + 0.004
+    profile = [(0.0, 0.0), (outer, 0.0), (outer, high), (inner, high), (inner, 0.004), (0.0, 0.004)]
+    mesh = trimesh.creation.revolve(np.array(profile), sections=64)
+    mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi, [1, 0, 0]))
+    mesh.apply_translation([0.0, 0.0, 0.08])
+    robot = Robot.from_urdf(JAWS)
+    arm = robot.arm(
+        "arm",
+        "hand",
+        grasps=[pin.SE3.Identity()],
+        touch_links=["finger"],
+        gripper_joints=["slide"],
+        gripper_open=[0.015],
+    )
+    moving = MovingArm(robot, arm, robot.configuration({"lift": 0.0, "slide": 0.0}))
+    held = Held(Body.from_mesh(mesh.vertices, mesh.faces))
+    if bad:
+        with pytest.raises(GraspError, match=r"pushes finger 0\.0\d+ m"):
+            check_opening(moving, held)
+    else:
+        check_opening(moving, held)

@@ -1,0 +1,56 @@
+"""Pieces of an object that are not convex: their triangles, and convex parts that hold them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+import trimesh
+
+from placement_planner_ros.core.body.convex_cover import Cover, convex_cover, cover_tolerance
+from placement_planner_ros.core.body.convex_part import ConvexPart, polytope_of
+from placement_planner_ros.core.body.cover_store import kept_cover
+from placement_planner_ros.core.body.mesh import Triangles, read_only
+from placement_planner_ros.core.stopping import step
+from placement_planner_ros.core.types import Array, frozen_array
+
+CoverMaker = Callable[[Array, Triangles, float], Cover]
+"""Makes the cover of vertices (n, 3), triangles (t, 3), within a tolerance, metres."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CoveredMesh:
+    """All pieces of an object that are not convex.
+
+    Attributes:
+        vertices: (n, 3) metres.
+        triangles: (t, 3) rows of vertices.
+        cover: convex sets that together contain them; they only ever say what is free.
+        parts: the same sets with their planes.
+    """
+
+    vertices: Array
+    triangles: Triangles
+    cover: Cover
+    parts: tuple[ConvexPart, ...]
+
+    @classmethod
+    def of(cls, pieces: Sequence[trimesh.Trimesh], make: CoverMaker) -> CoveredMesh:
+        """Of one piece or more."""
+        first = np.cumsum([0, *(len(piece.vertices) for piece in pieces)])
+        vertices = np.vstack([np.asarray(piece.vertices) for piece in pieces])
+        triangles = np.vstack(
+            [np.asarray(piece.faces) + row for piece, row in zip(pieces, first, strict=False)]
+        )
+        cover = make(vertices, triangles, cover_tolerance(vertices))
+        parts = tuple(polytope_of(part) for part in cover.parts)
+        return cls(frozen_array(vertices), read_only(triangles), cover, parts)
+
+
+def make_cover(vertices: Array, triangles: Triangles, tolerance: float) -> Cover:
+    """A cover made on the spot, unless it is on disk; `stoppable`."""
+    doing = partial(step, "covering the object with convex parts")
+    make = partial(convex_cover, vertices, triangles, tolerance, doing)
+    return kept_cover(vertices, triangles, tolerance, make)

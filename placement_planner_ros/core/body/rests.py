@@ -1,0 +1,110 @@
+"""Which facets of its hull a body rests on, and from which of them it could roll."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from placement_planner_ros.core.body.tipping import Tipping
+
+GRAVITY = 9.81
+"""m/s²."""
+
+TIPPING_ENERGY = 0.002
+"""J/kg that it takes at least to tip a body off a rest: what a push to 63 mm/s gives it, or 0.2 mm
+of height. Of boxes 21 to 30 mm thin, scanned with noise of 1 mm, nine sides in ten take as much,
+and all where the noise is half that; facets that noise leaves on a round side take less."""
+
+_LEAVES, _ROCKS = 0.35, 0.1
+"""Radians: a body that turned by more than the first has left its rest. Half that energy must not
+turn it by more than the second, or it would not stay where it is put."""
+
+_ROLLS, _LEVEL = 1.05, 0.04
+"""A body rolls where it can turn by more than that, radians, while its height changes by less than
+this share of it: 0.035 is what a prism of 12 sides rises by, 0.042 one of 11. A corner that a
+body topples over keeps it so level for 0.67 at most."""
+
+_SMALL = 0.1
+"""Share of the height up to which a rise may be taken for noise: cubes rise by 0.41 of it."""
+
+_APART = 0.8
+"""Radians between rests of one round side."""
+
+_LOCAL = 1e-6
+"""Depth, metres, of valleys along a round side that are no rounding."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rest:
+    """A side to rest on.
+
+    Attributes:
+        facet: of the hull.
+        energy: J/kg that tipping the body off it takes.
+        rolls: whether it could roll from there, or rock widely.
+    """
+
+    facet: int
+    energy: float
+    rolls: bool
+
+
+def rests(tipping: Tipping, flatness: float, merge_angle: float) -> tuple[Rest, ...]:
+    """Every side that the body rests on, in the order of the hull's facets.
+
+    Args:
+        flatness: metres by which a surface that is meant to be even may not be; so much does not
+            keep a body from rolling.
+        merge_angle: radians within which the lowest rest stands for all.
+    """
+    found = [_rest(tipping, int(facet), flatness) for facet in tipping.valleys(_depth())]
+    firm = _spread(tipping, [rest for rest in found if not rest.rolls], merge_angle)
+    round_ = [each for rest in found if rest.rolls for each in _along(tipping, rest, flatness)]
+    clear = [r for r in round_ if all(_angle(tipping, r, other) > merge_angle for other in firm)]
+    return tuple(sorted([*firm, *_spread(tipping, clear, _APART)], key=lambda rest: rest.facet))
+
+
+def _depth() -> float:
+    return TIPPING_ENERGY / GRAVITY
+
+
+def _rest(tipping: Tipping, facet: int, flatness: float) -> Rest:
+    height = float(tipping.heights[facet])
+    energy = GRAVITY * (tipping.way_out(facet, _LEAVES) - height)
+    rocking = GRAVITY * (tipping.way_out(facet, _ROCKS) - height)
+    if energy < TIPPING_ENERGY or rocking < 0.5 * TIPPING_ENERGY:
+        return Rest(facet, energy, rolls=True)
+    level = tipping.around(facet, *_band(height, flatness))
+    turned = tipping.normals[level] @ tipping.normals[facet]
+    return Rest(facet, energy, rolls=bool(turned.min() < np.cos(_ROLLS)))
+
+
+def _band(height: float, flatness: float) -> tuple[float, float]:
+    """Lowest and highest of a body that rolls from that height, metres."""
+    change = max(min(flatness, _SMALL * height), _LEVEL * height)
+    return height - change, height + change
+
+
+def _along(tipping: Tipping, rest: Rest, flatness: float) -> Iterator[Rest]:
+    """All rests of the round side that this one is on."""
+    yield rest
+    level = tipping.around(rest.facet, *_band(float(tipping.heights[rest.facet]), flatness))
+    bottoms = tipping.valleys(_LOCAL)
+    for facet in bottoms[level[bottoms]].tolist():
+        yield Rest(facet, rest.energy, rolls=True)
+
+
+def _spread(tipping: Tipping, given: list[Rest], apart: float) -> list[Rest]:
+    """Of rests within that angle of each other, radians, the lowest."""
+    kept: list[Rest] = []
+    for rest in sorted(given, key=lambda rest: float(tipping.heights[rest.facet])):
+        if all(_angle(tipping, rest, other) >= apart for other in kept):
+            kept.append(rest)
+    return kept
+
+
+def _angle(tipping: Tipping, one: Rest, other: Rest) -> float:
+    apart = np.linalg.norm(tipping.normals[one.facet] - tipping.normals[other.facet])
+    return float(2.0 * np.arcsin(min(0.5 * float(apart), 1.0)))

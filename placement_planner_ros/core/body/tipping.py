@@ -1,0 +1,136 @@
+"""How high a body's centre of mass lies over the side that is down: what tipping it takes.
+
+Directions that may be down form a sphere. Over it the height is a landscape, and its valleys are
+where the body can rest. A facet of the hull that is down is a node of it, turning the body over an
+edge to the next facet an arc. Between these the land only rises, so the lowest pass from one facet
+to another is found along the arcs.
+"""
+
+from __future__ import annotations
+
+import heapq
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
+from scipy.spatial import ConvexHull
+
+from placement_planner_ros.core.types import Array
+
+Index = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+
+_SAME = 1e-7
+"""Radians within which facets are one plane."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tipping:
+    """The landscape of one body; heights are metres of its centre of mass.
+
+    Attributes:
+        vertices: (n, 3) of the hull, metres.
+        facets: (f, 3) rows of vertices, triangles.
+        normals: (f, 3) unit, outward: down where the body stands on that facet.
+        heights: (f,) above the facet's plane.
+        beside: (f, 3) the facets that have an edge in common with each.
+        passes: (f, 3) the greatest height on the way there.
+    """
+
+    vertices: Array
+    facets: Index
+    normals: Array
+    heights: Array
+    beside: Index
+    passes: Array
+
+    @classmethod
+    def of(cls, points: Array, center: Array) -> Tipping:
+        """Of the convex hull of points (n, 3) that has the centre of mass (3,) inside.
+
+        Raises:
+            scipy.spatial.QhullError: they have no volume.
+        """
+        hull = ConvexHull(points)
+        used, facets = np.unique(hull.simplices, return_inverse=True)
+        vertices, facets = points[used], facets.reshape(-1, 3).astype(np.int64)
+        normals, beside = hull.equations[:, :3], hull.neighbors.astype(np.int64)
+        corners = np.einsum("fik,fk->fi", vertices[facets] - center, normals)
+        heights = corners.max(axis=1)
+        passes = [_pass(normals, heights, other) for other in beside.T]
+        return cls(vertices, facets, normals, heights, beside, np.column_stack(passes))
+
+    def valleys(self, depth: float) -> Index:
+        """Facets at the bottom of valleys of at least this depth, metres, in the hull's order.
+
+        It is as if water rose from every bottom: where two lakes meet, the shallower one ends, and
+        counts if it had become that deep.
+        """
+        count = len(self.heights)
+        one = np.repeat(np.arange(count), 3)
+        weights = 1.0 + self.passes.ravel()  # zero is no arc to scipy
+        graph = coo_array((weights, (one, self.beside.ravel())), (count, count))
+        tree = minimum_spanning_tree(graph).tocoo()
+        order = np.argsort(tree.data, kind="stable")
+        ends = np.column_stack([tree.row, tree.col])[order].tolist()
+        levels = (tree.data[order] - 1.0).tolist()
+        heights = self.heights.tolist()
+        lower = list(range(count))  # a facet of the same lake, at last that at its bottom
+
+        def bottom(facet: int) -> int:
+            while lower[facet] != facet:
+                lower[facet] = lower[lower[facet]]
+                facet = lower[facet]
+            return facet
+
+        found = []
+        for (first, second), level in zip(ends, levels, strict=True):
+            low, high = bottom(first), bottom(second)
+            if heights[low] > heights[high]:
+                low, high = high, low
+            if level - heights[high] >= depth:
+                found.append(high)
+            lower[high] = low
+        found.append(bottom(0))
+        return np.sort(np.array(found, dtype=np.int64))
+
+    def way_out(self, facet: int, angle: float) -> float:
+        """The height to get over, that the body turns by more than `angle` from this facet."""
+        limit = np.cos(angle)
+        normal, level = self.normals[facet], float(self.heights[facet])
+        open_, seen = [(level, facet)], {facet}
+        while open_:
+            over, at = heapq.heappop(open_)
+            level = max(level, over)
+            if self.normals[at] @ normal < limit:
+                return level
+            for other, height in zip(self.beside[at].tolist(), self.passes[at], strict=True):
+                if other not in seen:
+                    seen.add(other)
+                    heapq.heappush(open_, (float(height), other))
+        return np.inf
+
+    def around(self, facet: int, lowest: float, highest: float) -> Mask:
+        """(f,) facets to which the body gets from this one while its height stays between."""
+        level = (self.heights >= lowest) & (self.heights <= highest)
+        open_ = (self.passes <= highest) & level[:, None] & level[self.beside]
+        row, side = np.nonzero(open_)
+        count = len(self.heights)
+        ends = row, self.beside[row, side]
+        ways = coo_array((np.ones(len(row), np.int8), ends), (count, count))
+        _, label = connected_components(ways, directed=False)
+        return np.asarray(label == label[facet])
+
+
+def _pass(normals: Array, heights: Array, other: Index) -> Array:
+    """(f,) the greatest of A cos φ + B sin φ, the height on the way from each facet to another."""
+    apart = np.linalg.norm(normals - normals[other], axis=1)
+    angle = 2.0 * np.arcsin(np.minimum(0.5 * apart, 1.0))
+    wide = (angle > _SAME) & (angle < np.pi - _SAME)
+    rise = heights[other] - heights * np.cos(angle)
+    rise /= np.where(wide, np.sin(angle), 1.0)
+    top = np.arctan2(rise, heights)
+    crest = wide & (top > 0.0) & (top < angle)
+    return np.where(crest, np.hypot(heights, rise), np.maximum(heights, heights[other]))

@@ -1,0 +1,192 @@
+"""Convex covers hold all of a mesh, and reach no further beyond it than they say."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial import ConvexHull, cKDTree
+
+from placement_planner_ros.core import kept_files
+from placement_planner_ros.core.body import cover_store
+from placement_planner_ros.core.body.convex_cover import Cover, convex_cover, hull_cover
+from placement_planner_ros.core.body.mesh_components import Components
+from placement_planner_ros.core.body.polytope import grown, holds, hull_around
+
+
+def cross():
+    """Three bars through a common middle: the cuts meet inside the solid."""
+    bars = [trimesh.creation.box(np.roll((0.3, 0.08, 0.08), k)) for k in range(3)]
+    return trimesh.util.concatenate(bars)
+
+
+def flipped(mesh):
+    faces = mesh.faces.copy()
+    faces[::3] = faces[::3, ::-1]
+    return trimesh.Trimesh(mesh.vertices, faces, process=False)
+
+
+def needle():
+    return trimesh.Trimesh([[0, 0, 0], [0.3, 0, 0], [0.15, 1e-9, 0]], [[0, 1, 2]], process=False)
+
+
+def screws():
+    return trimesh.util.concatenate(
+        [
+            trimesh.creation.cylinder(0.002, 0.008, sections=6).apply_translation([x, y, 0.0])
+            for x in np.linspace(0, 0.15, 6)
+            for y in np.linspace(0, 0.1, 5)
+        ]
+    )
+
+
+RING = trimesh.creation.annulus(0.05, 0.07, 0.04, sections=24)
+MESHES = {
+    "ring": (RING, True),
+    "inside out": (trimesh.Trimesh(RING.vertices, RING.faces[:, ::-1], process=False), True),
+    "some turned": (flipped(RING), True),
+    "cross": (cross(), True),
+    "open": (trimesh.Trimesh(RING.vertices, RING.faces[5:], process=False), False),
+    "screws": (screws(), True),
+    "plate": (trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]), False),
+    "needle": (needle(), False),
+}
+
+
+def inside(cover, points):
+    found = np.zeros(len(points), bool)
+    for part in cover.parts:
+        planes = ConvexHull(part).equations
+        found |= (points @ planes[:, :3].T + planes[:, 3] <= 0.0).all(axis=1)
+    return found
+
+
+def on_triangles(mesh, count, rng):
+    corners = np.asarray(mesh.vertices)[np.asarray(mesh.faces)]
+    weights = rng.dirichlet((0.7, 0.7, 0.7), count)
+    return np.einsum("nk,nki->ni", weights, corners[rng.integers(len(corners), size=count)])
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_a_cover_holds_the_mesh_and_the_solid_inside_and_not_much_more(name):
+    mesh, closed = MESHES[name]
+    rng = np.random.default_rng(1)
+    cover = convex_cover(np.asarray(mesh.vertices), np.asarray(mesh.faces), 0.01)
+    assert cover.closed is closed
+    points = on_triangles(mesh, 20_000, rng)
+    assert inside(cover, points).all()
+    parts = Components.of(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+    low, high = np.asarray(mesh.vertices).min(axis=0), np.asarray(mesh.vertices).max(axis=0)
+    box = rng.uniform(low, high, (3_000, 3))
+    solid = box[parts.inside(box)]
+    assert inside(cover, solid).all()
+    sample = np.concatenate([on_triangles(mesh, 100_000, rng), solid])
+    held = np.concatenate(
+        [rng.dirichlet(np.full(len(part), 0.2), 500) @ part for part in cover.parts]
+    )
+    away = cKDTree(sample).query(held)[0]
+    enclosed = parts.inside(held)
+    assert away[~enclosed].max() <= cover.excess + 0.002
+    assert cover.excess < 0.02
+
+
+def test_what_is_not_in_a_hull_is_not_proven_to_be():
+    part = grown(hull_around(np.asarray(trimesh.creation.box((1, 1, 1)).vertices)))
+    corner = np.full((1, 3), 0.5)
+    assert holds(part, corner)
+    assert not holds(part, corner + 1e-5)
+
+
+def test_the_hull_stands_in():
+    cover = hull_cover(np.asarray(RING.vertices), np.asarray(RING.faces))
+    assert len(cover.parts) == 1
+    assert inside(cover, np.asarray(RING.vertices)).all()
+    assert cover.excess >= 0.05  # the middle of the hole
+
+
+@pytest.fixture
+def store(monkeypatch, tmp_path):
+    troubles, said = kept_files.Troubles(), []
+    troubles.listen(said.append)
+    monkeypatch.setattr(kept_files, "TROUBLES", troubles)
+    monkeypatch.setattr(kept_files, "kept_folder", lambda: tmp_path)
+    return tmp_path / "convex-covers", said
+
+
+def ask(made, tolerance=0.01):
+    vertices, faces = np.asarray(RING.vertices), np.asarray(RING.faces)
+    parts = (np.eye(4, 3), np.eye(5, 3))
+
+    def make():
+        made.append(tolerance)
+        return Cover(parts, 0.25, True)
+
+    cover = cover_store.kept_cover(vertices, faces, tolerance, make)
+    assert [part.shape for part in cover.parts] == [(4, 3), (5, 3)]
+    assert (cover.excess, cover.closed) == (0.25, True)
+    return made
+
+
+def test_a_cover_is_made_once_for_a_content(store):
+    made = ask(ask([]))
+    assert made == [0.01]
+    assert ask(made, 0.02) == [0.01, 0.02]
+
+
+@pytest.mark.parametrize("damage", [b"", b"garbage" * 50, None])
+def test_a_damaged_cover_is_made_anew_and_said_once(store, damage):
+    folder, said = store
+    made = ask([])
+    (file,) = folder.iterdir()
+    for _ in range(2):
+        whole = bytearray(file.read_bytes())
+        whole[-9] ^= 1
+        file.write_bytes(bytes(whole) if damage is None else damage)
+        ask(ask(made))
+    assert made == [0.01] * 3
+    assert len(said) == 1
+    assert str(file) in said[0]
+
+
+_WRITER = """
+import sys
+from pathlib import Path
+import numpy as np
+from placement_planner_ros.core import kept_files
+from placement_planner_ros.core.body.convex_cover import Cover
+from placement_planner_ros.core.body.cover_store import kept_cover
+
+kept_files.kept_folder = lambda: Path(sys.argv[1])
+kept_files.TROUBLES.listen(print)
+made = Cover((np.random.default_rng(0).random((300_000, 3)),), 0.1, True)
+print("ready", flush=True)
+sys.stdin.readline()
+for k in range(40):
+    got = kept_cover(np.eye(3), np.array([[0, 1, 2]]), 0.01, lambda: made)
+    assert (got.parts[0] == made.parts[0]).all(), k
+    if k % 2 == 1:
+        for file in Path(sys.argv[1]).rglob("*.covers"):
+            file.unlink(missing_ok=True)
+print("done")
+"""
+
+
+def test_processes_that_write_and_read_one_cover_at_once_do_not_harm_each_other(tmp_path):
+    start = [sys.executable, "-c", _WRITER, str(tmp_path)]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    both = [subprocess.Popen(start, **pipes) for _ in range(2)]
+    for each in both:
+        assert each.stdout.readline() == "ready\n"
+    for each in both:
+        each.stdin.write("go\n")
+        each.stdin.flush()
+    assert [each.communicate(timeout=60.0)[0] for each in both] == ["done\n"] * 2
+    assert not list(tmp_path.rglob("*.tmp"))
+
+
+def test_where_none_can_be_kept_each_is_made(store):
+    folder, said = store
+    folder.write_text("no folder")
+    assert ask(ask([])) == [0.01, 0.01]
+    assert len(said) == 1

@@ -1,0 +1,132 @@
+"""What a body rests on, and from where it could roll: shapes, with the noise of a scan too."""
+
+import numpy as np
+import pytest
+import trimesh
+from scans import SHAPES, finer, noisy
+
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.body.rests import TIPPING_ENERGY, rests
+from placement_planner_ros.core.body.settings import BodySettings
+from placement_planner_ros.core.body.tipping import Tipping
+
+FIRM = {
+    "box": 6,
+    "bulging box": 6,
+    "cylinder of 12": 2,
+    "cylinder of 20": 2,
+    "cylinder of 32": 2,
+    "cylinder of 64": 2,
+    "cone": 1,
+    "cone of 16": 1,
+    "ball": 0,
+    "bottle": 2,
+    "hollow bowl": 2,
+    "mug": 4,
+    "banana": 2,
+    "drill": 5,
+    "pear": 0,
+}
+
+
+def found(mesh, flatness=0.0015):
+    tipping = Tipping.of(np.asarray(mesh.vertices), np.asarray(mesh.center_mass))
+    return tipping, rests(tipping, flatness, 0.18)
+
+
+@pytest.mark.parametrize("name", FIRM)
+def test_shapes_rest_on_the_sides_a_person_would_name(name):
+    _, made = found(SHAPES[name]())
+    assert sum(not rest.rolls for rest in made) == FIRM[name]
+    assert any(rest.rolls for rest in made) == (
+        name.startswith(("cylinder", "cone", "ball", "bottle", "pear"))
+    )
+    assert all(rest.energy >= TIPPING_ENERGY for rest in made if not rest.rolls)
+
+
+def test_a_prism_of_few_sides_does_not_roll():
+    for sides, rolls in ((6, False), (8, False), (11, False), (12, True), (13, True)):
+        _, made = found(trimesh.creation.cylinder(radius=0.1, height=0.1, sections=sides))
+        assert any(rest.rolls for rest in made) == rolls
+        assert sum(not rest.rolls for rest in made) == (2 if rolls else 2 + sides)
+
+
+def test_a_rise_within_the_flatness_keeps_nothing_from_rolling_but_small_cubes():
+    prism = trimesh.creation.cylinder(radius=0.03, height=0.06, sections=10)  # it rises by 1.5 mm
+    for flatness, rolls in ((0.001, False), (0.002, True)):
+        assert any(rest.rolls for rest in found(prism, flatness)[1]) == rolls
+    _, made = found(trimesh.creation.box((0.005, 0.005, 0.005)))
+    assert len(made) == 6
+    assert not any(rest.rolls for rest in made)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("name", ["large_crayons_box", "box", "tall box"])
+def test_a_box_keeps_its_six_sides_under_noise_of_a_millimetre(name, seed):
+    mesh = noisy(finer(SHAPES[name](), 6000), 0.001, np.random.default_rng(seed))
+    tipping, made = found(mesh)
+    normals = tipping.normals[[rest.facet for rest in made]]
+    assert len(made) == 6
+    assert not any(rest.rolls for rest in made)
+    assert (np.abs(normals).max(axis=1) > np.cos(0.1)).all()
+
+
+@pytest.mark.parametrize("name", ["cylinder of 12", "cylinder of 32", "cone", "ball", "bottle"])
+def test_noise_does_not_keep_what_is_round_from_rolling(name):
+    mesh = noisy(finer(SHAPES[name](), 6000), 0.001, np.random.default_rng(5))
+    tipping, made = found(mesh)
+    firm = [rest.facet for rest in made if not rest.rolls]
+    assert (np.abs(tipping.normals[firm][:, 2]) > np.cos(0.2)).all()
+    assert any(rest.rolls for rest in made)
+
+
+def test_rests_of_a_round_side_lie_all_around_it():
+    tipping, made = found(SHAPES["cylinder of 64"]())
+    sides = tipping.normals[[rest.facet for rest in made if rest.rolls]]
+    angles = np.sort(np.arctan2(sides[:, 1], sides[:, 0]))
+    gaps = np.diff(np.append(angles, angles[0] + 2.0 * np.pi))
+    assert gaps.min() >= 0.8
+    assert gaps.max() < 1.7
+
+
+def test_what_could_roll_is_offered_only_when_allowed():
+    mesh = SHAPES["cylinder of 32"]()
+    body = Body.from_mesh(mesh.vertices, mesh.faces)
+    assert not any(face.rolls for face in body.faces)
+    assert (len(body.faces), body.rolling) == (2, 4)
+    allowed = Body.from_mesh(mesh.vertices, mesh.faces, settings=BodySettings(allow_rolling=True))
+    assert (sum(face.rolls for face in allowed.faces), allowed.rolling) == (4, 0)
+    ball = SHAPES["ball"]()
+    assert Body.from_mesh(ball.vertices, ball.faces).faces == ()
+    allowed = Body.from_mesh(ball.vertices, ball.faces, settings=BodySettings(allow_rolling=True))
+    assert len(allowed.faces) > 5
+
+
+def test_v_of_f_is_what_lies_within_the_flatness_of_the_plane():
+    mesh = SHAPES["bulging box"]()
+    sizes = []
+    for flatness in (0.0005, 0.0015, 0.003):
+        body = Body.from_mesh(mesh.vertices, mesh.faces, settings=BodySettings(flatness=flatness))
+        face = max(body.faces, key=lambda face: face.normal[2])
+        depths = (face.vertices[0] - mesh.vertices) @ face.normal
+        assert depths.min() > -1e-9
+        near = mesh.vertices[depths <= flatness]
+        assert np.ptp(face.vertices, axis=0)[:2] == pytest.approx(np.ptp(near, axis=0)[:2], rel=0.1)
+        sizes.append(face.area)
+    assert sizes == sorted(sizes)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_where_little_touches_v_of_f_reaches_as_far_as_the_body_may_rock(seed):
+    mesh = noisy(finer(SHAPES["flat box"](), 6000), 0.001, np.random.default_rng(seed))
+    body = Body.from_mesh(mesh.vertices, mesh.faces, settings=BodySettings(flatness=0.0002))
+    for face in body.faces:
+        at = face.T_face_object.act(body.center_of_mass)
+        outline = (face.vertices @ face.T_face_object.rotation.T)[:, :2]
+        outline = outline + face.T_face_object.translation[:2]
+        edges = np.roll(outline, -1, axis=0) - outline
+        across = edges[:, 0] * (at[1] - outline[:, 1]) - edges[:, 1] * (at[0] - outline[:, 0])
+        distance = np.abs(across / np.linalg.norm(edges, axis=1)).min()
+        assert (across > 0).all() or (across < 0).all()
+        rise = np.hypot(at[2], distance) - at[2]
+        assert 9.81 * rise > 0.5 * TIPPING_ENERGY

@@ -1,0 +1,88 @@
+"""Draw every object of `settle_objects.py` on each of its rests, v(f) in red beneath it.
+
+python test/draw_objects.py --output docs/images
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+from settle_objects import Thing, things
+
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.body.placement_face import PlacementFace
+from placement_planner_ros.core.body.settings import BodySettings
+from placement_planner_ros.experiments.drawing.plots import new_figure, png
+from placement_planner_ros.experiments.drawing.rendering import Mesh, View, render
+
+_WIDTH, _HEIGHT = 210, 180
+_COLUMNS, _ROWS = 7, 8
+_GREEN, _AMBER = (0.35, 0.70, 0.40), (0.90, 0.68, 0.30)
+_RED, _GREY = (0.85, 0.10, 0.10), (0.90, 0.90, 0.90)
+_ALPHA = 0.72
+
+
+def sheet(named: dict[str, Thing]) -> bytes:
+    """A picture with a row for each object, its rests side by side."""
+    figure = new_figure(1.5 * _COLUMNS, 1.4 * len(named), constrained=False)
+    axes = figure.subplots(len(named), _COLUMNS, squeeze=False)
+    figure.subplots_adjust(left=0.0, right=1.0, bottom=0.0, top=0.97, wspace=0.0, hspace=0.14)
+    for row, (name, thing) in zip(axes, named.items(), strict=True):
+        body = Body.from_mesh(
+            thing.mesh.vertices,
+            thing.mesh.faces,
+            thing.center,
+            settings=BodySettings(allow_rolling=True),
+        )
+        faces = sorted(body.faces, key=lambda face: face.rolls)
+        rolling = sum(face.rolls for face in faces)
+        for number, cell in enumerate(row):
+            cell.set_axis_off()
+            if number >= len(faces) - max(rolling - 2, 0):
+                continue
+            face = faces[number]
+            cell.imshow(np.clip(_picture(body, face), 0.0, 1.0))
+            title = f"rolls, {rolling} such" if face.rolls else f"{1e4 * face.area:.0f} cm²"
+            cell.set_title(title, fontsize=6, pad=1.0)
+        count = f"{len(thing.mesh.faces):,} triangles"
+        row[0].text(0.02, 0.02, f"{name}\n{count}", transform=row[0].transAxes, fontsize=6)
+    return png(figure)
+
+
+def _picture(body: Body, face: PlacementFace) -> np.ndarray:
+    T = face.T_face_object
+    center = T.act(body.center_of_mass) * [1.0, 1.0, 0.0]
+    vertices = body.vertices @ T.rotation.T + T.translation - center
+    patch = face.vertices @ T.rotation.T + T.translation - center
+    size = float(np.ptp(vertices, axis=0).max())
+    angle = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
+    disc = 0.75 * size * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(48)])
+    view = View.around(np.vstack([vertices, 0.8 * disc]), -1.0, 0.35, _WIDTH, _HEIGHT)
+    meshes = [
+        Mesh(disc - [0.0, 0.0, 0.004 * size], _fan(len(disc)), _GREY),
+        Mesh(patch - [0.0, 0.0, 0.001 * size], _fan(len(patch)), _RED),
+        Mesh(vertices, body.triangles, _AMBER if face.rolls else _GREEN, _ALPHA),
+    ]
+    return render(view, meshes).colours
+
+
+def _fan(count: int) -> np.ndarray:
+    at = np.arange(1, count - 1)
+    return np.column_stack([np.zeros_like(at), at, at + 1])
+
+
+def main() -> None:
+    """Write objects_1.png and so on."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--output", type=Path, default=Path("docs/images"))
+    options = parser.parse_args()
+    made = list(things().items())
+    for number, first in enumerate(range(0, len(made), _ROWS)):
+        file = options.output / f"objects_{number + 1}.png"
+        file.write_bytes(sheet(dict(made[first : first + _ROWS])))
+
+
+if __name__ == "__main__":
+    main()
