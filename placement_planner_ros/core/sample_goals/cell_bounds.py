@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.constraints import PoseConstraints, contact_points
+from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.reach.reach_bound import ReachBound
-from placement_planner_ros.core.scene.regions import SupportMap
+from placement_planner_ros.core.scene.support import SupportMap
 from placement_planner_ros.core.search.cell_layout import ANGLE, FACE, X, Y, Z
 from placement_planner_ros.core.search.pruning import Ruling
 from placement_planner_ros.core.types import Array
@@ -89,10 +89,11 @@ class _Reach:
 
 
 class _Support:
-    """Whether every vertex of v(f), with `edge_margin`, may find support, and the centre of mass V.
+    """Whether every vertex of v(f) may find support, and the centre of mass V.
 
     A cell is ruled out where the rectangle that a vertex stays in holds no column of the support
-    map with a surface at the contact height. Tables of sums answer that in constant time.
+    map with a surface at the contact height that is `roomy` enough for the edge margin. Tables of
+    sums answer that in constant time.
     """
 
     def __init__(
@@ -100,14 +101,13 @@ class _Support:
         poses: PoseConstraints,
     ) -> None:
         body, environment = poses.problem.body, poses.problem.environment
-        volume, edge_margin = poses.problem.volume, poses.edge_margin
+        volume = poses.problem.volume
         support = environment.support
         self._volume = volume
         contacts = []
         for face in body.faces:
-            points = contact_points(face, edge_margin)
             T = face.T_face_object
-            contacts.append((points @ T.rotation.T + T.translation)[:, :2])
+            contacts.append((face.vertices @ T.rotation.T + T.translation)[:, :2])
         most = max((len(points) for points in contacts), default=0)
         # padded with the reference vertex, so that all faces have as many
         self._contacts = np.zeros((len(contacts), most, 2))
@@ -117,7 +117,7 @@ class _Support:
         self._centers = np.array([f.T_face_object.act(body.center_of_mass) for f in body.faces])
         self._centers = self._centers.reshape(-1, 1, 3)
         # only columns that a body standing in V can reach
-        size = float(np.linalg.norm(np.ptp(body.vertices, axis=0))) + 2.0 * edge_margin
+        size = float(np.linalg.norm(np.ptp(body.vertices, axis=0)))
         corners = np.array([volume.lower[:2] - size, volume.upper[:2] + size])
         first, last = _columns(support, corners)
         self._origin = support.origin[:2] + first * support.cell_size
@@ -125,18 +125,23 @@ class _Support:
         self._shape = np.maximum(last - first + 1, 0)
         heights = np.round(np.array([r.z for r in environment.regions]) / _SAME_HEIGHT)
         self._levels = np.unique(heights)
-        self._sums = self._tables(support, first, poses.contact_tolerance + 0.51 * _SAME_HEIGHT)
+        self._sums = self._tables(support, first, poses)
 
-    def _tables(self, support: SupportMap, first: npt.NDArray[np.int64], tolerance: float) -> Array:
-        """(levels, nx + 1, ny + 1) columns with a surface at that height, summed up."""
+    def _tables(
+        self, support: SupportMap, first: npt.NDArray[np.int64], poses: PoseConstraints
+    ) -> Array:
+        """(levels, nx + 1, ny + 1) columns with a roomy surface at that height, summed up."""
+        off = 0.51 * _SAME_HEIGHT
         column = np.repeat(np.arange(len(support.start) - 1), np.diff(support.start))
         i, j = np.array(np.divmod(column, support.columns[1])) - first[:, None]
         nx, ny = self._shape
         near = (i >= 0) & (i < nx) & (j >= 0) & (j < ny)
-        i, j, height = i[near], j[near], support.height[near]
+        i, j = i[near], j[near]
         sums = np.zeros((len(self._levels), nx + 1, ny + 1), dtype=np.int32)
         for table, level in zip(sums, self._levels, strict=True):
-            at = np.abs(height - level * _SAME_HEIGHT) <= tolerance
+            at = support.roomy(
+                level * _SAME_HEIGHT, poses.contact_tolerance, poses.edge_margin, off
+            )[near]
             table[i[at] + 1, j[at] + 1] = 1
         return np.asarray(sums.cumsum(axis=1, dtype=np.int32).cumsum(axis=2, dtype=np.int32))
 

@@ -17,36 +17,55 @@ Field = npt.NDArray[np.float32]
 Index = npt.NDArray[np.int32]
 
 
-class _Layers(NamedTuple):
+_UPRIGHT = 0.2
+"""Boxes higher than this share of a cell are of a wall, and less than it off its other boxes."""
+_STEPS = 8
+"""Cells to go at most from the nearest upright box to the nearest turned one."""
+_TALLEST = 0.12
+"""m, more than any box is high."""
+_LEVEL = 0.00125
+"""m between two levels, where there is room for so many."""
+_AROUND = 2
+"""Levels from the middle of a voxel to its upper face."""
+_BLOCK = 32
+"""Grid points whose values are turned around at once."""
+MAX_VALUES = 8_000_000
+"""Values that a field has at most, of 4 bytes each."""
+
+
+class _Levels(NamedTuple):
     """What `_interpolate` reads of a `ClearanceField`."""
 
     values: Field
-    """(2, nz, nx, ny) of `_clearance_layers`."""
+    """(nx, ny, nz) of `_clearance_levels`."""
     origin: Array
     size: float
+    rise: float
     cap: float
-    tolerance: float
+    lift: float
 
 
 class ClearanceField:
     """d_S: distance sideways and upwards to obstacles inside V, capped.
 
-    Sampled on the grid lines of the obstacle set in x and y and on the lower face of each layer,
-    exact there but for less than a cell where several boxes of one layer compete. A query takes
-    the first such face at or above the point, so that nothing below it counts, and interpolates
-    linearly in x and y: within 1.2 cells of the exact distance at that face. Things that end
-    between the point and that face are missed, which for the mean over a body concerns one layer.
+    Nothing that ends below a point counts for it, so d_S jumps where a thing ends beside it. A
+    point stands for what is around it, from half a voxel below to half a voxel above: its value is
+    the mean of d_S over this height. So the clearance of a body is continuous in z too, and the
+    heights at which things end count as they were measured, wherever the layers of cells lie.
 
-    Support may rise a little above a point that rests on it. Boxes of the face's layer that rise by
-    less than the contact tolerance above the face are therefore left out for points within the
-    tolerance below it, and only for those: further down they are something overhead.
+    Sampled on the grid lines of the obstacle set in x and y, exact there but for less than a cell
+    where several boxes that end at one height compete, and interpolated linearly between them; in
+    z on levels 1.25 mm apart, with what ends between two of them counted by its share. Where V is
+    so large that this would take more than `MAX_VALUES`, lines and levels are further apart.
+
+    What a body stands on does not count, and may rise by the contact tolerance above its lowest
+    point: what of the body is lower than `lift` above that point is judged at that height.
 
     Args:
-        obstacles: those of its boxes that touch V count.
+        obstacles: those of its boxes that touch V count, up to where V ends.
         volume: V.
         cap: greatest value, metres: what an empty table has.
-        contact_tolerance: boxes that rise by less than this above a point may be its support,
-            metres.
+        contact_tolerance: by how much support may rise above a body's lowest point, metres.
         padding: how far around V, in x and y, values are kept, metres; beyond, the nearest counts.
     """
 
@@ -65,7 +84,8 @@ class ClearanceField:
         ):
             if not (math.isfinite(value) and value >= 0.0):
                 raise ParameterError(name, value, "give a length of at least 0 m")
-        size = obstacles.cell_size
+        step, rise = _spacing(volume.upper - volume.lower, obstacles.cell_size, padding)
+        size = obstacles.cell_size * step
         first = np.floor((volume.lower - obstacles.origin) / size).astype(np.int64)
         last = np.floor((volume.upper - obstacles.origin) / size).astype(np.int64)
         margin = math.ceil(padding / size)
@@ -76,25 +96,34 @@ class ClearanceField:
         self.cap = float(cap)
         self.contact_tolerance = contact_tolerance
         self.cell_size = size
+        self.level = rise
+        self.lift = contact_tolerance + (_AROUND + 1) * rise
         self.origin = obstacles.origin + first * size
-        self.values = _clearance_layers(
+        self.origin[2] = (math.floor(volume.lower[2] / rise) - _AROUND) * rise
+        top = volume.upper[2] + obstacles.cell_size
+        ends = np.minimum(_ends(obstacles.arrays, rows), volume.upper[2])
+        cells = obstacles.cells[rows] // step - first
+        self.values = _clearance_levels(
             obstacles.arrays._replace(
                 origin=self.origin,
-                cells=(obstacles.cells[rows] - first).astype(np.int32),
+                cell_size=size,
+                cells=cells.astype(np.int32),
                 lower=obstacles.lower[rows],
                 upper=obstacles.upper[rows],
             ),
+            obstacles.outline[rows],
+            ends,
             int(last[0] - first[0]) + 2,
             int(last[1] - first[1]) + 2,
-            int(last[2] - first[2]) + 1,
+            math.ceil((top - self.origin[2]) / rise) + 2 * _AROUND + 2,
+            rise,
             self.cap,
-            contact_tolerance,
         )
         self.values.setflags(write=False)
-        self._layers = _Layers(self.values, self.origin, size, self.cap, contact_tolerance)
+        self._levels = _Levels(self.values, self.origin, size, rise, self.cap, self.lift)
 
     def distance(self, points: Array) -> Array:
-        """(n,) d_S at the (n, 3) points, metres."""
+        """(n,) d_S around the (n, 3) points, whatever they may stand on, metres."""
         return np.asarray(self._evaluate(points)[:, 0])
 
     def gradient(self, points: Array) -> Array:
@@ -102,7 +131,7 @@ class ClearanceField:
         return np.asarray(self._evaluate(points)[:, 1:])
 
     def _evaluate(self, points: Array) -> Array:
-        return np.asarray(_evaluate(self._layers, _contiguous(points)))
+        return np.asarray(_evaluate(self._levels, _contiguous(points)))
 
     def mean_clearance(self, T_world_object: Array, points: Array) -> tuple[float, Array]:
         """C(x) of the clearance objective, and ∂C/∂(x, y, e_z) about the object's origin.
@@ -119,7 +148,20 @@ class ClearanceField:
 
     def mean_clearance_batch(self, T_world_object: Array, points: Array) -> tuple[Array, Array]:
         """(m,) and (m, 3): `mean_clearance` of the (m, 4, 4) poses."""
-        return mean_clearance(self._layers, _contiguous(T_world_object), _contiguous(points))
+        return mean_clearance(self._levels, _contiguous(T_world_object), _contiguous(points))
+
+
+def _spacing(sides: Array, cell_size: float, padding: float) -> tuple[int, float]:
+    """Cells between two lines of a field over a volume of these sides, m between its levels."""
+    step, rise = 1, _LEVEL
+    while True:
+        lines = (sides[:2] + 2.0 * padding) / (cell_size * step) + 4.0
+        if lines.prod() * ((sides[2] + cell_size) / rise + 7.0) <= MAX_VALUES:
+            return step, rise
+        if rise < cell_size * step:
+            rise *= 2.0
+        else:
+            step *= 2
 
 
 def _contiguous(values: Array) -> Array:
@@ -130,106 +172,214 @@ def _contiguous(values: Array) -> Array:
 
 
 @kernel(nogil=True)
-def _clearance_layers(
-    boxes: ObstacleArrays, nx: int, ny: int, nz: int, cap: float, contact_tolerance: float
-) -> Field:
-    """(2, nz, nx, ny) capped distance from the grid points of each layer's lower face.
-
-    Per layer, the box nearest in x and y to each grid point; then, per grid point, the least over
-    this layer and those above of the distance to these boxes. [0] leaves out the boxes of the
-    layer itself that rise by less than the tolerance above its face, [1] leaves out none.
-    """
-    limit = np.float32(cap * cap)
-    values = np.full((2, nz, nx, ny), limit, np.float32)
-    # squared distance in x and y to the nearest box of each layer, and its height above the origin
-    aside = np.full((nz, nx, ny), np.inf, np.float32)
-    height = np.zeros((nz, nx, ny), np.float32)
-    nearest = np.empty((nx, ny), np.int32)
-    rising = np.empty((nx, ny), np.int32)
-    order = np.argsort(boxes.cells[:, 2], kind="mergesort")
-    start = np.searchsorted(boxes.cells[order, 2], np.arange(nz + 1))
-    for k in range(nz):
-        rows = order[start[k] : start[k + 1]]
-        if len(rows) == 0:
+def _ends(boxes: ObstacleArrays, rows: npt.NDArray[np.int64]) -> Array:
+    """(k,) z up to which each of the boxes counts: its top, or where a wall goes on above it."""
+    lower, upper = boxes.lower, boxes.upper
+    ends = np.empty(len(rows))
+    for n in range(len(rows)):
+        p = rows[n]
+        ends[n] = upper[p, 2]
+        i, j, k = boxes.cells[p, 0], boxes.cells[p, 1], boxes.cells[p, 2] + 1
+        if k >= boxes.first_at.shape[2] or upper[p, 2] - lower[p, 2] < _UPRIGHT * boxes.cell_size:
             continue
-        top = boxes.origin[2] + k * boxes.cell_size + contact_tolerance
-        _nearest_boxes(boxes, rows, cap, nearest)
-        high = rows[boxes.upper[rows, 2] >= top]
-        if len(high) < len(rows):
-            _nearest_boxes(boxes, high, cap, rising)
-        _add_own_layer(boxes, k, cap, top, nearest, rising, aside, height, values)
-    _add_layers_above(aside, height, values, boxes.cell_size, cap)
-    return values
-
-
-@kernel(lean=True)
-def _add_own_layer(
-    boxes: ObstacleArrays,
-    k: int,
-    cap: float,
-    top: float,
-    nearest: Index,
-    rising: Index,
-    aside: Field,
-    height: Field,
-    values: Field,
-) -> None:
-    """Fill layer k, squared, from its nearest boxes (nx, ny), and those of them above `top`.
-
-    The latter where the nearest of all ends below `top`.
-    """
-    _, _, nx, ny = values.shape
-    limit = np.float32(cap * cap)
-    for i in range(nx):
-        for j in range(ny):
-            r = nearest[i, j]
-            if r < 0:
-                continue
-            aside[k, i, j] = _aside(boxes, r, i, j)
-            height[k, i, j] = boxes.lower[r, 2] - boxes.origin[2]
-            rise = max(boxes.lower[r, 2] - boxes.origin[2] - k * boxes.cell_size, 0.0)
-            values[1, k, i, j] = min(limit, np.float32(aside[k, i, j] + rise * rise))
-            if boxes.upper[r, 2] >= top:
-                values[0, k, i, j] = values[1, k, i, j]
-            elif rising[i, j] >= 0:
-                r = rising[i, j]
-                rise = max(boxes.lower[r, 2] - boxes.origin[2] - k * boxes.cell_size, 0.0)
-                distance = _aside(boxes, r, i, j) + rise * rise
-                values[0, k, i, j] = min(limit, np.float32(distance))
+        q = boxes.first_at[i, j, k]
+        while q >= 0:
+            apart = max(
+                lower[q, 0] - upper[p, 0],
+                lower[p, 0] - upper[q, 0],
+                lower[q, 1] - upper[p, 1],
+                lower[p, 1] - upper[q, 1],
+                0.0,
+            )
+            if (
+                apart <= _UPRIGHT * boxes.cell_size
+                and lower[q, 2] - upper[p, 2] <= 0.5 * boxes.cell_size
+            ):
+                ends[n] = max(ends[n], lower[q, 2])
+            q = boxes.next[q]
+    return ends
 
 
 @kernel(nogil=True)
-def _add_layers_above(aside: Field, height: Field, values: Field, size: float, cap: float) -> None:
-    """Lower all squared distances by those to the boxes of the layers above; take the root."""
-    _, nz, nx, ny = values.shape
-    flat = (nx * ny,)
-    for k in range(nz):
-        face = np.float32(k * size)
-        over = np.full(nx * ny, np.float32(cap * cap), np.float32)
-        for above in range(k + 1, min(nz, k + int(cap / size) + 2)):
-            _lower_by_boxes(over, aside[above].reshape(flat), height[above].reshape(flat), face)
-        for s in range(2):
-            layer = values[s, k].reshape(flat)
-            for i in range(nx * ny):
-                layer[i] = np.sqrt(min(layer[i], over[i]))
+def _clearance_levels(
+    boxes: ObstacleArrays,
+    outline: Field,
+    ends: Array,
+    nx: int,
+    ny: int,
+    nz: int,
+    rise: float,
+    cap: float,
+) -> Field:
+    """(nx, ny, nz) mean of the capped distance over `_AROUND` slabs below and above each level.
+
+    Per slab between two levels, of the boxes that end in it, the one nearest in x and y to each
+    grid point; then, per grid point and slab, the mean over its height of the least distance to
+    these boxes of it and the slabs above.
+    """
+    flat = nx * ny
+    nearest = np.empty((nx, ny), np.int32)
+    first = np.full((nx, ny), -1, np.int32)
+    following = np.full(len(ends), -1, np.int32)
+    slab = np.empty(len(ends), np.int64)
+    for r in range(len(ends)):
+        slab[r] = min(max(math.floor((ends[r] - boxes.origin[2]) / rise), -1), nz - 1)
+    order = np.argsort(slab, kind="mergesort")
+    start = np.searchsorted(slab[order], np.arange(nz + 1))
+    filled = np.flatnonzero(start[1:] > start[:-1])
+    # squared distance in x and y to the nearest box of each slab, its height, and where it ends
+    aside = np.full((len(filled), flat), np.inf, np.float32)
+    height = np.zeros((len(filled), flat), np.float32)
+    end = np.zeros((len(filled), flat), np.float32)
+    for n in range(len(filled)):
+        m = filled[n]
+        rows = order[start[m] : start[m + 1]]
+        _nearest_boxes(boxes, rows, cap, nearest)
+        _chain(boxes, rows, first, following)
+        for i in range(nx):
+            for j in range(ny):
+                r = nearest[i, j]
+                if r >= 0:
+                    at = i * ny + j
+                    r, squared = _nearest_outline(boxes, outline, first, following, r, i, j)
+                    aside[n, at] = squared
+                    height[n, at] = boxes.lower[r, 2] - boxes.origin[2]
+                    end[n, at] = ends[r] - boxes.origin[2] - m * rise
+        for r in rows:
+            i, j = boxes.cells[r, 0], boxes.cells[r, 1]
+            if 0 <= i < nx and 0 <= j < ny:
+                first[i, j] = -1
+    means = np.empty((nz, flat), np.float32)  # over each slab
+    over = np.empty(flat, np.float32)  # from its upper level, what ends below left out
+    under = np.empty(flat, np.float32)  # from its lower level
+    under[:] = np.float32(cap * cap)
+    above = len(filled) - 1
+    for m in range(nz - 1, -1, -1):
+        over[:] = under
+        if above >= 0 and filled[above] == m + 1:
+            _lower_by_boxes(over, aside[above], height[above], np.float32((m + 1) * rise))
+            above -= 1
+        _squared_above(filled, aside, height, m, m * rise, cap, rise, under)
+        for at in range(flat):
+            means[m, at] = np.float32(0.5) * (np.sqrt(under[at]) + np.sqrt(over[at]))
+    for n in range(len(filled)):
+        _add_ending(aside[n], height[n], end[n], filled[n], rise, means[filled[n]])
+    values = np.empty((flat, nz), np.float32)
+    _mean_over_slabs(means, values)
+    return values.reshape(nx, ny, nz)
+
+
+@kernel(lean=True)
+def _mean_over_slabs(means: Field, values: Field) -> None:
+    """Of each level (n, nz), the mean of the `_AROUND` slabs (nz, n) below and above it."""
+    nz, flat = means.shape
+    for begin in range(0, flat, _BLOCK):  # as one is read along n, and the other written along z
+        for m in range(nz):
+            for at in range(begin, min(begin + _BLOCK, flat)):
+                total = np.float32(0.0)
+                for n in range(m - _AROUND, m + _AROUND):
+                    total += means[min(max(n, 0), nz - 1), at]
+                values[at, m] = total / np.float32(2 * _AROUND)
+
+
+@kernel(lean=True)
+def _chain(
+    boxes: ObstacleArrays, rows: npt.NDArray[np.int64], first: Index, following: Index
+) -> None:
+    """Enter boxes into their columns of cells; those beyond the field are left out."""
+    nx, ny = first.shape
+    for r in rows:
+        i, j = boxes.cells[r, 0], boxes.cells[r, 1]
+        if 0 <= i < nx and 0 <= j < ny:
+            following[r] = first[i, j]
+            first[i, j] = r
+
+
+@kernel(nogil=True)
+def _squared_above(
+    filled: npt.NDArray[np.int64],
+    aside: Field,
+    height: Field,
+    slab: int,
+    face: float,
+    cap: float,
+    rise: float,
+    squared: Field,
+) -> None:
+    """(n,) the least squared distance from height `face` to the boxes that end above a slab."""
+    squared[:] = np.float32(cap * cap)
+    for n in range(len(filled)):
+        if filled[n] > slab and filled[n] - slab <= cap / rise + _TALLEST / rise:
+            _lower_by_boxes(squared, aside[n], height[n], np.float32(face))
 
 
 @kernel(lean=True)
 def _lower_by_boxes(squared: Field, aside: Field, height: Field, face: np.float32) -> None:
     """Lower (n,) squared distances by those to boxes that begin `height` above the origin."""
     for i in range(len(squared)):
-        rise = height[i] - face
+        rise = max(height[i] - face, np.float32(0.0))
         candidate = aside[i] + rise * rise
         squared[i] = candidate if candidate < squared[i] else squared[i]
 
 
-@kernel(inline=True)
-def _aside(boxes: ObstacleArrays, r: int, i: int, j: int) -> float:
-    """Squared distance in x and y from a grid point to box r."""
+@kernel(lean=True)
+def _add_ending(
+    aside: Field, height: Field, end: Field, slab: int, rise: float, means: Field
+) -> None:
+    """Lower the means (n,) over a slab by the boxes that end in it, up to where they do."""
+    for i in range(len(means)):
+        if aside[i] < np.inf:
+            share = min(end[i] / rise, 1.0)
+            up = max(height[i] - slab * rise - 0.5 * end[i], 0.0)
+            distance = math.sqrt(aside[i] + up * up)
+            if distance < means[i]:
+                means[i] = np.float32(share * distance + (1.0 - share) * means[i])
+
+
+@kernel(lean=True)
+def _aside(boxes: ObstacleArrays, outline: Field, r: int, i: int, j: int) -> float:
+    """Squared distance in x and y from a grid point to the rectangle around the points of box r."""
+    c, s = outline[r, 0], outline[r, 1]
     x, y = boxes.origin[0] + i * boxes.cell_size, boxes.origin[1] + j * boxes.cell_size
-    dx = max(boxes.lower[r, 0] - x, 0.0, x - boxes.upper[r, 0])
-    dy = max(boxes.lower[r, 1] - y, 0.0, y - boxes.upper[r, 1])
-    return dx * dx + dy * dy
+    u, v = c * x + s * y, c * y - s * x
+    du = max(outline[r, 2] - u, 0.0, u - outline[r, 3])
+    dv = max(outline[r, 4] - v, 0.0, v - outline[r, 5])
+    return du * du + dv * dv
+
+
+@kernel(lean=True)
+def _nearest_outline(
+    boxes: ObstacleArrays,
+    outline: Field,
+    first: Index,
+    following: Index,
+    r: int,
+    i: int,
+    j: int,
+) -> tuple[int, float]:
+    """From box r on to those in the cells around, as long as they are nearer to a grid point; with
+    the squared distance.
+
+    Args:
+        first: (nx, ny) the first box in each column of cells, or -1.
+        following: (k,) the next one in the same column, or -1.
+    """
+    nx, ny = first.shape
+    least = _aside(boxes, outline, r, i, j)
+    for _step in range(_STEPS):
+        best = r
+        for a in range(max(boxes.cells[r, 0] - 1, 0), min(boxes.cells[r, 0] + 2, nx)):
+            for b in range(max(boxes.cells[r, 1] - 1, 0), min(boxes.cells[r, 1] + 2, ny)):
+                q = first[a, b]
+                while q >= 0:
+                    squared = _aside(boxes, outline, q, i, j)
+                    if squared < least:
+                        best, least = q, squared
+                    q = following[q]
+        if best == r:
+            break
+        r = best
+    return r, least
 
 
 @kernel(nogil=True)
@@ -359,25 +509,23 @@ def _lower_envelope(foot: Array, base: Array, box: Index, ends: Array, count: in
 
 
 @kernel(nogil=True)
-def _evaluate(layers: _Layers, points: Array) -> Array:
+def _evaluate(levels: _Levels, points: Array) -> Array:
     """(n, 3) d_S, ∂d_S/∂x, ∂d_S/∂y."""
     result = np.empty((len(points), 3))
     for p in range(len(points)):
-        d, gx, gy = _interpolate(layers, points[p, 0], points[p, 1], points[p, 2])
+        d, gx, gy = _interpolate(levels, points[p, 0], points[p, 1], points[p, 2])
         result[p, 0], result[p, 1], result[p, 2] = d, gx, gy
     return result
 
 
 @kernel(inline=True)
-def _interpolate(layers: _Layers, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """d_S at a point, and its change along x and y: bilinear on the first face at or above it."""
-    values, origin, size = layers.values, layers.origin, layers.size
-    _, nz, nx, ny = values.shape
-    layer = math.ceil((z - origin[2]) / size - 1e-9)
-    if layer >= nz:
-        return layers.cap, 0.0, 0.0
-    k = max(layer, 0)
-    s = 1 if origin[2] + k * size - z > layers.tolerance else 0
+def _interpolate(levels: _Levels, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """d_S around a point, and its change along x and y: trilinear between levels and lines."""
+    values, origin, size = levels.values, levels.origin, levels.size
+    nx, ny, nz = values.shape
+    w = max((z - origin[2]) / levels.rise, 0.0)
+    if w >= nz - 1.0:
+        return levels.cap, 0.0, 0.0
     u = (x - origin[0]) / size
     v = (y - origin[1]) / size
     in_x = 0.0 <= u <= nx - 1.0
@@ -386,10 +534,14 @@ def _interpolate(layers: _Layers, x: float, y: float, z: float) -> tuple[float, 
     v = min(max(v, 0.0), ny - 1.0)
     i = min(int(u), nx - 2)
     j = min(int(v), ny - 2)
+    k = int(w)
     u -= i
     v -= j
-    a, b = values[s, k, i, j], values[s, k, i, j + 1]
-    c, d = values[s, k, i + 1, j], values[s, k, i + 1, j + 1]
+    w -= k
+    a = values[i, j, k] + (values[i, j, k + 1] - values[i, j, k]) * w
+    b = values[i, j + 1, k] + (values[i, j + 1, k + 1] - values[i, j + 1, k]) * w
+    c = values[i + 1, j, k] + (values[i + 1, j, k + 1] - values[i + 1, j, k]) * w
+    d = values[i + 1, j + 1, k] + (values[i + 1, j + 1, k + 1] - values[i + 1, j + 1, k]) * w
     near = a + (b - a) * v
     far = c + (d - c) * v
     gx = (far - near) / size if in_x else 0.0
@@ -398,7 +550,7 @@ def _interpolate(layers: _Layers, x: float, y: float, z: float) -> tuple[float, 
 
 
 @kernel()
-def mean_clearance(layers: _Layers, T_world_object: Array, points: Array) -> tuple[Array, Array]:
+def mean_clearance(levels: _Levels, T_world_object: Array, points: Array) -> tuple[Array, Array]:
     """(m,) mean of d_S over the (n, 3) points at each of the (m, 4, 4) poses; (m, 3) gradients.
 
     A turn by e_z about the object's origin moves a point at (rx, ry) from it along (-ry, rx).
@@ -408,13 +560,19 @@ def mean_clearance(layers: _Layers, T_world_object: Array, points: Array) -> tup
     gradients = np.zeros((m, 3))
     for t in range(m):
         T = T_world_object[t]
+        lowest = np.inf
+        for p in range(n):
+            up = T[2, 0] * points[p, 0] + T[2, 1] * points[p, 1] + T[2, 2] * points[p, 2]
+            lowest = min(lowest, up)
+        least = lowest + levels.lift
         total, along_x, along_y, turn = 0.0, 0.0, 0.0, 0.0
         for p in range(n):
             a, b, c = points[p, 0], points[p, 1], points[p, 2]
             rx = T[0, 0] * a + T[0, 1] * b + T[0, 2] * c
             ry = T[1, 0] * a + T[1, 1] * b + T[1, 2] * c
             rz = T[2, 0] * a + T[2, 1] * b + T[2, 2] * c
-            d, gx, gy = _interpolate(layers, rx + T[0, 3], ry + T[1, 3], rz + T[2, 3])
+            up = max(rz, least) + T[2, 3]
+            d, gx, gy = _interpolate(levels, rx + T[0, 3], ry + T[1, 3], up)
             total += d
             along_x += gx
             along_y += gy

@@ -15,9 +15,9 @@ from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet, che
 from placement_planner_ros.core.scene.regions import (
     Region,
     RegionSettings,
-    SupportMap,
     find_regions,
 )
+from placement_planner_ros.core.scene.support import SupportMap
 from placement_planner_ros.core.scene.visibility import OutsideRobot, View, unknown_cells
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array, TargetVolume
@@ -87,6 +87,7 @@ class Environment:
         *,
         views: Sequence[View] = (),
         outside_robot: OutsideRobot | None = None,
+        unknown_below: bool = False,
     ) -> Environment:
         """Preprocess a cloud.
 
@@ -100,6 +101,7 @@ class Environment:
             bounds: lower and upper corner of the workspace; around the points and V unless given.
             views: what sensors at known places measured, see `visibility`.
             outside_robot: tells the cells that the robot is in, which are not unknown.
+            unknown_below: nothing above the highest that was measured is unknown.
 
         Raises:
             CloudError: see `ObstacleSet.from_points`.
@@ -115,7 +117,9 @@ class Environment:
         step("finding placement regions")
         found, support = find_regions(measured, volume, regions)
         step("finding unknown space")
-        unknown = unknown_cells(measured, views, volume, outside_robot)
+        unknown = unknown_cells(
+            measured, views, volume, outside_robot, below_measured=unknown_below
+        )
         obstacles = measured.with_full_cells(unknown) if len(unknown) else measured
         return cls(obstacles, found, support, measured, volume, *_extent(checked_cloud(points)))
 

@@ -25,6 +25,8 @@ _AnyArray = TypeVar("_AnyArray", bound=npt.NDArray)
 _ORIGIN_SHIFT = 0.03
 """Cells begin this share of a cell before the bounds, so that a surface at a round height does not
 fall onto a face between two layers, where rounding would scatter its points over both."""
+_LEVEL = 0.06
+"""Share of a cell that the points of one level surface may fall by within it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +82,11 @@ class ObstacleSet:
         surface_height: (m,) z of the surface on top of each box, the mean over its points.
         surface_extent: (m, 8) where that surface was measured: minimum and maximum of x, y,
             x + y and x - y over its points.
+        surface_first: (m + 1,) the first point of that surface, and their number.
+        surface_points: (k, 2) x and y of these points.
+        outline: (m, 6) a rectangle around the points of each box, turned so that it is small:
+            cosine and sine of its turn about z, then its least and greatest x and y in the frame
+            that is turned by so much about the origin. What runs obliquely fills no upright box.
         noise: standard deviation of the points about their surfaces, estimated, metres.
     """
 
@@ -93,6 +100,9 @@ class ObstacleSet:
     next: npt.NDArray[np.int32]
     surface_height: Array
     surface_extent: Array
+    surface_first: npt.NDArray[np.int64]
+    surface_points: npt.NDArray[np.float32]
+    outline: npt.NDArray[np.float32]
     noise: float
 
     def __len__(self) -> int:
@@ -154,7 +164,13 @@ class ObstacleSet:
         if len(bins.cells):
             bins, noise = _cleaned(bins, origin, settings, shape, lower, upper)
         skin = surface_tolerance(noise)
-        boxes = tight_boxes.tight_boxes(bins, skin, settings.max_boxes_per_cell)
+        boxes = tight_boxes.tight_boxes(
+            bins,
+            skin,
+            settings.max_boxes_per_cell,
+            skin + _LEVEL * settings.cell_size + noise,
+            settings.cell_size,
+        )
         box_lower, box_upper = tight_boxes.close_gaps(
             boxes, bins.row_of, origin, settings.cell_size, skin
         )
@@ -169,6 +185,9 @@ class ObstacleSet:
             next=_read_only(boxes.next),
             surface_height=_read_only(boxes.surface_height),
             surface_extent=_read_only(boxes.surface_extent),
+            surface_first=_read_only(boxes.surface_first),
+            surface_points=_read_only(boxes.surface_points),
+            outline=_read_only(boxes.outline),
             noise=noise,
         )
 
@@ -176,7 +195,7 @@ class ObstacleSet:
         """A copy in which further cells, until now empty, are obstacles as a whole.
 
         Nothing was measured in them, so no surface lies on them: take regions and support from the
-        set without them.
+        set without them. The points of surfaces are left out.
 
         Args:
             cells: (k, 3) distinct empty cells.
@@ -184,6 +203,8 @@ class ObstacleSet:
         lower = self.origin + cells * self.cell_size
         upper = lower + self.cell_size
         extent = np.tile([np.inf, -np.inf], (len(cells), 4))
+        sides = lower[:, 0], upper[:, 0], lower[:, 1], upper[:, 1]
+        outline = np.column_stack([np.ones(len(cells)), np.zeros(len(cells)), *sides])
         together = np.vstack([self.cells, cells]).astype(np.int32)
         order = np.lexsort(together.T[::-1])  # stable: boxes of one cell stay next to each other
         row = np.empty(len(order), np.int32)
@@ -204,6 +225,9 @@ class ObstacleSet:
             next=_read_only(following[order]),
             surface_height=_read_only(np.concatenate([self.surface_height, upper[:, 2]])[order]),
             surface_extent=_read_only(np.vstack([self.surface_extent, extent])[order]),
+            surface_first=np.zeros(len(order) + 1, np.int64),
+            surface_points=np.zeros((0, 2), np.float32),
+            outline=_read_only(np.vstack([self.outline, outline.astype(np.float32)])[order]),
         )
 
 

@@ -1,8 +1,7 @@
-"""R, the placement regions: contiguous level surface at one height; and what supports s(x)."""
+"""R, the placement regions: contiguous level surface at one height."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,6 +9,7 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.scene.grid import ObstacleSet
+from placement_planner_ros.core.scene.support import SupportMap
 from placement_planner_ros.core.scene.surfaces import level_surfaces
 from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.types import Array, TargetVolume, frozen_array
@@ -211,91 +211,6 @@ def _join_strips(
     return joined[:n].copy(), bounds[:n].copy()
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SupportMap:
-    """Every level surface of the obstacle set, in V or not: what a placement face may rest on.
-
-    Attributes:
-        origin, cell_size, columns: of the grid; how many columns of cells along x and y.
-        start: (nx * ny + 1,) first surface of each column of the grid, and their number.
-        height: (s,) z of each surface.
-        rectangle: (s, 4) xmin, ymin, xmax, ymax.
-        diagonal: (s, 4) minimum and maximum of x + y and of x - y.
-    """
-
-    origin: Array
-    cell_size: float
-    columns: tuple[int, int]
-    start: npt.NDArray[np.int64]
-    height: Array
-    rectangle: Array
-    diagonal: Array
-
-    def supported(self, points: Array, tolerance: float) -> npt.NDArray[np.bool_]:
-        """s(x) for each point: is there level surface under it, within `tolerance` of its height?
-
-        Args:
-            points: (n, 3), metres.
-            tolerance: metres, above or below.
-
-        Returns:
-            (n,)
-        """
-        return np.asarray(
-            _supported(
-                np.ascontiguousarray(points, dtype=np.float64),
-                tolerance,
-                self.origin,
-                self.cell_size,
-                *self.columns,
-                self.start,
-                self.height,
-                self.rectangle,
-                self.diagonal,
-            )
-        )
-
-
-@kernel(nogil=True)
-def _supported(
-    points: Array,
-    tolerance: float,
-    origin: Array,
-    cell_size: float,
-    nx: int,
-    ny: int,
-    start: npt.NDArray[np.int64],
-    height: Array,
-    rectangle: Array,
-    diagonal: Array,
-) -> npt.NDArray[np.bool_]:
-    """`SupportMap.supported`: looked for among the surfaces of the point's column."""
-    result = np.zeros(len(points), np.bool_)
-    for p in range(len(points)):
-        x, y, z = points[p, 0], points[p, 1], points[p, 2]
-        # a point on the face between two columns belongs to both
-        i0 = max(math.floor((x - _EPSILON - origin[0]) / cell_size), 0)
-        i1 = min(math.floor((x + _EPSILON - origin[0]) / cell_size), nx - 1)
-        j0 = max(math.floor((y - _EPSILON - origin[1]) / cell_size), 0)
-        j1 = min(math.floor((y + _EPSILON - origin[1]) / cell_size), ny - 1)
-        for i in range(i0, i1 + 1):
-            for j in range(j0, j1 + 1):
-                for s in range(start[i * ny + j], start[i * ny + j + 1]):
-                    if (
-                        abs(z - height[s]) <= tolerance
-                        and x >= rectangle[s, 0] - _EPSILON
-                        and y >= rectangle[s, 1] - _EPSILON
-                        and x <= rectangle[s, 2] + _EPSILON
-                        and y <= rectangle[s, 3] + _EPSILON
-                        and x + y >= diagonal[s, 0] - _EPSILON
-                        and x + y <= diagonal[s, 1] + _EPSILON
-                        and x - y >= diagonal[s, 2] - _EPSILON
-                        and x - y <= diagonal[s, 3] + _EPSILON
-                    ):
-                        result[p] = True
-    return result
-
-
 def find_regions(
     obstacles: ObstacleSet, volume: TargetVolume, settings: RegionSettings | None = None
 ) -> tuple[tuple[Region, ...], SupportMap]:
@@ -310,15 +225,7 @@ def find_regions(
     nx, ny, _ = obstacles.shape
     surfaces = level_surfaces(obstacles, settings.headroom, settings.max_tilt)
     start = surfaces.start
-    support = SupportMap(
-        obstacles.origin,
-        size,
-        (nx, ny),
-        start,
-        surfaces.height,
-        surfaces.rectangle,
-        surfaces.diagonal,
-    )
+    support = SupportMap.of(obstacles, surfaces)
     in_volume = (
         (surfaces.height >= volume.lower[2] - settings.height_tolerance)
         & (surfaces.height <= volume.upper[2] + settings.height_tolerance)

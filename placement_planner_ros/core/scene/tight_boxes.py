@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +14,10 @@ from placement_planner_ros.core.types import Array
 
 Index = npt.NDArray[np.int32]
 
+_CORNER = 0.4
+"""Where points stay further than so many cells from a corner of their box, it is turned: x + y."""
+_TURNS = 16
+"""Directions, over a quarter turn, of the rectangles around what runs obliquely."""
 _WORTH_CUTTING = 0.6
 """A cell is cut where its boxes fill less than this share of the single box around its points."""
 
@@ -26,9 +31,14 @@ class TightBoxes(NamedTuple):
     next: Index
     surface_height: Array
     surface_extent: Array
+    surface_first: npt.NDArray[np.int64]
+    surface_points: npt.NDArray[np.float32]
+    outline: npt.NDArray[np.float32]
 
 
-def tight_boxes(bins: Bins, skin: float, max_boxes: int) -> TightBoxes:
+def tight_boxes(
+    bins: Bins, skin: float, max_boxes: int, band: float, cell_size: float
+) -> TightBoxes:
     """Box the points of each cell.
 
     Where the box around all points of a cell is thick in every direction, the side of it that
@@ -39,9 +49,12 @@ def tight_boxes(bins: Bins, skin: float, max_boxes: int) -> TightBoxes:
     Args:
         bins: `row_of` is rewritten to the first box of each cell.
         skin: thickness of one level surface, metres.
+        band: points so far below the top of a box are of the surface on it, metres.
     """
     thick = _count_thick(bins.points, bins.start, skin)
-    return TightBoxes(*_tight_boxes(bins, skin, max_boxes, thick * (max_boxes - 1)))
+    return TightBoxes(
+        *_tight_boxes(bins, skin, max_boxes, thick * (max_boxes - 1), band, _CORNER * cell_size)
+    )
 
 
 @kernel(nogil=True)
@@ -136,6 +149,51 @@ def _measure_surface(
 
 
 @kernel(lean=True)
+def _measure_outline(
+    points: Array,
+    rows: npt.NDArray[np.int64],
+    count: int,
+    box: Array,
+    corner: float,
+    outline: npt.NDArray[np.float32],
+) -> None:
+    """`ObstacleSet.outline`: of several directions the one with the least area.
+
+    Along the axes where the points reach nearly into all corners of the box (2, 3), or it is thin.
+    """
+    outline[0], outline[1] = 1.0, 0.0
+    outline[2], outline[3] = box[0, 0], box[1, 0]
+    outline[4], outline[5] = box[0, 1], box[1, 1]
+    width, depth = box[1, 0] - box[0, 0], box[1, 1] - box[0, 1]
+    if min(width, depth) <= 0.25 * corner:
+        return
+    plus_low, plus_high, minus_low, minus_high = np.inf, -np.inf, np.inf, -np.inf
+    for i in range(count):
+        x, y = points[rows[i], 0] - box[0, 0], points[rows[i], 1] - box[0, 1]
+        plus_low, plus_high = min(plus_low, x + y), max(plus_high, x + y)
+        minus_low, minus_high = min(minus_low, x - y), max(minus_high, x - y)
+    cut = max(plus_low, width + depth - plus_high, minus_low + depth, width - minus_high)
+    if cut <= corner:
+        return
+    best = width * depth
+    for turn in range(1, _TURNS):
+        angle = 0.5 * math.pi * turn / _TURNS
+        c, s = math.cos(angle), math.sin(angle)
+        low_u, high_u, low_v, high_v = np.inf, -np.inf, np.inf, -np.inf
+        for i in range(count):
+            u = c * points[rows[i], 0] + s * points[rows[i], 1]
+            v = c * points[rows[i], 1] - s * points[rows[i], 0]
+            low_u, high_u = min(low_u, u), max(high_u, u)
+            low_v, high_v = min(low_v, v), max(high_v, v)
+        area = (high_u - low_u) * (high_v - low_v)
+        if area < best:
+            best = area
+            outline[0], outline[1] = c, s
+            outline[2], outline[3] = low_u, high_u
+            outline[4], outline[5] = low_v, high_v
+
+
+@kernel(lean=True)
 def _take_side(
     points: Array,
     rows: npt.NDArray[np.int64],
@@ -218,8 +276,18 @@ def _cut(
 
 @kernel(nogil=True)
 def _tight_boxes(
-    bins: Bins, skin: float, max_boxes: int, spare: int
-) -> tuple[Index, Array, Array, Index, Array, Array]:
+    bins: Bins, skin: float, max_boxes: int, spare: int, band: float, corner: float
+) -> tuple[
+    Index,
+    Array,
+    Array,
+    Index,
+    Array,
+    Array,
+    npt.NDArray[np.int64],
+    npt.NDArray[np.float32],
+    npt.NDArray[np.float32],
+]:
     """The fields of `TightBoxes`, which `spare` more boxes than cells have room for."""
     points, start, cells = bins.points, bins.start, bins.cells
     room = len(cells) + spare
@@ -229,6 +297,10 @@ def _tight_boxes(
     following = np.full(room, -1, np.int32)
     height = np.empty(room)
     extent = np.empty((room, 8))
+    top_first = np.zeros(room + 1, np.int64)
+    top_points = np.empty((len(points), 2), np.float32)
+    tops = 0
+    outline = np.empty((room, 6), np.float32)
     longest = 0
     for r in range(len(cells)):
         longest = max(longest, start[r + 1] - start[r])
@@ -260,7 +332,14 @@ def _tight_boxes(
             height[m] = _measure_surface(
                 points, ordered[first:], last - first, upper[m, 2], skin, extent[m]
             )
+            for i in range(first, last):
+                if points[ordered[i], 2] >= upper[m, 2] - band:
+                    top_points[tops, 0] = points[ordered[i], 0]
+                    top_points[tops, 1] = points[ordered[i], 1]
+                    tops += 1
+            _measure_outline(points, ordered[first:], last - first, boxes[part], corner, outline[m])
             m += 1
+            top_first[m] = tops
     return (
         box_cells[:m].copy(),
         lower[:m].copy(),
@@ -268,6 +347,9 @@ def _tight_boxes(
         following[:m].copy(),
         height[:m].copy(),
         extent[:m].copy(),
+        top_first[: m + 1].copy(),
+        top_points[:tops].copy(),
+        outline[:m].copy(),
     )
 
 

@@ -72,6 +72,8 @@ def unknown_cells(
     views: Sequence[View],
     volume: TargetVolume,
     outside_robot: OutsideRobot | None = None,
+    *,
+    below_measured: bool = False,
 ) -> npt.NDArray[np.int32]:
     """The cells that unknown space begins with: those with a face towards any other space.
 
@@ -82,6 +84,7 @@ def unknown_cells(
         views: clouds whose sensors' positions are known. Without any, nothing is unknown.
         volume: V.
         outside_robot: cells not wholly outside the robot, where it is, are taken to be free.
+        below_measured: cells above the highest that holds something measured are taken to be free.
 
     Returns:
         (k, 3) cells of the obstacle set's grid, in lexicographic order.
@@ -95,6 +98,8 @@ def unknown_cells(
         points = view.points if view.hides is None else view.points[view.hides]
         nearest = _nearest(points, view.origin)
         _add_hidden(nearest, view.origin, obstacles.origin, obstacles.cell_size, state, unknown)
+    if below_measured:
+        unknown[:, :, np.max(obstacles.cells[:, 2], initial=-1) + 1 :] = False
     if outside_robot is not None:
         _clear_robot(unknown, obstacles, outside_robot)
     return np.asarray(_surface(unknown))

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
-from placement_planner_ros.core.constraints import contact_points
+from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.reach.reach_bound import ReachBound
-from placement_planner_ros.core.sample_goals.cell_bounds import _Placed
+from placement_planner_ros.core.sample_goals.cell_bounds import _Placed, _Support
 from placement_planner_ros.core.search.cell_layout import LOWER, UPPER, X
 from placement_planner_ros.core.search.pruning import Ruling
+from placement_planner_ros.core.types import Verdict
 from placement_planner_ros.experiments.cases import Case, make_problem
 
 
@@ -93,7 +94,7 @@ def test_cells_are_unsupported_where_no_column_under_some_contact_has_a_surface(
             turn = 2.0 * np.sin(0.5 * min(half[2], np.pi)) * np.hypot(points[:, 0], points[:, 1])
             return middle - turn[:, None] - half[:2], middle + turn[:, None] + half[:2]
 
-        contacts = contact_points(face, poses.edge_margin) @ T.rotation.T + T.translation
+        contacts = face.vertices @ T.rotation.T + T.translation
         low, high = reached(contacts)
         surely = maybe = True  # supported
         for a, b in zip(low, high, strict=True):
@@ -117,6 +118,24 @@ def test_cells_are_unsupported_where_no_column_under_some_contact_has_a_surface(
         assert ruled_out or maybe
         seen.add((bool(ruled_out), bool(inside)))
     assert seen == {(True, True), (True, False), (False, True)}
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.003, 0.015, 0.04])
+def test_no_cell_with_a_stable_pose_is_unsupported_whatever_the_edge_margin(made, cells, margin):
+    problem, planner = made
+    settings = planner._settings.collision
+    poses = PoseConstraints(problem, settings, margin, 0.0)
+    unsupported = _Support(poses).unsupported(_Placed(cells))
+    rng = np.random.default_rng(4)
+    times = 40
+    at = np.repeat(cells, times, axis=0)
+    x, y, angle = (at[:, LOWER] + rng.random((len(at), 3)) * (at[:, UPPER] - at[:, LOWER])).T
+    contacts = np.column_stack([x, y, at[:, 1]])
+    verdicts, _ = poses.verdicts(at[:, 0].astype(np.int64), contacts, angle)
+    stable = (verdicts > Verdict.UNSTABLE).reshape(-1, times).any(axis=1)
+    assert not (stable & unsupported).any()
+    assert stable.sum() > 100
+    assert unsupported.sum() > 50
 
 
 def test_cells_are_out_of_reach_where_they_are_of_every_arm_in_every_grasp(made, cells):

@@ -212,6 +212,26 @@ def test_cells_that_the_robot_reaches_into_are_not_unknown():
     assert radius - 1e-9 <= after.min() <= radius + 2 * SIZE
 
 
+def test_nothing_above_the_highest_that_was_measured_is_unknown_where_so_asked():
+    view = view_of(FLOOR, CRATE)
+    obstacles = measured(view)
+    highest = obstacles.cells[:, 2].max()
+    every = unknown_cells(obstacles, [view], VOLUME)
+    below = unknown_cells(obstacles, [view], VOLUME, below_measured=True)
+    assert every[:, 2].max() > highest + 2
+    assert highest - 1 <= below[:, 2].max() <= highest
+    lower = {tuple(cell) for cell in every[every[:, 2] < highest]}
+    assert {tuple(cell) for cell in below[below[:, 2] < highest]} == lower
+    joined = Environment.from_points(
+        view.points, VOLUME, GridSettings(cell_size=SIZE), views=[view], unknown_below=True
+    )
+    top = joined.measured.cells[:, 2].max()
+    assert joined.obstacles.cells[:, 2].max() == top
+    nothing = ObstacleSet.from_points(np.zeros((0, 3)), bounds=obstacles.bounds)
+    assert len(unknown_cells(nothing, [view], VOLUME))
+    assert not len(unknown_cells(nothing, [view], VOLUME, below_measured=True))
+
+
 def test_full_cells_join_the_boxes_of_the_set_in_order():
     view = view_of(FLOOR, WALL, CRATE, noise=0.002)
     obstacles = measured(view)
