@@ -38,6 +38,7 @@ $(VENV)/.dependencies: constraints.txt setup.py pyproject.toml | $(BIN)/python
 $(VENV)/.installed: $(VENV)/.dependencies package.xml setup.cfg $(SOURCES)
 	rm -rf build/lib build/bdist.*
 	$(PIP) install --quiet --no-deps --force-reinstall .
+	$(BIN)/placement_planner --compile || true
 	touch $@
 
 clean:

@@ -1,8 +1,7 @@
 """Compiled kernels on disk, for the next process: checked as they are read, and never needed.
 
 Each version of a kernel, for one kind of arguments on one kind of processor, is a file of its own
-whose name says which. It is written aside and then moved into its place, so that processes that
-compile at once do not meet. A damaged one is removed and compiled anew; where none can be read or
+whose name says which. A damaged one is removed and compiled anew; where none can be read or
 kept, kernels are compiled by each process. Numba's own cache has an index, which processes that
 write at once give the same numbers for different kernels, and raises where a file is damaged or the
 disk is full; what lost a block it runs.
@@ -12,51 +11,16 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import os
 import pickle
 import sys
-import tempfile
-import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 
-Trouble = Literal["damaged", "unread", "unwritten"]
-_DIGEST = hashlib.sha256().digest_size
-
-
-class Troubles:
-    """What keeps kernels from being kept, each kind once. Safe to use from several threads."""
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._known: dict[Trouble, str] = {}
-        self._listener: Callable[[str], None] | None = None
-
-    def listen(self, listener: Callable[[str], None]) -> None:
-        """Call this with words for each trouble there was so far, and for each that comes."""
-        with self._lock:
-            self._listener = listener
-            known = list(self._known.values())
-        for words in known:
-            listener(words)
-
-    def note(self, trouble: Trouble, words: str) -> None:
-        """There is trouble of that kind."""
-        with self._lock:
-            if trouble in self._known:
-                return
-            self._known[trouble] = words
-            listener = self._listener
-        if listener is not None:
-            listener(words)
-
-
-TROUBLES = Troubles()
-"""Of this process."""
+from placement_planner_ros.core.kept_files import TROUBLES, sealed, unsealed, write_whole
 
 
 class KernelCache:
@@ -78,6 +42,16 @@ class KernelCache:
     def cache_path(self) -> str:
         """The folder."""
         return self._folder
+
+    @property
+    def name(self) -> str:
+        """The kernel's, and the line it begins in."""
+        return self._name
+
+    @property
+    def is_kept(self) -> bool:
+        """Whether a version of it is on disk, for whatever arguments and sound or not."""
+        return bool(self._folder) and any(Path(self._folder).glob(f"{self._name}.*.nbk"))
 
     def enable(self) -> None:
         """Read and write from now on."""
@@ -107,7 +81,7 @@ class KernelCache:
             TROUBLES.note("unread", words)
             return None
         try:
-            return CompileResult._rebuild(target_context, *_unpacked(content))
+            return CompileResult._rebuild(target_context, *_unpacked(content, path.name))
         except Exception:  # whatever a damaged file, or one of another make, leads to
             TROUBLES.note("damaged", f"{path} is damaged; that kernel is compiled anew")
             with contextlib.suppress(OSError):
@@ -120,7 +94,7 @@ class KernelCache:
             return
         path = self._path(signature, compiled.codegen)
         try:
-            _write(path, _packed(compiled._reduce()))
+            write_whole(path, _packed(compiled._reduce(), path.name))
         except OSError as error:
             TROUBLES.note(
                 "unwritten",
@@ -132,35 +106,20 @@ class KernelCache:
     def _path(self, signature: object, codegen: Any) -> Path:
         state = (str(signature), codegen.magic_tuple(), sys.implementation.cache_tag)
         digest = hashlib.sha256(repr(state).encode() + self._code.co_code + dumps(self._cells))
-        return Path(self._folder) / f"{self._name}.{digest.hexdigest()[:24]}.nbc"
+        return Path(self._folder) / f"{self._name}.{digest.hexdigest()[:24]}.nbk"
 
 
-def _packed(parts: tuple[Any, ...]) -> bytes:
-    content: bytes = dumps(parts)
-    return hashlib.sha256(content).digest() + content
+def _packed(parts: tuple[Any, ...], name: str) -> bytes:
+    return sealed(dumps(parts), name)
 
 
-def _unpacked(content: bytes) -> tuple[Any, ...]:
-    """What was packed; machine code that lost a block would end the process once it is run.
+def _unpacked(content: bytes, name: str) -> tuple[Any, ...]:
+    """What was packed for the file of that name.
+
+    Machine code that lost a block, or of another kernel, would end the process once it is run.
 
     Raises:
-        ValueError: it is not as it was written.
+        ValueError: it is not as it was written there.
     """
-    digest, content = content[:_DIGEST], content[_DIGEST:]
-    if hashlib.sha256(content).digest() != digest:
-        raise ValueError("damaged")
-    parts: tuple[Any, ...] = pickle.loads(content)
+    parts: tuple[Any, ...] = pickle.loads(unsealed(content, name))
     return parts
-
-
-def _write(path: Path, content: bytes) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    descriptor, aside = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".tmp")
-    try:
-        with open(descriptor, "wb") as stream:
-            stream.write(content)
-        os.replace(aside, path)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            os.unlink(aside)
-        raise

@@ -21,24 +21,47 @@ from __future__ import annotations
 import functools
 import hashlib
 import inspect
-import os
 import re
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
 from numba.core.options import DefaultOptions
+from numba.core.registry import cpu_target
 from numba.core.types import unliteral
 
-from placement_planner_ros.core.kernel_cache import TROUBLES, KernelCache
+from placement_planner_ros.core.kept_files import TROUBLES, kept_folder
+from placement_planner_ros.core.kernel_cache import KernelCache
 
 _F = TypeVar("_F", bound=Callable[..., Any])
-_config: Any = numba.config
 _PACKAGE = Path(__file__).parents[1]
 _IMPORT = re.compile(rf"^\s*from {_PACKAGE.name}([.\w]*) import", re.MULTILINE)
 UNCOUNTED: dict[str, Any] = {"_nrt": False} if hasattr(DefaultOptions, "_nrt") else {}
 """What makes a kernel lean; empty, and lean kernels like others, where numba does not know it."""
+
+
+_KERNELS: list[tuple[str, KernelCache]] = []
+"""Module and cache of each kernel that is compiled by itself."""
+
+
+def not_kept() -> tuple[list[str], int]:
+    """Which of the core's kernels, as far as they are imported, are on disk in no version.
+
+    Returns:
+        their names, and how many kernels there are.
+    """
+    core = [cache for module, cache in _KERNELS if module.startswith(f"{_PACKAGE.name}.core.")]
+    return [cache.name for cache in core if not cache.is_kept], len(core)
+
+
+def version_of_kernels() -> str:
+    """Of all kernels of the core, this Python and this processor, in a few characters."""
+    core = [cache.cache_path for module, cache in _KERNELS if ".core." in module]
+    names = sorted({Path(path).name for path in core})
+    machine = (cpu_target.target_context.codegen().magic_tuple(), sys.implementation.cache_tag)
+    return hashlib.sha256(repr((names, machine)).encode()).hexdigest()[:16]
 
 
 def kernel(*, lean: bool = False, nogil: bool = False, inline: bool = False) -> Callable[[_F], _F]:
@@ -57,6 +80,8 @@ def kernel(*, lean: bool = False, nogil: bool = False, inline: bool = False) -> 
         folder = _cache_folder(inspect.getfile(function))
         compiled: Any = numba.njit(**options)(function)
         compiled._cache = KernelCache(function, folder)
+        if not inline:
+            _KERNELS.append((function.__module__, compiled._cache))
         template = compiled.get_call_template
         compiled.get_call_template = lambda args, kws: template(
             [unliteral(a) for a in args], {name: unliteral(a) for name, a in kws.items()}
@@ -80,18 +105,14 @@ def _cache_folder(file: str) -> str:
 
 
 def _caches() -> Path | None:
-    if _config.CACHE_DIR:
-        return Path(_config.CACHE_DIR)
-    caches = os.environ.get("XDG_CACHE_HOME")
-    try:
-        return Path(caches or Path.home() / ".cache") / _PACKAGE.name
-    except RuntimeError:
+    caches = kept_folder()
+    if caches is None:
         TROUBLES.note(
             "unwritten",
             "kernels are not kept, for there is no home folder; each start compiles them again "
             "until NUMBA_CACHE_DIR, XDG_CACHE_HOME or HOME names a folder",
         )
-        return None
+    return caches
 
 
 def _imported(path: Path, found: dict[Path, None]) -> dict[Path, None]:

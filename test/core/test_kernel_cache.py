@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 import placement_planner_ros
-from placement_planner_ros.core import kernel_cache, kernels
+from placement_planner_ros.core import kept_files, kernel_cache, kernels
 
 ROOT = Path(placement_planner_ros.__file__).parents[1]
 PROGRAM = """
-from placement_planner_ros.core.kernel_cache import TROUBLES
+from placement_planner_ros.core.kept_files import TROUBLES
 from placement_planner_ros.core.kernels import kernel
 
 @kernel()
@@ -38,7 +38,7 @@ def cache(monkeypatch, tmp_path):
     """An empty cache; what is said of it is in `cache.said`."""
     kernels._cache_folder.cache_clear()
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
-    troubles, said = kernel_cache.Troubles(), []
+    troubles, said = kept_files.Troubles(), []
     troubles.listen(said.append)
     monkeypatch.setattr(kernel_cache, "TROUBLES", troubles)
     monkeypatch.setattr(kernels, "TROUBLES", troubles)
@@ -53,7 +53,7 @@ class Cache:
 
     @property
     def files(self):
-        return sorted(self.folder.rglob("*.nbc"))
+        return sorted(self.folder.rglob("*.nbk"))
 
 
 def total(numbers, factor):
@@ -70,19 +70,19 @@ def call():
     return made.stats.cache_hits.total() == 1
 
 
-def other_make(content):
+def other_make(_, name):
     """Whole, but of something that has another form."""
-    return kernel_cache._packed(("not", "a", "kernel"))
+    return kernel_cache._packed(("not", "a", "kernel"), name)
 
 
 DAMAGES = {
-    "empty": lambda content: b"",
-    "half": lambda content: content[: len(content) // 2],
-    "garbage": lambda content: np.random.default_rng(0).bytes(len(content)),
-    "a block of zeros": lambda content: content[:4096] + bytes(512) + content[4608:],
-    "a flipped bit": lambda content: content[:-9] + bytes([content[-9] ^ 1]) + content[-8:],
-    "more than was written": lambda content: content + content,
-    "a pickle": lambda content: pickle.dumps(call),
+    "empty": lambda content, _: b"",
+    "half": lambda content, _: content[: len(content) // 2],
+    "garbage": lambda content, _: np.random.default_rng(0).bytes(len(content)),
+    "a block of zeros": lambda content, _: content[:4096] + bytes(512) + content[4608:],
+    "a flipped bit": lambda content, _: content[:-9] + bytes([content[-9] ^ 1]) + content[-8:],
+    "more than was written": lambda content, _: content + content,
+    "a pickle": lambda content, _: pickle.dumps(call),
     "another make": other_make,
 }
 
@@ -94,13 +94,29 @@ def test_a_damaged_kernel_is_made_anew_and_that_is_said_once(cache, damage):
     (file,) = cache.files
     whole = file.read_bytes()
     for _ in range(2):
-        file.write_bytes(DAMAGES[damage](whole))
+        file.write_bytes(DAMAGES[damage](whole, file.name))
         assert not call()
         assert call()
     assert len(cache.said) == 1
     assert str(file) in cache.said[0]
     assert "damaged" in cache.said[0]
     assert cache.files == [file]
+
+
+def test_kernels_that_were_swapped_are_not_taken_for_each_other(cache):
+    made = kernels.kernel()(total)
+    made(np.ones(3), 2)
+    made(np.ones(3), 2.0)
+    one, other = cache.files
+    content = one.read_bytes()
+    one.write_bytes(other.read_bytes())
+    other.write_bytes(content)
+    again = kernels.kernel()(total)
+    assert again(np.ones(3), 2.5) == 7.5
+    assert again(np.ones(3), 3) == 9.0
+    assert again.stats.cache_hits.total() == 0
+    assert "damaged" in cache.said[0]
+    assert kernels.kernel()(total)(np.ones(3), 2.5) == 7.5
 
 
 def test_a_folder_in_place_of_a_kernel_is_said_and_done_without(cache):
@@ -160,7 +176,7 @@ def test_without_a_home_kernels_are_not_kept(cache, monkeypatch):
 
 
 def test_who_listens_late_hears_what_there_was(cache):
-    troubles, said = kernel_cache.Troubles(), []
+    troubles, said = kept_files.Troubles(), []
     troubles.note("unread", "one")
     troubles.note("unread", "two")
     troubles.listen(said.append)

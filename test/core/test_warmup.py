@@ -10,15 +10,13 @@ PACKAGE = Path(placement_planner_ros.__file__).parent
 # In a process of its own, as the other tests call kernels too. The arms' neutral configuration is
 # the one that the node warms up with; that it lies within the limits, or free, is nowhere said.
 PROGRAM = """
-import importlib, sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
-from numba.core.dispatcher import Dispatcher
 
 from placement_planner_ros import Body, Environment, PlannerSettings
+from placement_planner_ros.core.kernel_cache import KernelCache
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.planner import PlacementPlanner
@@ -30,20 +28,14 @@ from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.scenes import scene_by_name
 from placement_planner_ros.scenes.yumi import load_yumi, yumi_arm
 
-def versions():
-    return {
-        (module, name, signature)
-        for module, loaded in list(sys.modules.items())
-        if module.startswith("placement_planner_ros.core.")
-        for name, kernel in vars(loaded).items()
-        if isinstance(kernel, Dispatcher) and kernel.py_func.__module__ == module
-        for signature in kernel.signatures
-    }
+compiled = []
+save = KernelCache.save_overload
+KernelCache.save_overload = lambda cache, *given: compiled.append(cache.name) or save(cache, *given)
 
 robot = load_yumi()
 arms = [yumi_arm(robot, name) for name in ("left", "right")]
 warm_up(robot, arms, pin.neutral(robot.model))
-warm = versions()
+compiled.clear()
 held, scene = object_by_name("small_crayons_box"), scene_by_name("cabinet_high_clutter")
 body = Body.from_mesh(held.vertices, held.triangles)
 environment = Environment.from_points(complete_cloud(scene), scene.volume)
@@ -57,8 +49,8 @@ for sampler in ("optimistic", "mcts"):
     planner = PlacementPlanner(problem, objective, settings, np.random.default_rng(0))
     found = planner.run(lambda: planner.statistics.samples > 20_000)
     print(len([placement for placement, _ in zip(found, range(3))]))
-for module, name, _ in sorted(versions() - warm, key=str):
-    print(module, name)
+for name in compiled:
+    print(name)
 """
 
 

@@ -24,6 +24,7 @@ class Snapshot:
         placed: per cloud, whether it is an object placed before, which is never filtered.
         object_key: `ObjectInput.key` of what the robot holds by default, which this run may
             hold another in place of.
+        robot_key: `RobotInput.key` of the robot.
     """
 
     robot: Robot
@@ -36,3 +37,4 @@ class Snapshot:
     origins: tuple[Array | None, ...] = ()
     placed: tuple[bool, ...] = ()
     object_key: Hashable = None
+    robot_key: Hashable = None

@@ -12,21 +12,33 @@ import numpy as np
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.errors import (
     GraspError,
+    JointStateError,
     ObjectError,
-    ParameterError,
     PlacementPlannerError,
 )
 from placement_planner_ros.core.grasp.at_start import faults_at_start
-from placement_planner_ros.core.robot.model import Arm
+from placement_planner_ros.core.grasp.object_size import size_doubt
+from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.timing.trajectory_maker import TimingSettings
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.inputs import Inputs
-from placement_planner_ros.ros.inputs.robot_input import make_arm
+from placement_planner_ros.ros.inputs.robot_input import announced, make_arm
 from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.run.surroundings import require_grid, sight_notes
 
 Made = TypeVar("Made")
+
+BUNDLED = (
+    "the bundled YuMi stands in for it, and its joints are not published; publish the robot's URDF "
+    "as robot_description, reliable and transient local, or set the parameter robot_description"
+)
+"""What to do where joints of a robot are missing that nobody asked for."""
+
+
+SRDF = "give robot_description_semantic"
+"""What to do about pairs of links that were left out."""
 
 
 def take_snapshot(
@@ -51,19 +63,19 @@ def take_snapshot(
     mode, max_age = parameters["cloud.mode"], parameters["cloud.max_age"]
     faults += inputs.clouds.faults(mode, max_age, now)
     clouds = None if faults else attempt(lambda: inputs.clouds.snapshot(mode, max_age, now))
+    robot_key = inputs.robot.key
     robot = attempt(lambda: inputs.robot.robot)
     q_start: Array | None = None
     arms: tuple[Arm, ...] = ()
     if robot is not None:
-        timeout, tolerance = parameters["joint_state_timeout"], parameters["start_tolerance"]
-        q_start = q = attempt(lambda: inputs.joints.resting(robot, now, timeout, tolerance))
-        if q is not None:
-            attempt(lambda: robot.require_plausible(q))
+        standing = attempt(partial(_standing, inputs, robot, parameters, now))
+        if standing is not None:
+            robot, q_start = standing
         made = [attempt(partial(make_arm, robot, parameters, name)) for name in parameters["arms"]]
         arms = tuple(arm for arm in made if arm is not None)
         if len(arms) == len(made):
             attempt(lambda: require_grasp(arms))
-            attempt(lambda: require_limits(arms, parameters["acceleration_limits"]))
+            attempt(lambda: require_limits(arms, parameters.planner_settings.timing))
     object_key = inputs.object.key
     body = attempt(lambda: inputs.object.body(parameters, overridden))
     if faults or robot is None or clouds is None or q_start is None or body is None:
@@ -72,11 +84,40 @@ def take_snapshot(
     origins = tuple(cloud.origin for cloud in clouds)
     placed = tuple(cloud.placed for cloud in clouds)
     snapshot = Snapshot(
-        robot, arms, q_start, body, points, parameters, robot.root_link, origins, placed, object_key
+        robot,
+        arms,
+        q_start,
+        body,
+        points,
+        parameters,
+        robot.root_link,
+        origins,
+        placed,
+        object_key,
+        robot_key,
     )
     attempt(lambda: require_face(body))
     attempt(lambda: require_grid(snapshot))
     return faults or snapshot
+
+
+def _standing(
+    inputs: Inputs, robot: Robot, parameters: ParameterSet, now: float
+) -> tuple[Robot, Array]:
+    """The robot, with what is learned from where it stands, and q_0 (nq,).
+
+    Raises:
+        PlacementPlannerError: q_0 is not known, or cannot be.
+    """
+    timeout, tolerance = parameters["joint_state_timeout"], parameters["start_tolerance"]
+    try:
+        q = inputs.joints.resting(robot, now, timeout, tolerance)
+    except JointStateError as error:
+        if inputs.robot.is_given:
+            raise
+        raise JointStateError("robot_description", "none has come", BUNDLED) from error
+    robot.require_plausible(q)
+    return inputs.robot.standing_at(robot, q), q
 
 
 def start_notes(snapshot: Snapshot, environment: Environment | None) -> list[str]:
@@ -96,9 +137,22 @@ def start_notes(snapshot: Snapshot, environment: Environment | None) -> list[str
         snapshot.parameters.planner_settings.collision,
         None if environment is None else environment.obstacles,
     )
-    beyond = snapshot.robot.limit_violations(snapshot.q_start)
+    robot, parameters = snapshot.robot, snapshot.parameters
+    beyond = robot.limit_violations(snapshot.q_start)
     without = [f"does without {reason}" for reason in at_start]
-    return [*snapshot.body.warnings, *beyond, *without, *sight_notes(snapshot)]
+    assumed = not parameters.planner_settings.timing.chosen
+    of_arms = [
+        note
+        for arm in snapshot.arms
+        for note in announced(robot, parameters, arm).notes(accelerations=assumed)
+    ]
+    standing = [each for each in robot.left_out or () if each.reason == "start"]
+    left_out = [
+        f"not checked against each other: {each}; if they can meet, {SRDF}" for each in standing
+    ]
+    doubt = size_doubt(snapshot.robot, snapshot.arms, snapshot.q_start, snapshot.body)
+    of_object = [*snapshot.body.warnings, *([doubt] if doubt else [])]
+    return [*of_object, *beyond, *of_arms, *left_out, *without, *sight_notes(snapshot)]
 
 
 def require_face(body: Body) -> None:
@@ -107,28 +161,27 @@ def require_face(body: Body) -> None:
     Raises:
         ObjectError: it has no placement face.
     """
-    if not body.faces:
-        extents = np.ptp(body.vertices, axis=0).round(4).tolist()
-        raise ObjectError(
-            "object",
-            f"{len(body.vertices)} vertices, {extents} m large",
-            "it has no face to stand on; check object.center_of_mass and the mesh",
+    if body.faces:
+        return
+    extents = np.ptp(body.vertices, axis=0).round(4).tolist()
+    tries = "try object.center_of_mass, object.flatness, or another mesh"
+    why = f"it has no face to rest on; {tries}"
+    if body.rolling:
+        why = (
+            f"it could roll from each of its {body.rolling} rests; set object.allow_rolling, or "
+            f"{tries}"
         )
+    raise ObjectError("object", f"{len(body.vertices)} vertices, {extents} m large", why)
 
 
-def require_limits(arms: Sequence[Arm], limits: Sequence[float]) -> None:
+def require_limits(arms: Sequence[Arm], timing: TimingSettings) -> None:
     """Refuse acceleration limits that do not fit every arm.
 
     Raises:
         ParameterError: there are neither one nor as many as an arm has joints.
     """
     for arm in arms:
-        if len(limits) not in (1, len(arm.joints)):
-            raise ParameterError(
-                "acceleration_limits",
-                list(limits),
-                f"give one value, or {len(arm.joints)} for arm {arm.name}",
-            )
+        timing.accelerations(arm)
 
 
 def require_grasp(arms: Sequence[Arm]) -> None:

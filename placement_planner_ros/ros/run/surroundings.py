@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.problem import workspace
 from placement_planner_ros.core.scene.environment import Environment, require_room
+from placement_planner_ros.core.scene.extent import cropped
 from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.regions import RegionSettings
 from placement_planner_ros.core.scene.visibility import View
@@ -28,6 +28,7 @@ class Surroundings:
         bounds: lower (3,) and upper (3,) corner of what the obstacle set covers.
         views: for `unknown_space`; empty where that is free.
         snapshot: where the robot is, which only views look at.
+        unknown_below: `unknown_space` is occupied_below.
     """
 
     points: Array
@@ -36,6 +37,7 @@ class Surroundings:
     grid: GridSettings
     views: tuple[View, ...]
     snapshot: Snapshot
+    unknown_below: bool = False
 
     @classmethod
     def of(cls, snapshot: Snapshot, before: Surroundings | None = None) -> Surroundings:
@@ -53,7 +55,7 @@ class Surroundings:
             if any(snapshot.placed):
                 kept |= np.repeat(snapshot.placed, [len(cloud) for cloud in snapshot.clouds])
         views: list[View] = []
-        if snapshot.parameters["unknown_space"] == "occupied":
+        if snapshot.parameters["unknown_space"] != "free":
             ends = np.cumsum([len(cloud) for cloud in snapshot.clouds])[:-1]
             for cloud, hides, origin in zip(
                 snapshot.clouds, np.split(kept, ends), snapshot.origins, strict=True
@@ -68,6 +70,7 @@ class Surroundings:
             snapshot.parameters.grid_settings,
             tuple(views),
             snapshot,
+            snapshot.parameters["unknown_space"] == "occupied_below",
         )
 
     def made_of(self, snapshot: Snapshot) -> bool:
@@ -84,6 +87,7 @@ class Surroundings:
             and _equal(self.bounds, other.bounds)
             and np.array_equal(self.points, other.points)
             and len(self.views) == len(other.views)
+            and (not self.views or self.unknown_below == other.unknown_below)
             and all(map(_same_view, self.views, other.views))
             and (not self.views or _same_hands(self.snapshot, other.snapshot))
         )
@@ -106,6 +110,7 @@ class Surroundings:
             outside_robot=lambda centers, distance: _outside(
                 self.snapshot, centers, around + distance
             ),
+            unknown_below=self.unknown_below,
         )
 
 
@@ -173,35 +178,14 @@ def grid_bounds(snapshot: Snapshot, points: Array) -> tuple[Array, Array]:
     lower, upper = _workspace(snapshot)
     if _is_unknown_occupied(snapshot):
         return lower, upper
-    low, high = _extent(np.ascontiguousarray(points), lower, upper)
-    if low[0] > high[0]:
-        return snapshot.parameters.volume.lower, snapshot.parameters.volume.upper
-    # A rim, by whole cells, so that the cells are the same whatever was seen.
-    size = snapshot.parameters["cloud.cell_size"]
-    skipped = np.floor((low - lower) / size) - 2.0
-    return (
-        lower + np.maximum(skipped, 0.0) * size,
-        np.minimum(upper, high + 2.0 * size),
-    )
-
-
-@kernel(nogil=True)
-def _extent(points: Array, lower: Array, upper: Array) -> tuple[Array, Array]:
-    """Corners (3,) of the box around those of (n, 3) points that lie within other corners; the
-    lower one is above the upper one where none does."""
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for row in range(len(points)):
-        x, y, z = points[row, 0], points[row, 1], points[row, 2]
-        if lower[0] <= x <= upper[0] and lower[1] <= y <= upper[1] and lower[2] <= z <= upper[2]:
-            for axis, value in ((0, x), (1, y), (2, z)):
-                low[axis] = min(low[axis], value)
-                high[axis] = max(high[axis], value)
-    return low, high
+    volume = snapshot.parameters.volume
+    found = cropped(lower, upper, points, float(snapshot.parameters["cloud.cell_size"]))
+    return (volume.lower, volume.upper) if found is None else found
 
 
 def warm_up() -> None:
     """Compile, or load."""
-    _extent(np.zeros((1, 3)), np.zeros(3), np.zeros(3))
+    cropped(np.zeros(3), np.ones(3), np.zeros((1, 3)), 1.0)
 
 
 def require_grid(snapshot: Snapshot) -> None:
@@ -231,18 +215,17 @@ def require_grid(snapshot: Snapshot) -> None:
 
 
 def _is_unknown_occupied(snapshot: Snapshot) -> bool:
-    return snapshot.parameters["unknown_space"] == "occupied" and any(
+    return snapshot.parameters["unknown_space"] != "free" and any(
         origin is not None for origin in snapshot.origins
     )
 
 
 def sight_notes(snapshot: Snapshot) -> list[str]:
     """What to tell of `unknown_space` where it cannot be told what was seen."""
-    if snapshot.parameters["unknown_space"] == "free" or any(
-        origin is not None for origin in snapshot.origins
-    ):
+    asked = snapshot.parameters["unknown_space"]
+    if asked == "free" or any(origin is not None for origin in snapshot.origins):
         return []
     return [
-        "unknown_space: occupied has no effect, for every cloud is in the planning frame and "
+        f"unknown_space: {asked} has no effect, for every cloud is in the planning frame and "
         "nobody knows where it was seen from; publish clouds in their sensor's frame"
     ]

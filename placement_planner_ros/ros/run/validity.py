@@ -11,7 +11,7 @@ import numpy as np
 
 from placement_planner_ros.core.collision.arm import ArmCollision
 from placement_planner_ros.core.collision.load import Held, Standing
-from placement_planner_ros.core.errors import PlacementPlannerError
+from placement_planner_ros.core.errors import JointStateError, PlacementPlannerError, listed
 from placement_planner_ros.core.grasp.hand_sweep import with_opening_hand
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import ObstacleSet
@@ -117,26 +117,35 @@ def outdated(snapshot: Snapshot, inputs: Inputs) -> str:
 
     The same words as long as the reason is the same.
     """
-    try:
-        if inputs.robot.robot is not snapshot.robot:
-            return "the robot was replaced"
-    except PlacementPlannerError as error:
-        return f"the robot was replaced, or cannot be used any more ({error.code})"
+    if inputs.robot.key != snapshot.robot_key:
+        return "the robot was replaced"
     if inputs.object.key != snapshot.object_key:
         return "the object was replaced"
     parameters, now = snapshot.parameters, time.monotonic()
     timeout = parameters["joint_state_timeout"]
     stale = _stale_joints(snapshot, inputs, now, timeout)
     if stale:
-        more = len(stale) - _NAMED
-        named = ", ".join(stale[:_NAMED]) + (f" and {more} more" if more > 0 else "")
+        named = listed(stale, most=_NAMED)
         return f"joint values of {named} are older than joint_state_timeout = {timeout:g} s"
     max_age = parameters["cloud.max_age"]
     for fault in inputs.clouds.faults(parameters["cloud.mode"], max_age, now):
         if isinstance(fault, CloudStaleError):
-            topics = ", ".join(_named(fault))
+            topics = listed(_named(fault), most=_NAMED)
             return f"clouds on {topics} are older than cloud.max_age = {max_age:g} s"
     return ""
+
+
+def moved(snapshot: Snapshot, inputs: Inputs) -> str:
+    """Why the robot is no more where a run began; '' where it is, as far as anybody knows."""
+    tolerance = snapshot.parameters["start_tolerance"]
+    try:
+        q = snapshot.robot.configuration(inputs.joints.positions())
+    except JointStateError:
+        pass
+    else:
+        if snapshot.robot.apart(q, snapshot.q_start).max() > tolerance:
+            return "the robot has left q_0"
+    return inputs.robot.strayed(snapshot.robot, snapshot.robot_key, tolerance)
 
 
 def _stale_joints(snapshot: Snapshot, inputs: Inputs, now: float, timeout: float) -> list[str]:

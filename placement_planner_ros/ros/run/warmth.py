@@ -11,11 +11,13 @@ class Warmth(threading.Event):
 
     Attributes:
         failure: why it failed; empty where it did not, or is not over.
+        progress: how far compiling is; empty where nothing is compiled.
     """
 
     def __init__(self) -> None:
         super().__init__()
         self.failure = ""
+        self.progress = ""
 
     @property
     def shown(self) -> Literal["true", "false", "failed"]:

@@ -10,7 +10,7 @@ from typing import Protocol
 import pinocchio as pin
 
 from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError
-from placement_planner_ros.core.explanation.explanation import SENSOR
+from placement_planner_ros.core.explanation.explanation import SENSOR, Explanation
 from placement_planner_ros.core.stopping import StoppedError
 from placement_planner_ros.core.types import Placement
 from placement_planner_ros.ros.run.planning import Planner, Prepare, Prepared
@@ -107,6 +107,7 @@ class Run:
         self._error_code = "INTERNAL"
         self._started = time.monotonic()
         self._deadline = float("inf")
+        self._searched = 0.0
         self._prepare = prepare
         self._warm = warm
         self._observer = observer
@@ -175,21 +176,30 @@ class Run:
             return f"no solution: {self.reason}"
         if self.planner is None:
             return "no solution: the run ended before the search began"
-        return f"no solution: {self._named(self.planner.explanation.short) or _TOO_LATE}"
+        return f"no solution: {self._named(self._explanation.short) or _TOO_LATE}"
 
     @property
     def why(self) -> str:
         """Why nothing was found, or has been yet, line by line; '' where nothing is to be said."""
         if self.planner is None or self.best is not None:
             return ""
-        return self._named(str(self.planner.explanation))
+        return self._named(str(self._explanation))
 
     @property
     def details(self) -> str:
         """Of these, the numbers that `summary` leaves out."""
         if self.planner is None or self.best is not None:
             return ""
-        return self._named("\n".join(self.planner.explanation.details))
+        return self._named("\n".join(self._explanation.details))
+
+    @property
+    def _explanation(self) -> Explanation:
+        """The planner's, of a run that was ended early as such."""
+        assert self.planner is not None
+        told = self.planner.explanation
+        if self.state in (State.STOPPED, State.STOPPING, State.ROBOT_MOVED):
+            return told.cut_short(self._searched)
+        return told
 
     def _named(self, words: str) -> str:
         """The words with the names of this node's own sensors."""
@@ -271,9 +281,10 @@ class Run:
             if self._ending is None:
                 self.state = State.SEARCHING
         self._observer.prepared(self, prepared)
+        began = time.monotonic()
         limit = self.snapshot.parameters["time_limit"]
         if limit > 0.0:
-            self._deadline = time.monotonic() + limit
+            self._deadline = began + limit
         for placement in prepared.planner.run(self.should_stop):
             with self._publishing:
                 if self._ending is not None:
@@ -285,6 +296,7 @@ class Run:
                 self._observer.placed(self, placement)
             if self.should_stop():
                 break
+        self._searched = time.monotonic() - began
         outcome = State.TIME_LIMIT if self.should_stop() else State.EXHAUSTED
         prepared.planner.explain()
         if outcome is State.EXHAUSTED:

@@ -1,0 +1,1 @@
+"""A made-up task that calls every kernel."""

@@ -1,0 +1,166 @@
+"""Compile all kernels in processes of their own, before anybody waits for one.
+
+A process that compiles keeps what the compiler took, for its life, and compiles on one core only.
+Two processes begin with different stages of `Practice` and keep each kernel on disk as it is done,
+where the other finds it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
+
+from placement_planner_ros.core.kept_files import kept_folder, write_whole
+from placement_planner_ros.core.kernels import not_kept, version_of_kernels
+from placement_planner_ros.core.practice.practice import Practice
+from placement_planner_ros.core.stopping import step
+
+_LOOK = 0.5
+"""Seconds between looks at how far the processes are."""
+
+_ROOM = 30_000_000
+"""Bytes that all kernels take at most."""
+
+_ORDERS = (
+    (Practice.reach, Practice.collision),
+    (Practice.distances, Practice.swept),
+)
+"""The stages that each process begins with."""
+
+
+class CompilationError(Exception):
+    """The processes ended without all kernels."""
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How far compiling is.
+
+    Attributes:
+        done: kernels that are compiled.
+        kernels: how many there are.
+        seconds: since it began.
+        before: kernels that were compiled when it began.
+    """
+
+    done: int
+    kernels: int
+    seconds: float
+    before: int = 0
+
+    @property
+    def left(self) -> float | None:
+        """Seconds that it will take still, as far as can be told."""
+        made = self.done - self.before
+        return None if made < 10 else self.seconds * (self.kernels - self.done) / made
+
+    def __str__(self) -> str:
+        left = "" if self.left is None else f", some {max(self.left, 1.0):.0f} s left"
+        return f"{self.done} of {self.kernels} kernels compiled{left}"
+
+
+def compile_kernels(told: Callable[[Progress], None]) -> None:
+    """Compile what is not on disk yet; stoppable, as `core.stopping` says.
+
+    Args:
+        told: how far it is, whenever that changed.
+
+    Raises:
+        CompilationError: it failed, or what is compiled cannot be kept.
+        StoppedError: nobody wants them any more.
+    """
+    mark = _mark()
+    if mark is not None and mark.exists():
+        return
+    _require_room()
+    missing, kernels = not_kept()
+    began, before, said = time.monotonic(), kernels - len(missing), -1
+
+    def tell(done: int) -> None:
+        nonlocal said
+        if done > said:
+            said = done
+            told(Progress(done, kernels, time.monotonic() - began, before))
+
+    with contextlib.ExitStack() as opened:
+        # Files, since a pipe that nobody reads would fill.
+        errors = [opened.enter_context(tempfile.TemporaryFile()) for _ in _ORDERS]
+        _run(errors, lambda: tell(kernels - len(not_kept()[0])))
+    tell(kernels)
+    if mark is not None:
+        with contextlib.suppress(OSError):  # the kernels are there all the same
+            write_whole(mark, b"")
+
+
+def _run(errors: Sequence[IO[bytes]], look: Callable[[], None]) -> None:
+    """Have a process for each order work to its end, and look at them meanwhile.
+
+    Raises:
+        CompilationError: one failed.
+        StoppedError: nobody wants them any more.
+    """
+    processes = [_spawn(number, file) for number, file in enumerate(errors)]
+    try:
+        while any(process.poll() is None for process in processes):
+            step("compiling kernels")
+            look()
+            time.sleep(_LOOK)
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+    for process, file in zip(processes, errors, strict=True):
+        if process.returncode != 0:
+            file.seek(0)
+            last = " ".join(file.read().decode(errors="replace").split())[-300:]
+            raise CompilationError(f"a process that compiled ended by {process.returncode}: {last}")
+
+
+def _mark() -> Path | None:
+    """A file that says that all kernels of this version are compiled for this processor."""
+    folder = kept_folder()
+    return None if folder is None else folder / f"all-{version_of_kernels()}"
+
+
+def _require_room() -> None:
+    """Find out at once that nothing can be kept.
+
+    Raises:
+        CompilationError: it cannot.
+    """
+    folder = kept_folder()
+    if folder is None:
+        raise CompilationError("there is no home folder")
+    try:
+        with tempfile.TemporaryFile(dir=_made(folder)) as probe:
+            probe.write(bytes(_ROOM))
+    except OSError as error:
+        raise CompilationError(f"{folder}: {error.strerror or error}") from error
+
+
+def _made(folder: Path) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def _spawn(number: int, errors: IO[bytes]) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
+        [sys.executable, "-m", __name__, str(number)],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=errors,
+        start_new_session=True,  # a terminal's Ctrl-C is the caller's to handle
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
+    )
+
+
+if __name__ == "__main__":
+    Practice().solve(_ORDERS[int(sys.argv[1])])

@@ -1,0 +1,204 @@
+"""A placement task that is solved for its own sake: whoever has seen it calls no new kernel.
+
+A small made-up robot with joints and shapes of every kind puts down a box on a surface below it,
+where it is known to be free and to find a way: once with each sampler, then a hollow thing, then
+where nothing can be placed. So every stage of a search is passed, whatever robot the user has and
+wherever that stands.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from itertools import islice
+
+import numpy as np
+import pinocchio as pin
+import trimesh
+
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.collision.arm import ArmCollision
+from placement_planner_ros.core.collision.load import Held
+from placement_planner_ros.core.errors import PlacementPlannerError
+from placement_planner_ros.core.objective.by_name import make_objective
+from placement_planner_ros.core.objective.objective import ObjectiveContext, gradient
+from placement_planner_ros.core.planner import SAMPLERS, PlacementPlanner, PlannerSettings
+from placement_planner_ros.core.practice.robot import START, practice_robot
+from placement_planner_ros.core.problem import Problem, workspace
+from placement_planner_ros.core.reach.ik import InverseKinematics
+from placement_planner_ros.core.reach.kinematics import Chain
+from placement_planner_ros.core.reach.seeds import seed_table
+from placement_planner_ros.core.robot.arm import Arm
+from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.core.robot.moving_arm import MovingArm
+from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.scene.extent import cropped
+from placement_planner_ros.core.scene.grid import GridSettings
+from placement_planner_ros.core.scene.visibility import View
+from placement_planner_ros.core.swept.space import Stretch, SweptSpace
+from placement_planner_ros.core.types import Array, Placement, TargetVolume
+
+SAMPLES = 4000
+"""Samples within which a task must be solved, or be known to be hopeless."""
+
+
+class PracticeError(PlacementPlannerError):
+    """A stage of the search was not passed."""
+
+    code = "INTERNAL"
+
+
+class Practice:
+    """The task, and the stages of a search over it; each makes what it needs of those before."""
+
+    def __init__(self) -> None:
+        self._rng = np.random.default_rng(0)
+        self._robot, self._arm = practice_robot()
+        self._q = self._robot.with_positions(np.zeros(self._robot.model.nq), START)
+        self._moving = MovingArm(self._robot, self._arm, self._q)
+        self._box = _body(trimesh.creation.box((0.06, 0.06, 0.1)))
+
+    def solve(self, first: Sequence[Callable[[Practice], None]] = ()) -> None:
+        """Pass all stages.
+
+        Args:
+            first: of them, those to begin with. Two processes that begin with different ones
+                compile different kernels.
+
+        Raises:
+            PracticeError: a stage was not passed.
+        """
+        for stage in first:
+            stage(self)
+        for sampler in SAMPLERS:
+            self._place(self._problem, replace(PlannerSettings(), sampler=sampler))
+        for stage in (Practice.reach, Practice.collision, Practice.distances, Practice.swept):
+            if stage not in first:
+                stage(self)
+        self._place(replace(self._problem, body=_body(_tray())), PlannerSettings())
+        self._search_in_vain()
+
+    def reach(self) -> None:
+        """Inverse kinematics, with the self-motions that only some searches need."""
+        chain = Chain.from_robot(self._robot, self._arm, self._q)
+        q = self._q[self._arm.q_index]
+        tip = chain.forward(q)
+        inverse = InverseKinematics(chain, PlannerSettings().ik)
+        inverse.solve(tip, seed_table(chain).near(tip[None], 2, self._rng)[0])
+        inverse.sweep(tip, q[None])
+        inverse.track([tip, tip], q)
+        chain.jacobian(q, np.eye(4))
+        chain.joint_frames(q)
+
+    def collision(self) -> None:
+        """Configurations, edges and hands that are free or not."""
+        arm, q = self._holding_arm(), self._q[self._arm.q_index]
+        arm.free_batch(q[None])
+        arm.edge_free(q, q + 0.01)
+        arm.hand_collides(Chain.from_robot(self._robot, self._arm, self._q).forward(q), 0.0)
+        arm.explain(q)
+
+    def distances(self) -> None:
+        """Clearance and its gradient; how far surfaces go on."""
+        context = ObjectiveContext(self._environment, self._environment.volume, self._box)
+        objective = make_objective("maximize_clearance", context)
+        gradient(objective, _pose(0.05, 0.05, 0.06))
+        self._environment.clearance.distance(np.zeros((1, 3)))
+        self._environment.support.roomy(0.0, 0.003, 0.05)
+
+    def swept(self) -> None:
+        """What a path sweeps, against a cloud."""
+        arm, q = self._holding_arm(), self._q[self._arm.q_index]
+        obstacles = self._environment.obstacles
+        swept = SweptSpace([Stretch("", arm, np.array([q, q]))], obstacles, 0.01)
+        near = self._rng.normal([0.0, 0.0, 0.3], 0.2, (1000, 3))
+        swept.news(near)
+        swept.first_hit(near)
+
+    @functools.cached_property
+    def _environment(self) -> Environment:
+        return _surroundings(self._robot, self._arm, self._q, self._box, self._rng)
+
+    @functools.cached_property
+    def _problem(self) -> Problem:
+        around = self._environment
+        return Problem(self._robot, (self._arm,), self._q, self._box, around.volume, around)
+
+    def _holding_arm(self) -> ArmCollision:
+        return ArmCollision(self._moving, Held(self._box), self._environment.obstacles)
+
+    def _place(self, problem: Problem, settings: PlannerSettings) -> None:
+        """A placement, and a second one where better ones are sought at once."""
+        context = ObjectiveContext(problem.environment, problem.volume, problem.body)
+        objective = make_objective("maximize_clearance", context)
+        planner = PlacementPlanner(problem, objective, settings, self._rng)
+        wanted = 2 if settings.sampler == SAMPLERS[0] else 1
+        found = list(islice(_bounded(planner), wanted))
+        if not found or found[-1].retreat is None:
+            raise PracticeError("practice", settings.sampler, f"found nothing: {planner.explain()}")
+        planner.explain()
+
+    def _search_in_vain(self) -> None:
+        """Where support is out of reach, and where it is too narrow."""
+        inside = self._environment.volume
+        for away, width, name in ((4.0, 0.06, "out of reach"), (0.0, 0.02, "too narrow")):
+            offset = np.array([away, 0.0, 0.0])
+            volume = TargetVolume(inside.lower + offset, inside.upper + offset)
+            environment = Environment.from_points(_level(0.06, width, 0.0) + offset, volume)
+            there = replace(self._problem, volume=volume, environment=environment)
+            context = ObjectiveContext(environment, volume, self._box)
+            objective = make_objective("maximize_clearance", context)
+            planner = PlacementPlanner(there, objective, PlannerSettings(), self._rng)
+            if any(_bounded(planner)):
+                raise PracticeError("practice", name, "something was placed where nothing can be")
+            planner.explain()
+
+
+def _bounded(planner: PlacementPlanner) -> Iterator[Placement]:
+    return planner.run(lambda: planner.statistics.samples >= SAMPLES)
+
+
+def _surroundings(
+    robot: Robot, arm: Arm, q_start: Array, body: Body, rng: np.random.Generator
+) -> Environment:
+    """A noisy level surface with a block on it; once with what a sensor above does not see."""
+    block = _level(0.03, 0.03, 0.06) + np.array([0.15, 0.15, 0.0])
+    points = rng.normal(np.vstack([_level(0.25, 0.25, 0.0), block]), 0.001)
+    volume = TargetVolume(np.array([-0.25, -0.25, -0.05]), np.array([0.25, 0.25, 0.3]))
+    lower, upper = workspace(robot, (arm,), q_start, body, volume)
+    settings = GridSettings()
+    bounds = cropped(lower, upper, np.vstack([points, volume.lower, volume.upper]), 0.01)
+    eye = np.array([0.0, 0.0, 1.5])
+    views = [View(points, eye)]
+    Environment.from_points(points, volume, settings, None, bounds, views=views)
+    return Environment.from_points(points, volume, settings, None, bounds)
+
+
+def _level(length: float, width: float, height: float) -> Array:
+    """Points (n, 3) of a rectangle of twice that length and width around the origin."""
+    spacing = 0.005
+    x, y = (np.arange(-half, half + spacing, spacing) for half in (length, width))
+    flat = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+    return np.column_stack([flat, np.full(len(flat), height)])
+
+
+def _pose(x: float, y: float, z: float) -> pin.SE3:
+    return pin.SE3(np.eye(3), np.array([x, y, z]))
+
+
+def _body(mesh: trimesh.Trimesh) -> Body:
+    return Body.from_mesh(mesh.vertices, mesh.faces)
+
+
+def _tray() -> trimesh.Trimesh:
+    """A flat open box, a single closed mesh."""
+    outline = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=np.float64)
+    rings = [(0.03, 0.0), (0.03, 0.04), (0.024, 0.04), (0.024, 0.005)]
+    vertices = np.vstack([np.column_stack([outline * r, np.full(4, z)]) for r, z in rings])
+    faces = [[0, 3, 2], [0, 2, 1], [12, 13, 14], [12, 14, 15]]
+    for ring in (0, 4, 8):
+        for k in range(4):
+            a, b = ring + k, ring + (k + 1) % 4
+            faces += [[a, b, b + 4], [a, b + 4, a + 4]]
+    return trimesh.Trimesh(vertices, faces, process=False)

@@ -1,0 +1,98 @@
+"""Compiling in processes of their own: what is missing, no more, and told."""
+
+import shutil
+
+import pytest
+from numba.core import config
+
+from placement_planner_ros.core.kept_files import kept_folder
+from placement_planner_ros.core.kernels import not_kept
+from placement_planner_ros.core.practice import compiling
+from placement_planner_ros.core.practice.compiling import (
+    CompilationError,
+    Progress,
+    compile_kernels,
+)
+from placement_planner_ros.core.stopping import StoppedError, stoppable
+from placement_planner_ros.core.warmup import load_kernels
+
+A_KERNEL = "check_states"
+
+
+@pytest.fixture(scope="module")
+def all_kept():
+    """The kernels' folder, with all of them in it."""
+    load_kernels()
+    compile_kernels(lambda _: None)
+    return kept_folder()
+
+
+@pytest.fixture
+def without_one(all_kept, tmp_path, monkeypatch):
+    """A folder of its own in which one kernel is missing; its name."""
+    shutil.copytree(all_kept, tmp_path / "placement_planner_ros")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    monkeypatch.setattr(config, "CACHE_DIR", "")
+    here = tmp_path / "placement_planner_ros"
+    for _, cache in compiling_caches():
+        monkeypatch.setattr(cache, "_folder", str(here / cache.cache_path.rsplit("/", 1)[-1]))
+    for path in [*here.glob(f"*/{A_KERNEL}-*.nbk"), *here.glob("all-*")]:
+        path.unlink()
+    return A_KERNEL
+
+
+def compiling_caches():
+    from placement_planner_ros.core import kernels
+
+    return kernels._KERNELS
+
+
+def test_the_practice_calls_every_kernel(all_kept):
+    assert not_kept()[0] == []
+
+
+def test_what_is_missing_is_compiled_and_told(without_one):
+    missing, kernels = not_kept()
+    assert [name.split("-")[0] for name in missing] == [without_one]
+    told = []
+    compile_kernels(told.append)
+    assert not_kept() == ([], kernels)
+    assert (told[0].done, told[-1].done) == (kernels - 1, kernels)
+
+
+def test_nothing_is_begun_where_nothing_is_missing(all_kept, monkeypatch):
+    monkeypatch.setattr(compiling, "_spawn", None)
+    compile_kernels(lambda _: None)
+
+
+def test_it_can_be_stopped(without_one, monkeypatch):
+    begun = []
+    spawn = compiling._spawn
+    monkeypatch.setattr(
+        compiling, "_spawn", lambda *given: begun.append(spawn(*given)) or begun[-1]
+    )
+    with stoppable(lambda: True), pytest.raises(StoppedError):
+        compile_kernels(lambda _: None)
+    assert len(begun) == 2
+    assert all(process.wait(30.0) != 0 for process in begun)
+
+
+def test_a_folder_that_cannot_be_written_is_told_at_once(without_one, monkeypatch, tmp_path):
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(blocked))
+    monkeypatch.setattr(compiling, "_spawn", None)
+    with pytest.raises(CompilationError, match=r"file/placement_planner_ros: Not a directory"):
+        compile_kernels(lambda _: None)
+
+
+def test_processes_that_fail_are_told(without_one, monkeypatch):
+    monkeypatch.setattr(compiling.sys, "executable", "/bin/false")
+    with pytest.raises(CompilationError, match="ended by 1"):
+        compile_kernels(lambda _: None)
+
+
+def test_progress_in_words():
+    assert str(Progress(4, 100, 3.0)) == "4 of 100 kernels compiled"
+    assert str(Progress(60, 100, 30.0, 20)) == "60 of 100 kernels compiled, some 30 s left"
