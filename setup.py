@@ -6,7 +6,13 @@ from setuptools import find_packages, setup
 
 PACKAGE = "placement_planner_ros"
 
-EXECUTABLES = ("placement_planner", "placement_demo", "placement_scene", "placement_benchmark")
+EXECUTABLES = (
+    "placement_planner",
+    "placement_demo",
+    "placement_scene",
+    "placement_benchmark",
+    "placement_check_robot",
+)
 
 # The planner as a library.
 CORE = [
@@ -28,21 +34,26 @@ ROS_WHEELS = [
 ]
 
 PICTURES = ["matplotlib>=3.8,<4"]
+YAML = ["PyYAML>=6,<7"]
 
-ROS = [*(f'{name} ; platform_machine == "x86_64"' for name in ROS_WHEELS), *PICTURES]
+ROS = [*(f'{name} ; platform_machine == "x86_64"' for name in ROS_WHEELS), *PICTURES, *YAML]
 
 EVALUATION = [
     *PICTURES,
     "dask[distributed]>=2024.5,<2027",
     "joblib>=1.4,<2",
     "ompl>=2.0,<3",
+    *YAML,
     "pillow>=10,<14",
-    "PyYAML>=6,<7",
 ]
+
+# Robots to try; 0.4 GB.
+ROBOTS = ["example-robot-data>=6,<7"]
 
 TEST = [
     *ROS,
     *EVALUATION,
+    *ROBOTS,
     "colcon-common-extensions>=0.3,<0.4",
     "hypothesis>=6,<7",
     "mujoco>=3,<5",
@@ -77,7 +88,7 @@ setup(
     package_data={PACKAGE: ["py.typed"]},
     data_files=data_files(),
     install_requires=CORE,
-    extras_require={"ros": ROS, "evaluation": EVALUATION, "test": TEST},
+    extras_require={"ros": ROS, "evaluation": EVALUATION, "robots": ROBOTS, "test": TEST},
     entry_points={
         "console_scripts": [f"{name} = {PACKAGE}.__main__:{name}" for name in EXECUTABLES],
         "placement_planner_ros.objectives": [

@@ -7,6 +7,7 @@ one line which command installs that.
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from functools import partial
 from importlib import import_module
 from typing import Any
@@ -30,16 +31,26 @@ def _start(program: str, module: str, remedy: str, catching: bool = False) -> An
     return main()
 
 
-placement_planner = partial(_start, "placement_planner", "ros.node", ROS_REMEDY, catching=True)
+def placement_planner() -> Any:
+    """The node; or, with `--compile`, what makes it start quickly."""
+    if "--compile" in sys.argv[1:]:
+        return import_module(f"{PACKAGE}.compile").main()
+    return _start("placement_planner", "ros.node", ROS_REMEDY, catching=True)
+
+
 placement_demo = partial(_start, "placement_demo", "ros.tools.demo", ROS_REMEDY)
 placement_scene = partial(_start, "placement_scene", "ros.tools.scene_publisher", ROS_REMEDY)
 placement_benchmark = partial(
     _start, "placement_benchmark", "experiments.benchmark", _EVALUATION_REMEDY
 )
+placement_check_robot = partial(
+    _start, "placement_check_robot", "ros.tools.robot_check.command", ROS_REMEDY
+)
 
 if __name__ == "__main__":
-    programs = (placement_planner, placement_demo, placement_scene, placement_benchmark)
-    by_name = {str(program.args[0]): program for program in programs}
+    others = (placement_demo, placement_scene, placement_benchmark, placement_check_robot)
+    by_name: dict[str, Callable[[], Any]] = {str(program.args[0]): program for program in others}
+    by_name["placement_planner"] = placement_planner
     if len(sys.argv) < 2 or sys.argv[1] not in by_name:
         sys.exit(f"usage: python -m {PACKAGE} {{{','.join(by_name)}}} ...")
     sys.exit(by_name[sys.argv.pop(1)]())

@@ -16,6 +16,7 @@ from placement_planner_ros.core.errors import (
     JointStateError,
     ParameterError,
     VolumeError,
+    listed,
 )
 from placement_planner_ros.core.errors import PlacementPlannerError as PlacementPlannerError
 from placement_planner_ros.core.objective.by_name import make_objective
@@ -25,6 +26,8 @@ from placement_planner_ros.core.problem import Problem, workspace
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.scene.extent import cropped
+from placement_planner_ros.core.scene.grid import GridSettings, checked_cloud
 from placement_planner_ros.core.types import Array, Placement, TargetVolume
 from placement_planner_ros.core.warmup import warm_up
 
@@ -76,6 +79,8 @@ def plan(
     _require(TargetVolume, "volume", volume, "TargetVolume")
     _require((PlannerSettings, type(None)), "settings", settings, "PlannerSettings")
     q = _configuration(robot, q_start)
+    robot.require_plausible(q)
+    robot = robot.standing_at(q)  # the same one for the same q, so that nothing is made twice
     if not (isinstance(time_limit, Real) and time_limit > 0.0):
         raise ParameterError("time_limit", time_limit, "give seconds above 0, or math.inf")
     try:
@@ -83,8 +88,11 @@ def plan(
     except (TypeError, ValueError) as error:
         raise ParameterError("seed", seed, "give an integer of at least 0, or None") from error
     if not isinstance(environment, Environment):
+        points = checked_cloud(environment)
         bounds = workspace(robot, arms, q, body, volume)
-        environment = Environment.from_points(environment, volume, bounds=bounds)
+        known = np.vstack([points, volume.lower, volume.upper])
+        bounds = cropped(*bounds, known, GridSettings().cell_size)
+        environment = Environment.from_points(points, volume, bounds=bounds)
     elif _corners(volume) != _corners(environment.volume):
         raise VolumeError(
             "volume", _corners(volume), f"the environment is of {_corners(environment.volume)}"
@@ -93,8 +101,8 @@ def plan(
     if isinstance(objective, str):
         objective = make_objective(objective, ObjectiveContext(environment, volume, body))
     planner = PlacementPlanner(problem, objective, settings or PlannerSettings(), rng)
-    for reason in planner.unusable:
-        _log.warning("left out: %s", reason)
+    if planner.unusable:
+        _log.warning("left out: %s", listed(planner.unusable, "; "))
     if robot not in _warm:
         warm_up(robot, arms, q)
         _warm.append(robot)

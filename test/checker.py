@@ -15,6 +15,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -27,6 +28,11 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, cKDTree
 
 Array = npt.NDArray[np.float64]
+
+_CONTACTS = 1000
+"""Contacts of a mesh that are looked at for its depth."""
+_DEEP = 1.0
+"""m, the depth of what lies wholly inside of a mesh."""
 
 WORLD = "environment"
 """Link name of everything that does not move."""
@@ -58,8 +64,8 @@ class Task:
     Attributes:
         solids: the environment's true convex solids.
         volume_lower, volume_upper: (3,) corners of V.
-        object_vertices, object_triangles, center_of_mass: the object, its connected components
-            convex, in its own frame.
+        object_vertices, object_triangles, center_of_mass: the object in its own frame: each of its
+            connected components the solid that its triangles close, or a sheet.
         urdf, srdf: texts; `package://<name>/` leads to package_dirs[name].
         q_start: joint name -> value of every joint that mimics no other.
         objective: `maximize_clearance`, `minimize_clearance`, or anything else for "do not check".
@@ -153,6 +159,8 @@ class Tolerances:
         layer: height of the planner's cells, which ξ may be coarse by (`clearance_bounds`).
         improvement: by which ξ must exceed the previous one.
         pushing: how much deeper a finger may get into the object while it opens.
+        touching: way of the hand, at the longest, on which links that touch the object when the
+            hand is open may touch it still; those that have come off before must not meet it again.
         parted: distance of all links from the object at the end of the retreat, at least.
     """
 
@@ -165,13 +173,14 @@ class Tolerances:
     penetration: float = 2e-5
     flatness: float = 1e-3
     height: float = 5e-4
-    edge: float = 1e-3
+    edge: float = 1e-5
     position: float = 5e-4
     angle: float = np.deg2rad(0.2)
     objective: float = 0.01
     layer: float = 0.01
     improvement: float = 0.0
     pushing: float = 2e-4
+    touching: float = 3.05e-3
     parted: float = 1e-3
 
 
@@ -192,8 +201,8 @@ class SolutionChecker:
         self.task = task
         self.tolerances = Tolerances() if tolerances is None else tolerances
         self.robot = RobotModel.read(task.urdf, task.srdf, task.package_dirs)
-        self.components = convex_components(task.object_vertices, task.object_triangles)
-        self._samples = voxel_centres(self.components)
+        self.components = object_pieces(task.object_vertices, task.object_triangles)
+        self._samples = piece_voxels(self.components)
 
     def check(self, solution: Solution, previous_objective: float | None = None) -> list[str]:
         """Violations of one solution."""
@@ -357,7 +366,8 @@ class SolutionChecker:
     def _check_leaving(self, solution: Solution, q_end: Array) -> list[str]:
         """Release and retreat: the object stands at the published pose, the hand opens and goes.
 
-        A touch link that opening has brought off the object must not meet it again.
+        A touch link that opening has brought off the object must not meet it again; the others must
+        come off on the first `touching` metres, and not meet it again after that.
         """
         curve = solution.retreat
         if curve is None:
@@ -394,16 +404,43 @@ class SolutionChecker:
             found.append(f"release: {violation}")
         slides = [link for link, gap in gaps.items() if gap[-1] <= self.tolerances.parted]
         states, times = self._states(curve, q_open[0])
-        world = World.build(
-            self.robot, self.task, self.components, solution, contact, placed=slides
-        )
-        for violation in world.sweep(states, times, np.inf, set(), self.tolerances):
-            found.append(f"retreat: {violation}")
+        off = self._off(whole, solution, states, slides)
+        ends = sorted({0, len(states), *off.values()})
+        said = set()
+        for begin, end in pairwise(ends):
+            touch = [link for link in slides if off[link] > begin]
+            world = World.build(
+                self.robot, self.task, self.components, solution, contact, placed=touch
+            )
+            stretch = slice(begin, end)
+            for violation in world.sweep(
+                states[stretch], times[stretch], np.inf, set(), self.tolerances
+            ):
+                who = violation.split(" at ")[0]
+                if who not in said:
+                    said.add(who)
+                    found.append(f"retreat: {violation}")
         before = self._q_start()[None]
         for link, (start, end) in whole.object_gaps(np.vstack([before, states[-1:]])).items():
             if end < self.tolerances.parted and start != end:  # what the arm does not move stays
                 found.append(f"retreat: ends with {link} {1000 * end:.2f} mm from the object")
         return found
+
+    def _off(
+        self, whole: World, solution: Solution, states: Array, slides: Sequence[str]
+    ) -> dict[str, int]:
+        """Of links that touch the object at first the row of the state from which on none may."""
+        if not slides:
+            return {}
+        tips = np.array([self.robot.frame_pose(q, solution.tip_frame)[:3, 3] for q in states])
+        gone = np.linalg.norm(tips - tips[0], axis=1) > self.tolerances.touching
+        last = int(np.argmax(gone)) if gone.any() else len(states)
+        gaps = whole.object_gaps(states[:last], slides)
+        off = {}
+        for link in slides:
+            parted = gaps[link] > self.tolerances.parted
+            off[link] = int(np.argmax(parted)) if parted.any() else last
+        return off
 
     def _check_objective(self, solution: Solution, previous: float | None) -> list[str]:
         found = []
@@ -474,6 +511,9 @@ class RobotModel:
     index: dict[str, int]
     mimics: dict[str, tuple[str, float, float]]
     disabled: frozenset[frozenset[str]]
+    pieces: Mapping[int, Sequence[tuple[Array, bool]]]
+    """Of each geometry that is a mesh and not convex its connected components: (t, 3, 3) corners of
+    triangles, and whether they close a solid; open ones are sheets."""
 
     @classmethod
     def read(cls, urdf: str, srdf: str, package_dirs: Mapping[str, str | Path]) -> RobotModel:
@@ -506,7 +546,12 @@ class RobotModel:
         pairs = ElementTree.fromstring(srdf).iter("disable_collisions") if srdf else ()
         disabled = frozenset(frozenset({str(p.get("link1")), str(p.get("link2"))}) for p in pairs)
         index = {name: int(model.joints[i + 1].idx_q) for i, name in enumerate(model.names[1:])}
-        return cls(model, geometry, index, mimics, disabled)
+        pieces = {
+            i: mesh_components(*_mesh(thing.geometry))
+            for i, thing in enumerate(geometry.geometryObjects)
+            if isinstance(thing.geometry, coal.BVHModelBase)
+        }
+        return cls(model, geometry, index, mimics, disabled, pieces)
 
     def fill_mimics(self, states: Array) -> None:
         for name, (master, factor, offset) in self.mimics.items():
@@ -559,6 +604,8 @@ class World:
     links: list[str] = field(default_factory=list)
     moving: list[int] = field(default_factory=list)
     """Geometries that the arm moves."""
+    pieces: Mapping[int, Sequence[tuple[Array, bool]]] = field(default_factory=dict)
+    """`RobotModel.pieces`, and those of the object's pieces that are not convex."""
     measured: Array | None = None
     support: npt.NDArray[np.bool_] | None = None
     """(n,) which of the measured boxes are."""
@@ -568,7 +615,7 @@ class World:
         cls,
         robot: RobotModel,
         task: Task,
-        components: Sequence[Array],
+        components: Sequence[Piece],
         solution: Solution,
         contact: float,
         placed: Sequence[str] | None = None,
@@ -587,9 +634,12 @@ class World:
         if placed is not None:
             joint, T_joint_object = 0, pin.SE3(np.asarray(solution.placement_pose))
             touching_links = set(placed)
-        for i, vertices in enumerate(components):
+        pieces = dict(robot.pieces)
+        for i, piece in enumerate(components):
+            if not piece.solid:
+                pieces[len(links)] = [(piece.corners, piece.closed)]
             geometry.addGeometryObject(
-                pin.GeometryObject(f"object/{i}", joint, T_joint_object, convex(vertices))
+                pin.GeometryObject(f"object/{i}", joint, T_joint_object, piece.shape)
             )
             links.append("object")
         for i, solid in enumerate(task.solids):
@@ -611,6 +661,8 @@ class World:
                 touching = "object" in pair and bool(pair & touching_links)
                 if len(pair) == 2 and not (fixed or touching or pair in robot.disabled):
                     geometry.addCollisionPair(pin.CollisionPair(j, i))
+        for thing in geometry.geometryObjects:
+            thing.geometry.computeLocalAABB()
         ids = {robot.model.getJointId(joint) for joint in solution.trajectory.joints}
         moving = [
             i
@@ -622,7 +674,7 @@ class World:
             measured = np.asarray(task.measured)
             lowest = _world_vertices(task, np.asarray(solution.placement_pose))[:, 2].min()
             support = np.abs(measured[1, :, 2] - lowest) <= contact + 1e-4
-        return cls(robot, geometry, links, moving, measured, support)
+        return cls(robot, geometry, links, moving, pieces, measured, support)
 
     def object_gaps(self, states: Array, only: Sequence[str] | None = None) -> dict[str, Array]:
         """Link -> its signed distance from the object at each of the states (k, nq)."""
@@ -638,8 +690,43 @@ class World:
                 if len(names) == 2 or (only is not None and not names & set(only)):
                     continue
                 gap = gaps.setdefault(names.pop(), np.full(len(states), np.inf))
-                gap[row] = min(gap[row], pin.computeDistance(geometry, shapes, k).min_distance)
+                gap[row] = min(gap[row], self._gap(shapes, k))
         return gaps
+
+    def _gap(self, shapes: pin.GeometryData, k: int) -> float:
+        """Signed distance of a pair: of meshes that are not convex about as deep as triangles are.
+
+        What lies wholly inside of a closed component of a mesh is deep.
+        """
+        pair = self.geometry.collisionPairs[k]
+        pieces = self.pieces
+        if not (pair.first in pieces or pair.second in pieces):
+            return float(pin.computeDistance(self.geometry, shapes, k).min_distance)
+        things = [self.geometry.geometryObjects[i].geometry for i in (pair.first, pair.second)]
+        T = [shapes.oMg[i] for i in (pair.first, pair.second)]
+        places = [coal.Transform3s(each.rotation, each.translation) for each in T]
+        placed = things[0], places[0], things[1], places[1]
+        gap = coal.distance(*placed, coal.DistanceRequest(), coal.DistanceResult())
+        if gap <= 0.0:
+            request, result = coal.CollisionRequest(), coal.CollisionResult()
+            request.num_max_contacts = _CONTACTS
+            coal.collide(*placed, request, result)
+            depths = [result.getContact(i).penetration_depth for i in range(result.numContacts())]
+            return -float(np.abs(depths).max(initial=0.0))
+        for inner, outer in ((0, 1), (1, 0)):
+            other = pieces.get((pair.first, pair.second)[inner])
+            points = (
+                [np.array(things[inner].aabb_center)]
+                if other is None
+                else [corners[0, 0] for corners, _ in other]
+            )
+            solids = pieces.get((pair.first, pair.second)[outer], [])
+            points = [T[outer].actInv(T[inner].act(point)) for point in points]
+            points = [point for point in points if _in_bounds(things[outer], point)]
+            for corners, closed in solids if points else ():
+                if closed and any(_inside(corners, point) for point in points):
+                    return -_DEEP
+        return float(gap)
 
     def sweep(
         self,
@@ -652,7 +739,8 @@ class World:
     ) -> list[str]:
         """Collisions at the states, one sentence per pair of links and solids.
 
-        Distances at a block's first state tell which pairs can meet within the block at all.
+        Distances at a block's first state tell which pairs can meet within the block at all, and
+        each distance how many states later the pair can meet at the earliest.
         """
         model, geometry = self.robot.model, self.geometry
         data, shapes = model.createData(), geometry.createData()
@@ -669,14 +757,30 @@ class World:
         )
         found: dict[tuple[str, str], str] = {}
         reachable = 2 * (block * tolerances.step) + tolerances.penetration
+        middles = [np.array(thing.geometry.aabb_center) for thing in geometry.geometryObjects]
+        radii = np.array([thing.geometry.aabb_radius for thing in geometry.geometryObjects])
+        both = np.array(pairs, dtype=int).reshape(-1, 2)
+        next_look = np.zeros(len(pairs), dtype=int)
+        next_near = np.zeros(len(pairs), dtype=int)
         for begin in range(0, len(states), block):
-            pin.computeDistances(model, data, geometry, shapes, states[begin])
-            gaps = [result.min_distance for result in shapes.distanceResults]
-            close = [k for k, gap in enumerate(gaps) if gap <= reachable]
+            pin.updateGeometryPlacements(model, data, geometry, shapes, states[begin])
+            at = np.array([T.act(m) for T, m in zip(shapes.oMg, middles, strict=True)])
+            between = np.linalg.norm(at[both[:, 0]] - at[both[:, 1]], axis=1)
+            near = np.flatnonzero(between <= radii[both].sum(axis=1) + reachable)
+            close = []
+            for k in near[next_near[near] <= begin].tolist():
+                gap = self._gap(shapes, k)
+                if gap <= reachable:
+                    close.append(k)
+                else:
+                    next_near[k] = begin + int((gap - reachable) / (2 * tolerances.step))
             for row in range(begin, min(begin + block, len(states))):
                 pin.updateGeometryPlacements(model, data, geometry, shapes, states[row])
                 for k in close:
-                    gap = pin.computeDistance(geometry, shapes, k).min_distance
+                    if row < next_look[k]:
+                        continue
+                    gap = self._gap(shapes, k)
+                    next_look[k] = row + 1 + int(max(gap, 0.0) / (2 * tolerances.step))
                     allowed = tolerances.penetration
                     if on_support[k] and times[row] >= approach_start - 1e-9:
                         allowed += tolerances.contact
@@ -713,6 +817,7 @@ class World:
         tree = cKDTree(0.5 * (low + high))
         largest = 0.5 * float(np.linalg.norm(high - low, axis=1).max(initial=0.0))
         worst: dict[str, tuple[float, float]] = {}
+        next_look = {i: np.zeros(len(low), dtype=int) for i in self.moving}
         nearby: dict[int, npt.NDArray[np.int64]] = {}
         for row, state in enumerate(states):
             pin.updateGeometryPlacements(model, data, geometry, shapes, state)
@@ -723,7 +828,7 @@ class World:
                     radius = float(np.linalg.norm(corners[i] - middle, axis=1).max())
                     radius += largest + margin + block * tolerances.step
                     nearby[i] = np.array(tree.query_ball_point(T.act(middle), radius), dtype=int)
-                rows = nearby[i]
+                rows = nearby[i][next_look[i][nearby[i]] <= row]
                 link = self.links[i]
                 if link == "object" and times[row] >= approach_start - 1e-9:
                     rows = rows[~self.support[rows]]
@@ -739,6 +844,13 @@ class World:
                     where = coal.Transform3s(np.eye(3), (low[box] + high[box]) / 2)
                     thing = geometry.geometryObjects[i].geometry
                     gap = coal.distance(thing, at, solid, where, request, coal.DistanceResult())
+                    center = T.actInv(pin.SE3(np.eye(3), (low[box] + high[box]) / 2)).translation
+                    if _in_bounds(thing, center) and any(
+                        closed and _inside(piece, center)
+                        for piece, closed in self.pieces.get(i, [])
+                    ):
+                        gap = -_DEEP
+                    next_look[i][box] = row + 1 + int(max(gap - margin, 0.0) / tolerances.step)
                     if gap < worst.get(link, (margin, 0.0))[0]:
                         worst[link] = gap, float(times[row])
         return [
@@ -800,14 +912,155 @@ def _as_convex(shape: coal.CollisionGeometry) -> coal.CollisionGeometry:
     """A convex mesh as a solid; any other shape as it is."""
     if not isinstance(shape, coal.BVHModelBase):
         return shape
-    vertices = np.array(shape.vertices())
+    vertices, corners = _mesh(shape)
+    if np.linalg.matrix_rank(vertices - vertices[0], tol=1e-6) < 3:
+        return shape
     hull = ConvexHull(vertices)
-    corners = np.array(
-        [[shape.tri_indices(i)[k] for k in range(3)] for i in range(shape.num_tris)], dtype=int
-    )
     middles = vertices[corners].mean(axis=1)
-    inside = -(middles @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1)
-    return convex(vertices) if inside.max() < 1e-5 else shape
+    for some in (middles[:: 1 + len(middles) // 500], middles):  # most tell by a few
+        inside = -(some @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1)
+        if inside.max() >= 1e-5:
+            return shape
+    return convex(vertices)
+
+
+def _mesh(shape: coal.BVHModelBase) -> tuple[Array, npt.NDArray[np.int64]]:
+    """Vertices (n, 3) and triangles (t, 3)."""
+    rows = [shape.tri_indices(i) for i in range(shape.num_tris)]
+    return np.array(shape.vertices()), np.array([[r[0], r[1], r[2]] for r in rows], dtype=int)
+
+
+def mesh_components(vertices: Array, triangles: npt.NDArray[np.int64]) -> list[tuple[Array, bool]]:
+    """Connected components of any mesh: corners (t, 3, 3), and whether every edge is of two."""
+    places, same = np.unique(vertices, axis=0, return_inverse=True)
+    triangles = same.reshape(-1)[triangles]
+    triangles = triangles[(triangles != np.roll(triangles, 1, axis=1)).all(axis=1)]
+    edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2)
+    ends = edges.reshape(-1, 2).T
+    graph = coo_matrix((np.ones(len(ends[0])), (ends[0], ends[1])), (len(places),) * 2)
+    count, label = connected_components(graph, directed=False)
+    found = []
+    for rows in (label[triangles[:, 0]] == k for k in range(count)):
+        if rows.any():
+            uses = np.unique(edges[rows].reshape(-1, 2), axis=0, return_counts=True)[1]
+            found.append((places[triangles[rows]], bool((uses == 2).all())))
+    return found
+
+
+def _in_bounds(shape: coal.CollisionGeometry, point: Array) -> bool:
+    """Whether a point (3,) is within the box around a shape, whose box is computed."""
+    box = shape.aabb_local
+    return bool((point >= box.min_).all() and (point <= box.max_).all())
+
+
+def _inside(corners: Array, point: Array) -> bool:
+    """Whether closed triangles (t, 3, 3) wind around a point (3,)."""
+    if not ((point > corners.min(axis=(0, 1))) & (point < corners.max(axis=(0, 1)))).all():
+        return False
+    a, b, c = np.moveaxis(corners - point, 1, 0)
+    na, nb, nc = (np.linalg.norm(each, axis=1) for each in (a, b, c))
+    volume = (a * np.cross(b, c)).sum(axis=1)
+    whole = na * nb * nc + (a * b).sum(axis=1) * nc + (b * c).sum(axis=1) * na
+    return bool(abs(np.arctan2(volume, whole + (c * a).sum(axis=1) * nb).sum()) > np.pi)
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A connected component of the object.
+
+    Attributes:
+        corners: (t, 3, 3) of its triangles.
+        closed: whether they close a solid; else they are a sheet.
+        solid: whether that is convex, so that `shape` is all of it; else `shape` is the surface.
+    """
+
+    corners: Array
+    closed: bool
+    solid: bool
+    shape: coal.CollisionGeometry
+
+
+def object_pieces(vertices: Array, triangles: npt.NDArray[np.int64]) -> list[Piece]:
+    """Each connected component of any mesh; by its indices, unless it is open like that."""
+    vertices, triangles = np.asarray(vertices), np.asarray(triangles)
+    ends = triangles[:, [0, 0]].ravel(), triangles[:, [1, 2]].ravel()
+    graph = coo_matrix((np.ones(len(ends[0])), ends), (len(vertices),) * 2)
+    label = connected_components(graph, directed=False)[1][triangles[:, 0]]
+    found: list[Piece] = []
+    left = []
+    for k in np.unique(label):
+        rows = triangles[label == k]
+        edges = np.sort(rows[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+        if (np.unique(edges, axis=0, return_counts=True)[1] == 2).all():
+            found.append(_piece(vertices[rows], True))
+        else:
+            left.append(rows)
+    if left:
+        found += [_piece(*each) for each in mesh_components(vertices, np.vstack(left))]
+    return found
+
+
+def _piece(corners: Array, closed: bool) -> Piece:
+    points = corners.reshape(-1, 3)
+    surface = coal.BVHModelOBBRSS()
+    surface.beginModel(len(corners), len(points))
+    for triangle in corners:
+        surface.addTriangle(*triangle)
+    surface.endModel()
+    surface.computeLocalAABB()
+    if closed and np.linalg.matrix_rank(points - points[0], tol=1e-9) == 3:
+        planes = ConvexHull(points).equations
+        looked_at = np.concatenate([points, corners.mean(axis=1)])
+        chunk = max(1, 2_000_000 // len(planes))
+        chunks = (looked_at[row : row + chunk] for row in range(0, len(looked_at), chunk))
+        if all((at @ planes[:, :3].T + planes[:, 3]).max(axis=1).min() > -1e-6 for at in chunks):
+            return Piece(corners, True, True, convex(np.unique(points, axis=0)))
+    return Piece(corners, closed, False, surface)
+
+
+def piece_voxels(pieces: Sequence[Piece], size: float = 0.005) -> Array:
+    """(n, 3) centres inside of solids, and of voxels that sheets pass through, of the voxels of a
+    lattice centred on the bounding box."""
+    everything = np.vstack([piece.corners.reshape(-1, 3) for piece in pieces])
+    low, high = everything.min(axis=0), everything.max(axis=0)
+    counts = np.ceil((high - low) / size - 1e-9)
+    ticks = [
+        (low[i] + high[i]) / 2 + (np.arange(counts[i]) - (counts[i] - 1) / 2) * size
+        for i in range(3)
+    ]
+    lattice = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, 3)
+    inside = np.zeros(len(lattice), dtype=bool)
+    for piece in pieces:
+        if piece.solid:
+            hull = ConvexHull(piece.corners.reshape(-1, 3))
+            inside |= (lattice @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1) < 1e-9
+        elif piece.closed:
+            inside |= _wound(piece.corners, lattice)
+        else:
+            tree = cKDTree(lattice)
+            for a, b, c in piece.corners:
+                longest = max(np.linalg.norm(b - a), np.linalg.norm(c - a), np.linalg.norm(c - b))
+                ticks_ = np.linspace(0, 1, int(np.ceil(2 * longest / size)) + 2)
+                u, v = (each.ravel() for each in np.meshgrid(ticks_, ticks_))
+                kept = u + v <= 1 + 1e-9
+                on = a + u[kept, None] * (b - a) + v[kept, None] * (c - a)
+                inside[tree.query(on, p=np.inf)[1]] = True
+    return np.asarray(lattice[inside])
+
+
+def _wound(corners: Array, points: Array) -> npt.NDArray[np.bool_]:
+    """Which points (n, 3) closed triangles (t, 3, 3) wind around."""
+    found = np.zeros(len(points), dtype=bool)
+    chunk = max(1, 1_000_000 // len(corners))
+    for row in range(0, len(points), chunk):
+        away = corners[None] - points[row : row + chunk, None, None]
+        a, b, c = (away[:, :, k] for k in range(3))
+        na, nb, nc = (np.linalg.norm(each, axis=2) for each in (a, b, c))
+        volume = (a * np.cross(b, c)).sum(axis=2)
+        whole = na * nb * nc + (a * b).sum(axis=2) * nc + (b * c).sum(axis=2) * na
+        turned = np.arctan2(volume, whole + (c * a).sum(axis=2) * nb).sum(axis=1)
+        found[row : row + chunk] = np.abs(turned) > np.pi
+    return found
 
 
 def convex_components(vertices: Array, triangles: npt.NDArray[np.int64]) -> list[Array]:

@@ -8,7 +8,17 @@ import checker
 import numpy as np
 import pinocchio as pin
 import pytest
-from checker import Solution, SolutionChecker, Task, Tolerances
+import trimesh
+from checker import (
+    RobotModel,
+    Solution,
+    SolutionChecker,
+    Task,
+    Tolerances,
+    World,
+    object_pieces,
+    piece_voxels,
+)
 
 from placement_planner_ros.core.types import Goal, Placement, Trajectory
 from placement_planner_ros.scenes.objects import object_by_name
@@ -320,3 +330,105 @@ def test_slices_of_a_cone_enclose_it_closely() -> None:
         assert high - low == pytest.approx(0.002)
     cylinder = frustum("cylinder", 0.05, 0.05, 0.0, 0.06, RED)
     assert len(checker.upright_prisms(cylinder.vertices)) == 1
+
+
+ELL = np.array([(0.06, 0.06), (0.06, 0.3), (0.0, 0.3), (0.0, 0.0), (0.25, 0.0), (0.25, 0.06)])
+
+
+@pytest.fixture(scope="module")
+def ell(tmp_path_factory):
+    """A URDF of an L of mesh, 6 cm thick, on a slide; its hull fills the L's inner corner."""
+    k = len(ELL)
+    flat = np.column_stack([ELL, np.zeros(k)])
+    fan = [[0, i + 1, i] for i in range(1, k - 1)]
+    faces = [*fan, *[[k + a, k + c, k + b] for a, b, c in fan]]
+    faces += [[i, (i + 1) % k, k + i] for i in range(k)]
+    faces += [[(i + 1) % k, k + (i + 1) % k, k + i] for i in range(k)]
+    vertices = np.vstack([flat, np.add(flat, (0.0, 0.0, 0.06))])
+    file = tmp_path_factory.mktemp("ell") / "ell.stl"
+    trimesh.Trimesh(vertices, faces, process=False).export(file)
+    return f"""
+    <robot name="ell"><link name="base"/><link name="ell"><collision><geometry>
+      <mesh filename="{file}"/></geometry></collision></link>
+      <joint name="slide" type="prismatic"><parent link="base"/><child link="ell"/>
+      <axis xyz="1 0 0"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint></robot>"""
+
+
+@pytest.mark.parametrize(
+    ("at", "half", "words"),
+    [
+        ((0.15, 0.15, 0.03), 0.02, ""),  # in the inner corner
+        ((0.15, 0.07, 0.03), 0.02, "collision: ell with block"),
+        ((0.03, 0.2, 0.03), 0.002, "collision: ell with block"),  # wholly inside
+        ((0.03, 0.2, 0.12), 0.002, ""),  # above it
+    ],
+)
+def test_a_mesh_that_is_not_convex_is_what_its_triangles_show(ell, at, half, words):
+    block = box("block", np.subtract(at, half), np.add(at, half), RED)
+    task = replace(TASK, urdf=ell, srdf="", solids=[block], measured=None)
+    curve = Trajectory(("slide",), TIMES[:2], np.zeros((2, 1)), np.zeros((2, 1)), np.zeros((2, 1)))
+    solution = replace(make_solution(), trajectory=curve, tip_frame="ell", placement_pose=np.eye(4))
+    robot = RobotModel.read(ell, "", {})
+    assert [closed for _, closed in robot.pieces[0]] == [True]
+    world = World.build(robot, task, [], solution, 0.003)
+    found = world.sweep(np.zeros((3, 1)), np.zeros(3), np.inf, set(), TOLERANCES)
+    assert [words] == [each[: len(words)] for each in found] if words else found == []
+    # What was measured there is kept clear of by the margin, inside and outside.
+    boxes = np.array([[np.subtract(at, half)], [np.add(at, half)]])
+    task = replace(task, solids=[], measured=boxes)
+    world = World.build(robot, task, [], solution, 0.003)
+    found = world.sweep(np.zeros((3, 1)), np.zeros(3), np.inf, set(), TOLERANCES)
+    assert bool(found) is bool(words)
+    assert all(each.startswith("margin: ell is") for each in found)
+
+
+def test_the_object_is_what_its_triangles_are():
+    glass, surface = (object_by_name(name) for name in ("wine_glass", "wine_glass_mesh"))
+    solids = object_pieces(glass.vertices, glass.triangles)
+    (whole,) = object_pieces(surface.vertices, surface.triangles)
+    assert len(solids) == len(glass.parts)
+    assert all(piece.solid and piece.closed for piece in solids)
+    assert (whole.solid, whole.closed) == (False, True)
+    voxels = piece_voxels([whole], 0.0021)
+    np.testing.assert_allclose(voxels, piece_voxels(solids, 0.0021), atol=1e-12)
+    # without its foot's disk it is a sheet, of which voxels are those it passes through
+    (sheet,) = object_pieces(surface.vertices, surface.triangles[:-40])
+    assert not sheet.closed
+    depth = np.max([part.depth(piece_voxels([sheet])) for part in glass.parts], axis=0)
+    assert depth.max() < 0.005
+    # triangles that share no vertices are put together
+    soup = surface.vertices[surface.triangles].reshape(-1, 3)
+    (again,) = object_pieces(soup, np.arange(len(soup)).reshape(-1, 3))
+    assert again.closed
+
+
+@pytest.mark.parametrize(
+    ("at", "meets"),
+    [
+        ((0.0, 0.0, 0.0), False),  # in the hole
+        ((0.04, 0.0, 0.0), True),  # wholly inside
+        ((0.03, 0.0, 0.0), True),
+        ((0.06, 0.0, 0.0), False),
+    ],
+)
+@pytest.mark.parametrize("measured", [False, True])
+def test_a_held_ring_meets_what_its_triangles_meet(at, meets, measured):
+    ring = trimesh.creation.annulus(r_min=0.03, r_max=0.05, height=0.06)
+    solution = make_solution()
+    robot = RobotModel.read(TASK.urdf, TASK.srdf, TASK.package_dirs)
+    q = robot.configuration(Q_START)
+    T = robot.frame_pose(q, solution.tip_frame) @ solution.T_tip_object
+    centre = T[:3, :3] @ np.array(at) + T[:3, 3]
+    block = box("block", centre - 0.001, centre + 0.001, RED)
+    boxes = np.array([[centre - 0.001], [centre + 0.001]])
+    task = replace(
+        TASK,
+        object_vertices=np.asarray(ring.vertices),
+        object_triangles=np.asarray(ring.faces),
+        solids=[] if measured else [block],
+        measured=boxes if measured else None,
+    )
+    pieces = object_pieces(task.object_vertices, task.object_triangles)
+    world = World.build(robot, task, pieces, solution, 0.003)
+    found = world.sweep(np.repeat(q[None], 3, axis=0), np.zeros(3), np.inf, set(), TOLERANCES)
+    assert any("object" in each for each in found) == meets

@@ -14,11 +14,13 @@ ORDER = [
     "core.settings",
     "core.types",
     "core.stopping",
+    "core.kept_files",
     "core.kernel_cache",
     "core.kernels",
     # libraries that each know one thing
     "core.scene",
     "core.body",
+    "core.meshes",
     "core.robot",
     "core.motion",
     "core.search",
@@ -39,6 +41,7 @@ ORDER = [
     "core.explanation",
     "core.statistics",
     "core.planner",
+    "core.practice",
     "core.warmup",
 ]
 # The same of the node.

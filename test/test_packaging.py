@@ -16,7 +16,13 @@ import setuptools
 
 ROOT = Path(__file__).parent.parent
 PACKAGE = "placement_planner_ros"
-EXECUTABLES = ("placement_planner", "placement_demo", "placement_scene", "placement_benchmark")
+EXECUTABLES = (
+    "placement_planner",
+    "placement_demo",
+    "placement_scene",
+    "placement_benchmark",
+    "placement_check_robot",
+)
 SHIPPED = ("config", "launch", "urdf")
 
 

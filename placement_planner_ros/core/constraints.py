@@ -33,8 +33,7 @@ class PoseConstraints:
     Args:
         problem: o, the environment and V.
         collision: c_f(x)'s margin, and how far below a vertex of v(f) its support may lie.
-        edge_margin: how far beyond each vertex of v(f), away from the face, the support must still
-            reach, metres: measured edges are true to some two millimetres only.
+        edge_margin: what v(f) keeps from the end of its support, metres, see `SupportMap`.
         raise_height: the least height from which the body must come straight down, metres.
     """
 
@@ -54,7 +53,7 @@ class PoseConstraints:
         self._volume = problem.volume
         self._collision = ObjectCollision(body, environment.obstacles, collision)
         self._raise_height = raise_height
-        self._contacts = [contact_points(face, edge_margin) for face in body.faces]
+        self._contacts = [face.vertices for face in body.faces]
         self._T_face_object = np.array([face.T_face_object.homogeneous for face in body.faces])
 
     def in_volume(self, T_world_object: pin.SE3, face: int) -> bool:
@@ -65,13 +64,14 @@ class PoseConstraints:
         return bool(self._volume.contains(np.array([reference, center])).all())
 
     def stable(self, T_world_object: pin.SE3, face: int) -> bool:
-        """s(x): every vertex of v(f), and a little beyond it, has support within the tolerance.
+        """s(x): every vertex of v(f) has support within the tolerance, not too near to its end.
 
         `verdicts` asks the same of many poses at once.
         """
         points = self._contacts[face] @ T_world_object.rotation.T
         points += T_world_object.translation
-        return bool(self._environment.support.supported(points, self.contact_tolerance).all())
+        support = self._environment.support
+        return bool(support.supported(points, self.contact_tolerance, self.edge_margin).all())
 
     def free(
         self, T_world_object: pin.SE3, contact_height: float, raise_height: float | None = None
@@ -120,7 +120,7 @@ class PoseConstraints:
             points = self._contacts[face] @ T[rows, :3, :3].transpose(0, 2, 1)
             points += T[rows, None, :3, 3]
             supported = self._environment.support.supported(
-                points.reshape(-1, 3), self.contact_tolerance
+                points.reshape(-1, 3), self.contact_tolerance, self.edge_margin
             )
             result[rows[supported.reshape(len(rows), -1).all(axis=1)]] = Verdict.COLLIDING
         stable = np.flatnonzero(result == Verdict.COLLIDING)
@@ -128,11 +128,3 @@ class PoseConstraints:
             free = self._collision.free_at(T[stable], contacts[stable, 2], self._raise_height)
             result[stable[free]] = Verdict.FEASIBLE
         return result, T
-
-
-def contact_points(face: PlacementFace, margin: float) -> Array:
-    """(2k, 3) v(f), and each vertex moved outwards within the face's plane."""
-    vertices = face.vertices
-    outward = vertices - vertices.mean(axis=0)
-    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
-    return np.vstack([vertices, vertices + margin * outward])

@@ -2,6 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
+NAMED = 12
+"""Things that are named at most where any number may be meant."""
+
+
+def listed(things: Sequence[str], separator: str = ", ", most: int = NAMED) -> str:
+    """All of few things; of many the first, and how many more there are."""
+    if len(things) <= most:
+        return separator.join(things)
+    return f"{separator.join(things[:most])} and {len(things) - most} more"
+
 
 class PlacementPlannerError(Exception):
     """Root of every error this package raises for bad input.
@@ -18,7 +30,16 @@ class PlacementPlannerError(Exception):
         self.field = field
         self.value = value
         self.remedy = remedy
-        super().__init__(f"{_short(field, 200)} = {_short(repr(value), 600)}: {remedy}")
+        super().__init__(f"{_short(field, 200)} = {_short(_shown(value), 600)}: {remedy}")
+
+
+def _shown(value: object) -> str:
+    """The value in words; of many the first."""
+    if isinstance(value, list | tuple) and len(value) > NAMED:
+        return f"[{listed([repr(each) for each in value])}]"
+    if isinstance(value, Mapping) and len(value) > NAMED:
+        return f"{{{listed([f'{key!r}: {each!r}' for key, each in value.items()])}}}"
+    return repr(value)
 
 
 def _short(words: str, most: int) -> str:

@@ -6,7 +6,7 @@ import logging
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -70,7 +70,6 @@ class PlannerSettings(Settings):
         motion_iterations: m_max, RRT iterations per arm and grasp in one iteration of Algorithm 1.
         ik_seeds: starts of the inverse kinematics per sampled pose, beside q_0.
         min_improvement: ξ counts as better from this much.
-        edge_margin: how far beyond each vertex of v(f) its support must still reach.
         require_retreat: False: a placement may be without release and retreat.
     """
 
@@ -81,7 +80,13 @@ class PlannerSettings(Settings):
     motion_iterations: int = setting(50, "[1, inf)")
     ik_seeds: int = setting(63, "[1, inf)")
     min_improvement: float = setting(1e-4, "[0, inf)")
-    edge_margin: float = setting(0.003, "[0, inf)", "m")
+    edge_margin: float = setting(
+        0.003,
+        "[0, 0.2]",
+        "m",
+        "Distance that what the object stands on keeps from the end of its support: where the "
+        "surface drops or was not seen, not where a thing stands.",
+    )
     require_retreat: bool = setting(
         True, text="Whether a placement counts only with a certified release and retreat."
     )
@@ -140,6 +145,9 @@ class PlacementPlanner:
     ) -> None:
         self._settings = settings
         problem.robot.require_plausible(problem.q_start)
+        unwound = problem.robot.unwound(problem.q_start)
+        self._turned = {arm.name: (problem.q_start - unwound)[arm.q_index] for arm in problem.arms}
+        problem = replace(problem, q_start=unwound)
         rng_sampler, rng_ik, rng_motion, rng_paths = rng.spawn(4)
         poses = PoseConstraints(
             problem, settings.collision, settings.edge_margin, settings.approach.approach_minimum
@@ -301,7 +309,7 @@ class PlacementPlanner:
         if made is None:
             self.statistics.unreached += not should_stop()
             return None
-        return Placement(
+        placement = Placement(
             goal,
             made.trajectory,
             made.approach_start,
@@ -309,6 +317,7 @@ class PlacementPlanner:
             self.statistics.samples,
             made.retreat,
         )
+        return placement.turned(self._turned[goal.arm])
 
 
 def _nothing_to_search(hierarchy: AfrHierarchy) -> Cause | None:

@@ -6,7 +6,7 @@ Metres, radians, seconds. Arrays are float64, copied and made read-only at const
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -37,7 +37,7 @@ class Verdict(enum.IntEnum):
     """What a sample's first failed check was, in the order of the checks (cheap first)."""
 
     OUTSIDE_VOLUME = 0
-    """Reference contact point or centre of mass outside V."""
+    """Reference contact point outside V, or centre of mass horizontally."""
     UNSTABLE = 1
     """s(x) = 0: a vertex of v(f) has no support."""
     COLLIDING = 2
@@ -61,6 +61,9 @@ class Verdict(enum.IntEnum):
 @dataclass(frozen=True, slots=True, eq=False)
 class TargetVolume:
     """V, an axis-aligned box in the planning frame.
+
+    A placement lies in it where its reference contact point does, and its centre of mass
+    horizontally: how high that is follows from the surface and the object.
 
     Attributes:
         lower, upper: (3,) corners, metres.
@@ -114,6 +117,10 @@ class Trajectory:
     def duration(self) -> float:
         """Seconds from the first to the last point."""
         return float(self.times[-1])
+
+    def turned(self, by: Array) -> Trajectory:
+        """The same motion from elsewhere: each joint's positions changed by `by` (joints,)."""
+        return replace(self, positions=self.positions + by)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -176,6 +183,19 @@ class Placement:
     search_time: float
     samples: int
     retreat: Trajectory | None = None
+
+    def turned(self, by: Array) -> Placement:
+        """The same with whole turns `by` (dof,), rad, more in continuous joints."""
+        if not by.any():
+            return self
+        goal, retreat = self.goal, self.retreat
+        away = None if goal.retreat is None else goal.retreat + by
+        return replace(
+            self,
+            goal=replace(goal, approach=goal.approach + by, retreat=away),
+            trajectory=self.trajectory.turned(by),
+            retreat=None if retreat is None else retreat.turned(by),
+        )
 
     @property
     def arm(self) -> str:

@@ -48,11 +48,11 @@ class Case:
         return f"{self.scene}/{self.object}/{self.objective}/{self.cloud}"
 
 
-def all_cases(cloud: Cloud = "complete") -> list[Case]:
-    """The 24 cases, scene by scene."""
+def all_cases(cloud: Cloud = "complete", objects: tuple[str, ...] = OBJECT_NAMES) -> list[Case]:
+    """The 24 cases, scene by scene; or those of other objects."""
     return [
         Case(scene, name, objective, cloud)
-        for scene, name, objective in itertools.product(SCENE_NAMES, OBJECT_NAMES, OBJECTIVES)
+        for scene, name, objective in itertools.product(SCENE_NAMES, objects, OBJECTIVES)
     ]
 
 

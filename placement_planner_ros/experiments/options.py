@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from placement_planner_ros.experiments.cases import OBJECTIVES, Case
-from placement_planner_ros.scenes.objects import OBJECT_NAMES
+from placement_planner_ros.scenes.objects import ALL_OBJECTS, OBJECT_NAMES
 from placement_planner_ros.scenes.scenes import SCENE_NAMES
 
 
@@ -15,14 +15,14 @@ def add_case_options(parser: argparse.ArgumentParser) -> None:
     """`--scene`, `--object` and `--objective`, each to be given several times."""
     for name, choices in (
         ("--scene", SCENE_NAMES),
-        ("--object", OBJECT_NAMES),
+        ("--object", ALL_OBJECTS),
         ("--objective", OBJECTIVES),
     ):
         parser.add_argument(name, choices=choices, action="append")
 
 
 def wanted_cases(cases: Iterable[Case], arguments: argparse.Namespace) -> tuple[Case, ...]:
-    """Those that the case options let pass; all where none is given."""
+    """Those that the case options let pass; all of the paper's objects where none is given."""
     return tuple(
         case
         for case in cases

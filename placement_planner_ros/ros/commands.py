@@ -12,7 +12,7 @@ from typing import Any
 import pinocchio as pin
 from rclpy.parameter import Parameter
 
-from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.errors import ParameterError, listed
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.ros.inputs.inputs import Inputs
 from placement_planner_ros.ros.outputs.announcer import Announcer
@@ -25,6 +25,8 @@ from placement_planner_ros.ros.run.start_checks import start_notes, take_snapsho
 from placement_planner_ros.ros.run.warmth import Warmth
 from placement_planner_ros.ros.run.worker import Run, State
 
+STAND_IN = "the bundled YuMi, as no robot_description has come"
+"""The robot in use where none was given."""
 STOP_PATIENCE = 1.0
 """Seconds that stop waits for the worker before it answers STOPPING."""
 
@@ -94,7 +96,9 @@ class Commands:
                 run.fail(error)  # or it would count as active for ever
                 raise
         words = f"planning for {' or '.join(arm.name for arm in snapshot.arms)}"
-        return answer("OK", "\n".join([words, *notes]), run=run.number)
+        if not self._inputs.robot.is_given:
+            words += f" of {STAND_IN}"
+        return answer("OK", listed([words, *notes], "\n"), run=run.number)
 
     def stop(self) -> Answer:
         """End the run; answers once its worker is idle."""
@@ -143,7 +147,7 @@ class Commands:
                 return busy
             padding = self._parameters.current["self_filter.padding"]
             if not self._inputs.clouds.remove(wanted, padding):
-                placed = ", ".join(map(str, self._inputs.clouds.placed)) or "none"
+                placed = listed([str(n) for n in self._inputs.clouds.placed]) or "none"
                 words = f"nothing of that run stands; runs whose objects stand: {placed}"
                 return answer("WRONG_RUN", words, run=wanted)
         self._announcer.environment_changed()

@@ -7,7 +7,6 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 
-import numpy as np
 import pinocchio as pin
 import rclpy
 from rclpy.clock import Clock, ClockType
@@ -15,17 +14,21 @@ from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.parameter import Parameter
 
 from placement_planner_ros.core.errors import PlacementPlannerError
-from placement_planner_ros.core.kernel_cache import TROUBLES
+from placement_planner_ros.core.kept_files import TROUBLES
+from placement_planner_ros.core.practice.compiling import (
+    CompilationError,
+    Progress,
+    compile_kernels,
+)
+from placement_planner_ros.core.stopping import StoppedError, stoppable
 from placement_planner_ros.core.warmup import warm_up
 from placement_planner_ros.interrupts import catch_signals
 from placement_planner_ros.ros.commands import STOP_PATIENCE, Commands
-from placement_planner_ros.ros.inputs import point_cloud
 from placement_planner_ros.ros.inputs.frames import Transforms
 from placement_planner_ros.ros.inputs.inputs import Inputs
 from placement_planner_ros.ros.inputs.reception import Reception
 from placement_planner_ros.ros.inputs.resources import Files
-from placement_planner_ros.ros.inputs.robot_input import RobotInput, make_arms
-from placement_planner_ros.ros.inputs.self_filter import outside_robot
+from placement_planner_ros.ros.inputs.robot_input import RobotInput, announced, make_arms
 from placement_planner_ros.ros.log import PERIOD, Log
 from placement_planner_ros.ros.outputs.announcer import Announcer
 from placement_planner_ros.ros.outputs.publishing import Outputs
@@ -39,7 +42,7 @@ from placement_planner_ros.ros.process import (
     share_among_threads,
     spare_what_is_loaded,
 )
-from placement_planner_ros.ros.run import surroundings
+from placement_planner_ros.ros.run.loading import load_input_kernels
 from placement_planner_ros.ros.run.planning import Prepare
 from placement_planner_ros.ros.run.preparation import Preparation
 from placement_planner_ros.ros.run.snapshot import Snapshot
@@ -50,6 +53,9 @@ from placement_planner_ros.ros.services import answer_always, serve
 from placement_planner_ros.ros.spinning import PooledExecutor, spin_until
 
 THREADS = 6
+_COMPILING_SAID = 10.0
+"""Seconds between lines of how far compiling is."""
+
 _LOOK = 0.5
 """Seconds between looks at whether there are robot and arms to warm up with."""
 START_UP_PATIENCE = 5.0
@@ -145,6 +151,8 @@ class PlacementPlannerNode(ParameterNode):
             unfit = False
             try:
                 self._warm_up()
+            except StoppedError:
+                return
             except PlacementPlannerError as error:
                 unfit = True
                 if self._movable() != given:
@@ -168,13 +176,42 @@ class PlacementPlannerNode(ParameterNode):
                 pass
 
     def _warm_up(self) -> None:
+        self._compile()
         self._inputs.robot.wait()
         robot = self._inputs.robot.unplaced
         q = pin.neutral(robot.model)
-        outside_robot(np.zeros((1, 3)), robot, q, (), None, 0.0)
-        point_cloud.warm_up()
-        surroundings.warm_up()
-        warm_up(robot, make_arms(robot, self._settings.current), q)
+        load_input_kernels()
+        parameters = self._settings.current
+        arms = make_arms(robot, parameters)
+        for arm in arms:
+            known = announced(robot, parameters, arm)
+            words = (
+                known.chain,
+                known.torso,
+                known.limits(not parameters.planner_settings.timing.chosen),
+            )
+            self._log.event("; ".join(filter(None, words)))
+        warm_up(robot, arms, q)
+
+    def _compile(self) -> None:
+        """In other processes, where kernels have not been compiled yet."""
+
+        said = -_COMPILING_SAID
+
+        def told(progress: Progress) -> None:
+            nonlocal said
+            self._warm.progress = str(progress)
+            if progress.seconds > said + _COMPILING_SAID:
+                said = progress.seconds
+                self._log.event(f"compiling, once for this machine: {progress}")
+
+        try:
+            with stoppable(self._closed.is_set):
+                compile_kernels(told)
+        except CompilationError as error:
+            self._log.warn(f"each process compiles its kernels: {error}")
+        finally:
+            self._warm.progress = ""
 
     def _movable(self) -> tuple[object, ParameterSet]:
         """What tells robot and arms from others."""

@@ -14,10 +14,10 @@ from placement_planner_ros.core.collision.arm import (
     PLACED_OBJECT,
     ArmCollision,
     _flat_arm,
-    _link_shapes,
-    object_solids,
 )
+from placement_planner_ros.core.collision.link_shapes import link_shapes
 from placement_planner_ros.core.collision.load import Standing
+from placement_planner_ros.core.collision.object_solids import object_solids
 from placement_planner_ros.core.constraints import placement_pose
 from placement_planner_ros.core.errors import GraspError, ParameterError, RobotError, StartError
 from placement_planner_ros.core.grasp.hand_sweep import _swept
@@ -152,7 +152,7 @@ def test_the_same_seed_and_budget_give_the_same_placements():
 
 def test_what_is_remembered_from_start_to_start_changes_no_result():
     def forget():
-        for remembered in (_chain, _flat_arm, _link_shapes, object_solids, _swept, seed_table):
+        for remembered in (_chain, _flat_arm, link_shapes, object_solids, _swept, seed_table):
             remembered.cache_clear()
 
     problem, objective = make_problem(TABLE, np.random.default_rng(0))

@@ -31,6 +31,7 @@ if __name__ == "__main__":
 
 import numpy as np
 import rclpy
+from builtin_interfaces.msg import Time
 from checker import SolutionChecker, Tolerances
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from fakes import Spinning, said, values_of
@@ -96,7 +97,7 @@ def parameter(name, value):
 
 
 def bad_clouds(good):
-    """Clouds that the node must refuse, by what is wrong with them."""
+    """Clouds that the node must refuse, by what is wrong with them; the last has no point."""
 
     def cloud(**changes):
         made = PointCloud2(
@@ -121,6 +122,8 @@ def bad_clouds(good):
         cloud(data=good.data, point_step=4),
         cloud(width=2**32 - 1, height=2**32 - 1),
         cloud(data=good.data, height=2, row_step=0),
+        cloud(data=good.data, header=Header(frame_id=FRAME, stamp=Time(sec=-5))),
+        message_from_points(np.full((1000, 3), np.nan), Header(frame_id=FRAME)),
     ]
 
 
@@ -242,6 +245,9 @@ class World(Node):
                 JointState(name=strangers, position=[0.0] * 100),
                 JointState(name=[f"joint {i}" for i in range(20_000)], position=[0.0] * 20_000),
                 JointState(name=names[:3], position=[*values[:2], float("inf")]),
+                JointState(
+                    header=Header(stamp=Time(sec=-5, nanosec=1)), name=names, position=values
+                ),
             ]
         )
 

@@ -54,10 +54,10 @@ def turned(about, angle, x=0.0, y=0.0, z=0.0):
     return pin.SE3(pin.exp3(angle * np.asarray(about, dtype=float)), np.array([x, y, z]))
 
 
-def plate(side=0.14, thickness=0.01):
-    """Parameters of a plate."""
+def block(length, width, height):
+    """Parameters of a block."""
     corners = np.array(np.meshgrid(*[(-0.5, 0.5)] * 3)).reshape(3, -1).T
-    corners = corners * (side, side, thickness)
+    corners = corners * (length, width, height)
     faces = [0, 1, 3, 0, 3, 2, 4, 6, 7, 4, 7, 5, 0, 4, 5, 0, 5, 1, 2, 3, 7, 2, 7, 6]
     faces += [0, 2, 6, 0, 6, 4, 1, 5, 7, 1, 7, 3]
     return {"object.vertices": corners.ravel().tolist(), "object.triangles": faces}
@@ -157,9 +157,10 @@ class Situation:
     says: str = ""
 
 
+HELD = object_by_name("small_crayons_box")
 SIDEWAYS = turned((0, 1, 0), np.pi / 2, z=0.215)
 FROM_ABOVE = turned((0, 0, 1), 0.0, z=0.145)
-PLATE = plate()
+PLATE = block(0.14, 0.14, 0.01)
 UP_THERE = np.array([0.0, 0.0, 5.0])
 BELOW = np.array([0.4, 0.0, -0.4])
 """Where a camera sees the table from below."""
@@ -171,6 +172,33 @@ POSTS = np.concatenate(
         for z in np.arange(0.0, 0.15, 0.006)
     ]
 )
+
+
+def along_x(y):
+    """A wall."""
+    return level((0.3, 0.55), (0.0, 0.055), y, 0.004)[:, [0, 2, 1]]
+
+
+def along_y(x):
+    """A wall."""
+    return level((0.1, 0.2), (0.0, 0.055), x, 0.004)[:, [2, 0, 1]]
+
+
+TRENCH = np.concatenate([TABLE, along_x(0.112), along_x(0.188)])
+"""Two walls between which the fingers fit, but not once they have opened."""
+PIT = np.concatenate([TABLE, *map(along_x, (0.106, 0.194)), *map(along_y, (0.33, 0.47))])
+PIT[:, 2] += 0.2
+"""Walls on all four sides, out of which the hand has to rise, above the middle of its reach."""
+BAR = block(0.094, 0.021, 0.05)
+BY_ITS_END = pin.SE3(HELD.grasps["left"][0].rotation, np.array([0.0, 0.0, 0.165]))
+STANDS = np.concatenate(
+    [
+        level((0.342, 0.458), (0.092, 0.208), 0.1, 0.005),
+        level((0.28, 0.52), (0.03, 0.27), 0.171),
+        level((0.342, 0.458), (0.392, 0.508), 0.1, 0.005),
+    ]
+)
+"""Two stands, one of them with a roof that is just above the hand."""
 
 SITUATIONS = {
     "volume in the air": Situation(
@@ -356,6 +384,61 @@ SITUATIONS = {
         with_parameters(collision_margin=0.003),
         "would be free",
     ),
+    "an object ten times too large": Situation(
+        Inputs({"object.scale": 10.0}),
+        "BAD_GRASP",
+        "object.scale",
+        with_parameters(object__scale=1.0),
+        "lies in",
+    ),
+    "an object in millimetres": Situation(
+        Inputs({"object.scale": 1000.0}),
+        "BAD_OBJECT",
+        "object.scale",
+        with_parameters(object__scale=1.0),
+        "m across",
+    ),
+    "a retreat longer than the arm": Situation(
+        Inputs(
+            {
+                "retreat_distance": 0.5,
+                "target_volume": [0.33, 0.1, 0.15, 0.47, 0.2, 0.22],
+                "left.grasps": poses(HELD.grasps["left"][1]),
+            },
+            PIT,
+        ),
+        "NO_SOLUTION",
+        "retreat_distance",
+        with_parameters(retreat_distance=0.1),
+        "left the open hand no straight way off the placed object",
+    ),
+    "a trench too narrow to open the hand": Situation(
+        Inputs(
+            {
+                "target_volume": [0.33, 0.11, -0.05, 0.52, 0.19, 0.02],
+                "left.grasps": poses(HELD.grasps["left"][1]),
+            },
+            TRENCH,
+        ),
+        "NO_SOLUTION",
+        "left.gripper_open",
+        with_parameters(left__gripper_open=[0.0205]),
+        "left the fingers no room to open",
+    ),
+    "a roof just above the hand": Situation(
+        Inputs(
+            {
+                **BAR,
+                "left.grasps": poses(BY_ITS_END),
+                "target_volume": [0.3, 0.05, 0.05, 0.5, 0.25, 0.15],
+            },
+            STANDS,
+        ),
+        "NO_SOLUTION",
+        "target_volume",
+        with_parameters(target_volume=[0.3, 0.35, 0.05, 0.5, 0.55, 0.15]),
+        "had no free straight way down onto the support",
+    ),
     "no time": Situation(
         Inputs({"time_limit": 1e-5}),
         "NO_SOLUTION",
@@ -391,7 +474,7 @@ class RealBench(Bench):
 
         def limited(should_stop):
             yield from run(lambda: should_stop() or planner.statistics.samples >= most)
-            if not planner.exhausted:
+            if planner.statistics.samples >= most:
                 self.paused.set()
             while not (planner.exhausted or should_stop()):
                 time.sleep(0.002)
@@ -437,14 +520,15 @@ class RealBench(Bench):
         return self.status()["code"], answer.words
 
 
-HELD = object_by_name("small_crayons_box")
 BASE = {
     "target_volume": ABOVE,
     "arms": ["left"],
     "left.grasps": poses(*HELD.grasps["left"]),
+    "left.gripper_open": [0.025],
     "right.grasps": poses(*HELD.grasps["right"]),
     "object.vertices": HELD.vertices.ravel().tolist(),
     "object.triangles": HELD.triangles.ravel().tolist(),
+    "object.scale": 1.0,
     "sensor_poses.camera": [],
     "unknown_space": "free",
     "self_filter.enabled": True,
@@ -471,7 +555,7 @@ def test_it_is_told_why_nothing_was_found_and_the_remedy_helps(bench, name):
     bench.most = SAMPLES
     code, words = bench.tried(situation.inputs)
     assert (code, situation.says in words) == (situation.code, True), words
-    refused = code in ("BAD_START", "NO_CLOUD", "CLOUD_FRAME")
+    refused = code in ("BAD_START", "BAD_GRASP", "BAD_OBJECT", "NO_CLOUD", "CLOUD_FRAME")
     assert situation.remedy in (words if refused else remedies(words)), words
     assert refused or all(map(bench.node.has_parameter, remedies(words))), words
     bench.most = math.inf

@@ -16,6 +16,7 @@ from std_msgs.msg import String
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.ros.inputs.mesh_process import MeshProcess
 from placement_planner_ros.ros.qos import LATCHED
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.share import share_path
@@ -87,6 +88,30 @@ def test_a_new_robot_is_waited_for_and_the_old_one_is_not_used(bench, slow):
     b.cloud()
     b.wait(lambda: code(b) == "OK", again=b.cloud)
     assert b.snapshots[-1].robot.name == "other"
+
+
+def test_how_far_covers_are_is_told_until_they_are_made(bench, monkeypatch, tmp_path):
+    radius = 0.03 + 0.001 * np.random.default_rng().random()  # that none is kept of
+    ring = tmp_path / "ring.stl"
+    trimesh.creation.annulus(radius, 0.05, 0.02).export(ring)
+    gate, cover = threading.Event(), MeshProcess.cover
+
+    def held(*given):
+        gate.wait(60.0)
+        return cover(*given)
+
+    monkeypatch.setattr(MeshProcess, "cover", held)
+    b = bench(package_paths=[str(tmp_path)], **PAIRS)
+    described = b.client.create_publisher(String, "robot_description", LATCHED)
+    link = f"""<link name="ring"><collision><geometry><mesh filename="file://{ring}"/></geometry>
+        </collision></link><joint name="ring" type="fixed"><origin xyz="0 0 3"/>
+        <parent link="yumi_body"/><child link="ring"/></joint></robot>"""
+    described.publish(String(data=YUMI.replace("</robot>", link)))
+    b.wait(lambda: "(link ring)" in b.status().get("robot_progress", ""))
+    assert b.status()["robot"] == "reading"
+    gate.set()
+    b.wait(lambda: b.status()["robot"] == "ready")
+    assert "robot_progress" not in b.status()
 
 
 @pytest.mark.parametrize(
@@ -184,7 +209,41 @@ def test_an_object_that_is_none_is_bad_until_a_good_one_comes(bench, tmp_path):
     b.wait(lambda: b.status()["object"] == "bad")
     answer = b.call("start")
     assert "nan.stl" in answer.text
-    assert "NaN" in answer.text
+    assert "not finite" in answer.text
+
+
+def test_what_could_roll_from_every_side_is_refused_until_that_is_allowed(bench):
+    b = bench()
+    b.feed()
+    publisher = b.client.create_publisher(Mesh, "placement_planner/object", LATCHED)
+    publisher.publish(message(trimesh.creation.icosphere(subdivisions=2, radius=0.02)))
+    b.wait(lambda: "0 rests, and" in b.status().get("object_assumed", ""))
+    answer = b.call("start")
+    assert (answer.success, answer.code) == (False, "BAD_OBJECT")
+    for name in ("object.allow_rolling", "object.center_of_mass", "object.flatness"):
+        assert name in answer.text
+    for name, value in (("object.flatness", 0.0), ("object.allow_rolling", 2)):
+        assert not b.node.set_parameters([Parameter(name, value=value)])[0].successful
+    b.wait(lambda: code(b, object__allow_rolling=True) != "NOT_READY")
+    assert code(b, object__allow_rolling=True) == "OK"
+    assert b.call("start").code == "BAD_OBJECT"  # that was for one run only
+    assert b.node.set_parameters([Parameter("object.allow_rolling", value=True)])[0].successful
+    b.wait(lambda: "of which it could roll" in b.status().get("object_assumed", ""))
+    assert settled(b) == "OK"
+
+
+def test_the_log_and_the_status_tell_what_is_assumed_of_the_object(bench, capfd):
+    b = bench(**{"object.scale": 0.5})
+    b.feed()
+    publisher = b.client.create_publisher(Mesh, "placement_planner/object", LATCHED)
+    publisher.publish(message(BOX))
+    b.wait(lambda: "0.05 x 0.03 x 0.02 m" in b.status().get("object_assumed", ""))
+    said = b.status().get("object_assumed", "")
+    assert "object.scale 0.5" in said
+    assert "centre of mass (0.0000, 0.0000, 0.0000) of uniform density" in said
+    assert "closed" in said
+    assert "6 rests" in said
+    assert said in capfd.readouterr().err
 
 
 @pytest.mark.parametrize("name", ["cut.stl", "a.dae", "a.3mf", "none.stl", "a.zip", "pipe.stl"])

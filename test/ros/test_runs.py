@@ -11,6 +11,7 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 
 from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.explanation.explanation import Explanation, Remedy
 from placement_planner_ros.core.search.pruning import Cause
 from placement_planner_ros.core.stopping import step, stoppable
 from placement_planner_ros.ros.commands import Commands
@@ -220,6 +221,22 @@ def test_a_robot_that_moved_is_told_with_and_without_a_solution(bench, offers):
 # --- time
 
 
+@pytest.mark.parametrize("stopped", [True, False])
+def test_a_longer_time_limit_is_no_remedy_for_a_run_that_was_stopped(bench, stopped):
+    b = bench()
+    told = Explanation("nothing yet", (Remedy("time_limit", "more"), Remedy("arms", "further")))
+    planner = started(b, time_limit=0.0 if stopped else 0.05)
+    planner.explain = lambda: setattr(planner, "explanation", told)
+    if not stopped:
+        b.wait(lambda: b.status()["state"] == "time_limit")
+    words = b.call("stop").words
+    assert "arms: further" in words
+    assert ("time_limit: more" in words) is not stopped
+    assert ("let it search longer" in words) is stopped
+    b.wait(lambda: b.status()["why"])
+    assert ("time_limit: more" in b.status()["why"]) is not stopped
+
+
 def test_the_time_limit_counts_from_the_first_sample(bench):
     b = bench()
     b.feed()
@@ -398,11 +415,16 @@ def test_a_start_beyond_the_limits_is_refused_and_one_bad_arm_is_a_note(bench):
 
     left, both = {"yumi_joint_6_l": 4.05}, {"yumi_joint_6_l": 4.05, "yumi_joint_6_r": 4.05}
     answers = []
-    b.wait(lambda: answers.append(at(**both)) or answers[-1].code == "BAD_START")
+
+    def refused():
+        before = b.node._commands.run  # an answer may still be of the joints of before
+        answers.append(at(**both))
+        return answers[-1].code == "BAD_START" and b.node._commands.run is before
+
+    b.wait(refused)
     assert not answers[-1].success
     assert "yumi_joint_6_l = 4.0500" in answers[-1].words
     assert "yumi_joint_6_r = 4.0500" in answers[-1].words
-    assert b.node._commands.run is None
     b.wait(lambda: answers.append(at(**left)) or answers[-1].code == "OK")
     assert "does without left: beyond the joint limits: yumi_joint_6_l" in answers[-1].words
 

@@ -24,7 +24,7 @@ def test_before_anything_is_published_start_names_it(client):
     assert not answer.success
     assert answer.code == "NO_CLOUD"
     assert "points" in answer.words
-    assert "JOINTS_MISSING: joint_states" in answer.words
+    assert "JOINTS_MISSING: robot_description" in answer.words, "whose joints is not known yet"
     assert client.call("stop").code == "NOT_RUNNING"
 
 
@@ -183,7 +183,7 @@ def test_without_memory_a_run_fails_with_a_code_and_the_next_one_goes_well(scene
     assert a_run_goes_well(client)
     status = Path(f"/proc/{node.pid}/status").read_text()
     used = int(status.partition("VmData:")[2].split()[0]) * 1024
-    with limited(node, resource.RLIMIT_DATA, used + 100_000_000):
+    with limited(node, resource.RLIMIT_DATA, used + 50_000_000):
         run = start_when_ready(client, "start_with", cloud__cell_size=0.003).run
         wait(lambda: client.value("run") == run and client.state() == "failed")
         assert client.value("code") == "INTERNAL"

@@ -53,12 +53,18 @@ def support(search: Search) -> Advice:
     rejected = collisions.thinned(search.finder.rejections.poses[Verdict.UNSTABLE])
     if rejected and settings.contact_tolerance < _TOLERANCE:
         wider = replace(settings, contact_tolerance=_TOLERANCE)
-        spared = collisions.stable_with(search.problem, search.poses, wider, rejected)
+        margin = search.poses.edge_margin
+        spared = collisions.stable_with(search.problem, wider, margin, rejected)
         if spared >= _SPARED * len(rejected):
             words = (
                 f"raise it: with {_TOLERANCE:g} m {spared} of {len(rejected)} would be supported"
             )
             remedies.append(Remedy("contact_tolerance", words))
+    if rejected and search.poses.edge_margin > 0.0:
+        spared = collisions.stable_with(search.problem, settings, 0.0, rejected)
+        if spared >= _SPARED * len(rejected):
+            words = f"lower it: with 0 m {spared} of {len(rejected)} would be supported"
+            remedies.append(Remedy("edge_margin", words))
     if holes <= _HOLES:
         remedies += surfaces.smoother(environment)
     seen += surfaces.uneven_in_words(environment)
@@ -91,7 +97,8 @@ def grasps(search: Search, words: str) -> list[Remedy]:
 def _unknown() -> Remedy:
     return Remedy(
         "unknown_space",
-        "set it to free, or show what is unseen: clouds from further sides, with cloud.mode: merge",
+        "set it to free (or to occupied_below where what is unseen lies high), or show what is "
+        "unseen: clouds from further sides, with cloud.mode: merge",
     )
 
 

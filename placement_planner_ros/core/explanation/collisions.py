@@ -146,12 +146,12 @@ def met_by_object(
 
 def stable_with(
     problem: Problem,
-    poses: PoseConstraints,
     settings: CollisionSettings,
+    edge_margin: float,
     rejected: Sequence[RejectedPose],
 ) -> int:
     """How many of the poses without support would have it by these settings."""
-    other = PoseConstraints(problem, settings, poses.edge_margin, 0.0)
+    other = PoseConstraints(problem, settings, edge_margin, 0.0)
     return sum(other.stable(pose.T_world_object, pose.face) for pose in rejected)
 
 

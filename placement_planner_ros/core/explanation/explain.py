@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from placement_planner_ros.core.errors import listed
 from placement_planner_ros.core.explanation import collisions, surfaces, tables
 from placement_planner_ros.core.explanation.advice import advice, closer, grasps, support
 from placement_planner_ros.core.explanation.explanation import Explanation, Remedy
@@ -18,18 +19,23 @@ _LITTLE = 0.1
 
 def explain(search: Search, progress: Progress) -> Explanation:
     """Why nothing was found."""
-    left_out = [f"left out: {reason}" for reason in search.unusable]
+    left_out = [f"left out: {listed(search.unusable, '; ')}"] if search.unusable else []
     environment = search.problem.environment
     if not environment.regions:
         told = surfaces.why_no_region(environment)
         return Explanation(told.cause, told.remedies, (*told.details, *left_out))
     if search.hierarchy.faces == 0:
+        rolling = search.problem.body.rolling
+        tries = [
+            Remedy("object.center_of_mass", "check it, and the mesh"),
+            Remedy("object.mesh", "give one with a flat side"),
+        ]
+        if rolling:
+            tries.insert(
+                0, Remedy("object.allow_rolling", f"offers {rolling} sides that could roll")
+            )
         return Explanation(
-            "no placement face: the object can stand on none of its sides",
-            (
-                Remedy("object.center_of_mass", "check it, and the mesh"),
-                Remedy("object.mesh", "give one with a flat side"),
-            ),
+            "no placement face: the object can stand on none of its sides", tuple(tries)
         )
     if progress.rulings:
         told = _ruled_out(search, progress.rulings)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from placement_planner_ros.core.errors import NAMED
 from placement_planner_ros.core.explanation import surfaces
 from placement_planner_ros.core.explanation.search import Search
 from placement_planner_ros.core.search.cell_layout import COLUMNS, FACE, LOWER, UPPER, Z
@@ -14,7 +15,7 @@ from placement_planner_ros.core.search.uniform import UniformPoses
 from placement_planner_ros.core.types import Verdict
 
 WHAT = {
-    Verdict.OUTSIDE_VOLUME: "had the centre of mass outside target_volume",
+    Verdict.OUTSIDE_VOLUME: "had the centre of mass beside target_volume",
     Verdict.UNSTABLE: "left a vertex of the placement face without support",
     Verdict.COLLIDING: "let the object meet something, at rest or on its way down",
     Verdict.NOT_BETTER: "were no better by the objective",
@@ -26,7 +27,7 @@ WHAT = {
 }
 """What samples did that a constraint refused."""
 _BRIEFLY = {
-    Verdict.OUTSIDE_VOLUME: "outside target_volume",
+    Verdict.OUTSIDE_VOLUME: "beside target_volume",
     Verdict.UNSTABLE: "without support",
     Verdict.COLLIDING: "with the object in collision",
     Verdict.NOT_BETTER: "no better",
@@ -56,13 +57,14 @@ def in_short(count: SampleCount) -> str:
 
 
 def by_face(search: Search, count: SampleCount) -> list[str]:
-    """What became of the samples of each rest."""
+    """What became of the samples of each rest; of many, of those with the most."""
+    tried = np.flatnonzero(count.by_face.sum(axis=1))
+    most = np.argsort(-count.by_face.sum(axis=1)[tried], kind="stable")[:NAMED]
     rows = []
-    for face, verdicts in enumerate(count.by_face.tolist()):
-        if sum(verdicts):
-            rest = surfaces.rest_in_words(search.problem.body, face)
-            rows.append(f"{rest}: {_shares(verdicts, 'samples')}")
-    return rows
+    for face in np.sort(tried[most]).tolist():
+        rest = surfaces.rest_in_words(search.problem.body, face)
+        rows.append(f"{rest}: {_shares(count.by_face[face].tolist(), 'samples')}")
+    return rows if len(tried) <= NAMED else [*rows, f"and {len(tried) - NAMED} more rests"]
 
 
 def by_arm(search: Search) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -80,7 +80,7 @@ class _Candidate:
     """A goal of 𝒢, its key in the RRT and when (in iterations) it was last made active.
 
     `branch` is the way out of it that is known, None until it is first active; `widen` is when the
-    next is sought.
+    next is sought; `turned` is whether it has been tried the other way round, too.
     """
 
     goal: Goal
@@ -89,6 +89,7 @@ class _Candidate:
     activated: int = 0
     branch: Array | None = None
     widen: int = 0
+    turned: bool = False
 
     def order(self) -> tuple[int, float]:
         """Goals that had the fewest turns come first, of these the best ξ."""
@@ -107,14 +108,22 @@ class _Trees:
         self._active: dict[int, _Candidate] = {}
         self._waiting: list[_Candidate] = []
         self._next_key = 0
+        # A start that keeps the margin, but nothing in reserve, can be left all the same.
+        tight = not holding.transit_free(holding.q_start, holding.q_start)
         self.rrt = GoalSetRRT(
             holding.arm.lower,
             holding.arm.upper,
             holding.q_start,
-            holding.transit_free,
+            self._is_free if tight else holding.transit_free,
             settings.rrt,
             rng,
         )
+
+    def _is_free(self, a: Array, b: Array) -> bool:
+        """`Holding.transit_free`, and without its reserve where it leads from the start."""
+        holding = self._holding
+        from_start = np.array_equal(a, holding.q_start) or np.array_equal(b, holding.q_start)
+        return holding.collision.edge_free(a, b) if from_start else holding.transit_free(a, b)
 
     @property
     def goals(self) -> int:
@@ -149,6 +158,12 @@ class _Trees:
     def _share(self) -> None:
         """Let goals that resist wait; activate those that had the fewest turns, best ξ first."""
         iterations, settings = self.rrt.iterations, self._settings
+        for candidate in list(self._active.values()):
+            if not candidate.turned and iterations - candidate.activated >= settings.patience:
+                candidate.turned = True
+                other = self._other_way_round(candidate.goal)
+                if other is not None:
+                    self.add(other)
         if self._waiting:
             tired = settings.patience * max(1, len(self._active))
             for key, candidate in list(self._active.items()):
@@ -169,6 +184,27 @@ class _Trees:
                 candidate.widen = iterations + settings.winding
                 self.rrt.add_branch(candidate.key, candidate.branch)
         del self._waiting[:room]
+
+    def _other_way_round(self, goal: Goal) -> Goal | None:
+        """The same goal the longer way round with its turnable joint that turns furthest.
+
+        Goals take the shorter way (`Holding.configurations`); what stands in it may leave only the
+        other. None where there is none, or it is that already.
+        """
+        arm = self._holding.arm
+        way = goal.q_raised - self._holding.q_start
+        turnable = np.isin(arm.joints, arm.turnable) & (np.abs(way) <= np.pi)
+        if not turnable.any():
+            return None
+        shift = np.zeros(arm.dof)
+        joint = int(np.argmax(np.where(turnable, np.abs(way), -1.0)))
+        shift[joint] = -np.copysign(2.0 * np.pi, way[joint])
+        approach = goal.approach + shift
+        retreat = None if goal.retreat is None else goal.retreat + shift
+        ways = approach if retreat is None else np.vstack([approach, retreat])
+        if (ways < arm.lower).any() or (ways > arm.upper).any():
+            return None
+        return replace(goal, approach=approach, retreat=retreat)
 
     def _widen(self, should_stop: Callable[[], bool]) -> None:
         """Seek a winding way out of one goal that resists, the one that has waited longest."""

@@ -10,6 +10,8 @@ import numpy as np
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.motion.shortcut import shorten
+from placement_planner_ros.core.robot.arm import Arm
+from placement_planner_ros.core.robot.joint_limits import ANGULAR_ACCELERATION
 from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.timing.quintic import control_points
 from placement_planner_ros.core.timing.timing import concatenate, parameterize
@@ -32,10 +34,11 @@ class TimingSettings(Settings):
         1.0, "(0, 1]", "", "Share of acceleration_limits that is used."
     )
     acceleration_limits: tuple[float, ...] = setting(
-        (5.0,),
+        (ANGULAR_ACCELERATION,),
         "[0.001, 10000]",
         "rad/s^2 or m/s^2",
-        "One limit for all joints, or one for each joint of the arm.",
+        "One limit for all joints, or one for each joint of the arm. Left as it is, joints keep to "
+        "the limit that robot_description_planning states, and those that slide to 0.5.",
     )
     approach_scaling: float = setting(0.25, "(0, 1]")
     shortcut_attempts: int = setting(100, "[0, inf)")
@@ -44,6 +47,28 @@ class TimingSettings(Settings):
         Settings.__post_init__(self)
         if not self.acceleration_limits:
             raise ParameterError("acceleration_limits", (), "give at least one")
+
+    @property
+    def chosen(self) -> bool:
+        """Whether acceleration_limits say more than nothing."""
+        return self.acceleration_limits != (ANGULAR_ACCELERATION,)
+
+    def accelerations(self, arm: Arm) -> Array:
+        """(dof,) the arm's acceleration limits, unscaled, rad/s² or m/s².
+
+        Raises:
+            ParameterError: there are neither one nor as many as the arm has joints.
+        """
+        if not self.chosen:
+            return arm.acceleration
+        limits = np.array(self.acceleration_limits)
+        if limits.size not in (1, arm.dof):
+            raise ParameterError(
+                "acceleration_limits",
+                list(self.acceleration_limits),
+                f"give one value, or {arm.dof} for arm {arm.name}",
+            )
+        return np.broadcast_to(limits, (arm.dof,))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,14 +110,7 @@ class TrajectoryMaker:
             path, holding.transit_free, self._rng, settings.shortcut_attempts, should_stop
         )
         velocity = holding.arm.velocity * settings.velocity_scaling
-        limits = np.array(settings.acceleration_limits)
-        if limits.size not in (1, len(velocity)):
-            raise ParameterError(
-                "acceleration_limits",
-                settings.acceleration_limits,
-                f"give one value, or {len(velocity)} for arm {holding.arm.name}",
-            )
-        acceleration = np.broadcast_to(limits, velocity.shape) * settings.acceleration_scaling
+        acceleration = settings.accelerations(holding.arm) * settings.acceleration_scaling
 
         def transit_free(a: Array, b: Array, deviation: Array) -> bool:
             return holding.collision.edge_free(a, b, deviation=deviation)
@@ -124,7 +142,9 @@ class TrajectoryMaker:
             return None
         retreat = None
         if goal.retreat is not None:
-            leaving_free = holding.open_hand.edge_free(goal.grasp, goal.T_world_object)
+            leaving_free = holding.open_hand.edge_free(
+                goal.grasp, goal.T_world_object, goal.retreat
+            )
             retreat = parameterize(
                 goal.retreat,
                 joints,

@@ -20,9 +20,9 @@ import pinocchio as pin
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
 
-from placement_planner_ros.core.body.convex_part import ConvexPart
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
 from placement_planner_ros.core.collision.load import Held
+from placement_planner_ros.core.collision.object_solids import object_solids
 from placement_planner_ros.core.collision.separation import UNDECIDED
 from placement_planner_ros.core.robot.model import Arm
 from placement_planner_ros.core.robot.moving_arm import MovingArm
@@ -60,7 +60,7 @@ class ExactCollision:
     ) -> None:
         self.settings = settings or CollisionSettings()
         robot, arm = moving.robot, moving.arm
-        parts = load.body.parts if load is not None else ()
+        parts = object_solids(load.body) if load is not None else ()
         self._model, self._data = robot.model, robot.model.createData()
         self._q = np.array(moving.q_rest)
         self._q_index = arm.q_index
@@ -72,7 +72,7 @@ class ExactCollision:
             T_joint_object = tip.placement * arm.grasps[load.grasp]
             for i, part in enumerate(parts):
                 name = f"held object {i}"
-                shape = _convex(part)
+                shape = part.geometry
                 shapes.append(pin.GeometryObject(name, tip.parentJoint, T_joint_object, shape))
         above = [_joint_above(robot.model, arm, shape.parentJoint) for shape in shapes]
         self._geometry = pin.GeometryModel()
@@ -315,15 +315,6 @@ def _joint_above(model: pin.Model, arm: Arm, joint: int) -> int:
     """Index of the last of the arm's joints that moves what hangs on `joint`, or -1."""
     moves = [model.names[k] for k in model.supports[joint]]
     return max((i for i, name in enumerate(arm.joints) if name in moves), default=-1)
-
-
-def _convex(part: ConvexPart) -> coal.Convex:
-    points, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
-    for vertex in part.vertices:
-        points.append(vertex)
-    for triangle in part.triangles:
-        faces.append(coal.Triangle(*map(int, triangle)))
-    return coal.Convex(points, faces)
 
 
 def _corners(shape: coal.CollisionGeometry) -> Array:

@@ -44,6 +44,7 @@ from placement_planner_ros.experiments.yardstick.dense_search import (
     yardstick_key,
 )
 from placement_planner_ros.experiments.yardstick.placement_grid import GridResolution
+from placement_planner_ros.scenes.objects import ALL_OBJECTS
 
 YARDSTICK_FILE = "yardstick.jsonl"
 _FOLDER = "results/paper"
@@ -133,7 +134,7 @@ def _run_cases(arguments: argparse.Namespace) -> int:
             arguments.enough,
             arguments.output / "solutions",
         )
-        for case in wanted_cases(all_cases(arguments.cloud), arguments)
+        for case in wanted_cases(all_cases(arguments.cloud, ALL_OBJECTS), arguments)
         for seed in range(arguments.seeds)
     ]
     _run_trials(jobs, RUNS_FILE, arguments=arguments)

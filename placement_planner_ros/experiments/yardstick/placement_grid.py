@@ -11,7 +11,6 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.body.placement_face import PlacementFace
 from placement_planner_ros.core.collision.object import ObjectCollision
-from placement_planner_ros.core.constraints import contact_points
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.problem import Problem
@@ -84,8 +83,7 @@ def grid_placements(
         tried += len(points)
         T = _poses(face, points, angle)
         T = T[_in_volume(problem, T, points)]
-        contacts = contact_points(face, settings.edge_margin)
-        T = T[_stable(problem, contacts, T, settings.collision.contact_tolerance)]
+        T = T[_stable(problem, face.vertices, T, settings)]
         z = points[0, 2]
         T = T[collision.free_at(T, z, settings.approach.approach_minimum)]
         if len(T) == 0:
@@ -134,8 +132,12 @@ def _in_volume(problem: Problem, T: Array, points: Array) -> npt.NDArray[np.bool
     return problem.volume.contains(points) & problem.volume.contains(center)
 
 
-def _stable(problem: Problem, contacts: Array, T: Array, tolerance: float) -> npt.NDArray[np.bool_]:
+def _stable(
+    problem: Problem, contacts: Array, T: Array, settings: PlannerSettings
+) -> npt.NDArray[np.bool_]:
     vertices = T[:, None, :3, :3] @ contacts[None, :, :, None]
     vertices = vertices[..., 0] + T[:, None, :3, 3]
-    supported = problem.environment.support.supported(vertices.reshape(-1, 3), tolerance)
+    supported = problem.environment.support.supported(
+        vertices.reshape(-1, 3), settings.collision.contact_tolerance, settings.edge_margin
+    )
     return np.asarray(supported.reshape(len(T), len(contacts)).all(axis=1))

@@ -7,14 +7,19 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from placement_planner_ros.core.errors import CloudError, PlacementPlannerError
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.ros.inputs.merged_points import MergedPoints
 from placement_planner_ros.ros.inputs.standing_object import StandingObject
 
 MERGE_FRACTION = 4
 """Merged clouds keep one point per cube of this fraction of a cell's edge."""
+
+MAX_MERGED = 5_000_000
+"""Points that accumulate at most."""
+
+_NOTHING = MergedPoints.of(np.empty((0, 3)), 1.0)
 
 _OTHER_CLOCK = 86400.0
 """Seconds of age from which on a cloud's stamp is likely of another clock."""
@@ -76,7 +81,7 @@ class CloudStore:
         self._required = tuple(required)
         self._lock = threading.Lock()
         self._latest: dict[str, StoredCloud] = {}
-        self._merged = np.empty((0, 3))
+        self._merged = _NOTHING
         self._standing: dict[int, StandingObject] = {}
         self._refused: dict[str, PlacementPlannerError] = {}
         self._listener: OnCloud | None = None
@@ -113,16 +118,24 @@ class CloudStore:
         """Add points (n, 3) to those accumulated, thinned to a fraction of a cell.
 
         Begun anew where others were merged, or all cleared, in the meantime.
+
+        Raises:
+            CloudError: they would be more than `MAX_MERGED`; none of them is added then.
         """
         while True:
             with self._lock:
                 before = self._merged
-            together = np.vstack([before, points])
-            kept = _one_per_cube(together, cell_size / MERGE_FRACTION)
+            merged = before.with_points(points, cell_size / MERGE_FRACTION)
+            if len(merged.points) > MAX_MERGED:
+                raise CloudError(
+                    "clouds: merged",
+                    f"{len(merged.points)} points",
+                    f"there may be {MAX_MERGED}; call clear_environment, raise cloud.cell_size, or "
+                    "publish what is near the robot only",
+                )
             with self._lock:
                 if self._merged is before:
-                    if len(kept) > len(before):
-                        self._merged = together[kept]
+                    self._merged = merged
                     return
 
     def refuse(self, topic: str, error: PlacementPlannerError) -> None:
@@ -153,14 +166,14 @@ class CloudStore:
             thing = self._standing.pop(run, None)
             if thing is None:
                 return False
-            self._merged = self._merged[~thing.holds(self._merged, padding)]
+            self._merged = self._merged.without(thing.holds(self._merged.points, padding))
             self.changes += 1
             return True
 
     def clear(self) -> None:
         """Forget accumulated points and confirmed objects."""
         with self._lock:
-            self._merged = np.empty((0, 3))
+            self._merged = _NOTHING
             self._standing.clear()
             self.changes += 1
 
@@ -182,7 +195,7 @@ class CloudStore:
     def merged(self) -> Array:
         """The points (n, 3) accumulated."""
         with self._lock:
-            return self._merged
+            return self._merged.points
 
     def faults(self, mode: str, max_age: float, now: float) -> list[PlacementPlannerError]:
         """Everything that keeps `snapshot` from being taken."""
@@ -208,7 +221,7 @@ class CloudStore:
                 raise fault
             sets = [PointSet(cloud.points, cloud.origin) for cloud in self._latest.values()]
             if mode == "merge":
-                sets.append(PointSet(self._merged))
+                sets.append(PointSet(self._merged.points))
             sets += [PointSet(thing.points, placed=True) for thing in self._standing.values()]
             return tuple(part for part in sets if len(part.points))
 
@@ -235,7 +248,7 @@ class CloudStore:
         known = [cloud.points for cloud in self._latest.values()]
         known += [thing.points for thing in self._standing.values()]
         if mode == "merge":
-            known.append(self._merged)
+            known.append(self._merged.points)
         if not faults and not any(len(points) for points in known):
             faults.append(
                 CloudError(
@@ -253,16 +266,3 @@ def _same(a: StoredCloud, b: StoredCloud) -> bool:
     if a.origin is None or b.origin is None:
         return a.origin is b.origin and np.array_equal(a.points, b.points)
     return np.array_equal(a.origin, b.origin) and np.array_equal(a.points, b.points)
-
-
-def _one_per_cube(points: Array, edge: float) -> npt.NDArray[np.int64]:
-    """Rows, ascending, of the first of (n, 3) points in each cube of that edge."""
-    cubes = np.floor(points / edge).astype(np.int64)
-    cubes -= cubes.min(axis=0, initial=0)
-    size = cubes.max(axis=0, initial=0) + 1
-    if float(np.prod(size.astype(np.float64))) < 2.0**63:
-        keys = (cubes[:, 0] * size[1] + cubes[:, 1]) * size[2] + cubes[:, 2]
-        _, first = np.unique(keys, return_index=True)
-    else:  # points so far apart that cubes cannot be numbered
-        _, first = np.unique(cubes, axis=0, return_index=True)
-    return np.sort(first)

@@ -64,7 +64,7 @@ class Inputs:
         self._transforms = transforms
         self._clock = clock
         self._lock = threading.Lock()
-        self._known: frozenset[str] = frozenset()
+        self._known: tuple[frozenset[str], frozenset[str]] = frozenset(), frozenset()
         self._waiting: dict[str, tuple[PointCloud2, float, int]] = {}
         self._arrivals = 0
 
@@ -72,7 +72,7 @@ class Inputs:
         """Merge a joint state.
 
         Raises:
-            JointStateError: it is malformed.
+            JointStateError: it is malformed; joints of which it tells a position are taken.
         """
         names, position, velocity = message.name, message.position, message.velocity
         if len(names) > MAX_NAMES:
@@ -82,10 +82,10 @@ class Inputs:
         stamp = _seconds(message.header.stamp)
         if stamp is not None and stamp < 0.0:
             raise JointStateError("joint_states: header.stamp", stamp, "must not be negative")
-        known = self.robot.joint_names
-        if known != self._known:
-            self._known = known
-            self.joints.keep(known)
+        known, continuous = self.robot.joint_names, self.robot.continuous_joints
+        if (known, continuous) != self._known:
+            self._known = known, continuous
+            self.joints.keep(known, continuous)
         if len(position) == len(names):
             # What the robot does not have is not kept: nobody would ever forget it.
             mine = [i for i, name in enumerate(names) if name in known]

@@ -35,10 +35,15 @@ class JointStates:
     `now`, whatever clocks the stamps are of. A value whose stamp is older than that of one before
     it is the newest only where nothing newer came within `REST_WINDOW`: then that clock was set
     back.
+
+    The past of a joint without end stops is kept in turns that go on from each other, whatever
+    turns its values are reported in: one that rests where they wrap is at rest.
     """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
+        self._continuous: frozenset[str] = frozenset()
+        self._newest: dict[str, float] = {}
         self._history: dict[str, deque[tuple[float, float]]] = {}
         self._velocity: dict[str, float] = {}
         self._past: dict[str, JointPast] = {}
@@ -58,33 +63,40 @@ class JointStates:
             stamp: of the values, seconds of the clock that stamps clouds; None: `now`.
 
         Raises:
-            JointStateError: lengths differ, a position is not finite, or a joint is named twice
-                with different ones; nothing is taken then.
+            JointStateError: lengths differ, and nothing is taken; or a position is not finite, or
+                a joint is named twice with different ones, and the other joints are taken.
         """
-        try:
-            taken = _positions(names, positions)
-        except JointStateError as error:
-            with self._lock:
-                self._refused = now, str(error)
-            raise
+        taken, bad = _positions(names, positions)
         with self._lock:
-            for i, (name, position) in enumerate(taken):
+            if bad is not None:
+                self._refused = now, str(bad)
+            for i in taken:
+                name, position = names[i], positions[i]
                 velocity = velocities[i] if i < len(velocities) else 0.0
                 velocity = velocity if math.isfinite(velocity) else 0.0
-                sample = Sample(now if stamp is None else stamp, position, velocity)
+                turned = self._going_on(name, position)
+                sample = Sample(now if stamp is None else stamp, turned, velocity)
                 if not self._is_newest(name, sample, now):
                     continue
+                self._newest[name] = position
                 history = self._history.setdefault(name, deque())
-                history.append((now, position))
+                history.append((now, turned))
                 # One value from before the window stays: where the joint was when it began.
                 while len(history) > 1 and history[1][0] <= now - REST_WINDOW:
                     history.popleft()
                 self._velocity[name] = velocity
+        if bad is not None:
+            raise bad
 
-    def keep(self, names: Collection[str]) -> None:
-        """Forget every other joint."""
+    def keep(self, names: Collection[str], continuous: Collection[str] = ()) -> None:
+        """Forget every other joint.
+
+        Args:
+            continuous: those of them that have no end stops.
+        """
         with self._lock:
-            for known in (self._history, self._velocity, self._past):
+            self._continuous = frozenset(continuous)
+            for known in (self._newest, self._history, self._velocity, self._past):
                 for name in [name for name in known if name not in names]:
                     del known[name]
 
@@ -137,9 +149,9 @@ class JointStates:
             ]
 
     def positions(self) -> dict[str, float]:
-        """Newest value of each joint, rad or m."""
+        """Newest value of each joint as it was reported, rad or m."""
         with self._lock:
-            return {name: history[-1][1] for name, history in self._history.items()}
+            return dict(self._newest)
 
     def age(self, now: float) -> float:
         """Seconds since any joint was heard of; infinite before the first."""
@@ -177,6 +189,13 @@ class JointStates:
             raise RobotMovingError("joint_states", moving, "start when the robot is at rest")
         return q
 
+    def _going_on(self, name: str, position: float) -> float:
+        """A position in the turn next to the newest of a joint without end stops. Lock held."""
+        if name not in self._continuous or name not in self._history:
+            return position
+        last = self._history[name][-1][1]
+        return last + math.remainder(position - last, 2.0 * math.pi)
+
     def _is_newest(self, name: str, sample: Sample, now: float) -> bool:
         """Remember a value; whether it is the joint's newest. Lock held."""
         past = self._past.get(name)
@@ -198,10 +217,15 @@ class JointStates:
             words += self._refusal(now, timeout)
             raise JointsStaleError("joint_states: ages", stale, words)
 
+    def refused(self, now: float, timeout: float) -> str:
+        """What was wrong with the newest bad message of that many seconds; '' without one."""
+        when, why = self._refused
+        return why if now - when <= timeout else ""
+
     def _refusal(self, now: float, timeout: float) -> str:
         """What to add where values are missing, as messages came but were refused."""
-        when, why = self._refused
-        return f"; of what came, some was refused: {why}" if now - when <= timeout else ""
+        why = self.refused(now, timeout)
+        return f"; of what came, some was refused: {why}" if why else ""
 
 
 def _spread(history: deque[tuple[float, float]], since: float) -> float:
@@ -211,25 +235,26 @@ def _spread(history: deque[tuple[float, float]], since: float) -> float:
     return max(values) - min(values)
 
 
-def _positions(names: Sequence[str], positions: Sequence[float]) -> list[tuple[str, float]]:
-    """Names and positions of one message.
-
-    Raises:
-        JointStateError: as `JointStates.update` says.
-    """
+def _positions(
+    names: Sequence[str], positions: Sequence[float]
+) -> tuple[list[int], JointStateError | None]:
+    """Which values of one message can be taken, and what is wrong with the others."""
     if len(positions) != len(names):
-        raise JointStateError(
+        return [], JointStateError(
             "joint_states",
             f"{len(names)} names, {len(positions)} positions",
             "publish one position per name",
         )
-    bad = [n for n, p in zip(names, positions, strict=True) if not math.isfinite(p)]
-    if bad:
-        raise JointStateError("joint_states: not finite", bad, "publish finite positions")
-    taken: dict[str, float] = {}
-    twice = [n for n, p in zip(names, positions, strict=True) if taken.setdefault(n, p) != p]
+    first: dict[str, float] = {}
+    told = list(enumerate(zip(names, positions, strict=True)))
+    unknown = {name for _, (name, position) in told if not math.isfinite(position)}
+    twice = {name for _, (name, p) in told if first.setdefault(name, p) != p} - unknown
+    taken = [i for i, (name, _) in told if name not in unknown and name not in twice]
+    if unknown:
+        words = "publish finite positions; the other joints' were taken"
+        return taken, JointStateError("joint_states: not finite", sorted(unknown), words)
     if twice:
-        raise JointStateError(
-            "joint_states: named twice, with different positions", twice, "name each joint once"
-        )
-    return list(zip(names, positions, strict=True))
+        words = "name each joint once; the other joints' positions were taken"
+        field = "joint_states: named twice, with different positions"
+        return taken, JointStateError(field, sorted(twice), words)
+    return taken, None

@@ -1,6 +1,7 @@
-"""Reads mesh files in a process of its own, which may run out of memory or time, or die.
+"""Reads mesh files, and covers meshes, in a process of its own, which may run out of memory or
+time, or die.
 
-Whatever a file does to the loaders, the node lives and goes on answering, and reading can be ended
+Whatever a file does to the loaders, the node lives and goes on answering, and the work can be ended
 at any moment.
 """
 
@@ -16,21 +17,24 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Literal
+from typing import IO, Any
 
 import numpy as np
+import numpy.typing as npt
 
+from placement_planner_ros.core.body.convex_cover import Cover, convex_cover
+from placement_planner_ros.core.meshes.collada import Triangles
+from placement_planner_ros.core.meshes.read import read_mesh
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.ros.inputs.mesh_files import Triangles, read_object
 
-Loader = Literal["object", "link"]
-"""As an object's mesh (trimesh), or as a link's (coal)."""
+Bytes = npt.NDArray[Any]
+"""As it is in memory."""
 
 MAX_MEMORY = 2_000_000_000
-"""Bytes that reading a mesh may take."""
+"""Bytes that reading or covering a mesh may take."""
 
 MAX_TIME = 60.0
-"""Seconds that reading a mesh may take."""
+"""Seconds that reading or covering a mesh may take."""
 
 _LOOK = 0.05
 """Seconds between looks at whether to go on."""
@@ -71,32 +75,61 @@ class MeshProcess:
             child.kill()
             child.communicate()
 
-    def read(self, path: Path, loader: Loader) -> tuple[Array, Triangles]:
-        """Vertices (n, 3) and triangles (t, 3) of a file, in its unit.
+    def read(self, path: Path) -> tuple[Array, Triangles]:
+        """Vertices (n, 3) and triangles (t, 3) of a file, as `read_mesh` has them.
 
         Raises:
             ValueError: it cannot be read; the message says why.
             StoppedError: `should_stop` said so.
         """
+        head, arrays = self._ask({"path": str(path)}, [])
+        vertices = np.frombuffer(arrays[: 24 * head["vertices"]])
+        triangles = np.frombuffer(arrays[24 * head["vertices"] :], np.int64)
+        return vertices.reshape(-1, 3), triangles.reshape(-1, 3)
+
+    def cover(self, vertices: Array, triangles: Triangles, tolerance: float) -> Cover:
+        """The convex cover of a mesh, as `core.body.convex_cover` makes it.
+
+        Raises:
+            ValueError: it cannot be made; the message says why.
+            TimeoutError: making it took longer than `MAX_TIME`.
+            StoppedError: `should_stop` said so.
+        """
+        request: dict[str, object] = {
+            "tolerance": tolerance,
+            "vertices": len(vertices),
+            "triangles": len(triangles),
+        }
+        given = [
+            np.ascontiguousarray(vertices, np.float64),
+            np.ascontiguousarray(triangles, np.int64),
+        ]
+        head, arrays = self._ask(request, given)
+        points = np.frombuffer(arrays).reshape(-1, 3)
+        parts = np.split(points, np.cumsum(head["parts"])[:-1])
+        return Cover(tuple(parts), head["excess"], head["closed"])
+
+    def _ask(self, request: dict[str, object], given: list[Bytes]) -> tuple[dict[str, Any], bytes]:
+        """The answer's head, and the bytes that follow it."""
         if self._child is None:
             self._child = _spawn()
         child, end = self._child, time.monotonic() + MAX_TIME
         assert child.stdin is not None
         try:
-            child.stdin.write(json.dumps([str(path), loader]).encode() + b"\n")
+            child.stdin.write(json.dumps(request).encode() + b"\n")
+            for array in given:
+                child.stdin.write(array.tobytes())
             child.stdin.flush()
             head = json.loads(self._take(child, None, end))
             if "error" in head:
                 raise ValueError(head["error"])
-            vertices = np.frombuffer(self._take(child, 24 * head["vertices"], end))
-            triangles = np.frombuffer(self._take(child, 24 * head["triangles"], end), np.int64)
+            return head, self._take(child, head["bytes"], end)
         except (EOFError, BrokenPipeError) as error:
             self.close()
-            raise ValueError("reading it ended the process that did") from error
+            raise ValueError("it ended the process that did it") from error
         except (StoppedError, TimeoutError):
             self.close()
             raise
-        return vertices.reshape(-1, 3), triangles.reshape(-1, 3)
 
     def _take(self, child: subprocess.Popen[bytes], count: int | None, end: float) -> bytes:
         """So many bytes, or a line, as they come."""
@@ -108,7 +141,7 @@ class MeshProcess:
                 if self._should_stop():
                     raise StoppedError
                 if time.monotonic() > end:
-                    raise TimeoutError(f"reading it took longer than {MAX_TIME:g} s")
+                    raise TimeoutError(f"it took longer than {MAX_TIME:g} s")
                 if not selector.select(_LOOK):
                     continue
                 # A line is read byte by byte, to leave what follows it in the pipe.
@@ -134,19 +167,32 @@ def _spawn() -> subprocess.Popen[bytes]:
     )
 
 
-def _load(path: Path, loader: Loader) -> tuple[Array, Triangles]:
-    if loader == "object":
-        return read_object(path)
-    from placement_planner_ros.core.robot.geometry import read_mesh
+def _read(request: dict[str, Any]) -> tuple[dict[str, object], list[Bytes]]:
+    vertices, triangles = read_mesh(Path(request["path"]))
+    arrays = [
+        np.ascontiguousarray(vertices, np.float64),
+        np.ascontiguousarray(triangles, np.int64),
+    ]
+    return {"vertices": len(vertices), "triangles": len(triangles)}, arrays
 
-    return read_mesh(path)
+
+def _cover(request: dict[str, Any], given: IO[bytes]) -> tuple[dict[str, object], list[Bytes]]:
+    vertices = np.frombuffer(given.read(24 * request["vertices"])).reshape(-1, 3)
+    triangles = np.frombuffer(given.read(24 * request["triangles"]), np.int64).reshape(-1, 3)
+    cover = convex_cover(vertices, triangles, request["tolerance"])
+    head = {
+        "parts": [len(part) for part in cover.parts],
+        "excess": cover.excess,
+        "closed": cover.closed,
+    }
+    return head, list(cover.parts)
 
 
-def _answer(path: Path, loader: Loader, out: IO[bytes]) -> None:
+def _answer(request: dict[str, Any], given: IO[bytes], out: IO[bytes]) -> None:
     try:
-        vertices, triangles = _load(path, loader)
+        head, arrays = _read(request) if "path" in request else _cover(request, given)
     except MemoryError:
-        words = f"it takes more than {MAX_MEMORY} bytes of memory to read"
+        words = f"it takes more than {MAX_MEMORY} bytes of memory"
         out.write(json.dumps({"error": words}).encode() + b"\n")
     except Exception as error:  # whatever loaders raise at what they are given
         words = " ".join(str(error).split())[:300] or "it holds what no such file does"
@@ -154,15 +200,15 @@ def _answer(path: Path, loader: Loader, out: IO[bytes]) -> None:
         words = words if known else f"{type(error).__name__}: {words}"
         out.write(json.dumps({"error": words}).encode() + b"\n")
     else:
-        counts = {"vertices": len(vertices), "triangles": len(triangles)}
-        out.write(json.dumps(counts).encode() + b"\n")
-        out.write(np.ascontiguousarray(vertices, np.float64).tobytes())
-        out.write(np.ascontiguousarray(triangles, np.int64).tobytes())
+        head["bytes"] = sum(array.nbytes for array in arrays)
+        out.write(json.dumps(head).encode() + b"\n")
+        for array in arrays:
+            out.write(array.tobytes())
     out.flush()
 
 
 def main() -> None:
-    """Read the files that lines of the standard input name."""
+    """Read the files, and cover the meshes, that lines of the standard input ask for."""
     resource.setrlimit(resource.RLIMIT_DATA, (MAX_MEMORY, MAX_MEMORY))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     # Loaders may print; what they print is no answer.
@@ -171,8 +217,7 @@ def main() -> None:
     for line in sys.stdin.buffer:
         # Should the node die without a word, this process does not read on for ever.
         resource.setrlimit(resource.RLIMIT_CPU, (int(time.process_time() + MAX_TIME) + 1, -1))
-        path, loader = json.loads(line)
-        _answer(Path(path), loader, out)
+        _answer(json.loads(line), sys.stdin.buffer, out)
 
 
 if __name__ == "__main__":

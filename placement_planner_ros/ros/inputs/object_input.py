@@ -6,6 +6,7 @@ import hashlib
 import threading
 from collections.abc import Hashable, Iterable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -16,8 +17,9 @@ from shape_msgs.msg import Mesh
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.body.mesh import require_few
 from placement_planner_ros.core.errors import ObjectError, PlacementPlannerError
+from placement_planner_ros.core.meshes.headers import check_header
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.ros.inputs.mesh_files import check_header
+from placement_planner_ros.ros.inputs.covers import cover_in
 from placement_planner_ros.ros.inputs.mesh_process import MeshProcess, StoppedError
 from placement_planner_ros.ros.inputs.reading import Read, Reading, ShouldStop, State
 from placement_planner_ros.ros.inputs.resources import Files
@@ -55,7 +57,7 @@ class _Mesh:
     def key(self) -> Hashable:
         return self.digest
 
-    def arrays(self, should_stop: ShouldStop) -> tuple[Array, npt.NDArray[np.int64]]:
+    def arrays(self, process: MeshProcess) -> tuple[Array, npt.NDArray[np.int64]]:
         return self.vertices, self.triangles
 
 
@@ -75,10 +77,9 @@ class _File:
     def key(self) -> Hashable:
         return self.path, self.state
 
-    def arrays(self, should_stop: ShouldStop) -> tuple[Array, npt.NDArray[np.int64]]:
+    def arrays(self, process: MeshProcess) -> tuple[Array, npt.NDArray[np.int64]]:
         try:
-            with MeshProcess(should_stop) as process:
-                return process.read(self.path, "object")
+            return process.read(self.path)
         except (ValueError, OSError) as error:
             raise ObjectError("object.mesh", str(self.path), f"cannot be read: {error}") from error
 
@@ -131,6 +132,16 @@ class ObjectInput:
         if self._fault is not None:
             return "none" if isinstance(self._fault, NoObjectError) else "bad"
         return self._reading.state(self._key)
+
+    @property
+    def assumed(self) -> str:
+        """What the object is taken for, in words; empty as long as there is none."""
+        if self.state != "ready":
+            return ""
+        try:
+            return "; ".join(self._reading.get(self._key).assumed)
+        except PlacementPlannerError:  # replaced just now
+            return ""
 
     @property
     def reading(self) -> Reading[Body]:
@@ -238,19 +249,23 @@ class ObjectInput:
         if isinstance(given, PlacementPlannerError):
             raise given
         center, scale = parameters["object.center_of_mass"], parameters["object.scale"]
+        settings = parameters.body_settings
 
         def make(should_stop: ShouldStop) -> Body:
-            vertices, triangles = given.arrays(should_stop)
-            if should_stop():
-                raise StoppedError
-            return Body.from_mesh(
-                vertices,
-                triangles,
-                center_of_mass=np.array(center) if center else None,
-                scale=scale,
-            )
+            with MeshProcess(should_stop) as process:
+                vertices, triangles = given.arrays(process)
+                if should_stop():
+                    raise StoppedError
+                return Body.from_mesh(
+                    vertices,
+                    triangles,
+                    center_of_mass=np.array(center) if center else None,
+                    scale=scale,
+                    settings=settings,
+                    cover=partial(cover_in, process),
+                )
 
-        return (given.key, tuple(center), scale), make
+        return (given.key, tuple(center), scale, settings), make
 
     def _find(self, parameters: ParameterSet) -> None:
         """Look for the file that the parameters name."""

@@ -11,7 +11,7 @@ from sensor_msgs.msg import JointState, PointCloud2
 from shape_msgs.msg import Mesh
 from std_msgs.msg import String
 
-from placement_planner_ros.core.errors import JointStateError, PlacementPlannerError
+from placement_planner_ros.core.errors import JointStateError, PlacementPlannerError, listed
 from placement_planner_ros.ros.inputs.cloud_subscriptions import CloudSubscriptions
 from placement_planner_ros.ros.inputs.inputs import Inputs
 from placement_planner_ros.ros.inputs.object_input import NoObjectError, mesh_from_message
@@ -70,6 +70,7 @@ class Reception:
             latched(String, "robot_description_semantic", self._take_semantic)
         latched(Mesh, "~/object", self._take_object)
         robot.reading.listen(self._tell_of_robot)
+        robot.follow_progress(self._log.event)
         inputs.object.reading.listen(self._tell_of_object)
         self._tell_of_fault()
 
@@ -85,8 +86,7 @@ class Reception:
             self._inputs.take_joint_state(message)
         except JointStateError as error:
             self._log.repeats("joint state refused", str(error))
-            return
-        self._on_joints()
+        self._on_joints()  # as some of its joints may have been taken
 
     def _take_description(self, message: String) -> None:
         self._inputs.robot.set_description(message.data)
@@ -103,7 +103,7 @@ class Reception:
             self._tell_of_refusal("robot description refused", error)
             return
         words = f"robot {robot.name!r} read, planning frame {robot.root_link!r}"
-        self._log.event("; ".join([words, *robot.warnings]))
+        self._log.event(listed([words, *robot.warnings], "; "))
 
     def _tell_of_object(self, key: object) -> None:
         try:
@@ -113,9 +113,8 @@ class Reception:
         except PlacementPlannerError as error:
             self._tell_of_refusal("object refused", error)
             return
-        self._log.event(
-            f"object read: {len(body.vertices)} vertices, {len(body.faces)} faces to stand on"
-        )
+        words = [f"{len(body.triangles)} triangles", *body.assumed, *body.warnings]
+        self._log.event(f"object read: {'; '.join(words)}")
 
     def _tell_of_refusal(self, kind: str, error: PlacementPlannerError) -> None:
         """That something could not be read, and where in the code if nobody expected that."""

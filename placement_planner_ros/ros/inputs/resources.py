@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote
 
+import pinocchio as pin
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 
 from placement_planner_ros.core.errors import RobotError
@@ -22,6 +23,8 @@ from placement_planner_ros.core.robot.description import MAX_TEXT
 from placement_planner_ros.share import PACKAGE, share_path
 
 _NAME = re.compile(r"[A-Za-z0-9_][\w.-]*", re.ASCII)
+_PIP_SHARE = Path(pin.__file__).parents[4] / "share"
+"""Where pip puts what robots' makers and pinocchio share, as PyPI's example-robot-data."""
 _ELSEWHERE = (
     "is not below package_paths, file_roots or the ament index; only what is given at start-up may "
     "be elsewhere"
@@ -40,6 +43,9 @@ def package_share(package: str) -> Path:
         return Path(get_package_share_directory(package))
     except (PackageNotFoundError, ValueError, OSError) as error:
         # OSError: there is no ament index at all, as AMENT_PREFIX_PATH is not set.
+        folder = _PIP_SHARE / package
+        if _NAME.fullmatch(package) and _is_dir(folder):
+            return folder
         raise FileNotFoundError(
             f"package {package} is not in the ament index; source its workspace"
         ) from error
@@ -82,13 +88,39 @@ class Files:
         for path in may:
             if _is_file(path):
                 return path
-        if uri.startswith("package://"):
-            package = uri.removeprefix("package://").partition("/")[0]
-            tried = ", ".join(["the ament index", *map(str, may)])
-            raise FileNotFoundError(f"package {package} is not known or lacks it; tried {tried}")
-        if not may:
-            raise FileNotFoundError(_ELSEWHERE)
-        raise FileNotFoundError(f"there is no file {' nor '.join(map(str, may))}")
+        raise FileNotFoundError(self._why_not(uri, trusted, beside, may))
+
+    def _why_not(self, uri: str, trusted: bool, beside: Path | None, tried: Sequence[Path]) -> str:
+        """Why nothing was found, and what to do; of files that are not open it says nothing."""
+        scheme, found, rest = uri.partition("://")
+        if not found or scheme == "file":
+            return f"there is no file {' nor '.join(map(str, tried))}" if tried else _ELSEWHERE
+        if scheme != "package":
+            return f"{scheme}:// is not read; use package://PACKAGE/PATH, file:///PATH or a path"
+        package, _, inside = unquote(rest).partition("/")
+        if not package:
+            words = "names no package; write two slashes: package://PACKAGE/PATH"
+            return words + self._meant(inside.lstrip("/"), trusted, beside)
+        if not _NAME.fullmatch(package):
+            return f"{package!r} is no name of a package"
+        looked_in = dict.fromkeys(self._package_folders(package, beside))
+        folders = [each for each in looked_in if trusted or self._is_open(each)]
+        there = [str(folder) for folder in folders if _is_dir(folder)]
+        if there:
+            return f"package {package} lacks it; looked in {', '.join(there)}"
+        looked = ", ".join(["the ament index", *map(str, folders)])
+        return (
+            f"package {package} is not known; tried {looked}: add the folder that holds {package} "
+            "to package_paths, or source its workspace"
+        )
+
+    def _meant(self, inside: str, trusted: bool, beside: Path | None) -> str:
+        """What a URI without package may have meant: that its path begins with the package."""
+        meant = f"package://{inside}"
+        for path in self._candidates(meant, trusted, beside):
+            if (trusted or self._is_open(path)) and _is_file(path):
+                return f", here package://{inside.partition('/')[0]}/..., where it is"
+        return ""
 
     def _candidates(self, uri: str, trusted: bool, beside: Path | None) -> Iterator[Path]:
         if uri.startswith("package://"):
@@ -151,6 +183,13 @@ def _is_file(path: Path) -> bool:
         return False
 
 
+def _is_dir(path: Path) -> bool:
+    try:
+        return path.is_dir()
+    except OSError:
+        return False
+
+
 def description_text(parameter: str, value: str, files: Files) -> tuple[str, Path | None]:
     """XML text from XML text, a path or a URI given at start-up; and the file it is in.
 
@@ -158,11 +197,19 @@ def description_text(parameter: str, value: str, files: Files) -> tuple[str, Pat
         RobotError: the file cannot be read.
     """
     if value.lstrip().startswith("<"):
-        return value, None
+        return _expanded_xml(parameter, value, "the text"), None
     try:
         path = files.find(value, trusted=True)
         if path.stat().st_size > 4 * MAX_TEXT:
             raise OSError(f"it is longer than {MAX_TEXT} characters")
-        return path.read_text(encoding="utf-8"), path
+        return _expanded_xml(parameter, path.read_text(encoding="utf-8"), str(path)), path
     except (OSError, UnicodeDecodeError) as error:
         raise RobotError(parameter, value, f"give XML text, a path or a URI: {error}") from error
+
+
+def _expanded_xml(parameter: str, text: str, where: str) -> str:
+    if "<xacro:" in re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL):
+        raise RobotError(
+            parameter, where, "is xacro; give what `ros2 run xacro xacro FILE` makes of it"
+        )
+    return text

@@ -4,20 +4,27 @@ from __future__ import annotations
 
 import threading
 import xml.etree.ElementTree as ET
-from collections.abc import Hashable, Iterable
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 import pinocchio as pin
+import yaml
 from builtin_interfaces.msg import Time
 
+from placement_planner_ros.core.body.convex_cover import Cover
 from placement_planner_ros.core.errors import PlacementPlannerError, RobotError
-from placement_planner_ros.core.robot.geometry import read_mesh
-from placement_planner_ros.core.robot.model import Arm, Robot
+from placement_planner_ros.core.meshes.collada import Triangles
+from placement_planner_ros.core.meshes.headers import check_header
+from placement_planner_ros.core.meshes.read import read_mesh
+from placement_planner_ros.core.robot.announcement import Announcement, announce
+from placement_planner_ros.core.robot.geometry import LinkMesh
+from placement_planner_ros.core.robot.joint_limits import FIELD, JointLimit, read_joint_limits
+from placement_planner_ros.core.robot.model import Arm, Robot, place_of
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.ros.inputs.mesh_files import Triangles, check_header
+from placement_planner_ros.ros.inputs.covers import cover_in
 from placement_planner_ros.ros.inputs.mesh_process import MeshProcess
 from placement_planner_ros.ros.inputs.reading import NotReadyError, Reading, ShouldStop, State
 from placement_planner_ros.ros.inputs.resources import Files, description_text
@@ -36,6 +43,10 @@ class FramePose(Protocol):
 
 NEGLIGIBLE = 1e-5
 """m or rad by which the robot may have moved in planning_frame to count as standing still."""
+
+
+_STILL = 1e-3
+"""rad or m by which every joint must have moved less for its meshes to be where they were."""
 
 
 class DescriptionError(RobotError):
@@ -71,6 +82,9 @@ class RobotInput:
     Where planning_frame is no link of the robot, tf2 is asked where it stands in there: at each
     start, by `look_up`.
 
+    Attributes:
+        progress: what takes long while the newest description is read; empty where nothing does.
+
     Args:
         parameters: as at start-up.
         frame_pose: asked where planning_frame is no link of the robot.
@@ -87,12 +101,17 @@ class RobotInput:
         self._files = files
         self._reading: Reading[_Read] = Reading("robot", _explain)
         self._placed: tuple[_Read, pin.SE3, Robot] | None = None
+        self._stood: tuple[_Read, Array] | None = None
+        self._standing: tuple[_Read, Robot] | None = None
         self._joints: frozenset[str] = frozenset()
+        self._continuous: frozenset[str] = frozenset()
         given = parameters["robot_description"]
         semantic = parameters["robot_description_semantic"]
         self.follows_topic = not given
         self.follows_semantic_topic = not semantic
         self._arrived = False
+        self._progress_listener: Callable[[str], None] | None = None
+        self.progress = ""
         self._srdf: str | None = None
         if given:
             self._urdf, self._beside = description_text("robot_description", given, files)
@@ -100,6 +119,7 @@ class RobotInput:
             self._beside = share_path("urdf", "yumi.urdf")
             self._urdf = self._beside.read_text(encoding="utf-8")
             self._srdf = share_path("urdf", "yumi.srdf").read_text(encoding="utf-8")
+        self._limits = _joint_limits(parameters, files)
         if semantic:
             self._srdf, _ = description_text("robot_description_semantic", semantic, files)
         self._key = self._begin()
@@ -137,13 +157,38 @@ class RobotInput:
         read = self._reading.get(self._key)
         placed = self._placed
         if not read.base:
-            return read.robot
+            return self._robot_of(read)
         return placed[2] if placed is not None and placed[0] is read else self._place(read)
 
     @property
     def unplaced(self) -> Robot:
         """The same, wherever it stands."""
-        return self._reading.get(self._key).robot
+        return self._robot_of(self._reading.get(self._key))
+
+    def _robot_of(self, read: _Read) -> Robot:
+        """With what has been learned where it stood."""
+        standing = self._standing
+        return standing[1] if standing is not None and standing[0] is read else read.robot
+
+    def standing_at(self, robot: Robot, q: Array) -> Robot:
+        """The robot, which stands at q (nq,): see `Robot.standing_at`.
+
+        What that shows is kept, unless another robot has come meanwhile.
+
+        Raises:
+            PlacementPlannerError: as `robot`.
+        """
+        with self._lock:
+            if self.robot is not robot:
+                return robot.standing_at(q)
+            read, stood = self._reading.get(self._key), self._stood
+            if stood is None or stood[0] is not read or np.abs(stood[1] - q).max() > _STILL:
+                before = self._robot_of(read)
+                after = before.standing_at(q)
+                self._stood = read, q
+                if after is not before:
+                    self._standing, self._placed = (read, after), None
+            return self.robot
 
     def look_up(self) -> None:
         """Look where the robot stands now; where nobody knows any more, `robot` says so."""
@@ -168,6 +213,29 @@ class RobotInput:
             raise self._unplaced(read, "at the cloud's stamp")
         return T_planning_base * placed[1].inverse()
 
+    def strayed(self, robot: Robot, key: Hashable, tolerance: float) -> str:
+        """Why its base is no more where a robot has it; '' where it is.
+
+        Args:
+            key: as it was when that robot was taken; of another description nothing is known.
+            tolerance: m and rad by which it may have moved.
+        """
+        try:
+            read = self._reading.get(key)
+        except PlacementPlannerError:
+            return ""
+        if not read.base:
+            return ""
+        T_planning_base = self._frame_pose(self._frame, read.base)
+        if T_planning_base is None:
+            return f"tf2 does not know any more where {read.base!r} is in {self._frame!r}"
+        # Nothing but fixed joints leads there.
+        then = robot.link_pose(pin.neutral(robot.model), read.base)
+        way = pin.log6(then.actInv(T_planning_base))
+        if max(np.linalg.norm(way.linear), np.linalg.norm(way.angular)) > tolerance:
+            return f"the robot's base has moved in {self._frame!r}"
+        return ""
+
     def _place(self, read: _Read) -> Robot:
         T_planning_base = self._frame_pose(self._frame, read.base)
         placed = self._placed
@@ -178,7 +246,7 @@ class RobotInput:
             way = placed[1].actInv(T_planning_base)
             if np.abs(pin.log6(way).vector).max() < NEGLIGIBLE:
                 return placed[2]
-        robot = read.robot.carried(T_planning_base)
+        robot = self._robot_of(read).carried(T_planning_base)
         self._placed = read, T_planning_base, robot
         return robot
 
@@ -219,9 +287,18 @@ class RobotInput:
         return self._joints
 
     @property
+    def continuous_joints(self) -> frozenset[str]:
+        """Those of them without end stops."""
+        return self._continuous
+
+    @property
     def reading(self) -> Reading[Any]:
         """Where descriptions are read."""
         return self._reading
+
+    def follow_progress(self, listener: Callable[[str], None]) -> None:
+        """Call this with words for each piece of work that takes long."""
+        self._progress_listener = listener
 
     def wait(self, patience: float | None = None) -> None:
         """Return once the newest description is read, or cannot be."""
@@ -239,7 +316,11 @@ class RobotInput:
         def read(should_stop: ShouldStop) -> _Read:
             with MeshProcess(should_stop) as process:
                 meshes = _Meshes(self._files, process, trusted, beside)
-                made = self._read(urdf, srdf, meshes)
+                try:
+                    made = self._read(urdf, srdf, meshes, _Covers(process, self._tell))
+                finally:
+                    self._tell("")
+            self._continuous = made.robot.continuous
             self._joints = frozenset(made.robot.joint_names)
             return made
 
@@ -247,30 +328,54 @@ class RobotInput:
         self._reading.want(key, read, lasting=True)
         return key
 
-    def _read(self, urdf: str, srdf: str | None, meshes: _Meshes) -> _Read:
+    def _tell(self, progress: str) -> None:
+        self.progress = progress
+        if progress and self._progress_listener is not None:
+            self._progress_listener(progress)
+
+    def _read(self, urdf: str, srdf: str | None, meshes: _Meshes, covers: _Covers) -> _Read:
         try:
-            robot = Robot.from_urdf(urdf, meshes, srdf)
-            if self._frame in ("", robot.root_link):
-                return _Read(robot)
-            T_planning_root = self._root_in_planning_frame(robot)
-            urdf = _with_root(urdf, self._frame, robot.root_link, T_planning_root)
-            base = "" if self._is_link(robot) else robot.root_link
-            return _Read(Robot.from_urdf(urdf, meshes, srdf), base)
+            base = ""
+            if self._frame:
+                urdf, base = self._from_planning_frame(urdf)
+            return _Read(Robot.from_urdf(urdf, meshes, srdf, self._limits, covers), base)
         except RobotError as error:
             raise DescriptionError(error.field, error.value, error.remedy) from error
 
-    def _is_link(self, robot: Robot) -> bool:
-        return bool(robot.model.existFrame(self._frame, pin.FrameType.BODY))
-
-    def _root_in_planning_frame(self, robot: Robot) -> pin.SE3:
-        if not self._is_link(robot):
-            return pin.SE3.Identity()  # and carried from there
-        frame = robot.model.frames[robot.frame_id(self._frame)]
-        if frame.parentJoint != 0:
+    def _from_planning_frame(self, urdf: str) -> tuple[str, str]:
+        """The URDF with the planning frame as its root, and `_Read.base`."""
+        root, T_root_frame, moves = place_of(self._frame, urdf)
+        if self._frame == root:
+            return urdf, ""
+        if T_root_frame is None:  # and carried from there
+            return _with_root(urdf, self._frame, root, pin.SE3.Identity()), root
+        if moves:
             raise RobotError(
                 "planning_frame", self._frame, "moves; name a frame fixed to the robot's root"
             )
-        return pin.SE3(frame.placement.inverse())
+        return _with_root(urdf, self._frame, root, T_root_frame.inverse()), ""
+
+
+def _joint_limits(parameters: ParameterSet, files: Files) -> dict[str, JointLimit]:
+    """What MoveIt's parameters say of joints: a file, or else each limit by itself.
+
+    Raises:
+        RobotError: they are not of MoveIt's form.
+    """
+    limits: dict[str, dict[str, Any]] = {}
+    given = parameters[FIELD]
+    if given:
+        try:
+            path = files.find(given, trusted=True)
+            content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+            words = f"give MoveIt's joint_limits.yaml, a path or a URI: {error}"
+            raise RobotError(FIELD, given[:60], words) from error
+        return read_joint_limits(content)
+    for name, value in parameters.joint_limits.items():
+        joint, _, what = name.rpartition(".")
+        limits.setdefault(joint, {})[what] = value
+    return read_joint_limits(limits)
 
 
 class _Meshes:
@@ -294,7 +399,30 @@ class _Meshes:
         """Vertices and triangles of a file."""
         if path.resolve().is_relative_to(share_path("urdf").resolve()):
             return read_mesh(path)  # the bundled robot's, known to be good
-        return self._process.read(path, "link")
+        return self._process.read(path)
+
+
+class _Covers:
+    """Makes the convex covers of one description, in another process, where no other has yet."""
+
+    def __init__(self, process: MeshProcess, tell: Callable[[str], None]) -> None:
+        self._process = process
+        self._tell = tell
+        self._made: dict[int, Cover] = {}
+
+    def __call__(self, meshes: Sequence[LinkMesh]) -> list[Cover]:
+        """The cover of each mesh; its hull where that takes too long, or too much memory."""
+        return [self._cover(mesh, k + 1, len(meshes)) for k, mesh in enumerate(meshes)]
+
+    def _cover(self, mesh: LinkMesh, number: int, count: int) -> Cover:
+        def tell() -> None:
+            self._tell(f"cover {number} of {count} (link {mesh.link})")
+
+        if number not in self._made:  # a description may be read twice, with another root
+            self._made[number] = cover_in(
+                self._process, mesh.vertices, mesh.triangles, mesh.tolerance, tell
+            )
+        return self._made[number]
 
 
 def _explain(error: Exception) -> PlacementPlannerError:
@@ -349,10 +477,15 @@ def make_arm(robot: Robot, parameters: ParameterSet, name: str) -> Arm:
         tip,
         joints=parameters[f"{name}.joints"] or None,
         grasps=poses_from_list(f"{name}.grasps", parameters[f"{name}.grasps"]),
-        touch_links=parameters[f"{name}.touch_links"] or None,
+        also_touch=parameters[f"{name}.touch_links"],
         gripper_joints=parameters[f"{name}.gripper_joints"],
         gripper_open=parameters[f"{name}.gripper_open"],
     )
+
+
+def announced(robot: Robot, parameters: ParameterSet, arm: Arm) -> Announcement:
+    """What was derived or assumed for an arm of these parameters."""
+    return announce(robot, arm, derived=not parameters[f"{arm.name}.joints"])
 
 
 def require_known(robot: Robot, parameters: ParameterSet, names: Iterable[str]) -> None:

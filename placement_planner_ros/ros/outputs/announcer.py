@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from placement_planner_ros.core.errors import listed
 from placement_planner_ros.core.types import Placement
 from placement_planner_ros.ros.log import Log
 from placement_planner_ros.ros.outputs.publishing import Outputs
@@ -29,8 +30,9 @@ class Announcer:
 
     def prepared(self, run: Run, prepared: Prepared) -> None:
         """The search begins."""
-        for reason in prepared.planner.unusable:
-            self._log.event(f"run {run.number} does without: {reason}")
+        if prepared.planner.unusable:
+            without = listed(prepared.planner.unusable, "; ")
+            self._log.event(f"run {run.number} does without: {without}")
         self._outputs.environment(run.snapshot, prepared.environment)
         self._reporter.prepared(run, prepared.environment)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from placement_planner_ros.core.errors import PlacementPlannerError
+from placement_planner_ros.core.errors import PlacementPlannerError, listed
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,9 +30,11 @@ def answer(code: str, words: str = "", *, success: bool | None = None, **values:
 
 
 def refusal(faults: Sequence[PlacementPlannerError]) -> Answer:
-    """Every fault on a line of its own; the first line carries the first one's code."""
+    """Every fault on a line of its own, of many the first; the first line carries the first one's
+    code."""
     lines = [f"{fault.code}: {' '.join(str(fault).split())}" for fault in faults]
-    return answer(faults[0].code, "\n".join(dict.fromkeys(lines)))  # one may have several effects
+    lines = list(dict.fromkeys(lines))  # one may have several effects
+    return answer(faults[0].code, listed(lines, "\n"))
 
 
 def _shown(value: object) -> str:

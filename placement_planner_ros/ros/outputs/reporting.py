@@ -7,17 +7,15 @@ import threading
 import time
 from collections.abc import Callable
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 
-from placement_planner_ros.core.errors import JointStateError
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.types import Array, Placement
+from placement_planner_ros.core.types import Placement
 from placement_planner_ros.ros.inputs.inputs import Inputs
 from placement_planner_ros.ros.outputs.publishing import Outputs
 from placement_planner_ros.ros.parameters.server import ParameterServer
-from placement_planner_ros.ros.run.validity import outdated
+from placement_planner_ros.ros.run.validity import moved, outdated
 from placement_planner_ros.ros.run.warmth import Warmth
 from placement_planner_ros.ros.run.watch import Watch
 from placement_planner_ros.ros.run.worker import Run, State
@@ -65,7 +63,7 @@ class Reporter:
         self._lock = threading.Lock()
         self._saying = threading.Lock()
         self._run: Run | None = None
-        self._left = False
+        self._left = ""
         self._reported: tuple[State, str, str, dict[str, str]] | None = None
         self._reported_at = -math.inf
         self._closed = False
@@ -78,7 +76,7 @@ class Reporter:
         """From now on report on this run."""
         self._watch.follow(run.snapshot)
         with self._lock:
-            self._run, self._left = run, False
+            self._run, self._left = run, ""
         self.report()
 
     def prepared(self, run: Run, environment: Environment) -> None:
@@ -96,19 +94,15 @@ class Reporter:
         self.report()
 
     def has_left_start(self, run: Run) -> bool:
-        """Whether the robot is further from q_0 than the run's start_tolerance."""
-        q = self._configuration(run)
-        if q is None:
-            return False
-        tolerance = run.snapshot.parameters["start_tolerance"]
-        left = bool(np.abs(q - run.snapshot.q_start).max() > tolerance)
+        """Whether the robot is further from where the run began than its start_tolerance."""
+        left = moved(run.snapshot, self._inputs)
         with self._lock:
             news = self._run is run and self._left != left
             if news:
                 self._left = left
         if news:
             self.report()
-        return left
+        return bool(left)
 
     def report(self) -> None:
         """Publish the status as it is now."""
@@ -148,7 +142,14 @@ class Reporter:
         return self._watch.busy
 
     def _read(self) -> dict[str, str]:
-        return {"robot": self._inputs.robot.state, "object": self._inputs.object.state}
+        robot = self._inputs.robot
+        read: dict[str, str] = {"robot": robot.state, "object": self._inputs.object.state}
+        told = {
+            "object_assumed": self._inputs.object.assumed,
+            "robot_progress": robot.progress,
+            "warm_progress": self._warm.progress,
+        }
+        return read | {name: words for name, words in told.items() if words}
 
     def _why_invalid(self) -> str:
         run = self._run
@@ -157,7 +158,7 @@ class Reporter:
         if run.confirmed:
             return "it has been carried out"
         if self._left:
-            return "the robot has left q_0"
+            return self._left
         return outdated(run.snapshot, self._inputs) or self._watch.blocked
 
     def _refresh(self) -> None:
@@ -171,12 +172,6 @@ class Reporter:
         if (due and state is State.SEARCHING) or self._reported != now:
             self.report()
 
-    def _configuration(self, run: Run) -> Array | None:
-        try:
-            return run.snapshot.robot.configuration(self._inputs.joints.positions())
-        except JointStateError:
-            return None
-
     def _diagnose(self) -> None:
         now = time.monotonic()
         joint_age = self._inputs.joints.age(now)
@@ -186,13 +181,19 @@ class Reporter:
             "joint_state_age": _seconds(joint_age),
         }
         values |= {f"cloud_age {topic}": _seconds(age) for topic, age in ages.items()}
+        timeout = self._parameters.current["joint_state_timeout"]
+        refused = self._inputs.joints.refused(now, timeout)
+        if refused:
+            values["joint_states_refused"] = refused
         lacking = []
-        if joint_age > self._parameters.current["joint_state_timeout"]:
+        if joint_age > timeout:
             lacking.append("joint states")
         if not ages:
             lacking.append("clouds")
-        level = DiagnosticStatus.WARN if lacking else DiagnosticStatus.OK
+        level = DiagnosticStatus.WARN if lacking or refused else DiagnosticStatus.OK
         message = f"no recent {', '.join(lacking)}" if lacking else "inputs arrive"
+        if refused:
+            message += "; some joint values are refused"
         self._outputs.diagnostics(level, message, values)
 
 

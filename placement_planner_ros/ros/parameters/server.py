@@ -17,12 +17,14 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError
+from placement_planner_ros.core.robot.joint_limits import FIELD
 from placement_planner_ros.ros.parameters.spec import Spec
 from placement_planner_ros.ros.parameters.table import (
     GONE,
     arm_specs,
     arms_spec,
     fixed_specs,
+    joint_limit_spec,
     sensor_pose_spec,
 )
 from placement_planner_ros.ros.parameters.values import MOST_HINTS, ParameterSet
@@ -47,8 +49,8 @@ class UnknownParameterError(ParameterNotDeclaredException):
         ParameterException.__init__(self, f"{error.field} = {error.value!r}", error.remedy)
 
 
-_ROS_OWN = "qos_overrides."
-"""How names begin that are parameters only where somebody asks for them."""
+_NOT_OURS = ("qos_overrides.", f"{FIELD}.")
+"""How names begin that are parameters only where somebody asks for them, or MoveIt's."""
 
 OnChange = Callable[[Sequence[str], ParameterSet], None]
 
@@ -82,6 +84,8 @@ class ParameterServer:
             declare(arm_specs(arm, yumi=not values["robot_description"]))
         for frame in values["sensor_frames"]:
             declare([sensor_pose_spec(frame)])
+        given = (joint_limit_spec(name) for name in getattr(node, "given", ()))
+        declare([spec for spec in given if spec is not None])
         self.current = ParameterSet(specs, values)
         node.add_pre_set_parameters_callback(self._convert)
         node.add_on_set_parameters_callback(self._validate)
@@ -109,7 +113,7 @@ class ParameterServer:
 
     def strange(self, given: Iterable[str]) -> list[str]:
         """What to say of names given at start-up that the node does not have."""
-        mine = [n for n in given if not self._node.has_parameter(n) and not n.startswith(_ROS_OWN)]
+        mine = [n for n in given if not self._node.has_parameter(n) and not n.startswith(_NOT_OURS)]
         more = [f"and {len(mine) - MOST_HINTS} more"] if len(mine) > MOST_HINTS else []
         hints = self.current.unknown(mine[:MOST_HINTS])
         return [f"{name}: {words}" for name, words in hints.items()] + more

@@ -9,9 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from placement_planner_ros.core.body.mesh import MAX_TRIANGLES
+from placement_planner_ros.core.body.settings import BodySettings
 from placement_planner_ros.core.objective.by_name import objective_names
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.robot.description import MAX_JOINTS, MAX_LINKS, MAX_TEXT
+from placement_planner_ros.core.robot.joint_limits import FIELD
 from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.settings import FINITE, Meaning
 from placement_planner_ros.ros.parameters import checks
@@ -25,6 +27,7 @@ PLANNER = {
     "local_optimization": "local_optimization",
     "collision_margin": "collision.collision_margin",
     "contact_tolerance": "collision.contact_tolerance",
+    "edge_margin": "edge_margin",
     "approach_distance": "approach.approach_distance",
     "retreat_distance": "retreat.retreat_distance",
     "require_retreat": "require_retreat",
@@ -35,8 +38,22 @@ PLANNER = {
 """The parameters that are fields of PlannerSettings, and where they stand there."""
 GRID = {"cloud.cell_size": "cell_size"}
 """The parameters that are fields of GridSettings."""
+BODY = {"object.flatness": "flatness", "object.allow_rolling": "allow_rolling"}
+"""The parameters that are fields of BodySettings."""
 GONE = {"selection": "is gone; use sampler: optimistic or mcts"}
 """Parameters of former versions, and what to use instead."""
+
+JOINT_LIMITS = f"{FIELD}.joint_limits."
+"""How the names of limits begin that MoveIt's launch files give one by one."""
+_LIMITS = {
+    "has_position_limits",
+    "min_position",
+    "max_position",
+    "has_velocity_limits",
+    "max_velocity",
+    "has_acceleration_limits",
+    "max_acceleration",
+}
 
 _SCENE = scene_by_name("cabinet_high_clutter")
 _MAX_SEED = 2**63 - 1
@@ -44,7 +61,7 @@ _MAX_SEED = 2**63 - 1
 
 def fixed_specs() -> list[Spec]:
     """Every parameter whose name does not depend on another's value."""
-    planner, grid = PlannerSettings(), GridSettings()
+    planner, grid, body = PlannerSettings(), GridSettings(), BodySettings()
     return [
         *_start_up(),
         *_runs(),
@@ -53,6 +70,7 @@ def fixed_specs() -> list[Spec]:
         *_environment(),
         *(Spec.of(name, grid, path) for name, path in GRID.items()),
         *_object(),
+        *(Spec.of(name, body, path) for name, path in BODY.items()),
     ]
 
 
@@ -93,6 +111,13 @@ def _start_up() -> list[Spec]:
             "leave out. Optional.",
             startup=True,
             tidy=one_line,
+        ),
+        _own(
+            FIELD,
+            "",
+            "Path or package:// URI of MoveIt's joint_limits.yaml: acceleration limits, and ranges "
+            "and velocity limits where they are narrower than the URDF's. Optional.",
+            startup=True,
         ),
         _own(
             "planning_frame",
@@ -141,7 +166,9 @@ def _runs() -> list[Spec]:
         _own(
             "target_volume",
             volume,
-            "Minimum and maximum corner of the target volume V in planning_frame.",
+            "Minimum and maximum corner of the target volume V in planning_frame. The object comes "
+            "to stand on a surface in it, with its centre of mass above or below V's floor area; "
+            "the rest of it may reach beyond.",
             "m",
             length=6,
             check=checks.volume,
@@ -214,8 +241,17 @@ def _environment() -> list[Spec]:
             "unknown_space",
             "free",
             "What no sensor has seen, by the lines of sight of clouds in their sensor's frame: "
-            "free, or occupied, so that nothing enters it.",
-            choices=("free", "occupied"),
+            "free, or occupied, so that nothing enters it, or occupied_below: occupied, but free "
+            "above the highest thing measured.",
+            choices=("free", "occupied", "occupied_below"),
+        ),
+        _own(
+            "mesh_tolerance",
+            0.002,
+            "What is farther from a mesh than its margin and this is never called colliding. "
+            "Answers rest on the original triangles, so they keep to any value.",
+            "m",
+            "[0.0001, 0.05]",
         ),
         _own(
             "self_filter.enabled",
@@ -306,7 +342,7 @@ def arm_specs(arm: str, *, yumi: bool) -> list[Spec]:
         _own(
             f"{arm}.touch_links",
             [],
-            "Links that may touch the held object; empty: the hand's, from the URDF.",
+            "Links that may touch the held object besides the hand's own, which the URDF shows.",
             kind="string[]",
         ),
         _own(
@@ -323,6 +359,18 @@ def arm_specs(arm: str, *, yumi: bool) -> list[Spec]:
             kind="double[]",
         ),
     ]
+
+
+def joint_limit_spec(name: str) -> Spec | None:
+    """One limit of MoveIt's that was given as a parameter of its own, by its whole name.
+
+    None where it is of a kind that nothing is done with, as jerk.
+    """
+    what = name.rpartition(".")[2]
+    if not name.startswith(JOINT_LIMITS) or what not in _LIMITS:
+        return None
+    default: Value = True if what.startswith("has_") else 1.0
+    return _own(name, default, "One of MoveIt's joint limits.", startup=True)
 
 
 def sensor_pose_spec(frame: str) -> Spec:

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 import pinocchio as pin
 
+from placement_planner_ros.core.body.settings import BodySettings
 from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.scene.grid import GridSettings
@@ -19,7 +20,7 @@ from placement_planner_ros.core.types import TargetVolume
 from placement_planner_ros.ros.parameters.checks import poses_from_list
 from placement_planner_ros.ros.parameters.nearest import nearest
 from placement_planner_ros.ros.parameters.spec import Spec
-from placement_planner_ros.ros.parameters.table import GONE, GRID, PLANNER
+from placement_planner_ros.ros.parameters.table import BODY, GONE, GRID, JOINT_LIMITS, PLANNER
 
 Group = TypeVar("Group", bound=Settings)
 
@@ -140,10 +141,24 @@ class ParameterSet:
         return self._set(GridSettings(), GRID)
 
     @property
+    def body_settings(self) -> BodySettings:
+        """How the object's mesh becomes a body."""
+        return self._set(BodySettings(), BODY)
+
+    @property
     def volume(self) -> TargetVolume:
         """V."""
         corners = np.array(self["target_volume"])
         return TargetVolume(corners[:3], corners[3:])
+
+    @property
+    def joint_limits(self) -> dict[str, float | bool]:
+        """MoveIt's limits that were given one by one, by `<joint>.<what>`."""
+        return {
+            name.removeprefix(JOINT_LIMITS): self[name]
+            for name in self.specs
+            if name.startswith(JOINT_LIMITS)
+        }
 
     def sensor_pose(self, frame: str) -> pin.SE3 | None:
         """Pose of a sensor's frame in the planning frame, where one is given."""
@@ -174,4 +189,4 @@ class ParameterSet:
             raise ParameterError("arms", self["arms"], "name each arm once")
         if not self["arms"]:
             raise ParameterError("arms", self["arms"], "name at least one arm")
-        _ = self.planner_settings, self.grid_settings
+        _ = self.planner_settings, self.grid_settings, self.body_settings

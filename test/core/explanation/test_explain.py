@@ -173,4 +173,8 @@ def test_an_explanation_in_one_line_and_in_several():
     told = Explanation("it rains", remedies, ("wet",))
     assert told.short == "it rains; try umbrella: open it; or time: wait"
     assert str(told).splitlines() == ["it rains", "try umbrella: open it", "try time: wait", "wet"]
+    early = Explanation("it rains", (*remedies, Remedy("time_limit", "wait"))).cut_short(0.34)
+    assert early.remedies == remedies
+    assert early.cause == "it rains; it was stopped after 0.3 s, so let it search longer"
+    assert told.cut_short(0.3) == told  # where the limit is not to blame
     assert str(Explanation("it rains")) == Explanation("it rains").short == "it rains"

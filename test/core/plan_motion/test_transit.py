@@ -4,10 +4,12 @@ from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.plan_motion.transit import MotionPlanner, TransitSettings
+from placement_planner_ros.core.types import Goal
 
 OPEN = np.array([9.0, 1.0])
 SEALED = np.array([8.5, 8.5])
@@ -21,7 +23,14 @@ def sealed_corner(a, b):
 
 
 def holding(arm, grasp=0, free=sealed_corner):
-    bounds = SimpleNamespace(name=arm, lower=np.zeros(2), upper=np.full(2, 10.0))
+    bounds = SimpleNamespace(
+        name=arm,
+        lower=np.zeros(2),
+        upper=np.full(2, 10.0),
+        joints=("first", "second"),
+        dof=2,
+        turnable=(),
+    )
     return SimpleNamespace(
         arm=bounds,
         grasp=grasp,
@@ -101,6 +110,48 @@ def test_goals_that_resist_starve_no_other(seed):
     motion.retire_up_to(1.0)
     assert motion.goals == 0
     assert motion.plan(50, lambda: False) is None
+
+
+def test_where_the_shorter_way_round_is_shut_the_longer_one_is_taken():
+    """A wall at 2 rad is all that parts the start from a goal at 3, and from it at 3 - 2π."""
+    arm = holding("left", free=lambda a, b: not min(a[0], b[0]) <= 2.0 <= max(a[0], b[0]))
+    arm.arm.lower, arm.arm.upper = np.array([-7.0, 0.0]), np.array([7.0, 10.0])
+    arm.arm.turnable = ("first",)
+    way = np.array([[3.0, 1.0], [3.0, 0.5]])
+    reached = Goal("left", 0, 0, pin.SE3.Identity(), 0.0, way, 0.0, way[::-1])
+    motion = planner([arm], patience=30)
+    motion.add(reached)
+    found = None
+    for _ in range(10):
+        found = found or motion.plan(50, lambda: False)
+    assert found is not None
+    other, path = found
+    shift = np.array([-2 * np.pi, 0.0])
+    np.testing.assert_allclose(other.approach, way + shift)
+    np.testing.assert_allclose(other.retreat, way[::-1] + shift)
+    np.testing.assert_allclose(path[-1], way[0] + shift)
+
+
+def test_a_start_without_reserve_is_left_all_the_same():
+    """It keeps the margin; only edges that begin there may go without what planning keeps more."""
+    start, reached = np.ones(2), np.array([9.0, 8.0])
+
+    def with_reserve(a, b):
+        points = a + np.linspace(0.0, 1.0, 200)[:, None] * (b - a)
+        return bool((points.max(axis=1) >= 1.2).all())
+
+    def edge_free(a, b):
+        assert any(np.array_equal(each, start) for each in (a, b))
+        return True
+
+    tight = holding("left", free=with_reserve)
+    tight.collision = SimpleNamespace(edge_free=edge_free)
+    motion = planner([tight])
+    motion.add(goal("left", reached))
+    _, path = motion.plan(500, lambda: False)
+    assert np.array_equal(path[0], start)
+    assert np.array_equal(path[-1], reached)
+    assert all(with_reserve(a, b) for a, b in pairwise(path[1:]))
 
 
 def test_bad_settings_are_named():

@@ -27,10 +27,17 @@ def holding(free, limit=2.0):
         return reached if in_plane and (np.abs(reached) <= limit).all() else None
 
     return SimpleNamespace(
-        arm=SimpleNamespace(name="arm", lower=np.full(2, -limit), upper=np.full(2, limit)),
+        arm=SimpleNamespace(
+            name="arm",
+            joints=("x", "y"),
+            turnable=(),
+            lower=np.full(2, -limit),
+            upper=np.full(2, limit),
+        ),
         grasp=0,
         q_start=np.array([0.0, -1.0]),
         chain=SimpleNamespace(fixed=np.eye(4)[None]),
+        collision=SimpleNamespace(edge_free=transit_free),
         tip_pose=lambda T: T.homogeneous,
         object_pose=lambda q: pin.SE3(np.eye(3), np.array([*q, 0.0])),
         follow=follow,

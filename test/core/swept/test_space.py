@@ -171,7 +171,8 @@ def test_a_surface_that_was_known_is_no_news_however_noisy(holding, noise):
         again = floor(low, noise, rng)
         assert space.first_hit(again[space.news(again)]) is None
     risen = floor(low + 0.02, noise, rng)
-    assert space.first_hit(risen[space.news(risen)]).body == "fore"
+    # With much noise some of its points come near the end of the upper arm too.
+    assert space.first_hit(risen[space.news(risen)]).body in ("fore", "upper")
 
 
 def test_single_points_are_flying_pixels(robot, holding, obstacles):

@@ -424,7 +424,7 @@ def test_the_yardstick_is_better_than_random_and_no_better_than_its_grid_and_cli
         assert record["complete"]
         assert record["best"] > record["random"]
         assert 0 < record["free_poses"] < record["grid_poses"]
-    assert maximal["best"] > 0.4
+    assert maximal["best"] > 0.39
     assert minimal["best"] > -0.04
     with pytest.raises(ParameterError, match="clearance only"):
         YardstickJob("table", "wine_glass", ("toward_front",))

@@ -10,6 +10,7 @@ from placement_planner_ros.core.errors import CloudError
 from placement_planner_ros.ros.inputs import cloud_store
 from placement_planner_ros.ros.inputs.cloud_store import CloudStaleError, CloudStore, StoredCloud
 from placement_planner_ros.ros.inputs.frames import CloudFrameError
+from placement_planner_ros.ros.inputs.merged_points import MergedPoints
 from placement_planner_ros.ros.inputs.standing_object import StandingObject
 
 A = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
@@ -65,6 +66,19 @@ def test_merged_points_are_thinned():
     store.add("points", StoredCloud(B, 0.0))
     merged = points_of(store.snapshot("merge", 0.0, 0.0))
     assert 8**3 <= len(merged) <= 8**3 + 2
+
+
+def test_no_more_points_accumulate_than_there_may_be(monkeypatch):
+    store = CloudStore(["points"])
+    monkeypatch.setattr(cloud_store, "MAX_MERGED", 5)
+    points = np.arange(15.0).reshape(5, 3)
+    store.merge(points, 0.01)
+    with pytest.raises(CloudError, match=r"6 points.*may be 5; call clear_environment"):
+        store.merge(np.vstack([points[:2], B]), 0.01)
+    np.testing.assert_array_equal(store.merged, points)
+    store.merge(points, 0.01)  # which shows nothing new
+    store.clear()
+    store.merge(B, 0.01)
 
 
 def test_old_clouds_are_stale_unless_any_age_will_do():
@@ -157,16 +171,16 @@ def test_only_clouds_as_a_sensor_sent_them_have_an_origin():
 
 def meanwhile(monkeypatch, act):
     """Have another thread act while the first points to come are being thinned."""
-    thin, waiting = cloud_store._one_per_cube, [act]
+    add, waiting = MergedPoints.with_points, [act]
 
-    def thinned(*args):
+    def adding(*args):
         if waiting:
             thread = threading.Thread(target=waiting.pop())
             thread.start()
             thread.join(0.5)  # it may have to wait until this merge has ended
-        return thin(*args)
+        return add(*args)
 
-    monkeypatch.setattr(cloud_store, "_one_per_cube", thinned)
+    monkeypatch.setattr(MergedPoints, "with_points", adding)
 
 
 def merged(store):

@@ -76,13 +76,37 @@ def test_a_reported_velocity_is_motion(yumi):
         resting(joints, yumi)
 
 
+def test_what_is_wrong_with_one_joint_keeps_no_other_from_being_taken(yumi):
+    joints = JointStates()
+    full(joints, 9.0)
+    names = ["yumi_joint_1_l", "yumi_joint_2_l", "yumi_joint_3_l", "yumi_joint_2_l"]
+    with pytest.raises(JointStateError, match=r"not finite.*\['yumi_joint_1_l'\].*finite"):
+        joints.update(names[:3], [np.nan, 0.2, 0.3], [9.0, 0.0, 0.0], 9.9)
+    with pytest.raises(JointStateError, match=r"twice.*\['yumi_joint_2_l'\]"):
+        joints.update(names[1:], [0.7, 0.4, 0.8], [], 9.91)
+    with pytest.raises(JointStateError, match=r"not finite.*\['yumi_joint_2_l'\]"):
+        joints.update(names[1:], [np.nan, 0.5, 0.8], [], 9.92)
+    known = joints.positions()
+    assert known["yumi_joint_1_l"] == HOME["yumi_joint_1_l"]
+    assert known["yumi_joint_2_l"] == 0.2
+    assert known["yumi_joint_3_l"] == 0.5
+    # The joint that is wrong grows old by itself, and start tells why.
+    others = [n for n in HOME if n != "yumi_joint_1_l"]
+    joints.update(others, [known[n] for n in others], [], 9.95)
+    with pytest.raises(JointStateError, match="finite"):
+        joints.update(["yumi_joint_1_l", *others], [np.nan, *(known[n] for n in others)], [], 10.2)
+    with pytest.raises(JointsStaleError, match=r"yumi_joint_1_l.*refused: .*not finite") as error:
+        resting(joints, yumi, now=10.5)
+    assert "yumi_joint_2_l" not in str(error.value)
+    assert "not finite" in joints.refused(10.5, 1.0)
+    assert joints.refused(11.5, 1.0) == ""
+
+
 def test_malformed_messages_change_nothing(yumi):
     joints = JointStates()
     full(joints, 9.9)
     with pytest.raises(JointStateError, match="1 names, 2 positions"):
         joints.update(["yumi_joint_1_l"], [0.1, 0.2], [], 9.95)
-    with pytest.raises(JointStateError, match="yumi_joint_1_l"):
-        joints.update(["yumi_joint_2_l", "yumi_joint_1_l"], [1.0, float("nan")], [], 9.95)
     np.testing.assert_array_equal(resting(joints, yumi), yumi.configuration(HOME))
 
 
@@ -152,12 +176,29 @@ def test_joints_that_no_robot_has_any_more_are_forgotten(yumi):
     assert joints.age(1.0) == 0.0
 
 
+def test_a_joint_without_end_stops_rests_where_its_values_wrap(yumi):
+    joints = JointStates()
+    joints.keep(list(HOME), continuous=["yumi_joint_6_l"])
+    for k, value in enumerate((np.pi - 1e-4, -np.pi + 1e-4, 17.3 * np.pi - np.pi * 0.3)):
+        full(joints, 9.7 + 0.1 * k, yumi_joint_6_l=value)
+    q = resting(joints, yumi)
+    assert q[yumi.index("yumi_joint_6_l")] == 17.0 * np.pi, "in the turns that are reported"
+    assert joints.moving(["yumi_joint_6_l"], None) == []
+    assert joints.at(["yumi_joint_6_l"], 9.75, 10.0, 1.0)["yumi_joint_6_l"] == pytest.approx(np.pi)
+    other = JointStates()
+    other.keep(list(HOME))
+    full(other, 9.8, yumi_joint_6_l=np.pi - 1e-4)
+    full(other, 9.9, yumi_joint_6_l=-np.pi + 1e-4)
+    with pytest.raises(RobotMovingError, match="yumi_joint_6_l"):
+        resting(other, yumi)
+
+
 def test_why_values_are_missing_or_old_is_told_where_what_came_was_refused(yumi):
     joints = JointStates()
     with pytest.raises(JointStateError, match="finite"):
         full(joints, 9.9, gripper_l_joint=np.nan)
     with pytest.raises(
-        JointStateError, match=r"yumi_joint_1_l.*refused: .*gripper_l_joint.*finite"
+        JointStateError, match=r"gripper_l_joint.*refused: .*gripper_l_joint.*finite"
     ):
         resting(joints, yumi)
     full(joints, 10.0)

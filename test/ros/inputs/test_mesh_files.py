@@ -13,13 +13,16 @@ import trimesh
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.errors import ObjectError
+from placement_planner_ros.core.meshes.headers import check_header
 from placement_planner_ros.ros.inputs import mesh_process
-from placement_planner_ros.ros.inputs.mesh_files import check_header
 from placement_planner_ros.ros.inputs.mesh_process import MeshProcess, StoppedError
 
 BOX = trimesh.creation.box((0.1, 0.06, 0.04))
-DAE = """<?xml version="1.0"?><COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema"
-version="1.4.1"><library_geometries/></COLLADA>"""
+DAE = f"""<?xml version="1.0"?><COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema"
+version="1.4.1"><library_geometries><geometry id="g"><mesh><source id="s"><float_array id="f">
+{" ".join(map(str, BOX.vertices.ravel()))}</float_array></source><triangles><input offset="0"
+semantic="VERTEX" source="#s"/><p>{" ".join(map(str, BOX.faces.ravel()))}</p></triangles></mesh>
+</geometry></library_geometries></COLLADA>"""
 
 
 def archive(**members):
@@ -32,7 +35,13 @@ def archive(**members):
 
 def whole():
     """A small file of each format."""
-    model = '<model unit="meter"><resources/><build/></model>'
+    vertices = "".join(f'<vertex x="{x}" y="{y}" z="{z}"/>' for x, y, z in BOX.vertices)
+    faces = "".join(f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in BOX.faces)
+    model = (
+        '<model unit="meter"><resources><object id="1"><mesh>'
+        f"<vertices>{vertices}</vertices><triangles>{faces}</triangles></mesh></object></resources>"
+        '<build><item objectid="1"/></build></model>'
+    )
     return {
         "ascii.stl": BOX.export(file_type="stl_ascii").encode(),
         "binary.stl": BOX.export(file_type="stl"),
@@ -119,14 +128,14 @@ def process():
         yield made
 
 
-@pytest.mark.parametrize("name", [n for n in whole() if not n.endswith((".dae", ".3mf"))])
+@pytest.mark.parametrize("name", list(whole()))
 def test_every_format_is_read(tmp_path, process, name):
     path = tmp_path / name
     path.write_bytes(whole()[name])
-    for loader in ("object", "link"):
-        vertices, triangles = process.read(path, loader)
-        assert len(triangles) == 12
-        np.testing.assert_allclose(np.ptp(vertices, axis=0), [0.1, 0.06, 0.04], atol=1e-6)
+    vertices, triangles = process.read(path)
+    assert vertices.shape == (8, 3)
+    assert len(triangles) == 12
+    np.testing.assert_allclose(np.ptp(vertices, axis=0), [0.1, 0.06, 0.04], atol=1e-6)
 
 
 @pytest.mark.parametrize("name", bad())
@@ -134,7 +143,7 @@ def test_what_is_no_mesh_is_refused_in_words(tmp_path, process, name):
     path = tmp_path / name
     path.write_bytes(bad()[name])
     with pytest.raises((ValueError, OSError)) as error:
-        process.read(path, "object")
+        process.read(path)
     assert len(str(error.value)) > 10
 
 
@@ -151,7 +160,7 @@ def test_files_cut_or_changed_are_read_or_refused_in_words(tmp_path, process):
     for name, data in changed():
         path = tmp_path / name
         path.write_bytes(data)
-        mesh, words = attempt(lambda path=path: process.read(path, "object"))
+        mesh, words = attempt(lambda path=path: process.read(path))
         if mesh is not None:
             read += 1
             assert np.isfinite(mesh[0]).all()
@@ -165,14 +174,6 @@ def test_files_cut_or_changed_are_read_or_refused_in_words(tmp_path, process):
     assert read + len(refused) == 22 * len(whole())
     assert read > 20
     assert len(refused) > 20
-
-
-def test_links_meshes_that_are_none_are_refused_in_words(tmp_path, process):
-    for name, data in [*bad().items(), *changed()]:
-        path = tmp_path / name
-        path.write_bytes(data)
-        mesh, words = attempt(lambda path=path: (check_header(path), process.read(path, "link")))
-        assert len(words) > 10 or mesh[1][1].shape[1] == 3
 
 
 @pytest.mark.parametrize(
@@ -191,7 +192,7 @@ def test_the_reason_is_told(tmp_path, process, name, words):
     path = tmp_path / name
     path.write_bytes(bad()[name])
     with pytest.raises(ValueError, match=words):
-        process.read(path, "object")
+        process.read(path)
 
 
 def test_a_large_file_is_refused_by_its_size(tmp_path):
@@ -208,23 +209,23 @@ def test_reading_can_be_stopped_and_ends_in_time(tmp_path, monkeypatch):
     asked = [False]
 
     def hang() -> None:
-        assert len(process.read(box, "link")[1]) == 12
+        assert len(process.read(box)[1]) == 12
         process._child.send_signal(signal.SIGSTOP)  # as a loader that never ends
 
     with MeshProcess(lambda: asked[0]) as process:
         hang()
         asked[0] = True
         with pytest.raises(StoppedError):
-            process.read(box, "link")
+            process.read(box)
         asked[0] = False
         hang()
         monkeypatch.setattr(mesh_process, "MAX_TIME", 0.5)
         with pytest.raises(TimeoutError, match=r"0\.5 s"):
-            process.read(box, "link")
+            process.read(box)
         monkeypatch.setattr(mesh_process, "MAX_TIME", 60.0)
-        assert len(process.read(box, "link")[1]) == 12
+        assert len(process.read(box)[1]) == 12
         process._child.kill()  # as whatever reads it may do to itself
         process._child.wait()
         with pytest.raises(ValueError, match="ended the process"):
-            process.read(box, "link")
-        assert len(process.read(box, "link")[1]) == 12
+            process.read(box)
+        assert len(process.read(box)[1]) == 12

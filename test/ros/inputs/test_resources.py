@@ -133,7 +133,26 @@ def test_a_missing_package_names_every_folder_tried(files, tree):
     with pytest.raises(FileNotFoundError) as error:
         files.find("package://other/m.stl", trusted=True, beside=urdf)
     for folder in (tree / "packages", tree / "open", tree):
-        assert f"{folder}/other/m.stl" in str(error.value)
+        assert f"{folder}/other" in str(error.value)
+    assert "package_paths" in str(error.value)
+    with pytest.raises(FileNotFoundError, match=f"package mine lacks it; looked in {tree}/pack"):
+        files.find("package://mine/m.stl", trusted=True)
+
+
+def test_a_uri_that_names_no_package_is_told_which_it_may_have_meant(files):
+    with pytest.raises(FileNotFoundError, match=r"write two slashes: package://PACKAGE/PATH$"):
+        files.find("package:///x/y.stl", trusted=True)
+    with pytest.raises(FileNotFoundError, match=r"here package://mine/\.\.\., where it is"):
+        files.find("package:///mine/meshes/b.stl", trusted=False)
+    with pytest.raises(FileNotFoundError, match="http:// is not read"):
+        files.find("http://some.where/a.stl", trusted=True)
+
+
+def test_xacro_is_told_from_what_it_makes(files):
+    made = "<robot><!-- <xacro:include/> --></robot>"
+    assert description_text("robot_description", made, files) == (made, None)
+    with pytest.raises(RobotError, match="ros2 run xacro xacro"):
+        description_text("robot_description", "<robot><xacro:include/></robot>", files)
 
 
 def test_names_that_no_file_has(files, tree):

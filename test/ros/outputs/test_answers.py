@@ -1,4 +1,4 @@
-from placement_planner_ros.core.errors import RobotError
+from placement_planner_ros.core.errors import ParameterError, RobotError
 from placement_planner_ros.ros.outputs.answers import refusal
 
 
@@ -8,3 +8,12 @@ def test_a_fault_that_is_met_twice_is_told_once():
         "code=BAD_PARAMETER",
         "BAD_PARAMETER: robot_description = 'x': is not XML",
     ]
+
+
+def test_of_many_faults_the_first_are_told_and_the_others_counted():
+    faults = [ParameterError(f"name_{i}", i, "is bad") for i in range(400)]
+    lines = refusal(faults).text.splitlines()
+    assert lines[0] == "code=BAD_PARAMETER"
+    assert lines[1] == "BAD_PARAMETER: name_0 = 0: is bad"
+    assert lines[-1].endswith(" and 388 more")
+    assert len(lines) == 13

@@ -1,0 +1,39 @@
+"""Convex covers, made in another process where no other has been yet."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from placement_planner_ros.core.body.convex_cover import Cover, hull_cover
+from placement_planner_ros.core.body.cover_store import kept_cover
+from placement_planner_ros.core.meshes.collada import Triangles
+from placement_planner_ros.core.types import Array
+from placement_planner_ros.ros.inputs.mesh_process import MeshProcess
+
+
+def cover_in(
+    process: MeshProcess,
+    vertices: Array,
+    triangles: Triangles,
+    tolerance: float,
+    began: Callable[[], None] = lambda: None,
+) -> Cover:
+    """The cover of a mesh from disk, or made in the process and kept; the hull where that takes too
+    long, or too much memory.
+
+    Args:
+        vertices, triangles, tolerance: as of `convex_cover`.
+        began: called where it is not on disk.
+
+    Raises:
+        StoppedError: nobody wants it any more.
+    """
+
+    def make() -> Cover:
+        began()
+        return process.cover(vertices, triangles, tolerance)
+
+    try:
+        return kept_cover(vertices, triangles, tolerance, make)
+    except (ValueError, TimeoutError):
+        return hull_cover(vertices, triangles)

@@ -1,0 +1,58 @@
+"""Covers are made in another process; where that does not do, the hull stands in and is told."""
+
+import resource
+
+import numpy as np
+import pytest
+import trimesh
+
+from placement_planner_ros.core import kept_files
+from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.ros.inputs import mesh_process
+from placement_planner_ros.ros.inputs.mesh_process import MeshProcess
+from placement_planner_ros.ros.inputs.robot_input import _Covers
+
+URDF = """<robot name="ring"><link name="base"><collision><geometry>
+<mesh filename="ring.stl"/></geometry></collision></link></robot>"""
+
+
+@pytest.fixture
+def folder(monkeypatch, tmp_path):
+    trimesh.creation.annulus(0.1, 0.15, 0.04, sections=48).export(tmp_path / "ring.stl")
+    monkeypatch.setattr(kept_files, "kept_folder", lambda: tmp_path / "kept")
+    return tmp_path
+
+
+def read(folder, process):
+    """The robot, and what was told of its covers."""
+    told = []
+    robot = Robot.from_urdf(URDF, [folder], None, None, _Covers(process, told.append))
+    assert told == ["cover 1 of 1 (link base)"]
+    return robot
+
+
+def coarse(robot):
+    """Whether the hull stands in, which users are told."""
+    (cover,) = robot.covers
+    told = [words for words in robot.warnings if "its convex cover reaches" in words]
+    assert len(told) == int(len(cover.parts) == 1)
+    return bool(told) and "link base" in told[0] and "a simpler mesh" in told[0]
+
+
+def test_a_cover_that_takes_too_long_is_the_hull_and_that_is_told(folder, monkeypatch):
+    with MeshProcess() as process:
+        monkeypatch.setattr(mesh_process, "MAX_TIME", 0.01)
+        assert coarse(read(folder, process))
+        monkeypatch.setattr(mesh_process, "MAX_TIME", 60.0)
+        assert not coarse(read(folder, process)), "it is tried again"
+
+
+def test_a_cover_that_takes_too_much_memory_is_the_hull_and_that_is_told(folder):
+    with MeshProcess() as process:
+        vertices = np.asarray(process.read(folder / "ring.stl")[0])
+        assert len(vertices)
+        little = 10_000_000
+        resource.prlimit(process._child.pid, resource.RLIMIT_DATA, (little, little))
+        assert coarse(read(folder, process))
+        process.close()
+        assert not coarse(read(folder, process))
