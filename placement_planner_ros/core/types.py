@@ -33,6 +33,33 @@ def frozen_array(values: npt.ArrayLike, shape: tuple[int, ...] | None = None) ->
     return array
 
 
+Slope = tuple[float, float]
+"""∂z/∂x and ∂z/∂y of a plane."""
+LEVEL: Slope = (0.0, 0.0)
+
+
+def upright(slope: npt.ArrayLike) -> Array:
+    """(..., 3, 3) R_n: the least turn that takes z to the normals of planes of slope (..., 2).
+
+    The identity where a plane is level.
+    """
+    x, y = np.moveaxis(np.asarray(slope, dtype=np.float64), -1, 0)
+    nz = 1.0 / np.sqrt(1.0 + x * x + y * y)
+    nx, ny = -x * nz, -y * nz
+    share = 1.0 / (1.0 + nz)
+    turn = np.empty((*x.shape, 3, 3))
+    turn[..., 0, 0], turn[..., 1, 1] = 1.0 - nx * nx * share, 1.0 - ny * ny * share
+    turn[..., 0, 1] = turn[..., 1, 0] = -nx * ny * share
+    turn[..., 0, 2], turn[..., 1, 2], turn[..., 2, 2] = nx, ny, nz
+    turn[..., 2, 0], turn[..., 2, 1] = -nx, -ny
+    return turn
+
+
+def steepness(slope: npt.ArrayLike) -> float:
+    """rad between a plane of slope (2,) and the level."""
+    return float(np.arctan(np.hypot(*np.asarray(slope, dtype=np.float64))))
+
+
 class Verdict(enum.IntEnum):
     """What a sample's first failed check was, in the order of the checks (cheap first)."""
 
@@ -132,11 +159,12 @@ class Goal:
         grasp: index into the arm's grasps.
         face: index into the body's placement faces.
         T_world_object: x, the placement pose.
-        contact_height: z of the contact plane.
+        contact_height: z of the contact plane, where it slopes at x = y = 0.
         approach: (k, dof) joint waypoints from the raised pre-placement to contact; the last is q.
         objective: ξ(x).
         retreat: (m, dof) joint waypoints of the open hand from q away from the object; None where
             release or retreat could not be certified.
+        slope: of the contact plane; the object stands along its normal.
     """
 
     arm: str
@@ -147,6 +175,7 @@ class Goal:
     approach: Array
     objective: float
     retreat: Array | None = None
+    slope: Slope = LEVEL
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "approach", frozen_array(self.approach, (-1, -1)))

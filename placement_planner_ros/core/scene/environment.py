@@ -12,21 +12,25 @@ import numpy.typing as npt
 from placement_planner_ros.core.errors import VolumeError
 from placement_planner_ros.core.scene.distance import ClearanceField
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet, checked_cloud
+from placement_planner_ros.core.scene.planes import Plane, Planes
 from placement_planner_ros.core.scene.regions import (
     Region,
     RegionSettings,
     find_regions,
+    largest,
 )
 from placement_planner_ros.core.scene.support import SupportMap
 from placement_planner_ros.core.scene.visibility import OutsideRobot, View, unknown_cells
 from placement_planner_ros.core.stopping import step
-from placement_planner_ros.core.types import Array, TargetVolume
+from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume
 
 MAX_CELLS = 100_000_000
 """Cells of the obstacle set that V may have with what is known around it, of 17 bytes each."""
 
 _AROUND = 0.3
 """m that is known around V, in x and y."""
+_BESIDE = 0.1
+"""m that is known below and above V of what slopes."""
 
 
 def require_room(volume: TargetVolume, cell_size: float) -> None:
@@ -48,6 +52,35 @@ def require_room(volume: TargetVolume, cell_size: float) -> None:
 
 
 @dataclass(frozen=True, eq=False)
+class Incline:
+    """Surfaces that slope alike, in heights above a plane of that slope through the origin.
+
+    Attributes:
+        slope: of them.
+        support: answers s(x).
+        measured: the obstacle set sheared by the slope, in and around V.
+        volume: V, upright as it is, with its floor and ceiling along the slope.
+    """
+
+    slope: Slope
+    support: SupportMap
+    measured: ObstacleSet
+    volume: TargetVolume
+
+    @cached_property
+    def clearance(self) -> ClearanceField:
+        """d_S in V for what stands on them: sideways is along the slope."""
+        step("making distances to the environment")
+        return ClearanceField(self.measured, self.volume, padding=_AROUND)
+
+    def sheared(self, T_world_object: Array) -> Array:
+        """(n, 4, 4) what takes points of the object to x, y and their height above the plane."""
+        result = np.array(T_world_object)
+        result[:, 2] -= np.einsum("i,nij->nj", np.array(self.slope), T_world_object[:, :2])
+        return result
+
+
+@dataclass(frozen=True, eq=False)
 class Environment:
     """The preprocessed surroundings of one problem.
 
@@ -55,6 +88,9 @@ class Environment:
         obstacles: the one obstacle set; where views are given, unknown space is part of it.
         regions: R, the placement regions in V, larger first.
         support: answers s(x), on every level surface, in V or not.
+        inclines: the same of surfaces that slope.
+        steep: planes in and around V that are steeper than `max_slope`, the largest first.
+        max_slope: rad.
         measured: the obstacle set without unknown space: what regions, support and clearance are
             taken from.
         volume: V.
@@ -69,6 +105,15 @@ class Environment:
     volume: TargetVolume
     points: int = 0
     extent: Array = field(default_factory=lambda: np.full((2, 3), np.nan))
+    inclines: tuple[Incline, ...] = ()
+    steep: tuple[Plane, ...] = ()
+    max_slope: float = field(default_factory=lambda: RegionSettings().max_slope)
+
+    def support_of(self, slope: Slope) -> SupportMap:
+        """What answers s(x) on surfaces of a slope that some region has."""
+        if slope == LEVEL:
+            return self.support
+        return next(each.support for each in self.inclines if each.slope == slope)
 
     @cached_property
     def clearance(self) -> ClearanceField:
@@ -115,13 +160,45 @@ class Environment:
         step("making the obstacle set of the clouds")
         measured = ObstacleSet.from_points(points, grid, bounds)
         step("finding placement regions")
-        found, support = find_regions(measured, volume, regions)
+        regions = regions or RegionSettings()
+        planes = Planes.of(measured, volume, regions.headroom, regions.max_slope)
+        found, support = find_regions(measured, volume, regions, planes)
+        inclines = []
+        for slope, height in zip(planes.slopes, planes.heights, strict=True):
+            step("finding sloping placement regions")
+            sheared, around = _sheared(measured, volume, slope, height)
+            more, sloping = find_regions(sheared, volume, regions, planes, slope)
+            inclines.append(Incline(slope, sloping, sheared, around))
+            found = largest((*found, *more), regions)
         step("finding unknown space")
         unknown = unknown_cells(
             measured, views, volume, outside_robot, below_measured=unknown_below
         )
         obstacles = measured.with_full_cells(unknown) if len(unknown) else measured
-        return cls(obstacles, found, support, measured, volume, *_extent(checked_cloud(points)))
+        return cls(
+            obstacles,
+            found,
+            support,
+            measured,
+            volume,
+            *_extent(checked_cloud(points)),
+            tuple(inclines),
+            planes.steep,
+            regions.max_slope,
+        )
+
+
+def _sheared(
+    measured: ObstacleSet, volume: TargetVolume, slope: Slope, height: float
+) -> tuple[ObstacleSet, TargetVolume]:
+    """What was measured in V and a little below and above, and V, sheared by a slope."""
+    sides = np.array([volume.lower[:2], volume.upper[:2]])
+    rises = sides * np.array(slope)
+    low = volume.lower[2] - rises.max(axis=0).sum() - _BESIDE
+    high = volume.upper[2] - rises.min(axis=0).sum() + _BESIDE
+    middle = np.array([0.0, 0.0, float(rises.mean(axis=0).sum())])
+    around = TargetVolume(volume.lower - middle, volume.upper - middle)
+    return measured.sheared(slope, float(low), float(high), height), around
 
 
 def _extent(cloud: Array) -> tuple[int, Array]:

@@ -8,6 +8,7 @@ the neighbouring cell, up to the face the two cells share; nothing grows where n
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple, TypeVar
 
@@ -18,7 +19,7 @@ from placement_planner_ros.core.errors import CloudError
 from placement_planner_ros.core.scene import denoising, tight_boxes
 from placement_planner_ros.core.scene.binning import Bins, sort_into_cells
 from placement_planner_ros.core.settings import Settings, setting
-from placement_planner_ros.core.types import Array, frozen_array
+from placement_planner_ros.core.types import LEVEL, Array, Slope, frozen_array
 
 _AnyArray = TypeVar("_AnyArray", bound=npt.NDArray)
 
@@ -87,6 +88,8 @@ class ObstacleSet:
         outline: (m, 6) a rectangle around the points of each box, turned so that it is small:
             cosine and sine of its turn about z, then its least and greatest x and y in the frame
             that is turned by so much about the origin. What runs obliquely fills no upright box.
+        first_point: (m + 1,) the first of all points of each box, and their number.
+        points: (n, 3) of all boxes, box by box, as they were taken.
         noise: standard deviation of the points about their surfaces, estimated, metres.
     """
 
@@ -103,6 +106,8 @@ class ObstacleSet:
     surface_first: npt.NDArray[np.int64]
     surface_points: npt.NDArray[np.float32]
     outline: npt.NDArray[np.float32]
+    first_point: npt.NDArray[np.int64]
+    points: npt.NDArray[np.float32]
     noise: float
 
     def __len__(self) -> int:
@@ -163,6 +168,18 @@ class ObstacleSet:
         noise = 0.0
         if len(bins.cells):
             bins, noise = _cleaned(bins, origin, settings, shape, lower, upper)
+        return cls._of(bins, origin, shape, settings, noise)
+
+    @classmethod
+    def _of(
+        cls,
+        bins: Bins,
+        origin: Array,
+        shape: tuple[int, int, int],
+        settings: GridSettings,
+        noise: float,
+    ) -> ObstacleSet:
+        """Box points that are as they shall be taken."""
         skin = surface_tolerance(noise)
         boxes = tight_boxes.tight_boxes(
             bins,
@@ -188,8 +205,47 @@ class ObstacleSet:
             surface_first=_read_only(boxes.surface_first),
             surface_points=_read_only(boxes.surface_points),
             outline=_read_only(boxes.outline),
+            first_point=_read_only(boxes.first_point),
+            points=_read_only(boxes.points),
             noise=noise,
         )
+
+    def sheared(self, slope: Slope, lower: float, upper: float, through: float) -> ObstacleSet:
+        """The same points with z - slope · (x, y) in place of z.
+
+        A plane of that slope is level there, and what is upright stays so. Columns of cells are the
+        same.
+
+        Args:
+            lower, upper: what is lower or higher then is left out, metres.
+            through: this height comes to lie in the middle of a layer of cells, metres.
+        """
+        size = self.cell_size
+        points = self.points.astype(np.float64)
+        points[:, 2] -= points[:, :2] @ np.array(slope)
+        low, high = (np.array(corner) for corner in self.bounds)
+        low[2] = through - (math.ceil((through - lower) / size) + 0.5) * size
+        high[2] = max(upper, low[2] + size)
+        layers = int((high[2] - low[2]) / size) + 1
+        shape = (self.shape[0], self.shape[1], layers)
+        bins = sort_into_cells(points, low, size, shape, low, high)
+        return self._of(bins, low, shape, GridSettings(cell_size=size), self.noise)
+
+    def tops(self, slope: Slope = LEVEL) -> Array:
+        """(m,) how high each box reaches in z - slope · (x, y), metres."""
+        top = self.upper[:, 2].copy()
+        if slope == LEVEL or not len(top):
+            return top
+        falls = -np.array(slope)
+        result = top + np.maximum(self.lower[:, :2] * falls, self.upper[:, :2] * falls).sum(axis=1)
+        rows = np.flatnonzero(np.diff(self.first_point))  # in the others nothing was measured
+        if len(rows):
+            z = self.points[:, 2].astype(np.float64)
+            along = z - self.points[:, :2].astype(np.float64) @ np.array(slope)
+            first = self.first_point[rows]
+            reach = np.maximum.reduceat(along, first) - np.maximum.reduceat(z, first)
+            result[rows] = top[rows] + reach
+        return result
 
     def with_full_cells(self, cells: npt.NDArray[np.int32]) -> ObstacleSet:
         """A copy in which further cells, until now empty, are obstacles as a whole.
@@ -213,6 +269,7 @@ class ObstacleSet:
         following = np.where(following >= 0, row[following], -1).astype(np.int32)
         index = np.full(self.shape, -1, np.int32)
         ordered = together[order]
+        held = np.concatenate([np.diff(self.first_point), np.zeros(len(cells), np.int64)])
         first = np.ones(len(order), np.bool_)
         first[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
         index[tuple(ordered[first].T)] = np.flatnonzero(first)
@@ -228,6 +285,7 @@ class ObstacleSet:
             surface_first=np.zeros(len(order) + 1, np.int64),
             surface_points=np.zeros((0, 2), np.float32),
             outline=_read_only(np.vstack([self.outline, outline.astype(np.float32)])[order]),
+            first_point=_read_only(np.concatenate([[0], held[order].cumsum()])),
         )
 
 

@@ -12,12 +12,17 @@ from placement_planner_ros.core.types import Array
 
 
 class RegionPoints:
-    """`Region.sample` for any of several regions."""
+    """`Region.sample` for any of several regions.
+
+    Attributes:
+        slopes: (regions, 2) of each.
+    """
 
     def __init__(self, regions: Sequence[Region]) -> None:
         self._rectangles = np.concatenate([np.zeros((0, 4)), *(r.rectangles for r in regions)])
         self._diagonals = np.concatenate([np.zeros((0, 4)), *(r.diagonals for r in regions)])
         self._z = np.array([region.z for region in regions])
+        self.slopes = np.array([region.slope for region in regions]).reshape(-1, 2)
         # of region k, from k to k + 1: how far its rectangles reach in the share of its surface
         ends = [k + region.share / region.share[-1] for k, region in enumerate(regions)]
         self._ends = np.concatenate([np.zeros(0), *ends])
@@ -42,4 +47,5 @@ class RegionPoints:
             refused = refused[~stands]
             if len(refused) == 0:
                 break
+        points[:, 2] += (points[:, :2] * self.slopes[picked]).sum(axis=1)
         return points

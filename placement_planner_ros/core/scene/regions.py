@@ -1,7 +1,8 @@
-"""R, the placement regions: contiguous level surface at one height."""
+"""R, the placement regions: contiguous surface in one plane, level or sloping."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,10 +10,11 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.scene.grid import ObstacleSet
+from placement_planner_ros.core.scene.planes import Planes
 from placement_planner_ros.core.scene.support import SupportMap
 from placement_planner_ros.core.scene.surfaces import level_surfaces
 from placement_planner_ros.core.settings import Settings, setting
-from placement_planner_ros.core.types import Array, TargetVolume, frozen_array
+from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume, frozen_array
 
 _EPSILON = 1e-7
 ATTEMPTS = 100
@@ -27,7 +29,8 @@ class RegionSettings(Settings):
 
     Attributes:
         headroom: free height above a surface for it to support anything.
-        max_tilt: slope up to which a surface is level.
+        max_slope: see its words.
+        max_tilt: what deviates by more from a plane's slope, from column to column, is not of it.
         height_tolerance: heights in one region differ from its mean by no more.
         max_side: larger regions are cut into tiles of at most this side.
         min_area: smaller regions are left out.
@@ -35,6 +38,13 @@ class RegionSettings(Settings):
     """
 
     headroom: float = setting(0.03, "(0, inf)", "m")
+    max_slope: float = setting(
+        0.087,
+        "[0, 0.26]",
+        "rad",
+        "Steepest surface that an object is stood on, along the surface's normal. Friction must be "
+        "1.5 times its tangent, 0.13 by default, or the object slides.",
+    )
     max_tilt: float = setting(0.06, "(0, inf)", "rad")
     height_tolerance: float = setting(0.002, "(0, inf)", "m")
     max_side: float = setting(0.3, "(0, inf)", "m")
@@ -44,13 +54,14 @@ class RegionSettings(Settings):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Region:
-    """r: measured level surface at height z, as disjoint rectangles.
+    """r: measured surface in one plane, as disjoint rectangles of x and y.
 
     Attributes:
         rectangles: (k, 4) xmin, ymin, xmax, ymax.
-        z: z_r, metres.
+        z: z_r, metres; where the plane slopes, z at x = y = 0.
         diagonals: (k, 4) minimum and maximum of x + y and of x - y on each rectangle's surface:
             slanted edges cut corners off the rectangle. Not bounded unless given.
+        slope: of the plane.
         areas: (k,) of the rectangles with their corners cut off, m².
         share: (k,) running sum of the rectangles' areas, corners included, m².
     """
@@ -58,6 +69,7 @@ class Region:
     rectangles: Array
     z: float
     diagonals: Array = field(default_factory=lambda: np.zeros((0, 4)))
+    slope: Slope = LEVEL
     areas: Array = field(init=False)
     share: Array = field(init=False, repr=False)
 
@@ -74,8 +86,12 @@ class Region:
 
     @property
     def area(self) -> float:
-        """Surface, m²."""
+        """Surface, m², seen from above."""
         return float(self.areas.sum())
+
+    def heights(self, xy: Array) -> Array:
+        """(n,) z of the plane at (n, 2), metres."""
+        return np.asarray(self.z + xy @ np.array(self.slope))
 
     def clipped(self, lower: Array, upper: Array) -> Region | None:
         """The part within lower..upper, (2,) corners, or None where nothing is left."""
@@ -85,7 +101,7 @@ class Region:
             np.asarray(lower, dtype=np.float64),
             np.asarray(upper, dtype=np.float64),
         )
-        return Region(rectangles, self.z, diagonals) if len(rectangles) else None
+        return Region(rectangles, self.z, diagonals, self.slope) if len(rectangles) else None
 
     def split(self) -> tuple[Region, ...]:
         """Up to four regions, cut at the area-weighted mean x and y (the paper's children of r).
@@ -119,7 +135,7 @@ class Region:
             low_plus, high_plus, low_minus, high_minus = self.diagonals[k]
             if low_plus <= x + y <= high_plus and low_minus <= x - y <= high_minus:
                 break
-        return np.array((x, y, self.z))
+        return np.array((x, y, self.z + self.slope[0] * x + self.slope[1] * y))
 
 
 @kernel(lean=True)
@@ -212,26 +228,40 @@ def _join_strips(
 
 
 def find_regions(
-    obstacles: ObstacleSet, volume: TargetVolume, settings: RegionSettings | None = None
+    obstacles: ObstacleSet,
+    volume: TargetVolume,
+    settings: RegionSettings | None = None,
+    planes: Planes | None = None,
+    slope: Slope = LEVEL,
 ) -> tuple[tuple[Region, ...], SupportMap]:
-    """R within V, larger first, and the support of the whole obstacle set.
+    """R of one slope within V, larger first, and the support of the whole obstacle set.
 
     A region is a set of 8-connected columns of level surface with `headroom` above, all within
     `height_tolerance` of their mean, cut into tiles of `max_side` and clipped to V. Its z is the
-    area-weighted median of the heights of its surfaces.
+    area-weighted median of the heights of its surfaces. Surfaces that lie in a plane of another
+    slope are neither part of a region nor support.
+
+    Args:
+        obstacles: sheared by the slope, so that what slopes by it is level.
+        planes: which surfaces slope, and by how much; without, all are level.
     """
     settings = settings or RegionSettings()
     size = obstacles.cell_size
     nx, ny, _ = obstacles.shape
-    surfaces = level_surfaces(obstacles, settings.headroom, settings.max_tilt)
+    belongs = None if planes is None else planes.belonging_to(slope)
+    surfaces = level_surfaces(obstacles, settings.headroom, settings.max_tilt, belongs)
     start = surfaces.start
-    support = SupportMap.of(obstacles, surfaces)
+    support = SupportMap.of(obstacles, surfaces, slope)
+    middle = 0.5 * (surfaces.rectangle[:, :2] + surfaces.rectangle[:, 2:])
+    z = surfaces.height + middle @ np.array(slope)
     in_volume = (
-        (surfaces.height >= volume.lower[2] - settings.height_tolerance)
-        & (surfaces.height <= volume.upper[2] + settings.height_tolerance)
+        (z >= volume.lower[2] - settings.height_tolerance)
+        & (z <= volume.upper[2] + settings.height_tolerance)
         & (surfaces.rectangle[:, 2:] > volume.lower[:2]).all(axis=1)
         & (surfaces.rectangle[:, :2] < volume.upper[:2]).all(axis=1)
     )
+    if planes is not None:
+        in_volume &= planes.lies_in(surfaces.cells, surfaces.height, slope)
     label = np.where(in_volume, 0, -1)
     cells = surfaces.cells.astype(np.int64)
     label = _connect(cells, start, surfaces.height, label, ny, nx, settings.height_tolerance)
@@ -246,15 +276,21 @@ def find_regions(
         whole = Region(surfaces.rectangle[rows], 0.0, surfaces.diagonal[rows])
         if whole.area < settings.min_area:
             continue
-        z = _weighted_median(surfaces.height[rows], whole.areas)
-        if not volume.lower[2] <= z <= volume.upper[2]:
-            continue
+        height = _weighted_median(surfaces.height[rows], whole.areas)
+        if slope == LEVEL and not volume.lower[2] <= height <= volume.upper[2]:
+            continue  # a sloping one may lie in V in part
         joined = _join_strips(cells[rows], surfaces.rectangle[rows], surfaces.diagonal[rows])
-        region = Region(joined[0], z, joined[1]).clipped(volume.lower[:2], volume.upper[:2])
-        if region is not None and region.area >= settings.min_area:
-            regions.append(region)
-    regions.sort(key=lambda region: -region.area)
-    return tuple(regions[: settings.max_regions]), support
+        region = Region(joined[0], height, joined[1], slope)
+        clipped = region.clipped(volume.lower[:2], volume.upper[:2])
+        if clipped is not None and clipped.area >= settings.min_area:
+            regions.append(clipped)
+    return largest(regions, settings), support
+
+
+def largest(regions: Iterable[Region], settings: RegionSettings) -> tuple[Region, ...]:
+    """As many as are kept, larger first."""
+    ordered = sorted(regions, key=lambda region: -region.area)
+    return tuple(ordered[: settings.max_regions])
 
 
 def _weighted_median(values: Array, weights: Array) -> float:

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.scene.grid import ObstacleArrays, ObstacleSet
 from placement_planner_ros.core.scene.surfaces import LevelSurfaces
-from placement_planner_ros.core.types import Array, frozen_array
+from placement_planner_ros.core.types import LEVEL, Array, Slope, frozen_array
 
 _EPSILON = 1e-7
 _ON = 1e-6
@@ -65,7 +65,9 @@ class _Surfaces(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SupportMap:
-    """Every level surface of the obstacle set, in V or not: what a placement face may rest on.
+    """Every surface of one slope of the obstacle set, in V or not: what a face may rest on.
+
+    Heights are those above a plane of that slope through the origin: `above`.
 
     Attributes:
         origin, cell_size, columns: of the grid; how many columns of cells along x and y.
@@ -79,7 +81,8 @@ class SupportMap:
         ends: (k,) bool, beyond which of these the surface drops, or was not seen.
         trim: m, the outermost of many noisy points lies beyond the true edge by about so much.
         step: heights of one surface differ by no more from one column to the next, m.
-        obstacles: what stands around.
+        obstacles: what stands around, sheared by the slope.
+        slope: of the surfaces.
     """
 
     origin: Array
@@ -96,10 +99,13 @@ class SupportMap:
     trim: float
     step: float
     obstacles: ObstacleArrays
+    slope: Slope = LEVEL
 
     @classmethod
-    def of(cls, obstacles: ObstacleSet, surfaces: LevelSurfaces) -> SupportMap:
-        """Of the level surfaces of an obstacle set."""
+    def of(
+        cls, obstacles: ObstacleSet, surfaces: LevelSurfaces, slope: Slope = LEVEL
+    ) -> SupportMap:
+        """Of the level surfaces of an obstacle set that was sheared by a slope."""
         nx, ny, _ = obstacles.shape
         tolerance = obstacles.surface_tolerance + 0.5 * obstacles.noise
         step = 2.0 * tolerance
@@ -137,6 +143,7 @@ class SupportMap:
             2.0 * obstacles.noise,
             step,
             obstacles.arrays,
+            slope,
         )
 
     @property
@@ -154,10 +161,18 @@ class SupportMap:
             self.step,
         )
 
+    def above(self, points: Array) -> Array:
+        """(n, 3) points with their height above the plane through the origin as z, metres."""
+        if self.slope == LEVEL:
+            return points
+        result = points.copy()
+        result[:, 2] -= points[:, :2] @ np.array(self.slope)
+        return result
+
     def supported(
         self, points: Array, tolerance: float, margin: float = 0.0
     ) -> npt.NDArray[np.bool_]:
-        """s(x) for each point: is there level surface under it, within `tolerance` of its height?
+        """s(x) for each point: is there surface under it, within `tolerance` of its height?
 
         Args:
             points: (n, 3), metres.
@@ -170,7 +185,7 @@ class SupportMap:
         """
         return np.asarray(
             _supported(
-                np.ascontiguousarray(points, dtype=np.float64),
+                np.ascontiguousarray(self.above(points), dtype=np.float64),
                 tolerance,
                 margin + self.trim,
                 self._view,
@@ -185,7 +200,7 @@ class SupportMap:
         """(s,) the surfaces on some point of which `supported` may hold at height z.
 
         Args:
-            z: metres.
+            z: metres, above the plane through the origin.
             tolerance, margin: metres; as for `supported`.
             off: at any height that differs from z by no more, metres.
         """

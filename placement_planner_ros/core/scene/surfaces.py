@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,9 @@ _TOP_SHARE = 0.35
 _SHEET = 0.001
 _MOST_CLOSED = 0.3
 """Bounds along diagonals are moved out by at most so much of a cell where a side is closed."""
+
+
+Belongs = Callable[[Index, Array], npt.NDArray[np.bool_]]
 
 
 class LevelSurfaces(NamedTuple):
@@ -48,16 +52,21 @@ class _Tops(NamedTuple):
     extent: Array
 
 
-def level_surfaces(obstacles: ObstacleSet, headroom: float, max_tilt: float) -> LevelSurfaces:
+def level_surfaces(
+    obstacles: ObstacleSet, headroom: float, max_tilt: float, belongs: Belongs | None = None
+) -> LevelSurfaces:
     """The tops of boxes on which something may stand.
 
     Nothing else lies within `headroom` above them, they are level (their own points and the tops
     around), and they are not where the workspace ends. Where the surface goes on in the next
     column, the rectangle is closed up to it; slanted edges are bounded along both diagonals.
+
+    Args:
+        belongs: which of surfaces with these cells and heights are kept; all unless given.
     """
     boxes = obstacles.arrays
     tolerance = obstacles.surface_tolerance + 0.5 * obstacles.noise
-    free, top = _tops(boxes, headroom, tolerance)
+    free, top = free_tops(boxes, headroom, tolerance)
     level = _level(boxes, free, top, max_tilt, 0.5 * obstacles.noise)
     merged = _Tops(*_merge(boxes, np.flatnonzero(level), tolerance))
     start = _column_starts(merged.cells, obstacles.shape)
@@ -70,6 +79,9 @@ def level_surfaces(obstacles: ObstacleSet, headroom: float, max_tilt: float) -> 
         np.concatenate([merged.height, filled[:, 3]])[order],
         np.concatenate([merged.extent, filled[:, 4:]])[order],
     )
+    if belongs is not None:
+        kept = belongs(tops.cells, tops.height)
+        tops = _Tops(*(each[kept] for each in tops))
     start = _column_starts(tops.cells, obstacles.shape)
     rectangle, diagonal = _close(
         tops,
@@ -111,7 +123,7 @@ def _covers(boxes: ObstacleArrays, q: int, p: int, headroom: float, tolerance: f
 
 
 @kernel(nogil=True)
-def _tops(
+def free_tops(
     boxes: ObstacleArrays, headroom: float, tolerance: float
 ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
     """(m,) whether a box has free space above; whether its top is also as wide as the box."""

@@ -34,6 +34,8 @@ class TightBoxes(NamedTuple):
     surface_first: npt.NDArray[np.int64]
     surface_points: npt.NDArray[np.float32]
     outline: npt.NDArray[np.float32]
+    first_point: npt.NDArray[np.int64]
+    points: npt.NDArray[np.float32]
 
 
 def tight_boxes(
@@ -287,6 +289,8 @@ def _tight_boxes(
     npt.NDArray[np.int64],
     npt.NDArray[np.float32],
     npt.NDArray[np.float32],
+    npt.NDArray[np.int64],
+    npt.NDArray[np.float32],
 ]:
     """The fields of `TightBoxes`, which `spare` more boxes than cells have room for."""
     points, start, cells = bins.points, bins.start, bins.cells
@@ -301,6 +305,9 @@ def _tight_boxes(
     top_points = np.empty((len(points), 2), np.float32)
     tops = 0
     outline = np.empty((room, 6), np.float32)
+    first_point = np.zeros(room + 1, np.int64)
+    grouped = np.empty((len(points), 3), np.float32)
+    placed = 0
     longest = 0
     for r in range(len(cells)):
         longest = max(longest, start[r + 1] - start[r])
@@ -333,6 +340,9 @@ def _tight_boxes(
                 points, ordered[first:], last - first, upper[m, 2], skin, extent[m]
             )
             for i in range(first, last):
+                for a in range(3):
+                    grouped[placed, a] = points[ordered[i], a]
+                placed += 1
                 if points[ordered[i], 2] >= upper[m, 2] - band:
                     top_points[tops, 0] = points[ordered[i], 0]
                     top_points[tops, 1] = points[ordered[i], 1]
@@ -340,6 +350,7 @@ def _tight_boxes(
             _measure_outline(points, ordered[first:], last - first, boxes[part], corner, outline[m])
             m += 1
             top_first[m] = tops
+            first_point[m] = placed
     return (
         box_cells[:m].copy(),
         lower[:m].copy(),
@@ -350,6 +361,8 @@ def _tight_boxes(
         top_first[: m + 1].copy(),
         top_points[:tops].copy(),
         outline[:m].copy(),
+        first_point[: m + 1].copy(),
+        grouped,
     )
 
 

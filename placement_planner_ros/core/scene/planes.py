@@ -1,0 +1,371 @@
+"""Slopes of what was measured in V: planes that grow over the tops of boxes.
+
+Surfaces that slope alike are looked at together, in heights above one plane of that slope, in which
+they are level (`ObstacleSet.sheared`). So there is one notion of support, whatever it slopes by.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from placement_planner_ros.core.kernels import kernel
+from placement_planner_ros.core.scene.grid import ObstacleArrays, ObstacleSet
+from placement_planner_ros.core.scene.surfaces import Belongs, free_tops
+from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume, steepness
+
+Index = npt.NDArray[np.int64]
+
+MOST_SLOPES = 4
+"""Slopes that are looked at, those of most surface; planes of others belong to none."""
+UNOWNED, STEEP = -1, -2
+"""Of what lies in none of the planes; of what lies in one that is too steep."""
+
+_AROUND = 0.3
+"""m around V in which planes are sought, in x and y, ..."""
+_BESIDE = 0.1
+"""... and below and above it."""
+_STEEPEST = 0.36
+"""Slope of the steepest planes that are sought; 20 degrees."""
+_REACH = 3
+"""Columns around a box whose tops show how the surface slopes there."""
+_FEWEST = 16
+"""Boxes of the smallest plane."""
+_ON_PLANE = 0.001
+"""m from a plane at most of what belongs to it, in a clean cloud."""
+_ALIKE = 0.0017
+"""Slopes that differ by no more are one: 0.5 mm over a region's longest side."""
+_SURE = 3.0
+"""Standard deviations beyond which noise does not explain a slope."""
+_TOGETHER = 9.0
+"""Neighbouring boxes whose heights err alike, since points were projected onto common planes."""
+_MEASURED = 0.0017
+"""rad that a measured slope may lie above `max_slope`."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plane:
+    """A contiguous piece of surface that lies in one plane.
+
+    Attributes:
+        slope: of it.
+        height: z at x = y = 0, metres.
+        middle: (3,) of it, metres.
+        area: about that of its columns of cells, m².
+        scatter: standard deviation of the boxes' heights about it, metres.
+        spread: (2, 2) covariance of where the boxes lie in x and y, m².
+        boxes: how many there are.
+    """
+
+    slope: Slope
+    height: float
+    middle: Array
+    area: float
+    scatter: float
+    spread: Array
+    boxes: int
+
+    def tells_apart(self, slope: Slope, skin: float) -> bool:
+        """Whether it surely does not slope like that.
+
+        Its heights would have to be off by more than noise explains, and by more than `skin` metres
+        from one end to the other.
+        """
+        off = np.subtract(self.slope, slope)
+        effect = float(off @ self.spread @ off)  # m², variance of the heights it makes
+        explained = (_SURE * self.scatter) ** 2 * _TOGETHER / self.boxes
+        return bool(np.hypot(*off) > _ALIKE and 12.0 * effect > skin**2 and effect > explained)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Planes:
+    """The planes of an obstacle set, by slope.
+
+    Attributes:
+        slopes: of those that are not level, that of most surface first.
+        heights: of the largest plane of each, z at x = y = 0, metres.
+        steep: planes steeper than `max_slope`, the largest first.
+        obstacles: the boxes.
+        means: (m, 3) of the points of each.
+        owner: (m,) whose plane the top of each box lies in: 0 level, from 1 on `slopes`, or
+            `UNOWNED`, or `STEEP`.
+    """
+
+    slopes: tuple[Slope, ...]
+    heights: tuple[float, ...]
+    steep: tuple[Plane, ...]
+    obstacles: ObstacleSet
+    means: Array
+    owner: Index
+
+    @classmethod
+    def of(
+        cls, obstacles: ObstacleSet, volume: TargetVolume, headroom: float, max_slope: float
+    ) -> Planes:
+        """Those in and around V.
+
+        Args:
+            headroom: m that are free above a surface.
+            max_slope: rad, steeper ones carry nothing.
+        """
+        found, label, means = _find(obstacles, volume, headroom)
+        slopes: list[Slope] = []
+        heights: list[float] = []
+        steep: list[Plane] = []
+        owner_of = np.full(len(found) + 1, UNOWNED, np.int64)  # the last stands for none
+        skin = obstacles.surface_tolerance
+        for k in sorted(range(len(found)), key=lambda k: -found[k].area):
+            plane = found[k]
+            if not plane.tells_apart(LEVEL, skin):
+                owner_of[k] = 0
+                continue
+            if steepness(plane.slope) > max_slope + _MEASURED:
+                owner_of[k] = STEEP
+                steep.append(plane)
+                continue
+            alike = [n for n, slope in enumerate(slopes) if not plane.tells_apart(slope, skin)]
+            if alike:
+                owner_of[k] = 1 + alike[0]
+            elif len(slopes) < MOST_SLOPES:
+                slopes.append(plane.slope)
+                heights.append(plane.height)
+                owner_of[k] = len(slopes)
+        owner = owner_of[label]
+        return cls(tuple(slopes), tuple(heights), tuple(steep), obstacles, means, owner)
+
+    def owners(self, cells: npt.NDArray[np.int32], height: Array, slope: Slope) -> Index:
+        """(s,) as `owner`, of surfaces in cells (s, 3) at heights (s,) above a plane of a slope."""
+        off = max(_ON_PLANE, 0.3 * self.obstacles.cell_size)
+        return np.asarray(
+            _owners(self.obstacles.arrays, self.means, self.owner, *slope, cells, height, off)
+        )
+
+    def belonging_to(self, slope: Slope) -> Belongs:
+        """Tells surfaces that lie in a plane of that slope, or in none that is known."""
+        own = self._number(slope)
+
+        def belongs(cells: npt.NDArray[np.int32], height: Array) -> npt.NDArray[np.bool_]:
+            owners = self.owners(cells, height, slope)
+            return np.asarray((owners == own) | (owners == UNOWNED))
+
+        return belongs
+
+    def lies_in(
+        self, cells: npt.NDArray[np.int32], height: Array, slope: Slope
+    ) -> npt.NDArray[np.bool_]:
+        """(s,) which surfaces are known to lie in a plane of that slope; of LEVEL all may."""
+        if slope == LEVEL:
+            return np.ones(len(cells), np.bool_)
+        return self.owners(cells, height, slope) == self._number(slope)
+
+    def _number(self, slope: Slope) -> int:
+        return 0 if slope == LEVEL else 1 + self.slopes.index(slope)
+
+
+def _find(
+    obstacles: ObstacleSet, volume: TargetVolume, headroom: float
+) -> tuple[list[Plane], Index, Array]:
+    """The planes, which of them each box lies in (-1: none), and the means (m, 3) of the boxes."""
+    tolerance = obstacles.surface_tolerance + 0.5 * obstacles.noise
+    means = _means(obstacles)
+    around = np.array([_AROUND, _AROUND, _BESIDE])
+    near = ((means >= volume.lower - around) & (means <= volume.upper + around)).all(axis=1)
+    free, _ = free_tops(obstacles.arrays, headroom, tolerance)
+    used = np.asarray(near & free)
+    fits = _local_fits(obstacles.arrays, means, used, max(_ON_PLANE, tolerance))
+    order = np.argsort(fits[:, 3], kind="stable")
+    order = order[np.isfinite(fits[order, 3])]
+    label, moments = _grow(obstacles.arrays, means, used, fits, order, max(_ON_PLANE, tolerance))
+    return [_plane(row, obstacles.cell_size) for row in moments], label, means
+
+
+def _means(obstacles: ObstacleSet) -> Array:
+    """(m, 3) mean of the points of each box."""
+    first = obstacles.first_point
+    if len(first) < 2:
+        return np.zeros((0, 3))
+    total = np.add.reduceat(obstacles.points.astype(np.float64), first[:-1], axis=0)
+    return np.asarray(total / np.diff(first)[:, None])
+
+
+def _plane(row: Array, cell_size: float) -> Plane:
+    """Of the number of boxes, their mean (3,), and Σ xx, xy, yy, xz, yz, zz about it."""
+    number, middle = row[0], row[1:4]
+    xx, xy, yy, xz, yz, zz = row[4:] / number
+    spread = np.array([[xx, xy], [xy, yy]])
+    slope = np.linalg.solve(spread, np.array([xz, yz]))
+    scatter = math.sqrt(max(zz - float(slope @ np.array([xz, yz])), 0.0))
+    return Plane(
+        (float(slope[0]), float(slope[1])),
+        float(middle[2] - slope @ middle[:2]),
+        middle,
+        float(number) * cell_size**2,
+        scatter,
+        spread,
+        int(number),
+    )
+
+
+@kernel(lean=True)
+def _solve(moments: Array) -> tuple[float, float, float, bool]:
+    """Slope and scatter of the plane of ten moments (see `_plane`); whether there is one."""
+    number = moments[0]
+    xx, xy, yy = moments[4] / number, moments[5] / number, moments[6] / number
+    xz, yz, zz = moments[7] / number, moments[8] / number, moments[9] / number
+    det = xx * yy - xy * xy
+    if det <= 1e-3 * (xx + yy) ** 2:
+        return 0.0, 0.0, math.inf, False
+    gx, gy = (yy * xz - xy * yz) / det, (xx * yz - xy * xz) / det
+    return gx, gy, math.sqrt(max(zz - gx * xz - gy * yz, 0.0)), True
+
+
+@kernel(lean=True)
+def _add(moments: Array, x: float, y: float, z: float) -> None:
+    """One point more: mean and second moments about it (Welford)."""
+    moments[0] += 1.0
+    dx, dy, dz = x - moments[1], y - moments[2], z - moments[3]
+    moments[1] += dx / moments[0]
+    moments[2] += dy / moments[0]
+    moments[3] += dz / moments[0]
+    ex, ey, ez = x - moments[1], y - moments[2], z - moments[3]
+    moments[4] += dx * ex
+    moments[5] += dx * ey
+    moments[6] += dy * ey
+    moments[7] += dx * ez
+    moments[8] += dy * ez
+    moments[9] += dz * ez
+
+
+@kernel(nogil=True)
+def _local_fits(
+    boxes: ObstacleArrays, means: Array, used: npt.NDArray[np.bool_], tolerance: float
+) -> Array:
+    """(m, 4) height, slope and scatter of the plane around each box; inf where there is none."""
+    nx, ny, nz = boxes.first_at.shape
+    fits = np.full((len(means), 4), np.inf)
+    moments = np.empty(10)
+    layers = int(math.ceil(_STEEPEST * math.sqrt(2.0) * _REACH))
+    for p in range(len(means)):
+        if not used[p]:
+            continue
+        moments[:] = 0.0
+        x, y, z = means[p, 0], means[p, 1], means[p, 2]
+        ci, cj, ck = boxes.cells[p, 0], boxes.cells[p, 1], boxes.cells[p, 2]
+        for i in range(max(ci - _REACH, 0), min(ci + _REACH + 1, nx)):
+            for j in range(max(cj - _REACH, 0), min(cj + _REACH + 1, ny)):
+                for k in range(max(ck - layers, 0), min(ck + layers + 1, nz)):
+                    q = boxes.first_at[i, j, k]
+                    while q >= 0:
+                        dx, dy, dz = means[q, 0] - x, means[q, 1] - y, means[q, 2] - z
+                        far = _STEEPEST * math.sqrt(dx * dx + dy * dy) + tolerance
+                        if used[q] and abs(dz) <= far:
+                            _add(moments, means[q, 0], means[q, 1], means[q, 2])
+                        q = boxes.next[q]
+        if moments[0] < _FEWEST:
+            continue
+        gx, gy, scatter, stands = _solve(moments)
+        if stands and gx * gx + gy * gy <= _STEEPEST * _STEEPEST:
+            fits[p, 0] = moments[3] - gx * moments[1] - gy * moments[2]
+            fits[p, 1], fits[p, 2], fits[p, 3] = gx, gy, scatter
+    return fits
+
+
+@kernel(nogil=True)
+def _grow(
+    boxes: ObstacleArrays,
+    means: Array,
+    used: npt.NDArray[np.bool_],
+    fits: Array,
+    order: Index,
+    tolerance: float,
+) -> tuple[Index, Array]:
+    """(m,) the plane that each box lies in, or -1, and the moments (k, 10) of each plane.
+
+    A plane begins with what was fitted around a box, and grows to neighbouring columns by the boxes
+    within the tolerance of it; it is fitted anew each time that a quarter has come to it.
+    """
+    nx, ny, nz = boxes.first_at.shape
+    size = boxes.cell_size
+    label = np.full(len(means), -1, np.int64)
+    queue = np.empty(len(means), np.int64)
+    found = np.empty((len(means) // _FEWEST + 1, 10))
+    moments = np.empty(10)
+    count = 0
+    for seed in order:
+        if label[seed] >= 0:
+            continue
+        height, gx, gy = fits[seed, 0], fits[seed, 1], fits[seed, 2]
+        if abs(means[seed, 2] - height - gx * means[seed, 0] - gy * means[seed, 1]) > tolerance:
+            continue
+        moments[:] = 0.0
+        _add(moments, means[seed, 0], means[seed, 1], means[seed, 2])
+        label[seed] = count
+        queue[0] = seed
+        head, tail, anew = 0, 1, 2 * _FEWEST
+        while head < tail:
+            s = queue[head]
+            head += 1
+            for i in range(max(boxes.cells[s, 0] - 1, 0), min(boxes.cells[s, 0] + 2, nx)):
+                for j in range(max(boxes.cells[s, 1] - 1, 0), min(boxes.cells[s, 1] + 2, ny)):
+                    x = boxes.origin[0] + (i + 0.5) * size
+                    y = boxes.origin[1] + (j + 0.5) * size
+                    layer = math.floor((height + gx * x + gy * y - boxes.origin[2]) / size)
+                    for k in range(max(layer - 1, 0), min(layer + 2, nz)):
+                        q = boxes.first_at[i, j, k]
+                        while q >= 0:
+                            off = means[q, 2] - height - gx * means[q, 0] - gy * means[q, 1]
+                            if used[q] and label[q] < 0 and abs(off) <= tolerance:
+                                label[q] = count
+                                queue[tail] = q
+                                tail += 1
+                                _add(moments, means[q, 0], means[q, 1], means[q, 2])
+                            q = boxes.next[q]
+            if tail >= anew:
+                anew = tail + tail // 4
+                a, b, _, stands = _solve(moments)
+                if stands:
+                    gx, gy = a, b
+                    height = moments[3] - gx * moments[1] - gy * moments[2]
+        _, _, _, stands = _solve(moments)
+        if tail >= _FEWEST and stands:
+            found[count] = moments
+            count += 1
+        else:
+            for t in range(tail):
+                label[queue[t]] = -1
+    return label, found[:count].copy()
+
+
+@kernel(nogil=True)
+def _owners(
+    boxes: ObstacleArrays,
+    means: Array,
+    owner: Index,
+    slope_x: float,
+    slope_y: float,
+    cells: npt.NDArray[np.int32],
+    height: Array,
+    tolerance: float,
+) -> Index:
+    """`Planes.owners`: of the boxes that lie in a plane, the one nearest in height in the column."""
+    nz = boxes.first_at.shape[2]
+    size = boxes.cell_size
+    result = np.full(len(cells), UNOWNED, np.int64)
+    for s in range(len(cells)):
+        i, j = cells[s, 0], cells[s, 1]
+        x = boxes.origin[0] + (i + 0.5) * size
+        y = boxes.origin[1] + (j + 0.5) * size
+        layer = math.floor((height[s] + slope_x * x + slope_y * y - boxes.origin[2]) / size)
+        nearest = tolerance
+        for k in range(max(layer - 1, 0), min(layer + 2, nz)):
+            q = boxes.first_at[i, j, k]
+            while q >= 0:
+                off = means[q, 2] - slope_x * means[q, 0] - slope_y * means[q, 1] - height[s]
+                if owner[q] != UNOWNED and abs(off) <= nearest:
+                    nearest = abs(off)
+                    result[s] = owner[q]
+                q = boxes.next[q]
+    return result
