@@ -9,22 +9,46 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from placement_planner_ros.core.body.placement_face import PlacementFace
+from placement_planner_ros.core.body.rests import GRAVITY, TIPPING_ENERGY
 from placement_planner_ros.core.collision.arm import CollisionSettings
 from placement_planner_ros.core.collision.object import ObjectCollision
 from placement_planner_ros.core.problem import Problem
-from placement_planner_ros.core.types import Array, Verdict
+from placement_planner_ros.core.types import LEVEL, Array, Slope, Verdict, upright
 
 
-def placement_pose(face: PlacementFace, contact: Array, angle: float) -> pin.SE3:
-    """T(R_z(θ), (x, y, z_r)) · fT_o, a pose of Ŝ(r, f).
+def placement_pose(
+    face: PlacementFace, contact: Array, angle: float, slope: Slope = LEVEL
+) -> pin.SE3:
+    """T(R_n R_z(θ), (x, y, z_r)) · fT_o, a pose of Ŝ(r, f); on a level region R_n is the identity.
 
     Args:
         contact: (3,) position of the face's reference vertex.
         angle: θ, rad.
+        slope: of the region, along whose normal R_n turns the object.
     """
     cos, sin = math.cos(angle), math.sin(angle)
-    rotation = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    rotation = upright(slope) @ np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
     return pin.SE3(rotation, np.asarray(contact)) * face.T_face_object
+
+
+def stays(corners: Array) -> npt.NDArray[np.bool_]:
+    """(n,) whether bodies stay that stand on polygons, as firmly as a rest on level ground does.
+
+    The centre of mass lies inside along gravity, and to tip over any edge it would have to be
+    lifted by what `TIPPING_ENERGY` does: about an edge of direction e, from which it lies at w, it
+    goes up to |w| √(1 - e_z²).
+
+    Args:
+        corners: (n, k, 3) of each polygon in boundary order, seen from the centre of mass, z up.
+    """
+    edges = np.roll(corners, -1, axis=1) - corners
+    edges /= np.maximum(np.linalg.norm(edges, axis=2, keepdims=True), 1e-12)
+    across = edges[..., 0] * corners[..., 1] - edges[..., 1] * corners[..., 0]
+    inside = (across < 0.0).all(axis=1) | (across > 0.0).all(axis=1)
+    away = (corners * edges).sum(axis=2, keepdims=True) * edges - corners
+    highest = np.linalg.norm(away, axis=2) * np.sqrt(1.0 - edges[..., 2] ** 2)
+    lifted = (highest - away[..., 2]).min(axis=1)
+    return np.asarray(inside & (GRAVITY * lifted >= TIPPING_ENERGY))
 
 
 class PoseConstraints:
@@ -63,35 +87,42 @@ class PoseConstraints:
         center[2] = reference[2]
         return bool(self._volume.contains(np.array([reference, center])).all())
 
-    def stable(self, T_world_object: pin.SE3, face: int) -> bool:
+    def stable(self, T_world_object: pin.SE3, face: int, slope: Slope = LEVEL) -> bool:
         """s(x): every vertex of v(f) has support within the tolerance, not too near to its end.
 
-        `verdicts` asks the same of many poses at once.
+        On a slope the object must not tip, either. `verdicts` asks the same of many poses at once.
         """
-        points = self._contacts[face] @ T_world_object.rotation.T
-        points += T_world_object.translation
-        support = self._environment.support
-        return bool(support.supported(points, self.contact_tolerance, self.edge_margin).all())
+        return bool(self._stable(T_world_object.homogeneous[None], face, slope)[0])
 
     def free(
-        self, T_world_object: pin.SE3, contact_height: float, raise_height: float | None = None
+        self,
+        T_world_object: pin.SE3,
+        contact_height: float,
+        raise_height: float | None = None,
+        slope: Slope = LEVEL,
     ) -> bool:
         """c_f(x), on the whole way straight down from `raise_height` above; of many: `verdicts`."""
         height = self._raise_height if raise_height is None else raise_height
-        return self._collision.free(T_world_object.homogeneous, contact_height, height)
+        return self._collision.free(T_world_object.homogeneous, contact_height, height, slope)
 
-    def verdict(self, T_world_object: pin.SE3, face: int, contact_height: float) -> Verdict:
+    def verdict(
+        self, T_world_object: pin.SE3, face: int, contact_height: float, slope: Slope = LEVEL
+    ) -> Verdict:
         """The first constraint that fails, or FEASIBLE."""
         if not self.in_volume(T_world_object, face):
             return Verdict.OUTSIDE_VOLUME
-        if not self.stable(T_world_object, face):
+        if not self.stable(T_world_object, face, slope):
             return Verdict.UNSTABLE
-        if not self.free(T_world_object, contact_height):
+        if not self.free(T_world_object, contact_height, slope=slope):
             return Verdict.COLLIDING
         return Verdict.FEASIBLE
 
     def verdicts(
-        self, faces: npt.NDArray[np.int64], contacts: Array, angles: Array
+        self,
+        faces: npt.NDArray[np.int64],
+        contacts: Array,
+        angles: Array,
+        slopes: Array | None = None,
     ) -> tuple[npt.NDArray[np.int64], Array]:
         """`placement_pose` and `verdict` of many poses at once.
 
@@ -99,6 +130,7 @@ class PoseConstraints:
             faces: (n,) indices.
             contacts: (n, 3) positions of the faces' reference vertices.
             angles: (n,) θ, rad.
+            slopes: (n, 2) of the planes that they stand on; level unless given.
 
         Returns:
             (n,) verdicts and (n, 4, 4) poses T_world_object.
@@ -109,22 +141,57 @@ class PoseConstraints:
         turned[:, 0, 1] = -turned[:, 1, 0]
         turned[:, 2, 2] = turned[:, 3, 3] = 1.0
         turned[:, :3, 3] = contacts
+        sloping = slopes is not None and bool(slopes.any())
+        if slopes is not None and sloping:
+            turned[:, :3, :3] = upright(slopes) @ turned[:, :3, :3]
         T = turned @ self._T_face_object[faces]
         centers = T[:, :3, :3] @ self._body.center_of_mass + T[:, :3, 3]
         centers[:, 2] = contacts[:, 2]
         inside = self._volume.contains(contacts) & self._volume.contains(centers)
         result = np.full(len(faces), Verdict.OUTSIDE_VOLUME, dtype=np.int64)
-        result[inside] = Verdict.UNSTABLE
-        for face in np.unique(faces[inside]):
-            rows = np.flatnonzero(inside & (faces == face))
-            points = self._contacts[face] @ T[rows, :3, :3].transpose(0, 2, 1)
-            points += T[rows, None, :3, 3]
-            supported = self._environment.support.supported(
-                points.reshape(-1, 3), self.contact_tolerance, self.edge_margin
-            )
-            result[rows[supported.reshape(len(rows), -1).all(axis=1)]] = Verdict.COLLIDING
-        stable = np.flatnonzero(result == Verdict.COLLIDING)
-        if len(stable):
-            free = self._collision.free_at(T[stable], contacts[stable, 2], self._raise_height)
-            result[stable[free]] = Verdict.FEASIBLE
+        if slopes is None or not sloping:
+            self._judge(T, faces, contacts[:, 2], np.flatnonzero(inside), LEVEL, result)
+            return result, T
+        for slope in np.unique(slopes[inside], axis=0):
+            rows = np.flatnonzero(inside & (slopes == slope).all(axis=1))
+            heights = contacts[:, 2] - contacts[:, :2] @ slope
+            self._judge(T, faces, heights, rows, (float(slope[0]), float(slope[1])), result)
         return result, T
+
+    def _judge(
+        self,
+        T: Array,
+        faces: npt.NDArray[np.int64],
+        heights: Array,
+        rows: npt.NDArray[np.int64],
+        slope: Slope,
+        result: npt.NDArray[np.int64],
+    ) -> None:
+        """Write the verdicts of those rows of poses T (n, 4, 4) in V that stand on one slope.
+
+        Args:
+            heights: (n,) z of their contact planes at x = y = 0, metres.
+        """
+        result[rows] = Verdict.UNSTABLE
+        for face in np.unique(faces[rows]):
+            on = rows[faces[rows] == face]
+            result[on[self._stable(T[on], int(face), slope)]] = Verdict.COLLIDING
+        stable = rows[result[rows] == Verdict.COLLIDING]
+        if len(stable):
+            free = self._collision.free_at(
+                T[stable], heights[stable], self._raise_height, slope
+            )
+            result[stable[free]] = Verdict.FEASIBLE
+
+    def _stable(self, T: Array, face: int, slope: Slope) -> npt.NDArray[np.bool_]:
+        """(n,) `stable` of poses (n, 4, 4)."""
+        points = self._contacts[face] @ T[:, :3, :3].transpose(0, 2, 1)
+        points += T[:, None, :3, 3]
+        supported = self._environment.support_of(slope).supported(
+            points.reshape(-1, 3), self.contact_tolerance, self.edge_margin
+        )
+        stable = np.asarray(supported.reshape(len(T), -1).all(axis=1))
+        if slope != LEVEL:
+            centers = T[:, :3, :3] @ self._body.center_of_mass + T[:, :3, 3]
+            stable &= stays(points - centers[:, None])
+        return stable

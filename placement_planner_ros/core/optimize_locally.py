@@ -12,7 +12,7 @@ from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.objective.ascent import AscentSettings, climb
 from placement_planner_ros.core.objective.objective import Objective, evaluate, moved
-from placement_planner_ros.core.types import Array, Goal, Verdict
+from placement_planner_ros.core.types import Array, Goal, Verdict, upright
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,7 +50,7 @@ class LocalOptimizer:
         """Improve a goal locally: Δq ← J†(q) v(∂ξ/∂(x, y, e_z)), q ← q + μΔq.
 
         The step is then corrected by IK to the pose x + μ ∂ξ exactly, so the object neither tilts
-        nor leaves its height. A trial is kept if ξ rises and every constraint holds.
+        nor leaves its contact plane. A trial is kept if ξ rises and every constraint holds.
         """
         slide = [goal.q_raised]
 
@@ -63,20 +63,21 @@ class LocalOptimizer:
             slide.append(goal.q_raised)
             return goal.T_world_object
 
-        climb(self._objective, goal.T_world_object, attempt, self._settings, should_stop)
+        climb(self._objective, goal.T_world_object, attempt, self._settings, should_stop, goal.slope)
         return Refined(goal, np.array(slide))
 
     def _try(self, goal: Goal, holding: Holding, change: Array) -> Goal | None:
-        x = moved(goal.T_world_object, change)
+        x = moved(goal.T_world_object, change, goal.slope)
         value = evaluate(self._objective, x)
         if not value > goal.objective + self._min_improvement:
             return None
-        if self._poses.verdict(x, goal.face, goal.contact_height) is not Verdict.FEASIBLE:
+        verdict = self._poses.verdict(x, goal.face, goal.contact_height, goal.slope)
+        if verdict is not Verdict.FEASIBLE:
             return None
         q = self._step(goal, holding, x, change)
         if q is None:
             return None
-        motion = holding.placing_motion(q, x, goal.contact_height, self._poses)
+        motion = holding.placing_motion(q, x, goal.contact_height, self._poses, goal.slope)
         if isinstance(motion, Verdict):
             return None
         if not holding.transit_free(goal.q_raised, motion.approach[0]):
@@ -92,7 +93,9 @@ class LocalOptimizer:
     def _step(self, goal: Goal, holding: Holding, x: pin.SE3, change: Array) -> Array | None:
         """q + μΔq with Δq = J† v, brought exactly to pose x."""
         J = holding.chain.jacobian(goal.q, holding.arm.grasps[goal.grasp].homogeneous)
-        v = np.array([change[0], change[1], 0.0, 0.0, 0.0, change[2]])
+        rise = goal.slope[0] * change[0] + goal.slope[1] * change[1]
+        normal = upright(goal.slope)[:, 2]
+        v = np.array([change[0], change[1], rise, *(change[2] * normal)])
         predicted = goal.q + np.linalg.pinv(J, rcond=1e-3) @ v
         predicted = np.clip(predicted, holding.arm.lower, holding.arm.upper)
         return holding.follow(x, predicted)

@@ -19,7 +19,7 @@ from placement_planner_ros.core.collision.object_solids import object_arrays, ob
 from placement_planner_ros.core.collision.separation import FREE
 from placement_planner_ros.core.reach.kinematics import kernel_input
 from placement_planner_ros.core.scene.grid import ObstacleSet
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import LEVEL, Array, Slope
 
 _LOOKED_AT = 100
 """Boxes near a part that `met` looks at."""
@@ -31,7 +31,7 @@ class ObjectCollision:
     What must keep `collision_margin` and `approach_stray` from every box is the object swept
     straight down, from raised to rest: convex pieces as the hull of both copies, all others as the
     triangles they have. Boxes whose top lies within `contact_tolerance` of the contact plane are
-    support, wherever they are.
+    support, wherever they are; where the plane slopes, the highest of a box's points above it counts.
 
     Not to be shared between threads.
 
@@ -47,13 +47,21 @@ class ObjectCollision:
         self.settings = settings or CollisionSettings()
         self._solids = object_solids(body)
         self._boxes = box_arrays(obstacles)
+        self._obstacles = obstacles
+        self._tops: dict[Slope, Array] = {}
         self._arrays = object_arrays(body)
         self._scratch = ObjectScratch.of(self._arrays, self._boxes.number)
         self._one_pose = np.zeros((1, 4, 4))
         self._one = np.zeros((2, 1))
         self._answer = np.zeros(1, dtype=np.int64)
 
-    def free(self, T_world_object: Array, contact_height: float, raise_height: float) -> bool:
+    def free(
+        self,
+        T_world_object: Array,
+        contact_height: float,
+        raise_height: float,
+        slope: Slope = LEVEL,
+    ) -> bool:
         """Whether the object keeps the margin from `raise_height` above the pose down to it.
 
         True is certain. False means a collision, or a distance so close to the margin
@@ -61,13 +69,14 @@ class ObjectCollision:
 
         Args:
             T_world_object: (4, 4) pose at contact.
-            contact_height: z of the contact plane, metres.
+            contact_height: z of the contact plane at x = y = 0, metres.
             raise_height: how far above the pose the descent begins, metres.
+            slope: of the contact plane.
         """
         self._one_pose[0] = T_world_object
         self._one[0, 0] = contact_height
         self._one[1, 0] = raise_height
-        self._classify(self._one_pose, self._one[0], self._one[1], self._answer)
+        self._classify(self._one_pose, self._one[0], self._one[1], slope, self._answer)
         return bool(self._answer[0] == FREE)
 
     def free_at(
@@ -75,17 +84,22 @@ class ObjectCollision:
         T_world_object: Array,
         contact_height: npt.ArrayLike,
         raise_height: npt.ArrayLike,
+        slope: Slope = LEVEL,
     ) -> npt.NDArray[np.bool_]:
         """`free` for poses (n, 4, 4), with heights of shape (n,) or one for all; returns (n,)."""
         poses = kernel_input(T_world_object).reshape(-1, 4, 4)
         contact = np.array(np.broadcast_to(contact_height, len(poses)), dtype=np.float64)
         raised = np.array(np.broadcast_to(raise_height, len(poses)), dtype=np.float64)
         answers = np.empty(len(poses), dtype=np.int64)
-        self._classify(poses, contact, raised, answers)
+        self._classify(poses, contact, raised, slope, answers)
         return answers == FREE
 
     def met(
-        self, T_world_object: Array, contact_height: float, raise_height: float
+        self,
+        T_world_object: Array,
+        contact_height: float,
+        raise_height: float,
+        slope: Slope = LEVEL,
     ) -> npt.NDArray[np.int64]:
         """(k,) boxes that the object meets at a pose (4, 4) or raised above it, by coal.
 
@@ -102,7 +116,8 @@ class ObjectCollision:
             high[2] += raise_height
             first, last = self._slab(low[0], high[0])
             corners = self._boxes.corners[first:last]
-            near = np.abs(corners[:, 5] - contact_height) > self.settings.contact_tolerance
+            tops = self._tops_above(slope)[first:last]
+            near = np.abs(tops - contact_height) > self.settings.contact_tolerance
             near &= (corners[:, :3] <= high).all(axis=1)
             near &= (corners[:, 3:] >= low).all(axis=1)
             rows = np.flatnonzero(near)
@@ -116,6 +131,12 @@ class ObjectCollision:
                         hit.add(first + k)
         return np.array(sorted(hit), dtype=np.int64)
 
+    def _tops_above(self, slope: Slope) -> Array:
+        """(m,) `ObstacleSet.tops`, made once for each slope."""
+        if slope not in self._tops:
+            self._tops[slope] = self._obstacles.tops(slope)
+        return self._tops[slope]
+
     def _slab(self, low: float, high: float) -> tuple[int, int]:
         """First and last box, that one left out, of the cells that lie between two x."""
         origin, size = self._boxes.grid[0], self._boxes.grid[3]
@@ -126,11 +147,17 @@ class ObjectCollision:
         return int(columns[max(i0, 0), 0]), int(columns[min(i1, len(columns) - 1), -1])
 
     def _classify(
-        self, poses: Array, contact: Array, raised: Array, answers: npt.NDArray[np.int64]
+        self,
+        poses: Array,
+        contact: Array,
+        raised: Array,
+        slope: Slope,
+        answers: npt.NDArray[np.int64],
     ) -> None:
         check_poses(
             self._arrays,
             self._boxes,
+            self._tops_above(slope),
             self._scratch,
             poses,
             contact,

@@ -156,6 +156,7 @@ def _mesh_meets_box(
 def _part_meets_boxes(
     thing: ObjectArrays,
     boxes: BoxArrays,
+    tops: Array,
     scratch: ObjectScratch,
     part: int,
     T: Array,
@@ -193,7 +194,7 @@ def _part_meets_boxes(
             first, last = layer_range(boxes.layers, columns[i, j], columns[i, j + 1], k0, k1)
             for b in range(first, last):
                 # Boxes that end at the contact plane are support.
-                if abs(corners[b, 5] - contact) <= tolerance or boxes_apart(
+                if abs(tops[b] - contact) <= tolerance or boxes_apart(
                     scratch.bounds, part, corners, b, margin
                 ):
                     continue
@@ -225,6 +226,7 @@ def _ball_clear(boxes: BoxArrays, ball: Array, T: Array, raised: float, margin: 
 def check_pose(
     thing: ObjectArrays,
     boxes: BoxArrays,
+    tops: Array,
     scratch: ObjectScratch,
     T: Array,
     contact: float,
@@ -238,6 +240,8 @@ def check_pose(
     parts against boxes. The answer is that of the first pair of part and box that is not FREE.
 
     Args:
+        tops: (m,) heights of the boxes above the plane through the origin that is parallel to the
+            contact plane.
         contact: boxes whose top is within `tolerance` of this height are support.
     """
     parts = thing.part_vertices.shape[0] - 1
@@ -250,7 +254,17 @@ def check_pose(
         _place_part(thing, scratch, part, T, raised)
         # The planes of a part enclose what it sweeps and more, but for a part that stays.
         answer = _part_meets_boxes(
-            thing, boxes, scratch, part, T, raised, contact, raised == 0.0, margin, tolerance
+            thing,
+            boxes,
+            tops,
+            scratch,
+            part,
+            T,
+            raised,
+            contact,
+            raised == 0.0,
+            margin,
+            tolerance,
         )
         if answer != FREE:
             return answer
@@ -261,6 +275,7 @@ def check_pose(
 def check_poses(
     thing: ObjectArrays,
     boxes: BoxArrays,
+    tops: Array,
     scratch: ObjectScratch,
     poses: Array,
     contact: Array,
@@ -269,8 +284,8 @@ def check_poses(
     tolerance: float,
     answers: npt.NDArray[np.int64],
 ) -> None:
-    """Poses (n, 4, 4) with their contact planes and heights (n,); answers (n,)."""
+    """Poses (n, 4, 4) with their contact planes, all of one slope, and heights (n,); answers (n,)."""
     for i in range(poses.shape[0]):
         answers[i] = check_pose(
-            thing, boxes, scratch, poses[i], contact[i], raised[i], margin, tolerance
+            thing, boxes, tops, scratch, poses[i], contact[i], raised[i], margin, tolerance
         )

@@ -122,15 +122,15 @@ def met_by_object(
     looked = thinned(poses)
     for pose in looked:
         T = pose.T_world_object.homogeneous
-        boxes = object_.met(T, pose.contact_height, raise_height)[:_BOXES]
-        spared += bare.free(T, pose.contact_height, raise_height)
+        boxes = object_.met(T, pose.contact_height, raise_height, pose.slope)[:_BOXES]
+        spared += bare.free(T, pose.contact_height, raise_height, pose.slope)
         if len(boxes) == 0:
             continue
         seen = [box for box in boxes.tolist() if not is_unseen(environment, box)]
         unseen += not seen
         lower, upper = environment.obstacles.lower, environment.obstacles.upper
         middle = (lower[boxes] + upper[boxes]).mean(axis=0) / 2.0
-        over = all(_overhangs(environment, box, pose.contact_height) for box in boxes.tolist())
+        over = all(_overhangs(environment, box, pose) for box in boxes.tolist())
         above += over
         what = "what stands above it" if over else "what stands beside it"
         what = what if seen else "space that no sensor has seen"
@@ -152,7 +152,7 @@ def stable_with(
 ) -> int:
     """How many of the poses without support would have it by these settings."""
     other = PoseConstraints(problem, settings, edge_margin, 0.0)
-    return sum(other.stable(pose.T_world_object, pose.face) for pose in rejected)
+    return sum(other.stable(pose.T_world_object, pose.face, pose.slope) for pose in rejected)
 
 
 def is_unseen(environment: Environment, box: int) -> bool:
@@ -164,9 +164,11 @@ def is_unseen(environment: Environment, box: int) -> bool:
     return bool(measured.index[i, j, k] < 0)
 
 
-def _overhangs(environment: Environment, box: int, contact_height: float) -> bool:
+def _overhangs(environment: Environment, box: int, pose: RejectedPose) -> bool:
     """Whether there is a gap between the contact plane and the lowest thing above it there."""
-    obstacles, floor = environment.obstacles, contact_height + _GAP
+    obstacles = environment.obstacles
+    middle = 0.5 * (obstacles.lower[box] + obstacles.upper[box])
+    floor = pose.contact_height + float(middle[:2] @ pose.slope) + _GAP
     i, j, _ = obstacles.cells[box].tolist()
     here = [k for k in surfaces.column(obstacles, i, j) if obstacles.upper[k, 2] > floor]
     return all(obstacles.lower[k, 2] > floor for k in here)

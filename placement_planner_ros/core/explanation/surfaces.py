@@ -282,10 +282,11 @@ def headroom(environment: Environment) -> float:
         for x, y in middles[:: max(1, len(middles) // 8)]:
             i, j = np.floor(((x, y) - obstacles.origin[:2]) / obstacles.cell_size).astype(int)
             heights = obstacles.lower[column(obstacles, int(i), int(j)), 2]
-            above = heights[heights > region.z + 2.0 * RegionSettings().height_tolerance]
+            z = float(region.heights(np.array([[x, y]]))[0])
+            above = heights[heights > z + 2.0 * RegionSettings().height_tolerance]
             if len(above) == 0:
                 return math.inf
-            best = max(best, float(above.min()) - region.z)
+            best = max(best, float(above.min()) - z)
     return best
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from placement_planner_ros.core.errors import NAMED
 from placement_planner_ros.core.explanation import surfaces
 from placement_planner_ros.core.explanation.search import Search
-from placement_planner_ros.core.search.cell_layout import COLUMNS, FACE, LOWER, UPPER, Z
+from placement_planner_ros.core.search.cell_layout import COLUMNS, FACE, LOWER, SLOPE, UPPER, Z
 from placement_planner_ros.core.search.sampler import SampleCount
 from placement_planner_ros.core.search.uniform import UniformPoses
 from placement_planner_ros.core.types import Verdict
@@ -80,11 +80,11 @@ def by_arm(search: Search) -> list[str]:
 def lacking(search: Search) -> dict[str, float]:
     """By arm, how much its length falls short of the nearest pose on the regions, m; 0 or less
     where nothing is known to."""
-    faces, contacts, angles = UniformPoses(
-        search.hierarchy, np.random.default_rng(0), even_share=0.5
-    ).draw(_PROBES)[1:]
+    poses = UniformPoses(search.hierarchy, np.random.default_rng(0), even_share=0.5)
+    regions, faces, contacts, angles = poses.draw(_PROBES)
     cells = np.empty((_PROBES, COLUMNS))
-    cells[:, FACE], cells[:, Z] = faces, contacts[:, 2]
+    cells[:, FACE], cells[:, Z] = faces, [search.hierarchy.regions[k].z for k in regions]
+    cells[:, [SLOPE, SLOPE + 1]] = poses.slopes[regions]
     cells[:, LOWER] = cells[:, UPPER] = np.column_stack([contacts[:, :2], angles])
     beyond = search.bounds.beyond_reach(cells).min(axis=0)
     least: dict[str, float] = {}

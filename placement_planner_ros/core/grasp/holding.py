@@ -21,7 +21,7 @@ from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.reach.seeds import seed_table
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import ObstacleSet
-from placement_planner_ros.core.types import Array, Verdict
+from placement_planner_ros.core.types import LEVEL, Array, Slope, Verdict
 
 _FIRST_SEEDS = 16
 """Starts of the inverse kinematics beside q_0 that are tried before the others."""
@@ -219,7 +219,12 @@ class Holding:
         return held, self._corners @ T_world_object.rotation.T + T_world_object.translation
 
     def placing_motion(
-        self, q: Array, T_world_object: pin.SE3, contact_height: float, poses: PoseConstraints
+        self,
+        q: Array,
+        T_world_object: pin.SE3,
+        contact_height: float,
+        poses: PoseConstraints,
+        slope: Slope = LEVEL,
     ) -> PlacingMotion | Verdict:
         """Contact, release, approach and retreat at `q` (dof,) with O(q) = x, cheap checks first.
 
@@ -231,7 +236,7 @@ class Holding:
         released = self.open_hand.release_free(q)
         if self.require_retreat and not released:
             return Verdict.NO_RELEASE
-        approach = self._approach(q, T_world_object, contact_height, poses)
+        approach = self._approach(q, T_world_object, contact_height, poses, slope)
         if approach is None:
             return Verdict.NO_APPROACH
         retreat = self.open_hand.retreat(q, self.grasp, T_world_object) if released else None
@@ -240,7 +245,12 @@ class Holding:
         return PlacingMotion(approach, retreat)
 
     def _approach(
-        self, q: Array, T_world_object: pin.SE3, contact_height: float, poses: PoseConstraints
+        self,
+        q: Array,
+        T_world_object: pin.SE3,
+        contact_height: float,
+        poses: PoseConstraints,
+        slope: Slope,
     ) -> Array | None:
         """(k, dof) the straight way down to `q`, raised pre-placement first, as high as there is
         room; None where even the least height is blocked."""
@@ -252,7 +262,7 @@ class Holding:
         raised: list[Array] = []
         below = 0.0
         for height in heights.tolist():
-            if not poses.free(T_world_object, contact_height, height + self._stray):
+            if not poses.free(T_world_object, contact_height, height + self._stray, slope):
                 break
             way = self._straight_up(upward[-1], T_world_object, below, height)
             if way is None:

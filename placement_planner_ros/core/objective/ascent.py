@@ -11,7 +11,7 @@ import pinocchio as pin
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.objective.objective import Objective, gradient
 from placement_planner_ros.core.settings import Settings, setting
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import LEVEL, Array, Slope
 
 _MASKS = np.array([(1, 1, 1), (1, 1, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], dtype=np.float64)
 
@@ -44,15 +44,17 @@ def climb(
     attempt: Callable[[Array], pin.SE3 | None],
     settings: AscentSettings,
     should_stop: Callable[[], bool],
+    slope: Slope = LEVEL,
 ) -> None:
     """Offer changes of the pose that lead uphill until none is taken any more.
 
     Args:
         x: where to begin.
         attempt: given a change in (x, y, e_z), takes it and returns the pose reached, or None.
+        slope: of the plane in which the pose is moved.
     """
     step = settings.first_step
-    directions = ascent_directions(objective, x, settings.turn_radius)
+    directions = ascent_directions(objective, x, settings.turn_radius, slope)
     untried: Iterator[Array] = iter(directions)
     for _ in range(settings.max_steps):
         if should_stop():
@@ -68,18 +70,20 @@ def climb(
         if reached is None:
             continue
         step = min(2.0 * step, settings.first_step)
-        directions = ascent_directions(objective, reached, settings.turn_radius)
+        directions = ascent_directions(objective, reached, settings.turn_radius, slope)
         untried = iter(directions)
 
 
-def ascent_directions(objective: Objective, x: pin.SE3, turn_radius: float) -> Array:
+def ascent_directions(
+    objective: Objective, x: pin.SE3, turn_radius: float, slope: Slope = LEVEL
+) -> Array:
     """(k, 3) ascent directions in (x, y, e_z): the gradient, then its components.
 
     At a wall the gradient itself is blocked while one of its components still is free. Each is of
     unit length, a radian counting as `turn_radius` metres.
     """
     scale = np.array([1.0, 1.0, 1.0 / turn_radius])
-    masked = gradient(objective, x) * scale * _MASKS
+    masked = gradient(objective, x, slope=slope) * scale * _MASKS
     lengths = np.linalg.norm(masked, axis=1)
     kept = lengths > 1e-9
     return np.asarray(masked[kept] / lengths[kept, None] * scale)

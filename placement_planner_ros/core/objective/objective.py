@@ -13,7 +13,7 @@ import pinocchio as pin
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.types import Array, TargetVolume
+from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume, upright
 
 _Said = TypeVar("_Said")
 
@@ -126,12 +126,14 @@ def gradient(
     T_world_object: pin.SE3,
     step: float = 1e-3,
     angle_step: float = 5e-3,
+    slope: Slope = LEVEL,
 ) -> Array:
     """∂ξ/∂(x, y, e_z) (3,): the objective's own, or central differences.
 
     Args:
         step: of the differences in x and y, metres.
         angle_step: of the differences in e_z, radians.
+        slope: of the plane in which differences are taken.
 
     Raises:
         ParameterError: the objective raises, or is not finite.
@@ -143,14 +145,22 @@ def gradient(
     for axis, size in enumerate((step, step, angle_step)):
         change = np.zeros(3)
         change[axis] = size
-        ahead = evaluate(objective, moved(T_world_object, change))
-        behind = evaluate(objective, moved(T_world_object, -change))
+        ahead = evaluate(objective, moved(T_world_object, change, slope))
+        behind = evaluate(objective, moved(T_world_object, -change, slope))
         result[axis] = (ahead - behind) / (2.0 * size)
     return result
 
 
-def moved(T_world_object: pin.SE3, change: Array) -> pin.SE3:
-    """The pose shifted by change[:2] metres and turned by change[2] about z through its origin."""
-    rotation = pin.utils.rotate("z", float(change[2])) @ T_world_object.rotation
-    translation = T_world_object.translation + np.array([change[0], change[1], 0.0])
-    return pin.SE3(rotation, translation)
+def moved(T_world_object: pin.SE3, change: Array, slope: Slope = LEVEL) -> pin.SE3:
+    """The pose moved within a plane of that slope, turned about its normal through its origin.
+
+    Args:
+        change: (3,) metres along x and y, and rad.
+    """
+    turn = pin.utils.rotate("z", float(change[2]))
+    if slope != LEVEL:
+        to_normal = upright(slope)
+        turn = to_normal @ turn @ to_normal.T
+    rise = slope[0] * change[0] + slope[1] * change[1]
+    translation = T_world_object.translation + np.array([change[0], change[1], rise])
+    return pin.SE3(turn @ T_world_object.rotation, translation)

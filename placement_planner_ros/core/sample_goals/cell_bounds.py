@@ -12,9 +12,9 @@ from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.reach.reach_bound import ReachBound
 from placement_planner_ros.core.scene.support import SupportMap
-from placement_planner_ros.core.search.cell_layout import ANGLE, FACE, X, Y, Z
+from placement_planner_ros.core.search.cell_layout import ANGLE, FACE, SLOPE, X, Y, Z, contacts
 from placement_planner_ros.core.search.pruning import Ruling
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, upright
 
 Mask = npt.NDArray[np.bool_]
 
@@ -27,10 +27,11 @@ _SAME_HEIGHT = 1e-3
 
 
 class _Placed:
-    """Where cells (n, 8) put points of the body.
+    """Where cells (n, 10) put points of the body.
 
-    A pose of a cell is T(R_z(θ), c) · fT_o, so a point p of the face frame comes to lie within
-    `turn` ‖p_xy‖ + the box of c about its place at the middle of the cell.
+    A pose of a cell is T(R_n R_z(θ), c) · fT_o, so a point p of the face frame comes to lie within
+    `turn` ‖p_xy‖ + the box of c about its place at the middle of the cell. The turn is about the
+    normal of the cell's plane, and c lies in it: upwards they make less than `steep` of that.
     """
 
     def __init__(self, cells: Array) -> None:
@@ -38,24 +39,37 @@ class _Placed:
         self.half = 0.5 * np.column_stack(
             [cells[:, X + 1] - cells[:, X], cells[:, Y + 1] - cells[:, Y]]
         )
-        self.contact = np.column_stack([cells[:, X], cells[:, Y], cells[:, Z]])
-        self.contact[:, :2] += self.half
+        middle = np.column_stack([cells[:, X], cells[:, Y]]) + self.half
+        self.contact = contacts(cells, middle)
+        self.height = cells[:, Z]
+        self.slope = cells[:, [SLOPE, SLOPE + 1]]
         angle = 0.5 * (cells[:, ANGLE] + cells[:, ANGLE + 1])
         half_angle = np.minimum(0.5 * (cells[:, ANGLE + 1] - cells[:, ANGLE]), np.pi)
-        self.cos, self.sin = np.cos(angle), np.sin(angle)
-        # how far a point at distance 1 from the vertical through c is from its middle at most
+        cos, sin = np.cos(angle), np.sin(angle)
+        self._turned = np.zeros((len(cells), 3, 3))
+        self._turned[:, 0, 0] = self._turned[:, 1, 1] = cos
+        self._turned[:, 1, 0], self._turned[:, 0, 1] = sin, -sin
+        self._turned[:, 2, 2] = 1.0
+        if self.slope.any():
+            self._turned = upright(self.slope) @ self._turned
+        # how far a point at distance 1 from the normal through c is from its middle at most
         self.turn = 2.0 * np.sin(0.5 * half_angle)
+        self.rise = (np.abs(self.slope) * self.half).sum(axis=1)
+        rises = np.hypot(self.slope[:, 0], self.slope[:, 1])
+        self.steep = rises / np.sqrt(1.0 + rises * rises)
 
     def middles(self, points: Array) -> Array:
-        """(n, m, 2) x and y of points (n, m, >= 2) of the face frame at the middle of each cell."""
-        x, y = points[..., 0], points[..., 1]
-        cos, sin = self.cos[:, None], self.sin[:, None]
-        turned = np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
-        return np.asarray(turned + self.contact[:, None, :2])
+        """(n, m, 3) points (n, m, 3) of the face frame at the middle of each cell."""
+        turned = points @ self._turned.transpose(0, 2, 1)
+        return np.asarray(turned + self.contact[:, None])
 
     def strays(self, points: Array) -> Array:
-        """(n, m) m, how far turning takes each point from there at most, in the plane."""
+        """(n, m) m, how far turning takes each point from there at most."""
         return np.asarray(self.turn[:, None] * np.hypot(points[..., 0], points[..., 1]))
+
+    def rises(self, points: Array) -> Array:
+        """(n, m) m, how far up or down each point gets from there at most."""
+        return np.asarray(self.rise[:, None] + self.steep[:, None] * self.strays(points))
 
 
 class _Reach:
@@ -81,10 +95,10 @@ class _Reach:
     def beyond(self, placed: _Placed) -> Array:
         """(n, holdings) m, how far beyond its arm's length each wrist is at all poses at least."""
         wrists = self._wrists[placed.face]
-        aside = np.abs(placed.middles(wrists) - self._shoulders[:, :2]) - placed.half[:, None]
-        aside = np.maximum(aside, 0.0)
+        away = np.abs(placed.middles(wrists) - self._shoulders)
+        aside = np.maximum(away[..., :2] - placed.half[:, None], 0.0)
         distance = np.maximum(np.hypot(aside[..., 0], aside[..., 1]) - placed.strays(wrists), 0.0)
-        height = wrists[..., 2] + placed.contact[:, None, 2] - self._shoulders[:, 2]
+        height = np.maximum(away[..., 2] - placed.rises(wrists), 0.0)
         return np.asarray(np.hypot(distance, height) - self._lengths)
 
 
@@ -104,16 +118,16 @@ class _Support:
         volume = poses.problem.volume
         support = environment.support
         self._volume = volume
-        contacts = []
+        feet = []
         for face in body.faces:
             T = face.T_face_object
-            contacts.append((face.vertices @ T.rotation.T + T.translation)[:, :2])
-        most = max((len(points) for points in contacts), default=0)
-        # padded with the reference vertex, so that all faces have as many
-        self._contacts = np.zeros((len(contacts), most, 2))
-        for padded, points in zip(self._contacts, contacts, strict=True):
-            padded[: len(points)] = points
-            padded[len(points) :] = points[0]
+            feet.append((face.vertices @ T.rotation.T + T.translation)[:, :2])
+        most = max((len(points) for points in feet), default=0)
+        # padded with the reference vertex, so that all faces have as many; on the plane, z is 0
+        self._contacts = np.zeros((len(feet), most, 3))
+        for padded, points in zip(self._contacts, feet, strict=True):
+            padded[: len(points), :2] = points
+            padded[len(points) :, :2] = points[0]
         self._centers = np.array([f.T_face_object.act(body.center_of_mass) for f in body.faces])
         self._centers = self._centers.reshape(-1, 1, 3)
         # only columns that a body standing in V can reach
@@ -123,12 +137,19 @@ class _Support:
         self._origin = support.origin[:2] + first * support.cell_size
         self._cell_size = support.cell_size
         self._shape = np.maximum(last - first + 1, 0)
-        heights = np.round(np.array([r.z for r in environment.regions]) / _SAME_HEIGHT)
-        self._levels = np.unique(heights)
-        self._sums = self._tables(support, first, poses)
+        self._tables = {}
+        for slope in {region.slope for region in environment.regions}:
+            heights = np.array([r.z for r in environment.regions if r.slope == slope])
+            levels = np.unique(np.round(heights / _SAME_HEIGHT))
+            sums = self._summed(environment.support_of(slope), levels, first, poses)
+            self._tables[slope] = levels, sums
 
-    def _tables(
-        self, support: SupportMap, first: npt.NDArray[np.int64], poses: PoseConstraints
+    def _summed(
+        self,
+        support: SupportMap,
+        levels: Array,
+        first: npt.NDArray[np.int64],
+        poses: PoseConstraints,
     ) -> Array:
         """(levels, nx + 1, ny + 1) columns with a roomy surface at that height, summed up."""
         off = 0.51 * _SAME_HEIGHT
@@ -137,8 +158,8 @@ class _Support:
         nx, ny = self._shape
         near = (i >= 0) & (i < nx) & (j >= 0) & (j < ny)
         i, j = i[near], j[near]
-        sums = np.zeros((len(self._levels), nx + 1, ny + 1), dtype=np.int32)
-        for table, level in zip(sums, self._levels, strict=True):
+        sums = np.zeros((len(levels), nx + 1, ny + 1), dtype=np.int32)
+        for table, level in zip(sums, levels, strict=True):
             at = support.roomy(
                 level * _SAME_HEIGHT, poses.contact_tolerance, poses.edge_margin, off
             )[near]
@@ -147,20 +168,22 @@ class _Support:
 
     def unsupported(self, placed: _Placed) -> Mask:
         """(n,) cells at all of whose poses something lacks support, or the centre of mass V."""
-        contacts = self._contacts[placed.face]
-        middles = placed.middles(contacts)
-        within = placed.half[:, None] + placed.strays(contacts)[..., None] + _ROUNDING
+        feet = self._contacts[placed.face]
+        middles = placed.middles(feet)[..., :2]
+        within = placed.half[:, None] + placed.strays(feet)[..., None] + _ROUNDING
         low = np.floor((middles - within - self._origin) / self._cell_size).astype(np.int64)
         high = np.floor((middles + within - self._origin) / self._cell_size).astype(np.int64) + 1
         low, high = np.clip(low, 0, self._shape), np.clip(high, 0, self._shape)
-        level = np.searchsorted(self._levels, np.round(placed.contact[:, 2] / _SAME_HEIGHT))
-        level = level[:, None]
         i0, j0, i1, j1 = low[..., 0], low[..., 1], high[..., 0], high[..., 1]
-        sums = self._sums
-        surfaces = sums[level, i1, j1] - sums[level, i0, j1] - sums[level, i1, j0]
-        surfaces += sums[level, i0, j0]
+        surfaces = np.zeros(i0.shape, dtype=np.int64)
+        for slope, (levels, sums) in self._tables.items():
+            of = (placed.slope == slope).all(axis=1)
+            level = np.searchsorted(levels, np.round(placed.height[of] / _SAME_HEIGHT))[:, None]
+            a, b, c, d = i0[of], j0[of], i1[of], j1[of]
+            surfaces[of] = sums[level, c, d] - sums[level, a, d] - sums[level, c, b]
+            surfaces[of] += sums[level, a, b]
         centers = self._centers[placed.face]
-        middle = placed.middles(centers)[:, 0]
+        middle = placed.middles(centers)[:, 0, :2]
         within = placed.half + placed.strays(centers) + _ROUNDING
         outside = (middle + within < self._volume.lower[:2]) | (
             middle - within > self._volume.upper[:2]
@@ -194,7 +217,7 @@ class BranchBounds:
         self._support = _Support(poses)
 
     def rulings(self, cells: Array) -> npt.NDArray[np.int64]:
-        """(n,) `Ruling` of each of the (n, 8) cells."""
+        """(n,) `Ruling` of each of the (n, 10) cells."""
         placed = _Placed(cells)
         result = np.full(len(cells), Ruling.OPEN, dtype=np.int64)
         result[self._support.unsupported(placed)] = Ruling.UNSUPPORTED
@@ -202,6 +225,6 @@ class BranchBounds:
         return result
 
     def beyond_reach(self, cells: Array) -> Array:
-        """(n, holdings) m, how much each arm lacks at least to get to any pose of the cells (n, 8);
+        """(n, holdings) m, how much each arm lacks at least to get to any pose of the cells (n, 10);
         0 or less where nothing is known to be lacking."""
         return self._reach.beyond(_Placed(cells))

@@ -18,7 +18,7 @@ from placement_planner_ros.core.objective.objective import (
 )
 from placement_planner_ros.core.sample_goals.rejections import RejectedPose, Rejections
 from placement_planner_ros.core.search.sampler import Draws, Outcome
-from placement_planner_ros.core.types import Array, Goal, Verdict
+from placement_planner_ros.core.types import Array, Goal, Slope, Verdict
 
 _COMPARISONS = 128
 """Samples whose ξ is both estimated and computed, to learn how good the estimates are."""
@@ -65,12 +65,13 @@ class GoalFinder:
         self, draws: Draws, best: float, goals: int, should_stop: Callable[[], bool]
     ) -> Outcome:
         """Each up to its first constraint that fails; the cheap ones of all draws together."""
-        verdicts, T = self._poses.verdicts(draws.face, draws.contact, draws.angle)
+        verdicts, T = self._poses.verdicts(draws.face, draws.contact, draws.angle, draws.slope)
         values = np.full(len(verdicts), -np.inf)
         free = np.flatnonzero(verdicts == Verdict.FEASIBLE)
         remembering = best == -np.inf
         if remembering:
-            self.rejections.remember(verdicts, draws.face, T, draws.contact)
+            heights = draws.contact[:, 2] - (draws.contact[:, :2] * draws.slope).sum(axis=1)
+            self.rejections.remember(verdicts, draws.face, T, heights, draws.slope)
         if len(free):
             values[free] = self._values(T[free], best)
             verdicts[free] = Verdict.NOT_BETTER
@@ -126,8 +127,9 @@ class GoalFinder:
             if should_stop():
                 break
             face, contact = int(draws.face[row]), draws.contact[row]
-            x = placement_pose(self._body.faces[face], contact, float(draws.angle[row]))
-            verdict = self._poses.verdict(x, face, contact[2])
+            height, slope = _contact_plane(draws, row)
+            x = placement_pose(self._body.faces[face], contact, float(draws.angle[row]), slope)
+            verdict = self._poses.verdict(x, face, height, slope)
             value = evaluate(self._objective, x)
             goal = self._reach_any(
                 draws,
@@ -140,7 +142,8 @@ class GoalFinder:
             )
             reached = goal is not Verdict.NO_IK
             arm_free = reached and goal is not Verdict.ARM_COLLIDING
-            stable, free = self._poses.stable(x, face), self._poses.free(x, contact[2])
+            stable = self._poses.stable(x, face, slope)
+            free = self._poses.free(x, height, slope=slope)
             if verdict is Verdict.FEASIBLE and not value > best:
                 verdict = Verdict.NOT_BETTER
             if verdict is Verdict.FEASIBLE and isinstance(goal, Verdict):
@@ -165,20 +168,25 @@ class GoalFinder:
         remembering: bool = False,
     ) -> Goal | Verdict:
         """A goal with the arm and grasp drawn, or where none was drawn, with the first that can."""
-        face, contact_height = int(draws.face[row]), float(draws.contact[row, 2])
+        face = int(draws.face[row])
+        contact_height, slope = _contact_plane(draws, row)
         if draws.arm[row] >= 0:
             candidates = [self._first[draws.arm[row]] + int(draws.grasp[row])]
         else:
             candidates = self._rng.permutation(len(self.holdings)).tolist()
         furthest = Verdict.NO_IK
         for k in candidates:
-            goal = self._reach_goal(self.holdings[k], x, face, contact_height, value, hand_first)
+            goal = self._reach_goal(
+                self.holdings[k], x, face, contact_height, slope, value, hand_first
+            )
             if not isinstance(goal, Verdict):
                 self.rejections.tries[k, face, Verdict.FEASIBLE] += 1
                 return goal
             self.rejections.tries[k, face, goal] += 1
             if remembering:
-                self.rejections.poses[goal].append(RejectedPose(face, x, contact_height, k))
+                self.rejections.poses[goal].append(
+                    RejectedPose(face, x, contact_height, k, slope)
+                )
             furthest = max(furthest, goal)
             if should_stop():
                 break
@@ -190,6 +198,7 @@ class GoalFinder:
         x: pin.SE3,
         face: int,
         contact_height: float,
+        slope: Slope,
         value: float,
         hand_first: bool,
     ) -> Goal | Verdict:
@@ -198,20 +207,27 @@ class GoalFinder:
             return found
         furthest, attempts = Verdict.ARM_COLLIDING, 0
         for q in found:
-            motion = holding.placing_motion(q, x, contact_height, self._poses)
+            motion = holding.placing_motion(q, x, contact_height, self._poses, slope)
             if not isinstance(motion, Verdict):
                 return Goal(
                     holding.arm.name,
                     holding.grasp,
                     face,
                     x,
-                    float(contact_height),
+                    contact_height,
                     motion.approach,
                     value,
                     motion.retreat,
+                    slope,
                 )
             furthest = max(furthest, motion)
             attempts += motion > Verdict.NO_RELEASE
             if attempts == _ATTEMPTS:
                 break
         return furthest
+
+
+def _contact_plane(draws: Draws, row: int) -> tuple[float, Slope]:
+    """z at x = y = 0 of the plane that a draw stands on, and its slope."""
+    (x, y, z), (along_x, along_y) = draws.contact[row].tolist(), draws.slope[row].tolist()
+    return z - (along_x * x + along_y * y), (along_x, along_y)

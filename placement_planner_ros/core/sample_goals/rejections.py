@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from placement_planner_ros.core.types import Array, Verdict
+from placement_planner_ros.core.types import LEVEL, Array, Slope, Verdict
 
 _POSES = 32
 """Poses remembered of each verdict, the newest."""
@@ -24,9 +24,11 @@ class RejectedPose(NamedTuple):
     T_world_object: pin.SE3
     """x"""
     contact_height: float
-    """z of the contact plane, metres."""
+    """z of the contact plane at x = y = 0, metres."""
     holding: int = -1
     """Index of what tried to reach it, as in `Rejections`; -1 where nothing did."""
+    slope: Slope = LEVEL
+    """Of the contact plane."""
 
 
 class Rejections:
@@ -59,12 +61,17 @@ class Rejections:
         verdicts: npt.NDArray[np.int64],
         faces: npt.NDArray[np.int64],
         T: Array,
-        contacts: Array,
+        heights: Array,
+        slopes: Array,
     ) -> None:
-        """Keep of a batch the first pose (4, 4) of each verdict that no arm had part in."""
+        """Keep of a batch the first pose (4, 4) of each verdict that no arm had part in, with the
+        height and slope of its contact plane."""
         known = verdicts.tolist()
         for verdict in (Verdict.UNSTABLE, Verdict.COLLIDING):
             if verdict in known:
                 k = known.index(verdict)
-                pose = RejectedPose(int(faces[k]), pin.SE3(T[k]), float(contacts[k, 2]))
+                slope = float(slopes[k, 0]), float(slopes[k, 1])
+                pose = RejectedPose(
+                    int(faces[k]), pin.SE3(T[k]), float(heights[k]), slope=slope
+                )
                 self.poses[verdict].append(pose)

@@ -10,16 +10,17 @@ from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.search.hierarchy import FULL_TURN, AfrHierarchy
 from placement_planner_ros.core.types import Array
 
-FACE, Z, X, Y, ANGLE = 0, 1, 2, 4, 6
-COLUMNS = 8
-"""Face, z, x min and max, y min and max, θ min and max."""
+FACE, Z, X, Y, ANGLE, SLOPE = 0, 1, 2, 4, 6, 8
+COLUMNS = 10
+"""Face, z, x min and max, y min and max, θ min and max, slope along x and y; z is that of the
+region's plane at x = y = 0."""
 LOWER, UPPER = [X, Y, ANGLE], [X + 1, Y + 1, ANGLE + 1]
 _PARTS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
 PARTS = len(_PARTS)
 
 
 def halved(cells: Array) -> Array:
-    """(8 n, 8) the parts of (n, 8) cells, cell by cell: halves of x, y and θ."""
+    """(8 n, 10) the parts of (n, 10) cells, cell by cell: halves of x, y and θ."""
     low = cells[:, LOWER]
     half = (0.5 * (cells[:, UPPER] - low))[:, None]
     parts = np.repeat(cells, PARTS, axis=0).reshape(-1, PARTS, COLUMNS)
@@ -33,6 +34,12 @@ def areas(cells: Array) -> Array:
     return np.asarray((cells[:, X + 1] - cells[:, X]) * (cells[:, Y + 1] - cells[:, Y]))
 
 
+def contacts(cells: Array, xy: Array) -> Array:
+    """(n, 3) points at (n, 2) on the planes of cells (n, 10)."""
+    rise = (cells[:, [SLOPE, SLOPE + 1]] * xy).sum(axis=1)
+    return np.column_stack([xy, cells[:, Z] + rise])
+
+
 def extent(region: Region) -> tuple[float, float, float, float, float, float]:
     """x, y and θ of a whole region, minimum and maximum each."""
     x0, y0 = region.rectangles[:, :2].min(axis=0)
@@ -41,7 +48,7 @@ def extent(region: Region) -> tuple[float, float, float, float, float, float]:
 
 
 def whole_cells(hierarchy: AfrHierarchy) -> Array:
-    """(|R| |F|, 8) cells that hold all of the pose sets."""
+    """(|R| |F|, 10) cells that hold all of the pose sets."""
     pairs = itertools.product(hierarchy.regions, range(hierarchy.faces))
-    cells = [(face, region.z, *extent(region)) for region, face in pairs]
+    cells = [(face, region.z, *extent(region), *region.slope) for region, face in pairs]
     return np.array(cells, dtype=np.float64).reshape(-1, COLUMNS)

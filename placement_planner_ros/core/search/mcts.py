@@ -109,6 +109,7 @@ class MctsSampler(BatchSampler):
             np.array([node.face for node in nodes]),
             np.array([contact for contact, _ in poses]),
             np.array([angle for _, angle in poses]),
+            np.array([node.region.slope for node in nodes if node.region is not None]),
         )
 
     def _learn(self, outcome: Outcome, best: float) -> None:

@@ -21,9 +21,11 @@ from placement_planner_ros.core.search.cell_layout import (
     FACE,
     LOWER,
     PARTS,
+    SLOPE,
     UPPER,
     Z,
     areas,
+    contacts,
     extent,
     halved,
 )
@@ -96,6 +98,7 @@ class OptimisticSampler(BatchSampler):
         self._rng = rng
         self._uniform = UniformPoses(hierarchy, rng, settings.even_share)
         self._extents = np.array([extent(region) for region in hierarchy.regions])
+        self._heights = np.array([region.z for region in hierarchy.regions])
         self._steps = np.array([_COARSE, _COARSE, hierarchy.settings.angle_intervals**2])
         self._min_area = hierarchy.settings.min_area
         # per depth, a heap of (class, rank, number, cell): the least is split next
@@ -125,8 +128,14 @@ class OptimisticSampler(BatchSampler):
             self._begin_round(refine=graded and best > -np.inf)
         cells, poses = self._cells[:most], self._poses[:most]
         undecided = np.full(len(cells), -1)
-        contact = np.column_stack([poses[:, :2], cells[:, Z]])
-        return Draws(undecided, undecided, cells[:, FACE].astype(np.int64), contact, poses[:, 2])
+        return Draws(
+            undecided,
+            undecided,
+            cells[:, FACE].astype(np.int64),
+            contacts(cells, poses[:, :2]),
+            poses[:, 2],
+            cells[:, [SLOPE, SLOPE + 1]],
+        )
 
     def _learn(self, outcome: Outcome, best: float) -> None:
         """The rest of the round is drawn from next."""
@@ -154,7 +163,7 @@ class OptimisticSampler(BatchSampler):
         self._keep(self._rng.permutation(len(low)))
 
     def _graded(self, count: int) -> tuple[Array, Array]:
-        """Coarse cells (n, 8) of n uniform poses, and these (n, 3) as x, y, θ."""
+        """Coarse cells (n, 10) of n uniform poses, and these (n, 3) as x, y, θ."""
         regions, faces, contact, angle = self._uniform.draw(count)
         poses = np.column_stack([contact[:, :2], angle])
         low, high = self._extents[regions, ::2], self._extents[regions, 1::2]
@@ -162,7 +171,8 @@ class OptimisticSampler(BatchSampler):
         place = np.clip(np.floor((poses - low) / size), 0, self._steps - 1)
         cells = np.empty((count, COLUMNS))
         cells[:, FACE] = faces
-        cells[:, Z] = contact[:, 2]
+        cells[:, Z] = self._heights[regions]
+        cells[:, [SLOPE, SLOPE + 1]] = self._uniform.slopes[regions]
         cells[:, LOWER] = low + place * size
         cells[:, UPPER] = low + (place + 1.0) * size
         return cells, poses
@@ -210,7 +220,7 @@ class OptimisticSampler(BatchSampler):
         return parts[is_open], depths[is_open]
 
     def _split_best(self) -> tuple[Array, Index, Index]:
-        """Take the best cell of each depth: (n, 8), their depths (n,) and classes (n,)."""
+        """Take the best cell of each depth: (n, 10), their depths (n,) and classes (n,)."""
         cells, depths, kinds = [], [], []
         for depth, level in enumerate(self._levels):
             while level:

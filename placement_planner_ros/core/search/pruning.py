@@ -33,7 +33,7 @@ class CellBounds(Protocol):
     """Judges whole cells at once."""
 
     def rulings(self, cells: Array) -> npt.NDArray[np.int64]:
-        """(n,) `Ruling` of each of the (n, 8) cells; any but OPEN is proven for all its poses."""
+        """(n,) `Ruling` of each of the (n, 10) cells; any but OPEN is proven for all its poses."""
         ...
 
 

@@ -38,6 +38,7 @@ class Draws:
 
     Attributes:
         contact: (n, 3).
+        slope: (n, 2) of the plane through it that the object stands on; level unless given.
     """
 
     arm: Index
@@ -45,6 +46,11 @@ class Draws:
     face: Index
     contact: Array
     angle: Array
+    slope: Array = field(default_factory=lambda: np.zeros((0, 2)))
+
+    def __post_init__(self) -> None:
+        if len(self.slope) == 0:
+            object.__setattr__(self, "slope", np.zeros((len(self.face), 2)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -22,6 +22,9 @@ class UniformPoses:
 
     Args:
         even_share: of the draws, in [0, 1]: from all regions alike instead of by area.
+
+    Attributes:
+        slopes: (regions, 2) of each.
     """
 
     def __init__(
@@ -30,6 +33,7 @@ class UniformPoses:
         self._rng = rng
         self._faces = hierarchy.faces
         self._points = RegionPoints(hierarchy.regions)
+        self.slopes = self._points.slopes
         areas = np.array([region.area for region in hierarchy.regions])
         self._shares = (1.0 - even_share) * areas / areas.sum() + even_share / max(len(areas), 1)
 
@@ -65,8 +69,9 @@ class UniformSampler(BatchSampler):
     def _draw(self, most: int, best: float) -> Draws:
         count = min(most, self._budget.batch)
         arm = self._arms[self._rng.integers(len(self._arms), size=count)]
-        _, face, contact, angle = self._poses.draw(count)
-        return Draws(arm, self._rng.integers(self._grasps[arm]), face, contact, angle)
+        region, face, contact, angle = self._poses.draw(count)
+        grasp = self._rng.integers(self._grasps[arm])
+        return Draws(arm, grasp, face, contact, angle, self._poses.slopes[region])
 
     def _learn(self, outcome: Outcome, best: float) -> None:
         """Nothing is learned."""

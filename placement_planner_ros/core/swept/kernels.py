@@ -46,6 +46,8 @@ class Path(NamedTuple):
     slack: float
     """m, half of how far a point of a body moves between two configurations."""
     contact: float
+    slope_x: float
+    slope_y: float
     first: int
     """The first mark of this stretch."""
 
@@ -286,6 +288,7 @@ def _body_at(
     i = int((x - cubes.origin[0]) / cubes.size)
     j = int((y - cubes.origin[1]) / cubes.size)
     h = int((z - cubes.origin[2]) / cubes.size)
+    above = z - path.slope_x * x - path.slope_y * y - path.contact
     blocks = (frames.shape[0] + BLOCK - 1) // BLOCK
     begin = max(cubes.begin[i, j, h] - path.first, 0)
     end = min(cubes.end[i, j, h] - path.first, blocks)
@@ -296,7 +299,7 @@ def _body_at(
         last = min(first + BLOCK, frames.shape[0])
         middle = min(first + BLOCK // 2, frames.shape[0] - 1)
         for body in range(arm.moving):
-            if body == arm.held and z <= path.contact:
+            if body == arm.held and above <= 0.0:
                 continue
             ball, joint = arm.body_spheres[body], arm.bodies[body, BODY_JOINT]
             u, v, w = to_world(frames[middle], joint, ball[0], ball[1], ball[2])

@@ -38,7 +38,7 @@ from placement_planner_ros.core.swept.kernels import (
     motions,
     place_all,
 )
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import LEVEL, Array, Slope
 
 BETWEEN = 0.002
 """m, how far a point of a body moves at most between configurations that are looked at."""
@@ -68,12 +68,14 @@ class Stretch:
         arm: the arm, with the held object or without.
         configurations: (k, dof), k >= 1, from `evenly`.
         contact: m, up to this height points do not count for the held object: its support.
+        slope: of that height, which is the one at x = y = 0.
     """
 
     name: str
     arm: ArmCollision
     configurations: Array
     contact: float = -np.inf
+    slope: Slope = LEVEL
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,7 +124,7 @@ class SweptSpace:
             arrays = stretch.arm.arrays
             frames = _frames(arrays, stretch.configurations)
             slack = _HALF * float(motions(arrays, frames).max(initial=0.0))
-            self._paths.append(Path(arrays, frames, slack, stretch.contact, marks))
+            self._paths.append(Path(arrays, frames, slack, stretch.contact, *stretch.slope, marks))
             marks += -(-len(frames) // BLOCK)
         self._cubes = self._sweep()
 

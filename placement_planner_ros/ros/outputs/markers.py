@@ -74,11 +74,11 @@ def placement_markers(
 
 def _region_corners(regions: Iterable[Region]) -> Array:
     """Two triangles per rectangle, as (k, 3) corners."""
-    corners: list[tuple[float, float, float]] = []
+    corners: list[Array] = []
     for region in regions:
-        z = region.z + _ABOVE
         for x0, y0, x1, y1 in region.rectangles:
-            a, b, c, d = (x0, y0, z), (x1, y0, z), (x1, y1, z), (x0, y1, z)
+            xy = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)])
+            a, b, c, d = np.column_stack([xy, region.heights(xy) + _ABOVE])
             corners += [a, b, c, a, c, d]
     return np.array(corners, dtype=np.float64).reshape(-1, 3)
 

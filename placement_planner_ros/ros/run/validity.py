@@ -88,7 +88,9 @@ def _stretches(placement: Placement, snapshot: Snapshot, obstacles: ObstacleSet)
     path, begin = placement.trajectory, placement.approach_start
     stretches = [
         Stretch("transit", holding, _dense(holding, path, 0.0, begin)),
-        Stretch("approach", holding, _dense(holding, path, begin, path.duration), contact),
+        Stretch(
+            "approach", holding, _dense(holding, path, begin, path.duration), contact, goal.slope
+        ),
     ]
     if placement.retreat is not None:
         opening = replace(moving, robot=with_opening_hand(robot, arm, moving.q_rest))
