@@ -18,7 +18,7 @@ from placement_planner_ros.core.objective.objective import (
 )
 from placement_planner_ros.core.sample_goals.rejections import RejectedPose, Rejections
 from placement_planner_ros.core.search.sampler import Draws, Outcome
-from placement_planner_ros.core.types import Array, Goal, Slope, Verdict
+from placement_planner_ros.core.types import LEVEL, Array, Goal, Slope, Verdict
 
 _COMPARISONS = 128
 """Samples whose ξ is both estimated and computed, to learn how good the estimates are."""
@@ -177,7 +177,7 @@ class GoalFinder:
         furthest = Verdict.NO_IK
         for k in candidates:
             goal = self._reach_goal(
-                self.holdings[k], x, face, contact_height, slope, value, hand_first
+                self.holdings[k], x, face, contact_height, value, hand_first, slope
             )
             if not isinstance(goal, Verdict):
                 self.rejections.tries[k, face, Verdict.FEASIBLE] += 1
@@ -198,9 +198,9 @@ class GoalFinder:
         x: pin.SE3,
         face: int,
         contact_height: float,
-        slope: Slope,
         value: float,
         hand_first: bool,
+        slope: Slope = LEVEL,
     ) -> Goal | Verdict:
         found = holding.configurations(x, self._ik_seeds, self._rng, hand_first)
         if isinstance(found, Verdict):

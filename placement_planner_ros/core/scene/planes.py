@@ -34,6 +34,8 @@ _REACH = 3
 """Columns around a box whose tops show how the surface slopes there."""
 _FEWEST = 16
 """Boxes of the smallest plane."""
+_NARROWEST = 1.0
+"""Cells, the standard deviation of where its boxes lie across the narrowest plane: four columns."""
 _ON_PLANE = 0.001
 """m from a plane at most of what belongs to it, in a clean cloud."""
 _ALIKE = 0.0017
@@ -42,6 +44,8 @@ _SURE = 3.0
 """Standard deviations beyond which noise does not explain a slope."""
 _TOGETHER = 9.0
 """Neighbouring boxes whose heights err alike, since points were projected onto common planes."""
+_LEFT = 0.35
+"""Share of the noise that heights of boxes are off by together, after points were projected."""
 _MEASURED = 0.0017
 """rad that a measured slope may lie above `max_slope`."""
 
@@ -55,7 +59,8 @@ class Plane:
         height: z at x = y = 0, metres.
         middle: (3,) of it, metres.
         area: about that of its columns of cells, m².
-        scatter: standard deviation of the boxes' heights about it, metres.
+        scatter: standard deviation of the boxes' heights about it, or what noise makes of it at
+            least, metres.
         spread: (2, 2) covariance of where the boxes lie in x and y, m².
         boxes: how many there are.
     """
@@ -89,7 +94,7 @@ class Planes:
         heights: of the largest plane of each, z at x = y = 0, metres.
         steep: planes steeper than `max_slope`, the largest first.
         obstacles: the boxes.
-        means: (m, 3) of the points of each.
+        means: (m, 3) of the points on top of each.
         owner: (m,) whose plane the top of each box lies in: 0 level, from 1 on `slopes`, or
             `UNOWNED`, or `STEEP`.
     """
@@ -170,7 +175,7 @@ def _find(
 ) -> tuple[list[Plane], Index, Array]:
     """The planes, which of them each box lies in (-1: none), and the means (m, 3) of the boxes."""
     tolerance = obstacles.surface_tolerance + 0.5 * obstacles.noise
-    means = _means(obstacles)
+    means = _means(obstacles, tolerance)
     around = np.array([_AROUND, _AROUND, _BESIDE])
     near = ((means >= volume.lower - around) & (means <= volume.upper + around)).all(axis=1)
     free, _ = free_tops(obstacles.arrays, headroom, tolerance)
@@ -179,20 +184,28 @@ def _find(
     order = np.argsort(fits[:, 3], kind="stable")
     order = order[np.isfinite(fits[order, 3])]
     label, moments = _grow(obstacles.arrays, means, used, fits, order, max(_ON_PLANE, tolerance))
-    return [_plane(row, obstacles.cell_size) for row in moments], label, means
+    least = _LEFT * obstacles.noise
+    found = [_plane(row, obstacles.cell_size, least) for row in moments]
+    narrow = (_NARROWEST * obstacles.cell_size) ** 2
+    wide = np.array([float(np.linalg.eigvalsh(each.spread)[0]) >= narrow for each in found], bool)
+    number = np.append(np.where(wide, wide.cumsum() - 1, -1), -1)  # the last stands for none
+    return [each for each, kept in zip(found, wide, strict=True) if kept], number[label], means
 
 
-def _means(obstacles: ObstacleSet) -> Array:
-    """(m, 3) mean of the points of each box."""
-    first = obstacles.first_point
-    if len(first) < 2:
+def _means(obstacles: ObstacleSet, band: float) -> Array:
+    """(m, 3) mean of the points of each box that are no further than the band below the highest."""
+    first = obstacles.first_point[:-1]
+    if len(first) == 0:
         return np.zeros((0, 3))
-    total = np.add.reduceat(obstacles.points.astype(np.float64), first[:-1], axis=0)
-    return np.asarray(total / np.diff(first)[:, None])
+    points = obstacles.points.astype(np.float64)
+    highest = np.maximum.reduceat(points[:, 2], first)
+    on_top = points[:, 2] >= np.repeat(highest, np.diff(obstacles.first_point)) - band
+    total = np.add.reduceat(points * on_top[:, None], first, axis=0)
+    return np.asarray(total / np.add.reduceat(on_top, first, dtype=np.float64)[:, None])
 
 
-def _plane(row: Array, cell_size: float) -> Plane:
-    """Of the number of boxes, their mean (3,), and Σ xx, xy, yy, xz, yz, zz about it."""
+def _plane(row: Array, cell_size: float, least: float) -> Plane:
+    """Whose scatter is no less than `least` metres; of the number of boxes, their mean (3,), and Σ xx, xy, yy, xz, yz, zz about it."""
     number, middle = row[0], row[1:4]
     xx, xy, yy, xz, yz, zz = row[4:] / number
     spread = np.array([[xx, xy], [xy, yy]])
@@ -203,7 +216,7 @@ def _plane(row: Array, cell_size: float) -> Plane:
         float(middle[2] - slope @ middle[:2]),
         middle,
         float(number) * cell_size**2,
-        scatter,
+        max(scatter, least),
         spread,
         int(number),
     )

@@ -96,7 +96,7 @@ def cell_around(face, contact, angle, rng):
     size = rng.choice([0.0, 0.03, 0.3]) * rng.random(2)
     turn = rng.choice([0.0, 0.1, 1.0, 1.0]) * rng.uniform(0.0, 2.0 * np.pi)
     low = np.array([*contact[:2], angle]) - rng.random(3) * [*size, turn]
-    cell = np.array([face, contact[2], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    cell = np.array([face, contact[2], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     cell[LOWER], cell[UPPER] = low, low + np.array([*size, turn])
     return cell
 

@@ -190,26 +190,28 @@ def test_the_same_seed_gives_the_same_goals(kind):
 
 
 def test_parts_of_a_cell_cover_it_without_overlap():
-    cell = np.array([1.0, 0.5, 0.0, 0.2, 0.1, 0.5, 1.0, 2.0])
+    cell = np.array([1.0, 0.5, 0.0, 0.2, 0.1, 0.5, 1.0, 2.0, 0.03, -0.04])
     parts = halved(cell[None])
-    volumes = np.prod(parts[:, 3::2] - parts[:, 2::2], axis=1)
-    assert volumes.sum() == pytest.approx(0.2 * 0.4 * 1.0)
-    centers = 0.5 * (parts[:, 2::2] + parts[:, 3::2])
-    for center in centers:
-        inside = (parts[:, 2::2] < center) & (center < parts[:, 3::2])
-        assert inside.all(axis=1).sum() == 1
-    assert (parts[:, :2] == cell[:2]).all()
+    low, high = parts[:, LOWER], parts[:, UPPER]
+    assert np.prod(high - low, axis=1).sum() == pytest.approx(0.2 * 0.4 * 1.0)
+    for center in 0.5 * (low + high):
+        assert ((low < center) & (center < high)).all(axis=1).sum() == 1
+    kept = [0, 1, 8, 9]
+    assert (parts[:, kept] == cell[kept]).all()
 
 
 def test_whole_cells_hold_every_face_on_the_extent_of_every_region():
-    bars = Region(np.array([[0.1, 0.0, 0.2, 0.4], [0.2, -0.3, 0.5, 0.05]]), 0.7)
+    rectangles = np.array([[0.1, 0.0, 0.2, 0.4], [0.2, -0.3, 0.5, 0.05]])
+    bars = Region(rectangles, 0.7, slope=(0.1, -0.02))
     square = Region(np.array([[0.0, 0.0, 0.4, 0.2]]), 0.0)
     cells = whole_cells(AfrHierarchy([1], 3, [square, bars], HierarchySettings()))
-    expected = [[face, 0.0, 0.0, 0.4, 0.0, 0.2, 0.0, FULL_TURN] for face in range(3)]
-    expected += [[face, 0.7, 0.1, 0.5, -0.3, 0.4, 0.0, FULL_TURN] for face in range(3)]
+    expected = [[face, 0.0, 0.0, 0.4, 0.0, 0.2, 0.0, FULL_TURN, 0.0, 0.0] for face in range(3)]
+    expected += [
+        [face, 0.7, 0.1, 0.5, -0.3, 0.4, 0.0, FULL_TURN, 0.1, -0.02] for face in range(3)
+    ]
     assert cells.tolist() == expected
     assert areas(cells) == pytest.approx([0.08] * 3 + [0.28] * 3)
-    assert whole_cells(AfrHierarchy([1], 3, [], HierarchySettings())).shape == (0, 8)
+    assert whole_cells(AfrHierarchy([1], 3, [], HierarchySettings())).shape == (0, 10)
 
 
 def test_cells_follow_what_is_best_at_every_scale_without_forgetting_the_rest():
@@ -452,9 +454,9 @@ def test_of_too_many_cells_the_worse_are_forgotten(monkeypatch):
     made, _ = sampler(OptimisticSampler)
     pushed = [(k % 4, float(-k)) for k in np.random.default_rng(0).permutation(41)]
     for kind, rank in pushed[:40]:
-        made._push(0, kind, rank, np.zeros(8))
+        made._push(0, kind, rank, np.zeros(10))
     assert len(made._levels[0]) == 40
-    made._push(0, *pushed[40], np.zeros(8))
+    made._push(0, *pushed[40], np.zeros(10))
     assert sorted(entry[:2] for entry in made._levels[0]) == sorted(pushed)[:20]
     # Of those with a goal, too, the best stay.
     made, _ = sampler(
@@ -513,7 +515,7 @@ def test_cells_too_small_to_be_split_are_not_remembered():
     made, _ = sampler(OptimisticSampler)
     small = hierarchy().settings.min_area
     sides = np.array([0.5, 0.99, 1.01, 2.0]) * small / 0.1
-    cells = np.array([[0, 0, 0, side, 0, 0.1, 0, 1] for side in sides])
+    cells = np.array([[0, 0, 0, side, 0, 0.1, 0, 1, 0, 0] for side in sides])
     for verdict in (Verdict.FEASIBLE, Verdict.COLLIDING):
         kept = made._with_goal if verdict is Verdict.FEASIBLE else made._levels[0]
         verdicts = np.full(4, verdict)
@@ -624,7 +626,7 @@ def test_what_is_no_larger_than_the_least_area_and_angle_is_a_leaf():
             assert count == (parts * pieces if parts * pieces > 1 else 0)
             checker = CornerChecker()
             made = OptimisticSampler(afr, checker, OptimisticSettings(), np.random.default_rng(0))
-            cell = np.array([[0.0, 0.0, 0.0, 0.25, 0.0, 0.25, 0.0, 1.0]])
+            cell = np.array([[0.0, 0.0, 0.0, 0.25, 0.0, 0.25, 0.0, 1.0, 0.0, 0.0]])
             outcome = Outcome(np.array([Verdict.COLLIDING]), np.array([-np.inf]), [])
             made._remember(outcome, cell, np.zeros(1, dtype=np.int64))
             assert len(made._levels[0]) == (parts > 1)
