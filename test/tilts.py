@@ -37,8 +37,6 @@ def tilted_problem(case, degrees, azimuth, rng, noise=0.0, **regions):
     environment = Environment.from_points(
         points, made.volume, regions=RegionSettings(**regions), bounds=bounds
     )
-    problem = Problem(
-        made.robot, made.arms, made.q_start, made.body, made.volume, environment
-    )
+    problem = Problem(made.robot, made.arms, made.q_start, made.body, made.volume, environment)
     context = ObjectiveContext(environment, made.volume, made.body)
     return problem, make_objective(case.objective, context)

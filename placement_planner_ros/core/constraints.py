@@ -178,9 +178,7 @@ class PoseConstraints:
             result[on[self._stable(T[on], int(face), slope)]] = Verdict.COLLIDING
         stable = rows[result[rows] == Verdict.COLLIDING]
         if len(stable):
-            free = self._collision.free_at(
-                T[stable], heights[stable], self._raise_height, slope
-            )
+            free = self._collision.free_at(T[stable], heights[stable], self._raise_height, slope)
             result[stable[free]] = Verdict.FEASIBLE
 
     def _stable(self, T: Array, face: int, slope: Slope) -> npt.NDArray[np.bool_]:

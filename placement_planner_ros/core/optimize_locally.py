@@ -63,7 +63,9 @@ class LocalOptimizer:
             slide.append(goal.q_raised)
             return goal.T_world_object
 
-        climb(self._objective, goal.T_world_object, attempt, self._settings, should_stop, goal.slope)
+        climb(
+            self._objective, goal.T_world_object, attempt, self._settings, should_stop, goal.slope
+        )
         return Refined(goal, np.array(slide))
 
     def _try(self, goal: Goal, holding: Holding, change: Array) -> Goal | None:

@@ -42,10 +42,10 @@ def support(search: Search) -> Advice:
     environment, settings = search.problem.environment, search.settings.collision
     remedies: list[Remedy] = []
     seen: list[str] = []
-    slope = surfaces.slope_in(environment)
-    if surfaces.is_steep(slope):
+    slope = surfaces.steep_in(environment)
+    if slope is not None:
         remedies += surfaces.level(slope)
-        seen.append(surfaces.sloping(slope))
+        seen.append(surfaces.sloping(slope, environment.max_slope))
     holes = surfaces.holes_in(environment)
     if holes > _HOLES:
         remedies += [surfaces.coarser(environment), surfaces.MERGED]

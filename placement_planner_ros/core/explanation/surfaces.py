@@ -13,7 +13,8 @@ from placement_planner_ros.core.explanation.explanation import SENSOR, Explanati
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.regions import RegionSettings
-from placement_planner_ros.core.types import Array, TargetVolume
+from placement_planner_ros.core.settings import meaning_of
+from placement_planner_ros.core.types import Array, TargetVolume, steepness
 
 MERGED = Remedy("cloud.mode", "merge, where several clouds together show the whole surface")
 
@@ -48,6 +49,8 @@ _FAR = 50.0
 """m: points further away are perhaps in another unit."""
 _CLEAR = 0.01
 """m, how far V should reach beyond a surface that it is made to hold."""
+_MEASURED = 0.002
+"""rad that a measured slope may be off by."""
 _LEVELS = 0.01
 """m: surfaces whose heights differ by less are taken for one."""
 _ENOUGH = 0.0025
@@ -84,9 +87,10 @@ def why_no_region(environment: Environment) -> Explanation:
         )
     tops = _tops(environment)
     within = np.isfinite(tops)
-    slope = slope_in(environment)
-    if is_steep(slope) and within.mean() > _COVERED:
-        return Explanation(f"{head}: {sloping(slope)}", level(slope), (span,))
+    slope = steep_in(environment)
+    if slope is not None and within.mean() > _COVERED:
+        cause = f"{head}: {sloping(slope, environment.max_slope)}"
+        return Explanation(cause, level(slope), (span,))
     above = _free_above(environment)
     if above < RegionSettings().headroom and within.mean() > _COVERED:
         return Explanation(
@@ -172,28 +176,43 @@ def uneven_in_words(environment: Environment) -> tuple[str, ...]:
     )
 
 
-def is_steep(slope: Array) -> bool:
-    """Whether surface that rises by so much along x and y (2,) is no level one."""
-    return math.atan(float(np.hypot(*slope))) > RegionSettings().max_tilt
+def steep_in(environment: Environment) -> Array | None:
+    """(2,) slope of most of what was measured in V, or else of the largest plane there, that is
+    steeper than `max_slope`; None without."""
+    slope, volume = slope_in(environment), environment.volume
+    if steepness(slope) > environment.max_slope + _MEASURED:
+        return slope
+    for plane in environment.steep:
+        if volume.contains(plane.middle) and plane.area >= _ENOUGH:
+            return np.array(plane.slope)
+    return None
 
 
-def sloping(slope: Array) -> str:
+def sloping(slope: Array, max_slope: float) -> str:
     """That surface rises by so much along x and y (2,)."""
     x, y = slope / max(float(np.hypot(*slope)), 1e-9)
     return (
         f"what was measured in target_volume slopes by {_degrees(slope):.1f} degrees, rising "
-        f"towards x = {x:.2f}, y = {y:.2f}; level is up to "
-        f"{math.degrees(RegionSettings().max_tilt):.1f}"
+        f"towards x = {x:.2f}, y = {y:.2f}; max_slope allows {math.degrees(max_slope):.1f}"
     )
 
 
 def level(slope: Array) -> tuple[Remedy, ...]:
-    """What to try where surface slopes."""
+    """What to try where surface slopes; where it does so by much, the sensor's pose is suspected
+    first."""
+    steep = steepness(slope)
     words = f"correct the sensor's tilt by {_degrees(slope):.1f} degrees, if the surface is level"
-    return (
-        Remedy(SENSOR, f"{words} in truth"),
-        Remedy("target_volume", "choose one with a level surface, if it is not"),
-    )
+    turned = Remedy(SENSOR, f"{words} in truth")
+    elsewhere = Remedy("target_volume", "choose one with a level surface, if it is not")
+    meaning = meaning_of(RegionSettings(), "max_slope")
+    most = math.ceil(1000.0 * steep) / 1000.0
+    if most > meaning.ends[1]:
+        return turned, elsewhere
+    friction = 1.5 * math.tan(steep)
+    words = f"raise it to {most:.3f}, if friction there is {friction:.2f} or more"
+    allowed = Remedy("max_slope", words)
+    first = (turned, allowed) if steep > RegionSettings().max_slope else (allowed, turned)
+    return *first, elsewhere
 
 
 def slope_in(environment: Environment) -> Array:

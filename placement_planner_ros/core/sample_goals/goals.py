@@ -184,9 +184,7 @@ class GoalFinder:
                 return goal
             self.rejections.tries[k, face, goal] += 1
             if remembering:
-                self.rejections.poses[goal].append(
-                    RejectedPose(face, x, contact_height, k, slope)
-                )
+                self.rejections.poses[goal].append(RejectedPose(face, x, contact_height, k, slope))
             furthest = max(furthest, goal)
             if should_stop():
                 break

@@ -71,7 +71,5 @@ class Rejections:
             if verdict in known:
                 k = known.index(verdict)
                 slope = float(slopes[k, 0]), float(slopes[k, 1])
-                pose = RejectedPose(
-                    int(faces[k]), pin.SE3(T[k]), float(heights[k]), slope=slope
-                )
+                pose = RejectedPose(int(faces[k]), pin.SE3(T[k]), float(heights[k]), slope=slope)
                 self.poses[verdict].append(pose)

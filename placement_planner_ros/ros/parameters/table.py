@@ -15,6 +15,7 @@ from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.robot.description import MAX_JOINTS, MAX_LINKS, MAX_TEXT
 from placement_planner_ros.core.robot.joint_limits import FIELD
 from placement_planner_ros.core.scene.grid import GridSettings
+from placement_planner_ros.core.scene.regions import RegionSettings
 from placement_planner_ros.core.settings import FINITE, Meaning
 from placement_planner_ros.ros.parameters import checks
 from placement_planner_ros.ros.parameters.one_line import one_line
@@ -38,6 +39,8 @@ PLANNER = {
 """The parameters that are fields of PlannerSettings, and where they stand there."""
 GRID = {"cloud.cell_size": "cell_size"}
 """The parameters that are fields of GridSettings."""
+REGIONS = {"max_slope": "max_slope"}
+"""The parameters that are fields of RegionSettings."""
 BODY = {"object.flatness": "flatness", "object.allow_rolling": "allow_rolling"}
 """The parameters that are fields of BodySettings."""
 GONE = {"selection": "is gone; use sampler: optimistic or mcts"}
@@ -62,10 +65,12 @@ _MAX_SEED = 2**63 - 1
 def fixed_specs() -> list[Spec]:
     """Every parameter whose name does not depend on another's value."""
     planner, grid, body = PlannerSettings(), GridSettings(), BodySettings()
+    regions = RegionSettings()
     return [
         *_start_up(),
         *_runs(),
         *(Spec.of(name, planner, path) for name, path in PLANNER.items()),
+        *(Spec.of(name, regions, path) for name, path in REGIONS.items()),
         *_robot(),
         *_environment(),
         *(Spec.of(name, grid, path) for name, path in GRID.items()),

@@ -15,12 +15,20 @@ from placement_planner_ros.core.body.settings import BodySettings
 from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.scene.grid import GridSettings
+from placement_planner_ros.core.scene.regions import RegionSettings
 from placement_planner_ros.core.settings import Settings
 from placement_planner_ros.core.types import TargetVolume
 from placement_planner_ros.ros.parameters.checks import poses_from_list
 from placement_planner_ros.ros.parameters.nearest import nearest
 from placement_planner_ros.ros.parameters.spec import Spec
-from placement_planner_ros.ros.parameters.table import BODY, GONE, GRID, JOINT_LIMITS, PLANNER
+from placement_planner_ros.ros.parameters.table import (
+    BODY,
+    GONE,
+    GRID,
+    JOINT_LIMITS,
+    PLANNER,
+    REGIONS,
+)
 
 Group = TypeVar("Group", bound=Settings)
 
@@ -141,6 +149,11 @@ class ParameterSet:
         return self._set(GridSettings(), GRID)
 
     @property
+    def region_settings(self) -> RegionSettings:
+        """What counts as a placement region."""
+        return self._set(RegionSettings(), REGIONS)
+
+    @property
     def body_settings(self) -> BodySettings:
         """How the object's mesh becomes a body."""
         return self._set(BodySettings(), BODY)
@@ -189,4 +202,4 @@ class ParameterSet:
             raise ParameterError("arms", self["arms"], "name each arm once")
         if not self["arms"]:
             raise ParameterError("arms", self["arms"], "name at least one arm")
-        _ = self.planner_settings, self.grid_settings, self.body_settings
+        _ = self.planner_settings, self.grid_settings, self.region_settings, self.body_settings

@@ -35,6 +35,7 @@ class Surroundings:
     bounds: tuple[Array, Array]
     volume: TargetVolume
     grid: GridSettings
+    regions: RegionSettings
     views: tuple[View, ...]
     snapshot: Snapshot
     unknown_below: bool = False
@@ -68,6 +69,7 @@ class Surroundings:
             grid_bounds(snapshot, points),
             snapshot.parameters.volume,
             snapshot.parameters.grid_settings,
+            snapshot.parameters.region_settings,
             tuple(views),
             snapshot,
             snapshot.parameters["unknown_space"] == "occupied_below",
@@ -81,6 +83,7 @@ class Surroundings:
         """Whether both make the same environment."""
         return self is other or (
             self.grid == other.grid
+            and self.regions == other.regions
             and _equal(
                 (self.volume.lower, self.volume.upper), (other.volume.lower, other.volume.upper)
             )
@@ -104,7 +107,7 @@ class Surroundings:
             self.points,
             self.volume,
             self.grid,
-            RegionSettings(),
+            self.regions,
             self.bounds,
             views=self.views,
             outside_robot=lambda centers, distance: _outside(
@@ -131,7 +134,13 @@ def _same_view(a: View, b: View) -> bool:
 
 
 def _same_inputs(a: Snapshot, b: Snapshot) -> bool:
-    names = ("target_volume", "cloud.cell_size", "self_filter.enabled", "unknown_space")
+    names = (
+        "target_volume",
+        "cloud.cell_size",
+        "max_slope",
+        "self_filter.enabled",
+        "unknown_space",
+    )
     return (
         len(a.clouds) == len(b.clouds)
         and all(x is y for x, y in zip(a.clouds, b.clouds, strict=True))

@@ -206,9 +206,7 @@ def test_whole_cells_hold_every_face_on_the_extent_of_every_region():
     square = Region(np.array([[0.0, 0.0, 0.4, 0.2]]), 0.0)
     cells = whole_cells(AfrHierarchy([1], 3, [square, bars], HierarchySettings()))
     expected = [[face, 0.0, 0.0, 0.4, 0.0, 0.2, 0.0, FULL_TURN, 0.0, 0.0] for face in range(3)]
-    expected += [
-        [face, 0.7, 0.1, 0.5, -0.3, 0.4, 0.0, FULL_TURN, 0.1, -0.02] for face in range(3)
-    ]
+    expected += [[face, 0.7, 0.1, 0.5, -0.3, 0.4, 0.0, FULL_TURN, 0.1, -0.02] for face in range(3)]
     assert cells.tolist() == expected
     assert areas(cells) == pytest.approx([0.08] * 3 + [0.28] * 3)
     assert whole_cells(AfrHierarchy([1], 3, [], HierarchySettings())).shape == (0, 10)
@@ -488,7 +486,7 @@ def test_what_is_free_is_split_before_what_collides_and_the_unstable_last():
     rng = np.random.default_rng(0)
     verdicts = np.array(list(Verdict) * 3)
     values = np.where(verdicts >= Verdict.NOT_BETTER, rng.random(len(verdicts)), -np.inf)
-    cells = np.tile([0.0, 0.0, 0.0, 0.1, 0.0, 0.1, 0.0, 1.0], (len(verdicts), 1))
+    cells = np.tile([0.0, 0.0, 0.0, 0.1, 0.0, 0.1, 0.0, 1.0, 0.0, 0.0], (len(verdicts), 1))
     cells[:, 1] = np.arange(len(verdicts))
     made._remember(Outcome(verdicts, values, []), cells, np.zeros(len(verdicts), dtype=np.int64))
     found = verdicts == Verdict.FEASIBLE

@@ -15,12 +15,14 @@ from placement_planner_ros.core.errors import GraspError, ObjectError, Parameter
 from placement_planner_ros.core.objective.by_name import objective_names
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.scene.grid import GridSettings
+from placement_planner_ros.core.scene.regions import RegionSettings
 from placement_planner_ros.core.settings import meaning_of
 from placement_planner_ros.ros.parameters.checks import poses_from_list
 from placement_planner_ros.ros.parameters.server import ParameterServer
 from placement_planner_ros.ros.parameters.table import (
     GONE,
     GRID,
+    REGIONS,
     PLANNER,
     arm_specs,
     arms_spec,
@@ -48,7 +50,11 @@ def test_every_parameter_is_described():
 
 
 def test_parameters_that_are_settings_repeat_nothing_of_them():
-    for settings, paths in ((PlannerSettings(), PLANNER), (GridSettings(), GRID)):
+    for settings, paths in (
+        (PlannerSettings(), PLANNER),
+        (GridSettings(), GRID),
+        (RegionSettings(), REGIONS),
+    ):
         for name, path in paths.items():
             group, _, field = path.rpartition(".")
             owner = getattr(settings, group) if group else settings
