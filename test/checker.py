@@ -154,7 +154,10 @@ class Tolerances:
         acceleration_limit: per joint of the trajectory, or one for all.
         limit: relative excess over a limit that is forgiven.
         penetration: numerical slack of the collision library.
-        flatness: vertices this close to the lowest are those it stands on.
+        flatness: vertices this close to the lowest, along the normal of the surface, are those it
+            stands on.
+        slope: rad, what is steeper carries nothing.
+        lean: rad that the object may be turned from the normal of the surface it stands on.
         objective: between the published ξ and those recomputed from the true solids.
         layer: height of the planner's cells, which ξ may be coarse by (`clearance_bounds`).
         improvement: by which ξ must exceed the previous one.
@@ -172,6 +175,8 @@ class Tolerances:
     limit: float = 1e-3
     penetration: float = 2e-5
     flatness: float = 1e-3
+    slope: float = 0.27
+    lean: float = 0.008
     height: float = 5e-4
     edge: float = 1e-5
     position: float = 5e-4
@@ -235,17 +240,23 @@ class SolutionChecker:
         return float(np.minimum(exact, raised).mean()), float(np.maximum(exact, raised).mean())
 
     def _distances(self, T_world_object: Array, raised: float) -> Array:
-        points = self._samples @ T_world_object[:3, :3].T + T_world_object[:3, 3]
+        """Sideways is along the surface that the object stands on: heights are those above a plane
+        of its slope, of V through its middle."""
+        normal = surface_normal(self.task, T_world_object, self.tolerances)
+        shear = np.eye(3)
+        shear[2, :2] = normal[:2] / normal[2]
+        points = (self._samples @ T_world_object[:3, :3].T + T_world_object[:3, 3]) @ shear.T
         points[:, 2] += raised
-        lowest = _world_vertices(self.task, T_world_object)[:, 2].min()
+        lowest = (_world_vertices(self.task, T_world_object) @ shear.T)[:, 2].min()
         best = np.full(len(points), 0.5)
+        volume = np.array([self.task.volume_lower, self.task.volume_upper])
+        volume[:, 2] += float(shear[2, :2] @ volume[:, :2].mean(axis=0))
         for solid in self.task.solids:
-            if solid.vertices[:, 2].max() <= lowest + self.tolerances.contact:
+            vertices = np.asarray(solid.vertices) @ shear.T
+            if vertices[:, 2].max() <= lowest + self.tolerances.contact:
                 continue
-            for outline, low, high in upright_prisms(solid.vertices):
-                _lower_distance(
-                    best, points, outline, low, high, self.task.volume_lower, self.task.volume_upper
-                )
+            for outline, low, high in upright_prisms(vertices):
+                _lower_distance(best, points, outline, low, high, volume[0], volume[1])
         return best
 
     def _check_shape(self, solution: Solution) -> list[str]:
@@ -352,11 +363,14 @@ class SolutionChecker:
         return found
 
     def _check_collisions(self, solution: Solution, states: Array, times: Array) -> list[str]:
-        lowest = float(_world_vertices(self.task, np.asarray(solution.placement_pose))[:, 2].min())
+        pose = np.asarray(solution.placement_pose)
+        normal = surface_normal(self.task, pose, self.tolerances)
+        lowest = float((_world_vertices(self.task, pose) @ normal).min())
         support = {
             solid.name
             for solid in self.task.solids
-            if abs(float(solid.vertices[:, 2].max()) - lowest) <= self.tolerances.contact + 1e-9
+            if abs(float((solid.vertices @ normal).max()) - lowest)
+            <= self.tolerances.contact + 1e-9
         }
         world = World.build(
             self.robot, self.task, self.components, solution, self.tolerances.contact
@@ -463,12 +477,57 @@ def _world_vertices(task: Task, T_world_object: Array) -> Array:
     return np.asarray(vertices @ T_world_object[:3, :3].T + T_world_object[:3, 3])
 
 
+def surface_normal(task: Task, T_world_object: Array, tolerances: Tolerances) -> Array:
+    """(3,) up, along the normal of what an object at a pose (4, 4) stands on; z where that is
+    level, and where it stands on nothing.
+
+    Of the normals of all facets that face up and are not too steep, that along which the object's
+    feet are nearest to such facets.
+    """
+    vertices, level = _world_vertices(task, T_world_object), np.array([0.0, 0.0, 1.0])
+    normals = [level]
+    for solid in task.solids:
+        for normal, _ in upward_facets(solid.vertices, tolerances.slope):
+            if min(np.abs(normal - each).max() for each in normals) > 1e-6:
+                normals.append(normal)
+    best, least = level, np.inf
+    for normal in normals:
+        feet = _feet(vertices, normal, tolerances)
+        if len(feet) < 3 or np.linalg.matrix_rank(feet[1:] - feet[0], tol=1e-4) < 2:
+            continue
+        gap = max(_gap(task.solids, foot, normal, tolerances) for foot in feet)
+        if gap < least - 1e-4:
+            best, least = normal, gap
+    return best
+
+
+def upward_facets(vertices: Array, steepest: float) -> list[tuple[Array, Array]]:
+    """Unit normal (3,) and corners (k, 3) of the facets of a convex solid that face up, none
+    steeper than that, rad."""
+    vertices = np.asarray(vertices)
+    found = []
+    planes = np.unique(np.round(ConvexHull(vertices).equations, 7), axis=0)
+    for plane in planes[planes[:, 2] >= np.cos(steepest)]:
+        corners = vertices[np.abs(vertices @ plane[:3] + plane[3]) <= 1e-6]
+        found.append((plane[:3] / np.linalg.norm(plane[:3]), corners))
+    return found
+
+
+def _feet(vertices: Array, normal: Array, tolerances: Tolerances) -> Array:
+    """(k, 3) the vertices that are lowest along a normal."""
+    heights = vertices @ normal
+    return np.unique(vertices[heights <= heights.min() + tolerances.flatness], axis=0)
+
+
 def check_stance(task: Task, T_world_object: Array, tolerances: Tolerances) -> list[str]:
-    """What is wrong with an object left at a pose (4, 4): standing on its face, within V."""
+    """What is wrong with an object left at a pose (4, 4): standing on its face, within V.
+
+    On a slope it stands along the surface's normal, and its centre of mass is above its face along
+    gravity.
+    """
     T, found = T_world_object, []
-    vertices = _world_vertices(task, T)
-    lowest = vertices[:, 2].min()
-    feet = np.unique(vertices[vertices[:, 2] <= lowest + tolerances.flatness], axis=0)
+    normal = surface_normal(task, T, tolerances)
+    feet = _feet(_world_vertices(task, T), normal, tolerances)
     com = T[:3, :3] @ task.center_of_mass + T[:3, 3]
     if len(feet) < 3 or np.linalg.matrix_rank(feet[1:, :2] - feet[0, :2], tol=1e-4) < 2:
         found.append("stance: stands on an edge or a corner")
@@ -476,7 +535,11 @@ def check_stance(task: Task, T_world_object: Array, tolerances: Tolerances) -> l
         hull = ConvexHull(feet[:, :2])
         if (hull.equations[:, :2] @ com[:2] + hull.equations[:, 2]).max() > 0:
             found.append("stance: centre of mass beyond the face it stands on")
-    gaps = np.array([_gap(task.solids, foot, tolerances.edge) for foot in feet])
+        across = np.linalg.svd(feet - feet.mean(axis=0))[2][-1]
+        lean = float(np.arccos(min(abs(float(across @ normal)), 1.0)))
+        if lean > tolerances.lean:
+            found.append(f"stance: leans by {np.rad2deg(lean):.2f}° on what it stands on")
+    gaps = np.array([_gap(task.solids, foot, normal, tolerances) for foot in feet])
     if gaps.max() > tolerances.contact + tolerances.height:
         where = feet[np.argmax(gaps)].round(4).tolist()
         found.append(f"stance: nothing under the vertex at {where}")
@@ -489,16 +552,20 @@ def check_stance(task: Task, T_world_object: Array, tolerances: Tolerances) -> l
     return found
 
 
-def _gap(solids: Sequence[Solid], point: Array, edge: float) -> float:
-    """Vertical distance between a point and the horizontal top surface nearest in height."""
+def _gap(solids: Sequence[Solid], point: Array, normal: Array, tolerances: Tolerances) -> float:
+    """Vertical distance between a point and the surface nearest in height that has that normal."""
     best = np.inf
     for solid in solids:
-        top = float(solid.vertices[:, 2].max())
-        corners = solid.vertices[solid.vertices[:, 2] > top - 1e-6]
-        if len(corners) >= 3 and abs(float(point[2]) - top) < best:
-            hull = ConvexHull(corners[:, :2])
-            if (hull.equations[:, :2] @ point[:2] + hull.equations[:, 2]).max() <= edge:
-                best = abs(float(point[2]) - top)
+        for facet, corners in upward_facets(solid.vertices, tolerances.slope):
+            if np.arccos(min(float(facet @ normal), 1.0)) > tolerances.lean:
+                continue
+            gap = abs(float((point - corners[0]) @ facet)) / float(facet[2])
+            if len(corners) >= 3 and gap < best:
+                hull = ConvexHull(corners[:, :2])
+                if (hull.equations[:, :2] @ point[:2] + hull.equations[:, 2]).max() <= (
+                    tolerances.edge
+                ):
+                    best = gap
     return best
 
 
@@ -672,8 +739,14 @@ class World:
         measured = support = None
         if task.measured is not None:
             measured = np.asarray(task.measured)
-            lowest = _world_vertices(task, np.asarray(solution.placement_pose))[:, 2].min()
-            support = np.abs(measured[1, :, 2] - lowest) <= contact + 1e-4
+            pose = np.asarray(solution.placement_pose)
+            normal = surface_normal(task, pose, Tolerances(contact=contact))
+            lowest = (_world_vertices(task, pose) @ normal).min() / normal[2]
+            # the plane that it stands on is between these heights within a box
+            rises = lowest / 2 - measured[:, :, :2] * (normal[:2] / normal[2])
+            low, high = rises.min(axis=0).sum(axis=1), rises.max(axis=0).sum(axis=1)
+            top = measured[1, :, 2]
+            support = (top >= low - contact - 1e-4) & (top <= high + contact + 1e-4)
         return cls(robot, geometry, links, moving, pieces, measured, support)
 
     def object_gaps(self, states: Array, only: Sequence[str] | None = None) -> dict[str, Array]:

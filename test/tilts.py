@@ -1,5 +1,7 @@
 """Bundled cases on tables off level: the whole scene turned about the middle of V's floor."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from placement_planner_ros.core.objective.by_name import make_objective
@@ -40,3 +42,11 @@ def tilted_problem(case, degrees, azimuth, rng, noise=0.0, **regions):
     problem = Problem(made.robot, made.arms, made.q_start, made.body, made.volume, environment)
     context = ObjectiveContext(environment, made.volume, made.body)
     return problem, make_objective(case.objective, context)
+
+
+def tilted_solids(scene, degrees, azimuth):
+    """The scene's convex solids turned with the table."""
+    return tuple(
+        replace(part, vertices=tilted(part.vertices, scene.volume, degrees, azimuth))
+        for part in scene.parts
+    )

@@ -31,7 +31,8 @@ class ObjectCollision:
     What must keep `collision_margin` and `approach_stray` from every box is the object swept
     straight down, from raised to rest: convex pieces as the hull of both copies, all others as the
     triangles they have. Boxes whose top lies within `contact_tolerance` of the contact plane are
-    support, wherever they are; where the plane slopes, the highest of a box's points above it counts.
+    support, wherever they are. Where the plane slopes, that of a box's points counts that reaches
+    furthest above it.
 
     Not to be shared between threads.
 

@@ -284,7 +284,7 @@ def check_poses(
     tolerance: float,
     answers: npt.NDArray[np.int64],
 ) -> None:
-    """Poses (n, 4, 4) with their contact planes, all of one slope, and heights (n,); answers (n,)."""
+    """Poses (n, 4, 4) with contact planes of one slope and heights (n,) each; answers (n,)."""
     for i in range(poses.shape[0]):
         answers[i] = check_pose(
             thing, boxes, tops, scratch, poses[i], contact[i], raised[i], margin, tolerance

@@ -225,6 +225,6 @@ class BranchBounds:
         return result
 
     def beyond_reach(self, cells: Array) -> Array:
-        """(n, holdings) m, how much each arm lacks at least to get to any pose of the cells (n, 10);
-        0 or less where nothing is known to be lacking."""
+        """(n, holdings) m, how much each arm lacks at least to get to any pose of cells (n, 10); 0
+        or less where nothing is known to be lacking."""
         return self._reach.beyond(_Placed(cells))

@@ -205,7 +205,11 @@ def _means(obstacles: ObstacleSet, band: float) -> Array:
 
 
 def _plane(row: Array, cell_size: float, least: float) -> Plane:
-    """Whose scatter is no less than `least` metres; of the number of boxes, their mean (3,), and Σ xx, xy, yy, xz, yz, zz about it."""
+    """From the number of boxes, their mean (3,), and Σ xx, xy, yy, xz, yz, zz about it.
+
+    Args:
+        least: scatter that it has at least, metres.
+    """
     number, middle = row[0], row[1:4]
     xx, xy, yy, xz, yz, zz = row[4:] / number
     spread = np.array([[xx, xy], [xy, yy]])
@@ -260,7 +264,7 @@ def _local_fits(
     nx, ny, nz = boxes.first_at.shape
     fits = np.full((len(means), 4), np.inf)
     moments = np.empty(10)
-    layers = int(math.ceil(_STEEPEST * math.sqrt(2.0) * _REACH))
+    layers = math.ceil(_STEEPEST * math.sqrt(2.0) * _REACH)
     for p in range(len(means)):
         if not used[p]:
             continue
@@ -363,7 +367,7 @@ def _owners(
     height: Array,
     tolerance: float,
 ) -> Index:
-    """`Planes.owners`: of the boxes that lie in a plane, the one nearest in height in the column."""
+    """`Planes.owners`: of the boxes of planes in a column, that of the nearest in height."""
     nz = boxes.first_at.shape[2]
     size = boxes.cell_size
     result = np.full(len(cells), UNOWNED, np.int64)

@@ -42,8 +42,8 @@ class RegionSettings(Settings):
         0.087,
         "[0, 0.26]",
         "rad",
-        "Steepest surface that an object is placed on; it stands along the surface's normal. So that "
-        "it does not slide, friction should be 1.5 times the tangent or more, by default 0.13.",
+        "Steepest surface that an object is placed on; it stands along the surface's normal. So "
+        "that it does not slide, friction should be at least 1.5 times the tangent of that.",
     )
     max_tilt: float = setting(0.06, "(0, inf)", "rad")
     height_tolerance: float = setting(0.002, "(0, inf)", "m")

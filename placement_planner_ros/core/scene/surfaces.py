@@ -81,7 +81,7 @@ def level_surfaces(
     )
     if belongs is not None:
         kept = belongs(tops.cells, tops.height)
-        tops = _Tops(*(each[kept] for each in tops))
+        tops = _Tops(tops.cells[kept], tops.height[kept], tops.extent[kept])
     start = _column_starts(tops.cells, obstacles.shape)
     rectangle, diagonal = _close(
         tops,

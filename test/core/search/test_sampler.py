@@ -371,7 +371,7 @@ def test_each_cell_waits_at_the_depth_of_its_size():
     waiting = [(depth, cell) for depth, level in enumerate(made._levels) for *_, cell in level]
     waiting += [(depth, cell) for _, _, depth, cell in made._with_goal]
     for depth, cell in waiting:
-        size = (cell[3::2] - cell[2::2]) * 2.0**depth
+        size = (cell[UPPER] - cell[LOWER]) * 2.0**depth
         assert tuple(np.round(size, 9)) in coarse
     assert max(depth for depth, _ in waiting) >= 3
 

@@ -22,8 +22,8 @@ from placement_planner_ros.ros.parameters.server import ParameterServer
 from placement_planner_ros.ros.parameters.table import (
     GONE,
     GRID,
-    REGIONS,
     PLANNER,
+    REGIONS,
     arm_specs,
     arms_spec,
     fixed_specs,
