@@ -14,7 +14,7 @@ from placement_planner_ros.core.types import upright
 from placement_planner_ros.experiments.cases import Case
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.scenes import scene_by_name
-from placement_planner_ros.scenes.yumi import start_configuration
+from placement_planner_ros.experiments.cases import start_configuration
 from placement_planner_ros.share import PACKAGE, share_path
 
 SCENE = scene_by_name("table")
