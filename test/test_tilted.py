@@ -11,10 +11,9 @@ from tilts import slope_of, tilted_problem, tilted_solids
 
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.types import upright
-from placement_planner_ros.experiments.cases import Case
+from placement_planner_ros.experiments.cases import Case, start_configuration
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.scenes import scene_by_name
-from placement_planner_ros.experiments.cases import start_configuration
 from placement_planner_ros.share import PACKAGE, share_path
 
 SCENE = scene_by_name("table")
@@ -74,7 +73,7 @@ def test_a_level_object_on_a_tilted_table_is_refused():
         pin.SE3(up.T @ T.rotation, T.translation),
         pin.SE3(pin.exp3(np.array([0.03, 0.0, 0.0])) @ T.rotation, T.translation),
         pin.SE3(T.rotation, T.translation + 0.006 * up[:, 2]),
-        pin.SE3(T.rotation, T.translation + [0.6, 0.0, 0.0]),
+        pin.SE3(T.rotation, T.translation + 0.6 * up[:, 0]),
     ):
         said = check_stance(checker.task, wrong.homogeneous, checker.tolerances)
         assert any(words.startswith("stance:") for words in said)

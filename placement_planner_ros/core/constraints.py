@@ -15,6 +15,11 @@ from placement_planner_ros.core.collision.object import ObjectCollision
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.types import LEVEL, Array, Slope, Verdict, upright
 
+_LEANS = 0.025
+"""Of the surface under an object against its contact plane, at most; 1.4 degrees."""
+_NOISY = 1.0
+"""Times the noise of the points that heights at two ends of an object may differ by."""
+
 
 def placement_pose(
     face: PlacementFace, contact: Array, angle: float, slope: Slope = LEVEL
@@ -29,6 +34,26 @@ def placement_pose(
     cos, sin = math.cos(angle), math.sin(angle)
     rotation = upright(slope) @ np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
     return pin.SE3(rotation, np.asarray(contact)) * face.T_face_object
+
+
+def in_one_plane(points: Array, gaps: Array, noise: float) -> npt.NDArray[np.bool_]:
+    """(n,) whether what carries objects does not lean against the plane that they are to stand on.
+
+    The plane fitted to the surface under the vertices leans against it by `_LEANS` at most, or by
+    what noise makes of so short a distance: on steps, and on surfaces that slope differently, the
+    object would come to stand otherwise than it was placed.
+
+    Args:
+        points: (n, k, 3) vertices.
+        gaps: (n, k) m, how far the surface is above each.
+        noise: m that heights may be off by.
+    """
+    xy = points[..., :2] - points[..., :2].mean(axis=1, keepdims=True)
+    spread = np.einsum("nki,nkj->nij", xy, xy)
+    falls = np.einsum("nki,nk->ni", xy, gaps - gaps.mean(axis=1, keepdims=True))
+    lean = np.linalg.norm(np.linalg.solve(spread, falls[..., None])[..., 0], axis=1)
+    narrowest = 2.0 * np.sqrt(np.linalg.eigvalsh(spread)[:, 0] / points.shape[1])
+    return np.asarray(lean <= _LEANS + noise / narrowest)
 
 
 def stays(corners: Array) -> npt.NDArray[np.bool_]:
@@ -90,7 +115,8 @@ class PoseConstraints:
     def stable(self, T_world_object: pin.SE3, face: int, slope: Slope = LEVEL) -> bool:
         """s(x): every vertex of v(f) has support within the tolerance, not too near to its end.
 
-        On a slope the object must not tip, either. `verdicts` asks the same of many poses at once.
+        What carries them lies in one plane, and on a slope the object must not tip, either.
+        `verdicts` asks the same of many poses at once.
         """
         return bool(self._stable(T_world_object.homogeneous[None], face, slope)[0])
 
@@ -185,10 +211,13 @@ class PoseConstraints:
         """(n,) `stable` of poses (n, 4, 4)."""
         points = self._contacts[face] @ T[:, :3, :3].transpose(0, 2, 1)
         points += T[:, None, :3, 3]
-        supported = self._environment.support_of(slope).supported(
+        gaps = self._environment.support_of(slope).gaps(
             points.reshape(-1, 3), self.contact_tolerance, self.edge_margin
         )
-        stable = np.asarray(supported.reshape(len(T), -1).all(axis=1))
+        gaps = gaps.reshape(len(T), -1)
+        stable = np.asarray(np.isfinite(gaps).all(axis=1))
+        noise = _NOISY * self._environment.measured.noise
+        stable[stable] = in_one_plane(points[stable], gaps[stable], noise)
         if slope != LEVEL:
             centers = T[:, :3, :3] @ self._body.center_of_mass + T[:, :3, 3]
             stable &= stays(points - centers[:, None])

@@ -6,11 +6,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from placement_planner_ros.core.constraints import placement_pose
+from placement_planner_ros.core.constraints import placement_pose, stays
 from placement_planner_ros.core.grasp.settings import ApproachSettings
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.types import TargetVolume, Verdict
+from placement_planner_ros.core.types import LEVEL, TargetVolume, Verdict, upright
 from placement_planner_ros.experiments.cases import Case, make_problem
 
 TABLE = Case("table", "small_crayons_box", "maximize_clearance")
@@ -113,3 +113,95 @@ def test_the_way_down_is_free_from_the_height_that_is_asked_about(problem):
         assert poses.free(pose, HEIGHT) == free
         verdicts, _ = poses.verdicts(np.zeros(1, int), contact[None], np.zeros(1))
         assert verdicts[0] == (Verdict.FEASIBLE if free else Verdict.COLLIDING)
+
+
+def plate(x, y, slope, height, spacing=0.004):
+    """(n, 3) points of a rectangle on the plane z = height + slope · (x, y)."""
+    xy = np.stack(np.meshgrid(np.arange(*x, spacing), np.arange(*y, spacing)), -1).reshape(-1, 2)
+    return np.column_stack([xy, height + xy @ np.array(slope)])
+
+
+def on_surfaces(problem, *plates):
+    """s(x) and the rest on these, whatever slopes they have."""
+    volume = TargetVolume([0.2, -0.2, -0.05], [0.6, 0.2, 0.2])
+    environment = Environment.from_points(
+        np.vstack(plates), volume, bounds=(volume.lower - 0.3, volume.upper + 0.3)
+    )
+    changed = replace(problem, volume=volume, environment=environment)
+    return changed, constraints(changed, edge_margin=0.0)
+
+
+@pytest.mark.parametrize(("step", "stands"), [(0.0, True), (0.0004, True), (0.0025, False)])
+def test_a_step_under_an_object_is_no_support(problem, step, stands):
+    """Though all of it lies within the contact tolerance."""
+    _, poses = on_surfaces(
+        problem,
+        plate((0.1, 0.4), (-0.3, 0.3), LEVEL, 0.0),
+        plate((0.4, 0.7), (-0.3, 0.3), LEVEL, -step),
+    )
+    across = []
+    for face, resting in enumerate(problem.body.faces):
+        for angle in np.arange(0.0, 2.0 * np.pi, 0.3):
+            T = placement_pose(resting, np.array([0.4, 0.0, 0.0]), angle)
+            middle = (resting.vertices @ T.rotation.T + T.translation)[:, :2].mean(axis=0)
+            T.translation[:2] += [0.4, 0.0] - middle
+            corners = resting.vertices @ T.rotation.T + T.translation
+            width = np.ptp(corners[:, 0])
+            if step / width > 0.04 or stands:
+                across.append(poses.stable(T, face))
+            beside = pin.SE3(T.rotation, T.translation - [0.1, 0.0, 0.0])
+            assert poses.stable(beside, face)
+    assert len(across) > 10
+    assert set(across) == {stands}
+
+
+def test_two_planes_under_an_object_are_no_support(problem):
+    """A valley between two slopes: nothing stands along one of them and reaches over to the other
+    by more than what the fit to a few columns leaves open."""
+    slope = (0.06, 0.0)
+    changed, poses = on_surfaces(
+        problem,
+        plate((0.1, 0.4), (-0.3, 0.3), (-slope[0], 0.0), 0.024),
+        plate((0.4, 0.7), (-0.3, 0.3), slope, -0.024),
+    )
+    inclines = changed.environment.inclines
+    assert {np.sign(each.slope[0]) for each in inclines} == {1.0, -1.0}
+    rng = np.random.default_rng(0)
+    reached = []
+    for each in inclines:
+        height = next(r.z for r in changed.environment.regions if r.slope == each.slope)
+        for _ in range(1500):
+            xy = rng.uniform([0.3, -0.1], [0.5, 0.1])
+            contact = np.array([*xy, height + xy @ each.slope])
+            face, angle = int(rng.integers(len(problem.body.faces))), rng.uniform(0.0, 6.3)
+            resting = problem.body.faces[face]
+            T = placement_pose(resting, contact, angle, each.slope)
+            if poses.stable(T, face, each.slope):
+                corners = resting.vertices @ T.rotation.T + T.translation
+                reached.append((-np.sign(each.slope[0]) * (corners[:, 0] - 0.4)).max())
+            assert not poses.stable(T, face)  # nor is any of it level
+    assert len(reached) > 300
+    assert max(reached) < 0.026
+
+
+def test_objects_stay_on_slopes_where_no_push_of_2_mJ_per_kg_tips_them():
+    """Against turning polygons about their edges in small steps."""
+    rng = np.random.default_rng(1)
+    answers = []
+    for _ in range(400):
+        angles = np.sort(rng.uniform(0.0, 2.0 * np.pi, rng.integers(3, 7)))
+        flat = rng.uniform(0.01, 0.05) * np.column_stack([np.cos(angles), np.sin(angles)])
+        corners = np.column_stack([flat, np.full(len(flat), -rng.uniform(0.01, 0.2))])
+        corners = corners @ upright(rng.uniform(-0.2, 0.2, 2)).T
+        inside, lifted = True, np.inf
+        for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+            edge = (b - a) / np.linalg.norm(b - a)
+            inside &= bool(edge[1] * a[0] - edge[0] * a[1] > 0.0)
+            turns = np.linspace(0.0, np.pi / 2.0, 2000)
+            raised = [(pin.exp3(turn * edge) @ (-a))[2] + a[2] for turn in turns]
+            lifted = min(lifted, max(raised))
+        expected = inside and 9.81 * lifted >= 0.002
+        if abs(9.81 * lifted - 0.002) > 1e-4 or not inside:
+            answers.append(expected)
+            assert bool(stays(corners[None])[0]) == expected
+    assert 0.1 < np.mean(answers) < 0.9

@@ -174,6 +174,8 @@ class SupportMap:
     ) -> npt.NDArray[np.bool_]:
         """s(x) for each point: is there surface under it, within `tolerance` of its height?
 
+        `gaps` says how far above each point that surface is, too.
+
         Args:
             points: (n, 3), metres.
             tolerance: metres, above or below.
@@ -183,8 +185,12 @@ class SupportMap:
         Returns:
             (n,)
         """
+        return np.isfinite(self.gaps(points, tolerance, margin))
+
+    def gaps(self, points: Array, tolerance: float, margin: float = 0.0) -> Array:
+        """(n,) m that surface is above each point; NaN where `supported` does not hold."""
         return np.asarray(
-            _supported(
+            _gaps(
                 np.ascontiguousarray(self.above(points), dtype=np.float64),
                 tolerance,
                 margin + self.trim,
@@ -527,16 +533,16 @@ def _end_within(
 
 
 @kernel(nogil=True)
-def _supported(
+def _gaps(
     points: Array,
     tolerance: float,
     margin: float,
     view: _Surfaces,
     ends: npt.NDArray[np.bool_],
     boxes: ObstacleArrays,
-) -> npt.NDArray[np.bool_]:
-    """`SupportMap.supported`."""
-    result = np.zeros(len(points), np.bool_)
+) -> Array:
+    """`SupportMap.gaps`."""
+    result = np.full(len(points), np.nan)
     beside = min(margin, view.cell_size)
     for p in range(len(points)):
         x, y, z = points[p, 0], points[p, 1], points[p, 2]
@@ -544,13 +550,12 @@ def _supported(
         if s < 0:
             continue
         if margin <= 0.0:
-            result[p] = True
+            result[p] = view.height[s] - z
             continue
         if view.kind[s] != _DEEP and not _keeps(view, boxes, s, x, y, z, tolerance, beside):
             continue
-        result[p] = margin <= view.cell_size or not _end_within(
-            view, ends, x, y, z, tolerance, margin
-        )
+        if margin <= view.cell_size or not _end_within(view, ends, x, y, z, tolerance, margin):
+            result[p] = view.height[s] - z
     return result
 
 

@@ -6,6 +6,7 @@ from unittest import mock
 
 import numpy as np
 import pytest
+from tilts import tilted_problem
 
 from placement_planner_ros.core.explanation import tables
 from placement_planner_ros.core.explanation.explain import explain
@@ -14,9 +15,9 @@ from placement_planner_ros.core.explanation.search import Progress
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.motion.birrt import GoalSetRRT
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
-from placement_planner_ros.core.search.pruning import Ruling
+from placement_planner_ros.core.search.pruning import Cause, Ruling
 from placement_planner_ros.core.search.sampler import SampleCount
-from placement_planner_ros.core.types import Verdict
+from placement_planner_ros.core.types import Verdict, steepness
 from placement_planner_ros.experiments.cases import Case, make_problem
 from placement_planner_ros.ros.parameters.table import arm_specs, arms_spec, fixed_specs
 
@@ -178,3 +179,37 @@ def test_an_explanation_in_one_line_and_in_several():
     assert early.cause == "it rains; it was stopped after 0.3 s, so let it search longer"
     assert told.cut_short(0.3) == told  # where the limit is not to blame
     assert str(Explanation("it rains")) == Explanation("it rains").short == "it rains"
+
+
+@pytest.mark.parametrize(("degrees", "first"), [(7.0, "sensor_poses.<frame>"), (3.0, "max_slope")])
+def test_a_table_that_is_too_steep_is_named_with_its_angle_and_the_remedy_helps(degrees, first):
+    """Nothing stands on it until max_slope allows what is named; the camera's pose is suspected
+    first where the slope is large."""
+    limit = {7.0: 0.087, 3.0: 0.02}[degrees]
+    rng = np.random.default_rng(0)
+    planner = planned(tilted_problem(TABLE, degrees, 0.8, rng, max_slope=limit))
+    assert planner.cause is Cause.NO_REGION
+    told = planner.explain()
+    assert f"slopes by {degrees:.1f} degrees" in told.cause
+    assert f"max_slope allows {np.degrees(limit):.1f}" in told.cause
+    named = [each.parameter for each in told.remedies]
+    assert named[0] == first
+    assert set(named) == {"sensor_poses.<frame>", "max_slope", "target_volume"} <= NAMES
+    words = next(each.advice for each in told.remedies if each.parameter == "max_slope")
+    allowed = float(re.search(r"raise it to ([\d.]+)", words).group(1))
+    assert np.radians(degrees) - 0.001 < allowed < np.radians(degrees) + 0.002
+    friction = float(re.search(r"friction there is ([\d.]+)", words).group(1))
+    assert friction == pytest.approx(1.5 * np.tan(np.radians(degrees)), abs=0.01)
+    problem, objective = tilted_problem(
+        TABLE, degrees, 0.8, np.random.default_rng(0), max_slope=allowed
+    )
+    planner = PlacementPlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
+    found = next(planner.run(lambda: planner.statistics.samples >= 5000))
+    assert steepness(found.goal.slope) == pytest.approx(np.radians(degrees), abs=0.002)
+
+
+def test_no_remedy_is_named_where_no_slope_may_be_so_steep():
+    problem, objective = tilted_problem(TABLE, 17.0, 0.8, np.random.default_rng(0))
+    told = planned((problem, objective)).explain()
+    assert "slopes by 17.0 degrees" in told.cause
+    assert [each.parameter for each in told.remedies] == ["sensor_poses.<frame>", "target_volume"]

@@ -1,0 +1,168 @@
+"""Sloping surfaces: their planes, and regions and support on them, against plain geometry."""
+
+import numpy as np
+import pytest
+from tilts import slope_of
+
+from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.scene.grid import ObstacleSet
+from placement_planner_ros.core.scene.planes import Planes
+from placement_planner_ros.core.scene.regions import RegionSettings
+from placement_planner_ros.core.types import LEVEL, TargetVolume, steepness, upright
+
+VOLUME = TargetVolume([-0.25, -0.2, -0.1], [0.25, 0.2, 0.15])
+BOUNDS = (np.array([-0.6, -0.6, -0.4]), np.array([0.6, 0.6, 0.6]))
+STEEPEST = 0.26
+
+
+def patch(lower, upper, slope, height=0.013, spacing=0.004, angle=0.0):
+    """(n, 3) points of a rectangle turned by an angle about z, on the plane z = h + slope · xy."""
+    xy = np.stack(
+        np.meshgrid(*[np.arange(a, b, spacing) for a, b in zip(lower, upper, strict=True)]), -1
+    ).reshape(-1, 2)
+    c, s = np.cos(angle), np.sin(angle)
+    xy = xy @ np.array([[c, s], [-s, c]])
+    return np.column_stack([xy, height + xy @ np.array(slope)])
+
+
+def environment_of(*patches, noise=0.0, max_slope=STEEPEST):
+    points = np.vstack(patches)
+    if noise:
+        points = points + np.random.default_rng(0).normal(0.0, noise, points.shape)
+    return Environment.from_points(
+        points, VOLUME, regions=RegionSettings(max_slope=max_slope), bounds=BOUNDS
+    )
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.001, 0.003])
+@pytest.mark.parametrize("degrees", [0.4, 1.0, 3.0, 5.0, 9.0, 14.5])
+def test_a_tilted_table_has_the_slope_it_has_and_is_region_all_over(degrees, noise):
+    slope = slope_of(degrees, 0.7)
+    made = environment_of(patch((-0.4, -0.4), (0.4, 0.4), slope), noise=noise)
+    assert [each.slope for each in made.inclines] == [pytest.approx(slope, abs=0.001)]
+    assert {region.slope for region in made.regions} == {made.inclines[0].slope}
+    xy = np.random.default_rng(1).uniform(VOLUME.lower[:2], VOLUME.upper[:2], (4000, 2))
+    z = 0.013 + xy @ slope
+    within = (z > VOLUME.lower[2] + 0.002) & (z < VOLUME.upper[2] - 0.002)
+    share = sum(region.area for region in made.regions) / 0.2  # V is 0.5 x 0.4 m
+    assert share >= 0.97 * within.mean()
+    for region in made.regions:
+        corners = region.rectangles[:, :2]
+        assert np.abs(region.heights(corners) - 0.013 - corners @ slope).max() < 0.0007
+    supported = made.inclines[0].support.supported(np.column_stack([xy, z]), 0.003, 0.003)
+    assert supported.mean() > 0.99
+    off = np.column_stack([xy, z + np.where(xy[:, 0] > 0.0, 1.0, -1.0) * (0.0045 + noise)])
+    assert not made.inclines[0].support.supported(off, 0.003).any()
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.001, 0.003])
+def test_what_noise_explains_is_level_and_an_ideal_level_table_exactly_so(noise):
+    for seed in range(4):
+        table = patch((-0.4, -0.4), (0.4, 0.4), LEVEL, angle=seed)
+        small = patch((-0.03, -0.03), (0.03, 0.03), LEVEL, height=0.08, angle=seed)
+        points = np.vstack([table, small])
+        points += np.random.default_rng(seed).normal(0.0, noise, points.shape) if noise else 0.0
+        made = environment_of(points)
+        assert made.inclines == ()
+        assert {region.slope for region in made.regions} == {LEVEL}
+
+
+def test_steeper_surfaces_are_no_support_and_are_told_with_their_angle():
+    steep = patch((0.0, -0.4), (0.4, 0.4), slope_of(7.0, 0.0))
+    level = patch((-0.4, -0.4), (0.0, 0.4), LEVEL)
+    made = environment_of(level, steep, max_slope=0.1)
+    assert [np.degrees(steepness(each.slope)) for each in made.steep] == [pytest.approx(7.0, 0.02)]
+    assert made.inclines == ()
+    assert max(region.rectangles[:, 2].max() for region in made.regions) < 0.02
+    at = np.column_stack([np.full(50, 0.03), np.linspace(-0.1, 0.1, 50), np.full(50, 0.0167)])
+    assert not made.support.supported(at, 0.003).any()
+    allowed = environment_of(level, steep, max_slope=0.13)
+    assert allowed.steep == ()
+    assert {region.slope for region in allowed.regions} == {LEVEL, allowed.inclines[0].slope}
+
+
+def test_each_of_two_slopes_carries_only_what_stands_along_it():
+    """A roof: what stands along one side is not carried by the other."""
+    right, left = slope_of(4.0, np.pi), slope_of(5.0, 0.0)
+    made = environment_of(
+        patch((0.0, -0.4), (0.4, 0.4), right), patch((-0.4, -0.4), (0.0, 0.4), left)
+    )
+    assert {np.sign(each.slope[0]) for each in made.inclines} == {1.0, -1.0}
+    rng = np.random.default_rng(2)
+    xy = rng.uniform([-0.2, -0.15], [0.2, 0.15], (4000, 2))
+    for each in made.inclines:
+        own = np.sign(xy[:, 0]) == -np.sign(each.slope[0])
+        z = 0.013 + xy @ np.array(each.slope)
+        carried = each.support.supported(np.column_stack([xy, z]), 0.003)
+        assert carried[own & (np.abs(xy[:, 0]) > 0.02)].all()
+        assert not carried[~own & (np.abs(xy[:, 0]) > 0.025)].any()
+        for region in made.regions:
+            if region.slope == each.slope:
+                side = -np.sign(each.slope[0]) * region.rectangles[:, [0, 2]]
+                assert side.min() > -0.021
+
+
+def test_the_ends_of_a_tilted_plate_are_those_of_its_points():
+    """As on level ground: nothing stands beyond an edge, and all does well inside."""
+    slope = slope_of(5.0, 1.1)
+    for angle in (0.0, 0.3, 0.9):
+        made = environment_of(
+            patch((-0.15, -0.1), (0.15, 0.1), slope, spacing=0.0025, angle=angle),
+        )
+        support = made.support_of(made.inclines[0].slope)
+        rng = np.random.default_rng(3)
+        plate = rng.uniform([-0.18, -0.13], [0.18, 0.13], (6000, 2))
+        c, s = np.cos(angle), np.sin(angle)
+        xy = plate @ np.array([[c, s], [-s, c]])
+        inside = np.minimum(plate - [-0.15, -0.1], [0.1475, 0.0975] - plate).min(axis=1)
+        for margin in (0.0, 0.003):
+            stands = support.supported(np.column_stack([xy, 0.013 + xy @ slope]), 0.003, margin)
+            assert (inside[stands] > margin - 0.0026).all()
+            assert stands[inside > margin + 0.012].all()
+
+
+def test_heights_of_boxes_above_a_slope_are_those_of_their_points():
+    rng = np.random.default_rng(4)
+    points = rng.uniform([-0.1, -0.1, 0.0], [0.1, 0.1, 0.05], (3000, 3))
+    made = ObstacleSet.from_points(points, bounds=BOUNDS)
+    slope = slope_of(12.0, 0.4)
+    assert (made.tops(LEVEL) == made.upper[:, 2]).all()
+    tops = made.tops(slope)
+    for k in range(len(made)):
+        own = made.points[made.first_point[k] : made.first_point[k + 1]].astype(float)
+        above = (own[:, 2] - own[:, :2] @ slope).max() + made.upper[k, 2] - own[:, 2].max()
+        assert tops[k] == pytest.approx(above, abs=1e-7)
+    assert sum(np.diff(made.first_point)) == len(made.points) == 3000
+    unseen = np.array([[5, 5, 5], [60, 60, 41]], dtype=np.int32)
+    more = made.with_full_cells(unseen)
+    same = np.flatnonzero(np.diff(more.first_point))
+    assert more.tops(slope)[same] == pytest.approx(tops)
+    for k in np.flatnonzero(np.diff(more.first_point) == 0):
+        corners = np.array(np.meshgrid(*np.array([more.lower[k], more.upper[k]]).T)).reshape(3, -1)
+        highest = (corners[2] - np.array(slope) @ corners[:2]).max()
+        assert more.tops(slope)[k] == pytest.approx(highest)
+
+
+def test_shearing_makes_the_slope_level_and_keeps_the_columns():
+    slope = slope_of(8.0, -0.5)
+    made = ObstacleSet.from_points(patch((-0.2, -0.2), (0.2, 0.2), slope), bounds=BOUNDS)
+    planes = Planes.of(made, VOLUME, 0.03, STEEPEST)
+    sheared = made.sheared(planes.slopes[0], -0.1, 0.2, planes.heights[0])
+    assert np.ptp(sheared.surface_height) < 1e-6
+    assert sheared.surface_height[0] == pytest.approx(0.013, abs=1e-6)
+    assert {tuple(cell) for cell in sheared.cells[:, :2]} == {
+        tuple(cell) for cell in made.cells[:, :2]
+    }
+    middle = (sheared.surface_height[0] - sheared.origin[2]) / sheared.cell_size
+    assert middle % 1.0 == pytest.approx(0.5, abs=1e-3)
+
+
+def test_upright_turns_z_to_the_normal_by_the_least_turn():
+    for slope in (LEVEL, (0.3, 0.0), (-0.1, 0.2)):
+        turn = upright(slope)
+        normal = np.array([-slope[0], -slope[1], 1.0])
+        assert turn @ [0.0, 0.0, 1.0] == pytest.approx(normal / np.linalg.norm(normal))
+        assert turn @ turn.T == pytest.approx(np.eye(3))
+        axis = np.cross([0.0, 0.0, 1.0], normal)
+        assert turn @ axis == pytest.approx(axis)
+    assert (upright(LEVEL) == np.eye(3)).all()
