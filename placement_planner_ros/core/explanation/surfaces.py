@@ -14,7 +14,7 @@ from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.regions import RegionSettings
 from placement_planner_ros.core.settings import meaning_of
-from placement_planner_ros.core.types import Array, TargetVolume, steepness
+from placement_planner_ros.core.types import LEVEL, Array, TargetVolume, steepness
 
 MERGED = Remedy("cloud.mode", "merge, where several clouds together show the whole surface")
 
@@ -49,7 +49,7 @@ _FAR = 50.0
 """m: points further away are perhaps in another unit."""
 _CLEAR = 0.01
 """m, how far V should reach beyond a surface that it is made to hold."""
-_MEASURED = 0.002
+_MEASURED = 0.005
 """rad that a measured slope may be off by."""
 _LEVELS = 0.01
 """m: surfaces whose heights differ by less are taken for one."""
@@ -177,15 +177,15 @@ def uneven_in_words(environment: Environment) -> tuple[str, ...]:
 
 
 def steep_in(environment: Environment) -> Array | None:
-    """(2,) slope of most of what was measured in V, or else of the largest plane there, that is
-    steeper than `max_slope`; None without."""
-    slope, volume = slope_in(environment), environment.volume
-    if steepness(slope) > environment.max_slope + _MEASURED:
-        return slope
-    for plane in environment.steep:
-        if volume.contains(plane.middle) and plane.area >= _ENOUGH:
-            return np.array(plane.slope)
-    return None
+    """(2,) slope of the largest plane in V that is steeper than `max_slope`, if such planes are a
+    good part of the surface there, or of most of what was measured; None without."""
+    volume = environment.volume
+    steep = [plane for plane in environment.steep if volume.contains(plane.middle)]
+    area = sum(plane.area for plane in steep)
+    if steep and area >= _COVERED * (area + sum(r.area for r in environment.regions)):
+        return np.array(steep[0].slope)
+    slope = slope_in(environment)  # planes are sought up to 20 degrees
+    return slope if steepness(slope) > environment.max_slope + _MEASURED else None
 
 
 def sloping(slope: Array, max_slope: float) -> str:
@@ -287,7 +287,10 @@ def in_words(environment: Environment) -> str:
     total = sum(region.area for region in regions)
     many = f"{len(regions)} placement regions" if len(regions) > 1 else "one placement region"
     words = f"target_volume holds {many} ({total:.4f} m²), the largest {width:.3f} x {depth:.3f} m"
-    words += f" at z = {largest.z:.3f}"
+    middle = 0.5 * (largest.rectangles[0, :2] + largest.rectangles[0, 2:])
+    words += f" at z = {float(largest.heights(middle[None])[0]):.3f}"
+    if largest.slope != LEVEL:
+        words += f", sloping by {_degrees(np.array(largest.slope)):.1f} degrees"
     free = headroom(environment)
     return words if math.isinf(free) else f"{words}; free above them are at most {free:.3f} m"
 

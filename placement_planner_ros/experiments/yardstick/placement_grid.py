@@ -16,7 +16,7 @@ from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.scene.distance import ClearanceField
 from placement_planner_ros.core.scene.regions import Region
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import LEVEL, Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,13 +67,13 @@ def region_grid(region: Region, step: float) -> Array:
         on = (plus >= cut[0]) & (plus <= cut[1]) & (minus >= cut[2]) & (minus <= cut[3])
         points.append(xy[on])
     xy = np.unique(np.vstack(points), axis=0)
-    return np.column_stack([xy, np.full(len(xy), region.z)])
+    return np.column_stack([xy, region.heights(xy)])
 
 
 def grid_placements(
     problem: Problem, resolution: GridResolution, settings: PlannerSettings
 ) -> GridPlacements:
-    """Check V, s(x) and c_f(x) at every grid pose of every face on every region."""
+    """Check V, s(x) and c_f(x) at every grid pose of every face on every level region."""
     environment, body = problem.environment, problem.body
     collision = ObjectCollision(body, environment.obstacles, settings.collision)
     field = ClearanceField(environment.obstacles, problem.volume)
@@ -109,6 +109,8 @@ def _slices(
     """Per face, region and angle: the face and the positions (n, 3) of its reference vertex."""
     angles = np.arange(0.0, 2.0 * math.pi - 1e-9, resolution.turn)
     for region in problem.environment.regions:
+        if region.slope != LEVEL:
+            continue
         points = region_grid(region, resolution.step)
         for index, face in enumerate(problem.body.faces):
             for angle in angles:

@@ -195,7 +195,7 @@ def test_a_table_that_is_too_steep_is_named_with_its_angle_and_the_remedy_helps(
     named = [each.parameter for each in told.remedies]
     assert named[0] == first
     assert set(named) == {"sensor_poses.<frame>", "max_slope", "target_volume"} <= NAMES
-    words = next(each.advice for each in told.remedies if each.parameter == "max_slope")
+    words = next(each.words for each in told.remedies if each.parameter == "max_slope")
     allowed = float(re.search(r"raise it to ([\d.]+)", words).group(1))
     assert np.radians(degrees) - 0.001 < allowed < np.radians(degrees) + 0.002
     friction = float(re.search(r"friction there is ([\d.]+)", words).group(1))
