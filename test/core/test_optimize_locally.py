@@ -36,7 +36,7 @@ class PlanarReach:
         assert np.allclose(q, goal, atol=1e-9), "the Jacobian step should predict the pose"
         return goal if goal[0] <= self.x_limit else None
 
-    def placing_motion(self, q, T, contact_height, poses):
+    def placing_motion(self, q, T, contact_height, poses, slope):
         return PlacingMotion(np.array([q, q]), None)
 
 
@@ -49,7 +49,7 @@ class Bowl:
 
 
 def optimize(poses=None, holding=None, objective=None, should_stop=lambda: False, **settings):
-    poses = poses or SimpleNamespace(verdict=lambda T, face, z: Verdict.FEASIBLE)
+    poses = poses or SimpleNamespace(verdict=lambda T, face, z, slope: Verdict.FEASIBLE)
     objective = objective or Bowl()
     start = pin.SE3.Identity()
     goal = Goal("a", 0, 0, start, 0.0, np.zeros((2, 3)), objective(start))
@@ -75,7 +75,7 @@ def test_each_pose_of_the_slide_is_better_and_the_slide_ends_at_the_goal():
 
 def test_slides_along_a_wall_that_blocks_the_gradient():
     poses = SimpleNamespace(
-        verdict=lambda T, face, z: (
+        verdict=lambda T, face, z, slope: (
             Verdict.FEASIBLE if T.translation[0] <= 0.1 else Verdict.COLLIDING
         )
     )
@@ -112,3 +112,21 @@ def test_own_gradient_is_used_where_there_is_one():
             return np.array([1.0, 2.0, 3.0])
 
     assert gradient(Known(), pin.SE3.Identity()) == pytest.approx([1, 2, 3])
+
+
+def test_on_a_slope_poses_are_moved_within_its_plane():
+    """All points of the object keep their distance from it; differences are taken along it too."""
+    slope = (0.1, -0.05)
+    normal = np.array([-0.1, 0.05, 1.0])
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(20, 3))
+    for _ in range(20):
+        T, change = pin.SE3.Random(), rng.normal(size=3)
+        there = moved(T, change, slope)
+        before = (points @ T.rotation.T + T.translation) @ normal
+        assert (points @ there.rotation.T + there.translation) @ normal == pytest.approx(before)
+        assert (there.translation - T.translation)[:2] == pytest.approx(change[:2])
+        turn = pin.log3(there.rotation @ T.rotation.T)
+        assert np.cross(turn, normal) == pytest.approx(np.zeros(3), abs=1e-9)
+    assert gradient(lambda T: T.translation[2], T, slope=slope) == pytest.approx([*slope, 0.0])
+    assert gradient(lambda T: T.translation[2], T) == pytest.approx(np.zeros(3))
