@@ -250,7 +250,7 @@ class Holding:
         T_world_object: pin.SE3,
         contact_height: float,
         poses: PoseConstraints,
-        slope: Slope,
+        slope: Slope = LEVEL,
     ) -> Array | None:
         """(k, dof) the straight way down to `q`, raised pre-placement first, as high as there is
         room; None where even the least height is blocked."""
