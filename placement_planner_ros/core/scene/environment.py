@@ -35,7 +35,7 @@ def require_room(volume: TargetVolume, cell_size: float) -> None:
     Raises:
         VolumeError: it has more than `MAX_CELLS`.
     """
-    sides = volume.upper - volume.lower
+    sides = volume.upper - volume.lower  # one grid holds all of its boxes
     padded = sides + 2.0 * _AROUND * np.array([1.0, 1.0, 0.0])
     cells = float(np.prod(padded / cell_size + 2.0))
     if cells > MAX_CELLS:
@@ -43,7 +43,7 @@ def require_room(volume: TargetVolume, cell_size: float) -> None:
             "target_volume",
             " x ".join(f"{side:.4g}" for side in sides) + " m",
             f"has {cells:.3g} cells of {cell_size:g} m, the cloud.cell_size; it may have "
-            f"{MAX_CELLS:.3g}: give a smaller volume or larger cells",
+            f"{MAX_CELLS:.3g}: give a smaller volume, boxes nearer to each other or larger cells",
         )
 
 

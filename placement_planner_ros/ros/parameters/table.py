@@ -13,6 +13,7 @@ from placement_planner_ros.core.body.settings import BodySettings
 from placement_planner_ros.core.objective.by_name import objective_names
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.robot.description import MAX_JOINTS, MAX_LINKS, MAX_TEXT
+from placement_planner_ros.core.types import MAX_BOXES
 from placement_planner_ros.core.robot.joint_limits import FIELD
 from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.settings import FINITE, Meaning
@@ -166,11 +167,11 @@ def _runs() -> list[Spec]:
         _own(
             "target_volume",
             volume,
-            "Minimum and maximum corner of the target volume V in planning_frame. The object comes "
-            "to stand on a surface in it, with its centre of mass above or below V's floor area; "
-            "the rest of it may reach beyond.",
+            "Minimum and maximum corner of the target volume V in planning_frame; or those of "
+            f"several boxes, one after the other, up to {MAX_BOXES}: V is their union. The object "
+            "comes to stand on a surface in it, with its centre of mass above or below V's floor "
+            "area, in any of the boxes; the rest of it may reach beyond.",
             "m",
-            length=6,
             check=checks.volume,
         ),
         _own(

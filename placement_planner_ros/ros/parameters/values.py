@@ -148,8 +148,7 @@ class ParameterSet:
     @property
     def volume(self) -> TargetVolume:
         """V."""
-        corners = np.array(self["target_volume"])
-        return TargetVolume(corners[:3], corners[3:])
+        return TargetVolume.of_numbers(self["target_volume"])
 
     @property
     def joint_limits(self) -> dict[str, float | bool]:

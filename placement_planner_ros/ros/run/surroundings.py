@@ -81,9 +81,7 @@ class Surroundings:
         """Whether both make the same environment."""
         return self is other or (
             self.grid == other.grid
-            and _equal(
-                (self.volume.lower, self.volume.upper), (other.volume.lower, other.volume.upper)
-            )
+            and self.volume.same(other.volume)
             and _equal(self.bounds, other.bounds)
             and np.array_equal(self.points, other.points)
             and len(self.views) == len(other.views)
