@@ -14,8 +14,8 @@ _SAME = 1e-9
 def joined_boxes(boxes: Array) -> Array:
     """The same union by no more boxes: any two that make one box together are one.
 
-    Boxes inside of others are left out. So what one box holds, cut into several in whatever order,
-    is one box again.
+    Boxes inside of others are left out, and boxes that fill the one around them all are that one:
+    a box cut into several, in whatever way, is one box again.
 
     Args:
         boxes: (k, 2, 3) lower and upper corners.
@@ -36,7 +36,18 @@ def joined_boxes(boxes: Array) -> Array:
         others[at, 1] = np.maximum(others[at, 1], kept[first, 1])
         kept = others[np.lexsort(others.reshape(len(others), -1).T[::-1])]
         first = 0
-    return kept
+    around = np.stack([kept[:, 0].min(axis=0), kept[:, 1].max(axis=0)])[None]
+    return around if len(kept) > 1 and _fills(kept) else kept
+
+
+def _fills(boxes: Array) -> bool:
+    """Whether the union of the boxes (k, 2, 3) is the box around them."""
+    planes = [np.unique(boxes[:, :, axis]) for axis in range(3)]
+    filled = np.zeros([len(at) - 1 for at in planes], np.bool_)
+    for box in boxes:
+        ends = [np.searchsorted(at, box[:, axis]) for axis, at in enumerate(planes)]
+        filled[tuple(slice(*end) for end in ends)] = True
+    return bool(filled.all())
 
 
 def _makes_a_box(box: Array, others: Array) -> int:

@@ -98,19 +98,12 @@ def why_no_region(environment: Environment) -> Explanation:
     elsewhere = _elsewhere(environment)
     if elsewhere is not None:
         number, height, gap = elsewhere
-        several = len(volume.boxes) > 1
-        it = f"its box {number + 1}" if several else "it"
+        it = f"its box {number + 1}" if len(volume.boxes) > 1 else "it"
         if height < volume.boxes[number, 0, 2]:
-            where, bound = (
-                "under",
-                f"minimum z (number {6 * number + 3} of its {6 * len(volume.boxes)})",
-            )
+            where, bound = "under", f"minimum z (number {6 * number + 3})"
             to = f"{height - _CLEAR:.3f} or less"
         else:
-            where, bound = (
-                "above",
-                f"maximum z (number {6 * number + 6} of its {6 * len(volume.boxes)})",
-            )
+            where, bound = "above", f"maximum z (number {6 * number + 6})"
             to = f"{height + _CLEAR:.3f} or more"
         return Explanation(
             f"{head}: target_volume holds no level surface; the nearest lies {gap:.3f} m {where} "

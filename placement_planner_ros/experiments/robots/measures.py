@@ -157,8 +157,8 @@ def _refused(
     }
     task = checker.Task(
         scene.parts,
-        subject.volume.lower,
-        subject.volume.upper,
+        subject.volume.boxes[:, 0],
+        subject.volume.boxes[:, 1],
         vertices,
         triangles,
         problem.body.center_of_mass,

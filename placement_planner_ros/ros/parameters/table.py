@@ -13,10 +13,10 @@ from placement_planner_ros.core.body.settings import BodySettings
 from placement_planner_ros.core.objective.by_name import objective_names
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.robot.description import MAX_JOINTS, MAX_LINKS, MAX_TEXT
-from placement_planner_ros.core.types import MAX_BOXES
 from placement_planner_ros.core.robot.joint_limits import FIELD
 from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.settings import FINITE, Meaning
+from placement_planner_ros.core.types import MAX_BOXES
 from placement_planner_ros.ros.parameters import checks
 from placement_planner_ros.ros.parameters.one_line import one_line
 from placement_planner_ros.ros.parameters.spec import Check, Kind, Spec, Value, kind_of

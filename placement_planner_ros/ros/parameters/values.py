@@ -8,7 +8,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any, TypeVar
 
-import numpy as np
 import pinocchio as pin
 
 from placement_planner_ros.core.body.settings import BodySettings
