@@ -41,27 +41,42 @@ def clearance_levels(
 @kernel(nogil=True)
 def _fill(boxes: BoxesByHeight, lines: Lines, rise: float, room: Envelope, values: Field) -> None:
     nx, ny, nz = values.shape
-    slabs = len(boxes.slab)
+    slabs = np.unique(boxes.slab)
     next_box = boxes.column_start[:-1].copy()
-    nearest = np.empty((slabs, nx), np.int32)
-    squared = np.empty((slabs, nx), np.float32)
+    nearest = np.empty((len(slabs), nx), np.int32)
+    squared = np.empty((len(slabs), nx), np.float32)
+    other, squared_other = np.empty(nx, np.int32), np.empty(nx, np.float32)
     heights = (np.arange(nz) * rise).astype(np.float32)
     under, means = np.empty(nz + 1, np.float32), np.empty(nz, np.float32)
-    front = np.empty((slabs, 2)), np.empty(slabs, np.int32)
+    front, born = np.empty((len(slabs), 2)), np.empty(len(slabs), np.int32)
     for j in range(ny):
-        for s in range(slabs):
-            nearest_on_line(boxes, s, j, lines, next_box, room, nearest[s], squared[s])
+        s = -1
+        for group in range(len(boxes.slab)):
+            if group == 0 or boxes.slab[group] > boxes.slab[group - 1]:
+                s += 1
+                nearest_on_line(boxes, group, j, lines, next_box, room, nearest[s], squared[s])
+            else:
+                nearest_on_line(boxes, group, j, lines, next_box, room, other, squared_other)
+                _take_nearer(nearest[s], squared[s], other, squared_other)
         for i in range(nx):
-            _distances_above(
-                boxes, nearest[:, i], squared[:, i], heights, lines.cap, front[0], front[1], under
-            )
-            _means_of_slabs(boxes, nearest[:, i], squared[:, i], heights, rise, under, means)
+            found, aside = nearest[:, i], squared[:, i]
+            _distances_above(boxes, slabs, found, aside, heights, lines.cap, front, born, under)
+            _means_of_slabs(boxes, slabs, found, aside, heights, rise, under, means)
             _means_around_levels(means, values[i, j])
+
+
+@kernel(lean=True)
+def _take_nearer(nearest: Index, squared: Field, other: Index, squared_other: Field) -> None:
+    """Of two boxes at each point of a line, the nearer one."""
+    for i in range(len(nearest)):
+        if squared_other[i] < squared[i]:
+            nearest[i], squared[i] = other[i], squared_other[i]
 
 
 @kernel(lean=True)
 def _distances_above(
     boxes: BoxesByHeight,
+    slabs: Index,
     nearest: Index,
     squared: Field,
     heights: Field,
@@ -78,7 +93,8 @@ def _distances_above(
     the levels from where it comes in to where it is beaten.
 
     Args:
-        nearest, squared: (s,) the box of each slab, -1 for none, and its squared distance aside.
+        slabs: (s,) those in which anything ends.
+        nearest, squared: (s,) the box of each slab, and its squared distance aside.
         heights: (nz,) of the levels.
         front, born: room for (s, 2) squared distances aside and heights of the boxes that may be
             the nearest, and the level from which on they may be.
@@ -86,14 +102,14 @@ def _distances_above(
     under[:] = np.float32(cap * cap)
     count = 0
     for s in range(len(nearest) - 1, -1, -1):
-        r, level = nearest[s], boxes.slab[s] - 1
-        if r < 0 or level < 0:
+        r, level = nearest[s], slabs[s] - 1
+        if squared[s] >= cap * cap or level < 0:
             continue
         z = heights[level]
         aside, height = np.float64(squared[s]), boxes.height[r]
         own = _squared(aside, height, z)
         beaten = False
-        for t in range(count):
+        for t in range(count - 1, -1, -1):
             if front[t, 1] <= height and _squared(front[t, 0], front[t, 1], z) <= own:
                 beaten = True
                 break
@@ -135,6 +151,7 @@ def _put_down(
 @kernel(lean=True)
 def _means_of_slabs(
     boxes: BoxesByHeight,
+    slabs: Index,
     nearest: Index,
     squared: Field,
     heights: Field,
@@ -150,14 +167,13 @@ def _means_of_slabs(
     for level in range(len(means)):
         means[level] = np.float32(0.5) * (under[level] + under[level + 1])
     for s in range(len(nearest)):  # what ends in a slab counts for the whole of the one below
-        r, level = nearest[s], boxes.slab[s]
-        if r >= 0 and level > 0:
+        r, level = nearest[s], slabs[s]
+        if squared[s] < np.inf and level > 0:
             whole = math.sqrt(_squared(squared[s], boxes.height[r], heights[level]))
-            if whole < under[level]:
-                means[level - 1] = 0.5 * (under[level - 1] + whole)
+            means[level - 1] = min(means[level - 1], np.float32(0.5 * (under[level - 1] + whole)))
     for s in range(len(nearest)):
-        r, level = nearest[s], boxes.slab[s]
-        if r >= 0:
+        r, level = nearest[s], slabs[s]
+        if squared[s] < np.inf:
             end = boxes.end[r]
             share = min(end / rise, 1.0)
             middle = heights[level] + 0.5 * end

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -14,13 +15,18 @@ Field = npt.NDArray[np.float32]
 Index = npt.NDArray[np.int32]
 
 _STEPS = 8
-"""Cells to go at most from the nearest upright box to the nearest turned one."""
+"""Boxes to go at most from the one that is taken for the nearest to nearer ones."""
+_APART = 1e-4
+"""m: sides of boxes that lie no further apart are taken for the same."""
 
 
 class BoxesByHeight(NamedTuple):
-    """Boxes sorted by the slab that they end in; in there by column of cells along y; along y.
+    """Boxes in groups: straight or turned ones that end in one slab; in there by column of cells
+    along y; in there along y.
 
-    k boxes in c columns of s slabs.
+    k boxes in c columns of s groups. Turned boxes have outlines that fill no straight rectangle:
+    what is nearest is told among straight ones exactly, among turned ones by the rectangles around
+    their outlines first.
     """
 
     lower: Array
@@ -39,17 +45,19 @@ class BoxesByHeight(NamedTuple):
     column_start: Index
     """(c + 1,) the first box of each column."""
     slab: Index
-    """(s,) number of the slab."""
-    slab_start: Index
-    """(s + 1,) the first column of each slab."""
+    """(s,) number of the slab, ascending: first its straight boxes, then its turned ones."""
+    group_start: Index
+    """(s + 1,) the first column of each group."""
     before: Index
     """(k,) of the boxes of a column up to this one, the one that reaches furthest along y."""
     after: Index
     """(k,) of the boxes of a column from this one on, the one that begins first along y."""
     near_start: Index
-    """(k + 1,) where the boxes around begin, in `near`; none where all stand straight."""
+    """(k + 1,) where the boxes around begin, in `near`."""
     near: Index
-    """Boxes of the same slab in the cell of a box and the eight around it."""
+    """Boxes of the same group that may be nearer where one is taken for the nearest: of a turned
+    one, itself and those in its cell and the eight around; of a straight one, those in its cell
+    and the two beside it along y that reach further to a side."""
 
 
 class Lines(NamedTuple):
@@ -76,8 +84,8 @@ class Envelope(NamedTuple):
 
     @classmethod
     def for_boxes(cls, boxes: BoxesByHeight) -> Envelope:
-        """For the widest slab, four for each of its columns."""
-        room = 4 * int(np.max(np.diff(boxes.slab_start), initial=0))
+        """For the widest group, four for each of its columns."""
+        room = 4 * int(np.max(np.diff(boxes.group_start), initial=0))
         return cls(np.empty(room), np.empty(room), np.empty(room, np.int32), np.empty(room))
 
 
@@ -94,43 +102,57 @@ def boxes_by_height(
 
     Args:
         lower, upper: (k, 3) corners.
-        outline: (k, 6) `ObstacleSet.outline`; what stands straight is taken for that alone.
+        outline: (k, 6) `ObstacleSet.outline`.
         cells: (k, 2) number of the boxes' cells along x and y.
         ends: (k,) z up to which each of them counts, none below `origin_z`.
         origin_z: of the lowest level.
         rise: height of a slab.
     """
     slab = np.floor((ends - origin_z) / rise).astype(np.int64)
+    group = 2 * slab + (outline[:, 1] != 0.0)
     x, y = (cells - cells.min(axis=0, initial=0)).T.astype(np.int64)
     width, depth = (int(np.max(number, initial=0)) + 1 for number in (x, y))
-    order = np.argsort((slab * width + x) * depth + y, kind="stable")
-    column = slab[order] * width + x[order]
-    column_start = _starts(column)
-    slab_start = _starts(slab[order][column_start[:-1]])
-    straight = (outline[:, 1] == 0.0)[:, None]
-    low = np.where(straight, outline[:, [2, 4]], lower[:, :2])[order]
-    high = np.where(straight, outline[:, [3, 5]], upper[:, :2])[order]
-    place = cells[order, 1].astype(np.int32)
-    along_x = cells[order[column_start[:-1]], 0].astype(np.int32)
+    # in one cell, first what reaches furthest up and down
+    order = np.lexsort((lower[:, 2], -ends, (group * width + x) * depth + y))
+    column_start = _starts((group * width + x)[order])
+    first_in_column = order[column_start[:-1]]
+    group_start = _starts(group[first_in_column])
+    low, high = _around_outlines(outline[order])
+    low, high = np.maximum(low, lower[order, :2]), np.minimum(high, upper[order, :2])
+    place, column = cells[order, 1].astype(np.int32), cells[first_in_column, 0].astype(np.int32)
     before, after = _first_and_last(low[:, 1].copy(), high[:, 1].copy(), column_start)
-    turned = outline[order, 1] != 0.0
-    near_start, near = _boxes_around(turned, place, along_x, column_start, slab_start)
+    turned = (group[first_in_column[group_start[:-1]]] % 2).astype(np.bool_)
+    near_start, near = _boxes_around(
+        turned, low[:, 0].copy(), high[:, 0].copy(), place, column, column_start, group_start
+    )
     return BoxesByHeight(
         low,
         high,
         np.ascontiguousarray(outline[order]),
         lower[order, 2] - origin_z,
-        ends[order] - origin_z - slab[order] * rise,
+        (ends - origin_z - slab * rise)[order],
         place,
-        along_x,
+        column,
         column_start,
-        slab[order][column_start[slab_start[:-1]]].astype(np.int32),
-        slab_start,
+        slab[first_in_column[group_start[:-1]]].astype(np.int32),
+        group_start,
         before,
         after,
         near_start,
         near,
     )
+
+
+def _around_outlines(outline: Field) -> tuple[Array, Array]:
+    """(k, 2) and (k, 2) corners of the straight rectangles around the turned ones."""
+    c, s, *sides = outline.T.astype(np.float64)
+    u, v = sides[0] + sides[1], sides[2] + sides[3]
+    width, depth = sides[1] - sides[0], sides[3] - sides[2]
+    middle = 0.5 * np.column_stack([c * u - s * v, s * u + c * v])
+    half = 0.5 * np.column_stack(
+        [np.abs(c) * width + np.abs(s) * depth, np.abs(s) * width + np.abs(c) * depth]
+    )
+    return middle - half, middle + half
 
 
 def _starts(sorted_keys: npt.NDArray[np.int64]) -> Index:
@@ -155,38 +177,39 @@ def _first_and_last(low: Array, high: Array, column_start: Index) -> tuple[Index
 @kernel(nogil=True)
 def _boxes_around(
     turned: npt.NDArray[np.bool_],
+    low: Array,
+    high: Array,
     place: Index,
     column: Index,
     column_start: Index,
-    slab_start: Index,
+    group_start: Index,
 ) -> tuple[Index, Index]:
-    """`near_start` and `near`, for turned boxes and those with a turned one around them."""
+    """`near_start` and `near`, of straight and of `turned` (s,) groups; boxes are from low to high
+    (k,) along x."""
     near_start = np.zeros(len(place) + 1, np.int32)
     near = np.empty(0, np.int32)
-    for count_only in (True, False):
-        total = 0
-        for s in range(len(slab_start) - 1):
-            first, last = slab_start[s], slab_start[s + 1]
-            any_turned = turned[column_start[first] : column_start[last]].any()
+    for counted in (False, True):
+        found = 0
+        for s in range(len(group_start) - 1):
+            first, last = group_start[s], group_start[s + 1]
             for c in range(first, last):
                 for e in range(column_start[c], column_start[c + 1]):
-                    found, crooked = total, turned[e]
                     for d in range(max(c - 1, first), min(c + 2, last)):
-                        if not any_turned or abs(column[d] - column[c]) > 1:
+                        if abs(column[d] - column[c]) > (1 if turned[s] else 0):
                             continue
-                        for q in range(
-                            _bisected(place, column_start[d], column_start[d + 1], place[e] - 1),
-                            _bisected(place, column_start[d], column_start[d + 1], place[e] + 2),
-                        ):
-                            if not count_only and found < len(near):
+                        begin, end = column_start[d], column_start[d + 1]
+                        begin = _bisected(place, begin, end, place[e] - 1)
+                        end = _bisected(place, begin, end, place[e] + 2)
+                        for q in range(begin, end):
+                            further = low[q] < low[e] - _APART or high[q] > high[e] + _APART
+                            if not turned[s] and (q == e or not further):
+                                continue
+                            if counted:
                                 near[found] = q
                             found += 1
-                            crooked = crooked or turned[q]
-                    if crooked:
-                        total = found
-                    near_start[e + 1] = total
-        if count_only:
-            near = np.empty(total, np.int32)
+                    near_start[e + 1] = found
+        if not counted:
+            near = np.empty(found, np.int32)
     return near_start, near
 
 
@@ -205,7 +228,7 @@ def _bisected(place: Index, first: int, last: int, least: int) -> int:
 @kernel(lean=True)
 def nearest_on_line(
     boxes: BoxesByHeight,
-    slab: int,
+    group: int,
     line: int,
     lines: Lines,
     next_box: Index,
@@ -213,23 +236,22 @@ def nearest_on_line(
     nearest: Index,
     squared: Field,
 ) -> None:
-    """Box of a slab nearest to each of the points of a line, and the squared distance to it.
+    """Box of a group nearest to each of the points of a line, and the squared distance to it.
 
     Per column of cells along y, the nearest box before and after the line; then, along x, the
     lower envelope of the squared distances to these boxes (P. Felzenszwalb and D. Huttenlocher,
-    Distance transforms of sampled functions, 2012). From there on to turned boxes in the cells
-    around that are nearer.
+    Distance transforms of sampled functions, 2012). From there on to boxes in the cells around
+    that are nearer.
 
     Args:
         line: its number; lines are to be asked for in ascending order.
         next_box: (c,) the first box of each column that lies behind the line before; kept up here.
-        nearest: (nx,), -1 where none is within the cap.
-        squared: (nx,), m².
+        nearest: (nx,), -1 where there is none within the cap of the line.
+        squared: (nx,), m², infinite where there is none within the cap of the line.
     """
-    foot, base, box, begin = room
     y = lines.y + line * lines.size
     n = 0
-    for c in range(boxes.slab_start[slab], boxes.slab_start[slab + 1]):
+    for c in range(boxes.group_start[group], boxes.group_start[group + 1]):
         at, last = next_box[c], boxes.column_start[c + 1]
         while at < last and boxes.place[at] < line:
             at += 1
@@ -237,21 +259,39 @@ def nearest_on_line(
         before = boxes.before[at - 1] if at > boxes.column_start[c] else -1
         after = boxes.after[at] if at < last else -1
         n = _add_column(boxes, c, before, after, y, lines, room, n)
-    n = _lower_envelope(foot, base, box, begin, n)
-    at = 0
-    for i in range(len(nearest)):
-        x = lines.x + i * lines.size
-        while at + 1 < n and begin[at + 1] <= x:
-            at += 1
-        nearest[i] = -1
-        if n > 0:
-            least = (x - foot[at]) ** 2 + base[at]
-            if least < lines.cap * lines.cap:
-                r = box[at]
-                if boxes.near_start[r + 1] > boxes.near_start[r]:
-                    r, least = _nearest_outline(boxes, r, x, y)
-                nearest[i] = r
-                squared[i] = least
+    n = _lower_envelope(room.foot, room.base, room.box, room.begin, n)
+    _along_line(room, n, lines, nearest, squared)
+    first, last = (
+        boxes.column_start[boxes.group_start[group]],
+        boxes.column_start[boxes.group_start[group + 1]],
+    )
+    if boxes.near_start[last] > boxes.near_start[first]:
+        cap = lines.cap * lines.cap
+        for i in range(len(nearest)):
+            r = nearest[i]
+            if squared[i] < cap and boxes.near_start[r + 1] > boxes.near_start[r]:
+                x = lines.x + i * lines.size
+                nearest[i], squared[i] = _nearest_outline(boxes, r, x, y)
+
+
+@kernel(lean=True)
+def _along_line(room: Envelope, count: int, lines: Lines, nearest: Index, squared: Field) -> None:
+    """The least of the first parabolas of an envelope at each point of a line, and its box."""
+    i, nx = 0, len(nearest)
+    for at in range(count):
+        last = nx
+        if at + 1 < count:
+            end = math.ceil((room.begin[at + 1] - lines.x) / lines.size)
+            last = int(min(max(end, i), nx))
+        foot, base, box = lines.x - room.foot[at], room.base[at], room.box[at]
+        for k in range(i, last):
+            off = foot + k * lines.size
+            squared[k] = off * off + base
+            nearest[k] = box
+        i = last
+    for k in range(i, nx):
+        squared[k] = np.inf
+        nearest[k] = -1
 
 
 @kernel(lean=True)
@@ -274,7 +314,7 @@ def _add_column(
     Returns:
         how many parabolas there are now, `n` before.
     """
-    foot, base, box, _ = room
+    foot, base, box = room.foot, room.base, room.box
     a = b = np.inf
     if before >= 0:
         a = max(boxes.lower[before, 1] - y, 0.0, y - boxes.upper[before, 1])
