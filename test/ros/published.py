@@ -60,6 +60,7 @@ def task_of(scene, thing, objective="maximize_clearance", placed=()):
         package_dirs={"placement_planner_ros": share_path("urdf").parent},
         q_start=start_configuration(thing),
         objective=objective,
+        beyond=0.5,  # as the node has it unless told otherwise
     )
 
 

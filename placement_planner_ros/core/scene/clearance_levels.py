@@ -43,39 +43,64 @@ def _fill(boxes: BoxesByHeight, lines: Lines, rise: float, room: Envelope, value
     nx, ny, nz = values.shape
     slabs = np.unique(boxes.slab)
     next_box = boxes.column_start[:-1].copy()
-    nearest = np.empty((len(slabs), nx), np.int32)
-    squared = np.empty((len(slabs), nx), np.float32)
-    other, squared_other = np.empty(nx, np.int32), np.empty(nx, np.float32)
+    along, aside_along = np.empty((2, nx), np.int32), np.empty((2, nx), np.float32)
+    nearest = np.empty((nx, len(slabs)), np.int32)
+    aside = np.empty((nx, len(slabs)), np.float32)
     heights = (np.arange(nz) * rise).astype(np.float32)
     under, means = np.empty(nz + 1, np.float32), np.empty(nz, np.float32)
     front, born = np.empty((len(slabs), 2)), np.empty(len(slabs), np.int32)
+    counting = np.empty(len(slabs), np.int32)
     for j in range(ny):
         s = -1
         for group in range(len(boxes.slab)):
-            if group == 0 or boxes.slab[group] > boxes.slab[group - 1]:
-                s += 1
-                nearest_on_line(boxes, group, j, lines, next_box, room, nearest[s], squared[s])
+            nearest_on_line(boxes, group, j, lines, next_box, room, along[0], aside_along[0])
+            if group > 0 and boxes.slab[group] == boxes.slab[group - 1]:
+                _take_nearer(along, aside_along)
             else:
-                nearest_on_line(boxes, group, j, lines, next_box, room, other, squared_other)
-                _take_nearer(nearest[s], squared[s], other, squared_other)
+                s += 1
+            if group + 1 == len(boxes.slab) or boxes.slab[group + 1] > boxes.slab[group]:
+                nearest[:, s], aside[:, s] = along[0], aside_along[0]
+            else:
+                along[1], aside_along[1] = along[0], aside_along[0]
         for i in range(nx):
-            found, aside = nearest[:, i], squared[:, i]
-            _distances_above(boxes, slabs, found, aside, heights, lines.cap, front, born, under)
-            _means_of_slabs(boxes, slabs, found, aside, heights, rise, under, means)
+            count = _distances_above(
+                boxes.height,
+                slabs,
+                nearest[i],
+                aside[i],
+                heights,
+                lines.cap,
+                front,
+                born,
+                counting,
+                under,
+            )
+            _means_of_slabs(
+                boxes.height,
+                boxes.end,
+                slabs,
+                nearest[i],
+                aside[i],
+                heights,
+                rise,
+                counting[:count],
+                under,
+                means,
+            )
             _means_around_levels(means, values[i, j])
 
 
 @kernel(lean=True)
-def _take_nearer(nearest: Index, squared: Field, other: Index, squared_other: Field) -> None:
-    """Of two boxes at each point of a line, the nearer one."""
-    for i in range(len(nearest)):
-        if squared_other[i] < squared[i]:
-            nearest[i], squared[i] = other[i], squared_other[i]
+def _take_nearer(nearest: Index, squared: Field) -> None:
+    """Of two boxes (2, nx) at each point of a line, the nearer one, into the first row."""
+    for i in range(nearest.shape[1]):
+        if squared[1, i] < squared[0, i]:
+            nearest[0, i], squared[0, i] = nearest[1, i], squared[1, i]
 
 
 @kernel(lean=True)
 def _distances_above(
-    boxes: BoxesByHeight,
+    height: Array,
     slabs: Index,
     nearest: Index,
     squared: Field,
@@ -83,8 +108,9 @@ def _distances_above(
     cap: float,
     front: Array,
     born: Index,
+    counting: Index,
     under: Field,
-) -> None:
+) -> int:
     """(nz + 1,) capped distance from each level up a vertical line to what ends above its slab.
 
     From above, each slab adds one box: at z, (squared distance aside) + max(lower face - z, 0)².
@@ -93,47 +119,49 @@ def _distances_above(
     the levels from where it comes in to where it is beaten.
 
     Args:
+        height: (k,) z of the boxes' lower faces.
         slabs: (s,) those in which anything ends.
         nearest, squared: (s,) the box of each slab, and its squared distance aside.
         heights: (nz,) of the levels.
         front, born: room for (s, 2) squared distances aside and heights of the boxes that may be
             the nearest, and the level from which on they may be.
+        counting: (s,) of the slabs, those whose box is not beaten at once by one of the others.
+
+    Returns:
+        how many these are.
     """
     under[:] = np.float32(cap * cap)
-    count = 0
+    count = counted = 0
     for s in range(len(nearest) - 1, -1, -1):
-        r, level = nearest[s], slabs[s] - 1
-        if squared[s] >= cap * cap or level < 0:
+        aside = np.float64(squared[s])
+        if aside >= cap * cap:
             continue
-        z = heights[level]
-        aside, height = np.float64(squared[s]), boxes.height[r]
-        own = _squared(aside, height, z)
+        level, bottom = slabs[s] - 1, height[nearest[s]]
+        z = heights[level + 2]
+        own = aside + max(bottom - z, 0.0) ** 2
         beaten = False
         for t in range(count - 1, -1, -1):
-            if front[t, 1] <= height and _squared(front[t, 0], front[t, 1], z) <= own:
+            if front[t, 1] <= bottom and front[t, 0] + max(front[t, 1] - z, 0.0) ** 2 <= own:
                 beaten = True
                 break
         if beaten:
             continue
+        counting[counted] = s
+        counted += 1
         kept = 0
         for t in range(count):
-            if front[t, 1] >= height and _squared(front[t, 0], front[t, 1], z) >= own:
+            if front[t, 1] >= bottom and front[t, 0] + max(front[t, 1] - z, 0.0) ** 2 >= own:
                 _put_down(front[t, 0], front[t, 1], heights, level + 1, born[t], under)
             else:
                 front[kept, 0], front[kept, 1], born[kept] = front[t, 0], front[t, 1], born[t]
                 kept += 1
-        front[kept, 0], front[kept, 1], born[kept] = aside, height, level
+        front[kept, 0], front[kept, 1], born[kept] = aside, bottom, level
         count = kept + 1
     for t in range(count):
         _put_down(front[t, 0], front[t, 1], heights, 0, born[t], under)
     for level in range(len(under)):
         under[level] = np.sqrt(under[level])
-
-
-@kernel(lean=True)
-def _squared(aside: float, height: float, z: float) -> float:
-    up = max(height - z, 0.0)
-    return aside + up * up
+    return counted
 
 
 @kernel(lean=True)
@@ -150,48 +178,59 @@ def _put_down(
 
 @kernel(lean=True)
 def _means_of_slabs(
-    boxes: BoxesByHeight,
+    height: Array,
+    end: Array,
     slabs: Index,
     nearest: Index,
     squared: Field,
     heights: Field,
     rise: float,
+    counting: Index,
     under: Field,
     means: Field,
 ) -> None:
     """(nz,) mean over each slab: of both its levels, and of what ends in it by its share.
 
     Args:
-        under: (nz + 1,) `_distances_above`.
+        counting, under: see `_distances_above`.
+        end: (k,) how far above the lower level of their slab the boxes end.
     """
     for level in range(len(means)):
         means[level] = np.float32(0.5) * (under[level] + under[level + 1])
-    for s in range(len(nearest)):  # what ends in a slab counts for the whole of the one below
-        r, level = nearest[s], slabs[s]
-        if squared[s] < np.inf and level > 0:
-            whole = math.sqrt(_squared(squared[s], boxes.height[r], heights[level]))
-            means[level - 1] = min(means[level - 1], np.float32(0.5 * (under[level - 1] + whole)))
-    for s in range(len(nearest)):
-        r, level = nearest[s], slabs[s]
-        if squared[s] < np.inf:
-            end = boxes.end[r]
-            share = min(end / rise, 1.0)
-            middle = heights[level] + 0.5 * end
-            distance = math.sqrt(_squared(squared[s], boxes.height[r], middle))
-            if distance < means[level]:
-                means[level] = share * distance + (1.0 - share) * means[level]
+    for s in counting:  # what ends in a slab counts for the whole of the one below
+        level = slabs[s]
+        if level > 0:
+            up = max(height[nearest[s]] - heights[level], 0.0)
+            whole = np.float32(math.sqrt(squared[s] + up * up))
+            if whole < under[level]:
+                means[level - 1] = np.float32(0.5) * (under[level - 1] + whole)
+    for s in counting:
+        level, top = slabs[s], end[nearest[s]]
+        up = max(height[nearest[s]] - heights[level] - 0.5 * top, 0.0)
+        distance = math.sqrt(squared[s] + up * up)
+        if distance < means[level]:
+            share = min(top / rise, 1.0)
+            means[level] = np.float32(share * distance + (1.0 - share) * means[level])
 
 
 @kernel(lean=True)
 def _means_around_levels(means: Field, values: Field) -> None:
     """(nz,) of each level, the mean of the `AROUND` slabs below and above it."""
     last = len(means) - 1
-    for level in range(len(means)):
+    for level in range(AROUND):
+        values[level] = _mean_around(means, level, last)
+    for level in range(AROUND, last - AROUND + 1):
         total = np.float32(0.0)
-        if AROUND <= level <= last - AROUND:
-            for n in range(-AROUND, AROUND):
-                total += means[level + n]
-        else:
-            for n in range(-AROUND, AROUND):
-                total += means[min(max(level + n, 0), last)]
+        for n in range(-AROUND, AROUND):
+            total += means[level + n]
         values[level] = total / np.float32(2 * AROUND)
+    for level in range(last - AROUND + 1, last + 1):
+        values[level] = _mean_around(means, level, last)
+
+
+@kernel(lean=True)
+def _mean_around(means: Field, level: int, last: int) -> np.float32:
+    total = np.float32(0.0)
+    for n in range(-AROUND, AROUND):
+        total += means[min(max(level + n, 0), last)]
+    return np.float32(total / np.float32(2 * AROUND))

@@ -294,7 +294,7 @@ def _along_line(room: Envelope, count: int, lines: Lines, nearest: Index, square
         nearest[k] = -1
 
 
-@kernel(lean=True)
+@kernel(inline=True)
 def _add_column(
     boxes: BoxesByHeight,
     column: int,
@@ -344,7 +344,7 @@ def _add_column(
     return n
 
 
-@kernel(lean=True)
+@kernel(inline=True)
 def _is_beaten(
     off: float, gap: float, off_other: float, gap_other: float, side: int, cap: float
 ) -> bool:
@@ -392,7 +392,7 @@ def _lower_envelope(foot: Array, base: Array, box: Index, begin: Array, count: i
     return n
 
 
-@kernel(lean=True)
+@kernel(inline=True)
 def _nearest_outline(boxes: BoxesByHeight, r: int, x: float, y: float) -> tuple[int, float]:
     """From box r on to those in the cells around, as long as their outlines are nearer to a point;
     with the squared distance."""
@@ -409,7 +409,7 @@ def _nearest_outline(boxes: BoxesByHeight, r: int, x: float, y: float) -> tuple[
     return r, least
 
 
-@kernel(lean=True)
+@kernel(inline=True)
 def _aside(outline: Field, r: int, x: float, y: float) -> float:
     """Squared distance in x and y from a point to the rectangle around the points of box r."""
     c, s = outline[r, 0], outline[r, 1]

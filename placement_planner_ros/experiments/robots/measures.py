@@ -82,7 +82,9 @@ def problem_of(subject: Subject, name: str, points: Array) -> Problem:
         np.maximum(lower, within.min(axis=0) - rim),
         np.minimum(upper, within.max(axis=0) + rim),
     )
-    environment = Environment.from_points(points, volume, GridSettings(), RegionSettings(), bounds)
+    environment = Environment.from_points(
+        points, volume, GridSettings(), RegionSettings(), bounds, beyond_volume=False
+    )
     return Problem(robot, arms, q, body, volume, environment)
 
 

@@ -247,6 +247,12 @@ def _environment() -> list[Spec]:
             choices=("free", "occupied", "occupied_below"),
         ),
         _own(
+            "clearance.beyond_volume",
+            True,
+            "Whether things up to 0.5 m outside V count for clearance; false: only those in V, the "
+            "paper's definition.",
+        ),
+        _own(
             "mesh_tolerance",
             0.002,
             "What is farther from a mesh than its margin and this is never called colliding. "
