@@ -73,12 +73,14 @@ class ClearanceField:
         grown = volume.joined + np.array([[-beyond], [beyond]])
         rows, ends = counted_boxes(obstacles, grown)
         parts = _parts(volume.joined, np.array([padding, padding, 0.0]))
-        parts[:, 1, 2] = np.minimum(parts[:, 1, 2] + beyond, np.max(ends, initial=-np.inf))
-        parts[:, 1, 2] = np.maximum(parts[:, 1, 2], parts[:, 0, 2])
+        near = [_near(obstacles, rows, ends, part, cap) for part in parts]
+        for part, at in zip(parts, near, strict=True):
+            part[1, 2] = np.max(ends[at], initial=part[0, 2])
         step, rise = _spacing(parts[:, 1] - parts[:, 0], obstacles.cell_size)
         self.lift = contact_tolerance + (AROUND + 1) * rise
         self.tables = tuple(
-            _table(obstacles, rows, ends, part, step, rise, float(cap), self.lift) for part in parts
+            _table(obstacles, rows[at], ends[at], part, step, rise, float(cap), self.lift)
+            for part, at in zip(parts, near, strict=True)
         )
         self._parts = parts
 
@@ -152,6 +154,15 @@ def _parts(boxes: Array, padding: Array) -> Array:
     return parts
 
 
+def _near(
+    obstacles: ObstacleSet, rows: npt.NDArray[np.int64], ends: Array, part: Array, cap: float
+) -> npt.NDArray[np.int64]:
+    """Which of the boxes that count may be within the cap of a part of V, beside it or above."""
+    low, high = obstacles.lower[rows, :2], obstacles.upper[rows, :2]
+    beside = (low <= part[1, :2] + cap) & (high >= part[0, :2] - cap)
+    return np.flatnonzero(beside.all(axis=1) & (ends >= part[0, 2]))
+
+
 def _spacing(sides: Array, cell_size: float) -> tuple[int, float]:
     """Cells between two lines of tables of sides (m, 3), m between their levels."""
     step, rise = 1, _LEVEL
@@ -180,9 +191,6 @@ def _table(
     first, last = np.floor((part - obstacles.origin) / size).astype(np.int64)
     origin = obstacles.origin + first * size
     origin[2] = (math.floor(part[0, 2] / rise) - AROUND) * rise
-    near = (obstacles.lower[rows] <= part[1] + cap) & (obstacles.upper[rows] >= part[0] - cap)
-    chosen = near[:, :2].all(axis=1) & (ends >= origin[2])
-    rows, ends = rows[chosen], ends[chosen]
     boxes = boxes_by_height(
         obstacles.lower[rows],
         obstacles.upper[rows],
