@@ -63,7 +63,7 @@ class Task:
 
     Attributes:
         solids: the environment's true convex solids.
-        volume_lower, volume_upper: (3,) corners of V.
+        volume_lower, volume_upper: (3,) corners of V, or (k, 3) of the boxes whose union it is.
         object_vertices, object_triangles, center_of_mass: the object in its own frame: each of its
             connected components the solid that its triangles close, or a sheet.
         urdf, srdf: texts; `package://<name>/` leads to package_dirs[name].
@@ -71,6 +71,7 @@ class Task:
         objective: `maximize_clearance`, `minimize_clearance`, or anything else for "do not check".
         measured: (2, n, 3) lower and upper corners of the boxes that hold what was measured; None
             for "do not check the margin".
+        beyond: how far outside V things count for the clearance, metres.
     """
 
     solids: Sequence[Solid]
@@ -85,6 +86,13 @@ class Task:
     q_start: Mapping[str, float]
     objective: str
     measured: Array | None = None
+    beyond: float = 0.0
+
+    @property
+    def volume(self) -> Array:
+        """(k, 2, 3) corners of V's boxes."""
+        corners = np.atleast_2d(self.volume_lower), np.atleast_2d(self.volume_upper)
+        return np.stack(corners, axis=1)
 
     @classmethod
     def of(
@@ -100,8 +108,8 @@ class Task:
         """Of a bundled `Scene` and `GraspedObject`."""
         return cls(
             scene.parts,
-            scene.volume.lower,
-            scene.volume.upper,
+            scene.volume.boxes[:, 0],
+            scene.volume.boxes[:, 1],
             thing.vertices,
             thing.triangles,
             thing.center_of_mass,
@@ -249,14 +257,17 @@ class SolutionChecker:
         points[:, 2] += raised
         lowest = (_world_vertices(self.task, T_world_object) @ shear.T)[:, 2].min()
         best = np.full(len(points), 0.5)
-        volume = np.array([self.task.volume_lower, self.task.volume_upper])
-        volume[:, 2] += float(shear[2, :2] @ volume[:, :2].mean(axis=0))
+        volume = np.array(self.task.volume)
+        middle = 0.5 * (volume[:, 0].min(axis=0) + volume[:, 1].max(axis=0))
+        volume[:, :, 2] += float(shear[2, :2] @ middle[:2])
         for solid in self.task.solids:
             vertices = np.asarray(solid.vertices) @ shear.T
             if vertices[:, 2].max() <= lowest + self.tolerances.contact:
                 continue
             for outline, low, high in upright_prisms(vertices):
-                _lower_distance(best, points, outline, low, high, volume[0], volume[1])
+                for lower, upper in volume:
+                    ends = lower - self.task.beyond, upper + self.task.beyond
+                    _lower_distance(best, points, outline, low, high, *ends)
         return best
 
     def _check_shape(self, solution: Solution) -> list[str]:
@@ -543,11 +554,15 @@ def check_stance(task: Task, T_world_object: Array, tolerances: Tolerances) -> l
     if gaps.max() > tolerances.contact + tolerances.height:
         where = feet[np.argmax(gaps)].round(4).tolist()
         found.append(f"stance: nothing under the vertex at {where}")
-    low, high = task.volume_lower, task.volume_upper
     slack = np.array([1e-6, 1e-6, tolerances.contact])
-    if not ((feet >= low - slack) & (feet <= high + slack)).all(axis=1).any():
+    lower, upper = task.volume[:, 0] - slack, task.volume[:, 1] + slack
+    ends = feet[:, 2].min(), feet[:, 2].max()  # on a slope some foot is the contact point
+    at_height = (lower[:, 2] <= ends[1]) & (ends[0] <= upper[:, 2])
+    touched = (feet[:, None] >= lower) & (feet[:, None] <= upper)
+    if not touched.all(axis=2).any():
         found.append("volume: no contact point in V")
-    if not ((com >= low - 1e-6) & (com <= high + 1e-6))[:2].all():
+    over = ((com >= lower) & (com <= upper))[:, :2].all(axis=1)
+    if not (over & at_height if at_height.any() else over).any():
         found.append("volume: centre of mass not over V")
     return found
 

@@ -37,7 +37,7 @@ def tilted_problem(case, degrees, azimuth, rng, noise=0.0, **regions):
     points = points + rng.normal(0.0, noise, points.shape) if noise else points
     bounds = workspace(made.robot, made.arms, made.q_start, made.body, made.volume)
     environment = Environment.from_points(
-        points, made.volume, regions=RegionSettings(**regions), bounds=bounds
+        points, made.volume, regions=RegionSettings(**regions), bounds=bounds, beyond_volume=False
     )
     problem = Problem(made.robot, made.arms, made.q_start, made.body, made.volume, environment)
     context = ObjectiveContext(environment, made.volume, made.body)

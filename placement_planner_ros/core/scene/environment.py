@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.errors import VolumeError
-from placement_planner_ros.core.scene.distance import ClearanceField
+from placement_planner_ros.core.scene.distance import CAP, ClearanceField
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet, checked_cloud
 from placement_planner_ros.core.scene.planes import Plane, Planes
 from placement_planner_ros.core.scene.regions import (
@@ -39,7 +39,7 @@ def require_room(volume: TargetVolume, cell_size: float) -> None:
     Raises:
         VolumeError: it has more than `MAX_CELLS`.
     """
-    sides = volume.upper - volume.lower
+    sides = volume.upper - volume.lower  # one grid holds all of its boxes
     padded = sides + 2.0 * _AROUND * np.array([1.0, 1.0, 0.0])
     cells = float(np.prod(padded / cell_size + 2.0))
     if cells > MAX_CELLS:
@@ -47,7 +47,7 @@ def require_room(volume: TargetVolume, cell_size: float) -> None:
             "target_volume",
             " x ".join(f"{side:.4g}" for side in sides) + " m",
             f"has {cells:.3g} cells of {cell_size:g} m, the cloud.cell_size; it may have "
-            f"{MAX_CELLS:.3g}: give a smaller volume or larger cells",
+            f"{MAX_CELLS:.3g}: give a smaller volume, boxes nearer to each other or larger cells",
         )
 
 
@@ -60,18 +60,20 @@ class Incline:
         support: answers s(x).
         measured: the obstacle set sheared by the slope, in and around V.
         volume: V, upright as it is, with its floor and ceiling along the slope.
+        beyond: m outside V in which things count for clearance.
     """
 
     slope: Slope
     support: SupportMap
     measured: ObstacleSet
     volume: TargetVolume
+    beyond: float
 
     @cached_property
     def clearance(self) -> ClearanceField:
         """d_S in V for what stands on them: sideways is along the slope."""
         step("making distances to the environment")
-        return ClearanceField(self.measured, self.volume, padding=_AROUND)
+        return ClearanceField(self.measured, self.volume, self.beyond, padding=_AROUND)
 
     def sheared(self, T_world_object: Array) -> Array:
         """(n, 4, 4) what takes points of the object to x, y and their height above the plane."""
@@ -96,6 +98,7 @@ class Environment:
         volume: V.
         points: how many finite points it was made of, in the workspace or not.
         extent: (2, 3) lower and upper corner of these, NaN where there are none.
+        beyond_volume: things up to the cap outside V count for the clearance, not only those in it.
     """
 
     obstacles: ObstacleSet
@@ -105,6 +108,7 @@ class Environment:
     volume: TargetVolume
     points: int = 0
     extent: Array = field(default_factory=lambda: np.full((2, 3), np.nan))
+    beyond_volume: bool = True
     inclines: tuple[Incline, ...] = ()
     steep: tuple[Plane, ...] = ()
     max_slope: float = field(default_factory=lambda: RegionSettings().max_slope)
@@ -119,7 +123,8 @@ class Environment:
     def clearance(self) -> ClearanceField:
         """d_S in V, made when it is first asked for."""
         step("making distances to the environment")
-        return ClearanceField(self.measured, self.volume, padding=_AROUND)
+        beyond = CAP if self.beyond_volume else 0.0
+        return ClearanceField(self.measured, self.volume, beyond, padding=_AROUND)
 
     @classmethod
     def from_points(
@@ -133,6 +138,7 @@ class Environment:
         views: Sequence[View] = (),
         outside_robot: OutsideRobot | None = None,
         unknown_below: bool = False,
+        beyond_volume: bool = True,
     ) -> Environment:
         """Preprocess a cloud.
 
@@ -147,6 +153,8 @@ class Environment:
             views: what sensors at known places measured, see `visibility`.
             outside_robot: tells the cells that the robot is in, which are not unknown.
             unknown_below: nothing above the highest that was measured is unknown.
+            beyond_volume: things up to 0.5 m outside V count for the clearance; false is the
+                paper's definition.
 
         Raises:
             CloudError: see `ObstacleSet.from_points`.
@@ -166,22 +174,26 @@ class Environment:
         inclines = []
         for slope, height in zip(planes.slopes, planes.heights, strict=True):
             step("finding sloping placement regions")
-            sheared, around = _sheared(measured, volume, slope, height)
+            beyond = CAP if beyond_volume else 0.0
+            sheared, around = _sheared(measured, volume, slope, height, beyond)
             more, sloping = find_regions(sheared, volume, regions, planes, slope)
-            inclines.append(Incline(slope, sloping, sheared, around))
+            inclines.append(Incline(slope, sloping, sheared, around, beyond))
             found = largest((*found, *more), regions)
         step("finding unknown space")
         unknown = unknown_cells(
             measured, views, volume, outside_robot, below_measured=unknown_below
         )
         obstacles = measured.with_full_cells(unknown) if len(unknown) else measured
+        count, extent = _extent(checked_cloud(points))
         return cls(
             obstacles,
             found,
             support,
             measured,
             volume,
-            *_extent(checked_cloud(points)),
+            count,
+            extent,
+            beyond_volume,
             tuple(inclines),
             planes.steep,
             regions.max_slope,
@@ -189,15 +201,16 @@ class Environment:
 
 
 def _sheared(
-    measured: ObstacleSet, volume: TargetVolume, slope: Slope, height: float
+    measured: ObstacleSet, volume: TargetVolume, slope: Slope, height: float, beyond: float
 ) -> tuple[ObstacleSet, TargetVolume]:
-    """What was measured in V and a little below and above, and V, sheared by a slope."""
+    """What was measured in V and `beyond` it, a little at least, and V, sheared by a slope."""
     sides = np.array([volume.lower[:2], volume.upper[:2]])
     rises = sides * np.array(slope)
-    low = volume.lower[2] - rises.max(axis=0).sum() - _BESIDE
-    high = volume.upper[2] - rises.min(axis=0).sum() + _BESIDE
+    beside = max(_BESIDE, beyond)
+    low = volume.lower[2] - rises.max(axis=0).sum() - beside
+    high = volume.upper[2] - rises.min(axis=0).sum() + beside
     middle = np.array([0.0, 0.0, float(rises.mean(axis=0).sum())])
-    around = TargetVolume(volume.lower - middle, volume.upper - middle)
+    around = TargetVolume(volume.boxes[:, 0] - middle, volume.boxes[:, 1] - middle)
     return measured.sheared(slope, float(low), float(high), height), around
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from placement_planner_ros.core.boxes import disjoint_rectangles
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.planes import Planes
@@ -95,13 +96,16 @@ class Region:
 
     def clipped(self, lower: Array, upper: Array) -> Region | None:
         """The part within lower..upper, (2,) corners, or None where nothing is left."""
-        rectangles, diagonals = _clip(
-            self.rectangles,
-            self.diagonals,
-            np.asarray(lower, dtype=np.float64),
-            np.asarray(upper, dtype=np.float64),
-        )
-        return Region(rectangles, self.z, diagonals, self.slope) if len(rectangles) else None
+        return self.within(np.array([(lower, upper)], dtype=np.float64))
+
+    def within(self, section: Array) -> Region | None:
+        """The part within any of (k, 2, 2) disjoint rectangles, or None where nothing is left."""
+        parts = [_clip(self.rectangles, self.diagonals, low, high) for low, high in section]
+        parts = [part for part in parts if len(part[0])]
+        if not parts:
+            return None
+        rectangles, diagonals = (np.concatenate(of) for of in zip(*parts, strict=True))
+        return Region(rectangles, self.z, diagonals, self.slope)
 
     def split(self) -> tuple[Region, ...]:
         """Up to four regions, cut at the area-weighted mean x and y (the paper's children of r).
@@ -254,12 +258,14 @@ def find_regions(
     support = SupportMap.of(obstacles, surfaces, slope)
     middle = 0.5 * (surfaces.rectangle[:, :2] + surfaces.rectangle[:, 2:])
     z = surfaces.height + middle @ np.array(slope)
-    in_volume = (
-        (z >= volume.lower[2] - settings.height_tolerance)
-        & (z <= volume.upper[2] + settings.height_tolerance)
-        & (surfaces.rectangle[:, 2:] > volume.lower[:2]).all(axis=1)
-        & (surfaces.rectangle[:, :2] < volume.upper[:2]).all(axis=1)
-    )
+    in_volume = np.zeros(len(surfaces.height), np.bool_)
+    for lower, upper in volume.joined:
+        in_volume |= (
+            (z >= lower[2] - settings.height_tolerance)
+            & (z <= upper[2] + settings.height_tolerance)
+            & (surfaces.rectangle[:, 2:] > lower[:2]).all(axis=1)
+            & (surfaces.rectangle[:, :2] < upper[:2]).all(axis=1)
+        )
     if planes is not None:
         in_volume &= planes.lies_in(surfaces.cells, surfaces.height, slope)
     label = np.where(in_volume, 0, -1)
@@ -277,13 +283,15 @@ def find_regions(
         if whole.area < settings.min_area:
             continue
         height = _weighted_median(surfaces.height[rows], whole.areas)
-        if slope == LEVEL and not volume.lower[2] <= height <= volume.upper[2]:
-            continue  # a sloping one may lie in V in part
+        # what slopes may lie in V in part
+        flat = disjoint_rectangles(volume.joined[:, :, :2])
+        section = volume.section(height) if slope == LEVEL else flat
+        if not len(section):
+            continue
         joined = _join_strips(cells[rows], surfaces.rectangle[rows], surfaces.diagonal[rows])
-        region = Region(joined[0], height, joined[1], slope)
-        clipped = region.clipped(volume.lower[:2], volume.upper[:2])
-        if clipped is not None and clipped.area >= settings.min_area:
-            regions.append(clipped)
+        region = Region(joined[0], height, joined[1], slope).within(section)
+        if region is not None and region.area >= settings.min_area:
+            regions.append(region)
     return largest(regions, settings), support
 
 

@@ -29,6 +29,7 @@ class Surroundings:
         views: for `unknown_space`; empty where that is free.
         snapshot: where the robot is, which only views look at.
         unknown_below: `unknown_space` is occupied_below.
+        beyond_volume: `clearance.beyond_volume`.
     """
 
     points: Array
@@ -39,6 +40,7 @@ class Surroundings:
     views: tuple[View, ...]
     snapshot: Snapshot
     unknown_below: bool = False
+    beyond_volume: bool = True
 
     @classmethod
     def of(cls, snapshot: Snapshot, before: Surroundings | None = None) -> Surroundings:
@@ -73,6 +75,7 @@ class Surroundings:
             tuple(views),
             snapshot,
             snapshot.parameters["unknown_space"] == "occupied_below",
+            bool(snapshot.parameters["clearance.beyond_volume"]),
         )
 
     def made_of(self, snapshot: Snapshot) -> bool:
@@ -84,9 +87,8 @@ class Surroundings:
         return self is other or (
             self.grid == other.grid
             and self.regions == other.regions
-            and _equal(
-                (self.volume.lower, self.volume.upper), (other.volume.lower, other.volume.upper)
-            )
+            and self.volume.same(other.volume)
+            and self.beyond_volume == other.beyond_volume
             and _equal(self.bounds, other.bounds)
             and np.array_equal(self.points, other.points)
             and len(self.views) == len(other.views)
@@ -114,6 +116,7 @@ class Surroundings:
                 self.snapshot, centers, around + distance
             ),
             unknown_below=self.unknown_below,
+            beyond_volume=self.beyond_volume,
         )
 
 
@@ -138,6 +141,7 @@ def _same_inputs(a: Snapshot, b: Snapshot) -> bool:
         "target_volume",
         "cloud.cell_size",
         "max_slope",
+        "clearance.beyond_volume",
         "self_filter.enabled",
         "unknown_space",
     )
