@@ -1,0 +1,90 @@
+"""What the node says about itself in `~/status`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from diagnostic_msgs.msg import DiagnosticStatus
+
+ENDED = frozenset({"stopped", "time_limit", "exhausted", "robot_moved", "failed"})
+"""States of a run that is over."""
+STOPPING = "stopping"
+ROBOT_MOVED = "robot_moved"
+
+
+@dataclass(frozen=True, slots=True)
+class Validity:
+    """Whether a solution can still be carried out as it was planned.
+
+    Attributes:
+        reason: why not; empty where it can.
+    """
+
+    reason: str = ""
+
+    def __bool__(self) -> bool:
+        return not self.reason
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """One message of `~/status`.
+
+    Attributes:
+        run: number of the last run; 0 before the first.
+        state: where that run is.
+        code: how it ended; `OK` while it has not.
+        solutions: how many it has published.
+        validity: of the last of them.
+        warm: `true`, `false` while kernels are compiled, or `failed`.
+        robot, object: `none`, `reading`, `ready` or `bad`.
+        message: for people.
+        values: all there is, by key.
+    """
+
+    run: int
+    state: str
+    code: str
+    solutions: int
+    validity: Validity
+    warm: str
+    robot: str
+    object: str
+    message: str
+    values: Mapping[str, str]
+
+    @classmethod
+    def of(cls, message: DiagnosticStatus) -> Status:
+        """Of a message."""
+        values = {pair.key: pair.value for pair in message.values}
+        valid = values.get("best_valid") == "true"
+        reason = "" if valid else values.get("best_invalid_reason") or "the node does not say why"
+        return cls(
+            int(values.get("run", 0)),
+            values.get("state", ""),
+            values.get("code", ""),
+            int(values.get("solutions", 0)),
+            Validity(reason),
+            values.get("warm", ""),
+            values.get("robot", ""),
+            values.get("object", ""),
+            message.message,
+            MappingProxyType(values),
+        )
+
+    @property
+    def ended(self) -> bool:
+        """Whether the run is over."""
+        return self.state in ENDED
+
+    @property
+    def ready(self) -> bool:
+        """Whether nothing is being compiled or read any more; what is bad `start` says."""
+        return self.warm in ("true", "failed") and "reading" not in (self.robot, self.object)
+
+    @property
+    def progress(self) -> str:
+        """How far compiling or reading is; empty where there is nothing to say."""
+        return self.values.get("robot_progress") or self.values.get("warm_progress", "")
