@@ -25,10 +25,11 @@ class PlacementClient(Connection):
     """
 
     def wait_until_ready(self, seconds: float) -> Status:
-        """The node's status, once it is there and neither compiles nor reads anything any more.
+        """The node's status, once it could begin a run at once: nothing is compiled or read any
+        more, clouds and joint states arrive.
 
         Raises:
-            PlacementError: not within that time: NO_NODE, or NOT_READY with how far it is.
+            PlacementError: not within that time: NO_NODE, or NOT_READY with what is lacking.
         """
         return self._finish(self._conversation.until_ready(seconds))
 

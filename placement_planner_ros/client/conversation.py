@@ -87,7 +87,7 @@ class Conversation:
                     raise self._no_node("start_with")
                 if status is None:
                     raise PlacementError(NO_ANSWER, self._unheard("its status has not come"))
-                raise PlacementError("NOT_READY", status.progress or status.message)
+                raise PlacementError("NOT_READY", status.lacking)
             yield end
 
     def place(

@@ -81,10 +81,20 @@ class Status:
 
     @property
     def ready(self) -> bool:
-        """Whether nothing is being compiled or read any more; what is bad `start` says."""
-        return self.warm in ("true", "failed") and "reading" not in (self.robot, self.object)
+        """Whether the node could begin a run at once; what is bad is for `start` to say."""
+        return not self.lacking
 
     @property
-    def progress(self) -> str:
-        """How far compiling or reading is; empty where there is nothing to say."""
-        return self.values.get("robot_progress") or self.values.get("warm_progress", "")
+    def lacking(self) -> str:
+        """What the node waits for or works on before it can begin a run, in words."""
+        lacking = []
+        if self.warm not in ("true", "failed"):
+            lacking.append(f"kernels are compiled: {self.values.get('warm_progress', '')}")
+        lacking += [
+            f"{what} is read: {self.values.get(f'{what}_progress', '')}"
+            for what, state in (("robot", self.robot), ("object", self.object))
+            if state == "reading"
+        ]
+        if self.values.get("inputs") != "arrive":
+            lacking.append(f"inputs: {self.values.get('inputs', '')}")
+        return "; ".join(words.removesuffix(": ") for words in lacking)

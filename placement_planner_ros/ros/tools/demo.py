@@ -51,12 +51,6 @@ PLANNER = f"{NAMESPACE}/placement_planner"
 READY_WITHIN = 600.0
 """Seconds within which the node must be ready; after installation it first compiles its kernels."""
 
-
-INPUTS_WITHIN = 20.0
-"""Seconds within which cloud and joint states must have arrived."""
-INPUTS_LACKING = ("NO_CLOUD", "JOINTS_MISSING", "JOINTS_STALE")
-
-
 LOOK_EVERY = 0.5
 """Seconds between looks at the node while it gets ready."""
 PROGRESS_EVERY = 5.0
@@ -247,7 +241,11 @@ def _converse(
             flush=True,
         )
 
-    best = _place(options.seconds, node, planner, show)
+    try:
+        best = planner.place({}, options.seconds, until=show)
+    except PlacementError as error:
+        _require_alive(node)
+        raise DemoError(str(error)) from error
     if not improvements or improvements[-1].number < best.number:
         show(best)
     print(f"stopped: {best.words}", flush=True)
@@ -270,32 +268,10 @@ def _wait_until_ready(node: subprocess.Popen[bytes], planner: PlacementClient) -
             _require_alive(node)
             if time.monotonic() > give_up:
                 raise DemoError(f"the node did not get ready: {error}") from error
-        progress = "" if planner.status is None else planner.status.progress
+        progress = "" if planner.status is None else planner.status.lacking
         if progress not in ("", said) and time.monotonic() > say_next:
             said, say_next = progress, time.monotonic() + PROGRESS_EVERY
             print(f"  {said}", flush=True)
-
-
-def _place(
-    seconds: float,
-    node: subprocess.Popen[bytes],
-    planner: PlacementClient,
-    show: Callable[[Solution], None],
-) -> Solution:
-    """The best placement, once cloud and joint states have arrived.
-
-    Raises:
-        DemoError: there is none.
-    """
-    give_up = time.monotonic() + INPUTS_WITHIN
-    while True:
-        try:
-            return planner.place({}, seconds, until=show)
-        except PlacementError as error:
-            _require_alive(node)
-            if error.code not in INPUTS_LACKING or time.monotonic() > give_up:
-                raise DemoError(str(error)) from error
-        time.sleep(LOOK_EVERY)
 
 
 def _require_alive(node: subprocess.Popen[bytes]) -> None:

@@ -126,3 +126,23 @@ def test_values_become_parameters(value, kept):
 def test_a_value_that_is_no_parameter_is_named():
     with pytest.raises(TypeError, match="target_volume"):
         parameter_message("target_volume", [[0.0, 1.0], [2.0, 3.0]])
+
+
+def test_what_the_node_lacks_is_waited_for_and_named(bench):
+    b = bench(warm=False)
+    with PlacementClient() as planner:
+        with pytest.raises(PlacementError) as raised:
+            planner.wait_until_ready(1.0)
+        assert raised.value.code == "NOT_READY"
+        assert "kernels are compiled" in raised.value.words
+        assert "no recent joint states, clouds" in raised.value.words
+        waiting = Doing(lambda: planner.wait_until_ready(30.0))
+        b.node._warm.set()
+        b.cloud()
+        b.wait(lambda: planner.status.lacking == "inputs: no recent joint states", again=b.cloud)
+        assert waiting.is_alive()
+        b.feed()
+        assert waiting.result.ready
+    with PlacementClient(planner="nobody") as planner, pytest.raises(PlacementError) as raised:
+        planner.wait_until_ready(0.1)
+    assert raised.value.code == "NO_NODE"
