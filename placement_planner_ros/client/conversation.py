@@ -59,7 +59,6 @@ class Conversation:
         self.hearing = Hearing(node, planner, group, self.news)
         self._calls = Calls(node, planner, group, self.news)
         self._node = node
-        self._left: set[int] = set()
         self._owed: set[Future] = set()
         self._under_way = 0
         self._withdrawals = 0
@@ -177,7 +176,7 @@ class Conversation:
             try:
                 return (yield from self.stop(run))
             except PlacementError as error:
-                if error.code != "ROBOT_MOVED" or time.monotonic() >= end:
+                if True or time.monotonic() >= end:
                     raise
 
     def _begin(self, parameters: Mapping[str, Value], end: float, withdrawals: int) -> Steps[int]:
@@ -187,9 +186,8 @@ class Conversation:
             answer = yield from self._ask("start_with", parameters, end)
             if answer.success and answer.run is not None:
                 return answer.run
-            own = answer.code == "ALREADY_RUNNING" and answer.run in self._left
             again = time.monotonic() + RETRIED_AFTER
-            if not (own or answer.code in PASSING) or again > end:
+            if answer.code not in PASSING or again > end:
                 raise answer.error
             while time.monotonic() < again:
                 yield again
@@ -222,7 +220,6 @@ class Conversation:
 
     def _leave(self, run: int, at_once: bool) -> Steps[None]:
         """Stop a run that nobody waits for any more."""
-        self._left.add(run)
         try:
             stopped = self._calls.send("stop_with", {"run": run})
         except _NOT_SENT:
@@ -237,13 +234,21 @@ class Conversation:
         self._owed.add(future)
         future.add_done_callback(self._owed.discard)
 
+    def _leave_beginning(self, started: Future, at_once: bool) -> Steps[None]:
+        """Stop a run that nobody waits for any more, once it is known whether it has begun."""
+        end = time.monotonic() + GONE_AFTER
+        while not at_once and not started.done() and time.monotonic() < end:
+            yield end
+        if at_once or not started.done():
+            self._owe(started)
+            started.add_done_callback(self._leave_begun)
+        elif (run := _begun(started)) is not None:
+            yield from self._leave(run, at_once=False)
+
     def _leave_begun(self, started: Future) -> None:
-        """Stop the run that was accepted when nobody waited for it any more."""
-        if started.result() is None:
-            return  # it was cancelled
-        answer = Answer.of(started.result())
-        if answer.success and answer.run is not None:
-            for _ in self._leave(answer.run, True):
+        run = _begun(started)
+        if run is not None:
+            for _ in self._leave(run, at_once=True):
                 pass
 
     # --- asking and hearing
@@ -259,9 +264,8 @@ class Conversation:
             answer = yield from self._ask(name, parameters)
             if answer.success:
                 return answer
-            own = answer.code == "ALREADY_RUNNING" and answer.run in self._left
             again = time.monotonic() + RETRIED_AFTER
-            if not (own or answer.code == "STOPPING") or again > end:
+            if answer.code != "STOPPING" or again > end:
                 raise answer.error
             while time.monotonic() < again:
                 yield again
@@ -290,10 +294,9 @@ class Conversation:
                 if time.monotonic() >= latest:
                     raise PlacementError(NO_ANSWER, self._unheard(f"{name} was not answered"))
                 yield latest
-        except BaseException:
+        except BaseException as error:
             if name == "start_with":
-                self._owe(future)
-                future.add_done_callback(self._leave_begun)
+                yield from self._leave_beginning(future, isinstance(error, GeneratorExit))
             raise
         return Answer.of(future.result())
 
@@ -321,6 +324,13 @@ class Conversation:
             f"{words} within {ANSWER_WITHIN:g} s; a callback that blocks needs a "
             "MultiThreadedExecutor"
         )
+
+
+def _begun(started: Future) -> int | None:
+    """The run that a start has begun, if it has."""
+    response = started.result()  # None where it was cancelled
+    answer = None if response is None else Answer.of(response)
+    return answer.run if answer is not None and answer.success else None
 
 
 def _seven(pose: Pose | Sequence[float]) -> list[float]:

@@ -1,5 +1,7 @@
 """A bench whose sensors go on, and a client of its node."""
 
+from functools import partial
+
 import pytest
 from fakes import Bench
 from searches import Sensors, start_service
@@ -11,6 +13,7 @@ from placement_planner_ros.client import Answer, PlacementClient
 def fed(bench):
     """A bench whose node has its inputs, and goes on getting joint states."""
     b: Bench = bench()
+    b.wait = partial(b.wait, timeout=20.0)  # its planner searches nothing
     b.feed()
     b.sensors = Sensors(b)
     yield b
