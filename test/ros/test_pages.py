@@ -97,6 +97,16 @@ def test_every_topic_and_service_is_named_with_its_type(bench):
         assert f"`{package}/{last}`" in row[0] or f"`{kind}`" in row[0]
 
 
+def test_no_topic_or_service_is_named_that_does_not_exist(bench):
+    node = bench().node
+    known = {p.topic_name for p in node.publishers} | {s.topic_name for s in node.subscriptions}
+    known |= {s.service_name for s in node.services}
+    tables = INTERFACE.partition("## Topics it hears")[2]
+    for name in re.findall(r"^\| `([^`]+)`[^|]*\| `[a-z_]+(?:/srv)?/\w+` \|", tables, re.M):
+        full = name.replace("~", "placement_planner")
+        assert f"/{full.removeprefix('/')}" in known
+
+
 def test_every_value_of_status_and_solution_is_named(bench):
     b = bench()
     planner = started(b)
