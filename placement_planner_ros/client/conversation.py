@@ -42,6 +42,10 @@ RETRIED_AFTER = 0.1
 GONE_AFTER = 2.0
 """Seconds without the node's services after which it counts as gone."""
 
+LEFT_WITHIN = ANSWER_WITHIN
+"""Seconds within which a run that is left must be known to be stopped; after that it is stopped as
+soon as that can be said."""
+
 _NOT_SENT = (rclpy_implementation.InvalidHandle, rclpy_implementation.RCLError)
 """Raised where ROS has been shut down."""
 
@@ -154,8 +158,10 @@ class Conversation:
 
     def settle(self) -> Steps[None]:
         """Until nobody searches any more and the runs that were left are known to be stopped."""
-        end = time.monotonic() + GONE_AFTER
-        while (self._owed or self._under_way) and time.monotonic() < end:
+        end = time.monotonic() + ANSWER_WITHIN
+        while self._under_way or (self._owed and self._calls.offered("stop_with")):
+            if time.monotonic() >= end:
+                return
             yield end
 
     # --- one run
@@ -225,8 +231,13 @@ class Conversation:
         except _NOT_SENT:
             return  # it ends at its time limit
         self._owe(stopped)
-        end = time.monotonic() + GONE_AFTER
-        while not at_once and not stopped.done() and time.monotonic() < end:
+        if not at_once:
+            yield from self._attend(stopped)
+
+    def _attend(self, answer: Future) -> Steps[None]:
+        """Until it has come, or will hardly come any more."""
+        end = time.monotonic() + LEFT_WITHIN
+        while not answer.done() and time.monotonic() < end and self._calls.offered("stop_with"):
             yield end
 
     def _owe(self, future: Future) -> None:
@@ -236,9 +247,8 @@ class Conversation:
 
     def _leave_beginning(self, started: Future, at_once: bool) -> Steps[None]:
         """Stop a run that nobody waits for any more, once it is known whether it has begun."""
-        end = time.monotonic() + GONE_AFTER
-        while not at_once and not started.done() and time.monotonic() < end:
-            yield end
+        if not at_once:
+            yield from self._attend(started)
         if at_once or not started.done():
             self._owe(started)
             started.add_done_callback(self._leave_begun)

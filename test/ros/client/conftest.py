@@ -13,7 +13,7 @@ from placement_planner_ros.client import Answer, PlacementClient
 def fed(bench):
     """A bench whose node has its inputs, and goes on getting joint states."""
     b: Bench = bench()
-    b.wait = partial(b.wait, timeout=20.0)  # its planner searches nothing
+    b.wait = partial(b.wait, timeout=60.0)  # its planner searches nothing
     b.feed()
     b.sensors = Sensors(b)
     yield b
@@ -24,7 +24,7 @@ def fed(bench):
 def planner(fed):
     """A client with a node of its own."""
     with PlacementClient() as made:
-        made.wait_until_ready(30.0)
+        made.wait_until_ready(60.0)
         yield made
 
 

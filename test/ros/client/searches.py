@@ -60,7 +60,7 @@ class Doing(threading.Thread):
         return error
 
     def _outcome(self):
-        self.join(30.0)
+        self.join(60.0)
         assert self._came_to is not None, "it does not come to an end"
         return self._came_to
 

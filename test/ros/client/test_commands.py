@@ -92,7 +92,7 @@ def test_of_solutions_that_are_not_the_last_nothing_is_known(fed, planner):
 def test_the_same_in_asyncio(fed):
     async def talk():
         async with AsyncPlacementClient() as planner:
-            assert (await planner.wait_until_ready(30.0)).warm == "true"
+            assert (await planner.wait_until_ready(60.0)).warm == "true"
             run = await planner.start({}, patience=10.0)
             await asyncio.to_thread(found, fed, 0.5)
             solution = await planner.stop(run)

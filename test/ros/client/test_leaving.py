@@ -6,7 +6,7 @@ import threading
 import pytest
 from searches import Doing, ended, found, searching, start_service
 
-from placement_planner_ros.client import AsyncPlacementClient, PlacementClient
+from placement_planner_ros.client import AsyncPlacementClient, PlacementClient, conversation
 from placement_planner_ros.client.waiting import News
 from placement_planner_ros.ros.run import worker
 
@@ -20,7 +20,7 @@ def held(fed):
 
     def holding(request, response):
         response = respond(request, response)
-        gate.wait(30.0)
+        gate.wait(60.0)
         return response
 
     service.callback = holding
@@ -36,7 +36,7 @@ def was_stopped(b):
 def test_a_task_that_is_cancelled_stops_its_run(fed):
     async def cancelling():
         async with AsyncPlacementClient() as planner:
-            await planner.wait_until_ready(30.0)
+            await planner.wait_until_ready(60.0)
             task = asyncio.create_task(planner.place({}, 60.0))
             await asyncio.to_thread(searching, fed)
             task.cancel()
@@ -51,7 +51,7 @@ def test_a_task_that_is_cancelled_stops_its_run(fed):
 def test_the_next_place_waits_for_the_run_that_was_left(fed):
     async def replacing():
         async with AsyncPlacementClient() as planner:
-            await planner.wait_until_ready(30.0)
+            await planner.wait_until_ready(60.0)
             with pytest.raises(TimeoutError):
                 await asyncio.wait_for(planner.place({}, 60.0), 0.3)
             placing = asyncio.create_task(planner.place({}, 60.0, until=lambda s: True))
@@ -61,10 +61,12 @@ def test_the_next_place_waits_for_the_run_that_was_left(fed):
     assert asyncio.run(replacing()) == 2
 
 
-def test_a_task_that_is_cancelled_before_start_has_answered_stops_its_run(fed, held):
+def test_a_task_that_is_cancelled_before_start_has_answered_stops_its_run(fed, held, monkeypatch):
+    monkeypatch.setattr(conversation, "LEFT_WITHIN", 0.3)
+
     async def cancelling():
         async with AsyncPlacementClient() as planner:
-            await planner.wait_until_ready(30.0)
+            await planner.wait_until_ready(60.0)
             task = asyncio.create_task(planner.place({}, 60.0))
             await asyncio.to_thread(searching, fed)
             task.cancel()

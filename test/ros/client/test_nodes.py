@@ -136,7 +136,7 @@ def test_what_the_node_lacks_is_waited_for_and_named(bench):
         assert raised.value.code == "NOT_READY"
         assert "kernels are compiled" in raised.value.words
         assert "no recent joint states, clouds" in raised.value.words
-        waiting = Doing(lambda: planner.wait_until_ready(30.0))
+        waiting = Doing(lambda: planner.wait_until_ready(60.0))
         b.node._warm.set()
         b.cloud()
         b.wait(lambda: planner.status.lacking == "inputs: no recent joint states", again=b.cloud)

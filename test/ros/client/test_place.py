@@ -78,7 +78,7 @@ def test_results_of_other_runs_count_for_nothing(fed, planner):
     found(fed, 0.9)
     assert before.result.run == 1
     with PlacementClient() as late:
-        late.wait_until_ready(30.0)
+        late.wait_until_ready(60.0)
         fed.wait(lambda: late.improvement(1) is not None)
         heard = []
         for each, number in ((late, 2), (planner, 3)):
@@ -166,6 +166,7 @@ def test_another_run_of_another_client_is_said(fed, planner):
     fed.call("stop")
     fed.call("start")
     assert placing.error.code in ("WRONG_RUN", "NO_SOLUTION")
+    assert not ended(fed), "the other run is left alone, and not waited for"
 
 
 def test_what_until_raises_stops_the_run(fed, planner):
@@ -194,7 +195,7 @@ def test_what_is_being_read_is_waited_for(fed, planner, answers, monkeypatch):
     gate, from_mesh = threading.Event(), Body.from_mesh
 
     def slow(*args, **options):
-        gate.wait(30.0)
+        gate.wait(60.0)
         return from_mesh(*args, **options)
 
     monkeypatch.setattr(Body, "from_mesh", slow)
