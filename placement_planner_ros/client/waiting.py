@@ -60,8 +60,10 @@ class News:
                 return
             self._listeners.append(wake)
         try:
+            # Not wait_for, which in Python 3.11 loses a cancellation that comes with the news.
             with suppress(TimeoutError):
-                await asyncio.wait_for(heard.wait(), _seconds(until))
+                async with asyncio.timeout(_seconds(until)):
+                    await heard.wait()
         finally:
             with self._heard:
                 self._listeners.remove(wake)

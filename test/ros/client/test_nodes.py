@@ -72,6 +72,7 @@ def test_a_callback_may_wait_where_several_threads_spin(fed, spun):
 
 def test_a_node_that_nobody_spins_is_said(fed, monkeypatch):
     monkeypatch.setattr(conversation, "ANSWER_WITHIN", 0.5)
+    monkeypatch.setattr(conversation, "LEFT_WITHIN", 0.5)
     node = Node("forgotten")
     try:
         planner = PlacementClient(node)
