@@ -89,12 +89,12 @@ class Status:
         """What the node waits for or works on before it can begin a run, in words."""
         lacking = []
         if self.warm not in ("true", "failed"):
-            lacking.append(f"kernels are compiled: {self.values.get('warm_progress', '')}")
+            lacking.append(f"compiling kernels: {self.values.get('warm_progress', '')}")
         lacking += [
-            f"{what} is read: {self.values.get(f'{what}_progress', '')}"
+            f"reading the {what}: {self.values.get(f'{what}_progress', '')}"
             for what, state in (("robot", self.robot), ("object", self.object))
             if state == "reading"
         ]
-        if self.values.get("inputs") != "arrive":
+        if self.values.get("inputs", "arrive") != "arrive":
             lacking.append(f"inputs: {self.values.get('inputs', '')}")
         return "; ".join(words.removesuffix(": ") for words in lacking)

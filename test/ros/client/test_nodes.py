@@ -132,10 +132,12 @@ def test_a_value_that_is_no_parameter_is_named():
 def test_what_the_node_lacks_is_waited_for_and_named(bench):
     b = bench(warm=False)
     with PlacementClient() as planner:
+        b.wait(lambda: planner.status is not None)
+        b.wait(lambda: planner._conversation._calls.offered("start_with"))
         with pytest.raises(PlacementError) as raised:
-            planner.wait_until_ready(1.0)
+            planner.wait_until_ready(0.3)
         assert raised.value.code == "NOT_READY"
-        assert "kernels are compiled" in raised.value.words
+        assert "compiling kernels" in raised.value.words
         assert "no recent joint states, clouds" in raised.value.words
         waiting = Doing(lambda: planner.wait_until_ready(60.0))
         b.node._warm.set()
