@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from .clearance import distances
+from .clearance import Clearance
 from .curve import check_curve, check_limits, states_along
-from .insides import piece_voxels
 from .leaving import Leaving
 from .pieces import object_pieces
 from .robot import RobotModel
@@ -34,7 +33,7 @@ class SolutionChecker:
         self.tolerances = Tolerances() if tolerances is None else tolerances
         self.robot = RobotModel.read(task.urdf, task.srdf, task.package_dirs)
         self.components = object_pieces(task.object_vertices, task.object_triangles)
-        self._samples = piece_voxels(self.components)
+        self._clearance = Clearance(task, self.components, self.tolerances)
 
     def check(self, solution: Solution, previous_objective: float | None = None) -> list[str]:
         """Violations of one solution."""
@@ -59,20 +58,11 @@ class SolutionChecker:
 
     def clearance(self, T_world_object: Array) -> float:
         """C: mean distance of the object's voxel centres sideways and upwards, metres."""
-        return float(self._distances(T_world_object, 0.0).mean())
+        return self._clearance.mean(T_world_object)
 
     def clearance_bounds(self, T_world_object: Array) -> tuple[float, float]:
-        """Least and greatest C where heights are known to a layer of cells only.
-
-        What ends within a layer above a point may count as beside or as below it: distances
-        sideways and upwards jump there, whatever the cells' size.
-        """
-        exact = self._distances(T_world_object, 0.0)
-        raised = self._distances(T_world_object, self.tolerances.layer)
-        return float(np.minimum(exact, raised).mean()), float(np.maximum(exact, raised).mean())
-
-    def _distances(self, T_world_object: Array, raised: float) -> Array:
-        return distances(self.task, self._samples, self.tolerances, T_world_object, raised)
+        """Least and greatest C where heights are known to a layer of cells only."""
+        return self._clearance.bounds(T_world_object)
 
     def _q_start(self) -> Array:
         return self.robot.configuration(self.task.q_start)

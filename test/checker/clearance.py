@@ -2,26 +2,57 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from .insides import piece_voxels
+from .pieces import Piece
 from .task import Array, Task, Tolerances, world_vertices
 
 
-def distances(
-    task: Task, samples: Array, tolerances: Tolerances, T_world_object: Array, raised: float
-) -> Array:
-    """(n,) sideways and upwards of voxel centres (n, 3) that are raised by as much, metres."""
-    points = samples @ T_world_object[:3, :3].T + T_world_object[:3, 3]
-    points[:, 2] += raised
-    lowest = world_vertices(task, T_world_object)[:, 2].min()
-    best = np.full(len(points), 0.5)
-    for solid in task.solids:
-        if solid.vertices[:, 2].max() <= lowest + tolerances.contact:
-            continue
-        for outline, low, high in upright_prisms(solid.vertices):
-            _lower_distance(best, points, outline, low, high, task.volume_lower, task.volume_upper)
-    return best
+class Clearance:
+    """C(x) of one object among true solids."""
+
+    def __init__(self, task: Task, components: Sequence[Piece], tolerances: Tolerances) -> None:
+        self._task = task
+        self._tolerances = tolerances
+        self._samples = piece_voxels(components)
+        self._prisms = [
+            (float(solid.vertices[:, 2].max()), upright_prisms(solid.vertices))
+            for solid in task.solids
+        ]
+
+    def mean(self, T_world_object: Array) -> float:
+        """C: mean distance of the object's voxel centres sideways and upwards, metres."""
+        return float(self._distances(T_world_object, 0.0).mean())
+
+    def bounds(self, T_world_object: Array) -> tuple[float, float]:
+        """Least and greatest C where heights are known to a layer of cells only.
+
+        What ends within a layer above a point may count as beside or as below it: distances
+        sideways and upwards jump there, whatever the cells' size.
+        """
+        exact = self._distances(T_world_object, 0.0)
+        raised = self._distances(T_world_object, self._tolerances.layer)
+        return float(np.minimum(exact, raised).mean()), float(np.maximum(exact, raised).mean())
+
+    def _distances(self, T_world_object: Array, raised: float) -> Array:
+        """(n,) sideways and upwards of the voxel centres, raised by as much, metres."""
+        task = self._task
+        points = self._samples @ T_world_object[:3, :3].T + T_world_object[:3, 3]
+        points[:, 2] += raised
+        lowest = world_vertices(task, T_world_object)[:, 2].min()
+        best = np.full(len(points), 0.5)
+        for top, prisms in self._prisms:
+            if top <= lowest + self._tolerances.contact:
+                continue
+            for outline, low, high in prisms:
+                _lower_distance(
+                    best, points, outline, low, high, task.volume_lower, task.volume_upper
+                )
+        return best
 
 
 def upright_prisms(vertices: Array, thickness: float = 0.002) -> list[tuple[Array, float, float]]:

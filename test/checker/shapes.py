@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import coal
 import numpy as np
 from scipy.spatial import ConvexHull
@@ -10,12 +12,18 @@ from .task import Array, Triangles
 
 
 def convex(vertices: Array) -> coal.CollisionGeometry:
-    """The convex hull of (n, 3) points."""
+    """The convex hull of (n, 3) points, made once."""
+    return _convex(np.ascontiguousarray(vertices, dtype=np.float64).tobytes())
+
+
+@functools.lru_cache(maxsize=512)
+def _convex(numbers: bytes) -> coal.CollisionGeometry:
+    vertices = np.frombuffer(numbers).reshape(-1, 3)
     hull = ConvexHull(vertices)
     used, triangles = np.unique(hull.simplices, return_inverse=True)
     mesh = coal.BVHModelOBBRSS()
     mesh.beginModel(len(hull.simplices), len(used))
-    mesh.addVertices(np.asarray(vertices)[used])
+    mesh.addVertices(vertices[used])
     for triangle in triangles.reshape(-1, 3):
         mesh.addTriangle(*vertices[used][triangle])
     mesh.endModel()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -13,10 +14,13 @@ import pinocchio as pin
 from .insides import DEEP, in_bounds, inside
 from .margin import too_near
 from .pieces import Piece
+from .poses import Poses
 from .robot import RobotModel
 from .shapes import convex
 from .task import WORLD, Array, Solution, Task, Tolerances, world_vertices
 
+_STILL = 1e-9
+"""m, that no pair need come for another look."""
 _CONTACTS = 1000
 """Contacts of a mesh that are looked at for its depth."""
 
@@ -104,55 +108,16 @@ class World:
 
     def object_gaps(self, states: Array, only: Sequence[str] | None = None) -> dict[str, Array]:
         """Link -> its signed distance from the object at each of the states (k, nq)."""
-        model, geometry = self.robot.model, self.geometry
-        data, shapes = model.createData(), geometry.createData()
-        for request in shapes.distanceRequests:
-            request.enable_signed_distance = True
+        poses = Poses(self.robot.model, self.geometry, states)
         gaps: dict[str, Array] = {}
-        for row, state in enumerate(states):
-            pin.updateGeometryPlacements(model, data, geometry, shapes, state)
-            for k, pair in enumerate(geometry.collisionPairs):
-                names = {self.links[pair.first], self.links[pair.second]} - {"object"}
-                if len(names) == 2 or (only is not None and not names & set(only)):
-                    continue
-                gap = gaps.setdefault(names.pop(), np.full(len(states), np.inf))
-                gap[row] = min(gap[row], self._gap(shapes, k))
+        for i, j in self.pairs:
+            names = {self.links[i], self.links[j]} - {"object"}
+            if len(names) == 2 or (only is not None and not names & set(only)):
+                continue
+            gap = gaps.setdefault(names.pop(), np.full(len(states), np.inf))
+            for row in range(len(states)):
+                gap[row] = min(gap[row], self._gap(poses, i, j, row))
         return gaps
-
-    def _gap(self, shapes: pin.GeometryData, k: int) -> float:
-        """Signed distance of a pair: of meshes that are not convex about as deep as triangles are.
-
-        What lies wholly inside of a closed component of a mesh is deep.
-        """
-        pair = self.geometry.collisionPairs[k]
-        pieces = self.pieces
-        if not (pair.first in pieces or pair.second in pieces):
-            return float(pin.computeDistance(self.geometry, shapes, k).min_distance)
-        things = [self.geometry.geometryObjects[i].geometry for i in (pair.first, pair.second)]
-        T = [shapes.oMg[i] for i in (pair.first, pair.second)]
-        places = [coal.Transform3s(each.rotation, each.translation) for each in T]
-        placed = things[0], places[0], things[1], places[1]
-        gap = coal.distance(*placed, coal.DistanceRequest(), coal.DistanceResult())
-        if gap <= 0.0:
-            request, result = coal.CollisionRequest(), coal.CollisionResult()
-            request.num_max_contacts = _CONTACTS
-            coal.collide(*placed, request, result)
-            depths = [result.getContact(i).penetration_depth for i in range(result.numContacts())]
-            return -float(np.abs(depths).max(initial=0.0))
-        for inner, outer in ((0, 1), (1, 0)):
-            other = pieces.get((pair.first, pair.second)[inner])
-            points = (
-                [np.array(things[inner].aabb_center)]
-                if other is None
-                else [corners[0, 0] for corners, _ in other]
-            )
-            solids = pieces.get((pair.first, pair.second)[outer], [])
-            points = [T[outer].actInv(T[inner].act(point)) for point in points]
-            points = [point for point in points if in_bounds(things[outer], point)]
-            for corners, closed in solids if points else ():
-                if closed and any(inside(corners, point) for point in points):
-                    return -DEEP
-        return float(gap)
 
     def sweep(
         self,
@@ -161,64 +126,104 @@ class World:
         approach_start: float,
         support: set[str],
         tolerances: Tolerances,
-        block: int = 20,
     ) -> list[str]:
-        """Collisions at the states, one sentence per pair of links and solids.
+        """Collisions at the states, one sentence per pair of links and solids."""
+        poses = Poses(self.robot.model, self.geometry, states)
+        down = int(np.searchsorted(times, approach_start - 1e-9))
+        allowed = np.full(len(states), tolerances.penetration)
+        on_support = allowed + tolerances.contact * (np.arange(len(states)) >= down)
+        found: dict[tuple[str, str], tuple[int, float]] = {}
+        for i, j in self._neighbours(poses):
+            names = self._name(i), self._name(j)
+            stands = self.links[i] == "object" and self.links[j] == WORLD and names[1] in support
+            met = self._meeting(poses, i, j, on_support if stands else allowed)
+            if met is not None:
+                found[names] = min(found.get(names, met), met)
+        collisions = [
+            f"collision: {one} with {other} at {times[row]:.3f} s, {-1000 * gap:.2f} mm deep"
+            for (one, other), (row, gap) in found.items()
+        ]
+        return [*collisions, *too_near(self, poses, times, approach_start, tolerances)]
 
-        Distances at a block's first state tell which pairs can meet within the block at all, and
-        each distance how many states later the pair can meet at the earliest.
+    def _neighbours(self, poses: Poses) -> list[tuple[int, int]]:
+        """Pairs that may meet: the boxes are near in which each moves."""
+        first, second = np.array(self.pairs, dtype=int).reshape(-1, 2).T
+        low, high = poses.middles.min(axis=0), poses.middles.max(axis=0)
+        apart = np.maximum(low[first] - high[second], low[second] - high[first])
+        distance = np.linalg.norm(np.maximum(apart, 0.0), axis=1)
+        near = np.flatnonzero(distance <= poses.radii[first] + poses.radii[second])
+        return [self.pairs[k] for k in near]
+
+    @functools.cached_property
+    def pairs(self) -> list[tuple[int, int]]:
+        """Of geometries that must not meet."""
+        return [(pair.first, pair.second) for pair in self.geometry.collisionPairs]
+
+    def _meeting(self, poses: Poses, i: int, j: int, allowed: Array) -> tuple[int, float] | None:
+        """The first state at which two geometries are deeper in each other than allowed (k,).
+
+        Only states are looked at where the balls around both meet, and after each as many are left
+        out as neither can come so far in, seen from the other.
         """
-        model, geometry = self.robot.model, self.geometry
-        data, shapes = model.createData(), geometry.createData()
-        pairs = [(p.first, p.second) for p in geometry.collisionPairs]
-        for request in shapes.distanceRequests:
-            request.enable_signed_distance = True
-        on_support = np.array(
-            [
-                self.links[i] == "object"
-                and self.links[j] == WORLD
-                and geometry.geometryObjects[j].name.split("/", 2)[2] in support
-                for i, j in pairs
-            ]
+        between = np.linalg.norm(poses.middles[:, i] - poses.middles[:, j], axis=1)
+        meeting = np.flatnonzero(between <= poses.radii[i] + poses.radii[j])
+        if len(meeting) == 0:
+            return None
+        travel = poses.travel_apart(i, j)
+        row = int(meeting[0])
+        while True:
+            gap = self._gap(poses, i, j, row)
+            if gap < -allowed[row]:
+                return row, gap
+            free = gap + allowed[row]
+            if gap <= 0.0 and (i in self.pieces or j in self.pieces):
+                free = 0.0  # the depth of triangles may grow quicker than they move
+            beyond = int(np.searchsorted(travel, travel[row] + max(free, _STILL), side="right"))
+            left = meeting[np.searchsorted(meeting, max(beyond, row + 1)) :]
+            if len(left) == 0:
+                return None
+            row = int(left[0])
+
+    def _gap(self, poses: Poses, i: int, j: int, row: int) -> float:
+        """Signed distance of a pair: of meshes that are not convex about as deep as triangles are.
+
+        What lies wholly inside of a closed component of a mesh is deep.
+        """
+        things = [self.geometry.geometryObjects[k].geometry for k in (i, j)]
+        placed = things[0], poses.at(i, row), things[1], poses.at(j, row)
+        is_mesh = i in self.pieces or j in self.pieces
+        request = coal.DistanceRequest()
+        request.enable_signed_distance = not is_mesh
+        gap = float(coal.distance(*placed, request, coal.DistanceResult()))
+        if not is_mesh:
+            return gap
+        if gap <= 0.0:
+            contacts, result = coal.CollisionRequest(), coal.CollisionResult()
+            contacts.num_max_contacts = _CONTACTS
+            coal.collide(*placed, contacts, result)
+            depths = [result.getContact(k).penetration_depth for k in range(result.numContacts())]
+            return -float(np.abs(depths).max(initial=0.0))
+        if self._holds(poses, i, j, row) or self._holds(poses, j, i, row):
+            return -DEEP
+        return gap
+
+    def _holds(self, poses: Poses, outer: int, inner: int, row: int) -> bool:
+        """Whether a solid of triangles has inside what meets none of them."""
+        solids = [corners for corners, closed in self.pieces.get(outer, []) if closed]
+        if not solids:
+            return False
+        things = [self.geometry.geometryObjects[k].geometry for k in (outer, inner)]
+        T, T_inner = poses.of(outer)[row], poses.of(inner)[row]
+        points = (
+            [np.array(things[1].aabb_center)]
+            if inner not in self.pieces
+            else [corners[0, 0] for corners, _ in self.pieces[inner]]
         )
-        found: dict[tuple[str, str], str] = {}
-        reachable = 2 * (block * tolerances.step) + tolerances.penetration
-        middles = [np.array(thing.geometry.aabb_center) for thing in geometry.geometryObjects]
-        radii = np.array([thing.geometry.aabb_radius for thing in geometry.geometryObjects])
-        both = np.array(pairs, dtype=int).reshape(-1, 2)
-        next_look = np.zeros(len(pairs), dtype=int)
-        next_near = np.zeros(len(pairs), dtype=int)
-        for begin in range(0, len(states), block):
-            pin.updateGeometryPlacements(model, data, geometry, shapes, states[begin])
-            at = np.array([T.act(m) for T, m in zip(shapes.oMg, middles, strict=True)])
-            between = np.linalg.norm(at[both[:, 0]] - at[both[:, 1]], axis=1)
-            near = np.flatnonzero(between <= radii[both].sum(axis=1) + reachable)
-            close = []
-            for k in near[next_near[near] <= begin].tolist():
-                gap = self._gap(shapes, k)
-                if gap <= reachable:
-                    close.append(k)
-                else:
-                    next_near[k] = begin + int((gap - reachable) / (2 * tolerances.step))
-            for row in range(begin, min(begin + block, len(states))):
-                pin.updateGeometryPlacements(model, data, geometry, shapes, states[row])
-                for k in close:
-                    if row < next_look[k]:
-                        continue
-                    gap = self._gap(shapes, k)
-                    next_look[k] = row + 1 + int(max(gap, 0.0) / (2 * tolerances.step))
-                    allowed = tolerances.penetration
-                    if on_support[k] and times[row] >= approach_start - 1e-9:
-                        allowed += tolerances.contact
-                    if gap < -allowed:
-                        names = tuple(self._name(n) for n in pairs[k])
-                        found.setdefault(
-                            (names[0], names[1]),
-                            f"collision: {names[0]} with {names[1]} at {times[row]:.3f} s,"
-                            f" {-1000 * gap:.2f} mm deep",
-                        )
-        near = too_near(self, states, times, approach_start, tolerances, block)
-        return [*found.values(), *near]
+        points = [
+            (T_inner[:3, :3] @ point + T_inner[:3, 3] - T[:3, 3]) @ T[:3, :3] for point in points
+        ]
+        points = [point for point in points if in_bounds(things[0], point)]
+        return any(inside(corners, point) for corners in solids for point in points)
 
     def _name(self, index: int) -> str:
         if self.links[index] == WORLD:
