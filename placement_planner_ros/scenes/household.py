@@ -90,15 +90,15 @@ def banana() -> GraspedObject:
     """170 mm long, bent, thinner at both ends, held across its middle."""
     angle = np.linspace(-0.75, 0.75, 25)
     path = np.column_stack([0.12 * np.sin(angle), np.zeros(25), 0.12 * (1.0 - np.cos(angle))])
-    radii = 0.017 * np.sqrt(np.maximum(1.0 - (angle / 0.78) ** 4, 0.05))
+    radii = 0.019 * np.sqrt(np.maximum(1.0 - (angle / 0.78) ** 4, 0.05))
     vertices, triangles = tube(path, radii, 16)
     grasps = [
-        grasp((0, 0, 1), (np.sin(slope), side * np.cos(slope), 0), (0, 0, 0.0006), 0.118)
+        grasp((0, 0, 1), (np.sin(slope), side * np.cos(slope), 0), (0, 0, 0.0003), 0.130)
         for side in (-1, 1)
         for slope in np.deg2rad((0, 30))
     ]
     parts = _lengths("banana", vertices, 16)
-    return _object("banana", [(vertices, triangles)], parts, grasps, 0.0180)
+    return _object("banana", [(vertices, triangles)], parts, grasps, 0.0194)
 
 
 def _of_boxes(name: str, size: Sequence[float], wall: float = 0.004) -> GraspedObject:

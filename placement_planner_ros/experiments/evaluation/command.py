@@ -62,7 +62,7 @@ def add_evaluation_commands(commands: Any) -> None:
     cases.add_argument(
         "--group",
         choices=tuple(GROUPS),
-        help="the paper's objects, two of them as single meshes, or a household's; instead of --object",
+        help="objects instead of the paper's, all of a group",
     )
     cases.add_argument("--seeds", type=int, default=3, help="runs per case (default %(default)s)")
     cases.add_argument("--seconds", type=float, default=30.0, help="time limit of a run")
