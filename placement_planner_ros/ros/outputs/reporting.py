@@ -146,6 +146,7 @@ class Reporter:
         read: dict[str, str] = {"robot": robot.state, "object": self._inputs.object.state}
         told = {
             "object_assumed": self._inputs.object.assumed,
+            "object_progress": self._inputs.object.progress,
             "robot_progress": robot.progress,
             "warm_progress": self._warm.progress,
         }

@@ -94,7 +94,8 @@ class Client(Node):
     def _on_status(self, message: DiagnosticStatus) -> None:
         values = {v.key: v.value for v in message.values}
         self.warm = values.get("warm") == "true"
-        self.progress = values.get("robot_progress") or values.get("warm_progress", "")
+        told = [values.get(f"{what}_progress", "") for what in ("robot", "object", "warm")]
+        self.progress = next(filter(None, told), "")
 
     def _on_trajectory(self, message: JointTrajectory) -> None:
         if message.points:
