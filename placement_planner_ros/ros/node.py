@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import faulthandler
 import sys
 import threading
 import time
@@ -247,6 +248,7 @@ def _warm_up(node: PlacementPlannerNode) -> None:
 
 def main(args: list[str] | None = None) -> None:
     """Run the node until interrupted."""
+    faulthandler.enable()  # a crash in compiled code says what each thread was doing
     share_among_threads()
     asked = catch_signals()
     if asked.is_set():

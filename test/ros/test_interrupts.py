@@ -120,3 +120,12 @@ def test_a_signal_that_comes_while_the_node_works_ends_it(stage, number):
     assert ended.returncode == 0, ended.stderr
     assert "Traceback" not in ended.stderr
     assert "Error" not in ended.stderr
+
+
+def test_a_crash_in_compiled_code_says_what_each_thread_did():
+    parameters = str(share_path("config", "small_crayons_box.yaml"))
+    ended = run(WORKING, "searching", str(int(signal.SIGSEGV)), parameters)
+    assert ended.returncode == -signal.SIGSEGV
+    assert "Segmentation fault" in ended.stderr
+    assert "worker.py" in ended.stderr  # the thread that met it, and
+    assert "spinning.py" in ended.stderr  # another

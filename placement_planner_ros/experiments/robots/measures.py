@@ -25,6 +25,7 @@ from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
 from placement_planner_ros.core.collision.load import Held
 from placement_planner_ros.core.errors import PlacementPlannerError
+from placement_planner_ros.core.kept_files import kept_folder
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
@@ -47,7 +48,7 @@ from placement_planner_ros.experiments.robots.things import (
     OBJECTS,
     cloud_of,
     object_of,
-    table_of,
+    table_for,
 )
 from placement_planner_ros.experiments.speed.searches import _TimedSampler
 
@@ -100,7 +101,7 @@ def measure_first(subject: Subject) -> Iterator[Entry]:
         for cloud in CLOUDS:
             for seed in range(_SEEDS):
                 rng = np.random.default_rng(seed)
-                scene = table_of(subject.volume, np.random.default_rng(seed))
+                scene = table_for(subject, np.random.default_rng(seed))
                 points = cloud_of(scene, cloud, rng)
                 entry: Entry = {"row": "first", "object": name, "cloud": cloud, "seed": seed}
                 found: list[Placement] = []
@@ -246,7 +247,7 @@ def measure_collision(subject: Subject) -> Iterator[Entry]:
 def measure_samples(subject: Subject) -> Iterator[Entry]:
     """Goal samples per second of processor time spent on them."""
     rng = np.random.default_rng(0)
-    scene = table_of(subject.volume, np.random.default_rng(0))
+    scene = table_for(subject, np.random.default_rng(0))
     problem = problem_of(subject, OBJECTS[0], cloud_of(scene, CLOUDS[0], rng))
     planner = planner_of(problem, rng)
     timed = planner.sampler = _TimedSampler(planner.sampler)
@@ -261,8 +262,8 @@ def measure_node(subject: Subject) -> Iterator[Entry]:
     if importlib.util.find_spec("rclpy") is None:
         return
     with tempfile.TemporaryDirectory() as folder:
-        known = Path(os.environ.get("NUMBA_CACHE_DIR") or Path.home() / ".cache" / _PACKAGE)
-        for each in known.iterdir() if known.is_dir() else ():
+        known = kept_folder()
+        for each in known.iterdir() if known is not None and known.is_dir() else ():
             if _KERNELS.search(each.name):
                 Path(folder, each.name).symlink_to(each)
         entry: Entry = {"row": "node"}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 import trimesh
 
 from placement_planner_ros.core.types import Array, TargetVolume
@@ -17,12 +18,50 @@ _THINGS = 6
 _HEIGHT = 0.05
 """m above V's lower end, of the table's surface."""
 _TRIES = 1000
+_ROOM = 0.05
+"""m that things keep from the robot and its object at the start."""
 _WOOD: Colour = (0.80, 0.68, 0.50)
 _THING: Colour = (0.55, 0.60, 0.68)
 
 
-def table_of(volume: TargetVolume, rng: np.random.Generator) -> Scene:
-    """A table a little above the lower end of V, with a few boxes and round things."""
+def table_for(subject: Subject, rng: np.random.Generator) -> Scene:
+    """`table_of` V, its things away from the robot as it stands."""
+    return table_of(subject.volume, rng, boxes_at_start(subject))
+
+
+def boxes_at_start(subject: Subject) -> Array:
+    """(n, 2, 3) lower and upper ends of boxes that hold each of the robot's shapes at q_0, and the
+    object in each grasp.
+    """
+    robot, q = subject.robot, subject.q_start
+    data, placed = robot.model.createData(), robot.geometry.createData()
+    pin.updateGeometryPlacements(robot.model, data, robot.geometry, placed, q)
+    clouds = []
+    for thing, T in zip(robot.geometry.geometryObjects, placed.oMg, strict=True):
+        thing.geometry.computeLocalAABB()
+        around = thing.geometry.aabb_local
+        clouds.append(_corners(np.array((around.min_, around.max_))) @ T.rotation.T + T.translation)
+    for arm in subject.arms:
+        tip = robot.link_pose(q, arm.tip_frame)
+        for T in (tip * grasp for grasp in arm.grasps):
+            clouds.append(subject.vertices @ T.rotation.T + T.translation)
+    return np.array([(cloud.min(axis=0), cloud.max(axis=0)) for cloud in clouds])
+
+
+def _corners(ends: Array) -> Array:
+    """(8, 3) of a box from its lower and upper ends (2, 3)."""
+    x, y, z = ends.T
+    return np.stack(np.meshgrid(x, y, z), axis=-1).reshape(-1, 3)
+
+
+def table_of(
+    volume: TargetVolume, rng: np.random.Generator, keep_clear: Array | None = None
+) -> Scene:
+    """A table a little above the lower end of V, with a few boxes and round things.
+
+    Args:
+        keep_clear: (n, 2, 3) boxes from which things stay `_ROOM` away.
+    """
     low, high = volume.lower, volume.upper
     top = float(low[2]) + _HEIGHT
     corners = ((*(low[:2] - 0.05), top - 0.03), (*(high[:2] + 0.05), top))
@@ -36,6 +75,12 @@ def table_of(volume: TargetVolume, rng: np.random.Generator) -> Scene:
         x, y = rng.uniform(low[:2] + radius, high[:2] - radius).tolist()
         if any(np.hypot(x - a, y - b) < radius + r + 0.03 for a, b, r in discs):
             continue
+        if keep_clear is not None:
+            reach = (radius + _ROOM, radius + _ROOM, _ROOM)
+            near = keep_clear[:, 0] < np.add((x, y, top + size[2]), reach)
+            near &= keep_clear[:, 1] > np.subtract((x, y, top), reach)
+            if near.all(axis=1).any():
+                continue
         name = f"thing_{len(discs)}"
         discs.append((x, y, radius))
         if len(discs) % 2:

@@ -11,6 +11,7 @@ import json
 import os
 import resource
 import selectors
+import signal
 import subprocess
 import sys
 import time
@@ -34,7 +35,10 @@ MAX_MEMORY = 2_000_000_000
 """Bytes that reading or covering a mesh may take."""
 
 MAX_TIME = 60.0
-"""Seconds that reading or covering a mesh may take."""
+"""Seconds that reading a mesh may take; of processor time, what covering one may."""
+
+MAX_WAIT = 240.0
+"""Seconds to wait for a cover, since a busy machine gives its process less than a core."""
 
 _LOOK = 0.05
 """Seconds between looks at whether to go on."""
@@ -82,7 +86,7 @@ class MeshProcess:
             ValueError: it cannot be read; the message says why.
             StoppedError: `should_stop` said so.
         """
-        head, arrays = self._ask({"path": str(path)}, [])
+        head, arrays = self._ask({"path": str(path)}, [], MAX_TIME)
         vertices = np.frombuffer(arrays[: 24 * head["vertices"]])
         triangles = np.frombuffer(arrays[24 * head["vertices"] :], np.int64)
         return vertices.reshape(-1, 3), triangles.reshape(-1, 3)
@@ -92,7 +96,7 @@ class MeshProcess:
 
         Raises:
             ValueError: it cannot be made; the message says why.
-            TimeoutError: making it took longer than `MAX_TIME`.
+            TimeoutError: making it took longer than `MAX_TIME` of processor time, or `MAX_WAIT`.
             StoppedError: `should_stop` said so.
         """
         request: dict[str, object] = {
@@ -104,16 +108,18 @@ class MeshProcess:
             np.ascontiguousarray(vertices, np.float64),
             np.ascontiguousarray(triangles, np.int64),
         ]
-        head, arrays = self._ask(request, given)
+        head, arrays = self._ask(request, given, MAX_WAIT)
         points = np.frombuffer(arrays).reshape(-1, 3)
         parts = np.split(points, np.cumsum(head["parts"])[:-1])
         return Cover(tuple(parts), head["excess"], head["closed"])
 
-    def _ask(self, request: dict[str, object], given: list[Bytes]) -> tuple[dict[str, Any], bytes]:
-        """The answer's head, and the bytes that follow it."""
+    def _ask(
+        self, request: dict[str, object], given: list[Bytes], patience: float
+    ) -> tuple[dict[str, Any], bytes]:
+        """The answer's head, and the bytes that follow it, within `patience` seconds."""
         if self._child is None:
             self._child = _spawn()
-        child, end = self._child, time.monotonic() + MAX_TIME
+        child, end = self._child, time.monotonic() + patience
         assert child.stdin is not None
         try:
             child.stdin.write(json.dumps(request).encode() + b"\n")
@@ -125,9 +131,16 @@ class MeshProcess:
                 raise ValueError(head["error"])
             return head, self._take(child, head["bytes"], end)
         except (EOFError, BrokenPipeError) as error:
+            ended = child.wait()  # its end of the pipe is closed, so it has ended or is about to
             self.close()
+            if ended == -signal.SIGXCPU:
+                words = f"it took more than {MAX_TIME:g} s of processor time"
+                raise TimeoutError(words) from error
             raise ValueError("it ended the process that did it") from error
-        except (StoppedError, TimeoutError):
+        except TimeoutError:
+            self.close()
+            raise TimeoutError(f"it took longer than {patience:g} s") from None
+        except StoppedError:
             self.close()
             raise
 
@@ -141,7 +154,7 @@ class MeshProcess:
                 if self._should_stop():
                     raise StoppedError
                 if time.monotonic() > end:
-                    raise TimeoutError(f"it took longer than {MAX_TIME:g} s")
+                    raise TimeoutError
                 if not selector.select(_LOOK):
                     continue
                 # A line is read byte by byte, to leave what follows it in the pipe.
@@ -216,7 +229,8 @@ def main() -> None:
     os.dup2(2, 1)
     for line in sys.stdin.buffer:
         # Should the node die without a word, this process does not read on for ever.
-        resource.setrlimit(resource.RLIMIT_CPU, (int(time.process_time() + MAX_TIME) + 1, -1))
+        seconds = int(time.process_time() + MAX_TIME) + 1
+        resource.setrlimit(resource.RLIMIT_CPU, (seconds, resource.RLIM_INFINITY))
         _answer(json.loads(line), sys.stdin.buffer, out)
 
 

@@ -12,6 +12,7 @@ from placement_planner_ros.experiments.robots.subject import read_subject
 from placement_planner_ros.experiments.robots.things import (
     CLOUDS,
     OBJECTS,
+    boxes_at_start,
     cloud_of,
     object_of,
     table_of,
@@ -120,3 +121,30 @@ def test_clouds_show_the_table_and_what_stands_on_it(given, cloud):
     inside = subject.volume.contains(points)
     assert inside.sum() > 1000
     assert points[inside, 2].max() > subject.volume.lower[2] + 0.08
+
+
+def test_nothing_stands_where_the_robot_and_its_object_are_at_the_start(given):
+    subject = read_subject(given[0], [given[1]])
+    middle = (subject.volume.lower + subject.volume.upper) / 2
+    half = np.array([0.08, 0.08, 0.5])
+    held = (np.array([middle - half, middle + half]),)
+    inside = []
+    for keep_clear in (None, np.array(held)):
+        for seed in range(8):
+            scene = table_of(subject.volume, np.random.default_rng(seed), keep_clear)
+            places = np.array([part.vertices.mean(axis=0) for part in scene.parts[1:]])
+            inside.append((np.abs(places - middle)[:, :2] < half[:2] + 0.05).all(axis=1).any())
+    assert any(inside[:8])
+    assert not any(inside[8:])
+
+
+def test_boxes_at_the_start_hold_links_and_object(given):
+    subject = read_subject(given[0], [given[1]])
+    boxes = boxes_at_start(subject)
+    arm = subject.arms[0]
+    shapes = len(subject.robot.geometry.geometryObjects)
+    assert boxes.shape == (shapes + len(arm.grasps), 2, 3)
+    tip = subject.robot.link_pose(subject.q_start, arm.tip_frame)
+    held = [(tip * grasp).act(vertex) for grasp in arm.grasps for vertex in subject.vertices]
+    assert np.allclose(boxes[shapes:, 1].max(axis=0), np.max(held, axis=0))
+    assert np.allclose(boxes[shapes:, 0].min(axis=0), np.min(held, axis=0))

@@ -1,6 +1,7 @@
 """Covers are made in another process; where that does not do, the hull stands in and is told."""
 
 import resource
+import signal
 
 import numpy as np
 import pytest
@@ -41,10 +42,19 @@ def coarse(robot):
 
 def test_a_cover_that_takes_too_long_is_the_hull_and_that_is_told(folder, monkeypatch):
     with MeshProcess() as process:
-        monkeypatch.setattr(mesh_process, "MAX_TIME", 0.01)
+        monkeypatch.setattr(mesh_process, "MAX_WAIT", 0.01)
         assert coarse(read(folder, process))
-        monkeypatch.setattr(mesh_process, "MAX_TIME", 60.0)
+        monkeypatch.setattr(mesh_process, "MAX_WAIT", 240.0)
         assert not coarse(read(folder, process)), "it is tried again"
+
+
+def test_a_cover_that_takes_too_much_of_the_processor_is_told_as_such(folder):
+    with MeshProcess() as process:
+        mesh = process.read(folder / "ring.stl")
+        process._child.send_signal(signal.SIGXCPU)  # as the limit that it set itself does
+        process._child.wait()
+        with pytest.raises(TimeoutError, match="60 s of processor time"):
+            process.cover(*mesh, 0.01)
 
 
 def test_a_cover_that_takes_too_much_memory_is_the_hull_and_that_is_told(folder):
