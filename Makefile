@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
-SOURCES := $(shell find placement_planner_ros urdf config launch resource -type f -not -name '*.pyc' -not -name '*.nb[ic]')
+SOURCES := $(shell find placement_planner_ros urdf config launch resource -type f -not -name '*.pyc')
 DEMO_SECONDS ?= 20
 
 .PHONY: demo test lint install clean
