@@ -268,6 +268,24 @@ def test_refuses_a_place_outside_the_volume() -> None:
     assert check(high) == ["volume: no contact point in V"]
 
 
+def test_several_boxes_hold_contact_point_and_centre_of_mass_in_any_of_them() -> None:
+    """The box stands with its reference side in one and its middle in the other."""
+    feet = GOOD.placement_pose[0, 3]
+    low, high = TASK.volume_lower[0], TASK.volume_upper[0]
+    left, right = high.copy(), low.copy()
+    left[0] = right[0] = feet - 0.005  # what touches ends here, what holds the middle begins
+    both = np.array([low, right]), np.array([left, high])
+    for order in ([0, 1], [1, 0]):
+        two = replace(TASK, volume_lower=both[0][order], volume_upper=both[1][order])
+        assert check(two) == []
+    half = replace(TASK, volume_lower=low, volume_upper=left, objective="none")
+    assert check(half) == ["volume: centre of mass not over V"]
+    over = both[0].copy(), both[1].copy()
+    over[0][1, 2], over[1][1, 2] = 0.05, 0.1  # at another height it holds nothing that stands at 0
+    apart = replace(TASK, volume_lower=over[0], volume_upper=over[1], objective="none")
+    assert check(apart) == ["volume: centre of mass not over V"]
+
+
 def test_refuses_a_wrong_or_no_better_objective() -> None:
     low, high = CHECKER.clearance_bounds(GOOD.placement_pose)
     for wrong in (low - 0.011, high + 0.011):
@@ -303,6 +321,26 @@ def test_clearance_is_measured_sideways_and_upwards() -> None:
     assert clearance_of_cube([low]) == pytest.approx((0.06 + 0.5) / 2, abs=1e-9)
     beyond = box("beyond", [1.05, -2, 0], [1.1, 2, 1], RED)
     assert clearance_of_cube([beyond]) == 0.5
+
+
+def test_clearance_counts_what_lies_in_any_box_or_near_it() -> None:
+    wall = box("wall", [0.1, -2, 0], [0.2, 2, 1], RED)
+    cube = box("cube", [-0.05, -0.05, 0], [0.05, 0.05, 0.1], RED)
+    tight = np.array([-0.06, -0.06, -0.1]), np.array([0.06, 0.06, 0.2])
+    far = np.array([0.15, 1.5, 0.0]), np.array([0.3, 1.8, 0.5])
+    task = replace(
+        TASK,
+        solids=[wall],
+        volume_lower=np.array([tight[0], far[0]]),
+        volume_upper=np.array([tight[1], far[1]]),
+        object_vertices=cube.vertices,
+        object_triangles=cube.triangles,
+    )
+    assert SolutionChecker(task).clearance(np.eye(4)) == 0.5
+    near = replace(task, volume_upper=np.array([tight[1] + [0.1, 0, 0], far[1]]))
+    assert SolutionChecker(near).clearance(np.eye(4)) == pytest.approx(0.1, abs=0.003)
+    around = replace(task, beyond=0.5)
+    assert SolutionChecker(around).clearance(np.eye(4)) == pytest.approx(0.1, abs=1e-9)
 
 
 def test_clearance_is_bounded_where_a_layer_decides() -> None:

@@ -143,6 +143,7 @@ def build_problem(inputs: CaseInputs, objective: str) -> tuple[Problem, Objectiv
         GridSettings(),
         RegionSettings(),
         workspace(robot, arms, q_start, body, volume),
+        beyond_volume=False,
     )
     problem = Problem(robot, arms, q_start, body, volume, environment)
     return problem, make_objective(objective, ObjectiveContext(environment, volume, body))

@@ -49,9 +49,9 @@ class Clearance:
             if top <= lowest + self._tolerances.contact:
                 continue
             for outline, low, high in prisms:
-                _lower_distance(
-                    best, points, outline, low, high, task.volume_lower, task.volume_upper
-                )
+                for lower, upper in task.volume:
+                    ends = lower - task.beyond, upper + task.beyond
+                    _lower_distance(best, points, outline, low, high, *ends)
         return best
 
 

@@ -27,11 +27,14 @@ def check_stance(task: Task, T_world_object: Array, tolerances: Tolerances) -> l
     if gaps.max() > tolerances.contact + tolerances.height:
         where = feet[np.argmax(gaps)].round(4).tolist()
         found.append(f"stance: nothing under the vertex at {where}")
-    low, high = task.volume_lower, task.volume_upper
     slack = np.array([1e-6, 1e-6, tolerances.contact])
-    if not ((feet >= low - slack) & (feet <= high + slack)).all(axis=1).any():
+    lower, upper = task.volume[:, 0] - slack, task.volume[:, 1] + slack
+    at_height = (lower[:, 2] <= lowest) & (lowest <= upper[:, 2])
+    touched = (feet[:, None] >= lower) & (feet[:, None] <= upper)
+    if not touched.all(axis=2).any():
         found.append("volume: no contact point in V")
-    if not ((com >= low - 1e-6) & (com <= high + 1e-6))[:2].all():
+    over = ((com >= lower) & (com <= upper))[:, :2].all(axis=1)
+    if not (over & at_height if at_height.any() else over).any():
         found.append("volume: centre of mass not over V")
     return found
 

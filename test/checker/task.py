@@ -42,7 +42,7 @@ class Task:
 
     Attributes:
         solids: the environment's true convex solids.
-        volume_lower, volume_upper: (3,) corners of V.
+        volume_lower, volume_upper: (3,) corners of V, or (k, 3) of the boxes whose union it is.
         object_vertices, object_triangles, center_of_mass: the object in its own frame: each of its
             connected components the solid that its triangles close, or a sheet.
         urdf, srdf: texts; `package://<name>/` leads to package_dirs[name].
@@ -50,6 +50,7 @@ class Task:
         objective: `maximize_clearance`, `minimize_clearance`, or anything else for "do not check".
         measured: (2, n, 3) lower and upper corners of the boxes that hold what was measured; None
             for "do not check the margin".
+        beyond: how far outside V things count for the clearance, metres.
     """
 
     solids: Sequence[Solid]
@@ -64,6 +65,13 @@ class Task:
     q_start: Mapping[str, float]
     objective: str
     measured: Array | None = None
+    beyond: float = 0.0
+
+    @property
+    def volume(self) -> Array:
+        """(k, 2, 3) corners of V's boxes."""
+        corners = np.atleast_2d(self.volume_lower), np.atleast_2d(self.volume_upper)
+        return np.stack(corners, axis=1)
 
     @classmethod
     def of(
@@ -79,8 +87,8 @@ class Task:
         """Of a bundled `Scene` and `GraspedObject`."""
         return cls(
             scene.parts,
-            scene.volume.lower,
-            scene.volume.upper,
+            scene.volume.boxes[:, 0],
+            scene.volume.boxes[:, 1],
             thing.vertices,
             thing.triangles,
             thing.center_of_mass,
