@@ -93,7 +93,7 @@ def plan(
         known = np.vstack([points, volume.lower, volume.upper])
         bounds = cropped(*bounds, known, GridSettings().cell_size)
         environment = Environment.from_points(points, volume, bounds=bounds)
-    elif _corners(volume) != _corners(environment.volume):
+    elif not volume.same(environment.volume):
         raise VolumeError(
             "volume", _corners(volume), f"the environment is of {_corners(environment.volume)}"
         )
@@ -146,4 +146,4 @@ def _configuration(robot: Robot, q_start: Mapping[str, float] | npt.ArrayLike) -
 
 
 def _corners(volume: TargetVolume) -> list[float]:
-    return [*volume.lower.tolist(), *volume.upper.tolist()]
+    return volume.boxes.ravel().tolist()

@@ -18,6 +18,7 @@ from checker import (
     World,
     object_pieces,
     piece_voxels,
+    states_along,
 )
 
 from placement_planner_ros.core.types import Goal, Placement, Trajectory
@@ -134,9 +135,12 @@ def test_accepts_the_right_solution() -> None:
 
 
 def test_knows_nothing_of_the_planner() -> None:
-    tree = ast.parse(Path(checker.__file__).read_text())
-    imported = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
-    imported |= {a.name for n in ast.walk(tree) if isinstance(n, ast.Import) for a in n.names}
+    imported: set[str | None] = set()
+    files = sorted(Path(checker.__file__).parent.glob("*.py"))
+    assert len(files) > 5
+    for tree in (ast.parse(file.read_text()) for file in files):
+        imported |= {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+        imported |= {a.name for n in ast.walk(tree) if isinstance(n, ast.Import) for a in n.names}
     assert not [name for name in imported if name and name.startswith("placement_planner_ros")]
 
 
@@ -216,7 +220,8 @@ def test_refuses_the_other_arm_in_the_way() -> None:
 
 def test_refuses_a_thin_wall_in_the_way() -> None:
     """1 mm thick, across the hand's way from the start to the place above the table."""
-    q = CHECKER._states(GOOD.trajectory, CHECKER._q_start())[0]
+    q_start = CHECKER.robot.configuration(Q_START)
+    q = states_along(CHECKER.robot, GOOD.trajectory, q_start, TASK.object_vertices, 0.002)[0]
     tip = CHECKER.robot.frame_pose(q[len(q) // 3], "gripper_l_base")[:3, 3]
     half = np.array([0.0005, 0.1, 0.1])
     wall = box("wall", tip - half, tip + half, RED)
@@ -263,6 +268,24 @@ def test_refuses_a_place_outside_the_volume() -> None:
     assert check(high) == ["volume: no contact point in V"]
 
 
+def test_several_boxes_hold_contact_point_and_centre_of_mass_in_any_of_them() -> None:
+    """The box stands with its reference side in one and its middle in the other."""
+    feet = GOOD.placement_pose[0, 3]
+    low, high = TASK.volume_lower[0], TASK.volume_upper[0]
+    left, right = high.copy(), low.copy()
+    left[0] = right[0] = feet - 0.005  # what touches ends here, what holds the middle begins
+    both = np.array([low, right]), np.array([left, high])
+    for order in ([0, 1], [1, 0]):
+        two = replace(TASK, volume_lower=both[0][order], volume_upper=both[1][order])
+        assert check(two) == []
+    half = replace(TASK, volume_lower=low, volume_upper=left, objective="none")
+    assert check(half) == ["volume: centre of mass not over V"]
+    over = both[0].copy(), both[1].copy()
+    over[0][1, 2], over[1][1, 2] = 0.05, 0.1  # at another height it holds nothing that stands at 0
+    apart = replace(TASK, volume_lower=over[0], volume_upper=over[1], objective="none")
+    assert check(apart) == ["volume: centre of mass not over V"]
+
+
 def test_refuses_a_wrong_or_no_better_objective() -> None:
     low, high = CHECKER.clearance_bounds(GOOD.placement_pose)
     for wrong in (low - 0.011, high + 0.011):
@@ -298,6 +321,26 @@ def test_clearance_is_measured_sideways_and_upwards() -> None:
     assert clearance_of_cube([low]) == pytest.approx((0.06 + 0.5) / 2, abs=1e-9)
     beyond = box("beyond", [1.05, -2, 0], [1.1, 2, 1], RED)
     assert clearance_of_cube([beyond]) == 0.5
+
+
+def test_clearance_counts_what_lies_in_any_box_or_near_it() -> None:
+    wall = box("wall", [0.1, -2, 0], [0.2, 2, 1], RED)
+    cube = box("cube", [-0.05, -0.05, 0], [0.05, 0.05, 0.1], RED)
+    tight = np.array([-0.06, -0.06, -0.1]), np.array([0.06, 0.06, 0.2])
+    far = np.array([0.15, 1.5, 0.0]), np.array([0.3, 1.8, 0.5])
+    task = replace(
+        TASK,
+        solids=[wall],
+        volume_lower=np.array([tight[0], far[0]]),
+        volume_upper=np.array([tight[1], far[1]]),
+        object_vertices=cube.vertices,
+        object_triangles=cube.triangles,
+    )
+    assert SolutionChecker(task).clearance(np.eye(4)) == 0.5
+    near = replace(task, volume_upper=np.array([tight[1] + [0.1, 0, 0], far[1]]))
+    assert SolutionChecker(near).clearance(np.eye(4)) == pytest.approx(0.1, abs=0.003)
+    around = replace(task, beyond=0.5)
+    assert SolutionChecker(around).clearance(np.eye(4)) == pytest.approx(0.1, abs=1e-9)
 
 
 def test_clearance_is_bounded_where_a_layer_decides() -> None:

@@ -12,6 +12,7 @@ PACKAGE = "placement_planner_ros"
 ORDER = [
     "core.errors",
     "core.settings",
+    "core.boxes",
     "core.types",
     "core.stopping",
     "core.kept_files",

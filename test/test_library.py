@@ -269,6 +269,30 @@ def test_a_prepared_environment_and_any_callable_as_objective():
         asked(environment=environment, volume=larger)
 
 
+def test_two_abutting_boxes_give_what_the_one_box_gives():
+    middle = VOLUME.lower + 0.4 * (VOLUME.upper - VOLUME.lower)
+    for axis in range(3):
+        low, high = np.array([VOLUME.lower] * 2), np.array([VOLUME.upper] * 2)
+        high[0, axis] = low[1, axis] = middle[axis]
+        both = TargetVolume(low[::-1], high[::-1])
+        one = asked(seed=5, objective=to_the_left)
+        two = asked(seed=5, objective=to_the_left, volume=both)
+        assert same(next(one), next(two))
+        assert same(next(one), next(two))
+
+
+def test_placements_lie_in_any_of_several_boxes():
+    low = np.array([[0.3, 0.0, -0.05], [0.4, 0.2, -0.05]])
+    volume = TargetVolume(low, low + np.array([0.12, 0.12, 0.2]))
+    sides = [
+        next(asked(volume=volume, objective=lambda T, s=s: s * to_the_left(T), seed=1))
+        for s in (1, -1)
+    ]
+    for placement in sides:
+        x, y, _ = placement.T_world_object.translation
+        assert volume.contains(np.array([[x, y, 0.0]])).all()
+
+
 def test_the_time_limit_ends_the_search_and_why_nothing_was_found_is_logged(caplog):
     assert list(asked(time_limit=1e-9)) == []
     assert "no placement: no sample was tried" in caplog.text

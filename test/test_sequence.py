@@ -33,6 +33,7 @@ def problem_among(scene, held, robot):
         complete_cloud(scene),
         scene.volume,
         bounds=workspace(robot, arms, q_start, body, scene.volume),
+        beyond_volume=False,
     )
     return Problem(robot, arms, q_start, body, scene.volume, environment)
 

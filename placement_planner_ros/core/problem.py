@@ -11,6 +11,7 @@ from placement_planner_ros.core.errors import RobotError
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.core.scene.distance import CAP
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.types import Array, TargetVolume
 
@@ -47,9 +48,11 @@ class Problem:
 def workspace(
     robot: Robot, arms: tuple[Arm, ...], q_robot: Array, body: Body, volume: TargetVolume
 ) -> tuple[Array, Array]:
-    """Box (lower (3,), upper (3,)) that holds V and whatever arm, hand and object can touch."""
+    """Box (lower (3,), upper (3,)) that holds V, what counts for clearance around it, and whatever
+    arm, hand and object can touch."""
     size = float(np.linalg.norm(np.ptp(body.vertices, axis=0)))
-    lower, upper = volume.lower - size, volume.upper + size
+    around = max(size, CAP)
+    lower, upper = volume.lower - around, volume.upper + around
     for arm in arms:
         chain = Chain.from_robot(robot, arm, q_robot)
         lengths = np.linalg.norm(chain.fixed[1:, :3, 3], axis=1).sum()

@@ -12,9 +12,13 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from placement_planner_ros.core.boxes import disjoint_rectangles, joined_boxes
 from placement_planner_ros.core.errors import VolumeError
 
 Array = npt.NDArray[np.float64]
+
+MAX_BOXES = 64
+"""Boxes that V is the union of, at most."""
 
 
 def frozen_array(values: npt.ArrayLike, shape: tuple[int, ...] | None = None) -> Array:
@@ -58,37 +62,84 @@ class Verdict(enum.IntEnum):
     """Every constraint holds: a goal."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, init=False)
 class TargetVolume:
-    """V, an axis-aligned box in the planning frame.
+    """V, the union of axis-aligned boxes in the planning frame; mostly of one.
 
     A placement lies in it where its reference contact point does, and its centre of mass
-    horizontally: how high that is follows from the surface and the object.
+    horizontally: how high that is follows from the surface and the object. Each may lie in any of
+    the boxes.
 
     Attributes:
-        lower, upper: (3,) corners, metres.
+        boxes: (k, 2, 3) lower and upper corners as they were given, metres.
+        joined: (m, 2, 3) the same union, with boxes that make one box together as one.
+        lower, upper: (3,) corners of the box around V, metres.
     """
 
+    boxes: Array
+    joined: Array
     lower: Array
     upper: Array
 
-    def __post_init__(self) -> None:
-        corners = np.array([self.lower, self.upper], dtype=np.float64)
-        if corners.shape != (2, 3) or not np.isfinite(corners).all():
-            raise VolumeError("target_volume", corners.tolist(), "give six finite numbers")
-        if not (corners[1] > corners[0]).all():
-            raise VolumeError(
-                "target_volume",
-                corners.ravel().tolist(),
-                "give the minimum corner first; every side must be longer than zero",
-            )
-        object.__setattr__(self, "lower", frozen_array(corners[0]))
-        object.__setattr__(self, "upper", frozen_array(corners[1]))
+    def __init__(self, lower: npt.ArrayLike, upper: npt.ArrayLike) -> None:
+        """Of one box or several.
+
+        Args:
+            lower, upper: (3,) corners of a box, or (k, 3) of up to `MAX_BOXES`, metres.
+
+        Raises:
+            VolumeError: a corner is no three finite numbers, a box is empty, or they are too many.
+        """
+        corners = [np.atleast_2d(np.array(corner, dtype=np.float64)) for corner in (lower, upper)]
+        shape = corners[0].shape
+        if shape != corners[1].shape or len(shape) != 2 or shape[1] != 3 or not shape[0]:
+            given = [corner.tolist() for corner in corners]
+            raise VolumeError("target_volume", given, "give six finite numbers for each box")
+        boxes = np.stack(corners, axis=1)
+        if len(boxes) > MAX_BOXES:
+            raise VolumeError("target_volume", f"{len(boxes)} boxes", f"give {MAX_BOXES} at most")
+        for number, box in enumerate(boxes):
+            which = f" (box {number + 1} of {len(boxes)})" if len(boxes) > 1 else ""
+            if not np.isfinite(box).all():
+                raise VolumeError("target_volume", box.tolist(), f"give six finite numbers{which}")
+            if not (box[1] > box[0]).all():
+                raise VolumeError(
+                    "target_volume",
+                    box.ravel().tolist(),
+                    f"give the minimum corner first; every side must be longer than zero{which}",
+                )
+        object.__setattr__(self, "boxes", frozen_array(boxes))
+        object.__setattr__(self, "joined", frozen_array(joined_boxes(boxes)))
+        object.__setattr__(self, "lower", frozen_array(boxes[:, 0].min(axis=0)))
+        object.__setattr__(self, "upper", frozen_array(boxes[:, 1].max(axis=0)))
+
+    @classmethod
+    def of_numbers(cls, numbers: npt.ArrayLike) -> TargetVolume:
+        """Of (6 k,) numbers, the minimum and the maximum corner of each box one after the other.
+
+        Raises:
+            VolumeError: not six per box; otherwise as for the corners.
+        """
+        flat = np.array(numbers, dtype=np.float64)
+        if flat.ndim != 1 or len(flat) == 0 or len(flat) % 6:
+            raise VolumeError("target_volume", flat.tolist(), "give six numbers for each box")
+        corners = flat.reshape(-1, 2, 3)
+        return cls(corners[:, 0], corners[:, 1])
 
     def contains(self, points: Array) -> npt.NDArray[np.bool_]:
         """Which of the (n, 3) points lie in V."""
-        inside = (points >= self.lower) & (points <= self.upper)
-        return np.asarray(inside.all(axis=-1))
+        points = np.asarray(points)[..., None, :]
+        inside = (points >= self.joined[:, 0]) & (points <= self.joined[:, 1])
+        return np.asarray(inside.all(axis=-1).any(axis=-1))
+
+    def section(self, z: float) -> Array:
+        """(k, 2, 2) lower and upper corners of disjoint rectangles: V at a height."""
+        cut = self.joined[(self.joined[:, 0, 2] <= z) & (z <= self.joined[:, 1, 2])]
+        return disjoint_rectangles(cut[:, :, :2])
+
+    def same(self, other: TargetVolume) -> bool:
+        """Whether both were given as the same boxes."""
+        return np.array_equal(self.boxes, other.boxes)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -69,6 +69,27 @@ def test_the_contact_point_lies_in_v_and_the_centre_of_mass_over_or_under_it(pro
             assert constraints(beside).verdict(T, face, HEIGHT) is Verdict.OUTSIDE_VOLUME
 
 
+def test_contact_point_and_centre_of_mass_may_lie_in_different_boxes(problem):
+    rng = np.random.default_rng(7)
+    poses = constraints(problem)
+    lower = np.array([[0.25, -0.1, -0.01], [0.31, -0.1, -0.01], [0.25, 0.05, 0.0]])
+    upper = np.array([[0.29, 0.1, 0.03], [0.4, 0.02, 0.03], [0.4, 0.1, 0.02]])
+    several = constraints(replace(problem, volume=TargetVolume(lower, upper)))
+    seen = set()
+    for _ in range(600):
+        face = int(rng.integers(len(problem.body.faces)))
+        contact = np.append(rng.uniform((0.25, -0.1), (0.4, 0.1)), HEIGHT)
+        T = placement_pose(problem.body.faces[face], contact, rng.uniform(0.0, 6.3))
+        center = np.append(T.act(problem.body.center_of_mass)[:2], HEIGHT)
+        at = [((p >= lower) & (p <= upper)).all(axis=1) for p in (contact, center)]
+        outside = not (at[0].any() and at[1].any())
+        found = several.verdict(T, face, HEIGHT)
+        assert (found is Verdict.OUTSIDE_VOLUME) == outside
+        assert outside or found is poses.verdict(T, face, HEIGHT)
+        seen.add((outside, bool((at[0] & at[1]).any())))
+    assert {(True, False), (False, True), (False, False)} <= seen
+
+
 @pytest.mark.parametrize("angle", [0.0, 0.6, 2.5])
 def test_the_face_keeps_the_edge_margin_from_the_end_of_its_support(problem, angle):
     for face in (0, len(problem.body.faces) - 1):

@@ -50,8 +50,8 @@ def task_of(scene, thing, objective="maximize_clearance", placed=()):
     ]
     return Task(
         solids=[*world.parts, *standing],
-        volume_lower=world.volume.lower,
-        volume_upper=world.volume.upper,
+        volume_lower=world.volume.boxes[:, 0],
+        volume_upper=world.volume.boxes[:, 1],
         object_vertices=held.vertices,
         object_triangles=held.triangles,
         center_of_mass=held.center_of_mass,
@@ -60,6 +60,7 @@ def task_of(scene, thing, objective="maximize_clearance", placed=()):
         package_dirs={"placement_planner_ros": share_path("urdf").parent},
         q_start=start_configuration(thing),
         objective=objective,
+        beyond=0.5,  # as the node has it unless told otherwise
     )
 
 

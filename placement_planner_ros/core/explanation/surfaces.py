@@ -75,7 +75,7 @@ def why_no_region(environment: Environment) -> Explanation:
         in_metres = Remedy("cloud_topics", "name topics with clouds in metres, not in millimetres")
         return Explanation(
             f"{head}: no point of the clouds lies where the robot could reach: {span}{scale}; "
-            f"target_volume is {_corners(volume.lower, volume.upper)}",
+            f"target_volume is {_extent(volume)}",
             (
                 *((in_metres,) if far else ()),
                 Remedy(SENSOR, "give the pose of the sensor's frame, in metres"),
@@ -97,16 +97,17 @@ def why_no_region(environment: Environment) -> Explanation:
         )
     elsewhere = _elsewhere(environment)
     if elsewhere is not None:
-        height, gap = elsewhere
-        if height < volume.lower[2]:
-            where, bound = "under", "minimum z (the third number)"
+        number, height, gap = elsewhere
+        it = f"its box {number + 1}" if len(volume.boxes) > 1 else "it"
+        if height < volume.boxes[number, 0, 2]:
+            where, bound = "under", f"minimum z (number {6 * number + 3})"
             to = f"{height - _CLEAR:.3f} or less"
         else:
-            where, bound = "above", "maximum z (the sixth number)"
+            where, bound = "above", f"maximum z (number {6 * number + 6})"
             to = f"{height + _CLEAR:.3f} or more"
         return Explanation(
             f"{head}: target_volume holds no level surface; the nearest lies {gap:.3f} m {where} "
-            f"it, at z = {height:.3f}",
+            f"{it}, at z = {height:.3f}",
             (Remedy("target_volume", f"set its {bound} to {to}"), aligned),
             (span,),
         )
@@ -117,8 +118,7 @@ def why_no_region(environment: Environment) -> Explanation:
             over += f": the nearest level surface is at ({near[0]:.3f}, {near[1]:.3f}) m"
             over += f" with z = {near[2]:.3f}"
         return Explanation(
-            f"{head}: nothing was measured in, under or above target_volume "
-            f"({_corners(volume.lower, volume.upper)})",
+            f"{head}: nothing was measured in, under or above target_volume ({_extent(volume)})",
             (Remedy("target_volume", over), aligned),
             (span,),
         )
@@ -131,10 +131,12 @@ def why_no_region(environment: Environment) -> Explanation:
             (span,),
         )
     smallest, headroom = RegionSettings().min_area, RegionSettings().headroom
-    width, depth = (volume.upper - volume.lower)[:2]
+    sides = (volume.joined[:, 1] - volume.joined[:, 0])[:, :2]
+    width, depth = sides[np.argmax(sides.prod(axis=1))]
     if width * depth < _ROOM * smallest:
+        only = "only" if len(volume.joined) == 1 else "nowhere more than"
         return Explanation(
-            f"{head}: target_volume is only {width:.3f} x {depth:.3f} m wide; a region has more "
+            f"{head}: target_volume is {only} {width:.3f} x {depth:.3f} m wide; a region has more "
             f"than {1e4 * smallest:g} cm²",
             (Remedy("target_volume", "make it wider"),),
             (span,),
@@ -348,9 +350,12 @@ def _tops(environment: Environment) -> Array:
 
 def _within(environment: Environment) -> Index:
     """(k,) the boxes with their top in V."""
-    volume, height = environment.volume, environment.measured.surface_height
-    inside = (height >= volume.lower[2]) & (height <= volume.upper[2])
-    return np.flatnonzero(inside & _inside(environment))
+    height = environment.measured.surface_height
+    within = np.zeros(len(height), dtype=np.bool_)
+    for box in environment.volume.joined:
+        level = (height >= box[0, 2]) & (height <= box[1, 2])
+        within |= level & _in_columns(environment.measured, box)
+    return np.flatnonzero(within)
 
 
 def _cells(environment: Environment) -> tuple[Index, Index, tuple[int, int]]:
@@ -365,20 +370,35 @@ def _cells(environment: Environment) -> tuple[Index, Index, tuple[int, int]]:
 
 def _inside(environment: Environment) -> Mask:
     """(m,) which boxes lie in V's columns."""
-    volume, measured = environment.volume, environment.measured
-    low = np.floor((volume.lower[:2] - measured.origin[:2]) / measured.cell_size)
-    high = np.floor((volume.upper[:2] - measured.origin[:2]) / measured.cell_size)
+    boxes = [_in_columns(environment.measured, box) for box in environment.volume.joined]
+    return np.asarray(np.any(boxes, axis=0))
+
+
+def _in_columns(measured: ObstacleSet, box: Array) -> Mask:
+    """(m,) which boxes lie in the columns of one of V's (2, 3)."""
+    low, high = np.floor((box[:, :2] - measured.origin[:2]) / measured.cell_size)
     columns = measured.cells[:, :2]
     return np.asarray(((columns >= low) & (columns <= high)).all(axis=1))
 
 
-def _elsewhere(environment: Environment) -> tuple[float, float] | None:
-    """Height of the nearest level surface above or under V, and how far from it, m."""
-    volume, support = environment.volume, environment.support
-    low = np.maximum(support.rectangle[:, :2], volume.lower[:2])
-    size = np.maximum(np.minimum(support.rectangle[:, 2:], volume.upper[:2]) - low, 0.0)
+def _elsewhere(environment: Environment) -> tuple[int, float, float] | None:
+    """The box of V that a level surface lies nearest above or under, its height, and how far from
+    that box it is, m."""
+    found = []
+    for number, box in enumerate(environment.volume.boxes):
+        level = _level_beyond(environment, box)
+        if level is not None:
+            found.append((number, *level))
+    return min(found, key=lambda each: each[2], default=None)
+
+
+def _level_beyond(environment: Environment, box: Array) -> tuple[float, float] | None:
+    """Height of the level surface nearest above or under a box of V (2, 3), and how far, m."""
+    support = environment.support
+    low = np.maximum(support.rectangle[:, :2], box[0, :2])
+    size = np.maximum(np.minimum(support.rectangle[:, 2:], box[1, :2]) - low, 0.0)
     areas = size.prod(axis=1)
-    outside = (support.height < volume.lower[2]) | (support.height > volume.upper[2])
+    outside = (support.height < box[0, 2]) | (support.height > box[1, 2])
     rows = np.flatnonzero(outside & (areas > 0.0))
     if len(rows) == 0:
         return None
@@ -389,7 +409,7 @@ def _elsewhere(environment: Environment) -> tuple[float, float] | None:
         if areas[here].sum() < _ENOUGH:
             continue
         height = float(np.average(support.height[here], weights=areas[here]))
-        gap = max(volume.lower[2] - height, height - volume.upper[2])
+        gap = max(box[0, 2] - height, height - box[1, 2])
         if best is None or gap < best[1]:
             best = height, float(gap)
     return best
@@ -407,13 +427,19 @@ def _nearest(environment: Environment) -> Array | None:
 
 def _distance(points: Array, volume: TargetVolume) -> Array:
     """(n,) m of points (n, 3) from V."""
-    away = np.maximum(np.maximum(volume.lower - points, points - volume.upper), 0.0)
-    return np.asarray(np.linalg.norm(away, axis=1))
+    away = [np.maximum(np.maximum(a - points, points - b), 0.0) for a, b in volume.joined]
+    return np.asarray(np.linalg.norm(away, axis=2).min(axis=0))
 
 
 def _size(rectangles: Array) -> tuple[float, float]:
     width, depth = rectangles[:, 2:].max(axis=0) - rectangles[:, :2].min(axis=0)
     return float(width), float(depth)
+
+
+def _extent(volume: TargetVolume) -> str:
+    """Where V lies, in words."""
+    several = f"{len(volume.boxes)} boxes within " if len(volume.boxes) > 1 else ""
+    return several + _corners(volume.lower, volume.upper)
 
 
 def _corners(lower: Array, upper: Array) -> str:

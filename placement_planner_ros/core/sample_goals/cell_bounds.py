@@ -14,7 +14,7 @@ from placement_planner_ros.core.reach.reach_bound import ReachBound
 from placement_planner_ros.core.scene.support import SupportMap
 from placement_planner_ros.core.search.cell_layout import ANGLE, FACE, X, Y, Z
 from placement_planner_ros.core.search.pruning import Ruling
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, TargetVolume
 
 Mask = npt.NDArray[np.bool_]
 
@@ -162,10 +162,18 @@ class _Support:
         centers = self._centers[placed.face]
         middle = placed.middles(centers)[:, 0]
         within = placed.half + placed.strays(centers) + _ROUNDING
-        outside = (middle + within < self._volume.lower[:2]) | (
-            middle - within > self._volume.upper[:2]
-        )
-        return np.asarray((surfaces == 0).any(axis=1) | outside.any(axis=1))
+        outside = _beside(self._volume, middle, within, placed.contact[:, 2])
+        return np.asarray((surfaces == 0).any(axis=1) | outside)
+
+
+def _beside(volume: TargetVolume, middle: Array, within: Array, height: Array) -> Mask:
+    """(n,) whether no point at (n,) heights and within a square of half sides (n, 2) lies in V."""
+    beside = np.ones(len(middle), np.bool_)
+    for lower, upper in volume.joined:
+        away = (middle + within < lower[:2]) | (middle - within > upper[:2])
+        apart = (height + _ROUNDING < lower[2]) | (height - _ROUNDING > upper[2])
+        beside &= away.any(axis=1) | apart
+    return beside
 
 
 def _columns(

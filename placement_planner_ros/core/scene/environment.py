@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.errors import VolumeError
-from placement_planner_ros.core.scene.distance import ClearanceField
+from placement_planner_ros.core.scene.distance import CAP, ClearanceField
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet, checked_cloud
 from placement_planner_ros.core.scene.regions import (
     Region,
@@ -35,7 +35,7 @@ def require_room(volume: TargetVolume, cell_size: float) -> None:
     Raises:
         VolumeError: it has more than `MAX_CELLS`.
     """
-    sides = volume.upper - volume.lower
+    sides = volume.upper - volume.lower  # one grid holds all of its boxes
     padded = sides + 2.0 * _AROUND * np.array([1.0, 1.0, 0.0])
     cells = float(np.prod(padded / cell_size + 2.0))
     if cells > MAX_CELLS:
@@ -43,7 +43,7 @@ def require_room(volume: TargetVolume, cell_size: float) -> None:
             "target_volume",
             " x ".join(f"{side:.4g}" for side in sides) + " m",
             f"has {cells:.3g} cells of {cell_size:g} m, the cloud.cell_size; it may have "
-            f"{MAX_CELLS:.3g}: give a smaller volume or larger cells",
+            f"{MAX_CELLS:.3g}: give a smaller volume, boxes nearer to each other or larger cells",
         )
 
 
@@ -60,6 +60,7 @@ class Environment:
         volume: V.
         points: how many finite points it was made of, in the workspace or not.
         extent: (2, 3) lower and upper corner of these, NaN where there are none.
+        beyond_volume: things up to the cap outside V count for the clearance, not only those in it.
     """
 
     obstacles: ObstacleSet
@@ -69,12 +70,14 @@ class Environment:
     volume: TargetVolume
     points: int = 0
     extent: Array = field(default_factory=lambda: np.full((2, 3), np.nan))
+    beyond_volume: bool = True
 
     @cached_property
     def clearance(self) -> ClearanceField:
         """d_S in V, made when it is first asked for."""
         step("making distances to the environment")
-        return ClearanceField(self.measured, self.volume, padding=_AROUND)
+        beyond = CAP if self.beyond_volume else 0.0
+        return ClearanceField(self.measured, self.volume, beyond, padding=_AROUND)
 
     @classmethod
     def from_points(
@@ -88,6 +91,7 @@ class Environment:
         views: Sequence[View] = (),
         outside_robot: OutsideRobot | None = None,
         unknown_below: bool = False,
+        beyond_volume: bool = True,
     ) -> Environment:
         """Preprocess a cloud.
 
@@ -102,6 +106,8 @@ class Environment:
             views: what sensors at known places measured, see `visibility`.
             outside_robot: tells the cells that the robot is in, which are not unknown.
             unknown_below: nothing above the highest that was measured is unknown.
+            beyond_volume: things up to 0.5 m outside V count for the clearance; false is the
+                paper's definition.
 
         Raises:
             CloudError: see `ObstacleSet.from_points`.
@@ -121,7 +127,8 @@ class Environment:
             measured, views, volume, outside_robot, below_measured=unknown_below
         )
         obstacles = measured.with_full_cells(unknown) if len(unknown) else measured
-        return cls(obstacles, found, support, measured, volume, *_extent(checked_cloud(points)))
+        count, extent = _extent(checked_cloud(points))
+        return cls(obstacles, found, support, measured, volume, count, extent, beyond_volume)
 
 
 def _extent(cloud: Array) -> tuple[int, Array]:

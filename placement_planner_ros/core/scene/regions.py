@@ -79,13 +79,16 @@ class Region:
 
     def clipped(self, lower: Array, upper: Array) -> Region | None:
         """The part within lower..upper, (2,) corners, or None where nothing is left."""
-        rectangles, diagonals = _clip(
-            self.rectangles,
-            self.diagonals,
-            np.asarray(lower, dtype=np.float64),
-            np.asarray(upper, dtype=np.float64),
-        )
-        return Region(rectangles, self.z, diagonals) if len(rectangles) else None
+        return self.within(np.array([(lower, upper)], dtype=np.float64))
+
+    def within(self, section: Array) -> Region | None:
+        """The part within any of (k, 2, 2) disjoint rectangles, or None where nothing is left."""
+        parts = [_clip(self.rectangles, self.diagonals, low, high) for low, high in section]
+        parts = [part for part in parts if len(part[0])]
+        if not parts:
+            return None
+        rectangles, diagonals = (np.concatenate(of) for of in zip(*parts, strict=True))
+        return Region(rectangles, self.z, diagonals)
 
     def split(self) -> tuple[Region, ...]:
         """Up to four regions, cut at the area-weighted mean x and y (the paper's children of r).
@@ -226,12 +229,14 @@ def find_regions(
     surfaces = level_surfaces(obstacles, settings.headroom, settings.max_tilt)
     start = surfaces.start
     support = SupportMap.of(obstacles, surfaces)
-    in_volume = (
-        (surfaces.height >= volume.lower[2] - settings.height_tolerance)
-        & (surfaces.height <= volume.upper[2] + settings.height_tolerance)
-        & (surfaces.rectangle[:, 2:] > volume.lower[:2]).all(axis=1)
-        & (surfaces.rectangle[:, :2] < volume.upper[:2]).all(axis=1)
-    )
+    in_volume = np.zeros(len(surfaces.height), np.bool_)
+    for lower, upper in volume.joined:
+        in_volume |= (
+            (surfaces.height >= lower[2] - settings.height_tolerance)
+            & (surfaces.height <= upper[2] + settings.height_tolerance)
+            & (surfaces.rectangle[:, 2:] > lower[:2]).all(axis=1)
+            & (surfaces.rectangle[:, :2] < upper[:2]).all(axis=1)
+        )
     label = np.where(in_volume, 0, -1)
     cells = surfaces.cells.astype(np.int64)
     label = _connect(cells, start, surfaces.height, label, ny, nx, settings.height_tolerance)
@@ -247,10 +252,11 @@ def find_regions(
         if whole.area < settings.min_area:
             continue
         z = _weighted_median(surfaces.height[rows], whole.areas)
-        if not volume.lower[2] <= z <= volume.upper[2]:
+        section = volume.section(z)
+        if not len(section):
             continue
         joined = _join_strips(cells[rows], surfaces.rectangle[rows], surfaces.diagonal[rows])
-        region = Region(joined[0], z, joined[1]).clipped(volume.lower[:2], volume.upper[:2])
+        region = Region(joined[0], z, joined[1]).within(section)
         if region is not None and region.area >= settings.min_area:
             regions.append(region)
     regions.sort(key=lambda region: -region.area)

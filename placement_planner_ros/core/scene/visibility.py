@@ -117,10 +117,11 @@ def _in_volume(obstacles: ObstacleSet, volume: TargetVolume, state: Flags) -> Ma
     """Unseen cells whose centres lie in V."""
     unknown = np.zeros(obstacles.shape, np.bool_)
     size = obstacles.cell_size
-    first = np.ceil((volume.lower - obstacles.origin) / size - 0.5).astype(int).clip(min=0)
-    last = np.floor((volume.upper - obstacles.origin) / size - 0.5).astype(int).clip(min=-1)
-    inside = tuple(slice(a, b + 1) for a, b in zip(first, last, strict=True))
-    unknown[inside] = state[inside] == _UNSEEN
+    for lower, upper in volume.joined:
+        first = np.ceil((lower - obstacles.origin) / size - 0.5).astype(int).clip(min=0)
+        last = np.floor((upper - obstacles.origin) / size - 0.5).astype(int).clip(min=-1)
+        inside = tuple(slice(a, b + 1) for a, b in zip(first, last, strict=True))
+        unknown[inside] = state[inside] == _UNSEEN
     return unknown
 
 

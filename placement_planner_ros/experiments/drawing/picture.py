@@ -145,15 +145,15 @@ def moved(vertices: Array, T: pin.SE3) -> Array:
     return np.asarray(np.asarray(vertices) @ T.rotation.T + T.translation)
 
 
-def box_corners(volume: TargetVolume) -> Array:
+def box_corners(lower: Array, upper: Array) -> Array:
     """(8, 3): bit k of the row says whether coordinate k is the upper one."""
-    upper = (np.arange(8)[:, None] >> np.arange(3)) & 1
-    return np.where(upper == 1, volume.upper, volume.lower)
+    is_upper = (np.arange(8)[:, None] >> np.arange(3)) & 1
+    return np.where(is_upper == 1, upper, lower)
 
 
 def _shown(placed: Array, volume: TargetVolume, links: Sequence[Mesh]) -> Array:
     """(n, 3) points the picture has to hold: the object, V, and the robot's part close by."""
-    points = np.vstack([placed, box_corners(volume)])
+    points = np.vstack([placed, box_corners(volume.lower, volume.upper)])
     low, high = points.min(axis=0) - _CLOSE_BY, points.max(axis=0) + _CLOSE_BY
     robot = np.vstack([mesh.vertices for mesh in links])
     near = ((robot > low) & (robot < high)).all(axis=1)
@@ -224,8 +224,12 @@ def _hiding(view: View, placed: Array, solids: Sequence[Mesh]) -> list[bool]:
 
 
 def draw_volume(axes: Axes, view: View, image: Image, volume: TargetVolume) -> None:
-    """V's edges: solid where seen, dotted where something is in front."""
-    corners = box_corners(volume)
+    """The edges of V's boxes: solid where seen, dotted where something is in front."""
+    for box in volume.joined:
+        _draw_box(axes, view, image, box_corners(*box))
+
+
+def _draw_box(axes: Axes, view: View, image: Image, corners: Array) -> None:
     for i in range(8):
         for axis in range(3):
             if not i >> axis & 1:

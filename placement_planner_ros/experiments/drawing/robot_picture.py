@@ -85,7 +85,7 @@ def draw_robot(
         for arm, T in zip(arms, poses, strict=True)
         if body is not None and arm.grasps
     ]
-    corners = box_corners(volume)
+    corners = box_corners(volume.lower, volume.upper)
     shown = np.vstack([mesh.vertices for mesh in links + held] + [corners])
     axes = panel(0, 2, 0.0, _TOP, f"{robot.name} at the start, first grasp of each arm")
     _show(axes, shown, links + held, poses, volume)

@@ -83,7 +83,9 @@ def problem_of(subject: Subject, name: str, points: Array) -> Problem:
         np.maximum(lower, within.min(axis=0) - rim),
         np.minimum(upper, within.max(axis=0) + rim),
     )
-    environment = Environment.from_points(points, volume, GridSettings(), RegionSettings(), bounds)
+    environment = Environment.from_points(
+        points, volume, GridSettings(), RegionSettings(), bounds, beyond_volume=False
+    )
     return Problem(robot, arms, q, body, volume, environment)
 
 
@@ -138,7 +140,7 @@ def _refused(
     subject: Subject, scene: Any, name: str, problem: Problem, found: Sequence[Placement]
 ) -> list[str] | None:
     """What the checker says; None where there is no checkout with it."""
-    if not (_TESTS / "checker.py").exists():
+    if not (_TESTS / "checker").exists():
         return None
     if str(_TESTS) not in sys.path:
         sys.path.append(str(_TESTS))
@@ -158,8 +160,8 @@ def _refused(
     }
     task = checker.Task(
         scene.parts,
-        subject.volume.lower,
-        subject.volume.upper,
+        subject.volume.boxes[:, 0],
+        subject.volume.boxes[:, 1],
         vertices,
         triangles,
         problem.body.center_of_mass,

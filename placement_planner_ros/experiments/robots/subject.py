@@ -63,7 +63,6 @@ def read_subject(file: Path, package_dirs: Sequence[Path] = (SHARE,)) -> Subject
         robot = Robot.from_urdf(urdf, folders, srdf or None)
         arms = tuple(_arm(robot, name, values[name]) for name in values["arms"])
         start = tree.get("placement_scene", {}).get("ros__parameters", {}).get("start", {})
-        volume = np.array(values["target_volume"], dtype=np.float64)
         vertices = np.array(values["object"]["vertices"], dtype=np.float64).reshape(-1, 3)
         triangles = np.array(values["object"]["triangles"], dtype=np.int64).reshape(-1, 3)
     except (KeyError, TypeError) as error:
@@ -80,7 +79,7 @@ def read_subject(file: Path, package_dirs: Sequence[Path] = (SHARE,)) -> Subject
         robot,
         arms,
         robot.configuration(given),
-        TargetVolume(volume[:3], volume[3:]),
+        TargetVolume.of_numbers(values["target_volume"]),
         vertices,
         triangles,
     )

@@ -76,7 +76,7 @@ def grid_placements(
     """Check V, s(x) and c_f(x) at every grid pose of every face on every region."""
     environment, body = problem.environment, problem.body
     collision = ObjectCollision(body, environment.obstacles, settings.collision)
-    field = ClearanceField(environment.obstacles, problem.volume)
+    field = ClearanceField(environment.obstacles, problem.volume, beyond=0.0)
     found: list[tuple[Array, ...]] = []
     tried = 0
     for index, face, points, angle in _slices(problem, resolution):

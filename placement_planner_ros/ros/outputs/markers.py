@@ -34,15 +34,18 @@ def scene_markers(
 ) -> list[Marker]:
     """What stays the same over a run: V and R."""
     header = Header(frame_id=frame, stamp=stamp)
-    centre = pin.SE3(np.eye(3), (volume.lower + volume.upper) / 2)
     return [
-        Marker(
-            header=header,
-            ns="target_volume",
-            type=Marker.CUBE,
-            pose=pose_message(centre),
-            scale=_vector(volume.upper - volume.lower),
-            color=_VOLUME,
+        *(
+            Marker(
+                header=header,
+                ns="target_volume",
+                id=number,
+                type=Marker.CUBE,
+                pose=pose_message(pin.SE3(np.eye(3), (lower + upper) / 2)),
+                scale=_vector(upper - lower),
+                color=_VOLUME,
+            )
+            for number, (lower, upper) in enumerate(volume.boxes)
         ),
         _triangles(header, "regions", _region_corners(regions), pin.SE3.Identity(), _REGION),
     ]

@@ -154,6 +154,7 @@ class Reporter:
         }
         told = {
             "object_assumed": self._inputs.object.assumed,
+            "object_progress": self._inputs.object.progress,
             "robot_progress": robot.progress,
             "warm_progress": self._warm.progress,
         }

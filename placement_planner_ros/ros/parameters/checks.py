@@ -53,8 +53,10 @@ def one_pose(name: str, value: Sequence[float]) -> None:
 
 
 def volume(name: str, value: Sequence[float]) -> None:
-    """V; a VolumeError says what is wrong."""
-    TargetVolume(np.array(value[:3]), np.array(value[3:]))
+    """V; a VolumeError says which box is wrong, and how."""
+    if not value or len(value) % 6:
+        raise ParameterError(name, value, f"give six numbers per box, not {len(value)} in all")
+    TargetVolume.of_numbers(value)
 
 
 def center(name: str, value: Sequence[float]) -> None:

@@ -16,6 +16,7 @@ from placement_planner_ros.core.robot.description import MAX_JOINTS, MAX_LINKS, 
 from placement_planner_ros.core.robot.joint_limits import FIELD
 from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.settings import FINITE, Meaning
+from placement_planner_ros.core.types import MAX_BOXES
 from placement_planner_ros.ros.parameters import checks
 from placement_planner_ros.ros.parameters.one_line import one_line
 from placement_planner_ros.ros.parameters.spec import Check, Kind, Spec, Value, kind_of
@@ -166,11 +167,11 @@ def _runs() -> list[Spec]:
         _own(
             "target_volume",
             volume,
-            "Minimum and maximum corner of the target volume V in planning_frame. The object comes "
-            "to stand on a surface in it, with its centre of mass above or below V's floor area; "
-            "the rest of it may reach beyond.",
+            "Minimum and maximum corner of the target volume V in planning_frame; or those of "
+            f"several boxes, one after the other, up to {MAX_BOXES}: V is their union. The object "
+            "comes to stand on a surface in it, with its centre of mass above or below V's floor "
+            "area, in any of the boxes; the rest of it may reach beyond.",
             "m",
-            length=6,
             check=checks.volume,
         ),
         _own(
@@ -244,6 +245,12 @@ def _environment() -> list[Spec]:
             "free, or occupied, so that nothing enters it, or occupied_below: occupied, but free "
             "above the highest thing measured.",
             choices=("free", "occupied", "occupied_below"),
+        ),
+        _own(
+            "clearance.beyond_volume",
+            True,
+            "Whether things up to 0.5 m outside V count for clearance; false: only those in V, the "
+            "paper's definition.",
         ),
         _own(
             "mesh_tolerance",

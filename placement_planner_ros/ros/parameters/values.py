@@ -8,7 +8,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any, TypeVar
 
-import numpy as np
 import pinocchio as pin
 
 from placement_planner_ros.core.body.settings import BodySettings
@@ -148,8 +147,7 @@ class ParameterSet:
     @property
     def volume(self) -> TargetVolume:
         """V."""
-        corners = np.array(self["target_volume"])
-        return TargetVolume(corners[:3], corners[3:])
+        return TargetVolume.of_numbers(self["target_volume"])
 
     @property
     def joint_limits(self) -> dict[str, float | bool]:

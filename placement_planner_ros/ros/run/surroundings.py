@@ -29,6 +29,7 @@ class Surroundings:
         views: for `unknown_space`; empty where that is free.
         snapshot: where the robot is, which only views look at.
         unknown_below: `unknown_space` is occupied_below.
+        beyond_volume: `clearance.beyond_volume`.
     """
 
     points: Array
@@ -38,6 +39,7 @@ class Surroundings:
     views: tuple[View, ...]
     snapshot: Snapshot
     unknown_below: bool = False
+    beyond_volume: bool = True
 
     @classmethod
     def of(cls, snapshot: Snapshot, before: Surroundings | None = None) -> Surroundings:
@@ -71,6 +73,7 @@ class Surroundings:
             tuple(views),
             snapshot,
             snapshot.parameters["unknown_space"] == "occupied_below",
+            bool(snapshot.parameters["clearance.beyond_volume"]),
         )
 
     def made_of(self, snapshot: Snapshot) -> bool:
@@ -81,9 +84,8 @@ class Surroundings:
         """Whether both make the same environment."""
         return self is other or (
             self.grid == other.grid
-            and _equal(
-                (self.volume.lower, self.volume.upper), (other.volume.lower, other.volume.upper)
-            )
+            and self.volume.same(other.volume)
+            and self.beyond_volume == other.beyond_volume
             and _equal(self.bounds, other.bounds)
             and np.array_equal(self.points, other.points)
             and len(self.views) == len(other.views)
@@ -111,6 +113,7 @@ class Surroundings:
                 self.snapshot, centers, around + distance
             ),
             unknown_below=self.unknown_below,
+            beyond_volume=self.beyond_volume,
         )
 
 
@@ -131,7 +134,13 @@ def _same_view(a: View, b: View) -> bool:
 
 
 def _same_inputs(a: Snapshot, b: Snapshot) -> bool:
-    names = ("target_volume", "cloud.cell_size", "self_filter.enabled", "unknown_space")
+    names = (
+        "target_volume",
+        "cloud.cell_size",
+        "clearance.beyond_volume",
+        "self_filter.enabled",
+        "unknown_space",
+    )
     return (
         len(a.clouds) == len(b.clouds)
         and all(x is y for x, y in zip(a.clouds, b.clouds, strict=True))

@@ -1,5 +1,7 @@
 """Bounds of cells against sampled poses, and against every column of the map and every arm."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from placement_planner_ros.core.reach.reach_bound import ReachBound
 from placement_planner_ros.core.sample_goals.cell_bounds import _Placed, _Support
 from placement_planner_ros.core.search.cell_layout import LOWER, UPPER, X
 from placement_planner_ros.core.search.pruning import Ruling
-from placement_planner_ros.core.types import Verdict
+from placement_planner_ros.core.types import TargetVolume, Verdict
 from placement_planner_ros.experiments.cases import Case, make_problem
 
 
@@ -136,6 +138,32 @@ def test_no_cell_with_a_stable_pose_is_unsupported_whatever_the_edge_margin(made
     assert not (stable & unsupported).any()
     assert stable.sum() > 100
     assert unsupported.sum() > 50
+
+
+def test_no_cell_with_a_pose_in_any_of_several_boxes_is_ruled_out(made, cells):
+    problem, planner = made
+    low, high = problem.volume.lower, problem.volume.upper
+    size = 0.3 * (high - low)
+    heights = np.array([low[2], 0.5 * (low[2] + high[2])])
+    lower = np.array([low, low + np.array([0.2, 0.5, 0.0]), [*(low[:2] + 0.1), heights[1]]])
+    upper = lower + size
+    upper[:2, 2] = heights[1]
+    several = replace(problem, volume=TargetVolume(lower, upper))
+    poses = PoseConstraints(several, planner._settings.collision, 0.003, 0.0)
+    unsupported = _Support(poses).unsupported(_Placed(cells))
+    everywhere = PoseConstraints(problem, planner._settings.collision, 0.003, 0.0)
+    one = _Support(everywhere).unsupported(_Placed(cells))
+    assert not (one & ~unsupported).any()
+    assert (unsupported & ~one).sum() > 100
+    rng, times = np.random.default_rng(4), 40
+    at = np.repeat(cells, times, axis=0)
+    x, y, angle = (at[:, LOWER] + rng.random((len(at), 3)) * (at[:, UPPER] - at[:, LOWER])).T
+    verdicts, _ = poses.verdicts(
+        at[:, 0].astype(np.int64), np.column_stack([x, y, at[:, 1]]), angle
+    )
+    stable = (verdicts > Verdict.UNSTABLE).reshape(-1, times).any(axis=1)
+    assert not (stable & unsupported).any()
+    assert stable.sum() > 20
 
 
 def test_cells_are_out_of_reach_where_they_are_of_every_arm_in_every_grasp(made, cells):

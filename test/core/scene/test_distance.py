@@ -42,10 +42,15 @@ def field(obstacles):
     return ClearanceField(obstacles, VOLUME)
 
 
-def exact(obstacles, points, cap=0.5):
+def exact(obstacles, points, cap=0.5, volume=VOLUME, beyond=0.0):
     """Mean of d_S, by definition, from half a voxel below to half a voxel above the points."""
-    touching = ((obstacles.upper >= VOLUME.lower) & (obstacles.lower <= VOLUME.upper)).all(axis=1)
-    lower, upper = obstacles.lower[touching], obstacles.upper[touching]
+    touching, last = np.zeros(len(obstacles), bool), np.full(len(obstacles), -np.inf)
+    for low, high in volume.boxes:
+        low, high = low - beyond, high + beyond
+        touched = ((obstacles.upper >= low) & (obstacles.lower <= high)).all(axis=1)
+        touching |= touched
+        last[touched] = np.maximum(last[touched], high[2])
+    lower, upper, last = obstacles.lower[touching], obstacles.upper[touching], last[touching]
     c, s, *sides = obstacles.outline[touching].T
     heights = 0.005 * ((np.arange(20) + 0.5) / 20 - 0.5)
     result = np.empty(len(points))
@@ -55,7 +60,7 @@ def exact(obstacles, points, cap=0.5):
         aside += np.maximum(np.maximum(sides[2] - v, v - sides[3]), 0.0) ** 2
         z = p[2] + heights[:, None]
         gap = np.sqrt(aside + np.maximum(lower[:, 2] - z, 0.0) ** 2)
-        counted = np.minimum(upper[:, 2], VOLUME.upper[2]) >= z
+        counted = np.minimum(upper[:, 2], last) >= z
         result[row] = np.minimum(np.where(counted, gap, cap).min(axis=1), cap).mean()
     return result
 
@@ -63,10 +68,10 @@ def exact(obstacles, points, cap=0.5):
 def test_values_are_those_of_the_definition(obstacles, field):
     """Also between the grid points; where a thing ends, what is averaged over differs by little."""
     rng = np.random.default_rng(0)
-    nx, ny, nz = field.values.shape
-    i, j, k = (rng.integers(n - 1, size=1200) for n in (nx, ny, nz))
-    points = field.origin + np.stack([CELL * i, CELL * j, field.level * k], axis=1)
-    error = np.abs(field.values[i, j, k] - exact(obstacles, points))
+    (table,) = field.tables
+    i, j, k = (rng.integers(n - 1, size=1200) for n in table.values.shape)
+    points = table.origin + np.stack([CELL * i, CELL * j, table.rise * k], axis=1)
+    error = np.abs(table.values[i, j, k] - exact(obstacles, points))
     assert np.quantile(error, 0.9) < 1e-3
     assert np.quantile(error, 0.99) < 0.5 * CELL
     assert error.max() <= 0.5 / 20  # where all ends, of 20 heights one is in doubt
@@ -183,16 +188,115 @@ def test_clearance_is_the_same_whatever_the_origin_of_the_grid():
     assert np.max(off) < 3e-3
 
 
-def test_a_field_over_any_volume_is_bounded(obstacles):
+def size_of(field):
+    return sum(table.values.size for table in field.tables)
+
+
+@pytest.mark.parametrize("beyond", [0.0, 0.5])
+def test_a_field_over_any_volume_is_bounded(beyond):
     """Its lines and levels are further apart, and values less exact, not more of them."""
+    tower = plane((0.5, 0.5, -1.0), (0.5, 0.52, 3.4), 0.01)  # so that levels go up all the way
+    bounds = (-1.0, -1.0, -1.1), (1.0, 1.0, 3.6)
+    tall = ObstacleSet.from_points(np.vstack([scene(), tower]), bounds=bounds)
     wide = TargetVolume(np.array([-4.0, -4.0, -1.0]), np.array([4.0, 4.0, 3.0]))
-    field = ClearanceField(obstacles, wide)
-    assert field.values.size <= MAX_VALUES
-    assert field.cell_size > CELL
+    field = ClearanceField(tall, wide, beyond)
+    assert 0.1 * MAX_VALUES < size_of(field) <= MAX_VALUES
+    (table,) = field.tables
+    assert table.size > CELL
     rng = np.random.default_rng(1)
     points = rng.uniform((-0.45, -0.45, 0.005), (0.45, 0.4, 0.34), (800, 3))
-    error = np.abs(field.distance(points) - ClearanceField(obstacles, VOLUME).distance(points))
-    assert np.median(error) < 0.5 * field.cell_size
+    error = np.abs(field.distance(points) - exact(tall, points, volume=wide, beyond=beyond))
+    assert np.median(error) < 0.5 * table.size
+
+
+def test_the_field_of_boxes_far_apart_is_bounded_and_keeps_its_lines(obstacles):
+    """As many as there may be, tens of metres from each other: a table for each."""
+    rng = np.random.default_rng(2)
+    low = np.vstack([np.array([[-0.3, -0.3, -0.05]]), rng.uniform(-60.0, 60.0, (63, 3))])
+    high = low + np.array([0.3, 0.4, 0.3])
+    volume = TargetVolume(low, high)
+    for beyond in (0.0, 0.5):
+        field = ClearanceField(obstacles, volume, beyond)
+        assert size_of(field) <= MAX_VALUES
+        assert len(field.tables) > 60
+        assert field.tables[0].size == pytest.approx(CELL)
+        points = rng.uniform((-0.35, -0.35, 0.015), (0.1, 0.2, 0.24), (400, 3))
+        error = np.abs(field.distance(points) - exact(obstacles, points, 0.5, volume, beyond))
+        assert np.median(error) < 5e-4
+        assert np.quantile(error, 0.98) < CELL
+
+
+def test_values_around_several_boxes_are_those_of_the_definition(obstacles):
+    """Of each box its own table, and of a pose that of the box it stands in."""
+    low = np.array([[-0.3, -0.3, -0.05], [0.05, -0.05, 0.0], [3.0, 0.0, 0.0]])
+    high = np.array([[0.0, 0.1, 0.1], [0.3, 0.25, 0.3], [3.4, 0.4, 0.4]])
+    volume = TargetVolume(low, high)
+    rng = np.random.default_rng(3)
+    for beyond in (0.0, 0.1, 0.5):
+        field = ClearanceField(obstacles, volume, beyond)
+        assert len(field.tables) == 2
+        near = rng.uniform((-0.45, -0.45, 0.015), (0.45, 0.4, 0.34), (600, 3))
+        far = rng.uniform((2.9, 0.0, 0.0), (3.5, 0.4, 0.4), (50, 3))
+        points = np.vstack([near, far])
+        error = np.abs(field.distance(points) - exact(obstacles, points, 0.5, volume, beyond))
+        assert np.median(error) < 5e-4
+        assert np.quantile(error, 0.95) < 4e-3
+        assert np.quantile(error, 0.98) < CELL
+        body = rng.uniform(-0.03, 0.03, (60, 3))
+        poses = np.tile(np.eye(4), (5, 1, 1))
+        poses[:, :3, 3] = [[-0.1, 0, 0.1], [3.2, 0.2, 0.1], [0.2, 0.2, 0.2], [3, 0, 0], [0, 0, 0.1]]
+        values, _ = field.mean_clearance_batch(poses, body)
+        for pose, value in zip(poses, values, strict=True):
+            world = body + pose[:3, 3]
+            world[:, 2] = np.maximum(world[:, 2], world[:, 2].min() + field.lift)
+            assert value == pytest.approx(field.distance(world).mean(), abs=1e-12)
+
+
+def test_boxes_that_make_one_box_have_the_field_of_that_box(obstacles):
+    low, high = VOLUME.lower, VOLUME.upper
+    for axis in range(3):
+        lower, upper = np.array([low, low]), np.array([high, high])
+        upper[0, axis] = lower[1, axis] = low[axis] + 0.3 * (high - low)[axis]
+        for beyond in (0.0, 0.5):
+            one = ClearanceField(obstacles, VOLUME, beyond)
+            two = ClearanceField(obstacles, TargetVolume(lower, upper), beyond)
+            np.testing.assert_array_equal(one.tables[0].values, two.tables[0].values)
+
+
+def test_walls_just_outside_a_tight_volume_count_where_things_beyond_it_do():
+    """A bin: walls 14 mm outside V on all sides, and a shelf over it."""
+    side, wall = np.arange(-0.114, 0.115, 0.003), []
+    for z in np.arange(0.0, 0.15, 0.003):
+        edge = np.full(len(side), 0.114)
+        wall += [np.c_[side, s * edge, edge * 0 + z] for s in (-1, 1)]
+        wall += [np.c_[s * edge, side, edge * 0 + z] for s in (-1, 1)]
+    cloud = np.vstack(
+        [
+            plane((-0.114, -0.114, 0.0), (0.114, 0.114, 0.0), 0.004),
+            plane((-0.1, -0.1, 0.45), (0.1, 0.1, 0.45), 0.004),
+            *wall,
+        ]
+    )
+    obstacles = ObstacleSet.from_points(cloud, bounds=BOUNDS)
+    tight = TargetVolume(np.array([-0.1, -0.1, -0.01]), np.array([0.1, 0.1, 0.1]))
+    rng = np.random.default_rng(4)
+    points = rng.uniform((-0.099, -0.099, 0.01), (0.099, 0.099, 0.25), (500, 3))
+    paper = ClearanceField(obstacles, tight).distance(points)
+    np.testing.assert_allclose(paper, 0.5)
+    around = ClearanceField(obstacles, tight, 0.5)
+    beside = 0.114 - np.abs(points[:, :2]).max(axis=1)
+    low, high = points[:, 2] < 0.13, points[:, 2] > 0.155
+    np.testing.assert_allclose(around.distance(points[low]), beside[low], atol=0.5 * CELL)
+    over = 0.45 - points[high, 2]
+    np.testing.assert_allclose(around.distance(points[high]), over, atol=1e-3)
+    # what is further from V than that does not count
+    near = ClearanceField(obstacles, tight, 0.2)
+    np.testing.assert_allclose(near.distance(points[high]), 0.5)
+
+
+def test_the_same_values_every_time(obstacles):
+    one, two = (ClearanceField(obstacles, VOLUME, 0.5).tables[0].values for _ in range(2))
+    np.testing.assert_array_equal(one, two)
 
 
 def test_an_empty_volume_has_the_cap(obstacles):
@@ -222,7 +326,8 @@ def test_gradient_is_that_of_the_interpolation(field):
     rng = np.random.default_rng(3)
     points = rng.uniform((-0.3, -0.3, 0.01), (0.3, 0.25, 0.3), (500, 3))
     step = 1e-6
-    inner = np.abs((points[:, :2] - field.origin[:2]) / CELL % 1.0 - 0.5).max(axis=1) < 0.49
+    origin = field.tables[0].origin[:2]
+    inner = np.abs((points[:, :2] - origin) / CELL % 1.0 - 0.5).max(axis=1) < 0.49
     points = points[inner]
     gradient = field.gradient(points)
     for axis in range(2):
@@ -320,3 +425,5 @@ def test_bad_lengths_are_refused(obstacles):
         ClearanceField(obstacles, VOLUME, cap=float("nan"))
     with pytest.raises(ParameterError):
         ClearanceField(obstacles, VOLUME, padding=-1.0)
+    with pytest.raises(ParameterError, match="beyond"):
+        ClearanceField(obstacles, VOLUME, beyond=-0.1)

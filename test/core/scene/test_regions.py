@@ -102,6 +102,49 @@ def test_regions_are_clipped_to_the_volume_in_all_directions():
     assert support.supported(np.array([[0.25, 0.25, 0.0], [0.25, 0.25, 0.2999]]), 0.001).all()
 
 
+def of_boxes(*boxes):
+    corners = np.array(boxes).reshape(-1, 2, 3)
+    return TargetVolume(corners[:, 0], corners[:, 1])
+
+
+def test_abutting_boxes_have_the_regions_of_the_one_box_that_they_make():
+    top = plane((-0.3, -0.3, 0.0999), (0.3, 0.3, 0.0999), 0.004)
+    low, high = np.array([-0.123, -0.07, 0.05]), np.array([0.077, 0.2, 0.25])
+    one, _ = regions_of(top, TargetVolume(low, high))
+    middle, below = high.copy(), low.copy()
+    middle[0] = below[0] = top[np.argmin(np.abs(top[:, 0])), 0]  # on points of the surface
+    two, _ = regions_of(top, of_boxes([below, high], [low, middle]))
+    for a, b in zip(one, two, strict=True):
+        assert a.z == b.z
+        np.testing.assert_array_equal(a.rectangles, b.rectangles)
+
+
+def test_regions_lie_in_the_union_of_boxes_and_fill_it():
+    """Two boxes that overlap, one apart, one at another height, one beyond the surface."""
+    points = np.vstack([plane((-0.3, -0.3, z), (0.3, 0.3, z), 0.004) for z in (0.0999, 0.1999)])
+    boxes = [
+        [[-0.251, -0.2, 0.05], [-0.1, 0.0, 0.15]],
+        [[-0.2, -0.1, 0.09], [0.0, 0.053, 0.11]],
+        [[0.1, 0.1, 0.0], [0.2, 0.2, 0.12]],
+        [[0.1, -0.2, 0.18], [0.2, -0.1, 0.3]],
+        [[0.35, 0.0, 0.0], [0.4, 0.1, 0.3]],
+    ]
+    volume = of_boxes(*boxes)
+    regions, _ = regions_of(points, volume)
+    rng = np.random.default_rng(0)
+    for z, area in ((0.0999, 0.151 * 0.2 + 0.2 * 0.153 - 0.01 + 0.01), (0.1999, 0.01)):
+        level = [r for r in regions if abs(r.z - z) < 1e-4]
+        assert sum(r.area for r in level) == pytest.approx(area, rel=1e-9)
+        samples = np.array([r.sample(rng) for r in level for _ in range(200)])
+        assert volume.contains(samples).all()
+        for x, y in rng.uniform(-0.29, 0.29, (400, 2)):
+            times = sum(
+                ((r.rectangles[:, :2] < (x, y)) & (r.rectangles[:, 2:] > (x, y))).all(axis=1).sum()
+                for r in level
+            )
+            assert times == volume.contains(np.array([[x, y, level[0].z]]))[0]
+
+
 def test_no_sample_lies_beyond_a_measured_edge_also_where_it_is_slanted():
     center = (0.013, 0.021)
     for degrees in (0.0, 3.0, 30.0, 45.0, 142.0):

@@ -16,7 +16,13 @@ from placement_planner_ros.core.problem import workspace
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
-from placement_planner_ros.core.scene.visibility import View, seen_free, unknown_cells
+from placement_planner_ros.core.scene.visibility import (
+    _UNSEEN,
+    View,
+    _in_volume,
+    seen_free,
+    unknown_cells,
+)
 from placement_planner_ros.core.types import TargetVolume
 from placement_planner_ros.experiments.cases import Case, make_problem
 from placement_planner_ros.experiments.record import save_solution
@@ -107,6 +113,24 @@ def test_the_shadow_of_a_crate_is_unknown_up_to_the_line_over_its_edge():
         column = unknown[cell_of(obstacles, (x, 0.0, 0.0))[:2]]
         top = obstacles.origin[2] + SIZE * (np.flatnonzero(column).max() + 1)
         assert top == pytest.approx(under_shadow_line(x), abs=1.5 * SIZE)
+
+
+def test_unseen_cells_of_every_box_are_unknown():
+    view = view_of(FLOOR, WALL, CRATE)
+    obstacles = measured(view)
+    low, high = VOLUME.lower, VOLUME.upper
+    inner = np.array([[low, [-0.1, 0.0, 0.1]], [[-0.15, -0.1, 0.0], high]])
+
+    def boxes(*rows):
+        volume = TargetVolume(inner[list(rows), 0], inner[list(rows), 1])
+        state = np.full(obstacles.shape, _UNSEEN, np.uint8)
+        return _in_volume(obstacles, volume, state)
+
+    both = boxes(0, 1)
+    np.testing.assert_array_equal(both, boxes(0) | boxes(1))
+    centers = obstacles.origin + (np.argwhere(np.ones(obstacles.shape, bool)) + 0.5) * SIZE
+    expected = TargetVolume(inner[:, 0], inner[:, 1]).contains(centers)
+    np.testing.assert_array_equal(both.ravel(), expected)
 
 
 def test_what_is_seen_free_stays_free_with_and_without_noise():

@@ -104,6 +104,19 @@ def test_bad_values_are_refused_by_name(name, value, error):
     assert name in str(raised.value)
 
 
+def test_several_boxes_are_one_volume():
+    boxes = [0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 2.0, 0.0, 0.0, 3.0, 1.0, 1.0]
+    volume = parameter_set(target_volume=boxes).volume
+    assert volume.boxes.ravel().tolist() == boxes
+    with pytest.raises(ParameterError, match=r"target_volume = .*six numbers per box, not 11"):
+        parameter_set(target_volume=boxes[:11])
+    boxes[8] = 2.0
+    with pytest.raises(VolumeError, match=r"target_volume = .*box 2 of 2"):
+        parameter_set(target_volume=boxes)
+    with pytest.raises(VolumeError, match=r"target_volume = '65 boxes': give 64 at most"):
+        parameter_set(target_volume=[0.0, 0.0, 0.0, 1.0, 1.0, 1.0] * 65)
+
+
 def test_numbers_may_come_as_text_as_yaml_takes_some_for_it():
     assert parameter_set(time_limit="1e-05")["time_limit"] == 1e-05
     volume = parameter_set(target_volume="[0, 0, 0, 1, 1.5, 1e-1]")["target_volume"]

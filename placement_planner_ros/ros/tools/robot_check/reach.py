@@ -68,7 +68,7 @@ def reached_share(subject: Subject, arm: Arm, grasp: int, volume: TargetVolume) 
     T_object_tip = arm.grasps[grasp].inverse()
     tips = []
     for _ in range(POSES):
-        T = pin.SE3(_upright(rng), rng.uniform(volume.lower, volume.upper))
+        T = pin.SE3(_upright(rng), _place_in(volume, rng))
         if subject.body is not None and subject.body.faces:
             face = subject.body.faces[int(rng.integers(len(subject.body.faces)))]
             T = T * face.T_face_object
@@ -83,6 +83,15 @@ def reached_share(subject: Subject, arm: Arm, grasp: int, volume: TargetVolume) 
         [np.broadcast_to(subject.q[arm.q_index], (POSES, 1, arm.dof)), seeds], axis=1
     )
     return float((ik.solve_batch(np.array(tips), seeds)[1] > 0).mean())
+
+
+def _place_in(volume: TargetVolume, rng: np.random.Generator) -> Array:
+    """(3,) anywhere in V, in each of its boxes as often as it is large."""
+    boxes = volume.joined
+    if len(boxes) == 1:
+        return rng.uniform(*boxes[0])
+    sizes = (boxes[:, 1] - boxes[:, 0]).prod(axis=1)
+    return rng.uniform(*boxes[rng.choice(len(boxes), p=sizes / sizes.sum())])
 
 
 def _upright(rng: np.random.Generator) -> Array:
@@ -150,12 +159,14 @@ def _planner(subject: Subject, arms: tuple[Arm, ...], body: Body) -> PlacementPl
 
 
 def plane_in(volume: TargetVolume) -> Array:
-    """(n, 3) points every 5 mm, more than a cell above the bottom of V."""
-    low, high = volume.lower, volume.upper
-    x, y = (np.arange(low[i], high[i], 0.005) for i in range(2))
-    height = low[2] + min(0.02, 0.1 * (high[2] - low[2]))
-    grid = np.meshgrid(x, y, [height], indexing="ij")
-    return np.column_stack([axis.ravel() for axis in grid])
+    """(n, 3) points every 5 mm, more than a cell above the bottom of each of V's boxes."""
+    planes = []
+    for low, high in volume.joined:
+        x, y = (np.arange(low[i], high[i], 0.005) for i in range(2))
+        height = low[2] + min(0.02, 0.1 * (high[2] - low[2]))
+        grid = np.meshgrid(x, y, [height], indexing="ij")
+        planes.append(np.column_stack([axis.ravel() for axis in grid]))
+    return np.concatenate(planes)
 
 
 def count_edges(holding: Holding) -> tuple[int, int, float]:

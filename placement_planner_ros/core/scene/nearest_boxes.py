@@ -1,0 +1,419 @@
+"""Of the boxes that end at one height, the one nearest in x and y to each point of a line."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from placement_planner_ros.core.kernels import kernel
+from placement_planner_ros.core.types import Array
+
+Field = npt.NDArray[np.float32]
+Index = npt.NDArray[np.int32]
+
+_STEPS = 8
+"""Boxes to go at most from the one that is taken for the nearest to nearer ones."""
+_APART = 1e-4
+"""m: sides of boxes that lie no further apart are taken for the same."""
+
+
+class BoxesByHeight(NamedTuple):
+    """Boxes in groups: straight or turned ones that end in one slab; in there by column of cells
+    along y; in there along y.
+
+    k boxes in c columns of s groups. Turned boxes have outlines that fill no straight rectangle:
+    what is nearest is told among straight ones exactly, among turned ones by the rectangles around
+    their outlines first.
+    """
+
+    lower: Array
+    """(k, 2) corner in x and y."""
+    upper: Array
+    outline: Field
+    """(k, 6) `ObstacleSet.outline`."""
+    height: Array
+    """(k,) z of their lower faces, from the lowest level on."""
+    end: Array
+    """(k,) how far above the lower level of their slab they end."""
+    place: Index
+    """(k,) number of their cell along y."""
+    column: Index
+    """(c,) number of their cells along x."""
+    column_start: Index
+    """(c + 1,) the first box of each column."""
+    slab: Index
+    """(s,) number of the slab, ascending: first its straight boxes, then its turned ones."""
+    group_start: Index
+    """(s + 1,) the first column of each group."""
+    before: Index
+    """(k,) of the boxes of a column up to this one, the one that reaches furthest along y."""
+    after: Index
+    """(k,) of the boxes of a column from this one on, the one that begins first along y."""
+    near_start: Index
+    """(k + 1,) where the boxes around begin, in `near`."""
+    near: Index
+    """Boxes of the same group that may be nearer where one is taken for the nearest: of a turned
+    one, itself and those in its cell and the eight around; of a straight one, those in its cell
+    and the two beside it along y that reach further to a side."""
+
+
+class Lines(NamedTuple):
+    """Lines of a field along x, one for each y."""
+
+    x: float
+    """m, where they begin."""
+    y: float
+    """m, of the first line."""
+    size: float
+    """m between two lines, and between two points of one."""
+    cap: float
+    """m, the greatest distance of interest."""
+
+
+class Envelope(NamedTuple):
+    """Room for the parabolas (x - foot)² + base of one line."""
+
+    foot: Array
+    base: Array
+    box: Index
+    begin: Array
+    """From where on each is the least."""
+
+    @classmethod
+    def for_boxes(cls, boxes: BoxesByHeight) -> Envelope:
+        """For the widest group, four for each of its columns."""
+        room = 4 * int(np.max(np.diff(boxes.group_start), initial=0))
+        return cls(np.empty(room), np.empty(room), np.empty(room, np.int32), np.empty(room))
+
+
+def boxes_by_height(
+    lower: Array,
+    upper: Array,
+    outline: Field,
+    cells: Index,
+    ends: Array,
+    origin_z: float,
+    rise: float,
+) -> BoxesByHeight:
+    """Sort boxes for `nearest_on_line`.
+
+    Args:
+        lower, upper: (k, 3) corners.
+        outline: (k, 6) `ObstacleSet.outline`.
+        cells: (k, 2) number of the boxes' cells along x and y.
+        ends: (k,) z up to which each of them counts, none below `origin_z`.
+        origin_z: of the lowest level.
+        rise: height of a slab.
+    """
+    slab = np.floor((ends - origin_z) / rise).astype(np.int64)
+    group = 2 * slab + (outline[:, 1] != 0.0)
+    x, y = (cells - cells.min(axis=0, initial=0)).T.astype(np.int64)
+    width, depth = (int(np.max(number, initial=0)) + 1 for number in (x, y))
+    # in one cell, first what reaches furthest up and down
+    order = np.lexsort((lower[:, 2], -ends, (group * width + x) * depth + y))
+    column_start = _starts((group * width + x)[order])
+    first_in_column = order[column_start[:-1]]
+    group_start = _starts(group[first_in_column])
+    low, high = _around_outlines(outline[order])
+    low, high = np.maximum(low, lower[order, :2]), np.minimum(high, upper[order, :2])
+    place, column = cells[order, 1].astype(np.int32), cells[first_in_column, 0].astype(np.int32)
+    before, after = _first_and_last(low[:, 1].copy(), high[:, 1].copy(), column_start)
+    turned = (group[first_in_column[group_start[:-1]]] % 2).astype(np.bool_)
+    near_start, near = _boxes_around(
+        turned, low[:, 0].copy(), high[:, 0].copy(), place, column, column_start, group_start
+    )
+    return BoxesByHeight(
+        low,
+        high,
+        np.ascontiguousarray(outline[order]),
+        lower[order, 2] - origin_z,
+        (ends - origin_z - slab * rise)[order],
+        place,
+        column,
+        column_start,
+        slab[first_in_column[group_start[:-1]]].astype(np.int32),
+        group_start,
+        before,
+        after,
+        near_start,
+        near,
+    )
+
+
+def _around_outlines(outline: Field) -> tuple[Array, Array]:
+    """(k, 2) and (k, 2) corners of the straight rectangles around the turned ones."""
+    c, s, *sides = outline.T.astype(np.float64)
+    u, v = sides[0] + sides[1], sides[2] + sides[3]
+    width, depth = sides[1] - sides[0], sides[3] - sides[2]
+    middle = 0.5 * np.column_stack([c * u - s * v, s * u + c * v])
+    half = 0.5 * np.column_stack(
+        [np.abs(c) * width + np.abs(s) * depth, np.abs(s) * width + np.abs(c) * depth]
+    )
+    return middle - half, middle + half
+
+
+def _starts(sorted_keys: npt.NDArray[np.int64]) -> Index:
+    """Where each of the sorted keys begins, and how many they are."""
+    first = np.flatnonzero(np.append(True, np.diff(sorted_keys) != 0)[: len(sorted_keys)])
+    return np.append(first, len(sorted_keys)).astype(np.int32)
+
+
+@kernel(nogil=True)
+def _first_and_last(low: Array, high: Array, column_start: Index) -> tuple[Index, Index]:
+    """`before` and `after` of boxes from low to high (k,) along y."""
+    before, after = np.empty(len(low), np.int32), np.empty(len(low), np.int32)
+    for c in range(len(column_start) - 1):
+        first, last = column_start[c], column_start[c + 1]
+        for e in range(first, last):
+            before[e] = before[e - 1] if e > first and high[before[e - 1]] >= high[e] else e
+        for e in range(last - 1, first - 1, -1):
+            after[e] = after[e + 1] if e + 1 < last and low[after[e + 1]] < low[e] else e
+    return before, after
+
+
+@kernel(nogil=True)
+def _boxes_around(
+    turned: npt.NDArray[np.bool_],
+    low: Array,
+    high: Array,
+    place: Index,
+    column: Index,
+    column_start: Index,
+    group_start: Index,
+) -> tuple[Index, Index]:
+    """`near_start` and `near`, of straight and of `turned` (s,) groups; boxes are from low to high
+    (k,) along x."""
+    near_start = np.zeros(len(place) + 1, np.int32)
+    near = np.empty(0, np.int32)
+    for counted in (False, True):
+        found = 0
+        for s in range(len(group_start) - 1):
+            first, last = group_start[s], group_start[s + 1]
+            for c in range(first, last):
+                for e in range(column_start[c], column_start[c + 1]):
+                    for d in range(max(c - 1, first), min(c + 2, last)):
+                        if abs(column[d] - column[c]) > (1 if turned[s] else 0):
+                            continue
+                        begin, end = column_start[d], column_start[d + 1]
+                        begin = _bisected(place, begin, end, place[e] - 1)
+                        end = _bisected(place, begin, end, place[e] + 2)
+                        for q in range(begin, end):
+                            further = low[q] < low[e] - _APART or high[q] > high[e] + _APART
+                            if not turned[s] and (q == e or not further):
+                                continue
+                            if counted:
+                                near[found] = q
+                            found += 1
+                    near_start[e + 1] = found
+        if not counted:
+            near = np.empty(found, np.int32)
+    return near_start, near
+
+
+@kernel(lean=True)
+def _bisected(place: Index, first: int, last: int, least: int) -> int:
+    """The first box from `first` up to `last` whose place is at least so much."""
+    while first < last:
+        middle = (first + last) // 2
+        if place[middle] < least:
+            first = middle + 1
+        else:
+            last = middle
+    return first
+
+
+@kernel(lean=True)
+def nearest_on_line(
+    boxes: BoxesByHeight,
+    group: int,
+    line: int,
+    lines: Lines,
+    next_box: Index,
+    room: Envelope,
+    nearest: Index,
+    squared: Field,
+) -> None:
+    """Box of a group nearest to each of the points of a line, and the squared distance to it.
+
+    Per column of cells along y, the nearest box before and after the line; then, along x, the
+    lower envelope of the squared distances to these boxes (P. Felzenszwalb and D. Huttenlocher,
+    Distance transforms of sampled functions, 2012). From there on to boxes in the cells around
+    that are nearer.
+
+    Args:
+        line: its number; lines are to be asked for in ascending order.
+        next_box: (c,) the first box of each column that lies behind the line before; kept up here.
+        nearest: (nx,), -1 where there is none within the cap of the line.
+        squared: (nx,), m², infinite where there is none within the cap of the line.
+    """
+    y = lines.y + line * lines.size
+    n = 0
+    for c in range(boxes.group_start[group], boxes.group_start[group + 1]):
+        at, last = next_box[c], boxes.column_start[c + 1]
+        while at < last and boxes.place[at] < line:
+            at += 1
+        next_box[c] = at
+        before = boxes.before[at - 1] if at > boxes.column_start[c] else -1
+        after = boxes.after[at] if at < last else -1
+        n = _add_column(boxes, c, before, after, y, lines, room, n)
+    n = _lower_envelope(room.foot, room.base, room.box, room.begin, n)
+    _along_line(room, n, lines, nearest, squared)
+    first, last = (
+        boxes.column_start[boxes.group_start[group]],
+        boxes.column_start[boxes.group_start[group + 1]],
+    )
+    if boxes.near_start[last] > boxes.near_start[first]:
+        cap = lines.cap * lines.cap
+        for i in range(len(nearest)):
+            r = nearest[i]
+            if squared[i] < cap and boxes.near_start[r + 1] > boxes.near_start[r]:
+                x = lines.x + i * lines.size
+                nearest[i], squared[i] = _nearest_outline(boxes, r, x, y)
+
+
+@kernel(lean=True)
+def _along_line(room: Envelope, count: int, lines: Lines, nearest: Index, squared: Field) -> None:
+    """The least of the first parabolas of an envelope at each point of a line, and its box."""
+    i, nx = 0, len(nearest)
+    for at in range(count):
+        last = nx
+        if at + 1 < count:
+            end = math.ceil((room.begin[at + 1] - lines.x) / lines.size)
+            last = int(min(max(end, i), nx))
+        foot, base, box = lines.x - room.foot[at], room.base[at], room.box[at]
+        for k in range(i, last):
+            off = foot + k * lines.size
+            squared[k] = off * off + base
+            nearest[k] = box
+        i = last
+    for k in range(i, nx):
+        squared[k] = np.inf
+        nearest[k] = -1
+
+
+@kernel(inline=True)
+def _add_column(
+    boxes: BoxesByHeight,
+    column: int,
+    before: int,
+    after: int,
+    y: float,
+    lines: Lines,
+    room: Envelope,
+    n: int,
+) -> int:
+    """Add the parabolas of a column's boxes before and after a line, -1 for none, by their feet.
+
+    A box is two parabolas with their feet at its ends: the left one counts left of the column's
+    cells, the right one right of them; where that of the other box is less all the way up to the
+    cap, it is left out.
+
+    Returns:
+        how many parabolas there are now, `n` before.
+    """
+    foot, base, box = room.foot, room.base, room.box
+    a = b = np.inf
+    if before >= 0:
+        a = max(boxes.lower[before, 1] - y, 0.0, y - boxes.upper[before, 1])
+    if after >= 0:
+        b = max(boxes.lower[after, 1] - y, 0.0, y - boxes.upper[after, 1])
+    left = lines.x + boxes.column[column] * lines.size
+    first = n
+    for side in range(2):
+        r, q, gap, other = (before, after, a, b) if side == 0 else (after, before, b, a)
+        if not gap < lines.cap:
+            continue
+        for end in range(2):
+            if end == 0:
+                at, of_other = boxes.lower[r, 0], boxes.lower[q, 0]
+                off, off_other = at - left, of_other - left
+            else:
+                at, of_other = boxes.upper[r, 0], boxes.upper[q, 0]
+                off, off_other = left + lines.size - at, left + lines.size - of_other
+            if other < lines.cap and _is_beaten(off, gap, off_other, other, side, lines.cap):
+                continue
+            s = n - 1
+            while s >= first and foot[s] > at:
+                foot[s + 1], base[s + 1], box[s + 1] = foot[s], base[s], box[s]
+                s -= 1
+            foot[s + 1], base[s + 1], box[s + 1] = at, gap * gap, r
+            n += 1
+    return n
+
+
+@kernel(inline=True)
+def _is_beaten(
+    off: float, gap: float, off_other: float, gap_other: float, side: int, cap: float
+) -> bool:
+    """Whether another parabola is less from 0 to the cap; of two that are the same, the first is.
+
+    Args:
+        off, off_other: how far beyond 0 their feet lie.
+        gap, gap_other: roots of their bases.
+        side: 0 for the first, 1 for the second.
+    """
+    base, base_other = gap * gap, gap_other * gap_other
+    near = off * off + base - off_other * off_other - base_other
+    far = (cap + off) ** 2 + base - (cap + off_other) ** 2 - base_other
+    return near >= 0.0 and far >= 0.0 and (side == 1 or near > 0.0 or far > 0.0)
+
+
+@kernel(lean=True)
+def _lower_envelope(foot: Array, base: Array, box: Index, begin: Array, count: int) -> int:
+    """Keep of the parabolas (x - foot)² + base, sorted by foot, those least somewhere.
+
+    Returns:
+        Their number n; from begin[i] to begin[i + 1] the least is i.
+    """
+    n = 0
+    for t in range(count):
+        x, a = foot[t], base[t]
+        start = -np.inf
+        keep = True
+        while n > 0:
+            width = x - foot[n - 1]
+            if width <= 0.0:
+                keep = a < base[n - 1]
+                if not keep:
+                    break
+            else:
+                # where the new one crosses the last
+                start = 0.5 * ((a - base[n - 1]) / width + x + foot[n - 1])
+                if start > begin[n - 1]:
+                    break
+            n -= 1
+            start = -np.inf
+        if keep:
+            foot[n], base[n], box[n], begin[n] = x, a, box[t], start
+            n += 1
+    return n
+
+
+@kernel(inline=True)
+def _nearest_outline(boxes: BoxesByHeight, r: int, x: float, y: float) -> tuple[int, float]:
+    """From box r on to those in the cells around, as long as their outlines are nearer to a point;
+    with the squared distance."""
+    least = _aside(boxes.outline, r, x, y)
+    for _step in range(_STEPS):
+        best = r
+        for at in range(boxes.near_start[r], boxes.near_start[r + 1]):
+            squared = _aside(boxes.outline, boxes.near[at], x, y)
+            if squared < least:
+                best, least = boxes.near[at], squared
+        if best == r:
+            break
+        r = best
+    return r, least
+
+
+@kernel(inline=True)
+def _aside(outline: Field, r: int, x: float, y: float) -> float:
+    """Squared distance in x and y from a point to the rectangle around the points of box r."""
+    c, s = outline[r, 0], outline[r, 1]
+    u, v = c * x + s * y, c * y - s * x
+    du = max(outline[r, 2] - u, 0.0, u - outline[r, 3])
+    dv = max(outline[r, 4] - v, 0.0, v - outline[r, 5])
+    return du * du + dv * dv

@@ -1,0 +1,120 @@
+"""V as the union of boxes, against brute force over points."""
+
+import itertools
+import pickle
+
+import numpy as np
+import pytest
+
+from placement_planner_ros.core.boxes import disjoint_rectangles, joined_boxes
+from placement_planner_ros.core.errors import VolumeError
+from placement_planner_ros.core.types import MAX_BOXES, TargetVolume
+
+
+def random_boxes(rng, count, sides=3):
+    """(count, 2, sides) boxes with corners on a coarse grid, so that many abut and overlap."""
+    low = rng.integers(0, 8, (count, sides))
+    return np.stack([low, low + rng.integers(1, 5, (count, sides))], axis=1) / 10.0
+
+
+def inside(boxes, points):
+    return ((points[:, None] >= boxes[:, 0]) & (points[:, None] <= boxes[:, 1])).all(axis=2)
+
+
+def test_several_boxes_are_their_union():
+    rng = np.random.default_rng(0)
+    for count in (1, 2, 5, 12, MAX_BOXES):
+        boxes = random_boxes(rng, count)
+        volume = TargetVolume(boxes[:, 0], boxes[:, 1])
+        faces = rng.integers(-1, 14, (500, 3)) / 10.0  # on faces and corners
+        points = np.vstack([rng.uniform(-0.1, 1.3, (500, 3)), faces])
+        expected = inside(boxes, points).any(axis=1)
+        np.testing.assert_array_equal(volume.contains(points), expected)
+        assert expected.any() or count == 1
+        np.testing.assert_array_equal(volume.lower, boxes[:, 0].min(axis=0))
+        np.testing.assert_array_equal(volume.upper, boxes[:, 1].max(axis=0))
+        assert len(volume.joined) <= count
+        np.testing.assert_array_equal(volume.boxes, boxes)
+        again = pickle.loads(pickle.dumps(volume))
+        assert again.same(volume)
+        for z in (*rng.uniform(0.0, 1.2, 3), 0.3):
+            section = volume.section(z)
+            cut = np.c_[points[:, :2], np.full(len(points), z)]
+            np.testing.assert_array_equal(
+                inside(section, points[:, :2]).any(axis=1), inside(boxes, cut).any(axis=1)
+            )
+
+
+def cut(box, rng, times):
+    """A box as the pieces of a few cuts through pieces of it, in random order."""
+    pieces = [box]
+    for _ in range(times):
+        piece = pieces.pop(rng.integers(len(pieces)))
+        axis = rng.integers(3)
+        left, right = piece.copy(), piece.copy()
+        left[1, axis] = right[0, axis] = rng.uniform(*piece[:, axis])
+        pieces += [left, right]
+    return np.array(pieces)[rng.permutation(len(pieces))]
+
+
+def test_one_box_cut_into_several_is_one_again():
+    rng = np.random.default_rng(1)
+    box = np.array([[0.1, -0.2, 0.3], [0.4, 0.5, 0.9]])
+    for times in (1, 2, 3, 5):
+        pieces = cut(box, rng, times)
+        np.testing.assert_array_equal(joined_boxes(pieces), box[None])
+    low, high = [[0, 0], [1, 0], [2, 1], [0, 2], [1, 1]], [[1, 2], [3, 1], [3, 3], [2, 3], [2, 2]]
+    pinwheel = np.dstack([np.array([low, high]), np.array([np.zeros(5), np.ones(5)])])
+    np.testing.assert_array_equal(
+        joined_boxes(pinwheel.swapaxes(0, 1)), [[[0.0] * 3, [3.0, 3.0, 1.0]]]
+    )
+    assert len(joined_boxes(pinwheel.swapaxes(0, 1)[:4])) == 4  # a hole in the middle
+    halves = np.array([[[0.0] * 3, [0.1 + 0.2, 1, 1]], [[0.3, 0, 0], [1, 1, 1]]])
+    np.testing.assert_array_equal(joined_boxes(halves), [[[0.0] * 3, [1.0] * 3]])
+    corner = np.array([[[0.0, 0, 0], [1, 1, 1]], [[1.0, 1, 1], [2, 2, 2]]])
+    assert len(joined_boxes(corner)) == 2
+    crossed = np.array([[[0.0, 1, 0], [3, 2, 1]], [[1.0, 0, 0], [2, 3, 1]]])
+    assert len(joined_boxes(crossed)) == 2
+
+
+def test_rectangles_are_disjoint_and_depend_on_the_union_alone():
+    rng = np.random.default_rng(2)
+    for count in (1, 3, 10, 40):
+        boxes = random_boxes(rng, count, 2)
+        found = disjoint_rectangles(boxes)
+        points = rng.uniform(-0.1, 1.3, (2000, 2))
+        times = inside(found, points).sum(axis=1)
+        np.testing.assert_array_equal(times, inside(boxes, points).any(axis=1))
+        pieces = []  # the same union by other rectangles
+        for low, high in boxes:
+            at = rng.uniform(low[0], high[0])
+            pieces += [[low, [at, high[1]]], [[at, low[1]], high]]
+        pieces = np.array(pieces)[rng.permutation(2 * count)]
+        np.testing.assert_array_equal(disjoint_rectangles(pieces), found)
+    assert len(disjoint_rectangles(np.zeros((0, 2, 2)))) == 0
+
+
+GOOD = [0.0, 0.0, 0.0, 1.0, 1.0, 1.0]
+
+
+@pytest.mark.parametrize(
+    ("numbers", "words"),
+    [
+        ([], "six numbers for each box"),
+        (GOOD[:5], "six numbers for each box"),
+        ([*GOOD, 1.0], "six numbers for each box"),
+        ([*GOOD, 0.0, 0.0, 2.0, 1.0, 1.0, 1.0], "minimum corner first.*box 2 of 2"),
+        ([*GOOD[:5], float("nan"), *GOOD], "finite numbers.*box 1 of 2"),
+        (GOOD * (MAX_BOXES + 1), f"{MAX_BOXES + 1} boxes': give {MAX_BOXES} at most"),
+    ],
+)
+def test_bad_boxes_are_refused_by_name(numbers, words):
+    with pytest.raises(VolumeError, match=f"^target_volume = .*{words}"):
+        TargetVolume.of_numbers(numbers)
+
+
+def test_corners_have_to_be_as_many():
+    for lower, upper in itertools.permutations((np.zeros(3), np.ones((2, 3)), np.zeros((2, 2))), 2):
+        with pytest.raises(VolumeError, match="six finite numbers"):
+            TargetVolume(lower, upper)
+    assert TargetVolume.of_numbers(GOOD * MAX_BOXES).joined.shape == (1, 2, 3)
