@@ -1,4 +1,5 @@
-"""Draw every object of `settle_objects.py` on each of its rests, v(f) in red beneath it.
+"""Draw every object of `settle_objects.py`: its cover over its mesh, and it on each of its rests,
+v(f) in red beneath it.
 
 python test/draw_objects.py --output docs/images
 """
@@ -6,6 +7,7 @@ python test/draw_objects.py --output docs/images
 from __future__ import annotations
 
 import argparse
+import colorsys
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +20,7 @@ from placement_planner_ros.experiments.drawing.plots import new_figure, png
 from placement_planner_ros.experiments.drawing.rendering import Mesh, View, render
 
 _WIDTH, _HEIGHT = 210, 180
-_COLUMNS, _ROWS = 7, 8
+_COLUMNS, _ROWS = 8, 8
 _GREEN, _AMBER = (0.35, 0.70, 0.40), (0.90, 0.68, 0.30)
 _RED, _GREY = (0.85, 0.10, 0.10), (0.90, 0.90, 0.90)
 _ALPHA = 0.72
@@ -26,9 +28,9 @@ _ALPHA = 0.72
 
 def sheet(named: dict[str, Thing]) -> bytes:
     """A picture with a row for each object, its rests side by side."""
-    figure = new_figure(1.5 * _COLUMNS, 1.4 * len(named), constrained=False)
+    figure = new_figure(1.5 * _COLUMNS, 1.6 * len(named), constrained=False)
     axes = figure.subplots(len(named), _COLUMNS, squeeze=False)
-    figure.subplots_adjust(left=0.0, right=1.0, bottom=0.0, top=0.97, wspace=0.0, hspace=0.14)
+    figure.subplots_adjust(left=0.0, right=1.0, bottom=0.0, top=0.96, wspace=0.0, hspace=0.28)
     for row, (name, thing) in zip(axes, named.items(), strict=True):
         body = Body.from_mesh(
             thing.mesh.vertices,
@@ -38,17 +40,38 @@ def sheet(named: dict[str, Thing]) -> bytes:
         )
         faces = sorted(body.faces, key=lambda face: face.rolls)
         rolling = sum(face.rolls for face in faces)
-        for number, cell in enumerate(row):
+        for cell in row:
             cell.set_axis_off()
+        row[0].imshow(np.clip(_covered(body), 0.0, 1.0))
+        words = f"{name}\n{len(thing.mesh.faces):,} triangles\n{_cover_words(body)}"
+        row[0].set_title(words, fontsize=6, pad=1.0)
+        for number, cell in enumerate(row[1:]):
             if number >= len(faces) - max(rolling - 2, 0):
                 continue
             face = faces[number]
             cell.imshow(np.clip(_picture(body, face), 0.0, 1.0))
             title = f"rolls, {rolling} such" if face.rolls else f"{1e4 * face.area:.0f} cm²"
             cell.set_title(title, fontsize=6, pad=1.0)
-        count = f"{len(thing.mesh.faces):,} triangles"
-        row[0].text(0.02, 0.02, f"{name}\n{count}", transform=row[0].transAxes, fontsize=6)
     return png(figure)
+
+
+def _cover_words(body: Body) -> str:
+    """How many convex sets there are, and by how much those of a cover reach beyond the mesh."""
+    if body.mesh is None:
+        return f"{len(body.solids)} convex, exact"
+    return f"{len(body.parts)} convex, + {1000 * body.mesh.cover.excess:.1f} mm"
+
+
+def _covered(body: Body) -> np.ndarray:
+    """The mesh in grey through its convex sets, each in a colour of its own."""
+    view = View.around(body.vertices, -1.0, 0.6, _WIDTH, _HEIGHT)
+    meshes = [Mesh(body.vertices, body.triangles, _GREY)]
+    for number, part in enumerate(body.parts):
+        colour = colorsys.hsv_to_rgb(0.618 * number % 1.0, 0.75, 0.9)
+        middle = part.vertices.mean(axis=0)
+        over = middle + 1.01 * (part.vertices - middle)  # in front of the mesh where it is flush
+        meshes.append(Mesh(over, part.triangles, colour, 0.5))
+    return render(view, meshes).colours
 
 
 def _picture(body: Body, face: PlacementFace) -> np.ndarray:

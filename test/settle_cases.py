@@ -1,23 +1,67 @@
 """Release every recorded placement of `placement_benchmark cases` in a physics engine.
 
-python test/settle_cases.py results/cases
+python test/settle_cases.py results/cases --friction 0.3 0.8
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import sys
+from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
-from settle import settle
+from settle import Settled, settle
 
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.scenes import scene_by_name
 
 MOVED, TILTED = 0.005, np.deg2rad(2.0)
+FRICTIONS = (0.3, 0.8)
+"""Sliding friction of all contacts: smooth plastic on lacquer, rubber on wood."""
+
+
+def stays(path: Path, friction: float) -> tuple[str, Settled]:
+    """The object of a recorded placement, and how far it comes."""
+    with np.load(path) as data:
+        case, T_world_object = json.loads(str(data["case"])), pin.SE3(data["T_world_object"])
+    held = object_by_name(case["object"])
+    result = settle(
+        [part.vertices for part in scene_by_name(case["scene"]).parts],
+        [part.vertices for part in held.parts],
+        held.center_of_mass,
+        T_world_object,
+        friction=friction,
+    )
+    return case["object"], result
+
+
+def table(results: dict[tuple[str, float], list[Settled]]) -> str:
+    """Markdown: one row per object and friction."""
+    rows = [
+        "| object | friction | released | stayed | moved, mm: most | tilted, °: most |",
+        "|---|---|---|---|---|---|",
+    ]
+    for (name, friction), settled in sorted(results.items()):
+        kept = [one for one in settled if did_stay(one)]
+        cells = (
+            name,
+            f"{friction:g}",
+            str(len(settled)),
+            str(len(kept)),
+            f"{1000 * max((one.moved for one in kept), default=np.nan):.2f}",
+            f"{np.rad2deg(max((one.tilted for one in kept), default=np.nan)):.2f}",
+        )
+        rows.append(f"| {' | '.join(cells)} |")
+    return "\n".join(rows) + "\n"
+
+
+def did_stay(one: Settled) -> bool:
+    """Within 5 mm and 2°."""
+    return one.moved < MOVED and one.tilted < TILTED
 
 
 def main() -> int:
@@ -25,35 +69,31 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--share", type=float, default=0.99, help="must stay (default 0.99)")
+    parser.add_argument(
+        "--friction", type=float, nargs="+", default=FRICTIONS, help="of all contacts, in turn"
+    )
+    parser.add_argument("--table", type=Path)
     arguments = parser.parse_args()
     paths = sorted((arguments.folder / "solutions").glob("*.npz"))
     if not paths:
         parser.error(f"no solutions in {arguments.folder}")
-    stayed, most_moved, most_tilted = 0, 0.0, 0.0
-    for path in paths:
-        with np.load(path) as data:
-            case, T_world_object = json.loads(str(data["case"])), pin.SE3(data["T_world_object"])
-        held = object_by_name(case["object"])
-        result = settle(
-            [part.vertices for part in scene_by_name(case["scene"]).parts],
-            [part.vertices for part in held.parts],
-            held.center_of_mass,
-            T_world_object,
-        )
-        if result.moved < MOVED and result.tilted < TILTED:
-            stayed += 1
-            most_moved = max(most_moved, result.moved)
-            most_tilted = max(most_tilted, result.tilted)
-        else:
+    results: dict[tuple[str, float], list[Settled]] = defaultdict(list)
+    for path, friction in itertools.product(paths, arguments.friction):
+        name, result = stays(path, friction)
+        results[name, friction].append(result)
+        if not did_stay(result):
             print(
-                f"{path.name}: moved {1000 * result.moved:.1f} mm,"
-                f" tilted {np.rad2deg(result.tilted):.1f}°"
+                f"{path.name}: friction {friction:g}, moved {1000 * result.moved:.1f} mm,"
+                f" tilted {np.rad2deg(result.tilted):.1f}°",
+                flush=True,
             )
-    print(
-        f"{stayed} of {len(paths)} stayed; those moved up to {1000 * most_moved:.2f} mm"
-        f" and tilted up to {np.rad2deg(most_tilted):.2f}°"
-    )
-    return 0 if stayed >= arguments.share * len(paths) else 1
+    everything = [one for settled in results.values() for one in settled]
+    stayed = sum(map(did_stay, everything))
+    text = f"{table(results)}\n{stayed} of {len(everything)} stayed\n"
+    print(text)
+    if arguments.table:
+        arguments.table.write_text(text, encoding="utf-8")
+    return 0 if stayed >= arguments.share * len(everything) else 1
 
 
 if __name__ == "__main__":

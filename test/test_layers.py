@@ -91,7 +91,8 @@ def unit(module: str) -> str | None:
 
 ADAPTER = sorted(set((ROOT / "ros").rglob("*.py")) - {ROOT / "ros" / "__init__.py"})
 CORE = sorted((ROOT / "core").rglob("*.py"))
-OUTSIDE_ROS = sorted(set(ROOT.rglob("*.py")) - set((ROOT / "ros").rglob("*.py")))
+CLIENT = sorted((ROOT / "client").rglob("*.py"))
+OUTSIDE_ROS = sorted(set(ROOT.rglob("*.py")) - set((ROOT / "ros").rglob("*.py")) - set(CLIENT))
 
 
 SEARCH_AND_MOTION = [p for p in CORE if p.parent.name in ("search", "motion")]
@@ -133,6 +134,20 @@ def test_ros_imports_only_from_layers_before(path):
     others = {unit(name) for name in inside if name.startswith("ros.")} - {own}
     assert all(ROS_ORDER.index(other) < ROS_ORDER.index(own) for other in others), others
     assert own != "ros.tools" or not others & {"ros.commands", "ros.services", "ros.node"}
+
+
+@pytest.mark.parametrize("path", CLIENT, ids=module_name)
+def test_the_client_knows_ros_and_nothing_of_the_planner(path):
+    inside = {n.removeprefix(f"{PACKAGE}.") for n in imports(path) if n.startswith(f"{PACKAGE}.")}
+    parts = {".".join(name.split(".")[:2]) for name in inside if not name.startswith("client.")}
+    assert parts <= {"ros.qos", "ros.spinning"}
+
+
+@pytest.mark.parametrize("path", sorted({*ADAPTER, *OUTSIDE_ROS}), ids=module_name)
+def test_only_tools_use_the_client(path):
+    own = unit(module_name(path))
+    used = [name for name in imports(path) if f"{name}.".startswith(f"{PACKAGE}.client.")]
+    assert own == "ros.tools" or not used
 
 
 @pytest.mark.parametrize("path", SEARCH_AND_MOTION, ids=module_name)

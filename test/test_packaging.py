@@ -185,7 +185,7 @@ def imported(path):
 @pytest.mark.parametrize("path", sorted((ROOT / PACKAGE).rglob("*.py")), ids=lambda p: p.stem)
 def test_every_import_is_of_a_package_that_is_asked_for(path, requirements):
     inside = path.relative_to(ROOT / PACKAGE)
-    extra = {"ros": "ros", "experiments": "evaluation"}.get(inside.parts[0], "")
+    extra = {"ros": "ros", "client": "ros", "experiments": "evaluation"}.get(inside.parts[0], "")
     extra = OWN_EXTRA.get(str(inside), extra)
     names = {re.match(r"[\w-]+", name)[0].lower() for name in requirements[""]}
     names |= {re.match(r"[\w-]+", name)[0].lower() for name in requirements.get(extra, [])}

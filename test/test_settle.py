@@ -7,28 +7,32 @@ import pytest
 pytest.importorskip("mujoco")
 
 from settle import settle
+from settle_cases import FRICTIONS, MOVED, TILTED
 
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.experiments.cases import Case, make_problem
 from placement_planner_ros.scenes.objects import object_by_name
+from placement_planner_ros.scenes.primitives import box
 from placement_planner_ros.scenes.scenes import scene_by_name
 
-MOVED, TILTED = 0.005, np.deg2rad(2.0)
 CASES = (
     Case("table", "wine_glass", "maximize_clearance"),
     Case("table", "small_crayons_box", "minimize_clearance", "cameras"),
     Case("cabinet_low_clutter", "toy_table", "minimize_clearance"),
     Case("cabinet_high_clutter", "large_crayons_box", "maximize_clearance"),
+    Case("table", "mug", "minimize_clearance"),
+    Case("table", "banana", "maximize_clearance"),
 )
 
 
-def released(scene, name, T_world_object):
+def released(scene, name, T_world_object, friction=0.6):
     held = object_by_name(name)
     return settle(
         [part.vertices for part in scene_by_name(scene).parts],
         [part.vertices for part in held.parts],
         held.center_of_mass,
         T_world_object,
+        friction=friction,
     )
 
 
@@ -39,9 +43,10 @@ def test_what_is_placed_stays_where_it_is(case):
     placements = list(planner.run(lambda: planner.statistics.samples >= 1500))
     assert placements
     for placement in placements:
-        result = released(case.scene, case.object, placement.T_world_object)
-        assert result.moved < MOVED
-        assert result.tilted < TILTED
+        for friction in FRICTIONS:
+            result = released(case.scene, case.object, placement.T_world_object, friction)
+            assert result.moved < MOVED
+            assert result.tilted < TILTED
 
 
 def lying(degrees=0.0, x=0.45, y=-0.05, z=0.0355):
@@ -64,6 +69,21 @@ def test_a_box_that_stands_stays():
 def test_what_is_not_placed_well_does_not_stay(pose):
     result = released("table", "small_crayons_box", pose)
     assert result.moved > MOVED or result.tilted > TILTED
+
+
+def test_friction_decides_on_a_slope():
+    """A box on a plank that slants by 25°, whose tangent is 0.47."""
+    slope = pin.exp3(np.array([np.deg2rad(25.0), 0.0, 0.0]))
+    plank = box("plank", (-0.3, -0.6, -0.02), (0.3, 0.6, 0.0), (1.0, 0.0, 0.0))
+    corners = [plank.vertices @ slope.T]
+    held = object_by_name("large_crayons_box")
+    T = pin.SE3(slope, slope @ np.array([0.0, 0.3, 0.018]))
+    moved = [
+        settle(corners, [part.vertices for part in held.parts], np.zeros(3), T, 0.5, friction).moved
+        for friction in FRICTIONS
+    ]
+    assert moved[0] > 0.1
+    assert moved[1] < MOVED
 
 
 def test_a_centre_of_mass_beyond_the_support_makes_it_fall():

@@ -16,10 +16,12 @@ from types import SimpleNamespace
 import numpy as np
 from checker import Solution, SolutionChecker, Task, Tolerances
 
+from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.problem import workspace
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
-from placement_planner_ros.experiments.cases import Case, read_inputs, start_configuration
+from placement_planner_ros.experiments.cases import start_configuration
+from placement_planner_ros.scenes.clouds import complete_cloud
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.scenes import scene_by_name
 from placement_planner_ros.scenes.yumi import (
@@ -48,19 +50,31 @@ def case_checker(case: dict[str, str], contact: float = 0.003) -> SolutionChecke
         package_dirs={PACKAGE: urdf.parent.parent},
         q_start=start_configuration(case["object"]),
         objective=case["objective"],
-        measured=_measured(Case(**case)) if case["cloud"] == "complete" else None,
+        measured=_measured(case["scene"], case["object"]) if case["cloud"] == "complete" else None,
     )
     limit = PlannerSettings().timing.acceleration_limits[0]
     return SolutionChecker(task, Tolerances(contact=contact, acceleration_limit=limit))
 
 
 @functools.cache
-def _measured(case: Case) -> np.ndarray:
+def _measured(scene_name: str, object_name: str) -> np.ndarray:
     """(2, n, 3) corners of the boxes around a complete cloud, which is the same in every run."""
-    inputs = read_inputs(case, np.random.default_rng(0))
-    bounds = workspace(inputs.robot, inputs.arms, inputs.q_start, inputs.body, inputs.volume)
-    obstacles = ObstacleSet.from_points(inputs.points, GridSettings(), bounds)
+    robot, held = load_yumi(), object_by_name(object_name)
+    bounds = workspace(
+        robot,
+        tuple(yumi_arm(robot, name, grasps) for name, grasps in held.grasps.items()),
+        robot.configuration(start_configuration(object_name)),
+        Body.from_mesh(held.vertices, held.triangles, held.center_of_mass),
+        scene_by_name(scene_name).volume,
+    )
+    obstacles = ObstacleSet.from_points(_cloud(scene_name), GridSettings(), bounds)
     return np.stack([obstacles.lower, obstacles.upper])
+
+
+@functools.cache
+def _cloud(scene_name: str) -> np.ndarray:
+    """(n, 3) the scene's complete cloud."""
+    return complete_cloud(scene_by_name(scene_name))
 
 
 NAMES = ("times", "positions", "velocities", "accelerations")

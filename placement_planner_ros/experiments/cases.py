@@ -1,4 +1,7 @@
-"""The paper's 24 cases: three scenes, four objects, clearance maximised and minimised."""
+"""The paper's 24 cases: three scenes, four objects, clearance maximised and minimised.
+
+Other objects make further groups of cases, in the same scenes.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,12 @@ from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.regions import RegionSettings
 from placement_planner_ros.core.types import Array, TargetVolume
 from placement_planner_ros.scenes.clouds import camera_clouds, complete_cloud
-from placement_planner_ros.scenes.objects import OBJECT_NAMES, object_by_name
+from placement_planner_ros.scenes.objects import (
+    HOUSEHOLD,
+    OBJECT_NAMES,
+    SINGLE_MESHES,
+    object_by_name,
+)
 from placement_planner_ros.scenes.scenes import SCENE_NAMES, scene_by_name
 from placement_planner_ros.scenes.yumi import (
     GRIPPER_JOINTS,
@@ -33,11 +41,13 @@ OBJECTIVE_WORDS = {
 }
 OBJECTIVES = tuple(OBJECTIVE_WORDS)
 Cloud = Literal["complete", "cameras"]
+GROUPS = {"paper": OBJECT_NAMES, "single_meshes": SINGLE_MESHES, "household": HOUSEHOLD}
+"""The objects of each group of cases."""
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One of the paper's test cases, with the kind of cloud it is seen through."""
+    """A test case, with the kind of cloud it is seen through."""
 
     scene: str
     object: str

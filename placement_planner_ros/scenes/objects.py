@@ -3,30 +3,32 @@
 The paper's four are made of convex solids. The two of them that are not convex are there a second
 time, as a single closed surface each.
 
-A grasp is `T_tip_object`, the object's pose in the gripper base frame: the palm ends at
-z = 0.0936, the finger pads (21 mm wide along y) reach to z = 0.1359 and close along x.
+The household's are what the paper has not: hollow, bent, put together of overlapping parts.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
-import pinocchio as pin
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.types import Array, frozen_array
-from placement_planner_ros.scenes.primitives import Colour, ConvexPrimitive, box, frustum
+from placement_planner_ros.scenes import household
+from placement_planner_ros.scenes.grasped_object import (
+    PALM,
+    STEM,
+    GraspedObject,
+    assemble,
+    grasp,
+    tilted,
+)
+from placement_planner_ros.scenes.primitives import Colour, box, frustum
 from placement_planner_ros.scenes.single_mesh import joined_boxes, turned
 
 _GREEN: Colour = (0.35, 0.75, 0.35)
-_PALM = 0.098
-"""Depth in the tip frame at which a held object begins: 4 mm in front of the palm."""
-_STEM = 0.126
-"""Depth at which the fingers hold a stem or leg across: in the front half of the pads."""
-
 _GLASS = (  # height, radius
     (0.000, 0.0285),
     (0.003, 0.0285),
@@ -39,97 +41,28 @@ _GLASS = (  # height, radius
 _GLASS_SIDES = 32
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class GraspedObject:
-    """An object and its grasps.
-
-    Attributes:
-        name: as on the command line.
-        vertices: (n, 3) metres, in the object frame.
-        triangles: (t, 3) indices, outward; every connected component is closed, and convex but for
-            the objects in `SINGLE_MESHES`.
-        center_of_mass: (3,) in the object frame.
-        grasps: per arm, the poses T_tip_object in which its hand can hold the object.
-        finger_opening: value of each finger joint at which the fingers touch the object, metres;
-            the same for all grasps.
-        parts: convex solids whose union it is.
-    """
-
-    name: str
-    vertices: Array
-    triangles: npt.NDArray[np.int64]
-    center_of_mass: Array
-    grasps: Mapping[str, tuple[pin.SE3, ...]]
-    finger_opening: float
-    parts: tuple[ConvexPrimitive, ...]
-
-
-def _grasp(
-    closing: Sequence[float], approach: Sequence[float], point: Sequence[float], depth: float
-) -> pin.SE3:
-    """T_tip_object of a hand that closes along `closing` and points along `approach`.
-
-    Args:
-        closing, approach: directions of the tip frame's x and z, in the object frame.
-        point: a point of the object on the hand's axis.
-        depth: its z in the tip frame, metres.
-    """
-    x, z = (np.array(v, dtype=np.float64) / np.linalg.norm(v) for v in (closing, approach))
-    rotation = np.column_stack([x, np.cross(z, x), z])
-    return pin.SE3(rotation, np.array(point, dtype=np.float64) - depth * z).inverse()
-
-
-def _tilted(degrees: float) -> tuple[float, float, float]:
-    """Direction +x, turned down by an angle."""
-    angle = np.deg2rad(degrees)
-    return float(np.cos(angle)), 0.0, -float(np.sin(angle))
-
-
-def _assemble(
-    name: str,
-    parts: Sequence[ConvexPrimitive],
-    center_of_mass: Sequence[float],
-    grasps: Sequence[pin.SE3],
-    finger_opening: float,
-) -> GraspedObject:
-    counts = np.cumsum([0] + [len(part.vertices) for part in parts])
-    triangles = np.vstack(
-        [part.triangles + count for part, count in zip(parts, counts, strict=False)]
-    )
-    triangles.setflags(write=False)
-    return GraspedObject(
-        name=name,
-        vertices=frozen_array(np.vstack([part.vertices for part in parts])),
-        triangles=triangles,
-        center_of_mass=frozen_array(center_of_mass, (3,)),
-        grasps={"left": tuple(grasps), "right": tuple(grasps)},
-        finger_opening=finger_opening,
-        parts=tuple(parts),
-    )
-
-
 def _large_crayons_box() -> GraspedObject:
     """144 × 124 × 36 mm, held across its thickness: over either edge or over a corner."""
     x, y, z = 0.072, 0.062, 0.018
     grasps = (
-        _grasp((0, 0, 1), (1, 0, 0), (-x, 0, 0), _PALM),
-        _grasp((0, 0, 1), (0, 1, 0), (0, -y, 0), _PALM),
-        _grasp((0, 0, 1), (1, 1, 0), (-x, -y, 0), _PALM),
+        grasp((0, 0, 1), (1, 0, 0), (-x, 0, 0), PALM),
+        grasp((0, 0, 1), (0, 1, 0), (0, -y, 0), PALM),
+        grasp((0, 0, 1), (1, 1, 0), (-x, -y, 0), PALM),
     )
     parts = (box("large_crayons_box", (-x, -y, -z), (x, y, z), _GREEN),)
-    return _assemble("large_crayons_box", parts, (0, 0, 0), grasps, z)
+    return assemble("large_crayons_box", parts, (0, 0, 0), grasps, z)
 
 
 def _small_crayons_box() -> GraspedObject:
     """94 × 21 × 71 mm, held across its thickness: over either edge or over a corner."""
     x, y, z = 0.047, 0.0105, 0.0355
     grasps = (
-        _grasp((0, 1, 0), (1, 0, 0), (-x, 0, 0), _PALM),
-        _grasp((0, 1, 0), (0, 0, -1), (0, 0, z), _PALM),
-        _grasp((0, 1, 0), (1, 0, -1), (-x, 0, z), _PALM),
+        grasp((0, 1, 0), (1, 0, 0), (-x, 0, 0), PALM),
+        grasp((0, 1, 0), (0, 0, -1), (0, 0, z), PALM),
+        grasp((0, 1, 0), (1, 0, -1), (-x, 0, z), PALM),
     )
     parts = (box("small_crayons_box", (-x, -y, -z), (x, y, z), _GREEN),)
-    return _assemble("small_crayons_box", parts, (0, 0, 0), grasps, y)
+    return assemble("small_crayons_box", parts, (0, 0, 0), grasps, y)
 
 
 def _wine_glass() -> GraspedObject:
@@ -148,11 +81,11 @@ def _wine_glass() -> GraspedObject:
         )
     )
     grasps = (
-        _grasp((0, 1, 0), _tilted(0), (0, 0, 0.052), _STEM),
-        _grasp((0, 1, 0), _tilted(30), (0, 0, 0.034), _STEM),
-        _grasp((0, 1, 0), _tilted(-30), (0, 0, 0.060), _STEM),
+        grasp((0, 1, 0), tilted(0), (0, 0, 0.052), STEM),
+        grasp((0, 1, 0), tilted(30), (0, 0, 0.034), STEM),
+        grasp((0, 1, 0), tilted(-30), (0, 0, 0.060), STEM),
     )
-    return _assemble("wine_glass", parts, (0, 0, 0.050), grasps, 0.004)
+    return assemble("wine_glass", parts, (0, 0, 0.050), grasps, 0.004)
 
 
 def _toy_table() -> GraspedObject:
@@ -169,11 +102,11 @@ def _toy_table() -> GraspedObject:
         parts.append(box(f"toy_table/leg_{i}", low, high, _GREEN))
     middle = top - plate / 2
     grasps = (
-        _grasp((0, 0, 1), (0, 1, 0), (0, -0.035, middle), _PALM),
-        _grasp((0, 0, 1), (1, 0, 0), (-0.055, 0, middle), _PALM),
-        _grasp((1, 0, 0), (0, 0, 1), (0.048, 0.027, 0), _PALM),
+        grasp((0, 0, 1), (0, 1, 0), (0, -0.035, middle), PALM),
+        grasp((0, 0, 1), (1, 0, 0), (-0.055, 0, middle), PALM),
+        grasp((1, 0, 0), (0, 0, 1), (0.048, 0.027, 0), PALM),
     )
-    return _assemble("toy_table", parts, (0, 0, 0.044), grasps, plate / 2)
+    return assemble("toy_table", parts, (0, 0, 0.044), grasps, plate / 2)
 
 
 def _wine_glass_mesh() -> GraspedObject:
@@ -207,6 +140,14 @@ _IN_ONE: dict[str, Callable[[], GraspedObject]] = {
     "wine_glass_mesh": _wine_glass_mesh,
     "toy_table_mesh": _toy_table_mesh,
 }
+_HOUSEHOLD: dict[str, Callable[[], GraspedObject]] = {
+    "mug": household.mug,
+    "bowl": household.bowl,
+    "tray": household.tray,
+    "bin": household.bin_,
+    "drill": household.drill,
+    "banana": household.banana,
+}
 
 OBJECT_NAMES: tuple[str, ...] = tuple(_OBJECTS)
 """The paper's."""
@@ -214,7 +155,10 @@ OBJECT_NAMES: tuple[str, ...] = tuple(_OBJECTS)
 SINGLE_MESHES: tuple[str, ...] = tuple(_IN_ONE)
 """Those of them that are not convex, as one surface."""
 
-ALL_OBJECTS: tuple[str, ...] = OBJECT_NAMES + SINGLE_MESHES
+HOUSEHOLD: tuple[str, ...] = tuple(_HOUSEHOLD)
+"""Things that the paper does not have: hollow, bent, put together of overlapping parts."""
+
+ALL_OBJECTS: tuple[str, ...] = OBJECT_NAMES + SINGLE_MESHES + HOUSEHOLD
 
 
 def object_by_name(name: str) -> GraspedObject:
@@ -223,7 +167,7 @@ def object_by_name(name: str) -> GraspedObject:
     Raises:
         ParameterError: no such object; the message lists those there are.
     """
-    known = _OBJECTS | _IN_ONE
+    known = _OBJECTS | _IN_ONE | _HOUSEHOLD
     if name not in known:
         raise ParameterError("object", name, f"choose one of {', '.join(known)}")
     return known[name]()

@@ -69,3 +69,32 @@ def joined_boxes(boxes: Sequence[tuple[Array, Array]]) -> tuple[Array, Triangles
     vertices, index = np.unique(squares.reshape(-1, 3), axis=0, return_inverse=True)
     rows = index.reshape(-1, 4)
     return vertices, np.vstack([rows[:, [0, 1, 2]], rows[:, [0, 2, 3]]]).astype(np.int64)
+
+
+def tube(path: Array, radii: Array, sides: int) -> tuple[Array, Triangles]:
+    """What rings about points of the plane y = 0 enclose: (n, 3), (t, 3), facing outward.
+
+    Args:
+        path: (k, 3) the rings' middles.
+        radii: (k,) metres.
+        sides: of the polygons that stand for rings, which lie across the path. Ring i has the
+            vertices i·sides and on; both ends are closed by a disk.
+    """
+    along = np.gradient(path, axis=0)
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    y = np.array([0.0, 1.0, 0.0])
+    across = np.cross(y, along)
+    angle = 2.0 * np.pi * np.arange(sides) / sides
+    spokes = np.cos(angle)[:, None] * across[:, None] + np.sin(angle)[:, None] * y
+    rings = path[:, None] + radii[:, None, None] * spokes
+    i = np.arange(sides)
+    j = (i + 1) % sides
+    faces = []
+    for ring in range(len(path) - 1):
+        low, high = ring * sides, (ring + 1) * sides
+        faces.append(np.column_stack([low + i, low + j, high + j]))
+        faces.append(np.column_stack([low + i, high + j, high + i]))
+    first, last = len(path) * sides, (len(path) - 1) * sides
+    faces.append(np.column_stack([np.full(sides, first), j, i]))
+    faces.append(np.column_stack([np.full(sides, first + 1), last + i, last + j]))
+    return np.vstack([rings.reshape(-1, 3), path[:1], path[-1:]]), np.vstack(faces)

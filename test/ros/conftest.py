@@ -6,17 +6,14 @@ import os
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
 
-import signal
-import subprocess
 
 import pytest
 import rclpy
 from fakes import Bench
 from rclpy.parameter import Parameter
-from system import OBJECT, SCENE, Client, start_node, wait
+from system import OBJECT, SCENE, Client, running_node, wait
 
 from placement_planner_ros.ros.tools.scene_publisher import ScenePublisher
-from placement_planner_ros.share import share_path
 
 
 @pytest.fixture
@@ -50,15 +47,7 @@ def ros_module():
 
 @pytest.fixture(scope="module")
 def node(ros_module, tmp_path_factory):
-    log = tmp_path_factory.mktemp("node") / "node.log"
-    process = start_node(log, "--params-file", str(share_path("config", f"{OBJECT}.yaml")))
-    yield process
-    process.send_signal(signal.SIGINT)
-    try:
-        process.wait(10.0)
-    except subprocess.TimeoutExpired:
-        process.kill()
-    print(log.read_text())
+    yield from running_node(tmp_path_factory.mktemp("node") / "node.log")
 
 
 @pytest.fixture(scope="module")

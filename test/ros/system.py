@@ -1,6 +1,7 @@
 """The real node as a process of its own, and a client as a user would write it."""
 
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -22,6 +23,7 @@ from visualization_msgs.msg import MarkerArray
 
 import placement_planner_ros
 from placement_planner_ros.ros.qos import LATCHED
+from placement_planner_ros.share import share_path
 
 SCENE, OBJECT = "cabinet_high_clutter", "small_crayons_box"
 NODE = "placement_planner"
@@ -53,6 +55,18 @@ def start_node(log: Path, *arguments: str) -> subprocess.Popen:
             stdout=stream,
             stderr=subprocess.STDOUT,
         )
+
+
+def running_node(log: Path):
+    """The node with the usual object, until it is gone on with; then what it has said."""
+    process = start_node(log, "--params-file", str(share_path("config", f"{OBJECT}.yaml")))
+    yield process
+    process.send_signal(signal.SIGINT)
+    try:
+        process.wait(10.0)
+    except subprocess.TimeoutExpired:
+        process.kill()
+    print(log.read_text())
 
 
 class Client(Node):

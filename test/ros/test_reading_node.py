@@ -1,8 +1,10 @@
 """What the node says while it reads robot and object, and of those that cannot be read."""
 
+import contextlib
 import os
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +12,8 @@ import trimesh
 from fakes import TABLE
 from geometry_msgs.msg import Point
 from rclpy.parameter import Parameter
+from scans import bowl as scanned_bowl
+from scans import finer, noisy
 from sensor_msgs.msg import JointState
 from shape_msgs.msg import Mesh, MeshTriangle
 from std_msgs.msg import String
@@ -112,6 +116,59 @@ def test_how_far_covers_are_is_told_until_they_are_made(bench, monkeypatch, tmp_
     gate.set()
     b.wait(lambda: b.status()["robot"] == "ready")
     assert "robot_progress" not in b.status()
+
+
+def test_a_scan_of_200_000_triangles_is_read_while_start_answers(bench, tmp_path):
+    """Hollow, with noise; in less than 1 GB, and covered once."""
+    rng = np.random.default_rng()  # that no cover is kept of it
+    bowl = finer(scanned_bowl(), 200_000)
+    bowl.apply_scale(0.3)
+    file = tmp_path / "bowl.stl"
+    noisy(bowl, 1e-4, rng).export(file)
+    b = bench(file_roots=[str(tmp_path)], **PAIRS)
+    b.feed()
+    b.wait(lambda: b.status()["robot"] == "ready")
+    before, answers, told, taken = memory(), [], [], []
+
+    def ready():
+        answers.append(code(b, object__mesh=str(file)))
+        told.append(b.status().get("object_progress", ""))
+        taken.append(memory() - before)
+        return answers[-1] != "NOT_READY"
+
+    b.wait(ready)
+    assert answers[-1] == "OK"
+    assert len(answers) > 3
+    assert any("(200," in words for words in told)
+    assert 1e8 < max(taken) < 1e9
+    del told[:]
+    other = tmp_path / "box.stl"
+    BOX.export(other)
+    assert settled(b, object__mesh=str(other)) == "OK"
+    b.wait(ready)
+    assert answers[-1] == "OK"
+    assert not any(told)
+
+
+def memory():
+    """Bytes in use by this process and those that it began."""
+    children = [Path(f"/proc/{pid}") for pid in _begun(os.getpid())]
+    return sum(_resident(process) for process in (Path("/proc/self"), *children))
+
+
+def _begun(pid):
+    found = []
+    for task in Path(f"/proc/{pid}/task").iterdir():
+        with contextlib.suppress(OSError):
+            found += (task / "children").read_text().split()
+    return found
+
+
+def _resident(process):
+    with contextlib.suppress(OSError):
+        pages = int((process / "statm").read_text().split()[1])
+        return pages * os.sysconf("SC_PAGE_SIZE")
+    return 0
 
 
 @pytest.mark.parametrize(

@@ -45,6 +45,7 @@ def test_joint_states_that_die_are_told_until_they_come_again(bench):
     b = placed(bench, joint_state_timeout=0.5)
     until(b, "false", "joint_state_timeout = 0.5 s", again=lambda: None)
     assert "yumi_joint" in b.status()["best_invalid_reason"]
+    b.wait(lambda: b.status()["inputs"] == "no recent joint states")
     told = len(b.messages("status"))
     time.sleep(0.5)
     assert len(b.messages("status")) == told  # in the same words, so once

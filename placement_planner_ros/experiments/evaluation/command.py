@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from placement_planner_ros.experiments.cases import all_cases
+from placement_planner_ros.experiments.cases import GROUPS, all_cases
 from placement_planner_ros.experiments.evaluation.paper import PRESETS, preset_trials
 from placement_planner_ros.experiments.evaluation.results import Results
 from placement_planner_ros.experiments.jobs import Entry, J, run_jobs, say
@@ -56,7 +56,14 @@ def add_evaluation_commands(commands: Any) -> None:
     Args:
         commands: what `ArgumentParser.add_subparsers` returned.
     """
-    cases = commands.add_parser("cases", help="run the 24 cases and keep every solution")
+    cases = commands.add_parser(
+        "cases", help="run the 24 cases, or others, and keep every solution"
+    )
+    cases.add_argument(
+        "--group",
+        choices=tuple(GROUPS),
+        help="objects instead of the paper's, all of a group",
+    )
     cases.add_argument("--seeds", type=int, default=3, help="runs per case (default %(default)s)")
     cases.add_argument("--seconds", type=float, default=30.0, help="time limit of a run")
     cases.add_argument("--enough", type=int, help="end a run after so many solutions")
@@ -125,6 +132,8 @@ _run_trials = functools.partial(_run, run_trial, key=record_key, describe=descri
 
 def _run_cases(arguments: argparse.Namespace) -> int:
     """1 where a run, be it recorded before, has no solution."""
+    if arguments.group is not None:
+        arguments.object = GROUPS[arguments.group]
     jobs = [
         Trial(
             case,

@@ -140,7 +140,7 @@ def _refused(
     subject: Subject, scene: Any, name: str, problem: Problem, found: Sequence[Placement]
 ) -> list[str] | None:
     """What the checker says; None where there is no checkout with it."""
-    if not (_TESTS / "checker.py").exists():
+    if not (_TESTS / "checker").exists():
         return None
     if str(_TESTS) not in sys.path:
         sys.path.append(str(_TESTS))

@@ -232,7 +232,7 @@ def _first(entries: Sequence[Entry]) -> list[Line]:
 
 def _checked(entries: Sequence[Entry]) -> list[Line]:
     refused, checked = _total(entries, "refused"), _total(entries, "checked")
-    detail = f"{checked:.0f} first placements looked at by test/checker.py"
+    detail = f"{checked:.0f} first placements looked at by test/checker"
     what = "first placements that the independent checker refuses"
     value = refused if checked else math.nan
     return [Line("checked", what, value, 0.0, f"{refused:.0f}", "0", detail)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import threading
-from collections.abc import Hashable, Iterable
+from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -90,6 +90,9 @@ class ObjectInput:
     Bodies are made in the background. What a value, or a file's header, shows to be wrong is told
     at once.
 
+    Attributes:
+        progress: what takes long while the newest object is read; empty where nothing does.
+
     Args:
         parameters: as at start-up; the file they name may be anywhere.
         files: finds mesh files.
@@ -107,6 +110,8 @@ class ObjectInput:
         self._parameters = parameters
         self._key: Hashable = None
         self._fault: PlacementPlannerError | None = None
+        self._progress_listener: Callable[[str], None] | None = None
+        self.progress = ""
         self._find(parameters)
         self._begin(parameters)
 
@@ -147,6 +152,10 @@ class ObjectInput:
     def reading(self) -> Reading[Body]:
         """Where bodies are made."""
         return self._reading
+
+    def follow_progress(self, listener: Callable[[str], None]) -> None:
+        """Call this with words for each piece of work that takes long."""
+        self._progress_listener = listener
 
     def wait(self, patience: float | None = None) -> None:
         """Return once the body is there, or cannot be."""
@@ -256,16 +265,28 @@ class ObjectInput:
                 vertices, triangles = given.arrays(process)
                 if should_stop():
                     raise StoppedError
-                return Body.from_mesh(
-                    vertices,
-                    triangles,
-                    center_of_mass=np.array(center) if center else None,
-                    scale=scale,
-                    settings=settings,
-                    cover=partial(cover_in, process),
+                began = partial(
+                    self._tell,
+                    f"cover of the object ({len(triangles):,} triangles), once for each mesh",
                 )
+                try:
+                    return Body.from_mesh(
+                        vertices,
+                        triangles,
+                        center_of_mass=np.array(center) if center else None,
+                        scale=scale,
+                        settings=settings,
+                        cover=partial(cover_in, process, began=began),
+                    )
+                finally:
+                    self._tell("")
 
         return (given.key, tuple(center), scale, settings), make
+
+    def _tell(self, progress: str) -> None:
+        self.progress = progress
+        if progress and self._progress_listener is not None:
+            self._progress_listener(progress)
 
     def _find(self, parameters: ParameterSet) -> None:
         """Look for the file that the parameters name."""

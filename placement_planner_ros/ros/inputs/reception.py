@@ -72,6 +72,7 @@ class Reception:
         robot.reading.listen(self._tell_of_robot)
         robot.follow_progress(self._log.event)
         inputs.object.reading.listen(self._tell_of_object)
+        inputs.object.follow_progress(self._log.event)
         self._tell_of_fault()
 
     def _take_cloud(self, topic: str, message: PointCloud2) -> None:

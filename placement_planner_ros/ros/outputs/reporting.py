@@ -32,6 +32,8 @@ _WAITING = {
     "false": "compiling; a start now takes longer",
     "failed": "warming up failed; a run compiles what it needs as it goes",
 }
+_ARRIVE = "arrive"
+"""Said of inputs that do."""
 _LEVEL = {
     State.FAILED: DiagnosticStatus.ERROR,
     State.EXHAUSTED: DiagnosticStatus.WARN,
@@ -112,6 +114,8 @@ class Reporter:
             warm, read = self._warm.shown, self._read()
             values: dict[str, object] = {"run": 0, "state": state, "code": "OK", "solutions": 0}
             message = _WAITING[warm]
+            if read["inputs"] != _ARRIVE:
+                message += f"; {read['inputs']}"
             values["placed"] = " ".join(map(str, self._inputs.clouds.placed))
             values["warm"] = warm
             if warm == "failed":
@@ -143,13 +147,27 @@ class Reporter:
 
     def _read(self) -> dict[str, str]:
         robot = self._inputs.robot
-        read: dict[str, str] = {"robot": robot.state, "object": self._inputs.object.state}
+        read: dict[str, str] = {
+            "robot": robot.state,
+            "object": self._inputs.object.state,
+            "inputs": self._arriving(time.monotonic()),
+        }
         told = {
             "object_assumed": self._inputs.object.assumed,
+            "object_progress": self._inputs.object.progress,
             "robot_progress": robot.progress,
             "warm_progress": self._warm.progress,
         }
         return read | {name: words for name, words in told.items() if words}
+
+    def _arriving(self, now: float) -> str:
+        """Whether there are joint states and clouds to start with, in words."""
+        lacking = []
+        if self._inputs.joints.age(now) > self._parameters.current["joint_state_timeout"]:
+            lacking.append("joint states")
+        if not self._inputs.clouds.ages(now):
+            lacking.append("clouds")
+        return f"no recent {', '.join(lacking)}" if lacking else _ARRIVE
 
     def _why_invalid(self) -> str:
         run = self._run
@@ -185,13 +203,10 @@ class Reporter:
         refused = self._inputs.joints.refused(now, timeout)
         if refused:
             values["joint_states_refused"] = refused
-        lacking = []
-        if joint_age > timeout:
-            lacking.append("joint states")
-        if not ages:
-            lacking.append("clouds")
-        level = DiagnosticStatus.WARN if lacking or refused else DiagnosticStatus.OK
-        message = f"no recent {', '.join(lacking)}" if lacking else "inputs arrive"
+        arriving = self._arriving(now)
+        well = arriving == _ARRIVE and not refused
+        level = DiagnosticStatus.OK if well else DiagnosticStatus.WARN
+        message = f"inputs {arriving}" if arriving == _ARRIVE else arriving
         if refused:
             message += "; some joint values are refused"
         self._outputs.diagnostics(level, message, values)

@@ -1,7 +1,7 @@
 """`placement_demo`: the main job from end to end, with nothing prepared.
 
 Starts the real node as its own process, publishes a bundled scene as a camera and a robot would,
-calls start, prints each improvement, calls stop, and draws what came of it. Everything happens in
+asks for a placement, prints each improvement, and draws what came of it. Everything happens in
 a namespace of its own and on this machine only, so that no real robot hears of it.
 """
 
@@ -13,6 +13,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -23,20 +24,17 @@ import numpy.typing as npt
 import pinocchio as pin
 import rclpy
 import trimesh
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseStamped
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from std_srvs.srv import Trigger
-from trajectory_msgs.msg import JointTrajectory
 
+from placement_planner_ros.client import PlacementClient, PlacementError, Solution
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.experiments.cases import start_configuration
 from placement_planner_ros.experiments.drawing.picture import draw_objective, draw_placement
-from placement_planner_ros.ros.process import log_arguments
-from placement_planner_ros.ros.qos import LATCHED
+from placement_planner_ros.ros.process import begin_ros
+from placement_planner_ros.ros.spinning import spin_until
 from placement_planner_ros.ros.tools.robot_check.findings import Findings
 from placement_planner_ros.ros.tools.robot_check.given import read_given, start_in
 from placement_planner_ros.ros.tools.robot_check.subject import read_subject
@@ -49,14 +47,12 @@ from placement_planner_ros.scenes.yumi import load_yumi, yumi_arm
 from placement_planner_ros.share import share_path
 
 NAMESPACE = "/placement_demo"
+PLANNER = f"{NAMESPACE}/placement_planner"
 READY_WITHIN = 600.0
 """Seconds within which the node must be ready; after installation it first compiles its kernels."""
 
-
-INPUTS_WITHIN = 20.0
-"""Seconds within which cloud and joint states must have arrived."""
-
-
+LOOK_EVERY = 0.5
+"""Seconds between looks at the node while it gets ready."""
 PROGRESS_EVERY = 5.0
 """Seconds between lines of how far the node is with getting ready."""
 
@@ -65,84 +61,11 @@ class DemoError(Exception):
     """The demonstration did not get through."""
 
 
-class Client(Node):
-    """Calls the node's services and keeps its results."""
-
-    def __init__(self) -> None:
-        super().__init__("placement_client", namespace=NAMESPACE)
-        self.improvements: list[tuple[float, float]] = []
-        self.trajectory: JointTrajectory | None = None
-        self.pose: PoseStamped | None = None
-        self.manifest: dict[str, str] = {}
-        self.warm = False
-        self.progress = ""
-        self._start = self.create_client(Trigger, "placement_planner/start")
-        self._stop = self.create_client(Trigger, "placement_planner/stop")
-        self.create_subscription(
-            JointTrajectory, "placement_planner/trajectory", self._on_trajectory, LATCHED
-        )
-        self.create_subscription(
-            PoseStamped, "placement_planner/placement_pose", self._on_pose, LATCHED
-        )
-        self.create_subscription(
-            DiagnosticArray, "placement_planner/solution", self._on_solution, LATCHED
-        )
-        self.create_subscription(
-            DiagnosticStatus, "placement_planner/status", self._on_status, LATCHED
-        )
-
-    def _on_status(self, message: DiagnosticStatus) -> None:
-        values = {v.key: v.value for v in message.values}
-        self.warm = values.get("warm") == "true"
-        self.progress = values.get("robot_progress") or values.get("warm_progress", "")
-
-    def _on_trajectory(self, message: JointTrajectory) -> None:
-        if message.points:
-            self.trajectory = message
-
-    def _on_pose(self, message: PoseStamped) -> None:
-        self.pose = message
-
-    def _on_solution(self, message: DiagnosticArray) -> None:
-        values = {v.key: v.value for v in message.status[0].values}
-        if values["solution"] == "0":
-            return
-        search_time, objective = float(values["search_time"]), float(values["objective"])
-        self.improvements.append((search_time, objective))
-        self.manifest = values
-        print(
-            f"  {search_time:6.2f} s   solution {values['solution']:>3}   {values['arm']:>5} arm   "
-            f"objective {objective:.4f}",
-            flush=True,
-        )
-
-    def call(self, client_name: str, spin: Callable[[], None]) -> Trigger.Response:
-        """Call start or stop and wait for the answer.
-
-        Raises:
-            DemoError: none came.
-        """
-        client = {"start": self._start, "stop": self._stop}[client_name]
-        future = client.call_async(Trigger.Request())
-        give_up = time.monotonic() + 10.0
-        while not future.done():
-            if time.monotonic() > give_up:
-                raise DemoError(f"the node does not answer {client_name}")
-            spin()
-        result: Trigger.Response = future.result()
-        return result
-
-    def service_ready(self) -> bool:
-        """Whether the node is there."""
-        return bool(self._start.service_is_ready())
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point; 0 where a placement was found."""
     options = _parser().parse_args(arguments)
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    here = ["--ros-args", "-r", f"__ns:={NAMESPACE}", "--log-level", "warn"]
-    rclpy.init(args=[*here, *log_arguments()])
+    begin_ros(["--ros-args", "-r", f"__ns:={NAMESPACE}", "--log-level", "warn"])
     node: subprocess.Popen[bytes] | None = None
     try:
         setting = _setting(options)
@@ -283,71 +206,87 @@ def _demonstrate(
     options: argparse.Namespace, node: subprocess.Popen[bytes], setting: Setting
 ) -> int:
     scene = setting.publisher()
-    client = Client()
-    executor = SingleThreadedExecutor()
+    executor, asked = SingleThreadedExecutor(), threading.Event()
     executor.add_node(scene)
-    executor.add_node(client)
+    publishing = threading.Thread(target=spin_until, args=(executor, asked), name="scene")
+    publishing.start()
     try:
-        return _converse(options, node, client, executor, setting)
+        with PlacementClient(planner=PLANNER) as planner:
+            _converse(options, node, planner, setting)
     finally:
         # In this order: a node that goes while the executor still waits on it is an error.
+        asked.set()
+        publishing.join()
         executor.shutdown()
-        client.destroy_node()
         scene.destroy_node()
+    return 0
 
 
 def _converse(
     options: argparse.Namespace,
     node: subprocess.Popen[bytes],
-    client: Client,
-    executor: SingleThreadedExecutor,
+    planner: PlacementClient,
     setting: Setting,
-) -> int:
-    def spin() -> None:
-        if node.poll() is not None:
-            raise DemoError(f"the node ended with code {node.returncode}")
-        executor.spin_once(timeout_sec=0.05)
-
+) -> None:
     print(f"{setting.title}, objective {options.objective}")
     print("the node gets ready; the first time after installation this takes a while", flush=True)
-    give_up, said, say_next = time.monotonic() + READY_WITHIN, "", 0.0
-    while not (client.warm and client.service_ready()):
-        spin()
-        if client.progress not in ("", said) and time.monotonic() > say_next:
-            said, say_next = client.progress, time.monotonic() + PROGRESS_EVERY
+    _wait_until_ready(node, planner)
+    improvements: list[Solution] = []
+
+    def show(solution: Solution) -> None:
+        improvements.append(solution)
+        print(
+            f"  {solution.search_time:6.2f} s   solution {solution.number:>3}   "
+            f"{solution.arm:>5} arm   objective {solution.objective:.4f}",
+            flush=True,
+        )
+
+    try:
+        best = planner.place({}, options.seconds, until=show)
+    except PlacementError as error:
+        _require_alive(node)
+        raise DemoError(str(error)) from error
+    if not improvements or improvements[-1].number < best.number:
+        show(best)
+    print(f"stopped: {best.words}", flush=True)
+    _draw(options, improvements, setting)
+
+
+def _wait_until_ready(node: subprocess.Popen[bytes], planner: PlacementClient) -> None:
+    """Tells how far the node is.
+
+    Raises:
+        DemoError: it does not get ready.
+    """
+    give_up, said = time.monotonic() + READY_WITHIN, ""
+    say_next = 0.0
+    while True:
+        try:
+            planner.wait_until_ready(LOOK_EVERY)
+            return
+        except PlacementError as error:
+            _require_alive(node)
+            if time.monotonic() > give_up:
+                raise DemoError(f"the node did not get ready: {error}") from error
+        progress = "" if planner.status is None else planner.status.lacking
+        if progress not in ("", said) and time.monotonic() > say_next:
+            said, say_next = progress, time.monotonic() + PROGRESS_EVERY
             print(f"  {said}", flush=True)
-        if time.monotonic() > give_up:
-            raise DemoError(f"the node did not get ready within {READY_WITHIN:g} s")
-    give_up = time.monotonic() + INPUTS_WITHIN
-    while not (answer := client.call("start", spin)).success:
-        spin()
-        if time.monotonic() > give_up:
-            raise DemoError(f"start was refused:\n{answer.message}")
-    print(f"start: {answer.message.splitlines()[0]}", flush=True)
-    end = time.monotonic() + options.seconds
-    while time.monotonic() < end:
-        spin()
-    answer = client.call("stop", spin)
-    print(f"stop: {answer.message}", flush=True)
-    for _ in range(5):
-        spin()
-    if client.trajectory is None or client.pose is None:
-        return 1
-    _draw(options, client, setting)
-    return 0
 
 
-def _draw(options: argparse.Namespace, client: Client, setting: Setting) -> None:
-    assert client.trajectory is not None
-    assert client.pose is not None
+def _require_alive(node: subprocess.Popen[bytes]) -> None:
+    if node.poll() is not None:
+        raise DemoError(f"the node ended with code {node.returncode}")
+
+
+def _draw(options: argparse.Namespace, improvements: Sequence[Solution], setting: Setting) -> None:
+    best = improvements[-1]
     options.output.mkdir(parents=True, exist_ok=True)
-    robot, arm = setting.robot, setting.arm(client.manifest["arm"])
-    reached = dict(
-        zip(client.trajectory.joint_names, client.trajectory.points[-1].positions, strict=True)
-    )
-    T_tip_object = arm.grasps[int(client.manifest["grasp"])]
-    p, r = client.pose.pose.position, client.pose.pose.orientation
-    objective = client.improvements[-1][1]
+    robot, arm = setting.robot, setting.arm(best.arm)
+    last = best.trajectory.points[-1]
+    reached = dict(zip(best.trajectory.joint_names, last.positions, strict=True))
+    T_tip_object = arm.grasps[best.grasp]
+    p, r = best.pose.pose.position, best.pose.pose.orientation
     picture = options.output / "placement.png"
     plot = options.output / "objective.png"
     draw_placement(
@@ -360,12 +299,12 @@ def _draw(options: argparse.Namespace, client: Client, setting: Setting) -> None
         scene=setting.scene,
         T_world_start=robot.link_pose(setting.q_start, arm.tip_frame) * T_tip_object,
         hand_links=arm.touch_links,
-        title=f"{setting.title}\n{options.objective}: {objective:.4f}",
+        title=f"{setting.title}\n{options.objective}: {best.objective:.4f}",
     )
     draw_objective(
         plot,
         setting.title,
-        client.improvements,
+        [(solution.search_time, solution.objective) for solution in improvements],
         end=options.seconds,
         title=options.objective,
     )

@@ -18,13 +18,12 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rcl_interfaces.srv import SetParametersAtomically
-from rclpy.parameter import Parameter
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Bool, Header
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
+from placement_planner_ros.client import Status
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.experiments.cases import start_configuration
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
@@ -34,7 +33,6 @@ from placement_planner_ros.ros.tools.node_speed import (
     NAMESPACE,
     Caller,
     NodeSpeedError,
-    answer_values,
     measure_processes,
     node_command,
     report_stop,
@@ -84,9 +82,9 @@ class LoadCaller(Caller):
     def _on_status(self, message: DiagnosticStatus) -> None:
         now = time.perf_counter()
         super()._on_status(message)
-        values = {v.key: v.value for v in message.values}
-        self.counts.append((now, int(values.get("samples", 0))))
-        valid = values.get("best_valid") == "true"
+        status = Status.of(message)
+        self.counts.append((now, int(status.values.get("samples", 0))))
+        valid = bool(status.validity)
         if valid != self.valid:
             self.valid, self.changed = valid, now
 
@@ -139,23 +137,12 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _start(caller: LoadCaller, seed: int) -> tuple[str, float]:
-    """The run's number, and the seconds its start took to answer."""
-    request = SetParametersAtomically.Request(
-        parameters=[Parameter("seed", value=seed).to_parameter_msg()]
-    )
-    answer, _, seconds = caller.call(caller.start, request)
-    if not answer.result.successful:
-        raise NodeSpeedError(f"start is refused: {answer.result.reason}")
-    return answer_values(answer.result.reason)["run"], seconds
-
-
 def _calls(caller: LoadCaller, number: int, rng: np.random.Generator) -> None:
     """Starts and stops beside the clouds, stopped anywhere in the first half second."""
     caller.load(True)
     caller.spin(2.0)
     for _ in range(number):
-        _, seconds = _start(caller, int(rng.integers(1000)))
+        _, _, seconds = caller.begin(int(rng.integers(1000)))
         tell("load", kind="start", seconds=seconds)
         caller.spin(float(rng.uniform(0.0, 0.5)))
         report_stop(caller, "load")
@@ -167,7 +154,7 @@ def _samples(caller: LoadCaller, searches: int, seconds: float) -> None:
     for number in range(searches):
         caller.load(False)
         caller.spin(_SETTLED)
-        run, _ = _start(caller, number)
+        run, _, _ = caller.begin(number)
         if not caller.wait(lambda run=run: run in caller.first, 20.0):  # type: ignore[misc]
             raise NodeSpeedError("no placement was found in 20 s")
         rates: dict[bool, list[float]] = {False: [], True: []}
@@ -200,7 +187,7 @@ def _alarms(caller: LoadCaller, options: argparse.Namespace, rng: np.random.Gene
     q_start = robot.configuration(start_configuration(options.object))
     done = 0
     while done < options.alarms:
-        run, _ = _start(caller, done)
+        run, _, _ = caller.begin(done)
         if not caller.wait(lambda run=run: run in caller.first, 20.0):  # type: ignore[misc]
             raise NodeSpeedError("no placement was found in 20 s")
         caller.spin(0.5)

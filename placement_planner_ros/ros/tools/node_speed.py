@@ -26,9 +26,10 @@ from rcl_interfaces.srv import GetParameters, SetParametersAtomically
 from rclpy.client import Client
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
+from placement_planner_ros.client import Answer, PlacementError, Status
+from placement_planner_ros.client.calls import parameter_message
 from placement_planner_ros.ros.qos import LATCHED
 from placement_planner_ros.scenes.objects import ALL_OBJECTS
 from placement_planner_ros.scenes.scenes import SCENE_NAMES, scene_by_name
@@ -55,8 +56,8 @@ class Caller(Node):
     def __init__(self) -> None:
         super().__init__("placement_caller", namespace=NAMESPACE)
         self.warm = False
-        self.state: tuple[str, str] = ("", "")
-        self.first: dict[str, float] = {}
+        self.state: tuple[int, str] = (0, "")
+        self.first: dict[int, float] = {}
         planner = "placement_planner"
         self.start = self.create_client(SetParametersAtomically, f"{planner}/start_with")
         self.stop = self.create_client(Trigger, f"{planner}/stop")
@@ -68,14 +69,14 @@ class Caller(Node):
         self._executor.add_node(self)
 
     def _on_status(self, message: DiagnosticStatus) -> None:
-        values = {v.key: v.value for v in message.values}
-        self.warm = values.get("warm") == "true"
-        self.state = values.get("run", ""), values.get("state", "")
+        status = Status.of(message)
+        self.warm = status.warm == "true"
+        self.state = status.run, status.state
 
     def _on_solution(self, message: DiagnosticArray) -> None:
         values = {v.key: v.value for v in message.status[0].values}
         if values["solution"] != "0":
-            self.first.setdefault(values["run"], time.perf_counter())
+            self.first.setdefault(int(values["run"]), time.perf_counter())
 
     def call(self, client: Client, request: Any) -> tuple[Any, float, float]:
         """The answer, when it was asked for, and the seconds it took.
@@ -90,6 +91,19 @@ class Caller(Node):
                 raise NodeSpeedError(f"no answer from {client.srv_name}")
             self._executor.spin_once(timeout_sec=0.01)
         return future.result(), asked, time.perf_counter() - asked
+
+    def begin(self, seed: int) -> tuple[int, float, float]:
+        """The number of a run, when it was asked for, and the seconds until that was answered.
+
+        Raises:
+            PlacementError: it was refused.
+        """
+        request = SetParametersAtomically.Request(parameters=[parameter_message("seed", seed)])
+        response, asked, seconds = self.call(self.start, request)
+        answer = Answer.of(response)
+        if not answer.success or answer.run is None:
+            raise answer.error
+        return answer.run, asked, seconds
 
     def spin(self, seconds: float) -> None:
         """Take what arrives."""
@@ -137,7 +151,7 @@ def measure_processes(
             ]
         try:
             measure(processes)
-        except NodeSpeedError as error:
+        except (NodeSpeedError, PlacementError) as error:
             print(f"{error}\n{log.read_text(errors='replace')[-2000:]}", file=sys.stderr)
             return 1
         finally:
@@ -201,31 +215,26 @@ def wait_until_ready(caller: Caller, process: subprocess.Popen[bytes]) -> None:
         raise NodeSpeedError(f"the node did not get ready within {_READY_WITHIN:g} s")
     end = time.perf_counter() + 30.0
     while True:
-        answer, _, _ = caller.call(caller.start, SetParametersAtomically.Request())
-        if answer.result.successful:
+        try:
+            run, _, _ = caller.begin(0)
             break
-        if time.perf_counter() > end:
-            raise NodeSpeedError(f"start is refused: {answer.result.reason}")
+        except PlacementError:
+            if time.perf_counter() > end:
+                raise
         caller.spin(0.2)
-    run = answer_values(answer.result.reason)["run"]
     if not caller.wait(lambda: run in caller.first, 60.0):
         raise NodeSpeedError("the first run found no placement in 60 s")
     caller.call(caller.stop, Trigger.Request())
 
 
-def _timed_start(caller: Caller, seed: int) -> tuple[str, float]:
+def _timed_start(caller: Caller, seed: int) -> tuple[int, float]:
     """The run's number and when it was asked for; its latency is told."""
-    request = SetParametersAtomically.Request(
-        parameters=[Parameter("seed", value=seed).to_parameter_msg()]
-    )
-    answer, asked, seconds = caller.call(caller.start, request)
-    if not answer.result.successful:
-        raise NodeSpeedError(f"start is refused: {answer.result.reason}")
+    run, asked, seconds = caller.begin(seed)
     tell(kind="start", seconds=seconds)
-    return answer_values(answer.result.reason)["run"], asked
+    return run, asked
 
 
-def _report_first(caller: Caller, run: str, asked: float) -> None:
+def _report_first(caller: Caller, run: int, asked: float) -> None:
     solved = caller.wait(lambda: run in caller.first, _FIRST_WITHIN - (time.perf_counter() - asked))
     tell(
         kind="first", seconds=caller.first[run] - asked if solved else _FIRST_WITHIN, solved=solved
@@ -235,7 +244,7 @@ def _report_first(caller: Caller, run: str, asked: float) -> None:
 def report_stop(caller: Caller, row: str = "node") -> None:
     """`~/stop` answers once the worker is idle, or after a second that it is not."""
     answer, asked, seconds = caller.call(caller.stop, Trigger.Request())
-    code = answer_values(answer.message)["code"]
+    code = Answer.of(answer).code
     if code == "STOPPING":
         if not caller.wait(lambda: caller.state[1] == "stopped", _ANSWER_WITHIN):
             raise NodeSpeedError(f"a worker has not ended {_ANSWER_WITHIN:g} s after stop")
@@ -272,12 +281,6 @@ def resident_bytes(pid: int) -> int | None:
     if not path.exists():
         return None
     return int(path.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-
-
-def answer_values(message: str) -> dict[str, str]:
-    """What an answer's first line says."""
-    first = message.splitlines()[0]
-    return dict(word.split("=", 1) for word in first.split() if "=" in word)
 
 
 def tell(row: str = "node", **values: object) -> None:

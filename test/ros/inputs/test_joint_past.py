@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from placement_planner_ros.ros.inputs.joint_past import HISTORY, SPACING, JointPast, Sample
@@ -68,6 +68,7 @@ def test_values_out_of_order_find_their_place():
     assert made.at(100.555) == pytest.approx(201.11)
 
 
+@settings(deadline=None)
 @given(st.lists(st.tuples(STAMPS, POSITIONS, POSITIONS), max_size=30), STAMPS)
 def test_whatever_is_published_is_answered(values, stamp):
     made = JointPast()

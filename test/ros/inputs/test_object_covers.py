@@ -88,6 +88,25 @@ def test_a_cover_is_made_once_and_kept(covers, monkeypatch):
         np.testing.assert_array_equal(first, second)
 
 
+def test_the_cover_is_told_of_while_it_is_made_and_not_where_it_is_kept(covers):
+    gate, made = covers
+    gate.set()
+    for told_of in (True, False):
+        objects, told = ObjectInput(ParameterSet(SPECS, {}), FILES), []
+        objects.follow_progress(told.append)
+        objects.set_mesh(*ring())
+        assert settle(objects) == "ready"
+        assert bool(told) == told_of
+        assert objects.progress == ""
+    assert len(made) == 1
+    gate.clear()
+    objects.set_mesh(*ring(0.031))
+    end = time.monotonic() + WAIT
+    while len(made) < 2 and time.monotonic() < end:
+        time.sleep(0.01)
+    assert f"({len(ring()[1]):,} triangles)" in objects.progress
+
+
 def test_nobody_waits_for_the_cover_of_what_was_replaced(covers):
     gate, made = covers
     objects = ObjectInput(ParameterSet(SPECS, {}), FILES)

@@ -18,6 +18,7 @@ from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.regions import RegionSettings
 from placement_planner_ros.core.settings import meaning_of
 from placement_planner_ros.ros.parameters.checks import poses_from_list
+from placement_planner_ros.ros.parameters.page import page
 from placement_planner_ros.ros.parameters.server import ParameterServer
 from placement_planner_ros.ros.parameters.table import (
     GONE,
@@ -310,13 +311,19 @@ def test_rclpy_is_shut_down_between_tests():
     assert not rclpy.ok()
 
 
-def test_the_readme_lists_every_parameter_with_its_default():
-    readme = (Path(__file__).parents[3] / "README.md").read_text(encoding="utf-8")
-    for name, spec in SPECS.items():
-        shown = name.replace("left.", "<arm>.")
-        row = next((r for r in readme.splitlines() if r.startswith(f"| `{shown}` |")), None)
-        assert row is not None, f"{shown} is missing"
-        meaning, default = spec.meaning, row.split("|")[2].strip()
+def test_the_page_of_parameters_is_current():
+    kept = (Path(__file__).parents[3] / "docs" / "parameters.md").read_text(encoding="utf-8")
+    assert kept == page(), "run python -m placement_planner_ros.ros.parameters.page"
+
+
+def test_the_page_lists_every_parameter_with_its_default():
+    rows = {r.split("`")[1]: r for r in page().splitlines() if r.startswith("| `")}
+    shown = {name.replace("left.", "<arm>."): spec for name, spec in SPECS.items()}
+    assert shown.keys() <= rows.keys()
+    for name, spec in shown.items():
+        row, meaning = rows[name], spec.meaning
+        kind, default = (cell.strip() for cell in row.split("|")[2:4])
+        assert kind == spec.kind
         assert meaning.text.rstrip(".") in row
         assert all(choice in row for choice in meaning.choices if choice not in PLUGINS)
         assert not meaning.unit or f" ({meaning.unit})." in row
@@ -326,6 +333,8 @@ def test_the_readme_lists_every_parameter_with_its_default():
             assert default == str(spec.default).lower()
         elif isinstance(spec.default, str):
             assert default in (spec.default or "(empty)", "gripper_l_base")
-        assert ("*Start-up only.*" in row) == spec.startup
-    listed = {r.split("`")[1] for r in readme.splitlines() if r.startswith("| `")}
-    assert not listed & set(GONE)
+    at_start = page().partition("## Read at start-up only")[2]
+    assert {n for n, s in shown.items() if s.startup} == {
+        n for n in shown if f"| `{n}` |" in at_start
+    }
+    assert not rows.keys() & set(GONE)

@@ -1,0 +1,55 @@
+"""What a service of the node answered."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from placement_planner_ros.client.errors import PlacementError
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """An answer taken apart.
+
+    Attributes:
+        success: whether what was asked for was done.
+        code: `OK`, or why not.
+        words: the lines after the first, for people.
+        run: number of the run that it is about; None where there is none.
+        solution: how many solutions the run has published.
+        objective: of the last of them; None where there is none.
+    """
+
+    success: bool
+    code: str
+    words: str = ""
+    run: int | None = None
+    solution: int = 0
+    objective: float | None = None
+
+    @classmethod
+    def of(cls, response: Any) -> Answer:
+        """Of a response to `Trigger` or `SetParametersAtomically`."""
+        if hasattr(response, "result"):
+            return cls.read(response.result.successful, response.result.reason)
+        return cls.read(response.success, response.message)
+
+    @classmethod
+    def read(cls, success: bool, text: str) -> Answer:
+        """Of a first line such as `code=OK run=17` and words after it."""
+        first, _, words = text.partition("\n")
+        values = dict(pair.split("=", 1) for pair in first.split() if "=" in pair)
+        return cls(
+            success,
+            values.get("code", ""),
+            words,
+            int(values["run"]) if "run" in values else None,
+            int(values.get("solution", 0)),
+            float(values["objective"]) if "objective" in values else None,
+        )
+
+    @property
+    def error(self) -> PlacementError:
+        """The refusal as an error."""
+        return PlacementError(self.code, self.words, self.run)

@@ -1,0 +1,351 @@
+"""What a client says to the node and what it makes of the answers, as steps.
+
+Started is with a time limit of the deadline, so that a run ends by itself where the client is gone;
+else it is the client that ends it. A run that was left, by an exception or because nobody waits any
+more, is stopped.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+
+from geometry_msgs.msg import Pose
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
+from rclpy.task import Future
+
+from placement_planner_ros.client.answer import Answer
+from placement_planner_ros.client.calls import Calls, Value
+from placement_planner_ros.client.errors import NO_ANSWER, NO_NODE, WITHDRAWN, PlacementError
+from placement_planner_ros.client.hearing import Hearing
+from placement_planner_ros.client.solution import Solution
+from placement_planner_ros.client.status import ROBOT_MOVED, STOPPING, Status
+from placement_planner_ros.client.waiting import News, Steps, T
+
+Enough = Callable[[Solution], bool | None]
+"""Told of each improvement; true where it is good enough."""
+
+PASSING = frozenset({"NOT_READY", "ROBOT_MOVING", "STOPPING"})
+"""Refusals that pass by themselves: something is being read, the robot comes to rest, the worker of
+the run before ends."""
+
+ANSWER_WITHIN = 10.0
+"""Seconds within which an answer must come. The node's own take 0.1 s, stop's a second; where the
+middleware has lost one it is sent again after some."""
+
+RETRIED_AFTER = 0.1
+"""Seconds after a refusal that passes."""
+
+GONE_AFTER = 2.0
+"""Seconds without the node's services after which it counts as gone."""
+
+LEFT_WITHIN = ANSWER_WITHIN
+"""Seconds within which a run that is left must be known to be stopped; after that it is stopped as
+soon as that can be said."""
+
+_NOT_SENT = (rclpy_implementation.InvalidHandle, rclpy_implementation.RCLError)
+"""Raised where ROS has been shut down."""
+
+
+class Conversation:
+    """A client's part, whoever takes the steps.
+
+    Args:
+        planner: the planning node's name.
+    """
+
+    def __init__(self, node: Node, planner: str) -> None:
+        group = ReentrantCallbackGroup()
+        self.news = News()
+        self.hearing = Hearing(node, planner, group, self.news)
+        self._calls = Calls(node, planner, group, self.news)
+        self._node = node
+        self._owed: set[Future] = set()
+        self._under_way = 0
+        self._withdrawals = 0
+
+    def close(self) -> None:
+        """Neither call nor listen any more."""
+        self._calls.close()
+        self.hearing.close()
+
+    def withdraw(self) -> None:
+        """End every `place` that is under way; may be called from any thread."""
+        self._withdrawals += 1
+        self.news.tell()
+
+    def until_ready(self, seconds: float) -> Steps[Status]:
+        """See `PlacementClient.wait_until_ready`."""
+        end = time.monotonic() + seconds
+        while True:
+            status = self.hearing.status
+            offered = self._calls.offered("start_with")
+            if offered and status is not None and status.ready:
+                return status
+            if time.monotonic() >= end:
+                if not offered:
+                    raise self._no_node("start_with")
+                if status is None:
+                    raise PlacementError(NO_ANSWER, self._unheard("its status has not come"))
+                raise PlacementError("NOT_READY", status.lacking)
+            yield end
+
+    def place(
+        self, parameters: Mapping[str, Value], deadline: float, until: Enough | None
+    ) -> Steps[Solution]:
+        """See `PlacementClient.place`."""
+        self._under_way += 1
+        try:
+            return (yield from self._place(parameters, deadline, until))
+        finally:
+            self._under_way -= 1
+            self.news.tell()
+
+    def start(self, parameters: Mapping[str, Value], patience: float) -> Steps[int]:
+        """See `PlacementClient.start`."""
+        return (yield from self._begin(parameters, time.monotonic() + patience, self._withdrawals))
+
+    def stop(self, run: int) -> Steps[Solution]:
+        """See `PlacementClient.stop`."""
+        answer = yield from self._ask("stop_with", {"run": run})
+        if answer.code not in ("OK", "NOT_RUNNING", "STOPPING"):
+            raise answer.error
+        hanging = answer.code == "STOPPING"
+
+        def ended() -> Status | None:
+            status = self.hearing.status_of(run)
+            if status is None or not (status.ended or (hanging and status.state == STOPPING)):
+                return None
+            return status
+
+        status = yield from self._hear(ended, f"how run {run} ended is not known")
+        if status.state == ROBOT_MOVED:
+            raise PlacementError("ROBOT_MOVED", answer.words, run)
+        if status.solutions == 0:
+            code = status.code if status.ended else answer.code
+            raise PlacementError(code, answer.words, run)
+        return (
+            yield from self._hear(
+                lambda: self.hearing.solution(run, status.solutions),
+                f"solution {status.solutions} of run {run} has not come",
+            )
+        )
+
+    def confirm(self, solution: Solution | None, pose: Pose | Sequence[float] | None) -> Steps[int]:
+        """See `PlacementClient.confirm_placed`."""
+        if solution is None:
+            if pose is not None:
+                raise ValueError("pose: say which solution stands there, too")
+            answer = yield from self._command("confirm_placed", {})
+        else:
+            given: dict[str, Value] = {"run": solution.run, "solution": solution.number}
+            if pose is not None:
+                given["pose"] = _seven(pose)
+            answer = yield from self._command("confirm_placed_with", given)
+        return answer.run or 0
+
+    def remove(self, placed: Solution | int) -> Steps[None]:
+        """See `PlacementClient.remove_placed`."""
+        run = placed.run if isinstance(placed, Solution) else placed
+        yield from self._command("remove_placed", {"run": run})
+
+    def clear(self) -> Steps[None]:
+        """See `PlacementClient.clear_environment`."""
+        yield from self._command("clear_environment", {})
+
+    def settle(self) -> Steps[None]:
+        """Until nobody searches any more and the runs that were left are known to be stopped."""
+        end = time.monotonic() + ANSWER_WITHIN
+        while self._under_way or (self._owed and self._calls.offered("stop_with")):
+            if time.monotonic() >= end:
+                return
+            yield end
+
+    # --- one run
+
+    def _place(
+        self, parameters: Mapping[str, Value], deadline: float, until: Enough | None
+    ) -> Steps[Solution]:
+        end, withdrawals = time.monotonic() + deadline, self._withdrawals
+        limit = deadline if math.isfinite(deadline) else 0.0
+        while True:
+            given = {"time_limit": limit, **parameters}
+            run = yield from self._begin(given, end, withdrawals)
+            try:
+                yield from self._search(run, end, until, withdrawals)
+            except BaseException as error:
+                yield from self._leave(run, isinstance(error, GeneratorExit))
+                raise
+            try:
+                return (yield from self.stop(run))
+            except PlacementError as error:
+                if error.code != "ROBOT_MOVED" or time.monotonic() >= end:
+                    raise
+
+    def _begin(self, parameters: Mapping[str, Value], end: float, withdrawals: int) -> Steps[int]:
+        """The run's number, once a start was accepted."""
+        while True:
+            self._heed(withdrawals)
+            answer = yield from self._ask("start_with", parameters, end)
+            if answer.success and answer.run is not None:
+                return answer.run
+            again = time.monotonic() + RETRIED_AFTER
+            if answer.code not in PASSING or again > end:
+                raise answer.error
+            while time.monotonic() < again:
+                yield again
+
+    def _search(self, run: int, end: float, until: Enough | None, withdrawals: int) -> Steps[None]:
+        """Until the run has ended, or has found enough, or the time has come."""
+        told, heard_of, gone_since = 0, False, math.inf
+        while True:
+            self._heed(withdrawals)
+            best = self.hearing.newest(run)
+            if until is not None and best is not None and best.number > told:
+                told = best.number
+                if until(best):
+                    return
+            now, status = time.monotonic(), self.hearing.status
+            of_run = status is not None and status.run == run
+            heard_of = heard_of or of_run
+            if status is not None and (status.ended if of_run else heard_of):
+                return  # or the node's last run is another by now, which stop will say
+            if now >= end:
+                return
+            gone_since = math.inf if self._calls.offered("stop_with") else min(gone_since, now)
+            if now >= gone_since + GONE_AFTER:
+                raise self._no_node("stop_with", run)
+            yield end
+
+    def _heed(self, withdrawals: int) -> None:
+        if self._withdrawals != withdrawals:
+            raise PlacementError(WITHDRAWN, "the client was told to withdraw")
+
+    def _leave(self, run: int, at_once: bool) -> Steps[None]:
+        """Stop a run that nobody waits for any more."""
+        try:
+            stopped = self._calls.send("stop_with", {"run": run})
+        except _NOT_SENT:
+            return  # it ends at its time limit
+        self._owe(stopped)
+        if not at_once:
+            yield from self._attend(stopped)
+
+    def _attend(self, answer: Future) -> Steps[None]:
+        """Until it has come, or will hardly come any more."""
+        end = time.monotonic() + LEFT_WITHIN
+        while not answer.done() and time.monotonic() < end and self._calls.offered("stop_with"):
+            yield end
+
+    def _owe(self, future: Future) -> None:
+        """Have `settle` wait for that answer."""
+        self._owed.add(future)
+        future.add_done_callback(self._owed.discard)
+
+    def _leave_beginning(self, started: Future, at_once: bool) -> Steps[None]:
+        """Stop a run that nobody waits for any more, once it is known whether it has begun."""
+        if not at_once:
+            yield from self._attend(started)
+        if at_once or not started.done():
+            self._owe(started)
+            started.add_done_callback(self._leave_begun)
+        elif (run := _begun(started)) is not None:
+            yield from self._leave(run, at_once=False)
+
+    def _leave_begun(self, started: Future) -> None:
+        run = _begun(started)
+        if run is not None:
+            for _ in self._leave(run, at_once=True):
+                pass
+
+    # --- asking and hearing
+
+    def _command(self, name: str, parameters: Mapping[str, Value]) -> Steps[Answer]:
+        """The answer to what needs an idle planner, once it is.
+
+        Raises:
+            PlacementError: it was refused.
+        """
+        end = time.monotonic() + ANSWER_WITHIN
+        while True:
+            answer = yield from self._ask(name, parameters)
+            if answer.success:
+                return answer
+            again = time.monotonic() + RETRIED_AFTER
+            if answer.code != "STOPPING" or again > end:
+                raise answer.error
+            while time.monotonic() < again:
+                yield again
+
+    def _ask(
+        self, name: str, parameters: Mapping[str, Value], end: float | None = None
+    ) -> Steps[Answer]:
+        """The answer to one request, whatever it is.
+
+        Args:
+            end: until when the node is waited for where it is not there.
+        """
+        latest = time.monotonic() + ANSWER_WITHIN
+        end = latest if end is None else end
+        while not self._calls.offered(name):
+            if time.monotonic() >= end:
+                raise self._no_node(name)
+            yield end
+        try:
+            future = self._calls.send(name, parameters)
+        except _NOT_SENT as error:
+            raise PlacementError(NO_NODE, f"ROS has been shut down here: {error}") from error
+        latest = time.monotonic() + ANSWER_WITHIN
+        try:
+            while not future.done():
+                if time.monotonic() >= latest:
+                    raise PlacementError(NO_ANSWER, self._unheard(f"{name} was not answered"))
+                yield latest
+        except BaseException as error:
+            if name == "start_with":
+                yield from self._leave_beginning(future, isinstance(error, GeneratorExit))
+            raise
+        return Answer.of(future.result())
+
+    def _hear(self, what: Callable[[], T | None], lacking: str) -> Steps[T]:
+        """What is published beside an answer, once it has come."""
+        end = time.monotonic() + ANSWER_WITHIN
+        while (heard := what()) is None:
+            if time.monotonic() >= end:
+                raise PlacementError(NO_ANSWER, self._unheard(lacking))
+            yield end
+        return heard
+
+    def _no_node(self, name: str, run: int | None = None) -> PlacementError:
+        words = (
+            f"nobody offers {self._calls.full_name(name)}; is the node running, with this name and "
+            "namespace, and the same ROS_DOMAIN_ID?"
+        )
+        return PlacementError(NO_NODE, words, run)
+
+    def _unheard(self, words: str) -> str:
+        """The words, and what may be the reason."""
+        if self._node.executor is None:
+            return f"{words}: nobody spins {self._node.get_fully_qualified_name()}"
+        return (
+            f"{words} within {ANSWER_WITHIN:g} s; a callback that blocks needs a "
+            "MultiThreadedExecutor"
+        )
+
+
+def _begun(started: Future) -> int | None:
+    """The run that a start has begun, if it has."""
+    response = started.result()  # None where it was cancelled
+    answer = None if response is None else Answer.of(response)
+    return answer.run if answer is not None and answer.success else None
+
+
+def _seven(pose: Pose | Sequence[float]) -> list[float]:
+    """x y z qx qy qz qw."""
+    if not isinstance(pose, Pose):
+        return [float(number) for number in pose]
+    p, q = pose.position, pose.orientation
+    return [p.x, p.y, p.z, q.x, q.y, q.z, q.w]

@@ -1,0 +1,145 @@
+"""What a client has heard of the node: its status and the parts of its newest solutions."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
+from rclpy.callback_groups import CallbackGroup
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from trajectory_msgs.msg import JointTrajectory
+
+from placement_planner_ros.client.solution import Solution, solution_of
+from placement_planner_ros.client.status import Status, Validity
+from placement_planner_ros.client.waiting import News
+from placement_planner_ros.ros.qos import LATCHED
+
+T = TypeVar("T")
+
+KEPT = 20
+"""Messages of each topic that are kept, the newest ones."""
+
+_EVERY = QoSProfile(depth=KEPT, reliability=LATCHED.reliability, durability=LATCHED.durability)
+
+
+class Hearing:
+    """Listens to one node. Safe to use from several threads.
+
+    The parts of a solution come on topics of their own, of which any may lag behind, so that a
+    solution is there once all are. What is not of the run that is asked for counts for nothing.
+
+    Args:
+        planner: the planning node's name.
+        news: told of whatever comes.
+    """
+
+    def __init__(self, node: Node, planner: str, group: CallbackGroup, news: News) -> None:
+        self._lock = threading.Lock()
+        self._news = news
+        self._status: Status | None = None
+        self._manifests: dict[tuple[int, int], tuple[Mapping[str, str], str, object]] = {}
+        self._trajectories: dict[str, JointTrajectory] = {}
+        self._retreats: dict[str, JointTrajectory] = {}
+        self._poses: dict[object, PoseStamped] = {}
+        self._node = node
+
+        def listen(kind: type, topic: str, take: Callable[[Any], None]) -> Any:
+            return node.create_subscription(
+                kind, f"{planner}/{topic}", take, _EVERY, callback_group=group
+            )
+
+        self._subscriptions = [
+            listen(JointTrajectory, "trajectory", self._take_trajectory),
+            listen(JointTrajectory, "retreat_trajectory", self._take_retreat),
+            listen(PoseStamped, "placement_pose", self._take_pose),
+            listen(DiagnosticArray, "solution", self._take_manifest),
+            listen(DiagnosticStatus, "status", self._take_status),
+        ]
+
+    def close(self) -> None:
+        """Listen no more."""
+        for subscription in self._subscriptions:
+            self._node.destroy_subscription(subscription)
+
+    @property
+    def status(self) -> Status | None:
+        """The newest; None before the first."""
+        return self._status
+
+    def status_of(self, run: int) -> Status | None:
+        """The newest where it is of that run, else None."""
+        status = self._status
+        return status if status is not None and status.run == run else None
+
+    def newest(self, run: int) -> Solution | None:
+        """The run's last solution of which all has come; None where there is none."""
+        with self._lock:
+            numbers = sorted((n for r, n in self._manifests if r == run), reverse=True)
+            found = (self._solution(run, number) for number in numbers)
+            return next((solution for solution in found if solution is not None), None)
+
+    def solution(self, run: int, number: int) -> Solution | None:
+        """That solution, where all of it has come and is still kept."""
+        with self._lock:
+            return self._solution(run, number)
+
+    def validity(self, run: int, number: int) -> Validity:
+        """Whether that solution can still be carried out, by the newest status."""
+        status = self._status
+        if status is None:
+            return Validity("no status of the node has come")
+        if status.run != run:
+            return Validity(f"the node's last run is {status.run}, not {run}")
+        if status.solutions > number:
+            last = status.solutions
+            return Validity(f"the node watches the run's last solution only, which is {last}")
+        if status.solutions < number:  # it came before the status that counts it
+            return Validity()
+        return status.validity
+
+    def _solution(self, run: int, number: int) -> Solution | None:
+        """With the lock held."""
+        key = f"{run}/{number}"
+        if (run, number) not in self._manifests:
+            return None
+        values, words, stamp = self._manifests[run, number]
+        pose = self._poses.get(stamp)
+        trajectory, retreat = self._trajectories.get(key), self._retreats.get(key)
+        if pose is None or trajectory is None or retreat is None:
+            return None
+        return solution_of(values, words, pose, trajectory, retreat, self.validity(run, number))
+
+    def _take_trajectory(self, message: JointTrajectory) -> None:
+        self._keep(self._trajectories, message.header.frame_id, message)
+
+    def _take_retreat(self, message: JointTrajectory) -> None:
+        self._keep(self._retreats, message.header.frame_id, message)
+
+    def _take_pose(self, message: PoseStamped) -> None:
+        self._keep(self._poses, _stamp(message), message)
+
+    def _take_manifest(self, message: DiagnosticArray) -> None:
+        values = {pair.key: pair.value for pair in message.status[0].values}
+        run, number = int(values["run"]), int(values["solution"])
+        if number > 0:  # 0 withdraws those of the run before
+            manifest = values, message.status[0].message, _stamp(message)
+            self._keep(self._manifests, (run, number), manifest)
+
+    def _take_status(self, message: DiagnosticStatus) -> None:
+        self._status = Status.of(message)
+        self._news.tell()
+
+    def _keep(self, kept: dict[Any, T], key: object, message: T) -> None:
+        with self._lock:
+            kept[key] = message
+            while len(kept) > KEPT:
+                del kept[next(iter(kept))]
+        self._news.tell()
+
+
+def _stamp(message: Any) -> tuple[int, int]:
+    return message.header.stamp.sec, message.header.stamp.nanosec

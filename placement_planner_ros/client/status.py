@@ -1,0 +1,100 @@
+"""What the node says about itself in `~/status`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from diagnostic_msgs.msg import DiagnosticStatus
+
+ENDED = frozenset({"stopped", "time_limit", "exhausted", "robot_moved", "failed"})
+"""States of a run that is over."""
+STOPPING = "stopping"
+ROBOT_MOVED = "robot_moved"
+
+
+@dataclass(frozen=True, slots=True)
+class Validity:
+    """Whether a solution can still be carried out as it was planned.
+
+    Attributes:
+        reason: why not; empty where it can.
+    """
+
+    reason: str = ""
+
+    def __bool__(self) -> bool:
+        return not self.reason
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """One message of `~/status`.
+
+    Attributes:
+        run: number of the last run; 0 before the first.
+        state: where that run is.
+        code: how it ended; `OK` while it has not.
+        solutions: how many it has published.
+        validity: of the last of them.
+        warm: `true`, `false` while kernels are compiled, or `failed`.
+        robot, object: `none`, `reading`, `ready` or `bad`.
+        message: for people.
+        values: all there is, by key.
+    """
+
+    run: int
+    state: str
+    code: str
+    solutions: int
+    validity: Validity
+    warm: str
+    robot: str
+    object: str
+    message: str
+    values: Mapping[str, str]
+
+    @classmethod
+    def of(cls, message: DiagnosticStatus) -> Status:
+        """Of a message."""
+        values = {pair.key: pair.value for pair in message.values}
+        valid = values.get("best_valid") == "true"
+        reason = "" if valid else values.get("best_invalid_reason") or "the node does not say why"
+        return cls(
+            int(values.get("run", 0)),
+            values.get("state", ""),
+            values.get("code", ""),
+            int(values.get("solutions", 0)),
+            Validity(reason),
+            values.get("warm", ""),
+            values.get("robot", ""),
+            values.get("object", ""),
+            message.message,
+            MappingProxyType(values),
+        )
+
+    @property
+    def ended(self) -> bool:
+        """Whether the run is over."""
+        return self.state in ENDED
+
+    @property
+    def ready(self) -> bool:
+        """Whether the node could begin a run at once; what is bad is for `start` to say."""
+        return not self.lacking
+
+    @property
+    def lacking(self) -> str:
+        """What the node waits for or works on before it can begin a run, in words."""
+        lacking = []
+        if self.warm not in ("true", "failed"):
+            lacking.append(f"compiling kernels: {self.values.get('warm_progress', '')}")
+        lacking += [
+            f"reading the {what}: {self.values.get(f'{what}_progress', '')}"
+            for what, state in (("robot", self.robot), ("object", self.object))
+            if state == "reading"
+        ]
+        if self.values.get("inputs", "arrive") != "arrive":
+            lacking.append(f"inputs: {self.values.get('inputs', '')}")
+        return "; ".join(words.removesuffix(": ") for words in lacking)

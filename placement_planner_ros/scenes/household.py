@@ -1,0 +1,186 @@
+"""Things of a household: hollow, bent, or put together of overlapping parts.
+
+Each is one closed surface, but for the mug, whose handle reaches into its wall, and the drill,
+whose parts reach into each other. `parts` are convex solids made apart from the planner's covers:
+sectors of walls, lengths of tubes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from placement_planner_ros.core.types import Array, frozen_array
+from placement_planner_ros.scenes.grasped_object import STEM, GraspedObject, grasp, tilted
+from placement_planner_ros.scenes.primitives import Colour, ConvexPrimitive, box, circle, frustum
+from placement_planner_ros.scenes.single_mesh import Triangles, joined_boxes, tube, turned
+
+_BLUE: Colour = (0.35, 0.50, 0.80)
+_SIDES = 32
+_RIM = 0.116
+"""Depth in the tip frame of a rim between the fingers: 20 mm of the pads hold the wall."""
+_DOWN = (0.0, 0.0, -1.0)
+
+Level = tuple[float, float, float, float]
+"""Of a wall: outer height and radius, inner height and radius, metres."""
+
+
+def mug() -> GraspedObject:
+    """80 mm wide, 95 mm high, held by its handle from the side."""
+    wall: list[Level] = [(0.006, 0.040, 0.006, 0.036), (0.095, 0.040, 0.095, 0.036)]
+    cup = _vessel("mug", 0.036, wall)
+    angle = np.linspace(-np.pi / 2, np.pi / 2, 13)
+    path = np.column_stack(
+        [0.038 + 0.032 * np.cos(angle), np.zeros(13), 0.048 + 0.030 * np.sin(angle)]
+    )
+    vertices, triangles = tube(path, np.full(13, 0.005), 12)
+    parts = [*cup[2], *_lengths("mug/handle", vertices, 12)]
+    grasps = [
+        grasp((0, 1, 0), (-np.cos(slope), 0, np.sin(slope)), (0.070, 0, 0.048), STEM)
+        for slope in np.deg2rad((0, -30, 30))
+    ]
+    return _object("mug", [cup[:2], (vertices, triangles)], parts, grasps, 0.005)
+
+
+def bowl() -> GraspedObject:
+    """120 mm wide, 60 mm high, held by its wall from above."""
+    wall: list[Level] = [
+        (0.006, 0.036, 0.006, 0.032),
+        (0.032, 0.057, 0.034, 0.053),
+        (0.060, 0.060, 0.060, 0.056),
+    ]
+    made = _vessel("bowl", 0.032, wall)
+    grasps = [
+        grasp((1, 0, 0), (0, np.sin(slope), -np.cos(slope)), (0.0558, 0, 0.060), _RIM)
+        for slope in np.deg2rad((0, 15, -15))
+    ]
+    return _object("bowl", [made[:2]], made[2], grasps, 0.0042)
+
+
+def tray() -> GraspedObject:
+    """150 × 110 × 30 mm, held by a wall from above."""
+    return _of_boxes("tray", (0.075, 0.055, 0.030))
+
+
+def bin_() -> GraspedObject:
+    """100 × 80 × 110 mm, held by a wall from above."""
+    return _of_boxes("bin", (0.050, 0.040, 0.110))
+
+
+def drill() -> GraspedObject:
+    """A motor with a chuck on a handle on a battery, 150 mm high, held by the handle."""
+    parts = [
+        _lying("drill/motor", 0.022, -0.045, 0.045, 0.128),
+        _lying("drill/chuck", 0.012, 0.040, 0.080, 0.128),
+        box("drill/handle", (-0.040, -0.014, 0.020), (-0.012, 0.014, 0.115), _BLUE),
+        box("drill/battery", (-0.050, -0.028, 0.000), (0.015, 0.028, 0.030), _BLUE),
+    ]
+    grasps = [
+        grasp((0, 1, 0), tilted(degrees), (-0.040, 0, height), 0.110)
+        for degrees, height in ((0, 0.070), (20, 0.074), (-20, 0.066))
+    ]
+    return _object("drill", [(p.vertices, p.triangles) for p in parts], parts, grasps, 0.014)
+
+
+def banana() -> GraspedObject:
+    """170 mm long, bent, thinner at both ends, held across its middle."""
+    angle = np.linspace(-0.75, 0.75, 25)
+    path = np.column_stack([0.12 * np.sin(angle), np.zeros(25), 0.12 * (1.0 - np.cos(angle))])
+    radii = 0.019 * np.sqrt(np.maximum(1.0 - (angle / 0.78) ** 4, 0.05))
+    vertices, triangles = tube(path, radii, 16)
+    grasps = [
+        grasp((0, 0, 1), (np.sin(slope), side * np.cos(slope), 0), (0, 0, 0.0003), 0.130)
+        for side in (-1, 1)
+        for slope in np.deg2rad((0, 30))
+    ]
+    parts = _lengths("banana", vertices, 16)
+    return _object("banana", [(vertices, triangles)], parts, grasps, 0.0194)
+
+
+def _of_boxes(name: str, size: Sequence[float], wall: float = 0.004) -> GraspedObject:
+    """A floor and four walls; held by the walls at -x and at -y.
+
+    Args:
+        size: half of the length and of the width, and the height, metres.
+    """
+    x, y, z = size
+    boxes = [
+        ((-x, -y, 0.0), (x, y, wall)),
+        ((-x, -y, 0.0), (-x + wall, y, z)),
+        ((x - wall, -y, 0.0), (x, y, z)),
+        ((-x, -y, 0.0), (x, -y + wall, z)),
+        ((-x, y - wall, 0.0), (x, y, z)),
+    ]
+    parts = [box(f"{name}/{k}", low, high, _BLUE) for k, (low, high) in enumerate(boxes)]
+    surface = joined_boxes([(np.array(low), np.array(high)) for low, high in boxes])
+    middle = wall / 2
+    grasps = [
+        grasp((1, 0, 0), (0, np.sin(a), -np.cos(a)), (-x + middle, 0, z), _RIM)
+        for a in np.deg2rad((0, 30, -30))
+    ]
+    grasps.append(grasp((0, 1, 0), _DOWN, (0, -y + middle, z), _RIM))
+    return _object(name, [surface], parts, grasps, middle)
+
+
+def _vessel(
+    name: str, foot: float, wall: Sequence[Level]
+) -> tuple[Array, Triangles, list[ConvexPrimitive]]:
+    """A round floor of radius `foot` below, and a wall about z from the floor's top to its rim."""
+    outer, inner = [level[:2] for level in wall], [level[2:] for level in wall]
+    rings = [(0.0, foot), *outer, *inner[::-1]]
+    parts = [frustum(f"{name}/floor", foot, wall[0][1], 0.0, wall[0][0], _BLUE, sides=_SIDES)]
+    for k, (below, above) in enumerate(pairwise(wall)):
+        corners = [
+            circle(level[i + 1], level[i], _SIDES) for level in (below, above) for i in (0, 2)
+        ]
+        for i in range(_SIDES):
+            points = np.vstack([ring[[i, (i + 1) % _SIDES]] for ring in corners])
+            parts.append(ConvexPrimitive(f"{name}/wall_{k}_{i}", points, _BLUE))
+    return *turned(rings, _SIDES), parts
+
+
+def _lengths(name: str, vertices: Array, sides: int) -> list[ConvexPrimitive]:
+    """Of a tube: the hulls of rings that follow each other."""
+    rings = vertices[:-2].reshape(-1, sides, 3)
+    return [
+        ConvexPrimitive(f"{name}/{k}", np.vstack([a, b]), _BLUE)
+        for k, (a, b) in enumerate(pairwise(rings))
+    ]
+
+
+def _lying(name: str, radius: float, begin: float, end: float, height: float) -> ConvexPrimitive:
+    """A cylinder along x."""
+    solid = frustum(name, radius, radius, begin, end, _BLUE, sides=_SIDES)
+    points = solid.vertices[:, [2, 1, 0]] * [1.0, 1.0, -1.0] + [0.0, 0.0, height]
+    return ConvexPrimitive(name, points, _BLUE)
+
+
+def _object(
+    name: str,
+    surfaces: Sequence[tuple[Array, npt.NDArray[np.int64]]],
+    parts: Sequence[ConvexPrimitive],
+    grasps: Sequence[pin.SE3],
+    finger_opening: float,
+) -> GraspedObject:
+    """Held alike by both hands; what overlaps counts twice for the centre of mass."""
+    counts = np.cumsum([0, *(len(vertices) for vertices, _ in surfaces)])
+    vertices = np.vstack([each for each, _ in surfaces])
+    triangles = np.vstack(
+        [each + count for (_, each), count in zip(surfaces, counts, strict=False)]
+    ).astype(np.int64)
+    triangles.setflags(write=False)
+    corners = vertices[triangles]
+    volumes = np.linalg.det(corners)
+    return GraspedObject(
+        name=name,
+        vertices=frozen_array(vertices),
+        triangles=triangles,
+        center_of_mass=frozen_array(volumes @ corners.mean(axis=1) * 0.75 / volumes.sum(), (3,)),
+        grasps={"left": tuple(grasps), "right": tuple(grasps)},
+        finger_opening=finger_opening,
+        parts=tuple(parts),
+    )

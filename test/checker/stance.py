@@ -1,0 +1,46 @@
+"""An object that is left standing: on its face, within V."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from .surface import feet_of, gap_below, surface_normal
+from .task import Array, Task, Tolerances, world_vertices
+
+
+def check_stance(task: Task, T_world_object: Array, tolerances: Tolerances) -> list[str]:
+    """What is wrong with an object left at a pose (4, 4): standing on its face, within V.
+
+    On a slope it stands along the surface's normal, and its centre of mass is above its face along
+    gravity.
+    """
+    T, found = T_world_object, []
+    normal = surface_normal(task, T, tolerances)
+    feet = feet_of(world_vertices(task, T), normal, tolerances)
+    com = T[:3, :3] @ task.center_of_mass + T[:3, 3]
+    if len(feet) < 3 or np.linalg.matrix_rank(feet[1:, :2] - feet[0, :2], tol=1e-4) < 2:
+        found.append("stance: stands on an edge or a corner")
+    else:
+        hull = ConvexHull(feet[:, :2])
+        if (hull.equations[:, :2] @ com[:2] + hull.equations[:, 2]).max() > 0:
+            found.append("stance: centre of mass beyond the face it stands on")
+        across = np.linalg.svd(feet - feet.mean(axis=0))[2][-1]
+        lean = float(np.arccos(min(abs(float(across @ normal)), 1.0)))
+        if lean > tolerances.lean:
+            found.append(f"stance: leans by {np.rad2deg(lean):.2f}° on what it stands on")
+    gaps = np.array([gap_below(task.solids, foot, normal, tolerances) for foot in feet])
+    if gaps.max() > tolerances.contact + tolerances.height:
+        where = feet[np.argmax(gaps)].round(4).tolist()
+        found.append(f"stance: nothing under the vertex at {where}")
+    slack = np.array([1e-6, 1e-6, tolerances.contact])
+    lower, upper = task.volume[:, 0] - slack, task.volume[:, 1] + slack
+    ends = feet[:, 2].min(), feet[:, 2].max()  # on a slope some foot is the contact point
+    at_height = (lower[:, 2] <= ends[1]) & (ends[0] <= upper[:, 2])
+    touched = (feet[:, None] >= lower) & (feet[:, None] <= upper)
+    if not touched.all(axis=2).any():
+        found.append("volume: no contact point in V")
+    over = ((com >= lower) & (com <= upper))[:, :2].all(axis=1)
+    if not (over & at_height if at_height.any() else over).any():
+        found.append("volume: centre of mass not over V")
+    return found

@@ -1,0 +1,44 @@
+"""A bench whose sensors go on, and a client of its node."""
+
+from functools import partial
+
+import pytest
+from fakes import Bench
+from searches import Sensors, start_service
+
+from placement_planner_ros.client import Answer, PlacementClient
+
+
+@pytest.fixture
+def fed(bench):
+    """A bench whose node has its inputs, and goes on getting joint states."""
+    b: Bench = bench()
+    b.wait = partial(b.wait, timeout=60.0)  # its planner searches nothing
+    b.feed()
+    b.sensors = Sensors(b)
+    yield b
+    b.sensors.close()
+
+
+@pytest.fixture
+def planner(fed):
+    """A client with a node of its own."""
+    with PlacementClient() as made:
+        made.wait_until_ready(60.0)
+        yield made
+
+
+@pytest.fixture
+def answers(fed):
+    """What `~/start_with` has answered so far."""
+    given = []
+    service = start_service(fed)
+    respond = service.callback
+
+    def remembering(request, response):
+        response = respond(request, response)
+        given.append(Answer.of(response))
+        return response
+
+    service.callback = remembering
+    return given

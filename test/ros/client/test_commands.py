@@ -1,0 +1,106 @@
+"""What a client says of placements that were carried out, and whether one still holds."""
+
+import asyncio
+
+import pytest
+from fakes import TABLE
+from geometry_msgs.msg import Point, Pose, Quaternion
+from searches import Doing, found
+
+from placement_planner_ros.client import AsyncPlacementClient, PlacementError
+
+
+@pytest.fixture
+def solution(fed, planner):
+    """The second of two that a run has found."""
+    placing = Doing(lambda: planner.place({}, 60.0, until=lambda s: s.number == 2))
+    found(fed, 0.25, x=0.3)
+    found(fed, 0.5, x=0.4)
+    return placing.result
+
+
+def test_what_was_placed_becomes_part_of_the_environment_and_is_taken_away(fed, planner, solution):
+    assert planner.confirm_placed() == solution.run
+    assert fed.call("remove_placed", run=solution.run).success
+    assert planner.confirm_placed(solution) == solution.run
+    assert fed.node._inputs.clouds.placed == (solution.run,)
+    planner.remove_placed(solution)
+    assert not fed.node._inputs.clouds.placed
+    with pytest.raises(PlacementError) as raised:
+        planner.remove_placed(solution.run)
+    assert (raised.value.code, raised.value.run) == ("WRONG_RUN", solution.run)
+    planner.confirm_placed(solution)
+    planner.clear_environment()
+    assert not fed.node._inputs.clouds.placed
+
+
+def test_another_solution_is_confirmed_where_it_was_measured(fed, planner, solution, monkeypatch):
+    confirmed = []
+    monkeypatch.setattr(fed.node._inputs, "confirm", lambda run, body, pose: confirmed.append(pose))
+    measured = Pose(position=Point(x=0.35, y=0.1, z=0.2), orientation=Quaternion(z=1.0, w=0.0))
+    planner.confirm_placed(solution)
+    planner.confirm_placed(solution, pose=measured)
+    planner.confirm_placed(solution, pose=(0.5, 0, 0.2, 0, 0, 0, 1))
+    assert [pose.translation[0] for pose in confirmed] == [0.4, 0.35, 0.5]
+    assert confirmed[1].rotation[0, 0] == pytest.approx(-1.0)
+    with pytest.raises(PlacementError, match="pose"):
+        planner.confirm_placed(solution, pose=[0.0] * 3)
+    with pytest.raises(ValueError, match="pose"):
+        planner.confirm_placed(pose=measured)
+
+
+def test_a_command_while_another_client_plans_is_refused(fed, planner, solution):
+    fed.call("start")
+    with pytest.raises(PlacementError) as raised:
+        planner.confirm_placed(solution)
+    assert raised.value.code == "ALREADY_RUNNING"
+
+
+def test_validity_follows_the_node(fed, planner, solution):
+    assert solution.validity
+    fed.sensors.move(0.2)
+    fed.wait(lambda: not planner.validity(solution))
+    assert planner.validity(solution).reason == "the robot has left q_0"
+    assert solution.validity, "it was handed out so"
+    fed.sensors.changes = {}
+    fed.wait(lambda: planner.validity(solution))
+    planner.confirm_placed(solution)
+    fed.wait(lambda: not planner.validity(solution))
+    assert "carried out" in planner.validity(solution).reason
+
+
+def test_of_solutions_that_are_not_the_last_nothing_is_known(fed, planner):
+    heard = []
+
+    def second(solution):
+        heard.append(solution)
+        return solution.number == 2
+
+    placing = Doing(lambda: planner.place({}, 60.0, until=second))
+    found(fed, 0.25)
+    fed.wait(lambda: heard)
+    assert planner.validity(heard[0])
+    found(fed, 0.5)
+    assert placing.result.number == 2
+    assert "2" in planner.validity(heard[0]).reason
+    fed.cloud(TABLE)
+    fed.call("start")
+    fed.wait(lambda: not planner.validity(placing.result))
+    assert "last run is 2" in planner.validity(placing.result).reason
+
+
+def test_the_same_in_asyncio(fed):
+    async def talk():
+        async with AsyncPlacementClient() as planner:
+            assert (await planner.wait_until_ready(60.0)).warm == "true"
+            run = await planner.start({}, patience=10.0)
+            await asyncio.to_thread(found, fed, 0.5)
+            solution = await planner.stop(run)
+            assert await planner.confirm_placed(solution) == run
+            await planner.remove_placed(solution)
+            await planner.confirm_placed()
+            await planner.clear_environment()
+            with pytest.raises(PlacementError, match="WRONG_RUN"):
+                await planner.remove_placed(run)
+
+    asyncio.run(talk())

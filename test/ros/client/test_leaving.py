@@ -1,0 +1,126 @@
+"""However `place` is left before it is done, the run is stopped."""
+
+import asyncio
+import threading
+
+import pytest
+from searches import Doing, ended, found, searching, start_service
+
+from placement_planner_ros.client import AsyncPlacementClient, PlacementClient, conversation
+from placement_planner_ros.client.waiting import News
+from placement_planner_ros.ros.run import worker
+
+
+@pytest.fixture
+def held(fed):
+    """Holds start's answers back once a run has begun, until it is set."""
+    gate = threading.Event()
+    service = start_service(fed)
+    respond = service.callback
+
+    def holding(request, response):
+        response = respond(request, response)
+        gate.wait(60.0)
+        return response
+
+    service.callback = holding
+    yield gate
+    gate.set()
+
+
+def was_stopped(b):
+    b.wait(lambda: ended(b))
+    return b.node._commands.run.state is worker.State.STOPPED
+
+
+def test_a_task_that_is_cancelled_stops_its_run(fed):
+    async def cancelling():
+        async with AsyncPlacementClient() as planner:
+            await planner.wait_until_ready(60.0)
+            task = asyncio.create_task(planner.place({}, 60.0))
+            await asyncio.to_thread(searching, fed)
+            task.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await task
+            return ended(fed)
+
+    assert asyncio.run(cancelling())
+    assert was_stopped(fed)
+
+
+def test_the_next_place_waits_for_the_run_that_was_left(fed):
+    async def replacing():
+        async with AsyncPlacementClient() as planner:
+            await planner.wait_until_ready(60.0)
+            with pytest.raises(TimeoutError):
+                await asyncio.wait_for(planner.place({}, 60.0), 0.3)
+            placing = asyncio.create_task(planner.place({}, 60.0, until=lambda s: True))
+            await asyncio.to_thread(found, fed, 0.5, number=2)
+            return (await placing).run
+
+    assert asyncio.run(replacing()) == 2
+
+
+def test_a_task_that_is_cancelled_before_start_has_answered_stops_its_run(fed, held, monkeypatch):
+    monkeypatch.setattr(conversation, "LEFT_WITHIN", 0.3)
+
+    async def cancelling():
+        async with AsyncPlacementClient() as planner:
+            await planner.wait_until_ready(60.0)
+            task = asyncio.create_task(planner.place({}, 60.0))
+            await asyncio.to_thread(searching, fed)
+            task.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await task
+            assert not ended(fed)
+            held.set()
+
+    asyncio.run(cancelling())
+    assert was_stopped(fed)
+
+
+def test_withdrawing_from_another_thread_stops_the_run(fed, planner):
+    placing = Doing(lambda: planner.place({}, 60.0))
+    found(fed, 0.5)
+    planner.withdraw()
+    assert placing.error.code == "WITHDRAWN"
+    assert ended(fed)
+    assert was_stopped(fed)
+    placing = Doing(lambda: planner.place({}, 60.0, until=lambda s: True))
+    found(fed, 0.5, number=2)
+    assert placing.result.run == 2
+
+
+def test_an_interrupt_stops_the_run(fed, planner, monkeypatch):
+    wait = News.wait
+
+    def interrupted(self, count, until):
+        if fed.planners and fed.planners[0].searching.is_set():
+            monkeypatch.setattr(News, "wait", wait)
+            raise KeyboardInterrupt
+        wait(self, count, until)
+
+    monkeypatch.setattr(News, "wait", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        planner.place({}, 60.0)
+    assert ended(fed)
+    assert was_stopped(fed)
+
+
+def test_closing_stops_the_run(fed):
+    with PlacementClient() as planner:
+        placing = Doing(lambda: planner.place({}, 60.0))
+        searching(fed)
+    assert placing.error.code == "WITHDRAWN"
+    assert was_stopped(fed)
+
+
+def test_a_run_that_was_begun_on_its_own_goes_on(fed):
+    with PlacementClient() as planner:
+        run = planner.start({}, patience=10.0)
+        searching(fed)
+    assert not ended(fed)
+    found(fed, 0.5)
+    with PlacementClient() as planner:
+        fed.wait(lambda: planner.improvement(run) is not None)
+        assert planner.stop(run).objective == 0.5
