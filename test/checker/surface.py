@@ -55,8 +55,6 @@ def feet_of(vertices: Array, normal: Array, tolerances: Tolerances) -> Array:
 def gap_below(
     solids: Sequence[Solid], point: Array, normal: Array, tolerances: Tolerances
 ) -> float:
-    solids: Sequence[Solid], point: Array, normal: Array, tolerances: Tolerances
-) -> float:
     """Vertical distance between a point and the surface nearest in height that has that normal."""
     best = np.inf
     for solid in solids:
