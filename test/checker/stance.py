@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from .surface import feet_of, gap_below, surface_normal
+from .surface import feet_of, gaps_below, surface_normal
 from .task import Array, Task, Tolerances, world_vertices
 
 
@@ -29,7 +29,7 @@ def check_stance(task: Task, T_world_object: Array, tolerances: Tolerances) -> l
         lean = float(np.arccos(min(abs(float(across @ normal)), 1.0)))
         if lean > tolerances.lean:
             found.append(f"stance: leans by {np.rad2deg(lean):.2f}° on what it stands on")
-    gaps = np.array([gap_below(task.solids, foot, normal, tolerances) for foot in feet])
+    gaps = gaps_below(task.solids, feet, normal, tolerances)
     if gaps.max() > tolerances.contact + tolerances.height:
         where = feet[np.argmax(gaps)].round(4).tolist()
         found.append(f"stance: nothing under the vertex at {where}")

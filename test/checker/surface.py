@@ -2,12 +2,35 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import ConvexHull
 
 from .task import Array, Solid, Task, Tolerances, world_vertices
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Facet:
+    """A facet of a convex solid that faces up.
+
+    Attributes:
+        normal: (3,) unit.
+        point: (3,) of its plane.
+        sides: (k, 3) what is inside its outline seen from above: a x + b y + c <= 0 for each row.
+    """
+
+    normal: Array
+    point: Array
+    sides: Array
+
+    def gaps(self, points: Array, edge: float) -> Array:
+        """(n,) vertical distance of points (n, 3); inf beside the outline, by more than `edge`."""
+        gaps = np.abs((points - self.point) @ self.normal) / self.normal[2]
+        beside = (points[:, :2] @ self.sides[:, :2].T + self.sides[:, 2]).max(axis=1)
+        return np.where(beside <= edge, gaps, np.inf)
 
 
 def surface_normal(task: Task, T_world_object: Array, tolerances: Tolerances) -> Array:
@@ -20,30 +43,36 @@ def surface_normal(task: Task, T_world_object: Array, tolerances: Tolerances) ->
     vertices, level = world_vertices(task, T_world_object), np.array([0.0, 0.0, 1.0])
     normals = [level]
     for solid in task.solids:
-        for normal, _ in upward_facets(solid.vertices, tolerances.slope):
-            if min(np.abs(normal - each).max() for each in normals) > 1e-6:
-                normals.append(normal)
+        for facet in upward_facets(solid, tolerances.slope):
+            if min(np.abs(facet.normal - each).max() for each in normals) > 1e-6:
+                normals.append(facet.normal)
     best, least = level, np.inf
     for normal in normals:
         feet = feet_of(vertices, normal, tolerances)
         if len(feet) < 3 or np.linalg.matrix_rank(feet[1:] - feet[0], tol=1e-4) < 2:
             continue
-        gap = max(gap_below(task.solids, foot, normal, tolerances) for foot in feet)
+        gap = float(gaps_below(task.solids, feet, normal, tolerances).max())
         if gap < least - 1e-4:
             best, least = normal, gap
     return best
 
 
-def upward_facets(vertices: Array, steepest: float) -> list[tuple[Array, Array]]:
-    """Unit normal (3,) and corners (k, 3) of the facets of a convex solid that face up, none
-    steeper than that, rad."""
-    vertices = np.asarray(vertices)
+def upward_facets(solid: Solid, steepest: float) -> tuple[Facet, ...]:
+    """The facets of a convex solid that face up, none steeper than that, rad."""
+    return _upward_facets(np.asarray(solid.vertices, np.float64).tobytes(), steepest)
+
+
+@functools.lru_cache(maxsize=4096)
+def _upward_facets(vertex_bytes: bytes, steepest: float) -> tuple[Facet, ...]:
+    vertices = np.frombuffer(vertex_bytes).reshape(-1, 3)
     found = []
     planes = np.unique(np.round(ConvexHull(vertices).equations, 7), axis=0)
     for plane in planes[planes[:, 2] >= np.cos(steepest)]:
         corners = vertices[np.abs(vertices @ plane[:3] + plane[3]) <= 1e-6]
-        found.append((plane[:3] / np.linalg.norm(plane[:3]), corners))
-    return found
+        if len(corners) >= 3:
+            normal = plane[:3] / np.linalg.norm(plane[:3])
+            found.append(Facet(normal, corners[0], ConvexHull(corners[:, :2]).equations))
+    return tuple(found)
 
 
 def feet_of(vertices: Array, normal: Array, tolerances: Tolerances) -> Array:
@@ -52,20 +81,14 @@ def feet_of(vertices: Array, normal: Array, tolerances: Tolerances) -> Array:
     return np.unique(vertices[heights <= heights.min() + tolerances.flatness], axis=0)
 
 
-def gap_below(
-    solids: Sequence[Solid], point: Array, normal: Array, tolerances: Tolerances
-) -> float:
-    """Vertical distance between a point and the surface nearest in height that has that normal."""
-    best = np.inf
+def gaps_below(
+    solids: Sequence[Solid], points: Array, normal: Array, tolerances: Tolerances
+) -> Array:
+    """(n,) vertical distance of points (n, 3) from the surface nearest in height that has that
+    normal; inf where there is none."""
+    best = np.full(len(points), np.inf)
     for solid in solids:
-        for facet, corners in upward_facets(solid.vertices, tolerances.slope):
-            if np.arccos(min(float(facet @ normal), 1.0)) > tolerances.lean:
-                continue
-            gap = abs(float((point - corners[0]) @ facet)) / float(facet[2])
-            if len(corners) >= 3 and gap < best:
-                hull = ConvexHull(corners[:, :2])
-                if (hull.equations[:, :2] @ point[:2] + hull.equations[:, 2]).max() <= (
-                    tolerances.edge
-                ):
-                    best = gap
+        for facet in upward_facets(solid, tolerances.slope):
+            if np.arccos(min(float(facet.normal @ normal), 1.0)) <= tolerances.lean:
+                best = np.minimum(best, facet.gaps(points, tolerances.edge))
     return best
