@@ -105,7 +105,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     names = "[" + ",".join(TOPICS) + "]"
     node = node_command(options.scene, options.object)
-    node += ["-p", f"cloud_topics:={names}"]
+    # The three cameras are silent for longer than their clouds would do.
+    node += ["-p", f"cloud_topics:={names}", "-p", "cloud.max_age:=0.0"]
     load = ["-m", "placement_planner_ros.ros.tools.cloud_load", options.scene, options.object]
     load += ["--ros-args", "-r", f"__ns:={NAMESPACE}", "--log-level", "warn"]
 

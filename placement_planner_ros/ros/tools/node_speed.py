@@ -152,7 +152,7 @@ def measure_processes(
         try:
             measure(processes)
         except (NodeSpeedError, PlacementError) as error:
-            print(f"{error}\n{log.read_text(errors='replace')[-2000:]}", file=sys.stderr)
+            print(f"{log.read_text(errors='replace')[-2000:]}\n{error}", file=sys.stderr)
             return 1
         finally:
             for process in processes:
