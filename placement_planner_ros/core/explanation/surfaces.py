@@ -192,10 +192,10 @@ def steep_in(environment: Environment) -> Array | None:
 
 def sloping(slope: Array, max_slope: float) -> str:
     """That surface rises by so much along x and y (2,)."""
-    x, y = slope / max(float(np.hypot(*slope)), 1e-9)
+    x, y = np.round(slope / max(float(np.hypot(*slope)), 1e-9), 2) + 0.0  # no -0.00
     return (
         f"what was measured in target_volume slopes by {_degrees(slope):.1f} degrees, rising "
-        f"towards x = {x:.2f}, y = {y:.2f}; max_slope allows {math.degrees(max_slope):.1f}"
+        f"towards x = {x:.2f}, y = {y:.2f}; max_slope allows {math.degrees(max_slope):.1f} degrees"
     )
 
 
