@@ -22,17 +22,7 @@ def turned(rings: Sequence[tuple[float, float]], sides: int) -> tuple[Array, Tri
     """
     circles = [circle(radius, height, sides) for height, radius in rings]
     ends = [[0.0, 0.0, rings[0][0]], [0.0, 0.0, rings[-1][0]]]
-    i = np.arange(sides)
-    j = (i + 1) % sides
-    faces = []
-    for ring in range(len(rings) - 1):
-        low, high = ring * sides, (ring + 1) * sides
-        faces.append(np.column_stack([low + i, low + j, high + j]))
-        faces.append(np.column_stack([low + i, high + j, high + i]))
-    bottom, last = len(rings) * sides, (len(rings) - 1) * sides
-    faces.append(np.column_stack([np.full(sides, bottom), j, i]))
-    faces.append(np.column_stack([np.full(sides, bottom + 1), last + i, last + j]))
-    return np.vstack([*circles, ends]), np.vstack(faces)
+    return np.vstack([*circles, ends]), _tube(len(rings), sides)
 
 
 def joined_boxes(boxes: Sequence[tuple[Array, Array]]) -> tuple[Array, Triangles]:
@@ -87,14 +77,20 @@ def tube(path: Array, radii: Array, sides: int) -> tuple[Array, Triangles]:
     angle = 2.0 * np.pi * np.arange(sides) / sides
     spokes = np.cos(angle)[:, None] * across[:, None] + np.sin(angle)[:, None] * y
     rings = path[:, None] + radii[:, None, None] * spokes
+    return np.vstack([rings.reshape(-1, 3), path[:1], path[-1:]]), _tube(len(path), sides)
+
+
+def _tube(rings: int, sides: int) -> Triangles:
+    """(t, 3) outward triangles of rings of so many vertices each, one after the other, closed by
+    fans around the first ring's middle and the last one's, which follow them."""
     i = np.arange(sides)
     j = (i + 1) % sides
     faces = []
-    for ring in range(len(path) - 1):
+    for ring in range(rings - 1):
         low, high = ring * sides, (ring + 1) * sides
         faces.append(np.column_stack([low + i, low + j, high + j]))
         faces.append(np.column_stack([low + i, high + j, high + i]))
-    first, last = len(path) * sides, (len(path) - 1) * sides
-    faces.append(np.column_stack([np.full(sides, first), j, i]))
-    faces.append(np.column_stack([np.full(sides, first + 1), last + i, last + j]))
-    return np.vstack([rings.reshape(-1, 3), path[:1], path[-1:]]), np.vstack(faces)
+    middle, last = rings * sides, (rings - 1) * sides
+    faces.append(np.column_stack([np.full(sides, middle), j, i]))
+    faces.append(np.column_stack([np.full(sides, middle + 1), last + i, last + j]))
+    return np.vstack(faces)
