@@ -105,7 +105,7 @@ def test_cells_are_unsupported_where_no_column_under_some_contact_has_a_surface(
     for z, slope in {(cell[1], tuple(cell[SLOPE:])) for cell in cells}:
         at, heights = columns[slope]
         for more in (0.0, 1.1e-3):
-            near = np.abs(heights - z) <= poses.contact_tolerance + more
+            near = np.abs(heights - z) <= poses.footing.contact_tolerance + more
             level_at[z, slope, more] = at[near]
     unsupported = planner._bounds._support.unsupported(PlacedCells(cells))
     seen = set()
