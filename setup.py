@@ -33,7 +33,7 @@ ROS_WHEELS = [
     "ros-rclpy[fastrtps]>=7.1.6,<7.2",
 ]
 
-PICTURES = ["matplotlib>=3.8,<4"]
+PICTURES = ["matplotlib>=3.8,<4", "pillow>=10,<14"]
 YAML = ["PyYAML>=6,<7"]
 
 ROS = [*(f'{name} ; platform_machine == "x86_64"' for name in ROS_WHEELS), *PICTURES, *YAML]
@@ -44,7 +44,6 @@ EVALUATION = [
     "joblib>=1.4,<2",
     "ompl>=2.0,<3",
     *YAML,
-    "pillow>=10,<14",
 ]
 
 # Robots to try; 0.4 GB.
