@@ -6,6 +6,7 @@ unpacks. This needs the standard library alone, since nothing is installed yet.
 
 from __future__ import annotations
 
+import contextlib
 import re
 import shutil
 import signal
@@ -127,7 +128,8 @@ def _run(pip: Pip, command: list[str], log: Path, began: float, before: int) -> 
         try:
             while process.poll() is None:
                 time.sleep(LOOK)
-                line = f"  {time.monotonic() - began:4.0f} s  {pip.progress(_installed(command[0]) - before)}"
+                new = _installed(command[0]) - before
+                line = f"  {time.monotonic() - began:4.0f} s  {pip.progress(new)}"
                 if sys.stdout.isatty():
                     _show(line)
                 elif time.monotonic() > said + PAUSE:
@@ -144,11 +146,9 @@ def _run(pip: Pip, command: list[str], log: Path, began: float, before: int) -> 
 def _read(process: subprocess.Popen[str], pip: Pip, file) -> None:
     assert process.stdout is not None
     for line in process.stdout:
-        try:
+        with contextlib.suppress(OSError):  # no room; pip says so itself
             file.write(line)
             file.flush()
-        except OSError:  # no room; pip says so itself
-            pass
         pip.hear(line)
 
 
