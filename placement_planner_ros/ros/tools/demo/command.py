@@ -122,7 +122,7 @@ def _demonstrate(options: argparse.Namespace, line: ProgressLine) -> None:
     for path, words in [*written, (log, "what the node said")]:
         print(f"  {path}   {words}")
     if setting.scene_command:
-        print("the same by hand, in two terminals (then call start, see README.md):")
+        print("the same by hand, in two terminals; docs/jazzy.md says what to call in a third:")
         print(f"  {setting.scene_command}")
         print(f"  placement_planner --ros-args {shlex.join(arguments)}", flush=True)
 
