@@ -73,7 +73,7 @@ def draw_placement(
     view = View.around(_shown(placed, scene.volume, links), *_TOWARDS_EYE, width, height)
     solids = [Mesh(part.vertices, part.triangles, part.colour) for part in scene.parts] + links
     meshes = [Mesh(placed, body_triangles, PLACED)]
-    for mesh, hides in zip(solids, _hiding(view, placed, solids), strict=True):
+    for mesh, hides in zip(solids, hiding(view, placed, solids), strict=True):
         meshes.append(replace(mesh, alpha=_SEE_THROUGH) if hides else mesh)
     if T_world_start is not None:
         meshes.append(Mesh(moved(body_vertices, T_world_start), body_triangles, _START, 0.5))
@@ -210,7 +210,7 @@ def _primitive(shape: coal.CollisionGeometry) -> trimesh.Trimesh | None:
     return None
 
 
-def _hiding(view: View, placed: Array, solids: Sequence[Mesh]) -> list[bool]:
+def hiding(view: View, placed: Array, solids: Sequence[Mesh]) -> list[bool]:
     """Which solids (their hulls) stand between the eye and the object's corners or centre."""
     targets = np.vstack([placed, placed.mean(axis=0)])
     targets = targets[:: max(1, len(targets) // 40)]
