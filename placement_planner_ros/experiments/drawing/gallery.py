@@ -16,6 +16,7 @@ from placement_planner_ros.core.types import TargetVolume
 from placement_planner_ros.experiments.drawing.picture import (
     OVERSAMPLING,
     PLACED,
+    SEE_THROUGH,
     VOLUME,
     averaged,
     box_corners,
@@ -34,7 +35,6 @@ _OUT_OF_REACH: Colour = (0.95, 0.60, 0.10)
 _IN_A_ROW = 8
 _SIDE, _HEAD, _FOOT = 1.75, 0.34, 0.40
 """Inches: of a panel, of its title, and of the legend."""
-_SEE_THROUGH = 0.4
 _TOWARDS_EYE = (-2.5, 0.55)
 _AROUND, _ABOVE, _UNDER = 0.035, 0.05, 0.05
 """m around V that a panel holds, from its floor to above the object, and that it shows below."""
@@ -73,7 +73,7 @@ def _draw(axes: Axes, situation: Situation) -> None:
     solids = [Mesh(part.vertices, part.triangles, part.colour) for part in scene.parts]
     see_through = hiding(view, vertices, solids)
     meshes = [
-        replace(mesh, alpha=_SEE_THROUGH) if hides else mesh
+        replace(mesh, alpha=SEE_THROUGH) if hides else mesh
         for mesh, hides in zip(solids, see_through, strict=True)
     ]
     meshes.append(Mesh(vertices, thing.triangles, colour))
