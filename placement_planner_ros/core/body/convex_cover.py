@@ -56,7 +56,7 @@ _LARGE = 0.1
 _PIECES = 128
 """Pieces that a mesh is cut into at most before some are joined again."""
 
-_MANY, _ROUGH = 20_000, 0.25
+_MANY, _ROUGH = 20_000, 1.0
 """Triangles of a mesh from which on cuts are looked for in a rougher one, of cubes that large a
 share of the tolerance."""
 

@@ -207,7 +207,8 @@ class _Solids:
         if (met & (np.abs(height) <= _CLEAR * np.abs(area))).any():
             return None
         crossed = met & (height * area > 0.0)
-        return np.bincount(self.label[over[crossed]], np.sign(area[crossed]), self.count)
+        turns = np.bincount(self.label[over[crossed]], np.sign(area[crossed]), self.count)
+        return np.asarray(turns, np.float64)
 
 
 def _across(a: Array, b: Array) -> Array:
