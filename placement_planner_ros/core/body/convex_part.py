@@ -97,7 +97,7 @@ def hull_of(vertices: Array) -> ConvexPart:
     Raises:
         ObjectError: it has no volume.
     """
-    flat = ObjectError("object", "flat mesh", "has no volume; give it a thickness")
+    flat = ObjectError("object", "flat mesh", f"give it a thickness of more than {THINNEST:g} m")
     around = vertices - vertices.mean(axis=0)
     spread = np.linalg.eigh(around.T @ around)[1].T
     if np.min(np.ptp(around @ spread.T, axis=0)) < THINNEST:

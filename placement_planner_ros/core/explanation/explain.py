@@ -47,7 +47,7 @@ def explain(search: Search, progress: Progress) -> Explanation:
     elif progress.found:
         told = _unreached(search, progress)
     else:
-        told = _refused(search, progress.count)
+        told = _without_freedom(search, _refused(search, progress.count))
     numbers = (
         surfaces.in_words(environment),
         *tables.reach_in_words(search),
@@ -101,6 +101,15 @@ def _unreached(search: Search, progress: Progress) -> Explanation:
         if met.most:
             details.append(f"on the straight ways of arm {key[0]} with grasp {key[1]}: {met}")
     return Explanation(cause, tuple(remedies), tuple(details))
+
+
+def _without_freedom(search: Search, told: Explanation) -> Explanation:
+    """That arms have too few joints comes before all else that is seen."""
+    few = tables.few_joints(search)
+    if not few:
+        return told
+    remedy = Remedy("arms", "name one with six joints or more that move independently")
+    return Explanation(f"{'; '.join(few)}; {told.cause}", (remedy, *told.remedies), told.details)
 
 
 def _refused(search: Search, count: SampleCount) -> Explanation:

@@ -121,6 +121,17 @@ def reach_in_words(search: Search) -> list[str]:
     ]
 
 
+def few_joints(search: Search) -> list[str]:
+    """Arms that cannot bring the object to any pose that is chosen for it, in words."""
+    freedom = {each.arm.name: each.chain.freedom for each in search.finder.holdings}
+    return [
+        f"arm {name} moves its tip in {number} of 6 directions only, and can hardly reach poses "
+        "that are chosen without regard to that"
+        for name, number in freedom.items()
+        if number < 6
+    ]
+
+
 def _shares(verdicts: Sequence[int], noun: str) -> str:
     """Counts by verdict in words, the most frequent first."""
     total = sum(verdicts)

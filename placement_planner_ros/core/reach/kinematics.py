@@ -266,6 +266,19 @@ class Chain:
         """Number of joints."""
         return len(self.joints)
 
+    @property
+    def freedom(self) -> int:
+        """Directions of 6 in which joints move the tip, at most: the rank of the Jacobian.
+
+        What is below a millimetre, or a milliradian, for one rad or m is no motion: descriptions
+        round their angles.
+        """
+        rng = np.random.default_rng(0)
+        Q = rng.uniform(
+            np.maximum(self.lower, -np.pi), np.minimum(self.upper, np.pi), (16, self.dof)
+        )
+        return int(np.linalg.matrix_rank(self.jacobian_batch(Q, np.eye(4)), tol=1e-3).max())
+
     def forward(self, q: Array) -> Array:
         """T_world_tip (4, 4) at q (dof,)."""
         return self.forward_batch(q[None])[0]

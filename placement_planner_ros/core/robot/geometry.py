@@ -348,8 +348,9 @@ class _Meshes:
             raise RobotError(
                 f"{field}: mesh",
                 str(path),
-                f"has {len(triangles)} triangles; a mesh may have {MAX_TRIANGLES}, all meshes of "
-                f"a robot together {MAX_ALL_TRIANGLES}: use simpler collision meshes",
+                f"has {len(triangles)} triangles, {self._triangles} with the meshes before it; a "
+                f"mesh may have {MAX_TRIANGLES}, all meshes of a robot together "
+                f"{MAX_ALL_TRIANGLES}: use simpler collision meshes",
             )
         return vertices, triangles
 

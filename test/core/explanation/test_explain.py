@@ -15,6 +15,7 @@ from placement_planner_ros.core.explanation.search import Progress
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.motion.birrt import GoalSetRRT
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
+from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.search.pruning import Cause, Ruling
 from placement_planner_ros.core.search.sampler import SampleCount
 from placement_planner_ros.core.types import Verdict, steepness
@@ -83,6 +84,16 @@ def test_what_refuses_all_is_the_cause_and_its_remedies_exist(table, verdict, re
         assert re.search(rf"^arm {arm}: of [\d,]+ tries ", "\n".join(told.details), re.MULTILINE)
     for face in range(len(table[0].body.faces)):
         assert f"rest {face} (" in str(told)
+
+
+def test_arms_of_few_joints_are_the_cause_before_all_else(table):
+    with (
+        mock.patch.object(Holding, "placing_motion", return_value=Verdict.ARM_COLLIDING),
+        mock.patch.object(Chain, "freedom", 5),
+    ):
+        told = planned(table, samples=20).explain()
+    assert told.cause.startswith("arm left moves its tip in 5 of 6 directions only")
+    assert told.remedies[0].parameter == "arms"
 
 
 def test_of_several_proofs_that_nothing_is_left_each_is_told_with_its_remedy(table):

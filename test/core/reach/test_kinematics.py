@@ -160,3 +160,16 @@ def test_rest_of_wrong_length_is_refused():
     robot, arm, _ = case("gantry")
     with pytest.raises(RobotError, match="q_rest"):
         Chain.from_robot(robot, arm, np.zeros(3))
+
+
+def test_freedom_counts_the_directions_that_joints_move_the_tip_in():
+    robot = Robot.from_urdf(GANTRY)
+    assert Chain.from_robot(robot, robot.arm("arm", "tip"), np.zeros(4)).freedom == 4
+    robot = load_yumi()
+    q = robot.configuration(START_CONFIGURATION)
+    assert Chain.from_robot(robot, yumi_arm(robot, "left"), q).freedom == 6
+    in_line = GANTRY.replace('type="revolute"', 'type="prismatic"').replace(
+        '<axis xyz="0.6 0 -0.8"/>', '<axis xyz="0.540302 0 0.841471"/>'
+    )  # slides as `along` does
+    robot = Robot.from_urdf(in_line)
+    assert Chain.from_robot(robot, robot.arm("arm", "tip"), np.zeros(4)).freedom == 3

@@ -187,6 +187,11 @@ def test_a_volume_out_of_reach_is_wrong(robot, capsys):
     assert "no arm reaches any of 20 random poses" in faults(capsys.readouterr().out)
 
 
+def test_an_arm_of_three_joints_is_told_from_a_volume_out_of_reach(robot, capsys):
+    assert main(["--params-file", str(parameters(robot))]) == 1
+    assert "the tip of arm in 3 of 6 directions only" in faults(capsys.readouterr().out)
+
+
 def test_without_arms_chains_are_proposed(robot, capsys):
     assert main(["--urdf", str(robot / "robot.urdf"), "--object", str(robot / "box.stl")]) == 1
     said = faults(capsys.readouterr().out)

@@ -50,6 +50,14 @@ def check_reach(subject: Subject, findings: Findings) -> None:
             share = reached_share(subject, arm, grasp, volume)
             most = max(most, share)
             findings.say(f"{arm.name}, grasp {grasp}: {share:.0%}")
+    freedom = {arm.name: Chain.from_robot(subject.robot, arm, subject.q).freedom for arm in arms}
+    few = [f"{name} in {number}" for name, number in freedom.items() if number < 6]
+    if few and most == 0.0:
+        findings.wrong(
+            f"arms: their joints move the tip of {' and of '.join(few)} of 6 directions only; "
+            "poses are chosen for the object without regard to that, so name an arm with six "
+            "joints or more that move independently"
+        )
     if most == 0.0:
         tips = "; ".join(
             f"the tip of {arm.name} starts at "
