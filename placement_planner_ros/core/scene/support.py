@@ -23,7 +23,15 @@ from placement_planner_ros.core.scene.support_columns import (
     radii,
 )
 from placement_planner_ros.core.scene.support_ends import end_within, find_ends, keeps, leave_out
+from placement_planner_ros.core.scene.support_holes import (
+    PARTS,
+    around_holes,
+    by_surface,
+    empty_discs,
+    parts_in_holes,
+)
 from placement_planner_ros.core.scene.support_points import on_surface
+from placement_planner_ros.core.scene.support_spacing import narrowest_gaps
 from placement_planner_ros.core.scene.surfaces import LevelSurfaces
 from placement_planner_ros.core.types import LEVEL, Array, Slope, frozen_array
 
@@ -37,6 +45,7 @@ class SupportMap:
     Attributes:
         origin, cell_size, columns: of the grid; how many columns of cells along x and y.
         start: (nx * ny + 1,) first surface of each column of the grid, and their number.
+        cells: (s, 3) of the grid.
         height: (s,) z of each surface.
         rectangle: (s, 4) xmin, ymin, xmax, ymax.
         kind: (s,) whether the surface ends in its column or beside it, see above.
@@ -46,6 +55,8 @@ class SupportMap:
         ends: (k,) bool, beyond which of these a surface that ends drops, or was not seen.
         trim: m, the outermost of many noisy points lies beyond the true edge by about so much.
         step: heights of one surface differ by no more from one column to the next, m.
+        first_hole: (s + 1,) first of the gaps that reach into each surface's column, their number.
+        holes: (h, 3) x, y and radius of discs that are gaps, see `support_holes`.
         obstacles: what stands around, sheared by the slope.
         slope: of the surfaces.
     """
@@ -54,6 +65,7 @@ class SupportMap:
     cell_size: float
     columns: tuple[int, int]
     start: npt.NDArray[np.int64]
+    cells: npt.NDArray[np.int32]
     height: Array
     rectangle: Array
     kind: npt.NDArray[np.uint8]
@@ -63,6 +75,8 @@ class SupportMap:
     ends: npt.NDArray[np.bool_]
     trim: float
     step: float
+    first_hole: npt.NDArray[np.int64]
+    holes: Array
     obstacles: ObstacleArrays
     slope: Slope = LEVEL
 
@@ -79,22 +93,38 @@ class SupportMap:
         size = obstacles.cell_size
         first, points, filled = points_on(obstacles.arrays, *measured, cells, height, step)
         radius = radii(cells, start, height, first, nx, ny, size, step)
-        made = cls(
+        none = np.zeros(len(height) + 1, np.int64)
+
+        def kind(holed: npt.NDArray[np.bool_]) -> npt.NDArray[np.uint8]:
+            return np.asarray(
+                kinds(cells, start, height, filled, holed, radius, nx, ny, size, step)
+            )
+
+        closed = cls(
             obstacles.origin,
             size,
             (nx, ny),
             start,
+            cells,
             frozen_array(height),
             surfaces.rectangle,
-            kinds(cells, start, height, filled, radius, nx, ny, size, step),
+            kind(none[1:] > 0),
             radius,
             first,
             points,
             np.zeros(len(points), np.bool_),
             2.0 * obstacles.noise,
             step,
+            none,
+            np.zeros((0, 3)),
             obstacles.arrays,
             slope,
+        )
+        view = closed._view
+        discs = empty_discs(view, obstacles.arrays, cells, narrowest_gaps(view, cells))
+        first_hole, holes = by_surface(view, discs)
+        made = replace(
+            closed, kind=kind(np.diff(first_hole) > 0), first_hole=first_hole, holes=holes
         )
         return replace(made, ends=find_ends(made._view, obstacles.arrays, step))
 
@@ -111,7 +141,35 @@ class SupportMap:
             self.first,
             self.points,
             self.step,
+            self.first_hole,
+            self.holes,
         )
+
+    @property
+    def holed(self) -> npt.NDArray[np.int64]:
+        """(k,) surfaces with gaps."""
+        return np.flatnonzero(np.diff(self.first_hole))
+
+    @property
+    def parts_in_holes(self) -> npt.NDArray[np.bool_]:
+        """(k, 8, 8) which parts of the columns of `holed` surfaces surely carry nothing, by x, y.
+
+        They are all the parts of a column that are gaps but for the ones that a gap ends in.
+        """
+        return np.asarray(parts_in_holes(self._view, self.cells, self.holed))
+
+    def whole_parts(self) -> tuple[Array, npt.NDArray[np.int64]]:
+        """(n, 4) disjoint rectangles of all surfaces without their gaps; (n,) of which each is."""
+        holed = self.holed
+        rows = np.arange(len(self.height))
+        if not len(holed):
+            return self.rectangle, rows
+        lower = self.origin[:2] + self.cells[holed, :2] * self.cell_size
+        edge = self.cell_size / PARTS
+        found, of = around_holes(self.rectangle[holed], lower, edge, self.parts_in_holes)
+        solid = np.delete(rows, holed)
+        order = np.argsort(row := np.concatenate([solid, holed[of]]), kind="stable")
+        return np.concatenate([self.rectangle[solid], found])[order], row[order]
 
     def above(self, points: Array) -> Array:
         """(n, 3) points with their height above the plane through the origin as z, metres."""
@@ -163,6 +221,7 @@ class SupportMap:
             off: at any height that differs from z by no more, metres.
         """
         near = np.asarray(np.abs(self.height - z) <= tolerance + off)
+        near[self.holed[self.parts_in_holes.all(axis=(1, 2))]] = False
         if margin + self.trim > self.cell_size:
             surely = np.asarray(np.abs(self.height - z) <= tolerance - off)
             leave_out(self._view, self.ends, surely, margin + self.trim, near)
