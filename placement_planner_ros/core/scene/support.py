@@ -55,6 +55,7 @@ class SupportMap:
         ends: (k,) bool, beyond which of these a surface that ends drops, or was not seen.
         trim: m, the outermost of many noisy points lies beyond the true edge by about so much.
         step: heights of one surface differ by no more from one column to the next, m.
+        alone: (s,) m, what lies further than that from all points of a surface that ends is a gap.
         first_hole: (s + 1,) first of the gaps that reach into each surface's column, their number.
         holes: (h, 3) x, y and radius of discs that are gaps, see `support_holes`.
         obstacles: what stands around, sheared by the slope.
@@ -75,6 +76,7 @@ class SupportMap:
     ends: npt.NDArray[np.bool_]
     trim: float
     step: float
+    alone: Array
     first_hole: npt.NDArray[np.int64]
     holes: Array
     obstacles: ObstacleArrays
@@ -115,16 +117,19 @@ class SupportMap:
             np.zeros(len(points), np.bool_),
             2.0 * obstacles.noise,
             step,
+            np.full(len(height), np.inf),
             none,
             np.zeros((0, 3)),
             obstacles.arrays,
             slope,
         )
         view = closed._view
-        discs = empty_discs(view, obstacles.arrays, cells, narrowest_gaps(view, cells))
+        narrowest = narrowest_gaps(view, cells)
+        discs = empty_discs(view, obstacles.arrays, cells, narrowest)
         first_hole, holes = by_surface(view, discs)
+        holed = np.diff(first_hole) > 0
         made = replace(
-            closed, kind=kind(np.diff(first_hole) > 0), first_hole=first_hole, holes=holes
+            closed, kind=kind(holed), alone=narrowest, first_hole=first_hole, holes=holes
         )
         return replace(made, ends=find_ends(made._view, obstacles.arrays, step))
 
@@ -141,6 +146,7 @@ class SupportMap:
             self.first,
             self.points,
             self.step,
+            self.alone,
             self.first_hole,
             self.holes,
         )

@@ -37,6 +37,7 @@ class Columns(NamedTuple):
         first: (s + 1,) first of each surface's points, and their number.
         points: (k, 2) x and y of what was measured on the surfaces.
         step: heights of one surface differ by no more from one column to the next, m.
+        alone: (s,) m, what lies further than that from all points of a surface that ends is a gap.
         first_hole: (s + 1,) first of the discs that reach into each surface's column, their number.
         holes: (h, 3) x, y and radius of discs that are gaps in the surface, metres.
     """
@@ -52,6 +53,7 @@ class Columns(NamedTuple):
     first: npt.NDArray[np.int64]
     points: npt.NDArray[np.float32]
     step: float
+    alone: Array
     first_hole: npt.NDArray[np.int64]
     holes: Array
 

@@ -82,8 +82,36 @@ def _surrounded(columns: Columns, s: int, x: float, y: float) -> bool:
 
 
 @kernel(lean=True)
+def _is_alone(columns: Columns, s: int, x: float, y: float) -> bool:
+    """Whether a place is further from all points of surface s than what is no gap."""
+    far, size = columns.alone[s], columns.cell_size
+    if far > size:
+        return False
+    for i in range(
+        max(math.floor((x - far - columns.origin[0]) / size), 0),
+        min(math.floor((x + far - columns.origin[0]) / size), columns.nx - 1) + 1,
+    ):
+        for j in range(
+            max(math.floor((y - far - columns.origin[1]) / size), 0),
+            min(math.floor((y + far - columns.origin[1]) / size), columns.ny - 1) + 1,
+        ):
+            column = i * columns.ny + j
+            step = 2.0 * columns.step
+            t = surface_at(columns.start, columns.height, column, columns.height[s], step)
+            if t < 0:
+                continue
+            for n in range(columns.first[t], columns.first[t + 1]):
+                dx, dy = columns.points[n, 0] - x, columns.points[n, 1] - y
+                if dx * dx + dy * dy <= far * far:
+                    return False
+    return True
+
+
+@kernel(lean=True)
 def _in_hole(columns: Columns, s: int, x: float, y: float) -> bool:
     """Whether a place in the column of surface s lies in a gap of it."""
+    if _is_alone(columns, s, x, y):
+        return True
     for n in range(columns.first_hole[s], columns.first_hole[s + 1]):
         dx, dy = x - columns.holes[n, 0], y - columns.holes[n, 1]
         radius = columns.holes[n, 2] - WITHIN
