@@ -33,7 +33,7 @@ ROS_WHEELS = [
     "ros-rclpy[fastrtps]>=7.1.6,<7.2",
 ]
 
-PICTURES = ["matplotlib>=3.8,<4"]
+PICTURES = ["matplotlib>=3.8,<4", "pillow>=10,<14"]
 YAML = ["PyYAML>=6,<7"]
 
 ROS = [*(f'{name} ; platform_machine == "x86_64"' for name in ROS_WHEELS), *PICTURES, *YAML]
@@ -44,7 +44,6 @@ EVALUATION = [
     "joblib>=1.4,<2",
     "ompl>=2.0,<3",
     *YAML,
-    "pillow>=10,<14",
 ]
 
 # Robots to try; 0.4 GB.
@@ -82,7 +81,28 @@ setup(
     name=PACKAGE,
     version="0.2.0",
     description="Anytime placement of a grasped object in clutter, with a certified arm motion",
+    long_description=(Path(__file__).resolve().parent / "README.md").read_text(encoding="utf-8"),
+    long_description_content_type="text/markdown",
+    author="The placement_planner_ros authors",
     license="MIT",
+    keywords=[
+        "ROS 2",
+        "manipulation",
+        "motion planning",
+        "placement planning",
+        "pick and place",
+        "robotics",
+    ],
+    classifiers=[
+        "Development Status :: 4 - Beta",
+        "Intended Audience :: Developers",
+        "Intended Audience :: Science/Research",
+        "Operating System :: POSIX :: Linux",
+        "Programming Language :: Python :: 3.11",
+        "Programming Language :: Python :: 3.12",
+        "Topic :: Scientific/Engineering",
+        "Typing :: Typed",
+    ],
     python_requires=">=3.11",
     packages=find_packages(include=[f"{PACKAGE}*"]),
     package_data={PACKAGE: ["py.typed"]},

@@ -38,7 +38,7 @@ def placement_planner() -> Any:
     return _start("placement_planner", "ros.node", ROS_REMEDY, catching=True)
 
 
-placement_demo = partial(_start, "placement_demo", "ros.tools.demo", ROS_REMEDY)
+placement_demo = partial(_start, "placement_demo", "ros.tools.demo.command", ROS_REMEDY)
 placement_scene = partial(_start, "placement_scene", "ros.tools.scene_publisher", ROS_REMEDY)
 placement_benchmark = partial(
     _start, "placement_benchmark", "experiments.benchmark", _EVALUATION_REMEDY

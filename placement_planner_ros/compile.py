@@ -12,34 +12,27 @@ from placement_planner_ros.core.practice.compiling import (
     Progress,
     compile_kernels,
 )
+from placement_planner_ros.progress import ProgressLine
 
 _WIDTH = 30
 """Characters of the bar."""
-_PAUSE = 10.0
-"""Seconds between lines where the output is no terminal."""
 
 
 class _Bar:
-    """Shows how far it is: in one line of a terminal, elsewhere in a line now and then."""
+    """Shows how far it is."""
 
     def __init__(self) -> None:
-        self._terminal = sys.stdout.isatty()
-        self._said = -_PAUSE
+        self._line = ProgressLine()
 
     def show(self, progress: Progress) -> None:
         """Show it."""
         filled = _WIDTH * progress.done // progress.kernels
         line = f"[{'#' * filled}{'.' * (_WIDTH - filled)}] {progress}"
-        if self._terminal:
-            print(f"\r\033[K{line}", end="", flush=True)
-        elif time.monotonic() > self._said + _PAUSE or progress.done == progress.kernels:
-            self._said = time.monotonic()
-            print(line, flush=True)
+        self._line.show(line, always=progress.done == progress.kernels)
 
     def end(self) -> None:
         """Leave the line."""
-        if self._terminal:
-            print()
+        self._line.end()
 
 
 def main() -> int:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 import setuptools
+import yaml
 
 ROOT = Path(__file__).parent.parent
 PACKAGE = "placement_planner_ros"
@@ -35,7 +36,7 @@ def source(tmp_path_factory):
         shutil.copytree(
             ROOT / name, copy / name, ignore=shutil.ignore_patterns("__pycache__", "*.pyc")
         )
-    for name in ("setup.py", "setup.cfg", "package.xml", "pyproject.toml"):
+    for name in ("setup.py", "setup.cfg", "package.xml", "pyproject.toml", "README.md"):
         shutil.copy(ROOT / name, copy / name)
     return copy
 
@@ -136,9 +137,57 @@ def test_building_left_the_sources_alone(prefix, source):
         assert wrapper.read_bytes() == (ROOT / "resource/executables" / name).read_bytes()
 
 
-def test_versions_agree():
+def citation():
+    return yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+
+
+def test_versions_agree(keywords):
     version = ET.parse(ROOT / "package.xml").findtext("version")
-    assert f'version="{version}"' in (ROOT / "setup.py").read_text()
+    assert keywords["version"] == version
+    assert citation()["version"] == version
+    newest = re.search(r"^## \[([\d.]+)\]", (ROOT / "CHANGELOG.md").read_text(), re.M)
+    assert newest[1] == version
+
+
+def test_the_license_is_the_same_everywhere(keywords):
+    licenses = {ET.parse(ROOT / "package.xml").findtext("license"), keywords["license"]}
+    assert licenses == {citation()["license"]}
+    assert (ROOT / "LICENSE").read_text().startswith(f"{licenses.pop()} License")
+
+
+def test_the_description_on_a_registry_is_the_readme(keywords):
+    assert keywords["long_description"] == (ROOT / "README.md").read_text(encoding="utf-8")
+    assert keywords["long_description_content_type"] == "text/markdown"
+    assert keywords["keywords"]
+
+
+def test_it_says_it_runs_on_the_pythons_that_it_asks_for(keywords):
+    lowest = keywords["python_requires"].removeprefix(">=")
+    named = re.findall(r"Python :: (3\.\d+)", "\n".join(keywords["classifiers"]))
+    assert named[0] == lowest
+
+
+def test_the_method_is_cited_with_its_authors():
+    paper = citation()["preferred-citation"]
+    names = [author["family-names"] for author in paper["authors"]]
+    assert names == ["Haustein", "Hang", "Stork", "Kragic"]
+    assert paper["title"] in " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+
+
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_lead_somewhere(page):
+    for target in re.findall(r"\]\(([^)#\s]+)", page.read_text(encoding="utf-8")):
+        if "://" not in target:
+            assert (page.parent / target).exists(), target
+
+
+def test_pictures_are_small():
+    for path in (ROOT / "docs").rglob("*.*"):
+        if path.suffix in (".png", ".gif"):
+            assert path.stat().st_size < (3_000_000 if path.suffix == ".gif" else 1 << 20), path
 
 
 def test_every_wrapper_is_an_entry_point():
@@ -147,13 +196,19 @@ def test_every_wrapper_is_an_entry_point():
 
 
 @pytest.fixture
-def requirements(monkeypatch):
-    """Extra ('' for the core) -> its requirements, as setup.py hands them to setuptools."""
+def keywords(monkeypatch):
+    """What setup.py hands to setuptools."""
     given = {}
     monkeypatch.chdir(ROOT)
     monkeypatch.setattr(setuptools, "setup", lambda **keywords: given.update(keywords))
     runpy.run_path("setup.py")
-    return {"": given["install_requires"], **given["extras_require"]}
+    return given
+
+
+@pytest.fixture
+def requirements(keywords):
+    """Extra ('' for the core) -> its requirements."""
+    return {"": keywords["install_requires"], **keywords["extras_require"]}
 
 
 def test_every_version_has_a_floor_and_a_ceiling(requirements):
@@ -195,9 +250,9 @@ def test_every_import_is_of_a_package_that_is_asked_for(path, requirements):
     assert imported(path) <= modules
 
 
-def test_the_readme_installs_what_the_core_asks_for(requirements):
+def test_the_page_on_jazzy_installs_what_the_core_asks_for(requirements):
     from_apt = {"numpy", "scipy"}
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "jazzy.md").read_text(encoding="utf-8")
     for name in requirements[""]:
         if re.match(r"\w+", name)[0] not in from_apt:
             assert f'"{name}"' in text, name

@@ -10,6 +10,7 @@ import functools
 import json
 import sys
 from collections import defaultdict
+from collections.abc import Mapping
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -80,29 +81,34 @@ def _cloud(scene_name: str) -> np.ndarray:
 NAMES = ("times", "positions", "velocities", "accelerations")
 
 
-def load_solution(path: Path, touch_links: dict[str, tuple[str, ...]]) -> tuple[dict, Solution]:
+def load_solution(path: Path, touch_links: Mapping[str, tuple[str, ...]]) -> tuple[dict, Solution]:
     """The case a file belongs to, and the solution in it."""
     with np.load(path) as data:
         case = json.loads(str(data["case"]))
-        arm = str(data["arm"])
-        joints = tuple(str(j) for j in data["joints"])
-        trajectory = SimpleNamespace(joints=joints, **{n: data[n] for n in NAMES})
-        retreat = None
-        if "retreat_times" in data:
-            retreat = SimpleNamespace(joints=joints, **{n: data[f"retreat_{n}"] for n in NAMES})
-        grasp = object_by_name(case["object"]).grasps[arm][int(data["grasp"])]
-        solution = Solution(
-            trajectory=trajectory,
-            approach_start=float(data["approach_start"]),
-            placement_pose=data["T_world_object"],
-            objective=float(data["objective"]),
-            tip_frame=TIP_FRAMES[arm],
-            T_tip_object=grasp.homogeneous,
-            touch_links=touch_links[arm],
-            retreat=retreat,
-            gripper_open={GRIPPER_JOINTS[arm]: GRIPPER_OPEN},
-        )
-    return case, solution
+        return case, read_solution(data, case["object"], touch_links)
+
+
+def read_solution(
+    data: Mapping[str, np.ndarray], thing: str, touch_links: Mapping[str, tuple[str, ...]]
+) -> Solution:
+    """What was published of that object, as `save_placement` wrote it."""
+    arm = str(data["arm"])
+    joints = tuple(str(j) for j in data["joints"])
+    trajectory = SimpleNamespace(joints=joints, **{n: data[n] for n in NAMES})
+    retreat = None
+    if "retreat_times" in data:
+        retreat = SimpleNamespace(joints=joints, **{n: data[f"retreat_{n}"] for n in NAMES})
+    return Solution(
+        trajectory=trajectory,
+        approach_start=float(data["approach_start"]),
+        placement_pose=data["T_world_object"],
+        objective=float(data["objective"]),
+        tip_frame=TIP_FRAMES[arm],
+        T_tip_object=object_by_name(thing).grasps[arm][int(data["grasp"])].homogeneous,
+        touch_links=touch_links[arm],
+        retreat=retreat,
+        gripper_open={GRIPPER_JOINTS[arm]: GRIPPER_OPEN},
+    )
 
 
 def verify(folder: Path) -> tuple[list[dict], dict[str, list[str]]]:

@@ -249,14 +249,18 @@ def save_last(folder: Path, record: Record, placement: Placement) -> None:
 
 def save_solution(path: Path, case: Case, seed: int, placement: Placement) -> None:
     """Write what the node would publish of a placement."""
+    save_placement(path, placement, case=np.array(json.dumps(asdict(case))), seed=seed)
+
+
+def save_placement(path: Path, placement: Placement, **of: Any) -> None:
+    """Write what the node would publish of a placement, and what it is one of."""
     path.parent.mkdir(parents=True, exist_ok=True)
     trajectory, retreat = placement.trajectory, placement.retreat
     names = ("times", "positions", "velocities", "accelerations")
     leaving = {f"retreat_{name}": getattr(retreat, name) for name in names if retreat is not None}
     np.savez_compressed(
         path,
-        case=np.array(json.dumps(asdict(case))),
-        seed=seed,
+        **of,
         arm=np.array(placement.goal.arm),
         grasp=placement.goal.grasp,
         face=placement.goal.face,

@@ -153,11 +153,18 @@ class CameraNoise:
         range_deviation: standard deviation along each ray, metres.
         flying_share: share of the pixels on a depth discontinuity that land between its sides.
         discontinuity: depth step between neighbouring pixels that counts as one, metres.
+        stray_share: share of all pixels that land nearer on their ray than what they see, by up to
+            `stray_length` metres.
+        depth_step: between depths that are told apart at 1 m, metres; it grows with the square of
+            the depth, as that of cameras which measure disparity. 0 for none.
     """
 
     range_deviation: float = 0.002
     flying_share: float = 0.05
     discontinuity: float = 0.03
+    stray_share: float = 0.0
+    stray_length: float = 0.15
+    depth_step: float = 0.0
 
 
 def scene_cameras(scene: Scene) -> tuple[DepthCamera, DepthCamera]:
@@ -227,6 +234,11 @@ def _render(
     rays = np.stack([(u - cx) / f, (v - cy) / f, np.ones_like(u, dtype=np.float64)], axis=-1)
     error = rng.normal(0.0, noise.range_deviation, depth.shape) if noise.range_deviation else 0.0
     scaled = seen_depth + error / np.linalg.norm(rays, axis=-1)
+    if noise.stray_share:
+        stray = rng.random(depth.shape) < noise.stray_share
+        scaled[stray] -= rng.random(int(stray.sum())) * noise.stray_length
+    if noise.depth_step:  # depths are 1 / disparity, whose steps are equal
+        scaled = 1.0 / (np.round(1.0 / scaled / noise.depth_step) * noise.depth_step)
     return CameraCloud(camera, (rays * scaled[..., None]).astype(np.float32))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +18,7 @@ from placement_planner_ros.core.body.mesh import (
     checked_mesh,
     connected_pieces,
     read_only,
+    volumes,
 )
 from placement_planner_ros.core.body.mesh_components import Components
 from placement_planner_ros.core.body.placement_face import PlacementFace, offered, placement_faces
@@ -49,6 +50,7 @@ class Body:
         warnings: what was not as expected, in words.
         rolling: how many faces are left out as the object could roll from them.
         assumed: what it is taken for, in words.
+        flatness: how far what touches a face's plane may be from it, metres.
     """
 
     solids: tuple[ConvexPart, ...]
@@ -61,6 +63,7 @@ class Body:
     warnings: tuple[str, ...]
     rolling: int = 0
     assumed: tuple[str, ...] = ()
+    flatness: float = field(default_factory=lambda: BodySettings().flatness)
 
     @property
     def parts(self) -> tuple[ConvexPart, ...]:
@@ -155,6 +158,7 @@ class Body:
                 left_out=rolling,
                 excess=0.0 if mesh is None else mesh.cover.excess,
             ),
+            flatness=settings.flatness,
         )
 
 
@@ -194,16 +198,12 @@ class _Surface:
 
 def _volume_of(corners: Array) -> float:
     """m³ that triangles (t, 3, 3) enclose."""
-    return (
-        float(np.linalg.det(corners - corners.mean(axis=(0, 1))).sum()) / 6.0
-        if len(corners)
-        else 0.0
-    )
+    return float(volumes(corners - corners.mean(axis=(0, 1))).sum()) if len(corners) else 0.0
 
 
 def _center_of(corners: Array) -> Array:
     """(3,) the centre of what triangles (t, 3, 3) enclose."""
     middle = corners.mean(axis=(0, 1))
-    volumes = np.linalg.det(corners - middle)
+    of_each = volumes(corners - middle)
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray(middle + volumes @ (corners - middle).sum(axis=1) / (4.0 * volumes.sum()))
+        return np.asarray(middle + of_each @ (corners - middle).sum(axis=1) / (4.0 * of_each.sum()))

@@ -30,15 +30,15 @@ from placement_planner_ros.scenes.scenes import Scene
 Triangles = npt.NDArray[np.int64]
 
 PLACED: Colour = (0.15, 0.70, 0.25)
-_START: Colour = (0.55, 0.55, 0.60)
+START: Colour = (0.55, 0.55, 0.60)
 LINK: Colour = (0.88, 0.88, 0.90)
 HAND: Colour = (0.35, 0.36, 0.42)
 VOLUME: Colour = (0.85, 0.15, 0.55)
 _TOWARDS_EYE = (-2.3, 0.62)
 """Azimuth and elevation, rad: over the robot's right shoulder."""
-_SEE_THROUGH = 0.28
-_CLOSE_BY = 0.3
-_PLATE = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "boxstyle": "round"}
+SEE_THROUGH = 0.28
+CLOSE_BY = 0.3
+PLATE = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "boxstyle": "round"}
 OVERSAMPLING = 2
 _SIZE = (10.0, 7.5)
 
@@ -73,10 +73,10 @@ def draw_placement(
     view = View.around(_shown(placed, scene.volume, links), *_TOWARDS_EYE, width, height)
     solids = [Mesh(part.vertices, part.triangles, part.colour) for part in scene.parts] + links
     meshes = [Mesh(placed, body_triangles, PLACED)]
-    for mesh, hides in zip(solids, _hiding(view, placed, solids), strict=True):
-        meshes.append(replace(mesh, alpha=_SEE_THROUGH) if hides else mesh)
+    for mesh, hides in zip(solids, hiding(view, placed, solids), strict=True):
+        meshes.append(replace(mesh, alpha=SEE_THROUGH) if hides else mesh)
     if T_world_start is not None:
-        meshes.append(Mesh(moved(body_vertices, T_world_start), body_triangles, _START, 0.5))
+        meshes.append(Mesh(moved(body_vertices, T_world_start), body_triangles, START, 0.5))
     image = render(view, meshes)
 
     figure = new_figure(*_SIZE, constrained=False)
@@ -84,17 +84,17 @@ def draw_placement(
     axes.imshow(averaged(image.colours), extent=(0, width, height, 0), interpolation="nearest")
     axes.set_axis_off()
     draw_volume(axes, view, image, scene.volume)
-    _draw_frame(axes, view)
+    draw_frame(axes, view)
     size = " × ".join(f"{side:.2f}" for side in scene.volume.upper - scene.volume.lower)
     entries = [
         Patch(color=PLACED, label="placed object"),
         Patch(color=VOLUME, label=f"target volume, {size} m"),
     ]
     if T_world_start is not None:
-        entries.append(Patch(color=_START, alpha=0.5, label="object at the start"))
+        entries.append(Patch(color=START, alpha=0.5, label="object at the start"))
     axes.legend(handles=entries, loc="upper right", fontsize=10, framealpha=0.9)
     if title:
-        axes.text(0.02, 0.97, title, transform=axes.transAxes, va="top", fontsize=13, bbox=_PLATE)
+        axes.text(0.02, 0.97, title, transform=axes.transAxes, va="top", fontsize=13, bbox=PLATE)
     axes.set_xlim(0, width)
     axes.set_ylim(height, 0)
     figure.savefig(path)
@@ -154,7 +154,7 @@ def box_corners(lower: Array, upper: Array) -> Array:
 def _shown(placed: Array, volume: TargetVolume, links: Sequence[Mesh]) -> Array:
     """(n, 3) points the picture has to hold: the object, V, and the robot's part close by."""
     points = np.vstack([placed, box_corners(volume.lower, volume.upper)])
-    low, high = points.min(axis=0) - _CLOSE_BY, points.max(axis=0) + _CLOSE_BY
+    low, high = points.min(axis=0) - CLOSE_BY, points.max(axis=0) + CLOSE_BY
     robot = np.vstack([mesh.vertices for mesh in links])
     near = ((robot > low) & (robot < high)).all(axis=1)
     return np.vstack([points, robot[near]])
@@ -163,22 +163,40 @@ def _shown(placed: Array, volume: TargetVolume, links: Sequence[Mesh]) -> Array:
 def averaged(colours: Array) -> Array:
     """Every `OVERSAMPLING` squared pixels as one, which smooths edges."""
     n = OVERSAMPLING
-    height, width, _ = colours.shape
-    return np.asarray(colours.reshape(height // n, n, width // n, n, 3).mean(axis=(1, 3)))
+    parts = [colours[row::n, column::n] for row in range(n) for column in range(n)]
+    return np.asarray(sum(parts[1:], parts[0]) / n**2)
+
+
+class RobotShapes:
+    """The collision shapes of a robot as meshes, made once for many configurations.
+
+    Args:
+        hand_links: links in the darker colour, such as an arm's touch links.
+    """
+
+    def __init__(self, robot: Robot, hand_links: Sequence[str] = ()) -> None:
+        self._robot = robot
+        self._shapes = [
+            (*_shape_mesh(thing.geometry), HAND if link in hand_links else LINK)
+            for thing, link in zip(
+                robot.geometry.geometryObjects, robot.geometry_links, strict=True
+            )
+        ]
+
+    def at(self, q: Array) -> list[Mesh]:
+        """Each shape at q (nq,)."""
+        robot = self._robot
+        data, placements = robot.model.createData(), robot.geometry.createData()
+        pin.updateGeometryPlacements(robot.model, data, robot.geometry, placements, q)
+        return [
+            Mesh(moved(vertices, T), triangles, colour)
+            for (vertices, triangles, colour), T in zip(self._shapes, placements.oMg, strict=True)
+        ]
 
 
 def robot_meshes(robot: Robot, q: Array, hand_links: Sequence[str]) -> list[Mesh]:
     """Each collision shape at q (nq,), `hand_links` in the darker colour."""
-    data, placements = robot.model.createData(), robot.geometry.createData()
-    pin.updateGeometryPlacements(robot.model, data, robot.geometry, placements, q)
-    meshes = []
-    for thing, link, T in zip(
-        robot.geometry.geometryObjects, robot.geometry_links, placements.oMg, strict=True
-    ):
-        vertices, triangles = _shape_mesh(thing.geometry)
-        colour = HAND if link in hand_links else LINK
-        meshes.append(Mesh(moved(vertices, T), triangles, colour))
-    return meshes
+    return RobotShapes(robot, hand_links).at(q)
 
 
 def _shape_mesh(shape: coal.CollisionGeometry) -> tuple[Array, Triangles]:
@@ -210,7 +228,7 @@ def _primitive(shape: coal.CollisionGeometry) -> trimesh.Trimesh | None:
     return None
 
 
-def _hiding(view: View, placed: Array, solids: Sequence[Mesh]) -> list[bool]:
+def hiding(view: View, placed: Array, solids: Sequence[Mesh]) -> list[bool]:
     """Which solids (their hulls) stand between the eye and the object's corners or centre."""
     targets = np.vstack([placed, placed.mean(axis=0)])
     targets = targets[:: max(1, len(targets) // 40)]
@@ -249,7 +267,7 @@ def _seen(image: Image, line: Array) -> npt.NDArray[np.bool_]:
     return np.asarray(line[:, 2] < image.depth[v, u] + 2e-3)
 
 
-def _draw_frame(axes: Axes, view: View) -> None:
+def draw_frame(axes: Axes, view: View) -> None:
     """The world's directions, 10 cm long, in the lower left corner."""
     depth = float(np.linalg.norm(view.eye)) or 1.0
     pixels = np.array([0.09 * view.width, 0.88 * view.height])
@@ -265,4 +283,4 @@ def _draw_frame(axes: Axes, view: View) -> None:
         u, v = ends[0] + 1.25 * (ends[1] - ends[0])
         axes.text(float(u), float(v), name, color=colour, fontsize=11, ha="center", va="center")
     below = float(pixels[1] + 0.05 * view.height)
-    axes.text(float(pixels[0]), below, "arrows: 10 cm", fontsize=9, ha="center", bbox=_PLATE)
+    axes.text(float(pixels[0]), below, "arrows: 10 cm", fontsize=9, ha="center", bbox=PLATE)

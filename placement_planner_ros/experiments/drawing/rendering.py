@@ -3,7 +3,7 @@ drawn in front of what hides it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,6 +31,20 @@ class Mesh:
     triangles: npt.NDArray[np.int64]
     colour: Colour
     alpha: float = 1.0
+
+
+def joined(meshes: Iterable[Mesh]) -> list[Mesh]:
+    """The same with those of one colour and alpha as one, which are sooner drawn."""
+    alike: dict[tuple[Colour, float], list[Mesh]] = {}
+    for mesh in meshes:
+        alike.setdefault((mesh.colour, mesh.alpha), []).append(mesh)
+    result = []
+    for (colour, alpha), group in alike.items():
+        first = np.cumsum([0, *(len(mesh.vertices) for mesh in group)])
+        triangles = [mesh.triangles + start for mesh, start in zip(group, first, strict=False)]
+        vertices = np.vstack([mesh.vertices for mesh in group])
+        result.append(Mesh(vertices, np.vstack(triangles), colour, alpha))
+    return result
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,11 +117,17 @@ class Image:
     depth: Array
 
 
-def render(view: View, meshes: Sequence[Mesh], background: Colour = (1.0, 1.0, 1.0)) -> Image:
-    """Opaque meshes first, then each translucent one's nearest surface over them, far to near."""
-    colours = np.empty((view.height, view.width, 3))
-    colours[:] = background
-    depth = np.full((view.height, view.width), np.inf)
+def render(view: View, meshes: Sequence[Mesh], behind: Image | None = None) -> Image:
+    """Opaque meshes first, then each translucent one's nearest surface over them, far to near.
+
+    Args:
+        behind: what was rendered of the same view before, which stays as it is; white without it.
+    """
+    if behind is None:
+        colours = np.ones((view.height, view.width, 3))
+        depth = np.full((view.height, view.width), np.inf)
+    else:
+        colours, depth = behind.colours.copy(), behind.depth.copy()
     for mesh in meshes:
         if mesh.alpha >= 1.0:
             _draw(view, mesh, colours, depth)

@@ -16,12 +16,12 @@ from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.experiments.jobs import say
 from placement_planner_ros.experiments.json_lines import append_line, read_lines
 from placement_planner_ros.experiments.machine import machine, versions
+from placement_planner_ros.experiments.page import between_marks, require_marks
 from placement_planner_ros.experiments.robots.measures import ROWS, Entry
 from placement_planner_ros.experiments.robots.subject import SHARE
 from placement_planner_ros.share import share_path
 
 RAW_FILE, TABLE_FILE = "raw.jsonl", "robots.md"
-_BEGIN, _END = "<!-- figures -->", "<!-- end of figures -->"
 _BESIDE = "panda"
 
 
@@ -62,17 +62,13 @@ def run_robots(arguments: argparse.Namespace) -> int:
     """
     page, raw = arguments.page, arguments.output / RAW_FILE
     if page is not None:
-        text = page.read_text(encoding="utf-8") if page.exists() else ""
-        if not 0 <= text.find(_BEGIN) < text.find(_END):
-            raise ParameterError("page", str(page), f"must hold the lines {_BEGIN} and {_END}")
+        require_marks(page)
     failed = [] if arguments.report_only else _measure(arguments, raw)
     table = markdown(read_lines(raw))
     arguments.output.mkdir(parents=True, exist_ok=True)
     (arguments.output / TABLE_FILE).write_text(table, encoding="utf-8")
     if page is not None:
-        before, rest = page.read_text(encoding="utf-8").split(_BEGIN, 1)
-        after = rest.split(_END, 1)[1]
-        page.write_text(f"{before}{_BEGIN}\n\n{table}\n{_END}{after}", encoding="utf-8")
+        between_marks(page, table)
     say(table)
     return 1 if failed else 0
 

@@ -20,6 +20,7 @@ from placement_planner_ros.experiments.cases import Case, all_cases
 from placement_planner_ros.experiments.jobs import Progress, say
 from placement_planner_ros.experiments.json_lines import read_lines
 from placement_planner_ros.experiments.options import add_case_options, wanted_cases
+from placement_planner_ros.experiments.page import require_marks
 from placement_planner_ros.experiments.record import RUNS_FILE, warm_process
 from placement_planner_ros.experiments.speed.clouds import measure_clouds
 from placement_planner_ros.experiments.speed.processes import (
@@ -29,12 +30,7 @@ from placement_planner_ros.experiments.speed.processes import (
 )
 from placement_planner_ros.experiments.speed.queries import Bench, CompareSettings
 from placement_planner_ros.experiments.speed.recorder import RecordSettings, record
-from placement_planner_ros.experiments.speed.report import (
-    fill_page,
-    markdown,
-    plain_text,
-    require_marks,
-)
+from placement_planner_ros.experiments.speed.report import fill_page, markdown, plain_text
 from placement_planner_ros.experiments.speed.rows import (
     MADE_WITH,
     ROWS,

@@ -6,10 +6,8 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.experiments.page import between_marks
 from placement_planner_ros.experiments.speed.rows import MADE_WITH, Entry, Line
-
-_BEGIN, _END = "<!-- figures -->", "<!-- end of figures -->"
 
 
 def markdown(lines: Sequence[Line], entries: Sequence[Entry]) -> str:
@@ -32,24 +30,9 @@ def markdown(lines: Sequence[Line], entries: Sequence[Entry]) -> str:
     return "\n".join(rows) + "\n"
 
 
-def require_marks(page: Path) -> None:
-    """Refuse a page without a place for the table.
-
-    Raises:
-        ParameterError: its two marks are missing, or in the wrong order.
-    """
-    text = page.read_text(encoding="utf-8") if page.exists() else ""
-    if not 0 <= text.find(_BEGIN) < text.find(_END):
-        raise ParameterError("page", str(page), f"must hold the lines {_BEGIN} and {_END}")
-
-
 def fill_page(page: Path, table: str, picture: bytes) -> None:
     """Replace what stands between the page's marks, and its images/speed.png."""
-    require_marks(page)
-    text = page.read_text(encoding="utf-8")
-    before, rest = text.split(_BEGIN, 1)
-    after = rest.split(_END, 1)[1]
-    page.write_text(f"{before}{_BEGIN}\n\n{table}\n{_END}{after}", encoding="utf-8")
+    between_marks(page, table)
     (page.parent / "images").mkdir(exist_ok=True)
     (page.parent / "images" / "speed.png").write_bytes(picture)
 

@@ -1,0 +1,87 @@
+"""A motion as pictures: before and after side by side, and moving."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.patches import Patch
+from PIL import Image as Picture
+from PIL import ImageDraw, ImageFont
+
+from placement_planner_ros.experiments.drawing.picture import (
+    PLACED,
+    VOLUME,
+    averaged,
+)
+from placement_planner_ros.experiments.drawing.plots import DPI, new_figure
+from placement_planner_ros.experiments.drawing.stage_set import HEIGHT, PATH, WIDTH, StageSet
+
+_FRAME = 0.08
+"""Seconds from frame to frame; GIF counts in hundredths."""
+_MOST_FRAMES = 90
+"""Longer motions are shown faster."""
+_REST_BEFORE, _REST_AFTER = 0.6, 1.5
+"""Seconds for which the first and the last frame stay."""
+_COLOURS = 128
+_HALF = (WIDTH / DPI, HEIGHT / DPI)
+_HEAD, _FOOT = 0.75, 0.5
+"""Inches: of half the picture, the lines above it and the legend below."""
+
+
+def draw_before_and_after(path: Path, shown: StageSet, title: str) -> None:
+    """Write a PNG: the start on the left, the end on the right, and the way of the object."""
+    width, height = 2 * _HALF[0], _HEAD + _HALF[1] + _FOOT
+    figure = new_figure(width, height, constrained=False)
+    figure.text(0.5, 1.0 - 0.14 / height, title, fontsize=13, ha="center", va="top")
+    for side, (name, time) in enumerate((("before", 0.0), ("after", shown.motion.duration))):
+        place = (side / 2 + 0.002, _FOOT / height, 0.496, _HALF[1] / height)
+        axes = figure.add_axes(place)
+        axes.imshow(averaged(shown.draw(shown.motion.at(time)).colours), aspect="auto")
+        axes.set_axis_off()
+        axes.set_title(name, fontsize=12, pad=4)
+    entries = [
+        Patch(color=PLACED, label="object"),
+        Patch(color=PATH, label="way of the object's origin"),
+        Patch(color=VOLUME, label="target volume"),
+    ]
+    figure.legend(handles=entries, loc="lower center", ncols=3, fontsize=11, frameon=False)
+    figure.savefig(path)
+
+
+def draw_animation(path: Path, shown: StageSet) -> None:
+    """Write a GIF of the whole motion, release and retreat included."""
+    motion = shown.motion
+    count = min(_MOST_FRAMES, 1 + int(np.ceil(motion.duration / _FRAME)))
+    speed = max(1.0, motion.duration / (_FRAME * (count - 1)))
+    words = "in real time" if speed < 1.05 else f"{speed:.1f} times as fast as it is"
+    font = ImageFont.truetype(
+        str(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"), 15
+    )
+    frames = []
+    for time in np.linspace(0.0, motion.duration, count):
+        moment = motion.at(float(time))
+        colours = averaged(shown.draw(moment).colours)
+        frame = Picture.fromarray((colours * 255.0).round().astype(np.uint8))
+        line = f"{moment.stage}   {time:.1f} of {motion.duration:.1f} s, {words}"
+        draw = ImageDraw.Draw(frame)
+        draw.rectangle((0, 0, WIDTH, 26), fill="white")
+        draw.text((8, 4), line, fill="black", font=font)
+        frames.append(frame)
+    _write(path, frames)
+
+
+def _write(path: Path, frames: list[Picture.Image]) -> None:
+    """As a GIF with one palette for all frames, so that what rests does not flicker."""
+    samples = frames[:: max(1, len(frames) // 4)]
+    together = Picture.new("RGB", (WIDTH, HEIGHT * len(samples)))
+    for row, frame in enumerate(samples):
+        together.paste(frame, (0, row * HEIGHT))
+    palette = together.quantize(_COLOURS)
+    plain = [frame.quantize(palette=palette, dither=Picture.Dither.NONE) for frame in frames]
+    durations = [round(1000 * _FRAME)] * len(plain)
+    durations[0], durations[-1] = round(1000 * _REST_BEFORE), round(1000 * _REST_AFTER)
+    plain[0].save(
+        path, save_all=True, append_images=plain[1:], duration=durations, loop=0, optimize=True
+    )

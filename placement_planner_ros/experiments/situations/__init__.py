@@ -1,0 +1,1 @@
+"""Situations whose true answer is known: whether an object can be placed there at all."""

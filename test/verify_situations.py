@@ -1,0 +1,136 @@
+"""Check every placement of `placement_benchmark situations`, and release it in a physics engine.
+
+python test/verify_situations.py results/situations
+
+Writes `verdicts.jsonl` there, which the command's table counts. With s(x) by polygon not every
+vertex has something under it, and that one rule is left out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import sys
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+from checker import SolutionChecker, Task, Tolerances
+from settle import settle
+from settle_cases import FRICTIONS, MOVED, TILTED
+from verify_cases import read_solution
+
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.planner import PlannerSettings
+from placement_planner_ros.core.problem import workspace
+from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
+from placement_planner_ros.experiments.cases import start_configuration
+from placement_planner_ros.experiments.json_lines import append_line, read_lines
+from placement_planner_ros.experiments.situations.catalogue import situation_by_name
+from placement_planner_ros.experiments.situations.observing import observe
+from placement_planner_ros.experiments.situations.report import VERDICTS_FILE
+from placement_planner_ros.experiments.situations.runs import (
+    OBJECTIVE,
+    RUNS_FILE,
+    SOLUTIONS,
+    job_key,
+)
+from placement_planner_ros.scenes.objects import object_by_name
+from placement_planner_ros.scenes.yumi import TIP_FRAMES, load_yumi, yumi_arm
+from placement_planner_ros.share import PACKAGE, share_path
+
+OF_VERTICES = "stance: nothing under the vertex", "stance: centre of mass beyond the face"
+
+
+def checker_of(situation, cloud):
+    """The checker of a situation; the margin is checked on what was measured of all of it."""
+    held = object_by_name(situation.thing)
+    urdf = share_path("urdf", "yumi.urdf")
+    measured = None
+    if cloud == "complete":
+        obstacles = _obstacles(situation, held)
+        measured = np.stack([obstacles.lower, obstacles.upper])
+    task = Task(
+        solids=situation.scene.parts,
+        volume_lower=situation.scene.volume.boxes[:, 0],
+        volume_upper=situation.scene.volume.boxes[:, 1],
+        object_vertices=held.vertices,
+        object_triangles=held.triangles,
+        center_of_mass=held.center_of_mass,
+        urdf=urdf.read_text(encoding="utf-8"),
+        srdf=share_path("urdf", "yumi.srdf").read_text(encoding="utf-8"),
+        package_dirs={PACKAGE: urdf.parent.parent},
+        q_start=start_configuration(situation.thing),
+        objective=OBJECTIVE if cloud == "complete" else "",
+        measured=measured,
+    )
+    limit = PlannerSettings().timing.acceleration_limits[0]
+    return SolutionChecker(task, Tolerances(acceleration_limit=limit))
+
+
+def _obstacles(situation, held):
+    robot = _robot()
+    arms = tuple(yumi_arm(robot, name, grasps) for name, grasps in held.grasps.items())
+    q_start = robot.configuration(start_configuration(situation.thing))
+    body = Body.from_mesh(held.vertices, held.triangles, held.center_of_mass)
+    bounds = workspace(robot, arms, q_start, body, situation.scene.volume)
+    points = observe(situation, "complete", np.random.default_rng(0)).points
+    return ObstacleSet.from_points(points, GridSettings(), bounds)
+
+
+@functools.cache
+def _robot():
+    return load_yumi()
+
+
+def verdict(folder, run, number):
+    """What the checker says of a placement, and how far it comes when released."""
+    situation = situation_by_name(run["name"], run["seed"])
+    with np.load(folder / SOLUTIONS / f"{job_key(run)}-{number}.npz") as data:
+        touch = {name: yumi_arm(_robot(), name).touch_links for name in TIP_FRAMES}
+        solution = read_solution(data, situation.thing, touch)
+    refused = checker_of(situation, run["cloud"]).check(solution)
+    if situation.support == "polygon":
+        refused = [words for words in refused if not words.startswith(OF_VERTICES)]
+    held, moved, tilted = object_by_name(situation.thing), 0.0, 0.0
+    for friction in FRICTIONS:
+        result = settle(
+            [part.vertices for part in situation.scene.parts],
+            [part.vertices for part in held.parts],
+            held.center_of_mass,
+            pin.SE3(solution.placement_pose),
+            friction=friction,
+        )
+        moved, tilted = max(moved, result.moved), max(tilted, result.tilted)
+    return {
+        "run": job_key(run),
+        "number": number,
+        "refused": refused,
+        "stays": bool(moved < MOVED and tilted < TILTED),
+        "moved": moved,
+        "tilted": float(np.rad2deg(tilted)),
+    }
+
+
+def main() -> int:
+    """1 where a placement is refused or does not stay."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    folder = parser.parse_args().folder
+    known = {(each["run"], each["number"]) for each in read_lines(folder / VERDICTS_FILE)}
+    for run in read_lines(folder / RUNS_FILE):
+        for number in range(1, len(run["solutions"]) + 1):
+            if (job_key(run), number) in known:
+                continue
+            told = verdict(folder, run, number)
+            append_line(folder / VERDICTS_FILE, told)
+            if told["refused"] or not told["stays"]:
+                print(told, flush=True)
+    verdicts = read_lines(folder / VERDICTS_FILE)
+    wrong = sum(bool(each["refused"]) or not each["stays"] for each in verdicts)
+    print(f"{wrong} of {len(verdicts)} placements are refused or do not stay")
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
