@@ -3,7 +3,8 @@
 Where a surface goes on in all eight columns around one, that column carries whatever stands on it.
 In the others, at the end of the surface, a point is supported where measured points surround it:
 where it lies in the hull of those within a short way of it (`SupportMap.radius`). So an edge is
-never taken for further out than it was measured, however it runs through the cells.
+never taken for further out than it was measured, however it runs through the cells. A place within
+a disc without points that is wider than the points leave anyway is in a gap (`support_holes`).
 """
 
 from __future__ import annotations
@@ -34,6 +35,9 @@ from placement_planner_ros.core.scene.support_points import on_surface
 from placement_planner_ros.core.scene.support_spacing import narrowest_gaps
 from placement_planner_ros.core.scene.surfaces import LevelSurfaces
 from placement_planner_ros.core.types import LEVEL, Array, Slope, frozen_array
+
+_NOISY = 1.3
+"""Times as wide must gaps be in noisy clouds, as those of cameras, which have holes of their own."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,7 +128,7 @@ class SupportMap:
             slope,
         )
         view = closed._view
-        narrowest = narrowest_gaps(view, cells)
+        narrowest = narrowest_gaps(view, cells) * (_NOISY if obstacles.noise > 0.0 else 1.0)
         discs = empty_discs(view, obstacles.arrays, cells, narrowest)
         first_hole, holes = by_surface(view, discs)
         holed = np.diff(first_hole) > 0
