@@ -37,7 +37,7 @@ from placement_planner_ros.core.scene.surfaces import LevelSurfaces
 from placement_planner_ros.core.types import LEVEL, Array, Slope, frozen_array
 
 _NOISY = 1.3
-"""Times as wide must gaps be in noisy clouds, as those of cameras, which have holes of their own."""
+"""Times as wide must gaps be in noisy clouds: those of cameras have holes of their own."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
