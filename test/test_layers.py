@@ -31,6 +31,7 @@ ORDER = [
     "core.swept",
     # what placing adds
     "core.problem",
+    "core.stability",
     "core.constraints",
     "core.grasp",
     # the paper's verbs

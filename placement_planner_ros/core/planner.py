@@ -43,6 +43,7 @@ from placement_planner_ros.core.search.pruning import Cause, Remainder
 from placement_planner_ros.core.search.sampler import GoalChecker, GoalSampler, SamplerSettings
 from placement_planner_ros.core.search.uniform import UniformSampler
 from placement_planner_ros.core.settings import Settings, setting
+from placement_planner_ros.core.stability.footing import SUPPORTS, Footing, SupportName
 from placement_planner_ros.core.statistics import Statistics
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.timing.trajectory_maker import TimingSettings, TrajectoryMaker
@@ -80,12 +81,27 @@ class PlannerSettings(Settings):
     motion_iterations: int = setting(50, "[1, inf)")
     ik_seeds: int = setting(63, "[1, inf)")
     min_improvement: float = setting(1e-4, "[0, inf)")
+    support: SupportName = setting(
+        "vertices",
+        text="When an object stands. vertices: all of the face that it stands on has support at "
+        "its corners (the paper's). polygon: the centre of mass lies inside the hull of those "
+        "contact points that are supported, and the object can be tipped by 5 degrees; for racks, "
+        "bridges, small pedestals and overhang.",
+        choices=SUPPORTS,
+    )
+    support_margin: float = setting(
+        0.01,
+        "[0, 0.2]",
+        "m",
+        "With support: polygon, distance that the centre of mass keeps from the end of the hull of "
+        "what is supported; it takes the place of edge_margin.",
+    )
     edge_margin: float = setting(
         0.003,
         "[0, 0.2]",
         "m",
-        "Distance that what the object stands on keeps from the end of its support: where the "
-        "surface drops or was not seen, not where a thing stands.",
+        "With support: vertices, distance that what the object stands on keeps from the end of its "
+        "support: where the surface drops or was not seen, not where a thing stands.",
     )
     require_retreat: bool = setting(
         True, text="Whether a placement counts only with a certified release and retreat."
@@ -101,6 +117,12 @@ class PlannerSettings(Settings):
     transit: TransitSettings = field(default_factory=TransitSettings)
     ascent: AscentSettings = field(default_factory=AscentSettings)
     timing: TimingSettings = field(default_factory=TimingSettings)
+
+    @property
+    def footing(self) -> Footing:
+        """Of these, what s(x) is asked by."""
+        tolerance = self.collision.contact_tolerance
+        return Footing(self.support, tolerance, self.edge_margin, self.support_margin)
 
     @property
     def grasp(self) -> GraspSettings:
@@ -150,7 +172,7 @@ class PlacementPlanner:
         problem = replace(problem, q_start=unwound)
         rng_sampler, rng_ik, rng_motion, rng_paths = rng.spawn(4)
         poses = PoseConstraints(
-            problem, settings.collision, settings.edge_margin, settings.approach.approach_minimum
+            problem, settings.collision, settings.footing, settings.approach.approach_minimum
         )
         holdings, self.unusable = usable_holdings(problem, settings.grasp)
         self.holdings = {(r.arm.name, r.grasp): r for of_arm in holdings for r in of_arm}
@@ -164,7 +186,7 @@ class PlacementPlanner:
         hierarchy = AfrHierarchy(
             [len(of_arm) for of_arm in holdings],
             len(problem.body.faces),
-            problem.environment.regions,
+            poses.regions,
             settings.hierarchy,
         )
         self.cause = _nothing_to_search(hierarchy)

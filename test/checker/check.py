@@ -10,8 +10,7 @@ from .curve import check_curve, check_limits, states_along
 from .leaving import Leaving
 from .pieces import object_pieces
 from .robot import RobotModel
-from .stance import check_stance
-from .surface import surface_normal
+from .stance import check_stance, standing_along
 from .task import Array, Solution, Task, Tolerances, world_vertices
 from .world import World
 
@@ -101,7 +100,7 @@ class SolutionChecker:
 
     def _check_collisions(self, solution: Solution, states: Array, times: Array) -> list[str]:
         pose = np.asarray(solution.placement_pose)
-        normal = surface_normal(self.task, pose, self.tolerances)
+        normal = standing_along(self.task, pose, self.tolerances)
         lowest = float((world_vertices(self.task, pose) @ normal).min())
         support = {
             solid.name

@@ -9,7 +9,7 @@ from scipy.spatial import ConvexHull
 
 from .insides import piece_voxels
 from .pieces import Piece
-from .surface import surface_normal
+from .stance import standing_along
 from .task import Array, Task, Tolerances, world_vertices
 
 
@@ -43,7 +43,7 @@ class Clearance:
         its slope, of V through its middle.
         """
         task = self._task
-        normal = surface_normal(task, T_world_object, self._tolerances)
+        normal = standing_along(task, T_world_object, self._tolerances)
         shear = np.eye(3)
         shear[2, :2] = normal[:2] / normal[2]
         points = (self._samples @ T_world_object[:3, :3].T + T_world_object[:3, 3]) @ shear.T

@@ -40,13 +40,9 @@ def surface_normal(task: Task, T_world_object: Array, tolerances: Tolerances) ->
     Of the normals of all facets that face up and are not too steep, that along which the object's
     feet are nearest to such facets.
     """
-    vertices, level = world_vertices(task, T_world_object), np.array([0.0, 0.0, 1.0])
-    normals = [level]
-    for solid in task.solids:
-        for facet in upward_facets(solid, tolerances.slope):
-            if min(np.abs(facet.normal - each).max() for each in normals) > 1e-6:
-                normals.append(facet.normal)
-    best, least = level, np.inf
+    vertices = world_vertices(task, T_world_object)
+    normals = normals_of(task, tolerances)
+    best, least = normals[0], np.inf
     for normal in normals:
         feet = feet_of(vertices, normal, tolerances)
         if len(feet) < 3 or np.linalg.matrix_rank(feet[1:] - feet[0], tol=1e-4) < 2:
@@ -55,6 +51,16 @@ def surface_normal(task: Task, T_world_object: Array, tolerances: Tolerances) ->
         if gap < least - 1e-4:
             best, least = normal, gap
     return best
+
+
+def normals_of(task: Task, tolerances: Tolerances) -> list[Array]:
+    """(3,) z, and the normals of all facets that face up and are not too steep."""
+    normals = [np.array([0.0, 0.0, 1.0])]
+    for solid in task.solids:
+        for facet in upward_facets(solid, tolerances.slope):
+            if min(np.abs(facet.normal - each).max() for each in normals) > 1e-6:
+                normals.append(facet.normal)
+    return normals
 
 
 def upward_facets(solid: Solid, steepest: float) -> tuple[Facet, ...]:

@@ -51,6 +51,8 @@ class Task:
         measured: (2, n, 3) lower and upper corners of the boxes that hold what was measured; None
             for "do not check the margin".
         beyond: how far outside V things count for the clearance, metres.
+        support: `vertices`, or `polygon`: by what an object stands.
+        support_margin: with `polygon`, from its centre of mass to the end of what carries it, m.
     """
 
     solids: Sequence[Solid]
@@ -66,6 +68,8 @@ class Task:
     objective: str
     measured: Array | None = None
     beyond: float = 0.0
+    support: str = "vertices"
+    support_margin: float = 0.01
 
     @property
     def volume(self) -> Array:
@@ -145,6 +149,7 @@ class Tolerances:
             stands on.
         slope: rad, what is steeper carries nothing.
         lean: rad that the object may be turned from the normal of the surface it stands on.
+        carried: by which the margin of `support_margin` may be undercut.
         objective: between the published ξ and those recomputed from the true solids.
         layer: height of the planner's cells, which ξ may be coarse by (`clearance_bounds`).
         improvement: by which ξ must exceed the previous one.
@@ -164,6 +169,7 @@ class Tolerances:
     flatness: float = 1e-3
     slope: float = 0.27
     lean: float = 0.008
+    carried: float = 5e-4
     height: float = 5e-4
     edge: float = 1e-5
     position: float = 5e-4

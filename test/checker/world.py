@@ -17,7 +17,7 @@ from .pieces import Piece
 from .poses import Poses
 from .robot import RobotModel
 from .shapes import convex
-from .surface import surface_normal
+from .stance import standing_along
 from .task import WORLD, Array, Solution, Task, Tolerances, world_vertices
 
 _STILL = 1e-9
@@ -104,7 +104,7 @@ class World:
         if task.measured is not None:
             measured = np.asarray(task.measured)
             pose = np.asarray(solution.placement_pose)
-            normal = surface_normal(task, pose, Tolerances(contact=contact))
+            normal = standing_along(task, pose, Tolerances(contact=contact))
             lowest = (world_vertices(task, pose) @ normal).min() / normal[2]
             # the plane that it stands on is between these heights within a box
             rises = lowest / 2 - measured[:, :, :2] * (normal[:2] / normal[2])

@@ -6,10 +6,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from placement_planner_ros.core.constraints import placement_pose, stays
+from placement_planner_ros.core.constraints import placement_pose
 from placement_planner_ros.core.grasp.settings import ApproachSettings
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.stability.by_vertices import stays
 from placement_planner_ros.core.types import LEVEL, TargetVolume, Verdict, upright
 from placement_planner_ros.experiments.cases import Case, make_problem
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -49,6 +49,7 @@ class Body:
         warnings: what was not as expected, in words.
         rolling: how many faces are left out as the object could roll from them.
         assumed: what it is taken for, in words.
+        flatness: how far what touches a face's plane may be from it, metres.
     """
 
     solids: tuple[ConvexPart, ...]
@@ -61,6 +62,7 @@ class Body:
     warnings: tuple[str, ...]
     rolling: int = 0
     assumed: tuple[str, ...] = ()
+    flatness: float = field(default_factory=lambda: BodySettings().flatness)
 
     @property
     def parts(self) -> tuple[ConvexPart, ...]:
@@ -155,6 +157,7 @@ class Body:
                 left_out=rolling,
                 excess=0.0 if mesh is None else mesh.cover.excess,
             ),
+            flatness=settings.flatness,
         )
 
 

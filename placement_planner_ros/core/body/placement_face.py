@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
@@ -26,20 +26,32 @@ class PlacementFace:
     """f: a plane the object can rest on.
 
     Attributes:
-        vertices: (k, 3) v(f) in the object frame, on the plane, in boundary order, convex; the
-            first is the reference vertex.
+        vertices: (k, 3) v(f) in the object frame, on the plane, in boundary order, convex.
+        reference: (3,) the point of the plane that says where the object stands: the first of the
+            vertices, unless it is chosen otherwise (`over`).
         normal: (3,) unit, outward: down when the object rests on f.
         T_face_object: fT_o; T(R_z(θ), (x, y, z_r)) · fT_o is a pose of S^(r, f), with the
-            reference vertex at (x, y, z_r).
+            reference point at (x, y, z_r).
         area: of the polygon, m².
         rolls: whether the object could roll from there.
     """
 
     vertices: Array
+    reference: Array
     normal: Array
     T_face_object: pin.SE3
     area: float
     rolls: bool = False
+
+    def over(self, point: Array) -> PlacementFace:
+        """The same face, with the foot of a point (3,) of the object as its reference point."""
+        foot = point + ((self.vertices[0] - point) @ self.normal) * self.normal
+        rotation = self.T_face_object.rotation
+        return replace(
+            self,
+            reference=frozen_array(foot),
+            T_face_object=pin.SE3(rotation, -rotation @ foot),
+        )
 
 
 def placement_faces(
@@ -94,6 +106,7 @@ def _face(
     rotation = _axes_along(vertices, normal)
     face = PlacementFace(
         vertices=frozen_array(vertices),
+        reference=frozen_array(vertices[0]),
         normal=frozen_array(normal),
         T_face_object=pin.SE3(rotation, -rotation @ vertices[0]),
         area=_polygon_area(outline),

@@ -39,7 +39,7 @@ def advice(search: Search, verdict: Verdict) -> Advice:
 
 def support(search: Search) -> Advice:
     """What to try where something lacks support."""
-    environment, settings = search.problem.environment, search.settings.collision
+    environment = search.problem.environment
     remedies: list[Remedy] = []
     seen: list[str] = []
     slope = surfaces.steep_in(environment)
@@ -50,32 +50,54 @@ def support(search: Search) -> Advice:
     if holes > _HOLES:
         remedies += [surfaces.coarser(environment), surfaces.MERGED]
         seen.append(f"{holes:.0%} of the surface in target_volume are holes that show no point")
-    rejected = collisions.thinned(search.finder.rejections.poses[Verdict.UNSTABLE])
-    if rejected and settings.contact_tolerance < _TOLERANCE:
-        wider = replace(settings, contact_tolerance=_TOLERANCE)
-        margin = search.poses.edge_margin
-        spared = collisions.stable_with(search.problem, wider, margin, rejected)
-        if spared >= _SPARED * len(rejected):
-            words = (
-                f"raise it: with {_TOLERANCE:g} m {spared} of {len(rejected)} would be supported"
-            )
-            remedies.append(Remedy("contact_tolerance", words))
-    if rejected and search.poses.edge_margin > 0.0:
-        spared = collisions.stable_with(search.problem, settings, 0.0, rejected)
-        if spared >= _SPARED * len(rejected):
-            words = f"lower it: with 0 m {spared} of {len(rejected)} would be supported"
-            remedies.append(Remedy("edge_margin", words))
+    remedies += _other_footing(search)
     if holes <= _HOLES:
         remedies += surfaces.smoother(environment)
     seen += surfaces.uneven_in_words(environment)
-    body = search.problem.body
+    body, footing = search.problem.body, search.poses.footing
+    if footing.support == "polygon":
+        words = "choose one with surfaces that reach farther around the object's centre of mass"
+        return [*remedies, Remedy("target_volume", words)], seen
     width, depth, _ = surfaces.rest_size(body, surfaces.smallest_rest(body))
-    margin = 2.0 * search.poses.edge_margin
+    margin = 2.0 * footing.edge_margin
     words = (
         f"choose one with larger surfaces, level for {width + margin:.3f} x {depth + margin:.3f} m "
         "at least, and look at ~/occupancy for holes in them"
     )
     return [*remedies, Remedy("target_volume", words)], seen
+
+
+def _other_footing(search: Search) -> list[Remedy]:
+    """By which other settings of s(x) poses would stand that were refused, or others."""
+    problem, footing = search.problem, search.poses.footing
+    by_polygon = footing.support == "polygon"
+    margin = "support_margin" if by_polygon else "edge_margin"
+    remedies = []
+    rejected = collisions.thinned(search.finder.rejections.poses[Verdict.UNSTABLE])
+    if rejected and footing.contact_tolerance < _TOLERANCE:
+        wider = replace(footing, contact_tolerance=_TOLERANCE)
+        spared = collisions.stable_with(problem, wider, rejected)
+        if spared >= _SPARED * len(rejected):
+            words = (
+                f"raise it: with {_TOLERANCE:g} m {spared} of {len(rejected)} would be supported"
+            )
+            remedies.append(Remedy("contact_tolerance", words))
+    if rejected and getattr(footing, margin) > 0.0:
+        none = replace(footing, edge_margin=0.0, support_margin=0.0)
+        spared = collisions.stable_with(problem, none, rejected)
+        if spared >= _SPARED * len(rejected):
+            words = f"lower it: with 0 m {spared} of {len(rejected)} would be supported"
+            remedies.append(Remedy(margin, words))
+    if not by_polygon:
+        collision, raised = search.settings.collision, search.settings.approach.approach_minimum
+        drawn, standing = collisions.standing_by_polygon(problem, collision, footing, raised)
+        if standing:
+            words = (
+                f"polygon: {standing} of {drawn} poses drawn at random would stand free with the "
+                "centre of mass above what carries them"
+            )
+            remedies.append(Remedy("support", words))
+    return remedies
 
 
 def closer(search: Search, gap: float = 0.0) -> list[Remedy]:

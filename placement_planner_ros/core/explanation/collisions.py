@@ -21,7 +21,9 @@ from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.sample_goals.rejections import RejectedPose
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.scene.region_points import RegionPoints
+from placement_planner_ros.core.stability.footing import Footing
+from placement_planner_ros.core.types import Array, Verdict
 
 _GAP = 0.01
 """m of height, at least, under what hangs over something."""
@@ -33,6 +35,8 @@ _BOXES = 32
 """Boxes looked at of those that the object meets at a pose."""
 _STEPS = 40
 """Configurations looked at on a straight way."""
+_DRAWN = 400
+"""Poses drawn to see whether others would stand."""
 _CONFIGURATIONS = 1
 """Configurations looked at for each."""
 
@@ -144,15 +148,27 @@ def met_by_object(
     )
 
 
-def stable_with(
-    problem: Problem,
-    settings: CollisionSettings,
-    edge_margin: float,
-    rejected: Sequence[RejectedPose],
-) -> int:
+def stable_with(problem: Problem, footing: Footing, rejected: Sequence[RejectedPose]) -> int:
     """How many of the poses without support would have it by these settings."""
-    other = PoseConstraints(problem, settings, edge_margin, 0.0)
+    other = PoseConstraints(problem, CollisionSettings(), footing, 0.0)
     return sum(other.stable(pose.T_world_object, pose.face, pose.slope) for pose in rejected)
+
+
+def standing_by_polygon(
+    problem: Problem, settings: CollisionSettings, footing: Footing, raise_height: float
+) -> tuple[int, int]:
+    """Of how many poses drawn at random how many would stand free, supported by polygon."""
+    by_polygon = replace(footing, support="polygon")
+    poses = PoseConstraints(problem, settings, by_polygon, raise_height)
+    if not poses.regions:
+        return 0, 0
+    rng = np.random.default_rng(0)
+    points = RegionPoints(poses.regions)
+    drawn = rng.integers(len(poses.regions), size=_DRAWN)
+    faces = rng.integers(len(problem.body.faces), size=_DRAWN)
+    angles = rng.uniform(0.0, 2.0 * np.pi, _DRAWN)
+    verdicts, _ = poses.verdicts(faces, points.sample(drawn, rng), angles, points.slopes[drawn])
+    return _DRAWN, int((verdicts == Verdict.FEASIBLE).sum())
 
 
 def is_unseen(environment: Environment, box: int) -> bool:

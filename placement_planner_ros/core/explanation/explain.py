@@ -21,7 +21,7 @@ def explain(search: Search, progress: Progress) -> Explanation:
     """Why nothing was found."""
     left_out = [f"left out: {listed(search.unusable, '; ')}"] if search.unusable else []
     environment = search.problem.environment
-    if not environment.regions:
+    if not search.hierarchy.regions:
         told = surfaces.why_no_region(environment)
         return Explanation(told.cause, told.remedies, (*told.details, *left_out))
     if search.hierarchy.faces == 0:
@@ -71,9 +71,9 @@ def _ruled_out(search: Search, rulings: frozenset[Ruling]) -> Explanation:
         body = search.problem.body
         rest = surfaces.rest_in_words(body, surfaces.smallest_rest(body))
         words.append(
-            "without support for every vertex of the placement face, or with the centre of mass "
-            f"outside target_volume; the smallest is {rest}"
+            f"{tables.unsupported(search)}, or with the centre of mass outside target_volume"
         )
+        words[-1] += f"; the smallest is {rest}"
         tries, seen = support(search)
         remedies += tries
         details += seen
@@ -122,7 +122,7 @@ def _refused(search: Search, count: SampleCount) -> Explanation:
         if verdict is not ranked[0] and passed > _LITTLE:
             continue
         before = " that passed what is checked before" if entered < count.samples else ""
-        causes.append(f"{refused:,} of {entered:,}{before} {tables.WHAT[verdict]}")
+        causes.append(f"{refused:,} of {entered:,}{before} {tables.what(search, verdict)}")
         more, seen = advice(search, verdict)
         known = {each.parameter for each in remedies}
         remedies += [each for each in more if each.parameter not in known]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -12,11 +13,12 @@ from placement_planner_ros.core.explanation.search import Search
 from placement_planner_ros.core.search.cell_layout import COLUMNS, FACE, LOWER, SLOPE, UPPER, Z
 from placement_planner_ros.core.search.sampler import SampleCount
 from placement_planner_ros.core.search.uniform import UniformPoses
+from placement_planner_ros.core.stability.by_polygon import TIPS
 from placement_planner_ros.core.types import Verdict
 
 WHAT = {
     Verdict.OUTSIDE_VOLUME: "had the centre of mass beside target_volume",
-    Verdict.UNSTABLE: "left a vertex of the placement face without support",
+    Verdict.UNSTABLE: "left the object without support",
     Verdict.COLLIDING: "let the object meet something, at rest or on its way down",
     Verdict.NOT_BETTER: "were no better by the objective",
     Verdict.NO_IK: "had no arm reach them within its joint limits",
@@ -44,6 +46,22 @@ _FEWEST = 100
 """Samples below which that is no news."""
 _PROBES = 512
 """Poses on the regions by which it is told what is within reach."""
+
+
+def unsupported(search: Search) -> str:
+    """What a pose is that s(x) refuses."""
+    footing = search.poses.footing
+    if footing.support == "vertices":
+        return "without support for every vertex of the placement face"
+    return (
+        "without support around the centre of mass for "
+        f"{footing.support_margin:g} m and a tilt of {math.degrees(TIPS):g} degrees"
+    )
+
+
+def what(search: Search, verdict: Verdict) -> str:
+    """What samples did that ended with a verdict."""
+    return f"were {unsupported(search)}" if verdict is Verdict.UNSTABLE else WHAT[verdict]
 
 
 def in_short(count: SampleCount) -> str:

@@ -29,6 +29,8 @@ PLANNER = {
     "local_optimization": "local_optimization",
     "collision_margin": "collision.collision_margin",
     "contact_tolerance": "collision.contact_tolerance",
+    "support": "support",
+    "support_margin": "support_margin",
     "edge_margin": "edge_margin",
     "approach_distance": "approach.approach_distance",
     "retreat_distance": "retreat.retreat_distance",

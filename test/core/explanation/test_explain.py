@@ -160,7 +160,7 @@ def test_of_a_search_that_found_something_only_what_refused_much_is_told():
     count = SampleCount()
     count.add([Verdict.UNSTABLE] * 120 + [Verdict.NO_IK] * 40 + [Verdict.NOT_BETTER] * 40)
     told = tables.in_short(count)
-    assert told.startswith("of 200 samples 60% left a vertex of the placement face without support")
+    assert told.startswith("of 200 samples 60% left the object without support")
     assert "20% had no arm reach them" in told
     assert "no better" not in told
     little = SampleCount()

@@ -11,7 +11,8 @@ from tilts import slope_of, tilted_problem
 from placement_planner_ros.core.constraints import PoseConstraints, placement_pose
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.reach.reach_bound import ReachBound
-from placement_planner_ros.core.sample_goals.cell_bounds import _Placed, _Support
+from placement_planner_ros.core.sample_goals.placed_cells import PlacedCells
+from placement_planner_ros.core.sample_goals.support_bounds import SupportBound
 from placement_planner_ros.core.search.cell_layout import LOWER, SLOPE, UPPER, X, contacts
 from placement_planner_ros.core.search.pruning import Ruling
 from placement_planner_ros.core.types import LEVEL, TargetVolume, Verdict
@@ -25,6 +26,7 @@ def turned(cell, angle, points):
 
 
 _FACE = SimpleNamespace(T_face_object=pin.SE3.Identity())
+FOOTING = PlannerSettings().footing
 TILTS = {"level": (0.0, 0.0), "tilted": (4.0, 0.7), "steep": (14.0, -2.0)}
 
 
@@ -62,7 +64,7 @@ def cells(made):
 def test_points_of_the_body_stay_where_they_are_said_to(cells):
     rng = np.random.default_rng(2)
     points = rng.normal(size=(5, 3)) * 0.2
-    placed = _Placed(cells)
+    placed = PlacedCells(cells)
     each = np.broadcast_to(points, (len(cells), 5, 3))
     middles, strays, rises = placed.middles(each), placed.strays(each), placed.rises(each)
     assert (placed.half == 0.5 * (cells[:, [3, 5]] - cells[:, [2, 4]])).all()
@@ -103,9 +105,9 @@ def test_cells_are_unsupported_where_no_column_under_some_contact_has_a_surface(
     for z, slope in {(cell[1], tuple(cell[SLOPE:])) for cell in cells}:
         at, heights = columns[slope]
         for more in (0.0, 1.1e-3):
-            near = np.abs(heights - z) <= poses.contact_tolerance + more
+            near = np.abs(heights - z) <= poses.footing.contact_tolerance + more
             level_at[z, slope, more] = at[near]
-    unsupported = planner._bounds._support.unsupported(_Placed(cells))
+    unsupported = planner._bounds._support.unsupported(PlacedCells(cells))
     seen = set()
     for cell, ruled_out in zip(cells, unsupported, strict=True):
         face = body.faces[int(cell[0])]
@@ -149,8 +151,10 @@ def test_cells_are_unsupported_where_no_column_under_some_contact_has_a_surface(
 def test_no_cell_with_a_stable_pose_is_unsupported_whatever_the_edge_margin(made, cells, margin):
     problem, planner = made
     settings = planner._settings.collision
-    poses = PoseConstraints(problem, settings, margin, 0.0)
-    unsupported = _Support(poses).unsupported(_Placed(cells))
+    poses = PoseConstraints(
+        problem, settings, replace(PlannerSettings(), edge_margin=margin).footing, 0.0
+    )
+    unsupported = SupportBound(poses).unsupported(PlacedCells(cells))
     rng = np.random.default_rng(4)
     times = 40
     at = np.repeat(cells, times, axis=0)
@@ -172,10 +176,10 @@ def test_no_cell_with_a_pose_in_any_of_several_boxes_is_ruled_out(made, cells):
     upper = lower + size
     upper[:2, 2] = heights[1]
     several = replace(problem, volume=TargetVolume(lower, upper))
-    poses = PoseConstraints(several, planner._settings.collision, 0.003, 0.0)
-    unsupported = _Support(poses).unsupported(_Placed(cells))
-    everywhere = PoseConstraints(problem, planner._settings.collision, 0.003, 0.0)
-    one = _Support(everywhere).unsupported(_Placed(cells))
+    poses = PoseConstraints(several, planner._settings.collision, FOOTING, 0.0)
+    unsupported = SupportBound(poses).unsupported(PlacedCells(cells))
+    everywhere = PoseConstraints(problem, planner._settings.collision, FOOTING, 0.0)
+    one = SupportBound(everywhere).unsupported(PlacedCells(cells))
     assert not (one & ~unsupported).any()
     assert (unsupported & ~one).sum() > 100
     rng, times = np.random.default_rng(4), 40
@@ -196,7 +200,7 @@ def test_cells_are_out_of_reach_where_they_are_of_every_arm_in_every_grasp(made,
     moved[:, [X, X + 1]] += shift[:, :1]
     moved[:, [X + 2, X + 3]] += shift[:, 1:]
     moved[:, 1] += rng.uniform(-0.3, 0.3, len(cells))
-    out = planner._bounds._reach.out_of_reach(_Placed(moved))
+    out = planner._bounds._reach.out_of_reach(PlacedCells(moved))
     bounds = []
     for holding in planner.holdings.values():
         bound = ReachBound.of(holding.chain)
@@ -234,7 +238,7 @@ def test_rulings_say_what_rules_each_cell_out(made, cells):
     bounds = planner._bounds
     far = cells.copy()
     far[:700, [X, X + 1]] += 0.4
-    rulings, placed = bounds.rulings(far), _Placed(far)
+    rulings, placed = bounds.rulings(far), PlacedCells(far)
     out, unsupported = bounds._reach.out_of_reach(placed), bounds._support.unsupported(placed)
     expected = np.where(unsupported, Ruling.UNSUPPORTED, Ruling.OPEN)
     assert (rulings == np.where(out, Ruling.OUT_OF_REACH, expected)).all()

@@ -11,7 +11,7 @@ import pytest
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
-from placement_planner_ros.core.sample_goals.cell_bounds import _Placed
+from placement_planner_ros.core.sample_goals.placed_cells import PlacedCells
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.search.cell_layout import (
     LOWER,
@@ -124,9 +124,9 @@ def test_no_cell_is_out_of_reach_that_some_configuration_reaches(cabinet):
     standing = replace(problem, body=replace(problem.body, faces=tuple(faces)))
     reach = planner_of(standing, objective)._bounds._reach  # at heights where nothing else is known
     assert len(cells) == 600
-    assert not reach.out_of_reach(_Placed(np.array(cells))).any()
+    assert not reach.out_of_reach(PlacedCells(np.array(cells))).any()
     # A metre further out there is nothing but the bound to tell.
-    assert reach.out_of_reach(_Placed(np.array(away))).mean() > 0.9
+    assert reach.out_of_reach(PlacedCells(np.array(away))).mean() > 0.9
 
 
 def test_cells_are_out_of_reach_where_no_configuration_takes_the_tip(cabinet, sampled):

@@ -379,7 +379,7 @@ def test_grid_placements_are_those_the_planner_would_let_pass():
     resolution = GridResolution(0.04, math.radians(60.0))
     found = grid_placements(problem, resolution, settings)
     poses = PoseConstraints(
-        problem, settings.collision, settings.edge_margin, settings.approach.approach_minimum
+        problem, settings.collision, settings.footing, settings.approach.approach_minimum
     )
     passed, tried = {}, 0
     for region in problem.environment.regions:

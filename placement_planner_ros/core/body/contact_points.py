@@ -1,0 +1,82 @@
+"""Where a body really touches the plane of one of its faces: its feet, a rim, a whole side."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.body.placement_face import PlacementFace
+from placement_planner_ros.core.body.tipping import Index
+from placement_planner_ros.core.types import Array
+
+SPACING = 0.005
+"""m, what touches has a contact point in each square of this side, or of a larger one ..."""
+_MOST = 1024
+"""... so that there are no more than so many squares."""
+_SPREAD = 32
+"""Squares at most that each have one of the spread points."""
+_WIDER = 1.1
+"""Times the side of squares, as long as there are too many."""
+_FINEST = 400
+"""Parts at most that the side of a triangle is divided into."""
+_DIRECTIONS = 32
+"""Directions in which the outermost contact point is kept."""
+
+
+class ContactPoints(NamedTuple):
+    """Points of the surface that touch a face's plane.
+
+    Attributes:
+        points: (k, 2) in the plane, in the frame of the face, in lexicographic order.
+        spread: (m,) rows of a few of them that are spread over all.
+    """
+
+    points: Array
+    spread: Index
+
+
+def contact_points(body: Body, face: PlacementFace) -> ContactPoints:
+    """Points of the body's surface within its flatness of the plane of a face.
+
+    They lie on the surface itself, so their hull is never larger than that of what touches. The
+    outermost are among them.
+    """
+    plane = float(face.vertices[0] @ face.normal)
+    depths = plane - body.vertices @ face.normal
+    near = depths[body.triangles].min(axis=1) <= body.flatness
+    found = _on_triangles(body.vertices[body.triangles[near]])
+    depth = plane - found @ face.normal
+    found = found[depth <= body.flatness]
+    T = face.T_face_object
+    points = np.unique((found @ T.rotation.T + T.translation)[:, :2], axis=0)
+    points = points[_thinned(points, SPACING, _MOST)]
+    return ContactPoints(points, _thinned(points, SPACING, _SPREAD))
+
+
+def _on_triangles(corners: Array) -> Array:
+    """(n, 3) points of triangles (t, 3, 3), no further apart than `SPACING` along their sides."""
+    sides = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).max(axis=1)
+    parts = np.clip(np.ceil(sides / SPACING), 1, _FINEST).astype(np.int64)
+    found = [np.zeros((0, 3))]
+    for number in np.unique(parts):
+        i, j = np.meshgrid(*[np.arange(number + 1)] * 2, indexing="ij")
+        within = i + j <= number
+        shares = np.column_stack([i[within], j[within], number - i[within] - j[within]]) / number
+        found.append(np.einsum("kc,tcx->tkx", shares, corners[parts == number]).reshape(-1, 3))
+    return np.concatenate(found)
+
+
+def _thinned(points: Array, side: float, most: int) -> Index:
+    """Rows of points (n, 2): the outermost in each of some directions, and one in each square."""
+    if len(points) == 0:
+        return np.zeros(0, dtype=np.int64)
+    angles = 2.0 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
+    outermost = (points @ np.stack([np.cos(angles), np.sin(angles)])).argmax(axis=0)
+    while True:
+        squares = np.floor((points - points.min(axis=0)) / side).astype(np.int64)
+        first = np.unique(squares, axis=0, return_index=True)[1]
+        if len(first) <= most:
+            return np.unique(np.concatenate([first, outermost]))
+        side *= _WIDER

@@ -1,0 +1,54 @@
+"""Where cells of the pose sets Ŝ(r, f) put points of the body."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from placement_planner_ros.core.search.cell_layout import ANGLE, FACE, SLOPE, X, Y, Z, contacts
+from placement_planner_ros.core.types import Array, upright
+
+
+class PlacedCells:
+    """Where cells (n, 10) put points of the body.
+
+    A pose of a cell is T(R_n R_z(θ), c) · fT_o, so a point p of the face frame comes to lie within
+    `turn` ‖p_xy‖ + the box of c about its place at the middle of the cell. The turn is about the
+    normal of the cell's plane, and c lies in it: upwards they make less than `steep` of that.
+    """
+
+    def __init__(self, cells: Array) -> None:
+        self.face = cells[:, FACE].astype(np.int64)
+        self.half = 0.5 * np.column_stack(
+            [cells[:, X + 1] - cells[:, X], cells[:, Y + 1] - cells[:, Y]]
+        )
+        middle = np.column_stack([cells[:, X], cells[:, Y]]) + self.half
+        self.contact = contacts(cells, middle)
+        self.height = cells[:, Z]
+        self.slope = cells[:, [SLOPE, SLOPE + 1]]
+        angle = 0.5 * (cells[:, ANGLE] + cells[:, ANGLE + 1])
+        half_angle = np.minimum(0.5 * (cells[:, ANGLE + 1] - cells[:, ANGLE]), np.pi)
+        cos, sin = np.cos(angle), np.sin(angle)
+        self._turned = np.zeros((len(cells), 3, 3))
+        self._turned[:, 0, 0] = self._turned[:, 1, 1] = cos
+        self._turned[:, 1, 0], self._turned[:, 0, 1] = sin, -sin
+        self._turned[:, 2, 2] = 1.0
+        if self.slope.any():
+            self._turned = upright(self.slope) @ self._turned
+        # how far a point at distance 1 from the normal through c is from its middle at most
+        self.turn = 2.0 * np.sin(0.5 * half_angle)
+        self.rise = (np.abs(self.slope) * self.half).sum(axis=1)
+        rises = np.hypot(self.slope[:, 0], self.slope[:, 1])
+        self.steep = rises / np.sqrt(1.0 + rises * rises)
+
+    def middles(self, points: Array) -> Array:
+        """(n, m, 3) points (n, m, 3) of the face frame at the middle of each cell."""
+        turned = points @ self._turned.transpose(0, 2, 1)
+        return np.asarray(turned + self.contact[:, None])
+
+    def strays(self, points: Array) -> Array:
+        """(n, m) m, how far turning takes each point from there at most."""
+        return np.asarray(self.turn[:, None] * np.hypot(points[..., 0], points[..., 1]))
+
+    def rises(self, points: Array) -> Array:
+        """(n, m) m, how far up or down each point gets from there at most."""
+        return np.asarray(self.rise[:, None] + self.steep[:, None] * self.strays(points))

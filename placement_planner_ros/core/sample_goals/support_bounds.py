@@ -1,0 +1,183 @@
+"""Which cells of the pose sets Ŝ(r, f) provably leave the object without support, or beside V.
+
+Tables of sums tell in constant time whether a rectangle holds a column of the support map with a
+surface at the contact height.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from placement_planner_ros.core.constraints import PoseConstraints
+from placement_planner_ros.core.sample_goals.placed_cells import PlacedCells
+from placement_planner_ros.core.scene.support import SupportMap
+from placement_planner_ros.core.stability.by_polygon import PolygonSupport
+from placement_planner_ros.core.types import Array, TargetVolume
+
+Mask = npt.NDArray[np.bool_]
+Index = npt.NDArray[np.int64]
+
+_ROUNDING = 1e-6
+"""m, more than arithmetic is off by, and than surfaces reach beyond their edges."""
+_SAME_HEIGHT = 1e-3
+"""m: surfaces for contact heights closer together than this are looked up in one table."""
+
+
+class SupportBound:
+    """Whether what carries the object may be there, and the centre of mass in V.
+
+    Args:
+        poses: s(x), of one problem.
+    """
+
+    def __init__(self, poses: PoseConstraints) -> None:
+        body = poses.problem.body
+        self._volume = poses.problem.volume
+        self._centers = np.array([f.T_face_object.act(body.center_of_mass) for f in body.faces])
+        self._centers = self._centers.reshape(-1, 1, 3)
+        if isinstance(poses.support, PolygonSupport):
+            self._rule: _Rule = _Polygon(poses.support, _Columns(poses, 0.0))
+        else:
+            self._rule = _Vertices(poses, _Columns(poses, poses.footing.edge_margin))
+
+    def unsupported(self, placed: PlacedCells) -> Mask:
+        """(n,) cells at all of whose poses support is lacking, or the centre of mass beside V."""
+        centers = self._centers[placed.face]
+        middle = placed.middles(centers)[:, 0, :2]
+        within = placed.half + placed.strays(centers) + _ROUNDING
+        heights = placed.contact[:, 2], placed.rise + _ROUNDING
+        outside = _beside(self._volume, middle, within, *heights)
+        return np.asarray(self._rule.lacks(placed) | outside)
+
+
+class _Rule(Protocol):
+    def lacks(self, placed: PlacedCells) -> Mask:
+        """(n,) cells at all of whose poses s(x) does not hold."""
+        ...
+
+
+class _Vertices:
+    """Every vertex of v(f) may find a surface in the rectangle that it stays in."""
+
+    def __init__(self, poses: PoseConstraints, columns: _Columns) -> None:
+        self._columns = columns
+        feet = []
+        for face in poses.problem.body.faces:
+            T = face.T_face_object
+            feet.append((face.vertices @ T.rotation.T + T.translation)[:, :2])
+        most = max((len(points) for points in feet), default=0)
+        # padded with the first vertex, so that all faces have as many; on the plane, z is 0
+        self._contacts = np.zeros((len(feet), most, 3))
+        for padded, points in zip(self._contacts, feet, strict=True):
+            padded[: len(points), :2] = points
+            padded[len(points) :, :2] = points[0]
+
+    def lacks(self, placed: PlacedCells) -> Mask:
+        feet = self._contacts[placed.face]
+        middles = placed.middles(feet)[..., :2]
+        within = placed.half[:, None] + placed.strays(feet)[..., None] + _ROUNDING
+        found = self._columns.within(placed, middles - within, middles + within)
+        return np.asarray((found == 0).any(axis=1))
+
+
+class _Polygon:
+    """There may be surface ahead, behind, left and right of the centre of mass, as far from it as
+    the hull of what carries must reach, and no farther from its foot than the body touches."""
+
+    def __init__(self, support: PolygonSupport, columns: _Columns) -> None:
+        self._support = support
+        self._columns = columns
+
+    def lacks(self, placed: PlacedCells) -> Mask:
+        shift, inside = self._support.least_inside(placed.face, placed.slope)
+        radius = self._support.radii[placed.face, None] + _ROUNDING
+        foot = placed.contact[:, :2]
+        low, high = foot - placed.half, foot + placed.half
+        lowest, highest = (
+            np.stack([low - radius] * 4, axis=1),
+            np.stack([high + radius] * 4, axis=1),
+        )
+        keeps = inside[:, None] - _ROUNDING
+        for axis in range(2):
+            lowest[:, 2 * axis, axis] = (low + shift + keeps)[:, axis]
+            highest[:, 2 * axis + 1, axis] = (high + shift - keeps)[:, axis]
+        found = self._columns.within(placed, lowest, highest)
+        return np.asarray((found == 0).any(axis=1))
+
+
+class _Columns:
+    """Columns of the support map with a surface that is `roomy` enough for a margin.
+
+    Only those that a body standing in V can reach, at the heights of the regions.
+    """
+
+    def __init__(self, poses: PoseConstraints, margin: float) -> None:
+        body, environment = poses.problem.body, poses.problem.environment
+        volume, support = poses.problem.volume, environment.support
+        size = float(np.linalg.norm(np.ptp(body.vertices, axis=0)))
+        corners = np.array([volume.lower[:2] - size, volume.upper[:2] + size])
+        first, last = _columns(support, corners)
+        self._origin = support.origin[:2] + first * support.cell_size
+        self._cell_size = support.cell_size
+        self._shape = np.maximum(last - first + 1, 0)
+        self._tables = {}
+        for slope in {region.slope for region in poses.regions}:
+            heights = np.array([r.z for r in poses.regions if r.slope == slope])
+            levels = np.unique(np.round(heights / _SAME_HEIGHT))
+            tolerance = poses.footing.contact_tolerance
+            sums = self._summed(environment.support_of(slope), levels, first, tolerance, margin)
+            self._tables[slope] = levels, sums
+
+    def _summed(
+        self, support: SupportMap, levels: Array, first: Index, tolerance: float, margin: float
+    ) -> Array:
+        """(levels, nx + 1, ny + 1) columns with a roomy surface at that height, summed up."""
+        off = 0.51 * _SAME_HEIGHT
+        column = np.repeat(np.arange(len(support.start) - 1), np.diff(support.start))
+        i, j = np.array(np.divmod(column, support.columns[1])) - first[:, None]
+        nx, ny = self._shape
+        near = (i >= 0) & (i < nx) & (j >= 0) & (j < ny)
+        i, j = i[near], j[near]
+        sums = np.zeros((len(levels), nx + 1, ny + 1), dtype=np.int32)
+        for table, level in zip(sums, levels, strict=True):
+            at = support.roomy(level * _SAME_HEIGHT, tolerance, margin, off)[near]
+            table[i[at] + 1, j[at] + 1] = 1
+        return np.asarray(sums.cumsum(axis=1, dtype=np.int32).cumsum(axis=2, dtype=np.int32))
+
+    def within(self, placed: PlacedCells, lowest: Array, highest: Array) -> Index:
+        """(n, m) how many there are at the height of each cell from corners to corners (n, m, 2);
+        none where the first lie beyond the second."""
+        low = np.floor((lowest - self._origin) / self._cell_size).astype(np.int64)
+        high = np.floor((highest - self._origin) / self._cell_size).astype(np.int64) + 1
+        low, high = np.clip(low, 0, self._shape), np.clip(high, 0, self._shape)
+        high = np.maximum(low, high)
+        i0, j0, i1, j1 = low[..., 0], low[..., 1], high[..., 0], high[..., 1]
+        found = np.zeros(i0.shape, dtype=np.int64)
+        for slope, (levels, sums) in self._tables.items():
+            of = (placed.slope == slope).all(axis=1)
+            level = np.searchsorted(levels, np.round(placed.height[of] / _SAME_HEIGHT))[:, None]
+            a, b, c, d = i0[of], j0[of], i1[of], j1[of]
+            found[of] = sums[level, c, d] - sums[level, a, d] - sums[level, c, b]
+            found[of] += sums[level, a, b]
+        return found
+
+
+def _beside(volume: TargetVolume, middle: Array, within: Array, height: Array, rise: Array) -> Mask:
+    """(n,) whether no point within a square of half sides (n, 2), and within a rise (n,) of a
+    height (n,), lies in V."""
+    beside = np.ones(len(middle), np.bool_)
+    for lower, upper in volume.joined:
+        away = (middle + within < lower[:2]) | (middle - within > upper[:2])
+        apart = (height + rise < lower[2]) | (height - rise > upper[2])
+        beside &= away.any(axis=1) | apart
+    return beside
+
+
+def _columns(support: SupportMap, corners: Array) -> tuple[Index, Index]:
+    """First and last column (i, j) of the map between two corners (2, 2)."""
+    at = np.floor((corners - support.origin[:2]) / support.cell_size).astype(np.int64)
+    first, last = np.clip(at, 0, np.array(support.columns) - 1)
+    return first, last

@@ -1,0 +1,1 @@
+"""s(x): by which rule an object stands where it is put."""

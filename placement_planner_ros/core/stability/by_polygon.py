@@ -1,0 +1,226 @@
+"""s(x) by polygon: the centre of mass is well within the hull of what is supported."""
+
+from __future__ import annotations
+
+import functools
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from placement_planner_ros.core.body.contact_points import contact_points
+from placement_planner_ros.core.kernels import kernel
+from placement_planner_ros.core.problem import Problem
+from placement_planner_ros.core.scene.regions import Region
+from placement_planner_ros.core.scene.spans import Footprint, spans
+from placement_planner_ros.core.stability.by_vertices import LEANS, NOISY
+from placement_planner_ros.core.stability.footing import Footing
+from placement_planner_ros.core.types import Array, Slope, upright
+
+TIPS = math.radians(5.0)
+"""By so much, at least, an object can be tipped before it falls, from how it stands."""
+
+
+class PolygonSupport:
+    """The centre of mass, along gravity, lies in the hull of the contact points that are supported.
+
+    The hull is shrunk by `support_margin`. Contact points are those of the body's own surface that
+    touch the contact plane. Of points whose surface is far below what the highest of them carry,
+    none counts, for the object would not come to touch it.
+
+    Attributes:
+        faces: F, the foot of the centre of mass as their reference point.
+    """
+
+    def __init__(self, problem: Problem, footing: Footing) -> None:
+        body = problem.body
+        self.faces = tuple(face.over(body.center_of_mass) for face in body.faces)
+        self.footing = footing
+        self._problem = problem
+        centers = [face.T_face_object.act(body.center_of_mass) for face in self.faces]
+        self.heights = np.array([center[2] for center in centers])
+        self._contacts = [contact_points(body, face) for face in self.faces]
+        far = [np.linalg.norm(each.points, axis=1) for each in self._contacts]
+        self.radii = np.array([np.max(each, initial=0.0) for each in far])
+
+    @functools.cached_property
+    def regions(self) -> tuple[Region, ...]:
+        """Where, above which surfaces, the centre of mass may come to be: see `spans`."""
+        if not self.faces:
+            return ()
+        footprint = Footprint(
+            float(self.radii.max()),
+            self.footing.support_margin,
+            (float(self.heights.min()), float(self.heights.max())),
+        )
+        return spans(self._problem.environment, footprint, self.footing.contact_tolerance)
+
+    def stable(self, T: Array, face: int, slope: Slope) -> npt.NDArray[np.bool_]:
+        """(n,) s(x) of poses (n, 4, 4) on one face and one slope.
+
+        Points that are spread over what touches are looked at first; where these do not suffice,
+        all are.
+        """
+        points, spread = self._contacts[face]
+        stable = self._firm(points[spread], T, face, slope)
+        rest = ~stable
+        if rest.any() and len(spread) < len(points):
+            stable[rest] = self._firm(points, T[rest], face, slope)
+        return stable
+
+    def _firm(self, points: Array, T: Array, face: int, slope: Slope) -> npt.NDArray[np.bool_]:
+        """(n,) whether those of the contact points (k, 2) that are supported carry the object."""
+        environment = self._problem.environment
+        inward = self.faces[face].T_face_object.inverse()
+        in_object = points @ inward.rotation[:, :2].T + inward.translation
+        placed = in_object @ T[:, :3, :3].transpose(0, 2, 1) + T[:, None, :3, 3]
+        gaps = environment.support_of(slope).gaps(
+            placed.reshape(-1, 3), self.footing.contact_tolerance
+        )
+        ups = T[:, 2, :3] @ inward.rotation
+        return np.asarray(
+            _firm(
+                points,
+                gaps.reshape(len(T), -1),
+                np.ascontiguousarray(ups),
+                float(self.heights[face]),
+                self.footing.support_margin,
+                NOISY * environment.measured.noise,
+            )
+        )
+
+    def least_inside(self, face: npt.NDArray[np.int64], slope: Array) -> tuple[Array, Array]:
+        """How far the centre of mass is shifted, and what it keeps from the end of its support.
+
+        Args:
+            face: (n,) faces.
+            slope: (n, 2) of the planes that they stand on.
+
+        Returns:
+            (n, 2) m from the reference point to where it lies along gravity; (n,) m at least that
+            supported points reach beyond that in all directions, seen from above.
+        """
+        shift = self.heights[face, None] * upright(slope)[:, :2, 2]
+        keeps = np.full(len(face), self.footing.support_margin)
+        level = ~slope.any(axis=1)
+        keeps[level] = np.maximum(keeps[level], math.tan(TIPS) * self.heights[face[level]])
+        return shift, keeps / np.sqrt(1.0 + (slope * slope).sum(axis=1))
+
+
+@kernel(nogil=True)
+def _firm(
+    points: Array, gaps: Array, ups: Array, height: float, margin: float, noise: float
+) -> npt.NDArray[np.bool_]:
+    """(n,) whether the supported points carry the object so that it stays.
+
+    Args:
+        points: (k, 2) contact points in lexicographic order, about the foot of the centre of mass.
+        gaps: (n, k) m, how far the surface is above each; NaN without.
+        ups: (n, 3) against gravity, in the frame of the points.
+        height: of the centre of mass above them, metres.
+        margin: from the foot along gravity to the end of the hull, at least, metres.
+        noise: m that heights may be off by.
+    """
+    result = np.zeros(len(gaps), np.bool_)
+    hull = np.empty(2 * len(points) + 2, np.int64)
+    carries = np.empty(len(points), np.bool_)
+    for n in range(len(gaps)):
+        if not _carrying(points, gaps[n], noise, carries):
+            continue
+        corners = _hull(points, carries, hull)
+        if corners < 3:
+            continue
+        # from the foot of the centre of mass to the point under it along gravity
+        under_x = -height * ups[n, 0] / ups[n, 2]
+        under_y = -height * ups[n, 1] / ups[n, 2]
+        firm = True
+        for c in range(corners):
+            a, b = hull[c], hull[(c + 1) % corners]
+            along_x, along_y = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
+            length = math.sqrt(along_x * along_x + along_y * along_y)
+            in_x, in_y = -along_y / length, along_x / length
+            inside = -(in_x * points[a, 0] + in_y * points[a, 1])
+            net = math.atan2(inside, height)
+            net -= math.atan2(in_x * ups[n, 0] + in_y * ups[n, 1], ups[n, 2])
+            if inside + in_x * under_x + in_y * under_y < margin or net < TIPS:
+                firm = False
+                break
+        result[n] = firm
+    return result
+
+
+@kernel(lean=True)
+def _carrying(points: Array, gaps: Array, noise: float, carries: npt.NDArray[np.bool_]) -> bool:
+    """Which points carry the object; whether the surface under them does not lean, at all.
+
+    As `in_one_plane`, for a varying number of points. What lies lower than so little a lean would
+    bridge is not touched.
+    """
+    count, mean_x, mean_y, mean = 0, 0.0, 0.0, 0.0
+    for k in range(len(points)):
+        carries[k] = not math.isnan(gaps[k])
+        if carries[k]:
+            count += 1
+            mean_x += points[k, 0]
+            mean_y += points[k, 1]
+            mean += gaps[k]
+    if count < 3:
+        return False
+    mean_x, mean_y, mean = mean_x / count, mean_y / count, mean / count
+    xx, xy, yy, fall_x, fall_y = 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(len(points)):
+        if carries[k]:
+            x, y, z = points[k, 0] - mean_x, points[k, 1] - mean_y, gaps[k] - mean
+            xx += x * x
+            xy += x * y
+            yy += y * y
+            fall_x += x * z
+            fall_y += y * z
+    determinant = xx * yy - xy * xy
+    if determinant <= 1e-9 * (xx + yy) ** 2:
+        return False  # in line
+    lean_x = (yy * fall_x - xy * fall_y) / determinant
+    lean_y = (xx * fall_y - xy * fall_x) / determinant
+    least = 0.5 * (xx + yy - math.sqrt((xx - yy) ** 2 + 4.0 * xy * xy))
+    narrowest = 2.0 * math.sqrt(least / count)
+    allowed = LEANS + noise / narrowest
+    if math.sqrt(lean_x * lean_x + lean_y * lean_y) > allowed:
+        return False
+    highest = -np.inf
+    for k in range(len(points)):
+        if carries[k]:
+            above = gaps[k] - lean_x * points[k, 0] - lean_y * points[k, 1]
+            highest = max(highest, above)
+    for k in range(len(points)):
+        if carries[k]:
+            above = gaps[k] - lean_x * points[k, 0] - lean_y * points[k, 1]
+            carries[k] = above >= highest - 0.5 * allowed * narrowest - 0.5 * noise
+    return True
+
+
+@kernel(lean=True)
+def _hull(points: Array, of: npt.NDArray[np.bool_], hull: npt.NDArray[np.int64]) -> int:
+    """Rows of the corners of the convex hull of some of the points (k, 2), sorted, anticlockwise.
+
+    Returns:
+        How many they are; they stand at the beginning of `hull`.
+    """
+    count = 0
+    for upper in range(2):
+        begin = count
+        for step in range(len(points)):
+            k = len(points) - 1 - step if upper == 1 else step
+            if not of[k]:
+                continue
+            while count - begin >= 2:
+                a, b = hull[count - 2], hull[count - 1]
+                turn = (points[b, 0] - points[a, 0]) * (points[k, 1] - points[a, 1]) - (
+                    points[b, 1] - points[a, 1]
+                ) * (points[k, 0] - points[a, 0])
+                if turn > 0.0:
+                    break
+                count -= 1
+            hull[count] = k
+            count += 1
+        count -= 1  # the last of one chain is the first of the other
+    return count

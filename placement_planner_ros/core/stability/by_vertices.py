@@ -1,0 +1,90 @@
+"""s(x) as the paper has it: every vertex of v(f) is supported."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from placement_planner_ros.core.body.rests import GRAVITY, TIPPING_ENERGY
+from placement_planner_ros.core.problem import Problem
+from placement_planner_ros.core.scene.regions import Region
+from placement_planner_ros.core.stability.footing import Footing
+from placement_planner_ros.core.types import LEVEL, Array, Slope
+
+LEANS = 0.025
+"""Of the surface under an object against its contact plane, at most; 1.4 degrees."""
+NOISY = 1.0
+"""Times the noise of the points that heights at two ends of an object may differ by."""
+
+
+class VertexSupport:
+    """Every vertex of v(f) has support, in one plane, and keeps a margin from its end.
+
+    Attributes:
+        faces: F.
+        regions: R; the reference vertex of each face stands on one of them.
+    """
+
+    def __init__(self, problem: Problem, footing: Footing) -> None:
+        self.faces = problem.body.faces
+        self.regions: tuple[Region, ...] = problem.environment.regions
+        self.footing = footing
+        self._environment = problem.environment
+        self._center = problem.body.center_of_mass
+        self._contacts = [face.vertices for face in self.faces]
+
+    def stable(self, T: Array, face: int, slope: Slope) -> npt.NDArray[np.bool_]:
+        """(n,) s(x) of poses (n, 4, 4) on one face and one slope."""
+        points = self._contacts[face] @ T[:, :3, :3].transpose(0, 2, 1)
+        points += T[:, None, :3, 3]
+        gaps = self._environment.support_of(slope).gaps(
+            points.reshape(-1, 3), self.footing.contact_tolerance, self.footing.edge_margin
+        )
+        gaps = gaps.reshape(len(T), -1)
+        stable = np.asarray(np.isfinite(gaps).all(axis=1))
+        noise = NOISY * self._environment.measured.noise
+        stable[stable] = in_one_plane(points[stable], gaps[stable], noise)
+        if slope != LEVEL:
+            centers = T[:, :3, :3] @ self._center + T[:, :3, 3]
+            stable &= stays(points - centers[:, None])
+        return stable
+
+
+def in_one_plane(points: Array, gaps: Array, noise: float) -> npt.NDArray[np.bool_]:
+    """(n,) whether what carries objects does not lean against the plane that they are to stand on.
+
+    The plane fitted to the surface under the vertices leans against it by `LEANS` at most, or by
+    what noise makes of so short a distance: on steps, and on surfaces that slope differently, the
+    object would come to stand otherwise than it was placed.
+
+    Args:
+        points: (n, k, 3) vertices.
+        gaps: (n, k) m, how far the surface is above each.
+        noise: m that heights may be off by.
+    """
+    xy = points[..., :2] - points[..., :2].mean(axis=1, keepdims=True)
+    spread = np.einsum("nki,nkj->nij", xy, xy)
+    falls = np.einsum("nki,nk->ni", xy, gaps - gaps.mean(axis=1, keepdims=True))
+    lean = np.linalg.norm(np.linalg.solve(spread, falls[..., None])[..., 0], axis=1)
+    narrowest = 2.0 * np.sqrt(np.linalg.eigvalsh(spread)[:, 0] / points.shape[1])
+    return np.asarray(lean <= LEANS + noise / narrowest)
+
+
+def stays(corners: Array) -> npt.NDArray[np.bool_]:
+    """(n,) whether bodies stay that stand on polygons, as firmly as a rest on level ground does.
+
+    The centre of mass lies inside along gravity, and to tip over any edge it would have to be
+    lifted by what `TIPPING_ENERGY` does: about an edge of direction e, from which it lies at w, it
+    goes up to |w| √(1 - e_z²).
+
+    Args:
+        corners: (n, k, 3) of each polygon in boundary order, seen from the centre of mass, z up.
+    """
+    edges = np.roll(corners, -1, axis=1) - corners
+    edges /= np.maximum(np.linalg.norm(edges, axis=2, keepdims=True), 1e-12)
+    across = edges[..., 0] * corners[..., 1] - edges[..., 1] * corners[..., 0]
+    inside = (across < 0.0).all(axis=1) | (across > 0.0).all(axis=1)
+    away = (corners * edges).sum(axis=2, keepdims=True) * edges - corners
+    highest = np.linalg.norm(away, axis=2) * np.sqrt(1.0 - edges[..., 2] ** 2)
+    lifted = (highest - away[..., 2]).min(axis=1)
+    return np.asarray(inside & (GRAVITY * lifted >= TIPPING_ENERGY))

@@ -1,0 +1,26 @@
+"""By which rule an object stands, and what it keeps from the end of its support."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+SupportName = Literal["vertices", "polygon"]
+SUPPORTS: tuple[SupportName, ...] = get_args(SupportName)
+
+
+@dataclass(frozen=True, slots=True)
+class Footing:
+    """The settings of s(x), see `PlannerSettings` for their words.
+
+    Attributes:
+        support: the rule.
+        contact_tolerance: m that surface may be above or below what it carries.
+        edge_margin: m, with `vertices`.
+        support_margin: m, with `polygon`.
+    """
+
+    support: SupportName
+    contact_tolerance: float
+    edge_margin: float
+    support_margin: float

@@ -1,0 +1,144 @@
+"""Support by polygon: no pose that stands is beside the spans, or in a cell that is ruled out."""
+
+import functools
+
+import numpy as np
+import pytest
+import trimesh
+from footholds import VOLUME, Block, pedestal, problem_on, rack
+
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.constraints import PoseConstraints
+from placement_planner_ros.core.planner import PlannerSettings
+from placement_planner_ros.core.sample_goals.placed_cells import PlacedCells
+from placement_planner_ros.core.sample_goals.support_bounds import SupportBound
+from placement_planner_ros.core.search.cell_layout import LOWER, SLOPE, UPPER, contacts
+from placement_planner_ros.core.types import LEVEL, Verdict
+from placement_planner_ros.scenes.objects import object_by_name
+
+
+def random_blocks(kind, rng):
+    """A scene of that kind, of sizes drawn anew."""
+    if kind == "rack":
+        width = rng.uniform(0.02, 0.06)
+        return rack(width, width + rng.uniform(0.05, 0.09), 6)
+    if kind == "bridge":
+        half, y = rng.uniform(0.02, 0.05), rng.uniform(-0.1, 0.1)
+        return [Block("bridge", (0.15, 0.85), (y - half, y + half))]
+    if kind == "pedestals":
+        at = rng.uniform([0.3, -0.2], [0.7, 0.2], (4, 2))
+        sizes = rng.uniform(0.03, 0.09, 4)
+        heights = (0.0, 0.0, 0.05, 0.001)
+        return [
+            pedestal(size, *xy, z=z, name=str(k))
+            for k, (size, xy, z) in enumerate(zip(sizes, at, heights, strict=True))
+        ]
+    # two tables apart, the gap under V
+    gap = rng.uniform(0.03, 0.1)
+    sides = (-0.4, -gap), (gap, 0.4)
+    return [Block(str(k), (0.1, 0.9), side) for k, side in enumerate(sides)]
+
+
+def body(name):
+    if name == "box":
+        mesh = trimesh.creation.box((0.18, 0.12, 0.05))
+        return Body.from_mesh(mesh.vertices, mesh.faces, (0.04, 0.02, 0.0))
+    held = object_by_name(name)
+    return Body.from_mesh(held.vertices, held.triangles, held.center_of_mass)
+
+
+CASES = [
+    ("rack", "box", LEVEL),
+    ("rack", "toy_table", LEVEL),
+    ("bridge", "wine_glass", LEVEL),
+    ("bridge", "box", (0.03, 0.06)),
+    ("pedestals", "box", LEVEL),
+    ("tables", "toy_table", LEVEL),
+    ("tables", "box", (0.1, -0.05)),
+]
+
+
+@functools.cache
+def made(kind, name, slope):
+    rng = np.random.default_rng(len(kind))
+    problem = problem_on(body(name), random_blocks(kind, rng), slope)
+    settings = PlannerSettings(support="polygon")
+    poses = PoseConstraints(problem, settings.collision, settings.footing, 0.0)
+    assert poses.regions
+    if slope != LEVEL:
+        assert {region.slope for region in poses.regions} != {LEVEL}
+    return poses
+
+
+def cells_of(poses, rng, count):
+    """Of all sizes, on the spans and across their borders."""
+    rows = []
+    for _ in range(count):
+        region = poses.regions[rng.integers(len(poses.regions))]
+        size = rng.choice([0.0, 0.005, 0.03, 0.15], 2) * rng.random(2)
+        turn = rng.choice([0.0, 0.05, 0.5, 2.0 * np.pi])
+        low = region.sample(rng)[:2] - rng.random(2) * size - rng.choice([0.0, 0.1]) * rng.random(2)
+        start = rng.uniform(0.0, 2.0 * np.pi)
+        face = rng.integers(len(poses.problem.body.faces))
+        rows.append([face, region.z, low[0], low[0] + size[0], low[1], low[1] + size[1]])
+        rows[-1] += [start, start + turn, *region.slope]
+    return np.array(rows)
+
+
+@pytest.mark.parametrize(("kind", "name", "slope"), CASES, ids=str)
+def test_no_cell_with_a_pose_that_stands_is_ruled_out(kind, name, slope):
+    poses = made(kind, name, slope)
+    rng, times = np.random.default_rng(4), 40
+    cells = cells_of(poses, rng, 500)
+    unsupported = SupportBound(poses).unsupported(PlacedCells(cells))
+    at = np.repeat(cells, times, axis=0)
+    x, y, angle = (at[:, LOWER] + rng.random((len(at), 3)) * (at[:, UPPER] - at[:, LOWER])).T
+    points = contacts(at, np.column_stack([x, y]))
+    verdicts, _ = poses.verdicts(at[:, 0].astype(np.int64), points, angle, at[:, SLOPE:])
+    stable = (verdicts > Verdict.UNSTABLE).reshape(-1, times).any(axis=1)
+    assert not (stable & unsupported).any()
+    assert stable.sum() > 20
+    assert unsupported.sum() > 10
+
+
+@pytest.mark.parametrize(("kind", "name", "slope"), CASES, ids=str)
+def test_every_pose_that_stands_is_on_a_span(kind, name, slope):
+    poses = made(kind, name, slope)
+    rng = np.random.default_rng(5)
+    count = 4000
+    picked = [poses.regions[k] for k in rng.integers(len(poses.regions), size=count)]
+    xy = rng.uniform(VOLUME.lower[:2], VOLUME.upper[:2], (count, 2))
+    slopes = np.array([region.slope for region in picked])
+    z = np.array([region.z for region in picked]) + (xy * slopes).sum(axis=1)
+    faces = rng.integers(len(poses.problem.body.faces), size=count)
+    angles = rng.uniform(0.0, 2.0 * np.pi, count)
+    verdicts, _ = poses.verdicts(faces, np.column_stack([xy, z]), angles, slopes)
+    stands = np.flatnonzero(verdicts > Verdict.UNSTABLE)
+    beside = 0
+    for row in stands:
+        on = any(
+            region.slope == picked[row].slope
+            and abs(region.z - picked[row].z) < 0.003
+            and (
+                (xy[row] >= region.rectangles[:, :2] - 1e-9)
+                & (xy[row] <= region.rectangles[:, 2:] + 1e-9)
+            )
+            .all(axis=1)
+            .any()
+            for region in poses.regions
+        )
+        beside += not on
+    assert beside == 0
+    assert len(stands) > 15
+
+
+def test_where_nothing_can_stand_all_is_ruled_out():
+    """Posts that are too thin, and too far apart for the body."""
+    thin = [pedestal(0.014, x, y, name=f"{x} {y}") for x in (0.35, 0.65) for y in (-0.15, 0.15)]
+    problem = problem_on(body("wine_glass"), thin)
+    settings = PlannerSettings(support="polygon")
+    poses = PoseConstraints(problem, settings.collision, settings.footing, 0.0)
+    rng = np.random.default_rng(0)
+    cells = cells_of(poses, rng, 300) if poses.regions else np.zeros((0, 10))
+    small = ((cells[:, UPPER] - cells[:, LOWER])[:, :2] <= 0.005).all(axis=1)
+    assert SupportBound(poses).unsupported(PlacedCells(cells[small])).mean() > 0.5 or not len(cells)

@@ -1,0 +1,234 @@
+"""Support by polygon against plain geometry, on random racks, bridges, pedestals and posts."""
+
+import functools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+from footholds import Block, bare_problem, pedestal, problem_on, rack, spare
+
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.body.contact_points import contact_points
+from placement_planner_ros.core.constraints import PoseConstraints, placement_pose
+from placement_planner_ros.core.planner import PlannerSettings
+from placement_planner_ros.core.stability.by_polygon import TIPS
+from placement_planner_ros.core.types import upright
+
+POLYGON = PlannerSettings(support="polygon")
+SCENES = {
+    "bridge": [Block("bridge", (0.2, 0.8), (-0.025, 0.025))],
+    "rack": rack(0.045, 0.095),
+    "pedestal": [pedestal(0.06)],
+    "posts": [
+        pedestal(0.02, 0.45, 0.0, name="a"),
+        pedestal(0.02, 0.55, 0.01, name="b"),
+        pedestal(0.02, 0.49, 0.08, name="c"),
+    ],
+    "corner": [
+        Block("long", (0.44, 0.48), (-0.08, 0.08), depth=0.2),
+        Block("short", (0.48, 0.56), (-0.08, -0.04), depth=0.2),
+    ],
+}
+
+
+def box(sides, center=None):
+    mesh = trimesh.creation.box(sides)
+    return Body.from_mesh(mesh.vertices, mesh.faces, center)
+
+
+def legged():
+    """A slab on four feet of 14 mm."""
+    parts = [trimesh.creation.box((0.16, 0.11, 0.02))]
+    for x in (-0.07, 0.07):
+        for y in (-0.045, 0.045):
+            parts.append(
+                trimesh.creation.box((0.014, 0.014, 0.06)).apply_translation((x, y, -0.04))
+            )
+    mesh = trimesh.util.concatenate(parts)
+    return Body.from_mesh(mesh.vertices, mesh.faces)
+
+
+BODIES = {
+    "box": box((0.17, 0.12, 0.05)),
+    "off centre": box((0.17, 0.12, 0.05), (0.05, -0.02, 0.0)),
+    "tall": box((0.06, 0.06, 0.25)),
+    "legged": legged(),
+}
+
+
+def patches_of(body, face, T):
+    """Convex polygons of what touches on one of the faces."""
+    if body is not BODIES["legged"]:
+        return [(face.vertices @ T.rotation.T + T.translation)[:, :2]]
+    down = face.normal
+    found = []
+    for part in body.solids:
+        depth = (face.vertices[0] - part.vertices) @ down
+        if depth.min() < 1e-6:
+            touching = part.vertices[depth < 1e-6]
+            corners = (touching @ T.rotation.T + T.translation)[:, :2]
+            middle = corners.mean(axis=0)
+            order = np.argsort(np.arctan2(*(corners - middle).T))[::-1]
+            found.append(corners[order])
+    return found
+
+
+@functools.cache
+def environment_of(scene):
+    return problem_on(BODIES["box"], SCENES[scene]).environment
+
+
+def on_scene(scene, body):
+    return replace(bare_problem(body), environment=environment_of(scene))
+
+
+def draw(poses, rng, count):
+    """Faces, contacts and angles on the regions that a rule offers."""
+    regions = poses.regions
+    picked = rng.integers(len(regions), size=count)
+    contacts = np.array([regions[k].sample(rng) for k in picked])
+    slopes = np.array([regions[k].slope for k in picked])
+    faces = rng.integers(len(poses.problem.body.faces), size=count)
+    return faces, contacts, rng.uniform(0.0, 2.0 * np.pi, count), slopes
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.01, 0.02])
+@pytest.mark.parametrize("name", BODIES)
+@pytest.mark.parametrize("scene", SCENES)
+def test_what_stands_is_what_plain_geometry_says(scene, name, margin):
+    """Never where it does not; and where it does by more than points are apart, always."""
+    body, blocks = BODIES[name], SCENES[scene]
+    problem = on_scene(scene, body)
+    settings = replace(POLYGON, support_margin=margin)
+    poses = PoseConstraints(problem, settings.collision, settings.footing, 0.0)
+    if not poses.regions:  # too little for any margin
+        poses = PoseConstraints(problem, settings.collision, POLYGON.footing, 0.0)
+    # the support map closes corners that are cut into a surface a little
+    bay = 0.005 if scene == "corner" else 1e-6
+    rng = np.random.default_rng(3)
+    stood = 0
+    for face, contact, angle, _ in zip(*draw(poses, rng, 150), strict=True):
+        if abs(contact[2]) > 1e-6:
+            continue
+        T = placement_pose(poses.problem.body.faces[face], contact, angle)
+        resting = body.faces[face]
+        center = T.act(body.center_of_mass)
+        patches = patches_of(body, resting, T)
+        inside, tips = spare(patches, blocks, center[:2], center[2])
+        stands = poses.stable(T, int(face))
+        stood += stands
+        if stands:
+            assert inside > margin - bay
+            assert np.tan(tips) * center[2] > np.tan(TIPS) * center[2] - bay
+        else:
+            reserve = 0.013 + max(margin, center[2] * np.tan(TIPS))
+            assert inside < reserve
+    assert stood or margin > 0.0 or name == "legged"
+
+
+def test_contact_points_are_the_feet_of_a_body_and_not_what_lies_between():
+    body = BODIES["legged"]
+    for face in body.faces:
+        T = face.T_face_object
+        points = contact_points(body, face).points
+        touching = np.vstack([T.act(v)[:2] for v in body.vertices if abs(T.act(v)[2]) < 1e-6])
+        assert np.array([points.min(axis=0), points.max(axis=0)]) == pytest.approx(
+            np.array([touching.min(axis=0), touching.max(axis=0)])
+        )
+        inward = T.inverse()
+        for x, y in points:
+            at = inward.act(np.array([x, y, 0.0]))
+            # on a side of one of its boxes
+            assert any((p.normals @ at - p.offsets).max() < 1e-6 for p in body.solids)
+
+
+def test_contact_points_are_close_together_and_a_bounded_number():
+    for sides in ((0.17, 0.12, 0.05), (0.9, 0.7, 0.3), (0.012, 0.02, 0.01)):
+        body = box(sides)
+        for face in body.faces:
+            points, spread = contact_points(body, face)
+            assert len(points) <= 1024 + 32
+            assert len(spread) <= 64
+            assert (np.lexsort(points.T[::-1]) == np.arange(len(points))).all()
+            low, high = points.min(axis=0), points.max(axis=0)
+            at = np.random.default_rng(0).uniform(low, high, (300, 2))
+            apart = np.linalg.norm(at[:, None] - points, axis=2).min(axis=1).max()
+            assert apart <= max(0.0072, 1.1 * np.sqrt(np.prod(high - low) / 1024))
+
+
+def test_on_a_slope_the_tilt_counts_from_where_the_object_stands():
+    """Tall boxes on a tilted bridge: as far as gravity can turn until they fall."""
+    slope = (0.0, np.tan(np.radians(8.0)))
+    blocks = [Block("bridge", (0.2, 0.8), (-0.05, 0.05))]
+    body = BODIES["tall"]
+    problem = problem_on(body, blocks, slope)
+    footing = replace(POLYGON, support_margin=0.0).footing
+    poses = PoseConstraints(problem, POLYGON.collision, footing, 0.0)
+    on = [region for region in poses.regions if region.slope != (0.0, 0.0)]
+    assert on
+    rng = np.random.default_rng(0)
+    seen = set()
+    for _ in range(400):
+        region = on[rng.integers(len(on))]
+        face, angle = int(rng.integers(len(body.faces))), rng.uniform(0.0, 2.0 * np.pi)
+        T = placement_pose(poses.problem.body.faces[face], region.sample(rng), angle, region.slope)
+        stands = poses.stable(T, face, region.slope)
+        # in the frame of the bridge
+        R = upright(slope)
+        corners = (body.faces[face].vertices @ T.rotation.T + T.translation - [0.5, 0, 0]) @ R
+        center = R.T @ (T.act(body.center_of_mass) - [0.5, 0, 0])
+        up = R.T @ [0.0, 0.0, 1.0]
+        carried = corners[:, :2]
+        block = Block("", (-0.3, 0.3), blocks[0].y)
+        turns = []
+        for towards in np.arange(0.0, 2.0 * np.pi, 0.05):
+            across = np.array([np.cos(towards), np.sin(towards), 0.0])
+            down = np.cos(TIPS) * up + np.sin(TIPS) * (across - across @ up * up)
+            foot = center - center[2] / down[2] * down
+            turns.append(spare([carried], [block], foot[:2], 1.0)[0])
+        assert not stands or min(turns) > -1e-4
+        assert stands or min(turns) < 0.012
+        seen.add(bool(stands))
+    assert seen == {True, False}
+
+
+@pytest.mark.parametrize(("low", "stands"), [(0.0, True), (0.0025, False)])
+def test_bars_that_are_lower_than_others_carry_nothing(low, stands):
+    """A box across three bars, of which the middle one is higher, rocks on it."""
+    blocks = [
+        Block(f"bar {k}", (x, x + 0.03), (-0.2, 0.2), -low if k != 1 else 0.0)
+        for k, x in enumerate((0.40, 0.485, 0.57))
+    ]
+    body = box((0.2, 0.1, 0.06), (0.06, 0.0, 0.0))
+    problem = problem_on(body, blocks)
+    poses = PoseConstraints(problem, POLYGON.collision, POLYGON.footing, 0.0)
+    face = next(k for k, f in enumerate(body.faces) if f.normal[2] < -0.99)
+    resting = poses.problem.body.faces[face]
+    found = []
+    for angle in np.arange(0.0, 2.0 * np.pi, 0.1):
+        T = placement_pose(resting, np.array([0.545, 0.0, 0.0]), angle)
+        x = (body.faces[face].vertices @ T.rotation.T + T.translation)[:, 0]
+        if x.min() < 0.42 and x.max() > 0.59:
+            found.append(poses.stable(T, face))
+    assert len(found) > 3
+    assert set(found) == {stands}
+
+
+def test_noise_moves_what_carries_inwards():
+    body, blocks = BODIES["box"], SCENES["bridge"]
+    shares = []
+    for noise in (0.0, 0.001, 0.002):
+        problem = problem_on(body, blocks, noise=noise)
+        poses = PoseConstraints(problem, POLYGON.collision, POLYGON.footing, 0.0)
+        rng, stood = np.random.default_rng(0), 0
+        faces, contacts, angles, slopes = draw(poses, rng, 600)
+        verdicts, T = poses.verdicts(faces, contacts, angles, slopes)
+        for row in np.flatnonzero(verdicts >= 2):
+            center = T[row, :3, :3] @ body.center_of_mass + T[row, :3, 3]
+            patch = body.faces[faces[row]].vertices @ T[row, :3, :3].T + T[row, :3, 3]
+            inside, _ = spare([patch[:, :2]], blocks, center[:2], center[2])
+            assert inside > 0.01 - noise
+            stood += 1
+        shares.append(stood / 600)
+    assert shares[0] > shares[1] > 0.05
