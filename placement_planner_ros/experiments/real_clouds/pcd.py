@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.types import Array

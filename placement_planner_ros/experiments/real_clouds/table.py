@@ -60,9 +60,7 @@ def on_table(measured: Array, rng: np.random.Generator) -> TableCloud:
     middle = np.median(across[along < np.percentile(along, 60.0)])
     begin = np.percentile(along, 1.0)
     T = pin.SE3(rotation, np.array([_FRONT - begin, -middle, -offset]))
-    volume = TargetVolume(
-        np.array([_FRONT, -_WIDE, -_BELOW]), np.array([_REACH, _WIDE, _ABOVE])
-    )
+    volume = TargetVolume(np.array([_FRONT, -_WIDE, -_BELOW]), np.array([_REACH, _WIDE, _ABOVE]))
     return TableCloud(points @ T.rotation.T + T.translation, T.translation, volume)
 
 
