@@ -81,6 +81,6 @@ def _plane(points: Array, rng: np.random.Generator) -> tuple[npt.NDArray[np.floa
     for _ in range(3):  # all points near it give it more exactly
         rows = points[np.abs(points @ best[0] - best[1]) < _NEAR_PLANE]
         middle = rows.mean(axis=0)
-        normal = np.linalg.svd(rows[:: max(1, len(rows) // 20000)] - middle)[2][2]
+        normal = np.linalg.eigh(np.cov((rows - middle).T))[1][:, 0]
         best = normal, float(normal @ middle)
     return best
