@@ -72,7 +72,12 @@ def kernel(*, lean: bool = False, nogil: bool = False, inline: bool = False) -> 
         nogil: other threads run while it does.
         inline: written into its callers.
     """
-    options: dict[str, Any] = {"nogil": nogil, **(UNCOUNTED if lean else {})}
+    # The wrapper for callers in C, of whom there are none, would only take time to compile.
+    options: dict[str, Any] = {
+        "nogil": nogil,
+        "no_cfunc_wrapper": True,
+        **(UNCOUNTED if lean else {}),
+    }
     if inline:
         options["inline"] = "always"
 

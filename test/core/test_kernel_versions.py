@@ -30,3 +30,16 @@ def test_constants_and_first_values_of_loops_make_no_versions_of_their_own(lean)
 
     assert grow(3) == -14
     assert double.signatures == [(numba.int64,)]
+
+
+@pytest.mark.usefixtures("fresh_cache")
+def test_nothing_is_compiled_for_callers_that_there_are_none_of():
+    @kernels.kernel()
+    def double(number):
+        return 2 * number
+
+    assert double(2) == 4
+    compiled = double.overloads[(numba.int64,)]
+    names = compiled.library.get_llvm_str()
+    assert compiled.fndesc.llvm_cpython_wrapper_name in names
+    assert compiled.fndesc.llvm_cfunc_wrapper_name not in names

@@ -194,7 +194,7 @@ def test_status_says_why_nothing_has_been_found_and_what_was_rejected_where(benc
     b.wait(lambda: b.status()["solutions"] == "1")
     assert b.status()["why"] == ""
     answer = b.call("stop")
-    assert answer.words == "stopped: 1 solutions, the best by arm left; nothing was tried"
+    assert answer.words == "stopped: one solution, by arm left; nothing was tried"
 
 
 def test_why_nothing_was_found_names_the_sensors_of_this_node(bench):

@@ -18,6 +18,7 @@ from placement_planner_ros.core.body.mesh import (
     checked_mesh,
     connected_pieces,
     read_only,
+    volumes,
 )
 from placement_planner_ros.core.body.mesh_components import Components
 from placement_planner_ros.core.body.placement_face import PlacementFace, offered, placement_faces
@@ -197,16 +198,12 @@ class _Surface:
 
 def _volume_of(corners: Array) -> float:
     """m³ that triangles (t, 3, 3) enclose."""
-    return (
-        float(np.linalg.det(corners - corners.mean(axis=(0, 1))).sum()) / 6.0
-        if len(corners)
-        else 0.0
-    )
+    return float(volumes(corners - corners.mean(axis=(0, 1))).sum()) if len(corners) else 0.0
 
 
 def _center_of(corners: Array) -> Array:
     """(3,) the centre of what triangles (t, 3, 3) enclose."""
     middle = corners.mean(axis=(0, 1))
-    volumes = np.linalg.det(corners - middle)
+    of_each = volumes(corners - middle)
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray(middle + volumes @ (corners - middle).sum(axis=1) / (4.0 * volumes.sum()))
+        return np.asarray(middle + of_each @ (corners - middle).sum(axis=1) / (4.0 * of_each.sum()))

@@ -56,6 +56,10 @@ _LARGE = 0.1
 _PIECES = 128
 """Pieces that a mesh is cut into at most before some are joined again."""
 
+_MANY, _ROUGH = 20_000, 1.0
+"""Triangles of a mesh from which on cuts are looked for in a rougher one, of cubes that large a
+share of the tolerance."""
+
 _GROWTH = 1.2
 """Factor on the reach of parts where there are too many."""
 
@@ -170,8 +174,15 @@ def _cut_and_proven(
 ) -> tuple[list[Array], float] | None:
     """Vertices (m, 3) of each part, and metres that they reach beyond the mesh, about; None where
     they are not proven to hold it."""
-    roots = [Region(Piece.of(group)) for group in _groups(components)]
-    reach = _cut(roots, around, step)
+    groups = _groups(components)
+    roots = [Region(Piece.of(group)) for group in groups]
+    reach = _SPARE * around.tolerance
+    if len(components.corners) > _MANY:
+        rough = [Region(Piece.of(group.coarser(_ROUGH * around.tolerance))) for group in groups]
+        reach = _cut(rough, around, reach, step)
+        for root, like in zip(roots, rough, strict=True):
+            root.cut_like(like, step)
+    reach = _cut(roots, around, reach, step)
     leaves = [leaf for root in roots for leaf in root.leaves()]
     parts, reach = _joined(leaves, around, reach, step)
     for number, part in enumerate(parts):
@@ -200,6 +211,13 @@ class Region:
         self.piece, self.plane = None, plane
         self.halves = tuple(Region(half) for half in halves)
         return True
+
+    def cut_like(self, other: Region, step: Callable[[], None]) -> None:
+        """Cut by the same planes as another, as far as there is something on both sides."""
+        step()
+        if other.halves and self.cut(other.plane):
+            for half, like in zip(self.halves, other.halves, strict=True):
+                half.cut_like(like, step)
 
     def leaves(self) -> Iterator[Region]:
         """All that were not cut."""
@@ -244,13 +262,18 @@ def _groups(components: Components) -> list[Components]:
     return [*groups, components.of_labels(others)] if len(others) else groups
 
 
-def _cut(roots: list[Region], around: Surroundings, step: Callable[[], None]) -> float:
+def _cut(
+    roots: list[Region], around: Surroundings, reach: float, step: Callable[[], None]
+) -> float:
     """Cut regions, what meets most far cells first, until none meets one.
 
+    Args:
+        reach: metres beyond which cells are to be far.
+
     Returns:
-        metres beyond which cells are far: more than wanted where it would be too many regions.
+        metres beyond which they are: more where it would be too many regions.
     """
-    far = around.far(_SPARE * around.tolerance)
+    far = around.far(reach)
     number = itertools.count()
     open_: list[tuple[int, int, Region, Array]] = []
 
@@ -261,9 +284,10 @@ def _cut(roots: list[Region], around: Surroundings, step: Callable[[], None]) ->
         if len(met):
             heapq.heappush(open_, (-len(met), next(number), region, met))
 
-    for root in roots:
-        look_at(root)
-    pieces = len(roots)
+    leaves = [leaf for root in roots for leaf in root.leaves()]
+    for leaf in leaves:
+        look_at(leaf)
+    pieces = len(leaves)
     while open_:
         step()
         if pieces < _PIECES:

@@ -31,7 +31,10 @@ MOST_AROUND = 200
 
 _MOST_COMPARED = 100_000_000
 """Facets of a hull times triangles of its piece that are compared; a piece with more counts as not
-convex. As many times vertices are for its offsets."""
+convex."""
+
+_MOST_MOVED = 20_000_000
+"""Vertices of a hull times its planes that are compared, for none to be cut off by rounding."""
 
 _ROUNDING = 1e-9
 """Metres by which planes are moved out where there are more."""
@@ -79,7 +82,7 @@ def _polytope(hull: ConvexHull) -> ConvexPart:
     _, first = np.unique(np.round(hull.equations, 7), axis=0, return_index=True)
     planes = normals[np.sort(first)]
     offsets = -hull.equations[np.sort(first), 3] + _ROUNDING
-    if len(vertices) * len(planes) <= _MOST_COMPARED:  # no vertex is cut off by rounding
+    if len(vertices) * len(planes) <= _MOST_MOVED:  # no vertex is cut off by rounding
         chunk = max(1, _AT_ONCE // len(vertices))
         rows = range(0, len(planes), chunk)
         offsets = np.concatenate([(planes[r : r + chunk] @ vertices.T).max(axis=1) for r in rows])
@@ -95,8 +98,9 @@ def hull_of(vertices: Array) -> ConvexPart:
         ObjectError: it has no volume.
     """
     flat = ObjectError("object", "flat mesh", "has no volume; give it a thickness")
-    spread = np.linalg.svd(vertices - vertices.mean(axis=0), full_matrices=False)[2]
-    if np.min(np.ptp(vertices @ spread.T, axis=0)) < THINNEST:
+    around = vertices - vertices.mean(axis=0)
+    spread = np.linalg.eigh(around.T @ around)[1].T
+    if np.min(np.ptp(around @ spread.T, axis=0)) < THINNEST:
         raise flat
     try:
         return _polytope(ConvexHull(vertices))

@@ -138,9 +138,18 @@ def connected_pieces(points: Array, triangles: Triangles) -> list[trimesh.Trimes
             "object", f"{len(pieces)} pieces", f"an object may have {MAX_PIECES} connected pieces"
         )
     for piece in pieces:
-        if piece.is_watertight and piece.is_winding_consistent and piece.volume < 0.0:
-            piece.invert()
+        if piece.is_watertight and piece.is_winding_consistent:
+            corners = np.asarray(piece.triangles)
+            if volumes(corners - corners.mean(axis=(0, 1))).sum() < 0.0:
+                piece.invert()
     return pieces
+
+
+def volumes(corners: Array) -> Array:
+    """(t,) m³ of tetrahedra from the origin to triangles (t, 3, 3), negative where they face it."""
+    a, b, c = np.ascontiguousarray(corners.transpose(1, 2, 0))
+    across = b[1] * c[2] - b[2] * c[1], b[2] * c[0] - b[0] * c[2], b[0] * c[1] - b[1] * c[0]
+    return np.asarray((a[0] * across[0] + a[1] * across[1] + a[2] * across[2]) / 6.0)
 
 
 def _connected(points: Array, triangles: Triangles) -> tuple[list[Triangles], list[bool]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -18,11 +19,17 @@ Triangles = npt.NDArray[np.int64]
 Labels = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
-_AT_ONCE = 2_000_000
-"""Triangles times points whose solid angles are computed at once."""
+_CLEAR = 1e-9
+"""Metres that a ray keeps from edges, and a point from surfaces, for their sides to be certain."""
+
+_ASKEW = np.array([[2.0, -1.0, 2.0], [2.0, 2.0, -1.0], [-1.0, 2.0, 2.0]]) / 3.0
+_ASKEW = _ASKEW @ np.array([[0.8, 0.6, 0.0], [-0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
+_ASKEW = _ASKEW @ np.array([[1.0, 0.0, 0.0], [0.0, 0.96, 0.28], [0.0, -0.28, 0.96]])
+_ASKEW.setflags(write=False)
+"""A rotation: rays then run along no direction that edges of things made by people have."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Components:
     """Triangles that share vertices, directly or through others.
 
@@ -61,20 +68,23 @@ class Components:
 
     def inside(self, points: Array) -> Mask:
         """(n,) whether points (n, 3) are inside a closed component."""
+        return self._solids.inside(points)
+
+    @cached_property
+    def _solids(self) -> _Solids:
         solid = self.closed[self.label]
-        corners = self.corners[solid]
-        _, label = np.unique(self.label[solid], return_inverse=True)
-        found = np.zeros(len(points), np.bool_)
-        if not len(corners):
-            return found
-        count = int(label.max()) + 1
-        for row in range(0, len(points), max(1, _AT_ONCE // len(corners))):
-            chunk = points[row : row + max(1, _AT_ONCE // len(corners))]
-            angles = _solid_angles(corners, chunk)
-            flat = (np.arange(len(chunk))[:, None] * count + label).ravel()
-            turns = np.bincount(flat, angles.ravel(), len(chunk) * count) / (4.0 * np.pi)
-            found[row : row + len(chunk)] = (np.abs(turns) > 0.5).reshape(-1, count).any(axis=1)
-        return found
+        return _Solids.of(self.corners[solid], self.label[solid])
+
+    def coarser(self, cell: float) -> Components:
+        """About the same in fewer triangles: vertices in one cube of that side become one."""
+        points = self.corners.reshape(-1, 3)
+        _, cubes = np.unique(np.floor(points / cell), axis=0, return_inverse=True)
+        cubes = cubes.reshape(-1)
+        count = np.bincount(cubes)
+        middles = [np.bincount(cubes, along) / count for along in points.T]
+        faces = cubes.reshape(-1, 3)
+        whole = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
+        return Components.of(np.column_stack(middles), faces[whole])
 
     def of_labels(self, labels: Labels) -> Components:
         """These components alone."""
@@ -137,15 +147,83 @@ def _turned(faces: Triangles, label: Labels, wanted: Mask) -> Triangles:
     return made
 
 
-def _solid_angles(corners: Array, points: Array) -> Array:
-    """(n, t) solid angles of triangles (t, 3, 3) as seen from points (n, 3)."""
-    a, b, c = (corners[None, :, k] - points[:, None] for k in range(3))
-    la, lb, lc = (np.sqrt(np.einsum("ntk,ntk->nt", v, v)) for v in (a, b, c))
-    volume = np.einsum("ntk,ntk->nt", a, np.cross(b, c))
+@dataclass(frozen=True, slots=True, eq=False)
+class _Solids:
+    """Closed components, turned so that rays go upward.
+
+    Attributes:
+        corners: (t, 3, 3) of their triangles.
+        label: (t,) the component of each.
+        count: of components.
+        low, high: (3, t) corners of the boxes around the triangles.
+    """
+
+    corners: Array
+    label: Labels
+    count: int
+    low: Array
+    high: Array
+
+    @classmethod
+    def of(cls, corners: Array, label: Labels) -> _Solids:
+        """Of triangles (t, 3, 3) and the component of each (t,)."""
+        used, label = np.unique(label, return_inverse=True)
+        turned = corners @ _ASKEW
+        a, b, c = np.ascontiguousarray(turned.transpose(1, 2, 0))
+        low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+        return cls(turned, label, len(used), low, high)
+
+    def inside(self, points: Array) -> Mask:
+        """(n,) whether points (n, 3) have a winding number other than 0 in any component."""
+        found = np.zeros(len(points), np.bool_)
+        if self.count:
+            for row, point in enumerate(points @ _ASKEW):
+                turns = self._crossed(point)
+                if turns is None:
+                    angles = _solid_angles(self.corners - point)
+                    turns = np.bincount(self.label, angles, self.count) / (4.0 * np.pi)
+                found[row] = (np.abs(turns) > 0.5).any()
+        return found
+
+    def _crossed(self, point: Array) -> Array | None:
+        """(count,) the turns of each component around a point (3,): what a ray upward crosses.
+
+        None where the ray passes an edge, or the point a surface, so closely that rounding could
+        matter.
+        """
+        over = np.flatnonzero(self.high[2] >= point[2] - _CLEAR)
+        for axis in range(2):
+            over = over[self.low[axis, over] <= point[axis] + _CLEAR]
+            over = over[self.high[axis, over] >= point[axis] - _CLEAR]
+        corners = self.corners[over] - point
+        a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+        # seen from above, twice the areas of the triangles that the ray makes with each edge
+        areas = np.stack([_across(b, c), _across(c, a), _across(a, b)], axis=1)
+        lengths = np.linalg.norm(np.stack([c - b, a - c, b - a], axis=1)[..., :2], axis=2)
+        met = (areas > 0.0).all(axis=1) | (areas < 0.0).all(axis=1)
+        area, height = areas.sum(axis=1), (areas * corners[..., 2]).sum(axis=1)
+        if (np.abs(areas) <= _CLEAR * lengths).any():
+            return None
+        if (met & (np.abs(height) <= _CLEAR * np.abs(area))).any():
+            return None
+        crossed = met & (height * area > 0.0)
+        turns = np.bincount(self.label[over[crossed]], np.sign(area[crossed]), self.count)
+        return np.asarray(turns, np.float64)
+
+
+def _across(a: Array, b: Array) -> Array:
+    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+
+
+def _solid_angles(corners: Array) -> Array:
+    """(t,) solid angles of triangles (t, 3, 3) as seen from the origin."""
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    la, lb, lc = (np.sqrt(np.einsum("tk,tk->t", v, v)) for v in (a, b, c))
+    volume = np.einsum("tk,tk->t", a, np.cross(b, c))
     below = (
         la * lb * lc
-        + np.einsum("ntk,ntk->nt", a, b) * lc
-        + np.einsum("ntk,ntk->nt", b, c) * la
-        + np.einsum("ntk,ntk->nt", c, a) * lb
+        + np.einsum("tk,tk->t", a, b) * lc
+        + np.einsum("tk,tk->t", b, c) * la
+        + np.einsum("tk,tk->t", c, a) * lb
     )
     return np.asarray(2.0 * np.arctan2(volume, below))

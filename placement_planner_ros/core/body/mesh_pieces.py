@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -23,7 +24,7 @@ _PARALLEL = 1e-8
 _NONE = np.zeros((0, 3))
 
 
-@dataclass(slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Piece:
     """What of some components, and of the solids inside them, is within a few planes.
 
@@ -42,20 +43,16 @@ class Piece:
     planes: Array
     corners: Array
     inner: Array
-    hull: Polytope = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.hull = hull_around(self.points)
 
     @classmethod
     def of(cls, whole: Components) -> Piece:
         """All of it."""
         return cls(whole, np.zeros((0, 4)), whole.corners, _NONE)
 
-    @property
-    def points(self) -> Array:
-        """(n, 3) whose hull holds the piece."""
-        return np.concatenate([self.corners.reshape(-1, 3), self.inner])
+    @cached_property
+    def hull(self) -> Polytope:
+        """What holds the piece."""
+        return hull_around(np.concatenate([self.corners.reshape(-1, 3), self.inner]))
 
     def halves(self, plane: Array) -> tuple[Piece, Piece] | None:
         """The piece on both sides of a plane (4,); None where there is nothing on one."""

@@ -29,8 +29,9 @@ _AT_ONCE = 1_000_000
 _ROUNDING = 2e-6
 """Metres that distances with 32 bits may be wrong by."""
 
-_BLOCK = 8
-"""Planes that cells are compared with at once."""
+_BLOCK, _BLOCKS = 8, 512
+"""Planes that cells are compared with at once: first so few, as most cells are outside one of
+them, then twice as many each time, up to so many."""
 
 _SIDE = 8
 """Cells along the sides of a block."""
@@ -116,10 +117,10 @@ def _beside(mask: Mask) -> Mask:
 def _met(planes: Array, middles: Array, halves: Array) -> npt.NDArray[np.int64]:
     """Rows of boxes, of middles (n, 3) and half sides (n or 1, 3), that no plane keeps outside."""
     rows = np.arange(len(middles))
-    for start in range(0, len(planes), _BLOCK):
-        if not len(rows):
-            break
-        normals, offsets = planes[start : start + _BLOCK, :3], planes[start : start + _BLOCK, 3]
+    start, block = 0, _BLOCK
+    while start < len(planes) and len(rows):
+        normals, offsets = planes[start : start + block, :3], planes[start : start + block, 3]
+        start, block = start + block, min(2 * block, _BLOCKS)
         reach = (halves if len(halves) == 1 else halves[rows]) @ np.abs(normals).T
         rows = rows[(middles[rows] @ normals.T + offsets <= reach).all(axis=1)]
     return rows

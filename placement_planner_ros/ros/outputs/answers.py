@@ -23,7 +23,7 @@ class Answer:
 
 def answer(code: str, words: str = "", *, success: bool | None = None, **values: object) -> Answer:
     """An answer; it is a success where the code is OK unless said otherwise."""
-    first = " ".join([f"code={code}", *(f"{k}={_shown(v)}" for k, v in values.items())])
+    first = " ".join([f"code={code}", *(f"{k}={shown(v)}" for k, v in values.items())])
     return Answer(
         code == "OK" if success is None else success, f"{first}\n{words}" if words else first
     )
@@ -37,5 +37,7 @@ def refusal(faults: Sequence[PlacementPlannerError]) -> Answer:
     return answer(faults[0].code, listed(lines, "\n"))
 
 
-def _shown(value: object) -> str:
-    return repr(value) if isinstance(value, float) else str(value)
+def shown(value: object) -> str:
+    """A value as answers, status and manifests have it: of a number six digits, which tell apart
+    what a person does; `~/objective` has all."""
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

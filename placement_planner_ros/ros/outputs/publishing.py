@@ -22,8 +22,9 @@ from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray
 
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.types import Array, Placement
+from placement_planner_ros.core.types import Array, Placement, Trajectory
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
+from placement_planner_ros.ros.outputs.answers import shown
 from placement_planner_ros.ros.outputs.conversions import (
     stamped_pose,
     time_message,
@@ -77,7 +78,7 @@ class Outputs:
             header = Header(frame_id=frame, stamp=self._now())
             self._occupancy.publish(message_from_points(np.empty((0, 3)), header))
             values = {"run": run, "solution": 0, "has_retreat": "false"}
-            words = "no solution yet"
+            words = f"run {run} has no solution yet"
             self._solution.publish(self._manifest(self._stamp(), frame, words, values))
 
     def environment(self, snapshot: Snapshot, environment: Environment) -> None:
@@ -150,15 +151,15 @@ class Outputs:
                 "arm": goal.arm,
                 "grasp": goal.grasp,
                 "face": goal.face,
-                "approach_start": float(placement.approach_start),
+                "approach_start": f"{placement.approach_start:.3f}",
                 "has_retreat": str(retreat is not None).lower(),
-                "search_time": float(search_time),
+                "search_time": f"{search_time:.3f}",
             }
-            x, y, z = placement.T_world_object.translation
+            where = "{:.3f} {:.3f} {:.3f}".format(*placement.T_world_object.translation)
             words = (
-                f"solution {number} of run {run}: at {x:.3f} {y:.3f} {z:.3f} by arm {goal.arm}, "
-                f"objective {placement.objective:.4g}, {trajectory.duration:.1f} s of motion, "
-                f"found after {search_time:.2f} s"
+                f"solution {number}, found after {search_time:.2f} s: by arm {goal.arm} to "
+                f"{where} in {snapshot.frame}, objective {placement.objective:.4g}, "
+                f"{trajectory.duration:.1f} s of motion{_retreating(retreat)}"
             )
             self._solution.publish(self._manifest(stamp, snapshot.frame, words, values))
             self._draw()
@@ -208,6 +209,10 @@ class Outputs:
         return time_message(self._last_stamp)
 
 
+def _retreating(retreat: Trajectory | None) -> str:
+    return "" if retreat is None else f" and {retreat.duration:.1f} s of retreat"
+
+
 def tip_path(placement: Placement, snapshot: Snapshot) -> Array:
     """(n, 3) positions of the arm's tip along the trajectory."""
     robot = snapshot.robot
@@ -226,7 +231,4 @@ def tip_path(placement: Placement, snapshot: Snapshot) -> Array:
 
 
 def _pairs(values: Mapping[str, object]) -> list[KeyValue]:
-    return [
-        KeyValue(key=k, value=repr(v) if isinstance(v, float) else str(v))
-        for k, v in values.items()
-    ]
+    return [KeyValue(key=k, value=shown(v)) for k, v in values.items()]

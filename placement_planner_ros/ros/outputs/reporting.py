@@ -34,6 +34,7 @@ _WAITING = {
 }
 _ARRIVE = "arrive"
 """Said of inputs that do."""
+_CARRIED_OUT = "it has been carried out"
 _LEVEL = {
     State.FAILED: DiagnosticStatus.ERROR,
     State.EXHAUSTED: DiagnosticStatus.WARN,
@@ -113,21 +114,20 @@ class Reporter:
             state = State.IDLE if run is None else run.state
             warm, read = self._warm.shown, self._read()
             values: dict[str, object] = {"run": 0, "state": state, "code": "OK", "solutions": 0}
-            message = _WAITING[warm]
-            if read["inputs"] != _ARRIVE:
-                message += f"; {read['inputs']}"
+            if run is None:
+                message = self._waiting(warm, read["inputs"])
+            else:
+                values |= _found(run)
+                message = _words(run, why_not)
+            values["best_valid"] = str(not why_not).lower()
+            values["best_invalid_reason"] = why_not
+            if run is not None:
+                values |= _tried(run)
             values["placed"] = " ".join(map(str, self._inputs.clouds.placed))
             values["warm"] = warm
             if warm == "failed":
                 values["warm_failed_reason"] = self._warm.failure
             values |= read
-            values["best_valid"] = str(not why_not).lower()
-            values["best_invalid_reason"] = why_not
-            if run is not None:
-                values |= _progress(run)
-                message = run.reason or str(state)
-                if run.solutions == 0 and not run.active:
-                    message = run.summary()
             if self._closed:
                 return
             self._reported = (state, why_not, warm, read)
@@ -144,6 +144,13 @@ class Reporter:
     def busy(self) -> bool:
         """Whether a thread of its own is still at work."""
         return self._watch.busy
+
+    def _waiting(self, warm: str, inputs: str) -> str:
+        """What the node does before the first run, and what it lacks."""
+        words = _WAITING[warm]
+        if warm == "false" and self._warm.progress:
+            words = f"{self._warm.progress}; a start now takes longer"
+        return words if inputs == _ARRIVE else f"{words}; {inputs}"
 
     def _read(self) -> dict[str, str]:
         robot = self._inputs.robot
@@ -174,7 +181,7 @@ class Reporter:
         if run is None or run.best is None:
             return "there is no placement"
         if run.confirmed:
-            return "it has been carried out"
+            return _CARRIED_OUT
         if self._left:
             return self._left
         return outdated(run.snapshot, self._inputs) or self._watch.blocked
@@ -212,19 +219,42 @@ class Reporter:
         self._outputs.diagnostics(level, message, values)
 
 
-def _progress(run: Run) -> dict[str, object]:
+def _words(run: Run, why_not: str) -> str:
+    """Where the run is and what it has found, in a line."""
+    best = run.best
+    if best is None:
+        if not run.active:
+            return run.summary()
+        samples = "" if run.planner is None else f", {run.planner.statistics.samples:,} samples"
+        return f"{run.state} for {run.elapsed:.0f} s{samples}, no solution yet"
+    noun = "solution" if run.solutions == 1 else f"{run.solutions} solutions, the best"
+    first = f"{run.state} for {run.elapsed:.0f} s" if run.active else str(run.state)
+    words = f"{first}: {noun} {best.objective:.4g} by arm {best.goal.arm}"
+    if run.reason:
+        words += f"; ended because {run.reason}"
+    if run.confirmed:
+        return f"{words}; {_CARRIED_OUT}"
+    return f"{words}; not to be carried out: {why_not}" if why_not else words
+
+
+def _found(run: Run) -> dict[str, object]:
     values: dict[str, object] = {"run": run.number, "code": run.code, "solutions": run.solutions}
     if run.best is not None:
         values["objective"] = float(run.best.objective)
-    if run.planner is not None:
-        statistics = run.planner.statistics
-        values["samples"] = statistics.samples
-        values |= {f"rejected_{name}": n for name, n in statistics.rejected.items()}
-        for face, rejected in statistics.rejected_by_face.items():
-            values[f"rejected.rest_{face}"] = _counts(rejected)
-        for arm, rejected in statistics.rejected_by_arm.items():
-            values[f"rejected.{arm}"] = _counts(rejected)
     values["why"] = run.why
+    return values
+
+
+def _tried(run: Run) -> dict[str, object]:
+    if run.planner is None:
+        return {}
+    statistics = run.planner.statistics
+    values: dict[str, object] = {"samples": statistics.samples}
+    values |= {f"rejected_{name}": n for name, n in statistics.rejected.items()}
+    for face, rejected in statistics.rejected_by_face.items():
+        values[f"rejected.rest_{face}"] = _counts(rejected)
+    for arm, rejected in statistics.rejected_by_arm.items():
+        values[f"rejected.{arm}"] = _counts(rejected)
     return values
 
 

@@ -167,7 +167,10 @@ class Run:
     def summary(self) -> str:
         """In words, what was found, or why nothing was."""
         if self.best is not None:
-            found = f"{self.solutions} solutions, the best by arm {self.best.goal.arm}"
+            several = f"{self.solutions} solutions, the best"
+            found = (
+                f"{several if self.solutions > 1 else 'one solution,'} by arm {self.best.goal.arm}"
+            )
             if self.reason:
                 found += f"; ended because {self.reason}"
             rejected = "" if self.planner is None else self.planner.explanation.cause

@@ -9,7 +9,8 @@ import trimesh
 from scipy.spatial import ConvexHull, cKDTree
 
 from placement_planner_ros.core import kept_files
-from placement_planner_ros.core.body import cover_store
+from placement_planner_ros.core.body import convex_cover as convex_cover_module
+from placement_planner_ros.core.body import cover_store, mesh_components
 from placement_planner_ros.core.body.convex_cover import Cover, convex_cover, hull_cover
 from placement_planner_ros.core.body.mesh_components import Components
 from placement_planner_ros.core.body.polytope import grown, holds, hull_around
@@ -41,6 +42,14 @@ def screws():
     )
 
 
+def scan():
+    """More triangles than cuts are looked for in, each vertex a little off."""
+    ring = trimesh.creation.torus(0.06, 0.02, major_sections=160, minor_sections=80)
+    along = np.random.default_rng(2).normal(scale=2e-4, size=(len(ring.vertices), 1))
+    vertices = ring.vertices + along * ring.vertex_normals
+    return trimesh.Trimesh(vertices, ring.faces, process=False)
+
+
 RING = trimesh.creation.annulus(0.05, 0.07, 0.04, sections=24)
 MESHES = {
     "ring": (RING, True),
@@ -51,6 +60,7 @@ MESHES = {
     "screws": (screws(), True),
     "plate": (trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]), False),
     "needle": (needle(), False),
+    "scan": (scan(), True),
 }
 
 
@@ -83,12 +93,47 @@ def test_a_cover_holds_the_mesh_and_the_solid_inside_and_not_much_more(name):
     assert inside(cover, solid).all()
     sample = np.concatenate([on_triangles(mesh, 100_000, rng), solid])
     held = np.concatenate(
-        [rng.dirichlet(np.full(len(part), 0.2), 500) @ part for part in cover.parts]
+        [rng.dirichlet(np.full(len(part), 1.0 / len(part)), 500) @ part for part in cover.parts]
     )
     away = cKDTree(sample).query(held)[0]
     enclosed = parts.inside(held)
     assert away[~enclosed].max() <= cover.excess + 0.002
     assert cover.excess < 0.02
+
+
+def test_scans_are_cut_by_what_a_rougher_mesh_shows(monkeypatch):
+    mesh = scan()
+    given = np.asarray(mesh.vertices), np.asarray(mesh.faces), 0.01
+    assert len(mesh.faces) > convex_cover_module._MANY
+    rough = convex_cover(*given)
+    monkeypatch.setattr(convex_cover_module, "_MANY", len(mesh.faces))
+    close = convex_cover(*given)
+    assert len(rough.parts) != len(close.parts) or rough.parts[0].shape != close.parts[0].shape
+    assert len(rough.parts) <= 1.5 * len(close.parts)
+    assert rough.excess <= 1.2 * close.excess
+
+
+@pytest.mark.parametrize("name", ["ring", "inside out", "some turned", "cross", "screws", "scan"])
+def test_a_ray_and_solid_angles_agree_on_what_is_inside(name):
+    """Beside triangles, along edges and on axes of symmetry too, where the ray leaves it open."""
+    mesh = MESHES[name][0]
+    parts = Components.of(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+    solids, rng = parts._solids, np.random.default_rng(3)
+    low, high = parts.corners.min(axis=(0, 1)), parts.corners.max(axis=(0, 1))
+    up = np.linalg.inv(mesh_components._ASKEW)[2]
+    below = parts.corners[rng.integers(len(parts.corners), size=60)]
+    edges = below[:, 0] + rng.random((60, 1)) * (below[:, 1] - below[:, 0])
+    beside = on_triangles(mesh, 200, rng) + rng.normal(scale=1e-4, size=(200, 3))
+    points = np.concatenate([rng.uniform(low, high, (300, 3)), beside, edges - 0.003 * up])
+    angles = [mesh_components._solid_angles(parts.corners - point) for point in points]
+    turns = np.array([np.bincount(parts.label, each) for each in angles]) / (4.0 * np.pi)
+    expected = (np.abs(turns) > 0.5).any(axis=1)
+    assert (parts.inside(points) == expected).all()
+    assert expected.any()
+    assert not expected.all()
+    clear = [solids._crossed(point) is not None for point in points @ mesh_components._ASKEW]
+    assert not any(clear[-60:])
+    assert all(clear[:300])
 
 
 def test_what_is_not_in_a_hull_is_not_proven_to_be():

@@ -93,9 +93,10 @@ def test_what_could_roll_is_offered_only_when_allowed():
     mesh = SHAPES["cylinder of 32"]()
     body = Body.from_mesh(mesh.vertices, mesh.faces)
     assert not any(face.rolls for face in body.faces)
-    assert (len(body.faces), body.rolling) == (2, 4)
+    assert len(body.faces) == 2
+    assert 3 < body.rolling < 8  # they lie 0.8 rad apart, or more
     allowed = Body.from_mesh(mesh.vertices, mesh.faces, settings=BodySettings(allow_rolling=True))
-    assert (sum(face.rolls for face in allowed.faces), allowed.rolling) == (4, 0)
+    assert (sum(face.rolls for face in allowed.faces), allowed.rolling) == (body.rolling, 0)
     ball = SHAPES["ball"]()
     assert Body.from_mesh(ball.vertices, ball.faces).faces == ()
     allowed = Body.from_mesh(ball.vertices, ball.faces, settings=BodySettings(allow_rolling=True))

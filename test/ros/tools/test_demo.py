@@ -8,7 +8,9 @@ import time
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
+import trimesh
 from PIL import Image
 
 import placement_planner_ros
@@ -18,7 +20,8 @@ from placement_planner_ros.ros.tools.demo import command, node_process, search
 from placement_planner_ros.ros.tools.demo.errors import DemoError
 from placement_planner_ros.ros.tools.demo.node_process import NodeProcess, node_arguments
 from placement_planner_ros.ros.tools.demo.results import require_folder
-from placement_planner_ros.ros.tools.demo.setting import bundled, other_robot
+from placement_planner_ros.ros.tools.demo.setting import bundled, of_file
+from placement_planner_ros.scenes.yumi import START_CONFIGURATION
 
 RUN = 17
 
@@ -222,7 +225,7 @@ def test_faults_of_a_parameter_file_are_told(tmp_path):
     file = tmp_path / "robot.yaml"
     file.write_text("/**:\n  ros__parameters:\n    target_volume: [1.0]\n")
     with pytest.raises(DemoError, match=r"(?s)target_volume.*placement_check_robot"):
-        other_robot(file)
+        of_file(file, "table")
 
 
 def test_what_the_node_is_told_can_be_said_again():
@@ -232,6 +235,33 @@ def test_what_the_node_is_told_can_be_said_again():
     corners = [float(number) for number in given["target_volume"].strip("[]").split(",")]
     assert corners == [*setting.scene.volume.lower, *setting.scene.volume.upper]
     assert float(given["edge_margin"]) > 0.05
+
+
+def own_box(tmp_path, more=""):
+    file = tmp_path / "my_box.yaml"
+    trimesh.creation.box((0.03, 0.05, 0.1)).export(tmp_path / "my_box.stl")
+    grasps = "{grasps: [0.0, 0.0, 0.16, 0.0, 0.0, 0.0, 1.0]}"
+    file.write_text(
+        f"/**:\n  ros__parameters:\n    object: {{mesh: {tmp_path}/my_box.stl}}\n"
+        f"    left: {grasps}\n    right: {grasps}\n{more}"
+    )
+    return file
+
+
+def test_an_object_of_ones_own_goes_to_the_bundled_scene(tmp_path):
+    setting = of_file(own_box(tmp_path), "table")
+    assert setting.scene.name == "table"
+    assert setting.parameters == bundled("table", "wine_glass").parameters
+    np.testing.assert_allclose(np.ptp(setting.vertices, axis=0), (0.03, 0.05, 0.1))
+    usual = setting.robot.configuration(START_CONFIGURATION)
+    np.testing.assert_allclose(setting.q_start, usual)
+
+
+def test_what_the_file_says_counts_before_what_is_told_of_the_scene(tmp_path):
+    given = [0.2, -0.3, -0.05, 0.6, 0.3, 0.02]
+    setting = of_file(own_box(tmp_path, f"    target_volume: {given}\n"), "table")
+    assert "target_volume" not in setting.parameters
+    assert [*setting.scene.volume.lower, *setting.scene.volume.upper] == given
 
 
 # --- the real one

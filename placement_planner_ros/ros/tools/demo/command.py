@@ -30,7 +30,7 @@ from placement_planner_ros.ros.tools.demo.errors import DemoError
 from placement_planner_ros.ros.tools.demo.node_process import NodeProcess, node_arguments
 from placement_planner_ros.ros.tools.demo.results import require_folder, write_results
 from placement_planner_ros.ros.tools.demo.search import search, wait_until_ready
-from placement_planner_ros.ros.tools.demo.setting import Setting, bundled, other_robot
+from placement_planner_ros.ros.tools.demo.setting import Setting, bundled, of_file
 from placement_planner_ros.scenes.objects import ALL_OBJECTS
 from placement_planner_ros.scenes.scenes import SCENE_NAMES
 
@@ -78,8 +78,8 @@ def _parser() -> argparse.ArgumentParser:
         "--params-file",
         type=Path,
         metavar="FILE",
-        help="another robot, with its object, at a table of things instead of scene and object: "
-        "config/robots has some",
+        help="parameters of your own: another robot with its object, at a table of things "
+        "(config/robots has some), or another object for the bundled robot, at --scene",
     )
     parser.add_argument("--object", choices=ALL_OBJECTS, default="wine_glass")
     parser.add_argument("--objective", default="maximize_clearance")
@@ -98,7 +98,9 @@ def _demonstrate(options: argparse.Namespace, line: ProgressLine) -> None:
     require_folder(options.output)
     line.show("  reading robot and object")
     chosen = options.params_file
-    setting = bundled(options.scene, options.object) if chosen is None else other_robot(chosen)
+    setting = (
+        bundled(options.scene, options.object) if chosen is None else of_file(chosen, options.scene)
+    )
     own = {**setting.parameters, "objective": options.objective, "seed": options.seed}
     arguments = node_arguments(setting.file, own)
     namespace = f"/placement_demo_{os.getpid()}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +24,7 @@ from placement_planner_ros.ros.tools.things_publisher import ThingsPublisher
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.scenes import Scene, scene_by_name
 from placement_planner_ros.scenes.table_of_things import table_of_things
-from placement_planner_ros.scenes.yumi import load_yumi, yumi_arm
+from placement_planner_ros.scenes.yumi import START_CONFIGURATION, load_yumi, yumi_arm
 from placement_planner_ros.share import share_path
 
 _TABLE_TOP = (0.17, -0.40, -0.05, 0.66, 0.40, 0.02)
@@ -69,13 +69,9 @@ def bundled(scene_name: str, object_name: str) -> Setting:
     anywhere in the paper's V.
     """
     held, robot, scene = object_by_name(object_name), load_yumi(), scene_by_name(scene_name)
-    parameters: dict[str, object] = {}
-    if scene_name == "table":
-        corners = np.array(_TABLE_TOP)
-        scene = Scene(scene.name, TargetVolume(corners[:3], corners[3:]), scene.parts)
-        parameters["edge_margin"] = _FROM_EDGES
-    volume = scene.volume
-    parameters["target_volume"] = [*volume.lower.tolist(), *volume.upper.tolist()]
+    parameters = _told(scene)
+    corners = np.array(parameters["target_volume"])
+    scene = replace(scene, volume=TargetVolume(corners[:3], corners[3:]))
 
     def publisher() -> Node:
         given = {"name": scene_name, "object": object_name}
@@ -96,31 +92,49 @@ def bundled(scene_name: str, object_name: str) -> Setting:
     )
 
 
-def other_robot(file: Path) -> Setting:
+def _told(scene: Scene) -> dict[str, object]:
+    """What the node is told of a bundled scene."""
+    if scene.name == "table":
+        return {"edge_margin": _FROM_EDGES, "target_volume": list(_TABLE_TOP)}
+    return {"target_volume": [*scene.volume.lower.tolist(), *scene.volume.upper.tolist()]}
+
+
+def of_file(file: Path, scene_name: str) -> Setting:
     """The robot and the object of a parameter file, at a table of things.
+
+    Where the file names no robot it is the bundled one at a bundled scene, and what is told of that
+    counts unless the file says otherwise.
 
     Raises:
         DemoError: something is wrong with them.
     """
     findings = Findings()
-    given = read_given(file, {}, findings)
-    subject = None if findings.faults else read_subject(given, None, findings, start_in(file))
+    given, parameters, start = read_given(file, {}, findings), dict[str, object](), start_in(file)
+    scene: Scene | None = None
+    if "robot_description" not in given.names and not findings.faults:
+        scene = scene_by_name(scene_name)
+        told = _told(scene)
+        parameters = {name: told[name] for name in told if name not in given.names}
+        given = read_given(file, parameters, findings)
+        start = {**START_CONFIGURATION, **(start or {})}
+    subject = None if findings.faults else read_subject(given, None, findings, start)
     if findings.faults or subject is None or subject.body is None:
         faults = "; ".join(findings.faults) or "it names no object"
         raise DemoError(f"{file}: {faults}", f"placement_check_robot --params-file {file}")
-    scene = table_of_things(subject.parameters.volume)
+    volume = subject.parameters.volume
+    shown = table_of_things(volume) if scene is None else replace(scene, volume=volume)
     arms = {arm.name: arm for arm in subject.arms}
     hull = trimesh.convex.convex_hull(subject.body.vertices)
     return Setting(
-        f"{subject.robot.name}, table of things",
-        scene,
-        lambda: ThingsPublisher(scene, subject),
+        f"{subject.robot.name}, {shown.name.replace('_', ' ')}, {file.name}",
+        shown,
+        lambda: ThingsPublisher(shown, subject),
         subject.robot,
         subject.q,
         arms.__getitem__,
         np.asarray(hull.vertices),
         np.asarray(hull.faces, dtype=np.int64),
         file,
-        {},
+        parameters,
         "",
     )

@@ -1,0 +1,67 @@
+"""What `ros2 topic echo` shows of status and solutions is made to be read."""
+
+import re
+
+from test_runs import ended, started
+
+FOUND = 0.1 + 0.2
+"""Whose shortest exact form has 17 digits."""
+
+
+def numbers(values):
+    """All numbers among the values but the run's, which is a name."""
+    texts = " ".join(text for key, text in values.items() if key != "run")
+    return re.findall(r"\d+\.\d+", texts)
+
+
+def test_numbers_are_as_long_as_people_read_them(bench):
+    b = bench()
+    started(b).offers.append(FOUND)
+    b.wait(lambda: b.manifests() and b.manifests()[-1]["solution"] == "1")
+    b.wait(lambda: b.status().get("objective") == "0.3")
+    manifest = b.manifests()[-1]
+    assert manifest["objective"] == "0.3"
+    answer = b.call("stop")
+    assert "objective=0.3" in answer.text.splitlines()[0].split()
+    for values in (manifest, b.status()):
+        assert numbers(values)
+        assert max(len(number) for number in numbers(values)) <= 8, values
+    assert b.messages("objective")[-1].data == FOUND
+
+
+def test_a_solution_is_said_in_a_line(bench):
+    b = bench()
+    started(b).offers.append(FOUND)
+    b.wait(lambda: b.manifests() and b.manifests()[-1]["solution"] == "1")
+    said = b.messages("solution")[-1].status[0].message
+    assert re.fullmatch(
+        r"solution 1, found after \d+\.\d\d s: by arm left to (-?\d\.\d{3} ){3}in \w+, "
+        r"objective 0\.3, \d+\.\d s of motion",
+        said,
+    )
+
+
+def test_a_status_says_where_the_run_is_and_what_it_has_found(bench):
+    b = bench()
+    b.wait(lambda: b.status() and "waiting for start" in b.messages("status")[-1].message)
+    planner = started(b)
+    b.wait(lambda: b.status()["state"] == "searching")
+    said = b.messages("status")[-1].message
+    assert re.fullmatch(r"searching for \d+ s, [\d,]+ samples, no solution yet", said)
+    planner.offers += [FOUND, 0.5]
+    b.wait(lambda: "2 solutions, the best 0.5 by arm left" in b.messages("status")[-1].message)
+    run = int(b.call("stop").run)
+    ended(b, run, "stopped")
+    said = b.messages("status")[-1].message
+    assert said.startswith("stopped: 2 solutions, the best 0.5 by arm left")
+    assert b.call("confirm_placed").success
+    b.wait(lambda: b.messages("status")[-1].message.endswith("; it has been carried out"))
+
+
+def test_what_matters_comes_first(bench):
+    b = bench()
+    started(b).offers.append(FOUND)
+    b.wait(lambda: b.status().get("objective") == "0.3")
+    first = list(b.status())[:8]
+    assert first[:4] == ["run", "state", "code", "solutions"]
+    assert {"objective", "best_valid", "best_invalid_reason", "why"} == set(first[4:])
