@@ -65,7 +65,10 @@ class PoseConstraints:
         self.footing = footing
         self._body = body
         self._volume = problem.volume
-        self._collision = ObjectCollision(body, environment.obstacles, collision)
+        overhangs = footing.support == "polygon"
+        self._collision = ObjectCollision(
+            body, environment.obstacles, collision, overhangs=overhangs
+        )
         self._raise_height = raise_height
         self._T_face_object = np.array([face.T_face_object.homogeneous for face in body.faces])
 

@@ -21,6 +21,8 @@ from placement_planner_ros.core.reach.kinematics import kernel_input
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import LEVEL, Array, Slope
 
+_ROUNDING = 1e-9
+"""m by which heights are off by arithmetic."""
 _LOOKED_AT = 100
 """Boxes near a part that `met` looks at."""
 
@@ -40,12 +42,20 @@ class ObjectCollision:
         body: the object.
         obstacles: the environment.
         settings: `collision_margin`, `approach_stray` and `contact_tolerance` are used.
+        overhangs: what lies beneath the object need not be farther away by the stray, which is
+            sideways. The sides of a support that is smaller than the object lie in cells there.
     """
 
     def __init__(
-        self, body: Body, obstacles: ObstacleSet, settings: CollisionSettings | None = None
+        self,
+        body: Body,
+        obstacles: ObstacleSet,
+        settings: CollisionSettings | None = None,
+        *,
+        overhangs: bool = False,
     ) -> None:
         self.settings = settings or CollisionSettings()
+        self._beneath = self.settings.collision_margin - _ROUNDING if overhangs else math.inf
         self._solids = object_solids(body)
         self._boxes = box_arrays(obstacles)
         self._obstacles = obstacles
@@ -164,6 +174,7 @@ class ObjectCollision:
             contact,
             raised,
             self.settings.collision_margin + self.settings.approach_stray,
+            self._beneath,
             self.settings.contact_tolerance,
             answers,
         )

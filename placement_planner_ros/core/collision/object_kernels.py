@@ -164,6 +164,7 @@ def _part_meets_boxes(
     contact: float,
     closed: bool,
     margin: float,
+    beneath: float,
     tolerance: float,
 ) -> int:
     """A swept part, placed, against the boxes of all cells that the box around it touches.
@@ -197,6 +198,8 @@ def _part_meets_boxes(
                 if abs(tops[b] - contact) <= tolerance or boxes_apart(
                     scratch.bounds, part, corners, b, margin
                 ):
+                    continue
+                if box[2] - corners[b, 5] >= beneath:
                     continue
                 if part >= thing.solids and scratch.seen[b] == scratch.seen[-1]:
                     continue
@@ -232,6 +235,7 @@ def check_pose(
     contact: float,
     raised: float,
     margin: float,
+    beneath: float,
     tolerance: float,
 ) -> int:
     """Whether the object keeps the margin from `raised` above the pose T (4, 4) down to it.
@@ -242,6 +246,8 @@ def check_pose(
     Args:
         tops: (m,) heights of the boxes above the plane through the origin that is parallel to the
             contact plane.
+        margin: to be kept from what stands beside or above, metres.
+        beneath: from what lies beneath it; infinite where that is as from all else.
         contact: boxes whose top is within `tolerance` of this height are support.
     """
     parts = thing.part_vertices.shape[0] - 1
@@ -264,6 +270,7 @@ def check_pose(
             contact,
             raised == 0.0,
             margin,
+            beneath,
             tolerance,
         )
         if answer != FREE:
@@ -281,11 +288,12 @@ def check_poses(
     contact: Array,
     raised: Array,
     margin: float,
+    beneath: float,
     tolerance: float,
     answers: npt.NDArray[np.int64],
 ) -> None:
     """Poses (n, 4, 4) with contact planes of one slope and heights (n,) each; answers (n,)."""
     for i in range(poses.shape[0]):
         answers[i] = check_pose(
-            thing, boxes, tops, scratch, poses[i], contact[i], raised[i], margin, tolerance
+            thing, boxes, tops, scratch, poses[i], contact[i], raised[i], margin, beneath, tolerance
         )

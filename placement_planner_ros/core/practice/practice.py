@@ -73,6 +73,7 @@ class Practice:
             stage(self)
         for sampler in SAMPLERS:
             self._place(self._problem, replace(PlannerSettings(), sampler=sampler))
+        self._place(self._problem, replace(PlannerSettings(), support="polygon"))
         for stage in (Practice.reach, Practice.collision, Practice.distances, Practice.swept):
             if stage not in first:
                 stage(self)

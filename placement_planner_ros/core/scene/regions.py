@@ -273,13 +273,16 @@ def find_regions(
     label = _connect(cells, start, surfaces.height, label, ny, nx, settings.height_tolerance)
     label = _tile(cells, label, size, settings.max_side)
     label = _connect(cells, start, surfaces.height, label, ny, nx, settings.height_tolerance)
+    rectangle, surface = support.whole_parts()
+    label = label[surface]
     order = np.argsort(label, kind="stable")
     order = order[label[order] >= 0]
     regions = []
-    for rows in np.split(order, np.flatnonzero(np.diff(label[order])) + 1):
-        if len(rows) == 0:
+    for parts in np.split(order, np.flatnonzero(np.diff(label[order])) + 1):
+        if len(parts) == 0:
             continue
-        whole = Region(surfaces.rectangle[rows], 0.0, surfaces.diagonal[rows])
+        rows = surface[parts]
+        whole = Region(rectangle[parts], 0.0, surfaces.diagonal[rows])
         if whole.area < settings.min_area:
             continue
         height = _weighted_median(surfaces.height[rows], whole.areas)
@@ -288,7 +291,7 @@ def find_regions(
         section = volume.section(height) if slope == LEVEL else flat
         if not len(section):
             continue
-        joined = _join_strips(cells[rows], surfaces.rectangle[rows], surfaces.diagonal[rows])
+        joined = _join_strips(cells[rows], rectangle[parts], surfaces.diagonal[rows])
         region = Region(joined[0], height, joined[1], slope).within(section)
         if region is not None and region.area >= settings.min_area:
             regions.append(region)

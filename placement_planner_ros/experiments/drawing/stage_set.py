@@ -102,19 +102,21 @@ class StageSet:
         return np.vstack([points, others[((others > low) & (others < high)).all(axis=1)]])
 
     def _best_view(self, shown: Array, moments: Sequence[Moment]) -> View:
-        """The one in which most of the object is seen, on average over the moments.
+        """The one in which most of the object, over the moments, and of its way is seen.
 
         Of those that are as good, the first: azimuths are in the order of the circle, so that the
         same motion is always shown from the same side.
         """
         best, direction = -1.0, (0.0, 0.0)
+        path = tube(self.motion.path(), _PATH_RADIUS, PATH)
         scenes = [(joined(self._robot.at(moment.q)), self._thing(moment)) for moment in moments]
         for elevation in _ELEVATIONS:
             for azimuth in _AZIMUTHS:
                 view = View.around(shown, float(azimuth), float(elevation), *_SMALL)
                 behind = render(view, joined(self._things))
                 seen = [_seen_share(view, behind, *scene) for scene in scenes]
-                score = float(np.mean(seen))
+                way = [_seen_share(view, behind, links, path) for links, _ in scenes[1:3]]
+                score = float(np.mean(seen) + np.mean(way))
                 if score > best + 0.01:
                     best, direction = score, (float(azimuth), float(elevation))
         return View.around(shown, *direction, OVERSAMPLING * WIDTH, OVERSAMPLING * HEIGHT)

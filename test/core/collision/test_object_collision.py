@@ -147,6 +147,17 @@ def test_keeps_the_margin_beside(cube):
     assert not checker.free(standing(beside - 0.0031), 0.0, 0.05)
 
 
+def test_what_lies_beneath_need_not_be_farther_by_what_is_strayed_sideways(cube):
+    """An object overhangs what ends just below its contact plane."""
+    settings = CollisionSettings(contact_tolerance=0.001)
+    for below, free in ((0.0033, True), (0.0031, True), (0.0029, False), (0.0009, True)):
+        obstacles = obstacles_of(TABLE - [0.0, 0.0, below])
+        overhanging = ObjectCollision(cube, obstacles, settings, overhangs=True)
+        assert overhanging.free(standing(), 0.0, 0.05) == free
+        plain = ObjectCollision(cube, obstacles, settings)
+        assert plain.free(standing(), 0.0, 0.05) == (free and below != 0.0031)
+
+
 def test_checks_the_way_down(cube):
     shelf = block((-0.1, -0.1, 0.15), (0.1, 0.1, 0.16))
     obstacles = obstacles_of(TABLE, shelf)

@@ -74,6 +74,11 @@ def test_integers_stand_for_doubles():
     ("name", "value", "error"),
     [
         ("time_limit", "soon", ParameterError),
+        ("support", "hull", ParameterError),
+        ("support", 1, ParameterError),
+        ("support_margin", 0.3, ParameterError),
+        ("support_margin", -0.01, ParameterError),
+        ("support_margin", float("nan"), ParameterError),
         ("time_limit", True, ParameterError),
         ("time_limit", -1.0, ParameterError),
         ("time_limit", float("nan"), ParameterError),
