@@ -20,6 +20,8 @@ from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume, 
 _EPSILON = 1e-7
 ATTEMPTS = 100
 """To draw a point on a region: after so many in cut-off corners, the last stands."""
+_BESIDE = 0.05
+"""m beyond the heights in V at which surfaces may still carry what stands in it, and more."""
 _SMALLEST = 1e-12
 """Parts of a region with less area than this are left out, m²."""
 
@@ -231,6 +233,13 @@ def _join_strips(
     return joined[:n].copy(), bounds[:n].copy()
 
 
+def _heights(volume: TargetVolume, slope: Slope) -> tuple[float, float]:
+    """The lowest and highest that a point of V is above the plane of a slope, metres."""
+    rises = np.array([volume.lower[:2], volume.upper[:2]]) * np.array(slope)
+    low = volume.lower[2] - rises.max(axis=0).sum()
+    return float(low), float(volume.upper[2] - rises.min(axis=0).sum())
+
+
 def find_regions(
     obstacles: ObstacleSet,
     volume: TargetVolume,
@@ -255,7 +264,9 @@ def find_regions(
     belongs = None if planes is None else planes.belonging_to(slope)
     surfaces = level_surfaces(obstacles, settings.headroom, settings.max_tilt, belongs)
     start = surfaces.start
-    support = SupportMap.of(obstacles, surfaces, slope)
+    lowest, highest = _heights(volume, slope)
+    asked = (surfaces.height >= lowest - _BESIDE) & (surfaces.height <= highest + _BESIDE)
+    support = SupportMap.of(obstacles, surfaces, slope, asked)
     middle = 0.5 * (surfaces.rectangle[:, :2] + surfaces.rectangle[:, 2:])
     z = surfaces.height + middle @ np.array(slope)
     in_volume = np.zeros(len(surfaces.height), np.bool_)

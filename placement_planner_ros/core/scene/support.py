@@ -88,9 +88,17 @@ class SupportMap:
 
     @classmethod
     def of(
-        cls, obstacles: ObstacleSet, surfaces: LevelSurfaces, slope: Slope = LEVEL
+        cls,
+        obstacles: ObstacleSet,
+        surfaces: LevelSurfaces,
+        slope: Slope,
+        asked: npt.NDArray[np.bool_],
     ) -> SupportMap:
-        """Of the level surfaces of an obstacle set that was sheared by a slope."""
+        """Of the level surfaces of an obstacle set that was sheared by a slope.
+
+        Args:
+            asked: (s,) which surfaces' gaps count; nothing is to be placed at the others' heights.
+        """
         nx, ny, _ = obstacles.shape
         tolerance = obstacles.surface_tolerance + 0.5 * obstacles.noise
         step = 2.0 * tolerance
@@ -128,7 +136,7 @@ class SupportMap:
             slope,
         )
         view = closed._view
-        narrowest = narrowest_gaps(view, cells) * (_NOISY if obstacles.noise > 0.0 else 1.0)
+        narrowest = narrowest_gaps(view, cells, asked) * (_NOISY if obstacles.noise > 0.0 else 1.0)
         discs = empty_discs(view, obstacles.arrays, cells, narrowest)
         first_hole, holes = by_surface(view, discs)
         holed = np.diff(first_hole) > 0

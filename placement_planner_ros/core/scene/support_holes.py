@@ -13,7 +13,8 @@ from placement_planner_ros.core.scene.support_columns import Columns, surface_at
 from placement_planner_ros.core.scene.support_ends import thing_between
 from placement_planner_ros.core.scene.support_points import WITHIN, on_surface
 from placement_planner_ros.core.scene.support_spacing import (
-    DIRECTIONS,
+    COSINES,
+    SINES,
     SPIRAL,
     TURNS,
     bends_around,
@@ -65,8 +66,8 @@ def _is_sealed(
                 continue
             ex, ey = np.float32(twice * dx), np.float32(twice * dy)
             for k in range(TURNS):
-                inside = ex * DIRECTIONS[k, 0] + ey * DIRECTIONS[k, 1] - square
-                into[k] = max(into[k], inside)
+                inside = ex * COSINES[k] + ey * SINES[k] - square
+                into[k] = inside if inside > into[k] else into[k]
         if least(into) > 0.0:
             return True
     return False
@@ -170,7 +171,7 @@ def empty_discs(
                 if widest < radius:
                     continue
                 x, y = float(columns.points[n, 0]), float(columns.points[n, 1])
-                dx, dy = radius * DIRECTIONS[k, 0], radius * DIRECTIONS[k, 1]
+                dx, dy = radius * COSINES[k], radius * SINES[k]
                 # what is not surrounded here, nor halfway to the other side, is no gap but an end
                 ahead = min(widest, columns.cell_size) / radius
                 if (

@@ -20,20 +20,18 @@ from placement_planner_ros.core.scene.support_columns import Columns, surface_at
 from placement_planner_ros.core.types import Array
 
 TURNS = 32
-DIRECTIONS = np.array(
-    [
-        (math.cos(2.0 * math.pi * k / TURNS), math.sin(2.0 * math.pi * k / TURNS))
-        for k in range(TURNS)
-    ],
-    np.float32,
-)
-DIRECTIONS.setflags(write=False)
+_ANGLES = 2.0 * math.pi * np.arange(TURNS) / TURNS
+COSINES, SINES = np.cos(_ANGLES).astype(np.float32), np.sin(_ANGLES).astype(np.float32)
+COSINES.setflags(write=False)
+SINES.setflags(write=False)
+"""Of directions, an array each: so all of them are compared at once."""
 SPIRAL = np.array(
     sorted(((i, j) for i in range(-2, 3) for j in range(-2, 3)), key=lambda at: max(map(abs, at)))
 )
 SPIRAL.setflags(write=False)
 """Columns (25, 2) within two of one, the nearest first."""
-_SAMPLED = 4
+_ROOM = 48
+_SAMPLED = 3
 """Points of each column that are looked at."""
 _FEW = 3
 """Where columns hold fewer points on average, columns two further are looked at too."""
@@ -106,34 +104,46 @@ def bends_around(
                 continue
             ex, ey = np.float32(dx / square), np.float32(dy / square)
             for k in range(TURNS):
-                bends[k] = max(bends[k], ex * DIRECTIONS[k, 0] + ey * DIRECTIONS[k, 1])
+                bend = ex * COSINES[k] + ey * SINES[k]
+                bends[k] = bend if bend > bends[k] else bends[k]
         far = 1.0 / least(bends)
 
 
 @kernel(lean=True)
-def _half_sealed(bends: npt.NDArray[np.float32]) -> float:
-    """Radius of the widest disc in the half circle that is sealed best."""
+def _half_sealed(bends: npt.NDArray[np.float32], room: npt.NDArray[np.float32]) -> float:
+    """Radius of the widest disc in the half circle, of 15 directions, that is sealed best.
+
+    Args:
+        room: (`_ROOM`,) for the least of 2, 4 and 8 directions that follow each.
+    """
+    for k in range(len(room)):
+        room[k] = bends[k % TURNS]
+    for width in (1, 2, 4):
+        for k in range(len(room) - width):
+            room[k] = min(room[k], room[k + width])
     best = np.float32(0.0)
     for k in range(TURNS):
-        worst = bends[k]
-        for turn in range(1 - TURNS // 4, TURNS // 4):
-            worst = min(worst, bends[(k + turn) % TURNS])
-        best = max(best, worst)
+        best = max(best, min(room[k], room[k + 7]))
     return float(0.5 / best)
 
 
 @kernel(nogil=True)
-def narrowest_gaps(columns: Columns, cells: npt.NDArray[np.int32]) -> Array:
+def narrowest_gaps(
+    columns: Columns, cells: npt.NDArray[np.int32], asked: npt.NDArray[np.bool_]
+) -> Array:
     """(s,) m, radius of the smallest disc without points that is a gap; inf where none can be told.
 
     Args:
         cells: (s, 3) of the surfaces.
+        asked: (s,) whether it is asked for.
     """
     first = columns.first
     discs = np.full((len(columns.height), _SAMPLED), np.inf)
-    bends = np.empty(TURNS, np.float32)
+    bends, room = np.empty(TURNS, np.float32), np.empty(_ROOM, np.float32)
     # some points of each surface, evenly
     for s in range(len(columns.height)):
+        if not asked[s]:
+            continue
         around = 0
         for i in range(max(cells[s, 0] - 1, 0), min(cells[s, 0] + 2, columns.nx)):
             for j in range(max(cells[s, 1] - 1, 0), min(cells[s, 1] + 2, columns.ny)):
@@ -148,11 +158,13 @@ def narrowest_gaps(columns: Columns, cells: npt.NDArray[np.int32]) -> Array:
         for n in range(min(held, _SAMPLED)):
             row = first[s] + n * held // min(held, _SAMPLED)
             bends_around(columns, s, row, rings, bends)
-            discs[s, n] = _half_sealed(bends)
+            discs[s, n] = _half_sealed(bends, room)
     # quantiles over the columns around
     result = np.full(len(columns.height), np.inf)
     near = np.empty(9 * _SAMPLED)
     for s in range(len(columns.height)):
+        if not asked[s]:
+            continue
         count = 0
         for i in range(max(cells[s, 0] - 1, 0), min(cells[s, 0] + 2, columns.nx)):
             for j in range(max(cells[s, 1] - 1, 0), min(cells[s, 1] + 2, columns.ny)):
@@ -172,6 +184,8 @@ def narrowest_gaps(columns: Columns, cells: npt.NDArray[np.int32]) -> Array:
     # where density changes, the sparser side tells
     widest = result.copy()
     for s in range(len(columns.height)):
+        if not asked[s]:
+            continue
         for i in range(max(cells[s, 0] - 1, 0), min(cells[s, 0] + 2, columns.nx)):
             for j in range(max(cells[s, 1] - 1, 0), min(cells[s, 1] + 2, columns.ny)):
                 column = i * columns.ny + j
