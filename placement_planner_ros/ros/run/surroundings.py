@@ -129,7 +129,7 @@ def _flying(snapshot: Snapshot, before: Surroundings | None) -> tuple[npt.NDArra
     """Per cloud, (n,) which of its points are flying pixels; clouds that were there before are not
     looked at again."""
     known: dict[int, tuple[Array | None, npt.NDArray[np.bool_]]] = {}
-    if before is not None:
+    if before is not None and before.snapshot.origins:
         clouds, origins = before.snapshot.clouds, before.snapshot.origins
         for cloud, origin, flies in zip(clouds, origins, before.flying, strict=True):
             known[id(cloud)] = origin, flies
