@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.experiments.evaluation.command import add_evaluation_commands
 from placement_planner_ros.experiments.motion.comparison import add_motion_command
+from placement_planner_ros.experiments.real_clouds.command import add_clouds_command
 from placement_planner_ros.experiments.robots.command import add_robots_command
 from placement_planner_ros.experiments.situations.command import add_situations_command
 from placement_planner_ros.experiments.speed.command import add_speed_command
@@ -24,6 +25,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add_speed_command(commands)
     add_robots_command(commands)
     add_situations_command(commands)
+    add_clouds_command(commands)
     parsed = parser.parse_args(arguments)
     try:
         return int(parsed.command_function(parsed))

@@ -34,6 +34,7 @@ from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.extent import cropped
+from placement_planner_ros.core.scene.flying_pixels import flying_pixels
 from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.visibility import View
 from placement_planner_ros.core.swept.space import Stretch, SweptSpace
@@ -171,8 +172,8 @@ def _surroundings(
     settings = GridSettings()
     bounds = cropped(lower, upper, np.vstack([points, volume.lower, volume.upper]), 0.01)
     eye = np.array([0.0, 0.0, 1.5])
-    views = [View(points, eye)]
-    Environment.from_points(points, volume, settings, None, bounds, views=views)
+    seen = points[~flying_pixels(points, eye)]
+    Environment.from_points(seen, volume, settings, None, bounds, views=[View(seen, eye)])
     return Environment.from_points(points, volume, settings, None, bounds)
 
 

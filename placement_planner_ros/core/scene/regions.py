@@ -20,6 +20,8 @@ from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume, 
 _EPSILON = 1e-7
 ATTEMPTS = 100
 """To draw a point on a region: after so many in cut-off corners, the last stands."""
+_BESIDE = 0.05
+"""m beyond the heights in V at which surfaces may still carry what stands in it, and more."""
 _SMALLEST = 1e-12
 """Parts of a region with less area than this are left out, m²."""
 
@@ -231,6 +233,13 @@ def _join_strips(
     return joined[:n].copy(), bounds[:n].copy()
 
 
+def _heights(volume: TargetVolume, slope: Slope) -> tuple[float, float]:
+    """The lowest and highest that a point of V is above the plane of a slope, metres."""
+    rises = np.array([volume.lower[:2], volume.upper[:2]]) * np.array(slope)
+    low = volume.lower[2] - rises.max(axis=0).sum()
+    return float(low), float(volume.upper[2] - rises.min(axis=0).sum())
+
+
 def find_regions(
     obstacles: ObstacleSet,
     volume: TargetVolume,
@@ -255,7 +264,9 @@ def find_regions(
     belongs = None if planes is None else planes.belonging_to(slope)
     surfaces = level_surfaces(obstacles, settings.headroom, settings.max_tilt, belongs)
     start = surfaces.start
-    support = SupportMap.of(obstacles, surfaces, slope)
+    lowest, highest = _heights(volume, slope)
+    asked = (surfaces.height >= lowest - _BESIDE) & (surfaces.height <= highest + _BESIDE)
+    support = SupportMap.of(obstacles, surfaces, slope, asked)
     middle = 0.5 * (surfaces.rectangle[:, :2] + surfaces.rectangle[:, 2:])
     z = surfaces.height + middle @ np.array(slope)
     in_volume = np.zeros(len(surfaces.height), np.bool_)
@@ -273,13 +284,16 @@ def find_regions(
     label = _connect(cells, start, surfaces.height, label, ny, nx, settings.height_tolerance)
     label = _tile(cells, label, size, settings.max_side)
     label = _connect(cells, start, surfaces.height, label, ny, nx, settings.height_tolerance)
+    rectangle, surface = support.whole_parts()
+    label = label[surface]
     order = np.argsort(label, kind="stable")
     order = order[label[order] >= 0]
     regions = []
-    for rows in np.split(order, np.flatnonzero(np.diff(label[order])) + 1):
-        if len(rows) == 0:
+    for parts in np.split(order, np.flatnonzero(np.diff(label[order])) + 1):
+        if len(parts) == 0:
             continue
-        whole = Region(surfaces.rectangle[rows], 0.0, surfaces.diagonal[rows])
+        rows = surface[parts]
+        whole = Region(rectangle[parts], 0.0, surfaces.diagonal[rows])
         if whole.area < settings.min_area:
             continue
         height = _weighted_median(surfaces.height[rows], whole.areas)
@@ -288,7 +302,7 @@ def find_regions(
         section = volume.section(height) if slope == LEVEL else flat
         if not len(section):
             continue
-        joined = _join_strips(cells[rows], surfaces.rectangle[rows], surfaces.diagonal[rows])
+        joined = _join_strips(cells[rows], rectangle[parts], surfaces.diagonal[rows])
         region = Region(joined[0], height, joined[1], slope).within(section)
         if region is not None and region.area >= settings.min_area:
             regions.append(region)

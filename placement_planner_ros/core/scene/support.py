@@ -3,7 +3,8 @@
 Where a surface goes on in all eight columns around one, that column carries whatever stands on it.
 In the others, at the end of the surface, a point is supported where measured points surround it:
 where it lies in the hull of those within a short way of it (`SupportMap.radius`). So an edge is
-never taken for further out than it was measured, however it runs through the cells.
+never taken for further out than it was measured, however it runs through the cells. A place within
+a disc without points that is wider than the points leave anyway is in a gap (`support_holes`).
 """
 
 from __future__ import annotations
@@ -23,9 +24,20 @@ from placement_planner_ros.core.scene.support_columns import (
     radii,
 )
 from placement_planner_ros.core.scene.support_ends import end_within, find_ends, keeps, leave_out
+from placement_planner_ros.core.scene.support_holes import (
+    PARTS,
+    around_holes,
+    by_surface,
+    empty_discs,
+    parts_in_holes,
+)
 from placement_planner_ros.core.scene.support_points import on_surface
+from placement_planner_ros.core.scene.support_spacing import narrowest_gaps
 from placement_planner_ros.core.scene.surfaces import LevelSurfaces
 from placement_planner_ros.core.types import LEVEL, Array, Slope, frozen_array
+
+_NOISY = 1.3
+"""Times as wide must gaps be in noisy clouds: those of cameras have holes of their own."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,6 +49,7 @@ class SupportMap:
     Attributes:
         origin, cell_size, columns: of the grid; how many columns of cells along x and y.
         start: (nx * ny + 1,) first surface of each column of the grid, and their number.
+        cells: (s, 3) of the grid.
         height: (s,) z of each surface.
         rectangle: (s, 4) xmin, ymin, xmax, ymax.
         kind: (s,) whether the surface ends in its column or beside it, see above.
@@ -46,6 +59,9 @@ class SupportMap:
         ends: (k,) bool, beyond which of these a surface that ends drops, or was not seen.
         trim: m, the outermost of many noisy points lies beyond the true edge by about so much.
         step: heights of one surface differ by no more from one column to the next, m.
+        alone: (s,) m, what lies further than that from all points of a surface that ends is a gap.
+        first_hole: (s + 1,) first of the gaps that reach into each surface's column, their number.
+        holes: (h, 3) x, y and radius of discs that are gaps, see `support_holes`.
         obstacles: what stands around, sheared by the slope.
         slope: of the surfaces.
     """
@@ -54,6 +70,7 @@ class SupportMap:
     cell_size: float
     columns: tuple[int, int]
     start: npt.NDArray[np.int64]
+    cells: npt.NDArray[np.int32]
     height: Array
     rectangle: Array
     kind: npt.NDArray[np.uint8]
@@ -63,14 +80,25 @@ class SupportMap:
     ends: npt.NDArray[np.bool_]
     trim: float
     step: float
+    alone: Array
+    first_hole: npt.NDArray[np.int64]
+    holes: Array
     obstacles: ObstacleArrays
     slope: Slope = LEVEL
 
     @classmethod
     def of(
-        cls, obstacles: ObstacleSet, surfaces: LevelSurfaces, slope: Slope = LEVEL
+        cls,
+        obstacles: ObstacleSet,
+        surfaces: LevelSurfaces,
+        slope: Slope,
+        asked: npt.NDArray[np.bool_],
     ) -> SupportMap:
-        """Of the level surfaces of an obstacle set that was sheared by a slope."""
+        """Of the level surfaces of an obstacle set that was sheared by a slope.
+
+        Args:
+            asked: (s,) which surfaces' gaps count; nothing is to be placed at the others' heights.
+        """
         nx, ny, _ = obstacles.shape
         tolerance = obstacles.surface_tolerance + 0.5 * obstacles.noise
         step = 2.0 * tolerance
@@ -79,22 +107,41 @@ class SupportMap:
         size = obstacles.cell_size
         first, points, filled = points_on(obstacles.arrays, *measured, cells, height, step)
         radius = radii(cells, start, height, first, nx, ny, size, step)
-        made = cls(
+        none = np.zeros(len(height) + 1, np.int64)
+
+        def kind(holed: npt.NDArray[np.bool_]) -> npt.NDArray[np.uint8]:
+            return np.asarray(
+                kinds(cells, start, height, filled, holed, radius, nx, ny, size, step)
+            )
+
+        closed = cls(
             obstacles.origin,
             size,
             (nx, ny),
             start,
+            cells,
             frozen_array(height),
             surfaces.rectangle,
-            kinds(cells, start, height, filled, radius, nx, ny, size, step),
+            kind(none[1:] > 0),
             radius,
             first,
             points,
             np.zeros(len(points), np.bool_),
             2.0 * obstacles.noise,
             step,
+            np.full(len(height), np.inf),
+            none,
+            np.zeros((0, 3)),
             obstacles.arrays,
             slope,
+        )
+        view = closed._view
+        narrowest = narrowest_gaps(view, cells, asked) * (_NOISY if obstacles.noise > 0.0 else 1.0)
+        discs = empty_discs(view, obstacles.arrays, cells, narrowest)
+        first_hole, holes = by_surface(view, discs)
+        holed = np.diff(first_hole) > 0
+        made = replace(
+            closed, kind=kind(holed), alone=narrowest, first_hole=first_hole, holes=holes
         )
         return replace(made, ends=find_ends(made._view, obstacles.arrays, step))
 
@@ -111,7 +158,36 @@ class SupportMap:
             self.first,
             self.points,
             self.step,
+            self.alone,
+            self.first_hole,
+            self.holes,
         )
+
+    @property
+    def holed(self) -> npt.NDArray[np.int64]:
+        """(k,) surfaces with gaps."""
+        return np.flatnonzero(np.diff(self.first_hole))
+
+    @property
+    def parts_in_holes(self) -> npt.NDArray[np.bool_]:
+        """(k, 8, 8) which parts of the columns of `holed` surfaces surely carry nothing, by x, y.
+
+        They are all the parts of a column that are gaps but for the ones that a gap ends in.
+        """
+        return np.asarray(parts_in_holes(self._view, self.cells, self.holed))
+
+    def whole_parts(self) -> tuple[Array, npt.NDArray[np.int64]]:
+        """(n, 4) disjoint rectangles of all surfaces without their gaps; (n,) of which each is."""
+        holed = self.holed
+        rows = np.arange(len(self.height))
+        if not len(holed):
+            return self.rectangle, rows
+        lower = self.origin[:2] + self.cells[holed, :2] * self.cell_size
+        edge = self.cell_size / PARTS
+        found, of = around_holes(self.rectangle[holed], lower, edge, self.parts_in_holes)
+        solid = np.delete(rows, holed)
+        order = np.argsort(row := np.concatenate([solid, holed[of]]), kind="stable")
+        return np.concatenate([self.rectangle[solid], found])[order], row[order]
 
     def above(self, points: Array) -> Array:
         """(n, 3) points with their height above the plane through the origin as z, metres."""
@@ -163,6 +239,7 @@ class SupportMap:
             off: at any height that differs from z by no more, metres.
         """
         near = np.asarray(np.abs(self.height - z) <= tolerance + off)
+        near[self.holed[self.parts_in_holes.all(axis=(1, 2))]] = False
         if margin + self.trim > self.cell_size:
             surely = np.asarray(np.abs(self.height - z) <= tolerance - off)
             leave_out(self._view, self.ends, surely, margin + self.trim, near)

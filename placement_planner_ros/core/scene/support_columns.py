@@ -37,6 +37,9 @@ class Columns(NamedTuple):
         first: (s + 1,) first of each surface's points, and their number.
         points: (k, 2) x and y of what was measured on the surfaces.
         step: heights of one surface differ by no more from one column to the next, m.
+        alone: (s,) m, what lies further than that from all points of a surface that ends is a gap.
+        first_hole: (s + 1,) first of the discs that reach into each surface's column, their number.
+        holes: (h, 3) x, y and radius of discs that are gaps in the surface, metres.
     """
 
     origin: Array
@@ -50,6 +53,9 @@ class Columns(NamedTuple):
     first: npt.NDArray[np.int64]
     points: npt.NDArray[np.float32]
     step: float
+    alone: Array
+    first_hole: npt.NDArray[np.int64]
+    holes: Array
 
 
 @kernel(lean=True)
@@ -71,6 +77,7 @@ def kinds(
     start: npt.NDArray[np.int64],
     height: Array,
     filled: npt.NDArray[np.bool_],
+    holed: npt.NDArray[np.bool_],
     radius: Array,
     nx: int,
     ny: int,
@@ -84,7 +91,7 @@ def kinds(
             i, j = cells[s, 0], cells[s, 1]
             if i < 1 or j < 1 or i >= nx - 1 or j >= ny - 1 or kind[s] < least:
                 continue
-            whole = least > 0 or filled[s] or radius[s] > _DENSE * size
+            whole = not holed[s] and (least > 0 or filled[s] or radius[s] > _DENSE * size)
             for di in range(-1, 2):
                 for dj in range(-1, 2):
                     t = surface_at(start, height, (i + di) * ny + j + dj, height[s], step)

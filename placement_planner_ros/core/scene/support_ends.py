@@ -31,7 +31,7 @@ _CIRCLE.setflags(write=False)
 
 
 @kernel(lean=True)
-def _thing_between(
+def thing_between(
     columns: Columns,
     boxes: ObstacleArrays,
     x: float,
@@ -90,7 +90,7 @@ def keeps(
             continue
         # it may go on unseen up to what stands beyond the last of its points
         far = margin + columns.radius[s]
-        if not _thing_between(columns, boxes, x, y, z, far * cos, far * sin):
+        if not thing_between(columns, boxes, x, y, z, far * cos, far * sin):
             return False
     return True
 

@@ -10,6 +10,8 @@ from placement_planner_ros.core.scene.support_columns import END, Columns, surfa
 _EPSILON = 1e-7
 _ON = 1e-6
 """m, how far outside of a hull a point may lie by rounding."""
+WITHIN = 1e-4
+"""m that a place must be within a gap: the points at its edge still carry."""
 
 
 @kernel(lean=True)
@@ -80,6 +82,45 @@ def _surrounded(columns: Columns, s: int, x: float, y: float) -> bool:
 
 
 @kernel(lean=True)
+def _is_alone(columns: Columns, s: int, x: float, y: float) -> bool:
+    """Whether a place is further from all points of surface s than what is no gap."""
+    far, size = columns.alone[s], columns.cell_size
+    if far > size:
+        return False
+    for i in range(
+        max(math.floor((x - far - columns.origin[0]) / size), 0),
+        min(math.floor((x + far - columns.origin[0]) / size), columns.nx - 1) + 1,
+    ):
+        for j in range(
+            max(math.floor((y - far - columns.origin[1]) / size), 0),
+            min(math.floor((y + far - columns.origin[1]) / size), columns.ny - 1) + 1,
+        ):
+            column = i * columns.ny + j
+            step = 2.0 * columns.step
+            t = surface_at(columns.start, columns.height, column, columns.height[s], step)
+            if t < 0:
+                continue
+            for n in range(columns.first[t], columns.first[t + 1]):
+                dx, dy = columns.points[n, 0] - x, columns.points[n, 1] - y
+                if dx * dx + dy * dy <= far * far:
+                    return False
+    return True
+
+
+@kernel(lean=True)
+def _in_hole(columns: Columns, s: int, x: float, y: float) -> bool:
+    """Whether a place in the column of surface s lies in a gap of it."""
+    if _is_alone(columns, s, x, y):
+        return True
+    for n in range(columns.first_hole[s], columns.first_hole[s + 1]):
+        dx, dy = x - columns.holes[n, 0], y - columns.holes[n, 1]
+        radius = columns.holes[n, 2] - WITHIN
+        if dx * dx + dy * dy < radius * radius:
+            return True
+    return False
+
+
+@kernel(lean=True)
 def on_surface(columns: Columns, x: float, y: float, z: float, tolerance: float) -> int:
     """The level surface that carries a point, or -1."""
     size = columns.cell_size
@@ -93,7 +134,8 @@ def on_surface(columns: Columns, x: float, y: float, z: float, tolerance: float)
             column = i * columns.ny + j
             for s in range(columns.start[column], columns.start[column + 1]):
                 if abs(z - columns.height[s]) <= tolerance and (
-                    columns.kind[s] != END or _surrounded(columns, s, x, y)
+                    columns.kind[s] != END
+                    or (_surrounded(columns, s, x, y) and not _in_hole(columns, s, x, y))
                 ):
                     return s
     return -1

@@ -9,10 +9,15 @@ from typing import Any
 import numpy as np
 
 from placement_planner_ros.experiments.jobs import run_jobs, say
-from placement_planner_ros.experiments.json_lines import read_lines
+from placement_planner_ros.experiments.json_lines import append_line, read_lines
 from placement_planner_ros.experiments.options import add_job_options
 from placement_planner_ros.experiments.page import between_marks, require_marks
 from placement_planner_ros.experiments.situations.catalogue import all_situations
+from placement_planner_ros.experiments.situations.feasible_share import (
+    SHARES_FILE,
+    measure_shares,
+    shares_table,
+)
 from placement_planner_ros.experiments.situations.report import VERDICTS_FILE, markdown
 from placement_planner_ros.experiments.situations.runs import (
     OUTCOMES,
@@ -46,6 +51,9 @@ def add_situations_command(commands: Any) -> None:
     situations.add_argument("--enough", type=int, default=1, help="end a run after so many")
     situations.add_argument("--page", type=Path, help="a page: replace what is between its marks")
     situations.add_argument("--picture", type=Path, help="draw every situation into this file")
+    situations.add_argument(
+        "--shares", type=int, metavar="POSES", help="feasible shares of tables off level instead"
+    )
     situations.add_argument("--report-only", action="store_true", help="show what is recorded")
     add_job_options(situations, "results/situations")
     situations.set_defaults(command_function=run_situations)
@@ -68,7 +76,9 @@ def run_situations(arguments: argparse.Namespace) -> int:
         draw_situations(arguments.picture, list(drawn.values()))
         say(f"wrote {arguments.picture}")
     path = arguments.output / RUNS_FILE
-    if not arguments.report_only:
+    if arguments.shares is not None:
+        _measure_shares(arguments)
+    elif not arguments.report_only:
         jobs = _jobs(arguments, seeds)
         run_jobs(
             run_situation,
@@ -81,12 +91,21 @@ def run_situations(arguments: argparse.Namespace) -> int:
         )
     entries = read_lines(path)
     text = markdown(entries, read_lines(arguments.output / VERDICTS_FILE))
+    if shares := shares_table(read_lines(arguments.output / SHARES_FILE)):
+        text += f"\n## Tables off level\n\n{shares}"
     arguments.output.mkdir(parents=True, exist_ok=True)
     (arguments.output / TABLE_FILE).write_text(text, encoding="utf-8")
     if arguments.page is not None:
         between_marks(arguments.page, text)
     say(text)
     return int(any(outcome(entry) in OUTCOMES[2:] for entry in entries))
+
+
+def _measure_shares(arguments: argparse.Namespace) -> None:
+    path = arguments.output / SHARES_FILE
+    path.unlink(missing_ok=True)
+    for entry in measure_shares(arguments.shares, arguments.first_seed):
+        append_line(path, entry)
 
 
 def _jobs(arguments: argparse.Namespace, seeds: range) -> list[SituationJob]:

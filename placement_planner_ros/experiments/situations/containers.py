@@ -193,7 +193,7 @@ def glass_in_shelf(rng: Rng) -> Situation:
 
 def shelf_too_low_for_glass(rng: Rng) -> Situation:
     room = rng.uniform(0.138, 0.143)
-    why = f"{1e3 * room:.0f} mm below the board, the glass is 145 mm high either way up"
+    why = f"{1e3 * room:.0f} mm below the board, the glass is 145 mm high; lying it would roll"
     return _in_shelf("shelf_too_low_for_glass", "wine_glass", rng, room, why, None)
 
 

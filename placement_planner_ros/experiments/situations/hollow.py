@@ -30,7 +30,7 @@ def _bowl(rng: Rng, name: str, half: float, height: float, why: str, possible: b
 
 
 def bowl_over_frame(rng: Rng) -> Situation:
-    half, height = rng.uniform(0.052, 0.055), rng.uniform(0.010, 0.013)
+    half, height = rng.uniform(0.056, 0.059), rng.uniform(0.010, 0.013)
     why = "the rim of 120 mm is above the frame, the foot of 72 mm within"
     return _bowl(rng, "bowl_over_frame", half, height, why, True)
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from placement_planner_ros.core.scene.flying_pixels import flying_pixels
 from placement_planner_ros.core.scene.visibility import View
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.experiments.situations.situation import Cloud, Situation
@@ -39,7 +40,9 @@ def camera_of(situation: Situation) -> DepthCamera:
 
 def observe(situation: Situation, cloud: Cloud, rng: np.random.Generator) -> Observation:
     """The complete cloud; or one camera's with noise of 1 to 2 mm, 2 % of all pixels flying in
-    front of what they see, as many of those on an edge between its sides, and steps of depth."""
+    front of what they see, as many of those on an edge between its sides, and steps of depth.
+
+    Flying pixels are filtered as a node does."""
     if cloud == "complete":
         return Observation(complete_cloud(situation.scene, situation.spacing))
     noise = CameraNoise(
@@ -50,5 +53,6 @@ def observe(situation: Situation, cloud: Cloud, rng: np.random.Generator) -> Obs
     )
     camera = camera_of(situation)
     seen = camera_clouds(situation.scene, rng, cameras=[camera], noise=noise)[0].world_points()
+    seen = seen[~flying_pixels(seen, camera.T_world_camera.translation)]
     view = View(seen, camera.T_world_camera.translation)
     return Observation(seen, () if situation.unknown == "free" else (view,))

@@ -124,7 +124,7 @@ def situation_problem(
 
 def planner_settings(situation: Situation) -> PlannerSettings:
     """The defaults, with the situation's s(x)."""
-    return PlannerSettings()
+    return PlannerSettings(support=situation.support)
 
 
 def run_situation(job: SituationJob) -> dict[str, Any]:

@@ -174,7 +174,7 @@ def _rack(
 ) -> Situation:  # fmt: skip
     """Bars all along 240 mm; one is at `shift` from the middle."""
     centre = place(rng)
-    count = int(0.11 / pitch)
+    count = max(1, int(0.11 / pitch))
     offsets = shift + pitch * np.arange(-count, count + 1)
     solids = _bars(centre, offsets, width, 0.22, 0.06)
     half = (max(abs(offsets[0]), abs(offsets[-1])) + width / 2 - _AROUND, 0.11 - _AROUND)
@@ -231,10 +231,11 @@ def glass_on_grating_polygon(rng: Rng) -> Situation:
 
 
 def toy_table_on_wide_grating_polygon(rng: Rng) -> Situation:
-    pitch = rng.uniform(0.072, 0.076)
-    why = f"bars {1e3 * pitch:.0f} mm apart: however it is turned, two legs or more hang between"
-    return _grating(rng, "toy_table_on_wide_grating_polygon", "toy_table", "polygon", None, why,
-                    pitch)  # fmt: skip
+    pitch = rng.uniform(0.136, 0.140)
+    why = f"bars {1e3 * pitch:.0f} mm apart, the toy table is 132 mm long on any side, diagonally"
+    return _grating(
+        rng, "toy_table_on_wide_grating_polygon", "toy_table", "polygon", None, why, pitch
+    )
 
 
 def _top(rng: Rng, name: str, thing: str, radius: float, height: float, why: str,

@@ -11,6 +11,7 @@ from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.problem import workspace
 from placement_planner_ros.core.scene.environment import Environment, require_room
 from placement_planner_ros.core.scene.extent import cropped
+from placement_planner_ros.core.scene.flying_pixels import flying_pixels
 from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.regions import RegionSettings
 from placement_planner_ros.core.scene.visibility import View
@@ -24,12 +25,13 @@ class Surroundings:
     """All that an environment is made from, and nothing else.
 
     Attributes:
-        points: (n, 3) neither on the robot nor on the held object, planning frame.
+        points: (n, 3) neither on the robot nor on the held object, nor flying, planning frame.
         bounds: lower (3,) and upper (3,) corner of what the obstacle set covers.
-        views: for `unknown_space`; empty where that is free.
+        views: for `unknown_space`, without flying pixels; empty where that is free.
         snapshot: where the robot is, which only views look at.
         unknown_below: `unknown_space` is occupied_below.
         beyond_volume: `clearance.beyond_volume`.
+        flying: per cloud, (n,) which of its points are flying pixels.
     """
 
     points: Array
@@ -41,6 +43,7 @@ class Surroundings:
     snapshot: Snapshot
     unknown_below: bool = False
     beyond_volume: bool = True
+    flying: tuple[npt.NDArray[np.bool_], ...] = ()
 
     @classmethod
     def of(cls, snapshot: Snapshot, before: Surroundings | None = None) -> Surroundings:
@@ -52,6 +55,7 @@ class Surroundings:
         if before is not None and before.made_of(snapshot):
             return before
         points = np.vstack(snapshot.clouds)
+        flying = _flying(snapshot, before)
         kept = np.ones(len(points), np.bool_)
         if snapshot.parameters["self_filter.enabled"]:
             kept = _outside(snapshot, points, snapshot.parameters["self_filter.padding"])
@@ -60,12 +64,12 @@ class Surroundings:
         views: list[View] = []
         if snapshot.parameters["unknown_space"] != "free":
             ends = np.cumsum([len(cloud) for cloud in snapshot.clouds])[:-1]
-            for cloud, hides, origin in zip(
-                snapshot.clouds, np.split(kept, ends), snapshot.origins, strict=True
+            for cloud, hides, origin, flies in zip(
+                snapshot.clouds, np.split(kept, ends), snapshot.origins, flying, strict=True
             ):
                 if origin is not None:
-                    views.append(View(cloud, origin, hides))
-        points = points[kept]
+                    views.append(View(cloud[~flies], origin, hides[~flies]))
+        points = points[kept & ~np.concatenate(flying)]
         return cls(
             points,
             grid_bounds(snapshot, points),
@@ -76,6 +80,7 @@ class Surroundings:
             snapshot,
             snapshot.parameters["unknown_space"] == "occupied_below",
             bool(snapshot.parameters["clearance.beyond_volume"]),
+            flying,
         )
 
     def made_of(self, snapshot: Snapshot) -> bool:
@@ -118,6 +123,27 @@ class Surroundings:
             unknown_below=self.unknown_below,
             beyond_volume=self.beyond_volume,
         )
+
+
+def _flying(snapshot: Snapshot, before: Surroundings | None) -> tuple[npt.NDArray[np.bool_], ...]:
+    """Per cloud, (n,) which of its points are flying pixels; clouds that were there before are not
+    looked at again."""
+    known: dict[int, tuple[Array | None, npt.NDArray[np.bool_]]] = {}
+    if before is not None and before.snapshot.origins:
+        clouds, origins = before.snapshot.clouds, before.snapshot.origins
+        for cloud, origin, flies in zip(clouds, origins, before.flying, strict=True):
+            known[id(cloud)] = origin, flies
+    found = []
+    for i, cloud in enumerate(snapshot.clouds):
+        origin = snapshot.origins[i] if snapshot.origins else None
+        seen_from, flies = known.get(id(cloud), (None, np.zeros(len(cloud), np.bool_)))
+        if origin is not None and not (snapshot.placed and snapshot.placed[i]):
+            if seen_from is None or not np.array_equal(origin, seen_from):
+                flies = flying_pixels(cloud, origin)
+        else:
+            flies = np.zeros(len(cloud), np.bool_)
+        found.append(flies)
+    return tuple(found)
 
 
 def _outside(snapshot: Snapshot, points: Array, distance: float) -> npt.NDArray[np.bool_]:

@@ -43,6 +43,9 @@ def body(name):
     if name == "box":
         mesh = trimesh.creation.box((0.18, 0.12, 0.05))
         return Body.from_mesh(mesh.vertices, mesh.faces, (0.04, 0.02, 0.0))
+    if name == "tall box":
+        mesh = trimesh.creation.box((0.12, 0.12, 0.24))
+        return Body.from_mesh(mesh.vertices, mesh.faces)
     held = object_by_name(name)
     return Body.from_mesh(held.vertices, held.triangles, held.center_of_mass)
 
@@ -52,6 +55,7 @@ CASES = [
     ("rack", "toy_table", LEVEL),
     ("bridge", "wine_glass", LEVEL),
     ("bridge", "box", (0.03, 0.06)),
+    ("bridge", "tall box", (0.02, 0.2)),
     ("pedestals", "box", LEVEL),
     ("tables", "toy_table", LEVEL),
     ("tables", "box", (0.1, -0.05)),

@@ -143,6 +143,22 @@ def test_contact_points_are_the_feet_of_a_body_and_not_what_lies_between():
             assert any((p.normals @ at - p.offsets).max() < 1e-6 for p in body.solids)
 
 
+def test_what_rises_from_a_foot_does_not_touch():
+    """A block that is wider above, and slants down to its foot."""
+    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    vertices = np.vstack(
+        [np.c_[0.04 * corners, np.zeros(4)], np.c_[0.07 * corners, np.full(4, 0.04)]]
+    )
+    mesh = trimesh.Trimesh(vertices).convex_hull
+    body = Body.from_mesh(mesh.vertices, mesh.faces)
+    face = next(face for face in body.faces if face.normal[2] < -0.99)
+    points = contact_points(body, face).points
+    slant = body.flatness * 0.03 / 0.04
+    widths = np.ptp(points, axis=0)
+    assert (widths >= 0.08 - 1e-9).all()
+    assert (widths <= 0.08 + 2.0 * slant + 1e-9).all()
+
+
 def test_contact_points_are_close_together_and_a_bounded_number():
     for sides in ((0.17, 0.12, 0.05), (0.9, 0.7, 0.3), (0.012, 0.02, 0.01)):
         body = box(sides)

@@ -1,0 +1,107 @@
+"""Reads point clouds from PCD files: ascii, binary, and binary compressed by LZF."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.types import Array
+
+_COORDINATES = ("x", "y", "z")
+
+
+def read_pcd(path: Path) -> Array:
+    """(n, 3) the points, metres, in the sensor's frame; NaN where nothing was measured.
+
+    Raises:
+        ParameterError: it is no PCD file, or lacks coordinates or data.
+    """
+    content = path.read_bytes()
+    header, data = _header(path, content)
+    names = header["FIELDS"]
+    if not set(_COORDINATES) <= set(names):
+        raise ParameterError("cloud", str(path), f"has the fields {names}: x, y and z are needed")
+    counts = [int(count) for count in header.get("COUNT", ["1"] * len(names))]
+    kinds = {"F": "f", "I": "i", "U": "u"}
+    sizes, types = header["SIZE"], header["TYPE"]
+    record = np.dtype(
+        [
+            (f"{name}_{number}", f"<{kinds[kind]}{size}", (count,))
+            for number, (name, kind, size, count) in enumerate(
+                zip(names, types, sizes, counts, strict=True)
+            )
+        ]
+    )
+    wanted = [f"{name}_{names.index(name)}" for name in _COORDINATES]
+    number = int(header["POINTS"][0])
+    how = header["DATA"][0]
+    if how == "ascii":
+        rows = np.array(data.split(), dtype=np.float64).reshape(number, sum(counts))
+        first = np.cumsum([0, *counts])
+        return rows[:, [first[names.index(name)] for name in _COORDINATES]]
+    if how == "binary_compressed":
+        packed, whole = np.frombuffer(data[:8], "<u4").tolist()
+        data = _unpacked(data[8 : 8 + packed], whole)
+        if len(data) < number * record.itemsize:
+            raise ParameterError("cloud", str(path), "its data end too early")
+        # field after field, not point after point
+        columns, at = {}, 0
+        for name in record.names or ():
+            size = number * record[name].itemsize
+            columns[name] = np.frombuffer(data[at : at + size], record[name].base)
+            at += size
+        return np.column_stack([columns[name].reshape(number, -1)[:, 0] for name in wanted]).astype(
+            np.float64
+        )
+    if how != "binary" or len(data) < number * record.itemsize:
+        raise ParameterError("cloud", str(path), "its data are of no known kind, or end too early")
+    points = np.frombuffer(data[: number * record.itemsize], record)
+    return np.column_stack([points[name][:, 0] for name in wanted]).astype(np.float64)
+
+
+def _header(path: Path, content: bytes) -> tuple[Mapping[str, list[str]], bytes]:
+    """Its lines by their first words, and what follows them."""
+    found: dict[str, list[str]] = {}
+    at = 0
+    while "DATA" not in found:
+        end = content.find(b"\n", at)
+        if end < 0 or end - at > 10_000:
+            raise ParameterError("cloud", str(path), "is no PCD file: it has no line DATA")
+        words = content[at:end].decode("ascii", "replace").split()
+        if words and not words[0].startswith("#"):
+            found[words[0]] = words[1:]
+        at = end + 1
+    if missing := {"FIELDS", "SIZE", "TYPE", "POINTS"} - set(found):
+        raise ParameterError("cloud", str(path), f"its header lacks {', '.join(sorted(missing))}")
+    return found, content[at:]
+
+
+def _unpacked(packed: bytes, size: int) -> bytes:
+    """LZF: runs of bytes as they are, and repeats of what came up to 8 kB before."""
+    out = bytearray()
+    at = 0
+    while at < len(packed):
+        control = packed[at]
+        at += 1
+        if control < 32:
+            out += packed[at : at + control + 1]
+            at += control + 1
+            continue
+        length = control >> 5
+        if length == 7:
+            length += packed[at]
+            at += 1
+        back = ((control & 31) << 8) + packed[at] + 1
+        at += 1
+        length += 2
+        if back >= length:
+            out += out[-back : len(out) - back + length]
+        else:  # it repeats itself
+            piece = bytes(out[-back:])
+            out += (piece * (length // back + 1))[:length]
+    if len(out) != size:
+        raise ValueError(f"LZF gave {len(out)} bytes, {size} were promised")
+    return bytes(out)

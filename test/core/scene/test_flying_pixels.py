@@ -1,0 +1,194 @@
+"""Flying pixels go, and what is really there stays, however thin."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from placement_planner_ros.core.constraints import PoseConstraints
+from placement_planner_ros.core.planner import PlannerSettings
+from placement_planner_ros.core.problem import workspace
+from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.scene.flying_pixels import flying_pixels
+from placement_planner_ros.core.scene.grid import ObstacleSet
+from placement_planner_ros.core.scene.region_points import RegionPoints
+from placement_planner_ros.core.types import Verdict
+from placement_planner_ros.experiments.cases import Case, make_problem
+from placement_planner_ros.scenes.clouds import (
+    CameraNoise,
+    camera_clouds,
+    complete_cloud,
+)
+from placement_planner_ros.scenes.scenes import SCENE_NAMES, scene_by_name
+
+FOCAL = 340.0
+WALL = 0.5
+"""m behind what is looked at, which is 1 m away."""
+CLEAN = CameraNoise(range_deviation=0.002, flying_share=0.0)
+FLYING = replace(CLEAN, flying_share=0.05, stray_share=0.05)
+
+
+def views_of(scene, noise, seed=0):
+    """Of each camera its points (n, 3) and where it is."""
+    for cloud in camera_clouds(scene, np.random.default_rng(seed), noise=noise):
+        yield cloud.world_points(), cloud.camera.T_world_camera.translation
+
+
+def image(thing, noise, seed=0, steep=0.0):
+    """Points (h, w, 3) in the frame of a camera that looks at a wall with a thing before it.
+
+    Args:
+        thing: of the pixels' rays (x, y at a depth of 1 m), which hit it 1 m away.
+        steep: by how much more its depth grows along x.
+    """
+    y, x = (np.mgrid[-60:61, -80:81] + 0.13) / FOCAL
+    on_it = thing(x, y)
+    depth = np.where(on_it, 1.0 / (1.0 - steep * x), 1.0 + WALL)
+    rays = np.stack([x, y, np.ones_like(x)], axis=-1)
+    error = np.random.default_rng(seed).normal(0.0, noise, x.shape) if noise else 0.0
+    return rays * depth[..., None] + rays * (error / np.linalg.norm(rays, axis=-1))[
+        ..., None
+    ], on_it
+
+
+def band(width):
+    """A thing that crosses the image, obliquely, this wide at 1 m."""
+    return lambda x, y: abs(x - 0.3 * y) <= 0.5 * width * np.hypot(1.0, 0.3)
+
+
+THIN = {
+    "stem of 8 mm": band(0.008),
+    "cable of 5 mm": band(0.005),
+    "bars of 5 mm": lambda x, y: np.mod(x, 0.025) < 0.005,
+    "wire of one pixel": lambda x, y: np.floor(x * FOCAL) == np.floor(0.3 * y * FOCAL),
+    "stick of 5 by 30 mm": lambda x, y: (abs(x) < 0.0025) & (abs(y) < 0.015),
+    "tile of 6 mm": lambda x, y: (abs(x) < 0.003) & (abs(y) < 0.003),
+    "four pixels": lambda x, y: (abs(x) < 1.0 / FOCAL) & (abs(y) < 1.0 / FOCAL),
+}
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.001, 0.002])
+@pytest.mark.parametrize("name", THIN)
+def test_thin_things_stay(name, noise):
+    points, on_it = image(THIN[name], noise)
+    assert on_it.sum() >= 4
+    gone = flying_pixels(points.reshape(-1, 3), np.zeros(3)).reshape(on_it.shape)
+    assert gone[on_it].mean() <= 0.01
+    assert gone.mean() <= 1e-3
+    # boxes cover it as they did
+    bounds = [-0.3, -0.3, 0.8], [0.3, 0.3, 1.7]
+    shares = []
+    for cloud in (points.reshape(-1, 3), points[~gone]):
+        made = ObstacleSet.from_points(cloud, bounds=bounds)
+        cells = np.floor((points[on_it] - made.origin) / made.cell_size).astype(int)
+        shares.append((made.index[tuple(cells.T)] >= 0).mean())
+    assert shares[0] > 0.9
+    assert shares[1] >= shares[0] - 0.01
+
+
+@pytest.mark.parametrize(
+    ("name", "steep"),
+    [("stem of 8 mm", 8.0), ("bars of 5 mm", 8.0), ("wire of one pixel", 5.0)],
+)
+def test_what_is_seen_steeply_stays(name, steep):
+    turned = {"wire of one pixel": lambda x, y: np.floor(y * FOCAL) == 0}
+    thing = turned.get(name, THIN[name])
+    points, on_it = image(lambda x, y: thing(x, y) & (abs(x) < 0.08), 0.001, steep=steep)
+    gone = flying_pixels(points.reshape(-1, 3), np.zeros(3)).reshape(on_it.shape)
+    assert gone[on_it].mean() <= 0.05
+
+
+def test_three_pixels_before_a_surface_are_not_told_from_flying_ones():
+    points, on_it = image(lambda x, y: (abs(x) < 1.7 / FOCAL) & (abs(y) < 0.6 / FOCAL), 0.001)
+    assert on_it.sum() == 3
+    gone = flying_pixels(points.reshape(-1, 3), np.zeros(3)).reshape(on_it.shape)
+    assert gone[on_it].all()
+
+
+def test_a_few_pixels_with_nothing_around_them_stay():
+    points, on_it = image(lambda x, y: (abs(x) < 1.7 / FOCAL) & (abs(y) < 0.6 / FOCAL), 0.001)
+    points[abs(points[..., 0]) < 0.02] = np.nan
+    first, _ = image(lambda x, y: (abs(x) < 1.7 / FOCAL) & (abs(y) < 0.6 / FOCAL), 0.001)
+    points[on_it] = first[on_it]
+    gone = flying_pixels(points.reshape(-1, 3), np.zeros(3)).reshape(on_it.shape)
+    assert not gone[on_it].any()
+
+
+@pytest.mark.parametrize("name", SCENE_NAMES)
+def test_complete_clouds_stay_as_they_are_wherever_they_are_said_to_be_seen_from(name):
+    cloud = complete_cloud(scene_by_name(name))
+    for sensor in ([0.0, 0.35, 0.65], [0.0, 0.0, 0.0], [0.5, 0.0, 2.0]):
+        assert not flying_pixels(cloud, np.array(sensor)).any()
+
+
+def test_sparse_and_empty_clouds_stay_as_they_are():
+    rng = np.random.default_rng(0)
+    for points in (
+        np.zeros((0, 3)),
+        np.full((5, 3), np.nan),
+        np.zeros((3, 3)),
+        rng.uniform(-1.0, 1.0, (500, 3)),
+        rng.uniform(-1.0, 1.0, (50_000, 3)),
+    ):
+        assert not flying_pixels(points, np.zeros(3)).any()
+
+
+@pytest.mark.parametrize("name", SCENE_NAMES)
+def test_camera_clouds_lose_flying_pixels_and_hardly_any_other(name):
+    scene = scene_by_name(name)
+    exact = CameraNoise(range_deviation=0.0, flying_share=0.0)
+    for (points, sensor), (truth, _) in zip(
+        views_of(scene, FLYING), views_of(scene, exact), strict=True
+    ):
+        off = np.linalg.norm(points - truth, axis=1)
+        gone = flying_pixels(points, sensor)
+        assert gone[off < 0.008].mean() <= 2e-4
+        assert gone[off > 0.03].mean() >= 0.95
+        clean, sensor = next(views_of(scene, CLEAN))
+        assert flying_pixels(clean, sensor).mean() <= 2e-4
+
+
+def test_the_order_of_the_points_and_gaps_between_them_make_no_difference():
+    points, sensor = next(views_of(scene_by_name("table"), FLYING))
+    gone = flying_pixels(points, sensor)
+    assert gone.mean() > 0.03
+    order = np.random.default_rng(1).permutation(len(points))
+    again = np.zeros(len(points), bool)
+    again[order] = flying_pixels(points[order], sensor)
+    assert (again != gone).mean() < 1e-3  # the noise is estimated from other points
+
+
+def feasible_area(problem, points):
+    """Of the poses of a small box on all that was found to place it on, in m²."""
+    made = problem
+    bounds = workspace(made.robot, made.arms, made.q_start, made.body, made.volume)
+    environment = Environment.from_points(points, made.volume, bounds=bounds, beyond_volume=False)
+    problem = replace(made, environment=environment)
+    settings = PlannerSettings()
+    poses = PoseConstraints(problem, settings.collision, settings.footing, 0.05)
+    rng = np.random.default_rng(0)
+    regions = poses.regions
+    areas = np.array([region.area for region in regions])
+    picked = rng.choice(len(regions), 4000, p=areas / areas.sum())
+    slopes = np.array([region.slope for region in regions])[picked]
+    contacts = RegionPoints(regions).sample(picked, rng)
+    faces = rng.integers(len(made.body.faces), size=len(picked))
+    verdicts, _ = poses.verdicts(faces, contacts, rng.uniform(0.0, 6.28, len(picked)), slopes)
+    return float((verdicts == Verdict.FEASIBLE).mean() * areas.sum())
+
+
+@pytest.mark.parametrize("name", ["table", "cabinet_low_clutter"])
+def test_five_per_cent_of_flying_pixels_leave_nine_tenths_of_the_poses(name):
+    scene = scene_by_name(name)
+    problem, _ = make_problem(
+        Case(name, "small_crayons_box", "maximize_clearance"), np.random.default_rng(0)
+    )
+    clean = np.vstack([points for points, _ in views_of(scene, CLEAN)])
+    filtered, raw = [], []
+    for points, sensor in views_of(scene, FLYING):
+        raw.append(points)
+        filtered.append(points[~flying_pixels(points, sensor)])
+    possible = feasible_area(problem, clean)
+    assert possible > 0.01
+    assert feasible_area(problem, np.vstack(raw)) < 0.5 * possible
+    assert feasible_area(problem, np.vstack(filtered)) >= 0.9 * possible

@@ -1,0 +1,130 @@
+"""Gaps in surfaces carry nothing: gratings, wires and perforated plates, against their solids."""
+
+import numpy as np
+import pytest
+from gratings import (
+    HALF,
+    Z,
+    at,
+    bars,
+    outline,
+    perforated,
+    sampled,
+    solid,
+    support_of,
+    wires,
+)
+
+from placement_planner_ros.core.types import upright
+
+TOLERANCE = 0.003
+
+
+def room_of(support, probes, **asked):
+    """(n,) whether the bounds let something stand in the column of each probe (n, 2)."""
+    roomy = support.roomy(Z, TOLERANCE, 0.0, 0.0005)
+    i, j = np.floor((probes - support.origin[:2]) / support.cell_size).astype(int).T
+    column = i * support.columns[1] + j
+    return np.array([roomy[support.start[c] : support.start[c + 1]].any() for c in column])
+
+
+@pytest.mark.parametrize("cell", [0.01, 0.02])
+@pytest.mark.parametrize(
+    ("width", "gap", "spacing"),
+    [(0.003, 0.008, 0.0012), (0.005, 0.01, 0.002), (0.005, 0.015, 0.0015), (0.01, 0.02, 0.004)],
+)
+@pytest.mark.parametrize("seed", [0, 1])
+def test_bars_carry_and_the_gaps_between_them_do_not(width, gap, spacing, seed, cell):
+    """However they run through cells and points, with and without a floor below.
+
+    Where the bars themselves end, gaps are open, and are told by the hull of points alone.
+    """
+    rng = np.random.default_rng(seed)
+    for angle in (0.0, rng.uniform(0.0, np.pi)):
+        inside = bars(width, gap, angle, rng.uniform(0.0, 0.01))
+        points = at(sampled(inside, spacing, rng, angle + seed * rng.uniform(0.0, np.pi)))
+        if seed:
+            points = np.vstack([points, at(sampled(solid, spacing, rng), Z - 0.1)])
+        _, support = support_of(points, cell)
+        probes = rng.uniform(-HALF, HALF, (8000, 2))
+        stands = support.supported(at(probes), TOLERANCE)
+        depth, well = inside(probes), outline(probes) > 0.02
+        assert depth[stands & (outline(probes) > 0.02)].min() > -0.1 * spacing - 1e-4
+        assert stands[well & (depth > 0.6 * spacing)].mean() > 0.8
+        assert room_of(support, probes)[stands].all()
+
+
+@pytest.mark.parametrize(
+    ("inside", "spacing", "hole"),
+    [
+        (wires(0.003, 0.012, 0.3), 0.0012, 0.012),
+        (wires(0.005, 0.025, 1.1), 0.002, 0.025),
+        (perforated(0.008, 0.012, 0.4), 0.0015, 0.008),
+        (perforated(0.02, 0.03, 0.2), 0.0025, 0.02),
+    ],
+)
+def test_holes_are_gaps_up_to_their_rounded_corners(inside, spacing, hole):
+    rng = np.random.default_rng(3)
+    _, support = support_of(at(sampled(inside, spacing, rng, 0.9)))
+    probes = rng.uniform(-HALF, HALF, (20000, 2))
+    stands = support.supported(at(probes), TOLERANCE)
+    depth = inside(probes)
+    well = outline(probes) > 0.02
+    assert depth[stands].min() > -0.3 * hole
+    assert stands[well & (depth > 0.6 * spacing)].mean() > 0.8
+    assert not stands[depth < -0.4 * hole].any()
+
+
+@pytest.mark.parametrize("cell", [0.01, 0.02])
+@pytest.mark.parametrize("kind", ["lattice", "random", "rows", "noise"])
+def test_solid_surfaces_stay_solid_however_they_are_sampled(kind, cell):
+    rng = np.random.default_rng(4)
+    for spacing in (0.002, 0.004):
+        along = 4.0 if kind == "rows" else 1.0
+        xy = sampled(solid, spacing / np.sqrt(along), rng, 0.4, kind, along)
+        points = at(xy)
+        if kind == "noise":
+            points = points + rng.normal(0.0, 0.003, points.shape)
+        _, support = support_of(points, cell)
+        probes = rng.uniform(-0.07, 0.07, (5000, 2))
+        stands = support.supported(at(probes), TOLERANCE)
+        assert stands.mean() > (0.99 if kind in ("lattice", "rows") else 0.985)
+
+
+def test_density_that_changes_is_no_gap():
+    """Where two clouds of different spacing meet."""
+    rng = np.random.default_rng(5)
+    dense, sparse = (sampled(solid, spacing, rng, 0.4) for spacing in (0.0015, 0.005))
+    points = at(np.vstack([dense[dense[:, 0] < 0.0], sparse[sparse[:, 0] >= 0.0]]))
+    _, support = support_of(points)
+    probes = rng.uniform(-0.08, 0.08, (5000, 2))
+    assert support.supported(at(probes), TOLERANCE).mean() > 0.98
+
+
+def test_regions_leave_gaps_out():
+    rng = np.random.default_rng(6)
+    inside = bars(0.005, 0.01, 0.0)
+    regions, _ = support_of(at(sampled(inside, 0.0024, rng)))
+    whole, _ = support_of(at(sampled(solid, 0.0024, rng)))
+    area, of_all = (sum(each.area for each in found) for found in (regions, whole))
+    assert 0.15 < area / of_all < 0.5  # a third is bars
+
+
+def test_gaps_of_a_grating_that_slopes():
+    from placement_planner_ros.core.scene.environment import Environment
+    from placement_planner_ros.core.types import TargetVolume
+
+    rng = np.random.default_rng(7)
+    inside = bars(0.005, 0.012, 0.5)
+    slope = (0.03, -0.04)
+    turn = upright(slope)
+    points = at(sampled(inside, 0.0015, rng, 0.8), 0.0) @ turn.T + (0.0, 0.0, Z)
+    volume = TargetVolume(np.full(3, -0.2), np.full(3, 0.3))
+    environment = Environment.from_points(points, volume, bounds=(volume.lower, volume.upper))
+    assert len(environment.inclines) == 1
+    support = environment.inclines[0].support
+    probes = rng.uniform(-0.08, 0.08, (8000, 2))
+    stands = support.supported(at(probes, 0.0) @ turn.T + (0.0, 0.0, Z), TOLERANCE)
+    depth = inside(probes)
+    assert depth[stands].min() > -0.4e-3
+    assert stands[depth > 0.0009].mean() > 0.8
