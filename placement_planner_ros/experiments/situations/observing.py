@@ -38,21 +38,24 @@ def camera_of(situation: Situation) -> DepthCamera:
     return DepthCamera.looking_at("camera", situation.eye, middle)
 
 
-def observe(situation: Situation, cloud: Cloud, rng: np.random.Generator) -> Observation:
-    """The complete cloud; or one camera's with noise of 1 to 2 mm, 2 % of all pixels flying in
-    front of what they see, as many of those on an edge between its sides, and steps of depth.
-
-    Flying pixels are filtered as a node does."""
-    if cloud == "complete":
-        return Observation(complete_cloud(situation.scene, situation.spacing))
+def pixels(situation: Situation, rng: np.random.Generator) -> Array:
+    """(n, 3) what the one camera sees: noise of 1 to 2 mm, 2 % of all pixels flying in front of
+    what they see, as many of those on an edge between its sides, and steps of depth."""
     noise = CameraNoise(
         range_deviation=float(rng.uniform(*_DEVIATIONS)),
         flying_share=FLYING_SHARE,
         stray_share=FLYING_SHARE,
         depth_step=DEPTH_STEP,
     )
-    camera = camera_of(situation)
-    seen = camera_clouds(situation.scene, rng, cameras=[camera], noise=noise)[0].world_points()
-    seen = seen[~flying_pixels(seen, camera.T_world_camera.translation)]
-    view = View(seen, camera.T_world_camera.translation)
-    return Observation(seen, () if situation.unknown == "free" else (view,))
+    cameras = [camera_of(situation)]
+    return camera_clouds(situation.scene, rng, cameras=cameras, noise=noise)[0].world_points()
+
+
+def observe(situation: Situation, cloud: Cloud, rng: np.random.Generator) -> Observation:
+    """The complete cloud; or the camera's `pixels` without flying ones, as a node filters them."""
+    if cloud == "complete":
+        return Observation(complete_cloud(situation.scene, situation.spacing))
+    origin = camera_of(situation).T_world_camera.translation
+    seen = pixels(situation, rng)
+    seen = seen[~flying_pixels(seen, origin)]
+    return Observation(seen, () if situation.unknown == "free" else (View(seen, origin),))

@@ -177,8 +177,8 @@ def feasible_area(problem, points):
     return float((verdicts == Verdict.FEASIBLE).mean() * areas.sum())
 
 
-@pytest.mark.parametrize("name", ["table", "cabinet_low_clutter"])
-def test_five_per_cent_of_flying_pixels_leave_nine_tenths_of_the_poses(name):
+def test_five_per_cent_of_flying_pixels_leave_nine_tenths_of_the_poses():
+    name = "cabinet_low_clutter"
     scene = scene_by_name(name)
     problem, _ = make_problem(
         Case(name, "small_crayons_box", "maximize_clearance"), np.random.default_rng(0)

@@ -93,11 +93,11 @@ def draw(poses, rng, count):
     return faces, contacts, rng.uniform(0.0, 2.0 * np.pi, count), slopes
 
 
-@pytest.mark.parametrize("margin", [0.0, 0.01, 0.02])
 @pytest.mark.parametrize("name", BODIES)
 @pytest.mark.parametrize("scene", SCENES)
-def test_what_stands_is_what_plain_geometry_says(scene, name, margin):
+def test_what_stands_is_what_plain_geometry_says(scene, name):
     """Never where it does not; and where it does by more than points are apart, always."""
+    margin = 0.01
     body, blocks = BODIES[name], SCENES[scene]
     problem = on_scene(scene, body)
     settings = replace(POLYGON, support_margin=margin)
@@ -185,7 +185,7 @@ def test_on_a_slope_the_tilt_counts_from_where_the_object_stands():
     assert on
     rng = np.random.default_rng(0)
     seen = set()
-    for _ in range(400):
+    for _ in range(120):
         region = on[rng.integers(len(on))]
         face, angle = int(rng.integers(len(body.faces))), rng.uniform(0.0, 2.0 * np.pi)
         T = placement_pose(poses.problem.body.faces[face], region.sample(rng), angle, region.slope)
