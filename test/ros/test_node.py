@@ -476,7 +476,7 @@ def test_reliability_follows_the_publishers(bench):
     message = message_from_points(TABLE[:7], Header(frame_id=FRAME))
     clouds = b.node._inputs.clouds
     b.wait(
-        lambda: any(len(points) == 7 for points in clouds.latest().values()),
+        lambda: any(len(points) == 7 for points in clouds.latest_points()),
         again=lambda: loose.publish(message),
     )
     b.client.destroy_publisher(loose)
@@ -493,7 +493,7 @@ def test_a_cloud_in_the_frame_of_a_link_follows_the_robot(bench):
     robot = b.node._inputs.robot.robot
     q = robot.configuration(b.node._inputs.joints.positions())
     expected = robot.link_pose(q, "gripper_l_base").act(np.array([0.0, 0.0, 0.2]))
-    got = np.vstack(list(b.node._inputs.clouds.latest().values()))
+    got = np.vstack(b.node._inputs.clouds.latest_points())
     np.testing.assert_allclose(got[-1], expected, atol=1e-6)
 
 

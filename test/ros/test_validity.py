@@ -128,6 +128,32 @@ def test_ordinary_clouds_change_nothing(resting):
         assert b.node._reporter._watch.blocked == ""
 
 
+def test_flying_pixels_on_the_way_are_no_block_and_a_small_thing_there_is(resting):
+    b = resting
+    way, grasp = b.node._reporter._watch._way, b.snapshots[-1].arms[0].grasps[0]
+    around = 0.012 * (np.mgrid[-1:2, -1:2, 0:1].reshape(3, -1).T)
+    within = np.random.default_rng(0).uniform(-0.05, 0.05, (200, 3))
+    comes_to = (place_of(b, at=1.0, offset=grasp.act(p)) for p in within)
+    middle = next(p for p in comes_to if way.blocked_by(p + around, None))
+    sensor = middle + np.array([0.0, 0.0, 1.0])
+    pixel = 1.0 / 340.0
+    row, column = np.mgrid[-60:61, -60:61]
+    down = np.stack([pixel * row, pixel * column, np.full(row.shape, -1.0)], axis=-1)
+    depth = np.full(row.shape, sensor[2])  # of the table
+    depth += np.random.default_rng(0).normal(0.0, 0.0005, row.shape)
+
+    def seen(there):
+        """(n, 3) what is seen where some pixels see something in the way."""
+        cloud = sensor + down * np.where(there, 1.0, depth)[..., None]
+        return cloud.reshape(-1, 3)
+
+    flying = seen((row % 4 == 0) & (column % 4 == 0) & (abs(row) <= 4) & (abs(column) <= 4))
+    thing = seen((abs(row) <= 1) & (abs(column) <= 1))
+    assert "meets something new" in way.blocked_by(flying, None)
+    assert way.blocked_by(flying, sensor) == ""
+    assert "meets something new" in way.blocked_by(thing, sensor)
+
+
 def test_a_block_in_the_way_is_told_and_that_it_has_gone(resting):
     b = resting
     rng = np.random.default_rng(0)
@@ -169,6 +195,6 @@ def test_an_older_cloud_that_waited_leaves_the_newer_one_alone(bench, monkeypatc
 
     monkeypatch.setattr(inputs_module, "cloud_pose", found)
     inputs.retry_clouds(parameters)
-    assert len(inputs.clouds.latest()["points"]) == 5
+    assert len(inputs.clouds.latest()["points"].points) == 5
     assert not inputs.clouds.faults("latest", 0.0, time.monotonic())
     assert not inputs._waiting

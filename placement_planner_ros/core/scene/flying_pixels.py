@@ -96,6 +96,28 @@ def flying_pixels(points: Array, sensor: Array) -> Mask:
         points: (n, 3) all that a sensor measured in one moment, metres; NaN where nothing was.
         sensor: (3,) where it was, metres.
     """
+    everything = np.ones(len(points), np.bool_)
+    return _flying(points, sensor, everything, everything)
+
+
+def flying_among(points: Array, sensor: Array, rows: Index) -> Mask:
+    """(k,) which of some points of a cloud are flying pixels, in a part of the time for all.
+
+    Only those that `flying_pixels` says are: what else flies counts as support here. Whether too
+    many of the cloud fly is told from a sample.
+
+    Args:
+        points, sensor: as for `flying_pixels`.
+        rows: (k,) of the points.
+    """
+    sample, asked = np.zeros((2, len(points)), np.bool_)
+    sample[:: max(1, len(points) // _SAMPLED)] = True
+    asked[rows] = True
+    return _flying(points, sensor, asked | sample, sample)[rows]
+
+
+def _flying(points: Array, sensor: Array, asked: Mask, sample: Mask) -> Mask:
+    """(n,) flying pixels among those asked; none where too many of the sample, asked too, are."""
     points = np.ascontiguousarray(points, dtype=np.float64)
     gone = np.zeros(len(points), np.bool_)
     seen = _seen(points, np.asarray(sensor, dtype=np.float64))
@@ -106,8 +128,9 @@ def flying_pixels(points: Array, sensor: Array) -> Mask:
         return gone
     # Of a normal distribution 70 % are within 1.036 deviations; 2 a - b - c varies by 6 times more.
     noise = float(np.quantile(residuals, 0.7)) / 1.036 / math.sqrt(6.0)
-    flying = _unsupported(seen, noise)
-    if flying.sum() <= _MOST * len(flying):
+    flying = _unsupported(seen, noise, asked[seen.row])
+    sampled = sample[seen.row]
+    if (flying & sampled).sum() <= _MOST * sampled.sum():
         gone[seen.row[flying]] = True
     return gone
 
@@ -325,31 +348,32 @@ def _contradicted(seen: Seen, p: int, tolerance: float, near: Index) -> bool:
 
 
 @kernel(nogil=True)
-def _unsupported(seen: Seen, noise: float) -> Mask:
-    """(n,) points that go, until each that stays has enough that stay to support it.
+def _unsupported(seen: Seen, noise: float, asked: Mask) -> Mask:
+    """(n,) points that go, until each of those asked that stays has enough that stay beside it.
 
-    A point that goes only ever takes support from others, so the order makes no difference.
+    A point that goes only ever takes support from others, so the order makes no difference, and
+    fewer go where not all are asked.
     """
     n = len(seen.row)
     alive = np.ones(n, np.bool_)
     in_line = np.zeros(n, np.bool_)
     near = np.empty(_ROOM, np.int64)
-    asked = np.empty(_ROOM, np.int64)
+    again = np.empty(_ROOM, np.int64)
     gone = np.empty(n, np.int64)  # a queue, whose neighbours up to `done` were asked again
     count = done = p = 0
     while p < n or done < count:
         if p < n:
             among = 1
-            asked[0] = p
+            again[0] = p
             p += 1
         else:
             lost = gone[done]
-            among = _around(seen, lost, _WINDOW, asked)
+            among = _around(seen, lost, _WINDOW, again)
             done += 1
         for k in range(among):
-            q = asked[k]
+            q = again[k]
             tolerance = max(_NOISES * noise, seen.pitch * seen.range[q])
-            if not alive[q] or seen.cosine[q] < _SEEN:
+            if not asked[q] or not alive[q] or seen.cosine[q] < _SEEN:
                 continue
             if done > 0 and not in_line[q]:  # it had nothing from what has gone
                 aside = abs(seen.range[q] - seen.range[gone[done - 1]])

@@ -24,9 +24,6 @@ _NOTHING = MergedPoints.of(np.empty((0, 3)), 1.0)
 _OTHER_CLOCK = 86400.0
 """Seconds of age from which on a cloud's stamp is likely of another clock."""
 
-OnCloud = Callable[[str, Array], None]
-"""Told the topic and the points (n, 3) of a cloud."""
-
 
 class CloudStaleError(PlacementPlannerError):
     """Clouds are older than cloud.max_age."""
@@ -64,6 +61,10 @@ class PointSet:
     points: Array
     origin: Array | None = None
     placed: bool = False
+
+
+OnCloud = Callable[[str, PointSet], None]
+"""Told the topic and the points of a cloud."""
 
 
 class CloudStore:
@@ -111,7 +112,7 @@ class CloudStore:
             self.updates += 1
             self.changes += not same or known is not None
         if self._listener is not None:
-            self._listener(topic, cloud.points)
+            self._listener(topic, PointSet(cloud.points, cloud.origin))
         return True
 
     def merge(self, points: Array, cell_size: float) -> None:
@@ -182,14 +183,14 @@ class CloudStore:
         with self._lock:
             return {topic: now - cloud.time for topic, cloud in self._latest.items()}
 
-    def latest(self) -> dict[str, Array]:
-        """The points (n, 3) of each topic's newest cloud."""
+    def latest(self) -> dict[str, PointSet]:
+        """Each topic's newest cloud."""
         with self._lock:
-            return {topic: cloud.points for topic, cloud in self._latest.items()}
+            return {t: PointSet(cloud.points, cloud.origin) for t, cloud in self._latest.items()}
 
     def latest_points(self) -> tuple[Array, ...]:
-        """The newest cloud of each topic."""
-        return tuple(self.latest().values())
+        """The points (n, 3) of each topic's newest cloud."""
+        return tuple(cloud.points for cloud in self.latest().values())
 
     @property
     def merged(self) -> Array:

@@ -18,6 +18,7 @@ from placement_planner_ros.core.errors import (
     JointStateError,
     PlacementPlannerError,
 )
+from placement_planner_ros.core.scene.flying_pixels import flying_pixels
 from placement_planner_ros.ros.inputs.cloud_store import CloudStore, StoredCloud
 from placement_planner_ros.ros.inputs.frames import (
     ChainMovingError,
@@ -197,6 +198,8 @@ class Inputs:
         origin = np.array(T_planning_cloud.translation) if moved else None
         self.clouds.add(topic, StoredCloud(points, taken, origin, arrival))
         if merged:
+            if origin is not None:  # once among others, they cannot be told any more
+                points = points[~flying_pixels(points, origin)]
             self.clouds.merge(points, parameters["cloud.cell_size"])
 
     def retry_clouds(self, parameters: ParameterSet) -> None:

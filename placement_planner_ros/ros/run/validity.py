@@ -14,6 +14,7 @@ from placement_planner_ros.core.collision.load import Held, Standing
 from placement_planner_ros.core.errors import JointStateError, PlacementPlannerError, listed
 from placement_planner_ros.core.grasp.hand_sweep import with_opening_hand
 from placement_planner_ros.core.robot.moving_arm import MovingArm
+from placement_planner_ros.core.scene.flying_pixels import flying_among
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.swept.space import Stretch, SweptSpace, evenly
 from placement_planner_ros.core.timing.quintic import evaluate
@@ -58,17 +59,24 @@ class Way:
                 snapshot.robot, snapshot.q_start, snapshot.arms, snapshot.body, padding
             )
 
-    def blocked_by(self, points: Array) -> str:
+    def blocked_by(self, points: Array, origin: Array | None) -> str:
         """What of a newer cloud's points (n, 3), planning frame, stands in the way, in words.
 
         '' where nothing does. Points of the robot and of the object in its hand do not count, as
         the robot still is where it was when the placement was planned; nor do those of what was
-        known then, of the surface the object comes to stand on, and single ones.
+        known then, of the surface the object comes to stand on, single ones, and flying pixels.
+
+        Args:
+            origin: (3,) where the sensor was; None where that is not known, and flying pixels count
+                then.
         """
-        news = points[self._space.news(points)]
-        if self._outline is not None and len(news):
-            news = news[self._outline.outside(news)]
-        hit = self._space.first_hit(news) if len(news) else None
+        rows = self._space.news(points)
+        if self._outline is not None and len(rows):
+            rows = rows[self._outline.outside(points[rows])]
+        hit = self._space.first_hit(points[rows])
+        if hit is not None and origin is not None:  # only now, for it takes longer than all else
+            rows = rows[~flying_among(points, origin, rows)]
+            hit = self._space.first_hit(points[rows])
         if hit is None:
             return ""
         x, y, z = hit.point

@@ -6,8 +6,8 @@ import threading
 from collections.abc import Callable
 
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.types import Array, Placement
-from placement_planner_ros.ros.inputs.cloud_store import CloudStore
+from placement_planner_ros.core.types import Placement
+from placement_planner_ros.ros.inputs.cloud_store import CloudStore, PointSet
 from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.run.validity import Way
 
@@ -81,8 +81,8 @@ class Watch:
         """What is known of the environment has been changed by command: forget what was seen."""
         with self._lock:
             self._blocked = {}
-        for topic, points in self._clouds.latest().items():
-            self._look(topic, points)
+        for topic, cloud in self._clouds.latest().items():
+            self._look(topic, cloud)
         self._changed()
 
     def close(self) -> None:
@@ -112,7 +112,10 @@ class Watch:
             try:
                 way = Way(placement, snapshot, environment.obstacles)
                 seen = self._to_look_at(snapshot)
-                blocked = {topic: way.blocked_by(points) for topic, points in seen.items()}
+                blocked = {
+                    topic: way.blocked_by(cloud.points, cloud.origin)
+                    for topic, cloud in seen.items()
+                }
             except Exception as error:
                 # The thread's outermost frame: what could not be looked at is not called valid.
                 blocked = {"": f"it cannot be held against newer clouds: {error}"}
@@ -123,29 +126,29 @@ class Watch:
                 before, self._way, self._blocked = self._blocked, way, blocked
             if _first(before) != _first(blocked):
                 self._changed()
-            for topic, points in self._to_look_at(snapshot).items():
-                if seen.get(topic) is not points:
-                    self._look(topic, points)
+            for topic, cloud in self._to_look_at(snapshot).items():
+                if topic not in seen or seen[topic].points is not cloud.points:
+                    self._look(topic, cloud)
 
-    def _to_look_at(self, snapshot: Snapshot) -> dict[str, Array]:
+    def _to_look_at(self, snapshot: Snapshot) -> dict[str, PointSet]:
         """Clouds that the run has not begun with, by topic; '' for those merged."""
         clouds = self._clouds.latest()
         if snapshot.parameters["cloud.mode"] == "merge":
-            clouds[""] = self._clouds.merged
+            clouds[""] = PointSet(self._clouds.merged)
         return {
-            topic: points
-            for topic, points in clouds.items()
-            if not any(points is known for known in snapshot.clouds)
+            topic: cloud
+            for topic, cloud in clouds.items()
+            if not any(cloud.points is known for known in snapshot.clouds)
         }
 
-    def _look(self, topic: str, points: Array) -> None:
+    def _look(self, topic: str, cloud: PointSet) -> None:
         with self._lock:
             way, snapshot = self._way, self._snapshot
         if way is None or snapshot is None:
             return  # there is no placement, or its clouds are looked at when the way is made
         try:
-            known = any(points is cloud for cloud in snapshot.clouds)
-            blocked = "" if known else way.blocked_by(points)
+            known = any(cloud.points is points for points in snapshot.clouds)
+            blocked = "" if known else way.blocked_by(cloud.points, cloud.origin)
         except Exception as error:
             blocked = f"it cannot be held against newer clouds: {error}"
             self._on_error(error)

@@ -9,7 +9,7 @@ from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.problem import workspace
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.scene.flying_pixels import flying_pixels
+from placement_planner_ros.core.scene.flying_pixels import flying_among, flying_pixels
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.region_points import RegionPoints
 from placement_planner_ros.core.types import Verdict
@@ -156,6 +156,21 @@ def test_the_order_of_the_points_and_gaps_between_them_make_no_difference():
     again = np.zeros(len(points), bool)
     again[order] = flying_pixels(points[order], sensor)
     assert (again != gone).mean() < 1e-3  # the noise is estimated from other points
+
+
+def test_among_some_points_those_are_told_that_are_among_all():
+    points, sensor = next(views_of(scene_by_name("table"), FLYING))
+    gone = flying_pixels(points, sensor)
+    rows = np.random.default_rng(2).choice(len(points), 3000, replace=False)
+    told = flying_among(points, sensor, rows)
+    assert not told[~gone[rows]].any()
+    assert told.sum() >= 0.95 * gone[rows].sum() > 50
+    # of a cloud of which too much would go, nothing does
+    y, x = np.mgrid[-100:101, -100:101] / FOCAL
+    rays = np.stack([x, y, np.ones_like(x)], axis=-1).reshape(-1, 3)
+    depth = np.random.default_rng(3).uniform(1.0, 2.0, len(rays))
+    scattered = rays * np.where(np.arange(len(rays)) % 3 < 2, depth, 1.5)[:, None]
+    assert not flying_among(scattered, np.zeros(3), np.arange(3000)).any()
 
 
 def feasible_area(problem, points):

@@ -21,7 +21,7 @@ class FakeWay:
         placement.making()
         self._name = placement.name
 
-    def blocked_by(self, points):
+    def blocked_by(self, points, origin):
         return f"{self._name} {points[0, 0]:g}" if points.any() else ""
 
 
@@ -132,10 +132,10 @@ def test_a_cloud_that_comes_after_the_newest_were_looked_at_is_looked_at(watched
     w.cloud(CUT)
     looked = FakeWay.blocked_by
 
-    def late(self, points):
+    def late(self, points, origin):
         if self._name == "b" and points.any():
             w.cloud(FREE)  # which is held against the placement before
-        return looked(self, points)
+        return looked(self, points, origin)
 
     monkeypatch.setattr(FakeWay, "blocked_by", late)
     w.place("b")
