@@ -136,6 +136,7 @@ class Environment:
         bounds: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
         *,
         views: Sequence[View] = (),
+        sights: Sequence[View] = (),
         outside_robot: OutsideRobot | None = None,
         unknown_below: bool = False,
         beyond_volume: bool = True,
@@ -151,6 +152,8 @@ class Environment:
             regions: RegionSettings() unless given.
             bounds: lower and upper corner of the workspace; around the points and V unless given.
             views: what sensors at known places measured, see `visibility`.
+            sights: the same where what they leave unknown is free; their lines of sight, and those
+                of views, prove gaps in surfaces, see `support_sights`.
             outside_robot: tells the cells that the robot is in, which are not unknown.
             unknown_below: nothing above the highest that was measured is unknown.
             beyond_volume: things up to 0.5 m outside V count for the clearance; false is the
@@ -168,15 +171,15 @@ class Environment:
         step("making the obstacle set of the clouds")
         measured = ObstacleSet.from_points(points, grid, bounds)
         step("finding placement regions")
-        regions = regions or RegionSettings()
+        regions, seen = regions or RegionSettings(), (*views, *sights)
         planes = Planes.of(measured, volume, regions.headroom, regions.max_slope)
-        found, support = find_regions(measured, volume, regions, planes)
+        found, support = find_regions(measured, volume, regions, planes, sights=seen)
         inclines = []
         for slope, height in zip(planes.slopes, planes.heights, strict=True):
             step("finding sloping placement regions")
             beyond = CAP if beyond_volume else 0.0
             sheared, around = _sheared(measured, volume, slope, height, beyond)
-            more, sloping = find_regions(sheared, volume, regions, planes, slope)
+            more, sloping = find_regions(sheared, volume, regions, planes, slope, seen)
             inclines.append(Incline(slope, sloping, sheared, around, beyond))
             found = largest((*found, *more), regions)
         step("finding unknown space")

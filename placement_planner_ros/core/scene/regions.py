@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,6 +14,7 @@ from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.planes import Planes
 from placement_planner_ros.core.scene.support import SupportMap
 from placement_planner_ros.core.scene.surfaces import level_surfaces
+from placement_planner_ros.core.scene.visibility import View
 from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume, frozen_array
 
@@ -246,6 +247,7 @@ def find_regions(
     settings: RegionSettings | None = None,
     planes: Planes | None = None,
     slope: Slope = LEVEL,
+    sights: Sequence[View] = (),
 ) -> tuple[tuple[Region, ...], SupportMap]:
     """R of one slope within V, larger first, and the support of the whole obstacle set.
 
@@ -257,6 +259,7 @@ def find_regions(
     Args:
         obstacles: sheared by the slope, so that what slopes by it is level.
         planes: which surfaces slope, and by how much; without, all are level.
+        sights: see `SupportMap.of`.
     """
     settings = settings or RegionSettings()
     size = obstacles.cell_size
@@ -266,7 +269,7 @@ def find_regions(
     start = surfaces.start
     lowest, highest = _heights(volume, slope)
     asked = (surfaces.height >= lowest - _BESIDE) & (surfaces.height <= highest + _BESIDE)
-    support = SupportMap.of(obstacles, surfaces, slope, asked)
+    support = SupportMap.of(obstacles, surfaces, slope, asked, sights)
     middle = 0.5 * (surfaces.rectangle[:, :2] + surfaces.rectangle[:, 2:])
     z = surfaces.height + middle @ np.array(slope)
     in_volume = np.zeros(len(surfaces.height), np.bool_)

@@ -4,11 +4,13 @@ Where a surface goes on in all eight columns around one, that column carries wha
 In the others, at the end of the surface, a point is supported where measured points surround it:
 where it lies in the hull of those within a short way of it (`SupportMap.radius`). So an edge is
 never taken for further out than it was measured, however it runs through the cells. A place within
-a disc without points that is wider than the points leave anyway is in a gap (`support_holes`).
+a disc without points that is wider than the points leave anyway is in a gap (`support_holes`), and
+so is one through whose middle something was seen below (`support_sights`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,8 +34,10 @@ from placement_planner_ros.core.scene.support_holes import (
     parts_in_holes,
 )
 from placement_planner_ros.core.scene.support_points import on_surface
+from placement_planner_ros.core.scene.support_sights import seen_through
 from placement_planner_ros.core.scene.support_spacing import narrowest_gaps
 from placement_planner_ros.core.scene.surfaces import LevelSurfaces
+from placement_planner_ros.core.scene.visibility import View
 from placement_planner_ros.core.types import LEVEL, Array, Slope, frozen_array
 
 _NOISY = 1.3
@@ -93,11 +97,14 @@ class SupportMap:
         surfaces: LevelSurfaces,
         slope: Slope,
         asked: npt.NDArray[np.bool_],
+        sights: Sequence[View] = (),
     ) -> SupportMap:
         """Of the level surfaces of an obstacle set that was sheared by a slope.
 
         Args:
             asked: (s,) which surfaces' gaps count; nothing is to be placed at the others' heights.
+            sights: what sensors at known places measured, not sheared: what they saw below a
+                surface proves gaps in it.
         """
         nx, ny, _ = obstacles.shape
         tolerance = obstacles.surface_tolerance + 0.5 * obstacles.noise
@@ -137,7 +144,12 @@ class SupportMap:
         )
         view = closed._view
         narrowest = narrowest_gaps(view, cells, asked) * (_NOISY if obstacles.noise > 0.0 else 1.0)
-        discs = empty_discs(view, obstacles.arrays, cells, narrowest)
+        discs = np.vstack(
+            [
+                empty_discs(view, obstacles.arrays, cells, narrowest),
+                seen_through(view, asked, sights, slope, obstacles.noise),
+            ]
+        )
         first_hole, holes = by_surface(view, discs)
         holed = np.diff(first_hole) > 0
         made = replace(

@@ -15,6 +15,7 @@ from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.problem import Problem, workspace
 from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.scene.visibility import View
 from placement_planner_ros.experiments.cases import start_configuration
 from placement_planner_ros.experiments.real_clouds.table import TableCloud
 from placement_planner_ros.scenes.objects import object_by_name
@@ -52,7 +53,8 @@ def place_on(cloud: TableCloud, thing: str, seconds: float, seed: int) -> RealRu
     points = cloud.points[cloud.points[:, 0] > _ROBOT]
     started = time.process_time()
     bounds = workspace(robot, arms, q_start, body, cloud.volume)
-    environment = Environment.from_points(points, cloud.volume, bounds=bounds)
+    sights = [View(points, cloud.sensor)]
+    environment = Environment.from_points(points, cloud.volume, bounds=bounds, sights=sights)
     problem = Problem(robot, arms, q_start, body, cloud.volume, environment)
     objective = make_objective(
         "maximize_clearance", ObjectiveContext(environment, cloud.volume, body)

@@ -25,10 +25,10 @@ DEPTH_STEP = 0.0025
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observation:
-    """Points (n, 3) in the world frame, and the views they are from where a sensor is known."""
+    """Points (n, 3) in the world frame, and the sights they are from where a sensor is known."""
 
     points: Array
-    views: tuple[View, ...] = ()
+    sights: tuple[View, ...] = ()
 
 
 def camera_of(situation: Situation) -> DepthCamera:
@@ -58,4 +58,4 @@ def observe(situation: Situation, cloud: Cloud, rng: np.random.Generator) -> Obs
     origin = camera_of(situation).T_world_camera.translation
     seen = pixels(situation, rng)
     seen = seen[~flying_pixels(seen, origin)]
-    return Observation(seen, () if situation.unknown == "free" else (View(seen, origin),))
+    return Observation(seen, (View(seen, origin),))

@@ -114,7 +114,8 @@ def situation_problem(
         seen.points,
         volume,
         bounds=workspace(robot, arms, q_start, body, volume),
-        views=seen.views,
+        views=() if situation.unknown == "free" else seen.sights,
+        sights=seen.sights if situation.unknown == "free" else (),
         unknown_below=situation.unknown == "occupied_below",
         beyond_volume=False,
     )

@@ -27,8 +27,9 @@ class Surroundings:
     Attributes:
         points: (n, 3) neither on the robot nor on the held object, nor flying, planning frame.
         bounds: lower (3,) and upper (3,) corner of what the obstacle set covers.
-        views: for `unknown_space`, without flying pixels; empty where that is free.
-        snapshot: where the robot is, which only views look at.
+        sights: of clouds whose sensor's place is known, without flying pixels.
+        snapshot: where the robot is, which only `unknown` looks at.
+        unknown: what sights leave unknown is occupied.
         unknown_below: `unknown_space` is occupied_below.
         beyond_volume: `clearance.beyond_volume`.
         flying: per cloud, (n,) which of its points are flying pixels.
@@ -39,8 +40,9 @@ class Surroundings:
     volume: TargetVolume
     grid: GridSettings
     regions: RegionSettings
-    views: tuple[View, ...]
+    sights: tuple[View, ...]
     snapshot: Snapshot
+    unknown: bool = False
     unknown_below: bool = False
     beyond_volume: bool = True
     flying: tuple[npt.NDArray[np.bool_], ...] = ()
@@ -61,14 +63,7 @@ class Surroundings:
             kept = _outside(snapshot, points, snapshot.parameters["self_filter.padding"])
             if any(snapshot.placed):
                 kept |= np.repeat(snapshot.placed, [len(cloud) for cloud in snapshot.clouds])
-        views: list[View] = []
-        if snapshot.parameters["unknown_space"] != "free":
-            ends = np.cumsum([len(cloud) for cloud in snapshot.clouds])[:-1]
-            for cloud, hides, origin, flies in zip(
-                snapshot.clouds, np.split(kept, ends), snapshot.origins, flying, strict=True
-            ):
-                if origin is not None:
-                    views.append(View(cloud[~flies], origin, hides[~flies]))
+        sights = _sights(snapshot, kept, flying)
         points = points[kept & ~np.concatenate(flying)]
         return cls(
             points,
@@ -76,8 +71,9 @@ class Surroundings:
             snapshot.parameters.volume,
             snapshot.parameters.grid_settings,
             snapshot.parameters.region_settings,
-            tuple(views),
+            sights,
             snapshot,
+            snapshot.parameters["unknown_space"] != "free",
             snapshot.parameters["unknown_space"] == "occupied_below",
             bool(snapshot.parameters["clearance.beyond_volume"]),
             flying,
@@ -96,10 +92,11 @@ class Surroundings:
             and self.beyond_volume == other.beyond_volume
             and _equal(self.bounds, other.bounds)
             and np.array_equal(self.points, other.points)
-            and len(self.views) == len(other.views)
-            and (not self.views or self.unknown_below == other.unknown_below)
-            and all(map(_same_view, self.views, other.views))
-            and (not self.views or _same_hands(self.snapshot, other.snapshot))
+            and len(self.sights) == len(other.sights)
+            and (not self.sights or self.unknown == other.unknown)
+            and (not self.sights or self.unknown_below == other.unknown_below)
+            and all(map(_same_view, self.sights, other.sights))
+            and (not (self.sights and self.unknown) or _same_hands(self.snapshot, other.snapshot))
         )
 
     def environment(self) -> Environment:
@@ -116,7 +113,8 @@ class Surroundings:
             self.grid,
             self.regions,
             self.bounds,
-            views=self.views,
+            views=self.sights if self.unknown else (),
+            sights=() if self.unknown else self.sights,
             outside_robot=lambda centers, distance: _outside(
                 self.snapshot, centers, around + distance
             ),
@@ -144,6 +142,50 @@ def _flying(snapshot: Snapshot, before: Surroundings | None) -> tuple[npt.NDArra
             flies = np.zeros(len(cloud), np.bool_)
         found.append(flies)
     return tuple(found)
+
+
+def _sights(
+    snapshot: Snapshot,
+    kept: npt.NDArray[np.bool_],
+    flying: tuple[npt.NDArray[np.bool_], ...],
+) -> tuple[View, ...]:
+    """Of each cloud whose sensor's place is known what it saw.
+
+    Lines of sight that pass through the box around an object placed since tell nothing any more.
+
+    Args:
+        kept: (n,) points of all clouds that the robot does not carry.
+    """
+    ends = np.cumsum([len(cloud) for cloud in snapshot.clouds])[:-1]
+    origins = snapshot.origins or (None,) * len(snapshot.clouds)
+    placed = [
+        (cloud.min(axis=0), cloud.max(axis=0))
+        for cloud, is_placed in zip(snapshot.clouds, snapshot.placed, strict=False)
+        if is_placed
+    ]
+    sights = []
+    for cloud, hides, origin, flies in zip(
+        snapshot.clouds, np.split(kept, ends), origins, flying, strict=True
+    ):
+        if origin is None:
+            continue
+        tells = ~flies
+        for lower, upper in placed:
+            tells &= ~_passes(cloud, origin, lower, upper)
+        # what hides nothing matters to unknown space alone
+        unknown = snapshot.parameters["unknown_space"] != "free"
+        sights.append(View(cloud[tells], origin, hides[tells] if unknown else None))
+    return tuple(sights)
+
+
+def _passes(points: Array, origin: Array, lower: Array, upper: Array) -> npt.NDArray[np.bool_]:
+    """(n,) whether the line from a place to each point passes through a box and out of it again."""
+    along = points - origin
+    with np.errstate(divide="ignore", invalid="ignore"):
+        first, second = (lower - origin) / along, (upper - origin) / along
+        enters = np.nanmax(np.minimum(first, second), axis=1)
+        leaves = np.nanmin(np.maximum(first, second), axis=1)
+    return np.asarray((enters < leaves) & (enters > 0.0) & (leaves < 1.0))
 
 
 def _outside(snapshot: Snapshot, points: Array, distance: float) -> npt.NDArray[np.bool_]:
