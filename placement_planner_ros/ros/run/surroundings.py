@@ -163,18 +163,18 @@ def _sights(
         for cloud, is_placed in zip(snapshot.clouds, snapshot.placed, strict=False)
         if is_placed
     ]
-    sights = []
+    sights, unknown = [], snapshot.parameters["unknown_space"] != "free"
     for cloud, hides, origin, flies in zip(
         snapshot.clouds, np.split(kept, ends), origins, flying, strict=True
     ):
         if origin is None:
             continue
-        tells = ~flies
+        # the robot's points tell of unknown space what they do not hide; else they are left out, so
+        # that a robot that moves makes no environment anew
+        tells = ~flies if unknown else ~flies & hides
         for lower, upper in placed:
             tells &= ~_passes(cloud, origin, lower, upper)
-        # what hides nothing matters to unknown space alone
-        unknown = snapshot.parameters["unknown_space"] != "free"
-        sights.append(View(cloud[tells], origin, hides[tells] if unknown else None))
+        sights.append(View(cloud[tells], origin, hides[tells]))
     return tuple(sights)
 
 
