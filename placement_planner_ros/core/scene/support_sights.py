@@ -38,6 +38,8 @@ _WITHIN = 0.7
 """Of a disc's radius, within which some of it must be surrounded; else it lies beyond an end."""
 _LEVELS = 60
 """Heights of surfaces that are told apart at most."""
+_BLOCK = 8
+"""Columns along each edge of the blocks in which rays are held against no column one by one."""
 _PARTS = 4
 """Along each edge of a column; of the discs whose middles lie in one part the widest is kept."""
 
@@ -67,9 +69,9 @@ def seen_through(
     level = np.full(len(asked), -1)
     level[asked] = (heights - lowest) / apart
     at_levels, used = _at_levels(columns, level), np.unique(level[asked])
-    middles = lowest + (used + 0.5) * apart
+    middles, blocks = lowest + (used + 0.5) * apart, _in_blocks(at_levels)
     found = [
-        _crossings(columns, at_levels, used, middles, below, *_sheared(view, slope))
+        _crossings(columns, at_levels, blocks, used, middles, below, *_sheared(view, slope))
         for view in sights
     ]
     discs = np.vstack(found)
@@ -116,9 +118,26 @@ def _at_levels(columns: Columns, level: npt.NDArray[np.int64]) -> npt.NDArray[np
 
 
 @kernel(nogil=True)
+def _in_blocks(at_levels: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """The same of all columns in a block, or in those around it."""
+    nx, ny = at_levels.shape
+    blocks = np.zeros((nx // _BLOCK + 1, ny // _BLOCK + 1), np.int64)
+    for i in range(nx):
+        for j in range(ny):
+            if at_levels[i, j] == 0:
+                continue
+            a, b = i // _BLOCK, j // _BLOCK
+            for u in range(max(a - 1, 0), min(a + 2, blocks.shape[0])):
+                for v in range(max(b - 1, 0), min(b + 2, blocks.shape[1])):
+                    blocks[u, v] |= at_levels[i, j]
+    return blocks
+
+
+@kernel(nogil=True)
 def _crossings(
     columns: Columns,
     at_levels: npt.NDArray[np.int64],
+    blocks: npt.NDArray[np.int64],
     levels: npt.NDArray[np.int64],
     middles: Array,
     below: float,
@@ -128,7 +147,7 @@ def _crossings(
     """(k, 4) discs without points around the places at which rays cross surfaces.
 
     Args:
-        at_levels: `_at_levels`.
+        at_levels, blocks: `_at_levels`, `_in_blocks`.
         levels, middles: (l,) those with surfaces, and the middles of their heights, metres.
     """
     found = np.empty((1024, 4))
@@ -139,9 +158,22 @@ def _crossings(
         if not fall > below:  # nor where nothing was measured
             continue
         dx, dy = (points[p, 0] - sensor[0]) / fall, (points[p, 1] - sensor[1]) / fall
+        lowest = max(points[p, 2] + below, middles[0])
+        highest = min(middles[-1], sensor[2])
+        if lowest > highest:
+            continue
+        near = 0  # the levels of all surfaces in the blocks that the ray passes, and those around
+        wide = (highest - lowest) * max(abs(dx), abs(dy)) / (_BLOCK * columns.cell_size)
+        steps = int(wide) + 1
+        for k in range(steps + 1):
+            z = lowest + (highest - lowest) * k / steps
+            x, y = sensor[0] + (sensor[2] - z) * dx, sensor[1] + (sensor[2] - z) * dy
+            i = int((x - columns.origin[0]) * per_metre) // _BLOCK
+            j = int((y - columns.origin[1]) * per_metre) // _BLOCK
+            near |= blocks[min(max(i, 0), blocks.shape[0] - 1), min(max(j, 0), blocks.shape[1] - 1)]
         for k in range(len(levels)):
             z = middles[k]
-            if not points[p, 2] + below < z < sensor[2]:
+            if near >> levels[k] & 1 == 0 or not lowest <= z < sensor[2]:
                 continue
             x, y = sensor[0] + (sensor[2] - z) * dx, sensor[1] + (sensor[2] - z) * dy
             i = math.floor((x - columns.origin[0]) * per_metre)

@@ -33,6 +33,12 @@ class Announcer:
         if prepared.planner.unusable:
             without = listed(prepared.planner.unusable, "; ")
             self._log.event(f"run {run.number} does without: {without}")
+        if prepared.flying:
+            points = sum(map(len, run.snapshot.clouds))
+            self._log.event(
+                f"run {run.number}: {prepared.flying:,} of {points:,} points of the clouds are left "
+                "out as flying pixels"
+            )
         self._outputs.environment(run.snapshot, prepared.environment)
         self._reporter.prepared(run, prepared.environment)
 

@@ -48,10 +48,15 @@ class Planner(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prepared:
-    """A planner and what it plans in."""
+    """A planner and what it plans in.
+
+    Attributes:
+        flying: how many points of the clouds were left out as flying pixels.
+    """
 
     planner: Planner
     environment: Environment
+    flying: int = 0
 
 
 Prepare = Callable[[Snapshot, Callable[[], bool]], Prepared]

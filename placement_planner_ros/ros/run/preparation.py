@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -104,6 +105,12 @@ class _Order:
         assert self.build is not None
         return self.build.environment
 
+    @property
+    def flying(self) -> int:
+        """How many points were left out as flying pixels."""
+        assert self.build is not None
+        return sum(int(flies.sum()) for flies in self.build.surroundings.flying)
+
 
 class Preparation:
     """Keeps the environment of the newest inputs ready. Safe to use from several threads.
@@ -171,7 +178,7 @@ class Preparation:
                     order.unwanted = True
                     raise StoppedError("making the environment of the clouds")
             with stoppable(should_stop):
-                return make_planner(snapshot, order.environment)
+                return replace(make_planner(snapshot, order.environment), flying=order.flying)
         finally:
             with self._lock:
                 self._runs -= 1

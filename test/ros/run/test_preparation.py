@@ -168,6 +168,33 @@ def test_no_run_gets_an_environment_seen_from_elsewhere_or_filtered_otherwise(sn
     assert Surroundings.of(replace(earlier), known) is known
 
 
+def test_flying_pixels_are_left_out_and_counted(snapshot):
+    clouds = (np.vstack([TABLE, [[0.45, 0.2, 0.12]]]),)
+    seen = replace(snapshot, clouds=clouds, origins=(SENSOR,))
+    assert preparation().prepare(seen, never).flying == 1
+    assert preparation().prepare(replace(seen, origins=(None,)), never).flying == 0
+
+
+def test_what_was_seen_below_proves_gaps_unless_an_object_stands_there_since(snapshot):
+    through = np.array([0.4525, 0.2025, 0.0]) + np.mgrid[0:2, 0:2, 0:1].reshape(3, -1).T * 0.005
+    below = SENSOR + 1.3 * (through - SENSOR)
+
+    def holes(origin, *placed):
+        clouds = (np.vstack([TABLE, below]), *placed)
+        others = (None,) * len(placed), (True,) * len(placed)
+        seen = replace(
+            snapshot, clouds=clouds, origins=(origin, *others[0]), placed=(False, *others[1])
+        )
+        return Surroundings.of(seen).environment().support.holes
+
+    assert len(holes(None)) == 0
+    found = holes(SENSOR)
+    assert np.linalg.norm(found[:, None, :2] - through[:, :2], axis=2).min(axis=0).max() < 1e-6
+    thing = through.mean(axis=0) + 0.02 * (np.mgrid[-1:2, -1:2, 0:3].reshape(3, -1).T)
+    assert len(holes(SENSOR, thing)) == 0
+    assert len(holes(SENSOR, thing + [0.1, 0.0, 0.0])) == len(found)
+
+
 def test_points_that_the_robot_now_covers_are_left_out(snapshot):
     moved = snapshot.q_start.copy()
     left = snapshot.arms[0]
