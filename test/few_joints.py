@@ -129,6 +129,12 @@ def environment_of(scene: Scene) -> Environment:
     )
 
 
+def body() -> Body:
+    """The object."""
+    mesh = trimesh.creation.box(SIZE)
+    return Body.from_mesh(mesh.vertices, mesh.faces)
+
+
 def made(
     name: str, grasp: pin.SE3, scene: Scene, environment: Environment
 ) -> tuple[Problem, Objective, Task]:
@@ -137,11 +143,11 @@ def made(
     robot = Robot.from_urdf(text)
     start = dict.fromkeys(robot.joint_names, 0.0) | start_of(name)
     arm = robot.arm("arm", "tip", grasps=[grasp], gripper_joints=("finger",), gripper_open=(_OPEN,))
+    held = body()
     mesh = trimesh.creation.box(SIZE)
-    body = Body.from_mesh(mesh.vertices, mesh.faces)
-    problem = Problem(robot, (arm,), robot.configuration(start), body, scene.volume, environment)
+    problem = Problem(robot, (arm,), robot.configuration(start), held, scene.volume, environment)
     objective = make_objective(
-        "maximize_clearance", ObjectiveContext(environment, scene.volume, body)
+        "maximize_clearance", ObjectiveContext(environment, scene.volume, held)
     )
     measured = environment.measured
     pairs = "".join(
@@ -153,7 +159,7 @@ def made(
         scene.volume.boxes[:, 1],
         np.asarray(mesh.vertices),
         np.asarray(mesh.faces),
-        body.center_of_mass,
+        held.center_of_mass,
         text,
         f"<robot>{pairs}</robot>",
         {},

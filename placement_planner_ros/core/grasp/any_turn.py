@@ -11,7 +11,7 @@ import math
 import numpy as np
 import pinocchio as pin
 
-from placement_planner_ros.core.reach.ik import IKSettings, InverseKinematics
+from placement_planner_ros.core.reach.ik import InverseKinematics
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.reach.seeds import seed_table
 from placement_planner_ros.core.reach.turntable import Turntable
@@ -41,13 +41,10 @@ class AnyTurn:
             it, place, way up and turn, as with any other arm.
     """
 
-    def __init__(
-        self, chain: Chain, T_tip_object: pin.SE3, ik: InverseKinematics, settings: IKSettings
-    ) -> None:
+    def __init__(self, chain: Chain, T_tip_object: pin.SE3, ik: InverseKinematics) -> None:
         self._chain = chain
         self._T_tip_object = T_tip_object
         self._ik = ik
-        self._settings = settings
         self._seeds = seed_table(chain)
         self._turntables: dict[bytes, Turntable] = {}
 
@@ -98,8 +95,13 @@ class AnyTurn:
     def follow(
         self, T_world_object: pin.SE3, T_face_object: pin.SE3, q: Array
     ) -> tuple[pin.SE3, Array] | None:
-        """`q` (dof,) continued to that place, and the pose the object then has; None where that is
-        not close by."""
+        """`q` (dof,) continued to that pose, or else to that place, and the pose it then is.
+
+        None where neither is close by.
+        """
+        as_asked = self._ik.track(self._tip(T_world_object)[None], q)
+        if as_asked is not None:
+            return T_world_object, as_asked[-1]
         T_world_face = T_world_object * T_face_object.inverse()
         reached = self._turntable(T_face_object).track(T_world_face.homogeneous, q)
         if reached is None:
@@ -136,7 +138,7 @@ class AnyTurn:
         key = T_face_object.homogeneous.tobytes()
         if key not in self._turntables:
             T_tip_face = (self._T_tip_object * T_face_object.inverse()).homogeneous
-            self._turntables[key] = Turntable(self._chain, T_tip_face, self._settings)
+            self._turntables[key] = Turntable(self._chain, T_tip_face, self._ik.settings)
         return self._turntables[key]
 
     def _near(

@@ -101,9 +101,7 @@ class Holding:
         grasp = self.arm.grasps[held.grasp]
         self._T_object_tip = grasp.inverse()
         self.any_turn = (
-            AnyTurn(self.chain, grasp, self._ik, settings.ik)
-            if lacks_directions(self.chain)
-            else None
+            AnyTurn(self.chain, grasp, self._ik) if lacks_directions(self.chain) else None
         )
         self._seeds = seed_table(self.chain)
         self._settings = settings.approach
