@@ -36,8 +36,8 @@ class Announcer:
         if prepared.flying:
             points = sum(map(len, run.snapshot.clouds))
             self._log.event(
-                f"run {run.number}: {prepared.flying:,} of {points:,} points of the clouds are left "
-                "out as flying pixels"
+                f"run {run.number}: {prepared.flying:,} of {points:,} points are left out as "
+                "flying pixels"
             )
         self._outputs.environment(run.snapshot, prepared.environment)
         self._reporter.prepared(run, prepared.environment)
