@@ -58,6 +58,7 @@ TEST = [
     "mujoco>=3,<5",
     "mypy>=1.10,<3",
     "pytest>=8,<10",
+    "pytest-xdist>=3.6,<4",
     "ruff>=0.5,<1",
 ]
 
