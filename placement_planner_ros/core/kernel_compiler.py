@@ -16,12 +16,17 @@ import weakref
 from collections.abc import Callable
 from typing import Any
 
+import llvmlite.binding as llvm
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, Flags
 
 _WRITTEN_IN = 500
 """Instructions beside its arguments from which on a kernel is too long to be written into others.
 LLVM does so up to some 50, or 260 where it is called in a loop."""
+
+_NOT_TO_BE_KEPT = "@numba.dynamic.globals.of.kernels = weak_odr global i8 0"
+"""What numba does not keep functions with on disk: those of users that call kernels, which in
+another process may not be there."""
 
 NAMES: weakref.WeakKeyDictionary[Callable[..., Any], str] = weakref.WeakKeyDictionary()
 """What tells each function that is a kernel from all others, in every process."""
@@ -30,7 +35,7 @@ _LONG: weakref.WeakSet[Any] = weakref.WeakSet()
 """Libraries of kernels that are too long to be written into their callers."""
 
 
-class KernelCompiler(Compiler):  # type: ignore[misc]
+class KernelCompiler(Compiler):
     """Numba's, with libraries, flags and names as kernels need them."""
 
     def __init__(self, *given: Any) -> None:
@@ -47,7 +52,7 @@ class KernelCompiler(Compiler):  # type: ignore[misc]
         return super()._compile_bytecode()
 
 
-class KernelLibrary(JITCodeLibrary):  # type: ignore[misc]
+class KernelLibrary(JITCodeLibrary):
     """A kernel's machine code, and what its callers may write into themselves."""
 
     def _optimize_functions(self, ll_module: Any) -> None:
@@ -67,10 +72,14 @@ class KernelLibrary(JITCodeLibrary):  # type: ignore[misc]
             for function in module.functions:
                 if function.name in made and not function.is_declaration:
                     function.linkage = "available_externally"
+            module.link_in(llvm.parse_assembly(_NOT_TO_BE_KEPT))
         return self._shared_module
 
+    def _finalize_dynamic_globals(self) -> None:
+        """Kernels are kept all the same: their files name what they call."""
 
-class _Flags(Flags):  # type: ignore[misc]
+
+class _Flags(Flags):
     """Those of one compilation, of which numba makes a copy to look others up with."""
 
     def copy(self) -> Flags:
@@ -82,7 +91,7 @@ class _Flags(Flags):  # type: ignore[misc]
         return _FROZEN[-1]
 
 
-class _FrozenFlags(Flags):  # type: ignore[misc]
+class _FrozenFlags(Flags):
     """Compared and hashed in no time."""
 
     __slots__ = ("_all", "_hash")

@@ -45,6 +45,9 @@ UNCOUNTED: dict[str, Any] = {"_nrt": False} if hasattr(DefaultOptions, "_nrt") e
 """What makes a kernel lean; empty, and lean kernels like others, where numba does not know it."""
 
 
+_COMPILER = tuple(Path(__file__).with_name(f"kernel{name}.py") for name in ("_cache", "_compiler"))
+"""What shapes the files of all kernels."""
+
 _KERNELS: list[tuple[str, KernelCache]] = []
 """Module and cache of each kernel that is compiled by itself."""
 
@@ -103,11 +106,9 @@ class _Kernel:
     time to compile.
     """
 
-    def __init__(
-        self, function: Callable[..., Any], options: dict[str, Any], folder: str
-    ) -> None:
+    def __init__(self, function: Callable[..., Any], options: dict[str, Any], folder: str) -> None:
         self.compiled: Any = numba.njit(**options)(function)
-        self._inner: Any = numba.njit(**options, no_cpython_wrapper=True)(function)
+        self._inner: Any = numba.njit(**{**options, "no_cpython_wrapper": True})(function)
         KernelCache(function, "python", folder).serve(self.compiled)
         KernelCache(function, "kernels", folder).serve(self._inner)
         self._own_overload = self.compiled.get_overload
@@ -162,9 +163,9 @@ def _cache_folder(file: str) -> str:
 
 @functools.cache
 def _state(file: str) -> str:
-    """Of that file and of all it calls."""
+    """Of that file, of all it calls and of what compiles and keeps it."""
     digest = hashlib.sha256(numba.__version__.encode())
-    for path in sorted(_imported(Path(file), {})):
+    for path in (*_COMPILER, *sorted(_imported(Path(file), {}))):
         digest.update(path.name.encode() + path.read_bytes())
     return digest.hexdigest()[:16]
 
