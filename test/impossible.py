@@ -66,6 +66,10 @@ def placed(feet, xy, angle):
     return feet @ turn.transpose(0, 2, 1) + xy[:, None]
 
 
+_TRIED = 20
+"""Poses at each height and in each rest that are tried for room, of those that would stand."""
+
+
 def pose_that_stands(situation, rng, edge=0.0, samples=4000, best=60, rounds=60):
     """(rotation, xy, angle, height) of a pose that is possible after all; None where none is found.
 
@@ -91,7 +95,7 @@ def pose_that_stands(situation, rng, edge=0.0, samples=4000, best=60, rounds=60)
                 step = np.where(better, step, 0.85 * step)
             inside = _over(volume, xy[:, None]).all(axis=1)
             inside &= _over(volume, placed(feet, xy, angle)).any(axis=1)
-            for row in np.flatnonzero((away <= 0.0) & inside):
+            for row in np.flatnonzero((away <= 0.0) & inside)[:_TRIED]:
                 if _free(situation, rotation, offset, xy[row], angle[row], height):
                     return rotation, xy[row], angle[row], height
     return None

@@ -432,8 +432,8 @@ def test_the_object_is_what_its_triangles_are():
     assert len(solids) == len(glass.parts)
     assert all(piece.solid and piece.closed for piece in solids)
     assert (whole.solid, whole.closed) == (False, True)
-    voxels = piece_voxels([whole], 0.0021)
-    np.testing.assert_allclose(voxels, piece_voxels(solids, 0.0021), atol=1e-12)
+    voxels = piece_voxels([whole], 0.0041)
+    np.testing.assert_allclose(voxels, piece_voxels(solids, 0.0041), atol=1e-12)
     # without its foot's disk it is a sheet, of which voxels are those it passes through
     (sheet,) = object_pieces(surface.vertices, surface.triangles[:-40])
     assert not sheet.closed

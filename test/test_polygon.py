@@ -80,7 +80,7 @@ def task_of(scene, name, slope):
 def found(scene, name, slope):
     problem = problem_of(scene, name, slope)
     planner = PlacementPlanner(problem, aside, POLYGON, np.random.default_rng(0))
-    placements = list(planner.run(lambda: planner.statistics.samples >= 2500))
+    placements = list(planner.run(lambda: planner.statistics.samples >= 1500))
     limit = POLYGON.timing.acceleration_limits[0]
     checker = SolutionChecker(task_of(scene, name, slope), Tolerances(acceleration_limit=limit))
     return problem, placements, checker
@@ -106,7 +106,7 @@ def test_what_is_placed_stays_where_it_is(scene, name, slope):
 
     _, placements, checker = found(scene, name, slope)
     held = object_by_name(name)
-    for placement in placements[-2:]:
+    for placement in placements[-1:]:
         for friction in FRICTIONS:
             result = settle(
                 [part.vertices for part in checker.task.solids],

@@ -53,8 +53,7 @@ def draw_before_and_after(path: Path, shown: StageSet, title: str) -> None:
 def draw_animation(path: Path, shown: StageSet) -> None:
     """Write a GIF of the whole motion, release and retreat included."""
     motion = shown.motion
-    count = min(_MOST_FRAMES, 1 + int(np.ceil(motion.duration / _FRAME)))
-    speed = max(1.0, motion.duration / (_FRAME * (count - 1)))
+    count, speed = frames_and_speed(motion.duration)
     words = "in real time" if speed < 1.05 else f"{speed:.1f} times as fast as it is"
     font = ImageFont.truetype(
         str(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"), 15
@@ -70,6 +69,12 @@ def draw_animation(path: Path, shown: StageSet) -> None:
         draw.text((8, 4), line, fill="black", font=font)
         frames.append(frame)
     _write(path, frames)
+
+
+def frames_and_speed(duration: float) -> tuple[int, float]:
+    """How many frames show a motion of that many seconds, and how many times as fast as it is."""
+    count = min(_MOST_FRAMES, 1 + int(np.ceil(duration / _FRAME)))
+    return count, max(1.0, duration / (_FRAME * (count - 1)))
 
 
 def _write(path: Path, frames: list[Picture.Image]) -> None:

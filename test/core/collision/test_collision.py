@@ -583,12 +583,12 @@ def test_a_ball_in_two_links_shows_that_they_overlap(yumi):
     exact, arm = ExactCollision(*setup), setup[0].arm
     rng = np.random.default_rng(5)
     overlapping = 0
-    for q in rng.uniform(arm.lower, arm.upper, (150, arm.dof)):
+    for q in rng.uniform(arm.lower, arm.upper, (60, arm.dof)):
         ball = exact.common_ball(q)
         free = exact.free(q)
         assert not (free and ball > 1e-5)
         overlapping += ball > 0.0
-    assert 10 < overlapping < 140
+    assert 4 < overlapping < 56
 
 
 def test_boxes_are_made_once_and_go_with_their_obstacle_set():
@@ -933,17 +933,17 @@ def test_strayed_motions_of_certified_edges_are_free(yumi):
     checker, oracle, arm = ArmCollision(*setup), ByCoal(*setup), setup[0].arm
     rng = np.random.default_rng(9)
     Q = setup[0].q + rng.normal(size=(200, arm.dof)) * 0.3
-    A = np.array([q for q in Q if oracle.free(q)][:40])
+    A = np.array([q for q in Q if oracle.free(q)][:20])
     B = A + rng.normal(size=A.shape) * 0.1
     deviation = np.full(arm.dof, 0.01)
     certified = 0
     for a, b in zip(A, B, strict=True):
         if checker.edge_free(a, b, deviation=deviation):
             certified += 1
-            path = a + rng.random(50)[:, None] * (b - a)
+            path = a + rng.random(30)[:, None] * (b - a)
             corners = rng.choice([-1.0, 1.0], size=path.shape)
             assert oracle.all_free(path + corners * deviation)
-    assert certified >= 5
+    assert certified >= 3
 
 
 def test_certified_edges_keep_their_distance_all_the_way(mixed):

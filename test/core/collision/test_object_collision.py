@@ -99,7 +99,7 @@ def test_agrees_with_coal(scene, thing):
     floor = 0.0 if scene == "table" else 0.176
     poses, raised = [], []
     corners = np.vstack([part.vertices for part in made.parts])
-    for i in range(240):
+    for i in range(90):
         R = pin.utils.rotate("z", rng.uniform(-3, 3))
         if i % 2:
             R = R @ pin.exp3(rng.normal(size=3))

@@ -34,8 +34,14 @@ def free_poses(problem, finder, rng):
     return T[verdicts == Verdict.FEASIBLE]
 
 
-@pytest.mark.parametrize("scene", ["cabinet_low_clutter", "cabinet_high_clutter", "table"])
-@pytest.mark.parametrize("thing", ["wine_glass", "small_crayons_box"])
+@pytest.mark.parametrize(
+    ("scene", "thing"),
+    [
+        ("cabinet_low_clutter", "small_crayons_box"),
+        ("cabinet_high_clutter", "wine_glass"),
+        ("table", "small_crayons_box"),
+    ],
+)
 def test_estimates_hardly_ever_skip_a_better_pose_and_save_most_of_the_work(scene, thing):
     """With the objects of which estimates are off the most; ξ_best is taken to be at quantiles."""
     problem, _ = make_problem(Case(scene, thing, "maximize_clearance"), np.random.default_rng(0))
@@ -46,7 +52,7 @@ def test_estimates_hardly_ever_skip_a_better_pose_and_save_most_of_the_work(scen
         planner = PlacementPlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
         T = free_poses(problem, planner.sampler._checker, np.random.default_rng(1))
         exact = objective.values(T)
-        for seed, share in enumerate((0.5, 0.8, 0.9, 0.95, 0.98)):
+        for seed, share in enumerate((0.5, 0.8, 0.95)):
             bound = float(np.quantile(exact, share))
             planner = PlacementPlanner(
                 problem, objective, PlannerSettings(), np.random.default_rng(0)

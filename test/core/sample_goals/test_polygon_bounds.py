@@ -93,7 +93,7 @@ def cells_of(poses, rng, count):
 def test_no_cell_with_a_pose_that_stands_is_ruled_out(kind, name, slope):
     poses = made(kind, name, slope)
     rng, times = np.random.default_rng(4), 40
-    cells = cells_of(poses, rng, 500)
+    cells = cells_of(poses, rng, 300)
     unsupported = SupportBound(poses).unsupported(PlacedCells(cells))
     at = np.repeat(cells, times, axis=0)
     x, y, angle = (at[:, LOWER] + rng.random((len(at), 3)) * (at[:, UPPER] - at[:, LOWER])).T
@@ -109,7 +109,7 @@ def test_no_cell_with_a_pose_that_stands_is_ruled_out(kind, name, slope):
 def test_every_pose_that_stands_is_on_a_span(kind, name, slope):
     poses = made(kind, name, slope)
     rng = np.random.default_rng(5)
-    count = 4000
+    count = 2000
     picked = [poses.regions[k] for k in rng.integers(len(poses.regions), size=count)]
     xy = rng.uniform(VOLUME.lower[:2], VOLUME.upper[:2], (count, 2))
     slopes = np.array([region.slope for region in picked])

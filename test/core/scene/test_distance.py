@@ -146,13 +146,13 @@ def test_clearance_is_the_same_whatever_the_origin_of_the_grid():
     board overhead."""
     rng = np.random.default_rng(6)
     spread, off = [], []
-    for _ in range(6):
+    for _ in range(3):
         z = rng.uniform(0.0, 0.01)
         clouds = [plane((-0.4, -0.4, z), (0.4, 0.4, z), 0.004)]
         solids = []
         for n in range(6):
             half = rng.uniform(0.015, 0.04, 2) if n else np.array([0.04, 0.001])
-            at = rng.uniform(-0.25, 0.25, 2)
+            at = rng.uniform(-0.19, 0.19, 2)  # within V: what lies beyond does not count
             low, high = np.append(at - half, z), np.append(at + half, z + rng.uniform(0.01, 0.2))
             points, solid = sampled_box(low, high, rng.uniform(0.0, np.pi), 0.004)
             clouds.append(points)
@@ -166,7 +166,7 @@ def test_clearance_is_the_same_whatever_the_origin_of_the_grid():
         while len(poses) < 8:
             pose = pin.SE3(
                 pin.utils.rotate("z", rng.uniform(0.0, 2.0 * np.pi)),
-                np.append(rng.uniform(-0.25, 0.25, 2), z),
+                np.append(rng.uniform(-0.19, 0.19, 2), z),
             )
             size = rng.choice([0.02, 0.06, 0.11])
             line = np.arange(0.0025, 0.05, 0.005)
@@ -176,7 +176,7 @@ def test_clearance_is_the_same_whatever_the_origin_of_the_grid():
             if true_distance_to(solids, world).min() > 0.0:
                 poses.append((pose, body, true_distance_to(solids, world).mean()))
         found = []
-        for _ in range(6):
+        for _ in range(4):
             low = np.array([-0.45, -0.45, -0.1]) - rng.uniform(0.0, 0.01, 3)
             obstacles = ObstacleSet.from_points(cloud, bounds=(low, np.add(low, (0.9, 0.9, 0.6))))
             field = ClearanceField(obstacles, VOLUME)

@@ -326,7 +326,7 @@ def careful_problem(case, seed):
 def test_with_unknown_space_as_obstacle_placements_pass_the_checker(case, tmp_path):
     _, problem, objective = careful_problem(case, 0)
     planner = PlacementPlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
-    placements = list(planner.run(lambda: planner.statistics.samples >= 4000))
+    placements = list(planner.run(lambda: planner.statistics.samples >= 1500))
     assert placements
     checker = case_checker(asdict(case))
     touch = {arm.name: arm.touch_links for arm in problem.arms}

@@ -1,6 +1,7 @@
 """What is shown of a motion: each stage, from a side from which the object is seen."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -12,6 +13,7 @@ from placement_planner_ros.experiments.cases import start_configuration
 from placement_planner_ros.experiments.drawing.animation import (
     draw_animation,
     draw_before_and_after,
+    frames_and_speed,
 )
 from placement_planner_ros.experiments.drawing.motion import OPENING, Curve, Motion
 from placement_planner_ros.experiments.drawing.picture import PLACED
@@ -121,6 +123,12 @@ def test_a_tube_keeps_its_radius():
 
 
 def test_pictures_show_before_and_after_and_all_of_the_motion(motion, tmp_path):
+    motion = replace(
+        motion,
+        carry=replace(motion.carry, times=0.3 * motion.carry.times),
+        approach_start=0.3 * motion.approach_start,
+        retreat=replace(motion.retreat, times=0.3 * motion.retreat.times),
+    )
     shown = StageSet(motion, around(motion), OBJECT.vertices, OBJECT.triangles)
     still, moving = tmp_path / "still.png", tmp_path / "moving.gif"
     draw_before_and_after(still, shown, "title")
@@ -139,19 +147,14 @@ def test_pictures_show_before_and_after_and_all_of_the_motion(motion, tmp_path):
     assert motion.duration < played < motion.duration + 4.0
 
 
-def test_a_long_motion_is_shown_faster_and_says_so(motion, tmp_path):
-    slow = Motion(
-        motion.robot,
-        motion.arm,
-        motion.q_start,
-        motion.T_tip_object,
-        motion.T_world_placed,
-        Curve(motion.arm.joints, 20.0 * motion.carry.times, motion.carry.positions),
-        30.0,
-        None,
-    )
-    assert slow.at(slow.duration).stage == "let go"
-    assert isinstance(slow.at(0.0).T_world_object, pin.SE3)
-    file = tmp_path / "slow.gif"
-    draw_animation(file, StageSet(slow, around(slow), OBJECT.vertices, OBJECT.triangles))
-    assert Image.open(file).n_frames <= 90
+def test_long_motions_are_shown_faster_and_short_ones_in_real_time():
+    assert frames_and_speed(4.0) == (51, 1.0)
+    count, speed = frames_and_speed(60.0)
+    assert count <= 90
+    assert (count - 1) * 0.08 * speed == pytest.approx(60.0)
+
+
+def test_a_motion_may_end_without_a_retreat(motion):
+    ended = replace(motion, retreat=None)
+    assert ended.at(ended.duration).stage == "let go"
+    assert isinstance(ended.at(0.0).T_world_object, pin.SE3)

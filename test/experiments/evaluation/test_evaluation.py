@@ -292,7 +292,9 @@ def test_trials_refuse_unknown_variants_and_times():
         Trial(TABLE, "optimistic+lo", 0, 0.0)
 
 
-def test_the_smoke_preset_runs_every_variant_and_is_reported(tmp_path, capsys):
+def test_the_smoke_preset_runs_every_variant_and_is_reported(tmp_path, capsys, monkeypatch):
+    short = replace(PRESETS["smoke"], seconds=0.5, baseline_seconds=1.0)
+    monkeypatch.setitem(PRESETS, "smoke", short)
     assert main(["paper", "--preset", "smoke", "--output", str(tmp_path)]) == 0
     records = read_lines(tmp_path / "runs.jsonl")
     assert {record_key(r) for r in records} == {t.key for t in preset_trials(PRESETS["smoke"])}
@@ -376,7 +378,7 @@ def test_the_grid_lies_on_its_region():
 def test_grid_placements_are_those_the_planner_would_let_pass():
     problem, objective = make_problem(TABLE, np.random.default_rng(0))
     settings = PlannerSettings()
-    resolution = GridResolution(0.04, math.radians(60.0))
+    resolution = GridResolution(0.08, math.radians(60.0))
     found = grid_placements(problem, resolution, settings)
     poses = PoseConstraints(
         problem, settings.collision, settings.footing, settings.approach.approach_minimum
@@ -395,7 +397,7 @@ def test_grid_placements_are_those_the_planner_would_let_pass():
     rows = np.round(np.column_stack([found.contact, found.angle]), 6).tolist()
     keys = [(int(f), *row) for f, row in zip(found.face, rows, strict=True)]
     assert set(keys) == set(passed)
-    assert 100 < len(keys) < tried
+    assert 30 < len(keys) < tried
     np.testing.assert_allclose(found.clearance, [passed[key] for key in keys], atol=1e-9)
 
 
@@ -413,7 +415,7 @@ def test_a_grid_with_slices_that_hold_nothing_is_searched_all_the_same():
 
 
 def test_the_yardstick_is_better_than_random_and_no_better_than_its_grid_and_climb():
-    resolution = GridResolution(0.04, math.radians(45.0))
+    resolution = GridResolution(0.06, math.radians(60.0))
     job = YardstickJob(
         "table", "small_crayons_box", resolution=resolution, seconds=40.0, random_placements=30
     )

@@ -15,14 +15,11 @@ from placement_planner_ros.experiments.motion.problems import panda_problems, re
 
 DATA = SHARED / "data"
 SOME = (
-    "bookshelf_small/0001",
     "bookshelf_small/0009",
-    "bookshelf_small/0013",
     "table_pick/0003",
     "table_pick/0005",
-    "table_pick/0017",
 )
-STEP = 0.005
+STEP = 0.01
 """rad between checked states, norm over the joints."""
 
 

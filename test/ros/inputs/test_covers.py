@@ -19,7 +19,7 @@ URDF = """<robot name="ring"><link name="base"><collision><geometry>
 
 @pytest.fixture
 def folder(monkeypatch, tmp_path):
-    trimesh.creation.annulus(0.1, 0.15, 0.04, sections=48).export(tmp_path / "ring.stl")
+    trimesh.creation.annulus(0.1, 0.15, 0.04, sections=12).export(tmp_path / "ring.stl")
     monkeypatch.setattr(kept_files, "kept_folder", lambda: tmp_path / "kept")
     return tmp_path
 

@@ -1,5 +1,6 @@
 """Mesh files of every format, cut short, changed and made up: read, or refused in words."""
 
+import functools
 import gzip
 import io
 import json
@@ -71,6 +72,7 @@ def glb(count):
     return head + text
 
 
+@functools.cache
 def bad():
     """Files that are none, by name."""
     return {
