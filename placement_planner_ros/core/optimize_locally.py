@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from placement_planner_ros.core.constraints import PoseConstraints
+from placement_planner_ros.core.grasp.any_turn import AnyTurn
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.objective.ascent import AscentSettings, climb
 from placement_planner_ros.core.objective.objective import Objective, evaluate, moved
@@ -69,14 +70,19 @@ class LocalOptimizer:
         return Refined(goal, np.array(slide))
 
     def _try(self, goal: Goal, holding: Holding, change: Array) -> Goal | None:
-        x = moved(goal.T_world_object, change, goal.slope)
+        x, q = moved(goal.T_world_object, change, goal.slope), None
+        if holding.any_turn is not None:
+            given = self._as_the_arm_can(goal, holding.any_turn, change)
+            if given is None:
+                return None
+            x, q = given
         value = evaluate(self._objective, x)
         if not value > goal.objective + self._min_improvement:
             return None
         verdict = self._poses.verdict(x, goal.face, goal.contact_height, goal.slope)
         if verdict is not Verdict.FEASIBLE:
             return None
-        q = self._step(goal, holding, x, change)
+        q = self._step(goal, holding, x, change) if q is None else q
         if q is None:
             return None
         motion = holding.placing_motion(q, x, goal.contact_height, self._poses, goal.slope)
@@ -91,6 +97,16 @@ class LocalOptimizer:
             retreat=motion.retreat,
             objective=value,
         )
+
+    def _as_the_arm_can(
+        self, goal: Goal, any_turn: AnyTurn, change: Array
+    ) -> tuple[pin.SE3, Array] | None:
+        """A pose near the one changed, and q; the turn is what an arm of few joints gives there."""
+        radius = self._settings.turn_radius
+        possible = any_turn.nearest_change(goal.q, change, radius, goal.slope)
+        x = moved(goal.T_world_object, possible, goal.slope)
+        face = self._poses.problem.body.faces[goal.face]
+        return any_turn.follow(x, face.T_face_object, goal.q)
 
     def _step(self, goal: Goal, holding: Holding, x: pin.SE3, change: Array) -> Array | None:
         """q + μΔq with Δq = J† v, brought exactly to pose x."""

@@ -21,6 +21,8 @@ def yaw(T: pin.SE3) -> float:
 class PlanarReach:
     """q = (x, y, e_z); everything but x > limit is reachable."""
 
+    any_turn = None
+
     def __init__(self, x_limit: float = np.inf, blocked=lambda a, b: False) -> None:
         self.arm = SimpleNamespace(
             grasps=(pin.SE3.Identity(),), lower=np.full(3, -10.0), upper=np.full(3, 10.0)

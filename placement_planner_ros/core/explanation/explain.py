@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from placement_planner_ros.core.errors import listed
 from placement_planner_ros.core.explanation import collisions, surfaces, tables
 from placement_planner_ros.core.explanation.advice import advice, closer, grasps, support
@@ -47,10 +49,11 @@ def explain(search: Search, progress: Progress) -> Explanation:
     elif progress.found:
         told = _unreached(search, progress)
     else:
-        told = _without_freedom(search, _refused(search, progress.count))
+        told = _hindered(search, _refused(search, progress.count))
     numbers = (
         surfaces.in_words(environment),
         *tables.reach_in_words(search),
+        *tables.few_directions(search),
         *tables.by_face(search, progress.count),
         *tables.by_arm(search),
     )
@@ -103,13 +106,24 @@ def _unreached(search: Search, progress: Progress) -> Explanation:
     return Explanation(cause, tuple(remedies), tuple(details))
 
 
-def _without_freedom(search: Search, told: Explanation) -> Explanation:
-    """That arms have too few joints comes before all else that is seen."""
-    few = tables.few_joints(search)
-    if not few:
+def _hindered(search: Search, told: Explanation) -> Explanation:
+    """That no arm can stand the object up comes before all else that is seen."""
+    words = tables.hindered(search)
+    if not words:
         return told
-    remedy = Remedy("arms", "name one with six joints or more that move independently")
-    return Explanation(f"{'; '.join(few)}; {told.cause}", (remedy, *told.remedies), told.details)
+    arms = {holding.arm.name for holding in search.finder.holdings}
+    if len(words) < len(arms):
+        return replace(told, details=(*words.values(), *told.details))
+    tries = (
+        Remedy(
+            ", ".join(f"{name}.grasps" for name in words),
+            "hold the object so that the joints can bring it upright, exactly; rounded angles in "
+            "the URDF can make it lean, too",
+        ),
+        Remedy("arms", "name one with more joints that move independently"),
+    )
+    cause = f"{'; '.join(words.values())}; {told.cause}"
+    return Explanation(cause, (*tries, *told.remedies), told.details)
 
 
 def _refused(search: Search, count: SampleCount) -> Explanation:

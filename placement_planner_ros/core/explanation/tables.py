@@ -10,6 +10,8 @@ import numpy as np
 from placement_planner_ros.core.errors import NAMED
 from placement_planner_ros.core.explanation import surfaces
 from placement_planner_ros.core.explanation.search import Search
+from placement_planner_ros.core.reach.turntable import DIRECTIONS
+from placement_planner_ros.core.reach.upright_motion import most_upright
 from placement_planner_ros.core.search.cell_layout import COLUMNS, FACE, LOWER, SLOPE, UPPER, Z
 from placement_planner_ros.core.search.sampler import SampleCount
 from placement_planner_ros.core.search.uniform import UniformPoses
@@ -121,15 +123,40 @@ def reach_in_words(search: Search) -> list[str]:
     ]
 
 
-def few_joints(search: Search) -> list[str]:
-    """Arms that cannot bring the object to any pose that is chosen for it, in words."""
-    freedom = {each.arm.name: each.chain.freedom for each in search.finder.holdings}
+def few_directions(search: Search) -> list[str]:
+    """Arms that say themselves how the object is turned, in words."""
+    freedom = {
+        each.arm.name: each.chain.freedom
+        for each in search.finder.holdings
+        if each.any_turn is not None
+    }
     return [
-        f"arm {name} moves its tip in {number} of 6 directions only, and can hardly reach poses "
-        "that are chosen without regard to that"
+        f"arm {name} moves its tip in {number} of {DIRECTIONS} directions: it puts the object down "
+        "turned about the vertical as it can"
         for name, number in freedom.items()
-        if number < 6
     ]
+
+
+def hindered(search: Search) -> dict[str, str]:
+    """By arm of those that cannot stand the object up wherever they are asked to: why, in words.
+
+    Asked of arms that move their tip in fewer than six directions; on level surfaces.
+    """
+    faces = search.poses.problem.body.faces
+    tolerance = search.settings.ik.rotation_tolerance
+    few = [each for each in search.finder.holdings if each.any_turn is not None]
+    words: dict[str, str] = {}
+    for name in dict.fromkeys(each.arm.name for each in few):
+        own = [each for each in few if each.arm.name == name]
+        held = (
+            (each.arm.grasps[each.grasp] * face.T_face_object.inverse()).homogeneous
+            for each in own
+            for face in faces
+        )
+        hindrance = most_upright(own[0].chain, held, tolerance).hindrance(tolerance)
+        if hindrance:
+            words[name] = f"arm {name} {hindrance}"
+    return words
 
 
 def _shares(verdicts: Sequence[int], noun: str) -> str:

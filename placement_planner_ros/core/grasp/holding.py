@@ -12,6 +12,7 @@ from placement_planner_ros.core.collision.arm import ArmCollision, Meeting
 from placement_planner_ros.core.collision.load import Held
 from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.errors import GraspError
+from placement_planner_ros.core.grasp.any_turn import AnyTurn
 from placement_planner_ros.core.grasp.hand_opening import check_opening
 from placement_planner_ros.core.grasp.open_hand import OpenHand
 from placement_planner_ros.core.grasp.settings import GraspSettings
@@ -19,6 +20,7 @@ from placement_planner_ros.core.grasp.straight_down import stray, stray_at
 from placement_planner_ros.core.reach.ik import InverseKinematics
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.reach.seeds import seed_table
+from placement_planner_ros.core.reach.turntable import lacks_directions
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import LEVEL, Array, Slope, Verdict
@@ -59,6 +61,8 @@ class Holding:
         collision: C_free of this arm with the object in this grasp.
         open_hand: the same arm once it has let go.
         require_retreat: whether a placement without release and retreat counts for nothing.
+        any_turn: where the arm's joints move its tip in fewer than six directions, so that it says
+            how the object is turned: which turns it can give it; else None.
 
     Raises:
         GraspError: the object overlaps the arm, or the hand could not let it go.
@@ -94,7 +98,11 @@ class Holding:
             raise GraspError(errors[0].field, errors[0].value, words)
         self.open_hand = open_hand
         self._ik = InverseKinematics(self.chain, settings.ik)
-        self._T_object_tip = self.arm.grasps[held.grasp].inverse()
+        grasp = self.arm.grasps[held.grasp]
+        self._T_object_tip = grasp.inverse()
+        self.any_turn = (
+            AnyTurn(self.chain, grasp, self._ik) if lacks_directions(self.chain) else None
+        )
         self._seeds = seed_table(self.chain)
         self._settings = settings.approach
         self._reserve = settings.collision.planning_reserve
@@ -150,17 +158,19 @@ class Holding:
             if len(solutions) == 0:
                 continue
             verdict = Verdict.ARM_COLLIDING
-            free = self._free_at_contact(self._nearest(solutions))
+            free = self.free_ones(solutions)
             if len(free) == 0:
-                swept = self._ik.sweep(T_world_tip, solutions)
-                free = self._free_at_contact(self._nearest(swept))
+                free = self.free_ones(self._ik.sweep(T_world_tip, solutions))
             if len(free):
-                return np.asarray(free[np.argsort(np.abs(free - self.q_start).sum(axis=1))])
+                return free
         return verdict
 
-    def _free_at_contact(self, Q: Array) -> Array:
-        """Those of Q (n, dof) that are free with the object resting on its support."""
-        return np.asarray(Q[self.collision.free_batch(Q, self._reserve, contact=True)])
+    def free_ones(self, Q: Array) -> Array:
+        """Those of Q (n, dof) that are free with the object resting on its support, the shorter
+        way round, the nearest to q_0 first."""
+        Q = self._nearest(Q)
+        free = Q[self.collision.free_batch(Q, self._reserve, contact=True)]
+        return np.asarray(free[np.argsort(np.abs(free - self.q_start).sum(axis=1))])
 
     def candidates(self, T_world_object: pin.SE3, seeds: int, rng: np.random.Generator) -> Array:
         """(k, dof) configurations with O(q) = x, free or not."""

@@ -54,9 +54,12 @@ class InverseKinematics:
     Args:
         chain: the arm.
         settings: tolerances and effort.
+        reach: how far the arm reaches at most; found where it is not given.
     """
 
-    def __init__(self, chain: Chain, settings: IKSettings | None = None) -> None:
+    def __init__(
+        self, chain: Chain, settings: IKSettings | None = None, reach: ReachBound | None = None
+    ) -> None:
         self.chain = chain
         self.settings = settings or IKSettings()
         self._arm = ik_kernels.IKArm(
@@ -67,7 +70,7 @@ class InverseKinematics:
             self.settings.position_tolerance,
             self.settings.rotation_tolerance,
         )
-        self._reach = ReachBound.of(chain)
+        self._reach = reach or ReachBound.of(chain)
         self._slack = self.settings.position_tolerance
         self._slack += self.settings.rotation_tolerance * float(np.linalg.norm(self._reach.wrist))
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -18,7 +19,7 @@ from placement_planner_ros.core.objective.objective import (
 )
 from placement_planner_ros.core.sample_goals.rejections import RejectedPose, Rejections
 from placement_planner_ros.core.search.sampler import Draws, Outcome
-from placement_planner_ros.core.types import LEVEL, Array, Goal, Slope, Verdict
+from placement_planner_ros.core.types import Array, Goal, Slope, Verdict
 
 _COMPARISONS = 128
 """Samples whose ξ is both estimated and computed, to learn how good the estimates are."""
@@ -26,6 +27,16 @@ _ERROR_RESERVE = 1.5
 """Estimates are taken to be off by at most so many times the largest error seen."""
 _ATTEMPTS = 2
 """Configurations at most whose approach and retreat are tried at one pose."""
+
+
+class Wanted(NamedTuple):
+    """A pose x to be reached: of face f, on a contact plane of that height and slope, with ξ(x)."""
+
+    face: int
+    x: pin.SE3
+    contact_height: float
+    slope: Slope
+    value: float
 
 
 class GoalFinder:
@@ -84,13 +95,17 @@ class GoalFinder:
                 int(row),
                 pin.SE3(T[row]),
                 float(values[row]),
+                best,
                 should_stop,
                 remembering=remembering,
             )
             if isinstance(reached, Verdict):
                 verdicts[row] = reached
+                if reached <= Verdict.NOT_BETTER:  # turned as the arm can
+                    values[row] = min(values[row], best)
                 continue
             verdicts[row] = Verdict.FEASIBLE
+            values[row] = reached.objective
             found.append(reached)
             if len(found) == goals:
                 return Outcome(verdicts[: row + 1], values[: row + 1], found)
@@ -136,18 +151,21 @@ class GoalFinder:
                 row,
                 x,
                 value,
+                best,
                 should_stop,
                 hand_first=False,
                 remembering=best == -np.inf,
             )
             reached = goal is not Verdict.NO_IK
-            arm_free = reached and goal is not Verdict.ARM_COLLIDING
+            arm_free = isinstance(goal, Goal) or goal > Verdict.ARM_COLLIDING
             stable = self._poses.stable(x, face, slope)
             free = self._poses.free(x, height, slope=slope)
             if verdict is Verdict.FEASIBLE and not value > best:
                 verdict = Verdict.NOT_BETTER
             if verdict is Verdict.FEASIBLE and isinstance(goal, Verdict):
                 verdict = goal
+            if verdict is Verdict.FEASIBLE and isinstance(goal, Goal):
+                value = goal.objective
             verdicts.append(int(verdict))
             values.append(value)
             terms.append((reached, arm_free, free, stable))
@@ -163,60 +181,87 @@ class GoalFinder:
         row: int,
         x: pin.SE3,
         value: float,
+        best: float,
         should_stop: Callable[[], bool],
         hand_first: bool = True,
         remembering: bool = False,
     ) -> Goal | Verdict:
         """A goal with the arm and grasp drawn, or where none was drawn, with the first that can."""
-        face = int(draws.face[row])
-        contact_height, slope = _contact_plane(draws, row)
+        wanted = Wanted(int(draws.face[row]), x, *_contact_plane(draws, row), value)
         if draws.arm[row] >= 0:
             candidates = [self._first[draws.arm[row]] + int(draws.grasp[row])]
         else:
             candidates = self._rng.permutation(len(self.holdings)).tolist()
-        furthest = Verdict.NO_IK
+        furthest = Verdict.OUTSIDE_VOLUME
         for k in candidates:
-            goal = self._reach_goal(
-                self.holdings[k], x, face, contact_height, value, hand_first, slope
-            )
-            if not isinstance(goal, Verdict):
-                self.rejections.tries[k, face, Verdict.FEASIBLE] += 1
-                return goal
-            self.rejections.tries[k, face, goal] += 1
-            if remembering:
-                self.rejections.poses[goal].append(RejectedPose(face, x, contact_height, k, slope))
-            furthest = max(furthest, goal)
+            for tried, goal in self._tries(self.holdings[k], wanted, best, hand_first):
+                if not isinstance(goal, Verdict):
+                    self.rejections.tries[k, tried.face, Verdict.FEASIBLE] += 1
+                    return goal
+                self.rejections.tries[k, tried.face, goal] += 1
+                if remembering:
+                    self.rejections.poses[goal].append(
+                        RejectedPose(tried.face, tried.x, tried.contact_height, k, tried.slope)
+                    )
+                furthest = max(furthest, goal)
             if should_stop():
                 break
         return furthest
 
-    def _reach_goal(
-        self,
-        holding: Holding,
-        x: pin.SE3,
-        face: int,
-        contact_height: float,
-        value: float,
-        hand_first: bool,
-        slope: Slope = LEVEL,
-    ) -> Goal | Verdict:
-        found = holding.configurations(x, self._ik_seeds, self._rng, hand_first)
-        if isinstance(found, Verdict):
-            return found
+    def _tries(
+        self, holding: Holding, wanted: Wanted, best: float, hand_first: bool
+    ) -> Iterator[tuple[Wanted, Goal | Verdict]]:
+        """The pose, and what becomes of it; where the arm says how the object is turned, the poses
+        that it can give it at that place."""
+        if holding.any_turn is None:
+            yield wanted, self._reach_goal(holding, wanted, hand_first)
+            return
+        T_face_object = self._body.faces[wanted.face].T_face_object
+        places = holding.any_turn.placed(
+            wanted.x, T_face_object, self._ik_seeds, self._rng, holding.q_start
+        )
+        if not places:
+            yield wanted, Verdict.NO_IK
+        for x, Q in places:
+            turned = wanted if x is wanted.x else wanted._replace(x=x)
+            verdict = Verdict.FEASIBLE
+            if turned is not wanted:
+                turned, verdict = self._judged(turned, best)
+            if verdict is not Verdict.FEASIBLE:
+                yield turned, verdict
+                continue
+            yield turned, self._placed(holding, turned, holding.free_ones(Q))
+
+    def _judged(self, pose: Wanted, best: float) -> tuple[Wanted, Verdict]:
+        """A pose that was not drawn: the same with its ξ, and the first check that it fails."""
+        verdict = self._poses.verdict(pose.x, pose.face, pose.contact_height, pose.slope)
+        if verdict is not Verdict.FEASIBLE:
+            return pose, verdict
+        pose = pose._replace(value=evaluate(self._objective, pose.x))
+        return pose, Verdict.FEASIBLE if pose.value > best else Verdict.NOT_BETTER
+
+    def _reach_goal(self, holding: Holding, wanted: Wanted, hand_first: bool) -> Goal | Verdict:
+        found = holding.configurations(wanted.x, self._ik_seeds, self._rng, hand_first)
+        return found if isinstance(found, Verdict) else self._placed(holding, wanted, found)
+
+    def _placed(self, holding: Holding, wanted: Wanted, Q: Array) -> Goal | Verdict:
+        """The goal at one of the configurations Q (k, dof) that reach it, free at contact."""
         furthest, attempts = Verdict.ARM_COLLIDING, 0
-        for q in found:
-            motion = holding.placing_motion(q, x, contact_height, self._poses, slope)
+        for q in Q:
+            motion = holding.placing_motion(
+                q, wanted.x, wanted.contact_height, self._poses, wanted.slope
+            )
             if not isinstance(motion, Verdict):
                 return Goal(
                     holding.arm.name,
                     holding.grasp,
-                    face,
-                    x,
-                    contact_height,
+                    wanted.face,
+                    wanted.x,
+                    wanted.contact_height,
                     motion.approach,
-                    value,
+                    wanted.value,
                     motion.retreat,
-                    slope,
+                    wanted.slope,
                 )
             furthest = max(furthest, motion)
             attempts += motion > Verdict.NO_RELEASE

@@ -4,7 +4,9 @@ import re
 from dataclasses import replace
 from unittest import mock
 
+import few_joints
 import numpy as np
+import pinocchio as pin
 import pytest
 from tilts import tilted_problem
 
@@ -15,7 +17,6 @@ from placement_planner_ros.core.explanation.search import Progress
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.motion.birrt import GoalSetRRT
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
-from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.search.pruning import Cause, Ruling
 from placement_planner_ros.core.search.sampler import SampleCount
 from placement_planner_ros.core.types import Verdict, steepness
@@ -86,14 +87,19 @@ def test_what_refuses_all_is_the_cause_and_its_remedies_exist(table, verdict, re
         assert f"rest {face} (" in str(told)
 
 
-def test_arms_of_few_joints_are_the_cause_before_all_else(table):
-    with (
-        mock.patch.object(Holding, "placing_motion", return_value=Verdict.ARM_COLLIDING),
-        mock.patch.object(Chain, "freedom", 5),
-    ):
-        told = planned(table, samples=20).explain()
-    assert told.cause.startswith("arm left moves its tip in 5 of 6 directions only")
-    assert told.remedies[0].parameter == "arms"
+def test_arms_that_cannot_stand_the_object_up_are_the_cause_before_all_else():
+    scene = few_joints.table()
+    leaning = few_joints.FROM_ASIDE * pin.SE3(pin.rpy.rpyToMatrix(0.02, 0.0, 0.03), np.zeros(3))
+    for grasp, leans in ((leaning, True), (few_joints.FROM_ASIDE, False)):
+        problem, objective, _ = few_joints.made(
+            "four", grasp, scene, few_joints.environment_of(scene)
+        )
+        with mock.patch.object(Holding, "placing_motion", return_value=Verdict.ARM_COLLIDING):
+            told = planned((problem, objective), samples=20).explain()
+        words = "arm arm has the object lean by 1.1 degrees at least on each of its rests"
+        assert told.cause.startswith(words) == leans
+        assert (told.remedies[0].parameter == "arm.grasps") == leans
+        assert "arm arm moves its tip in 4 of 6 directions" in str(told)
 
 
 def test_of_several_proofs_that_nothing_is_left_each_is_told_with_its_remedy(table):

@@ -12,10 +12,10 @@ from placement_planner_ros.core.grasp.holding import Holding, PlacingMotion
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
-from placement_planner_ros.core.sample_goals.goals import GoalFinder
+from placement_planner_ros.core.sample_goals.goals import GoalFinder, Wanted
 from placement_planner_ros.core.scene.region_points import RegionPoints
 from placement_planner_ros.core.search.sampler import Draws
-from placement_planner_ros.core.types import Verdict
+from placement_planner_ros.core.types import LEVEL, Verdict
 from placement_planner_ros.experiments.cases import Case, make_problem
 
 SAMPLES = 6000
@@ -165,11 +165,11 @@ def test_where_no_arm_is_drawn_the_furthest_that_any_gets_is_the_verdict(made, m
         answers[furthest] = Verdict.NO_RETREAT
         for _ in range(5):
             asked.clear()
-            assert finder._reach_any(free, 0, x, 0.0, never) is Verdict.NO_RETREAT
+            assert finder._reach_any(free, 0, x, 0.0, -np.inf, never) is Verdict.NO_RETREAT
             assert sorted(asked) == sorted(names)
     drawn = rows(draws, 0, 1)
     asked.clear()
-    finder._reach_any(drawn, 0, x, 0.0, never)
+    finder._reach_any(drawn, 0, x, 0.0, -np.inf, never)
     holding = finder.holdings[finder._first[drawn.arm[0]] + drawn.grasp[0]]
     assert asked == [(holding.arm.name, holding.grasp)]
 
@@ -200,7 +200,8 @@ def test_costly_checks_are_tried_at_two_configurations_and_cheap_ones_at_all(mad
         configurations=lambda *_: np.arange(len(answers), dtype=float)[:, None],
         placing_motion=placing_motion,
     )
-    reached = finder._reach_goal(holding, pin.SE3.Identity(), 0, 0.0, 1.0, True)
+    wanted = Wanted(0, pin.SE3.Identity(), 0.0, LEVEL, 1.0)
+    reached = finder._reach_goal(holding, wanted, True)
     assert asked == list(range(tried))
     if answers[tried - 1] is None:
         assert reached.q.tolist() == [tried - 1]

@@ -47,7 +47,7 @@ class StoppedHereError(Exception):
 
 
 def ring(height=0.03):
-    mesh = trimesh.creation.annulus(r_min=0.03, r_max=0.05, height=height)
+    mesh = trimesh.creation.annulus(r_min=0.03, r_max=0.05, height=height, sections=12)
     return np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int64)
 
 

@@ -189,7 +189,9 @@ def test_a_volume_out_of_reach_is_wrong(robot, capsys):
 
 def test_an_arm_of_three_joints_is_told_from_a_volume_out_of_reach(robot, capsys):
     assert main(["--params-file", str(parameters(robot))]) == 1
-    assert "the tip of arm in 3 of 6 directions only" in faults(capsys.readouterr().out)
+    said = capsys.readouterr().out
+    assert "arm: its joints move the tip in 3 of 6 directions" in said
+    assert "arm.grasps: the arm moves an upright object in 2 directions of three" in faults(said)
 
 
 def test_without_arms_chains_are_proposed(robot, capsys):

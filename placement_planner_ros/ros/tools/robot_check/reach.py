@@ -10,13 +10,16 @@ import pinocchio as pin
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.errors import PlacementPlannerError
+from placement_planner_ros.core.grasp.any_turn import AnyTurn
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.planner import PlacementPlanner
 from placement_planner_ros.core.problem import Problem
-from placement_planner_ros.core.reach.ik import InverseKinematics
+from placement_planner_ros.core.reach.ik import IKSettings, InverseKinematics
 from placement_planner_ros.core.reach.kinematics import Chain
+from placement_planner_ros.core.reach.turntable import DIRECTIONS, lacks_directions
+from placement_planner_ros.core.reach.upright_motion import most_upright
 from placement_planner_ros.core.robot.model import Arm
 from placement_planner_ros.core.stopping import StoppedError, stoppable
 from placement_planner_ros.core.types import Array, TargetVolume
@@ -44,20 +47,20 @@ def check_reach(subject: Subject, findings: Findings) -> None:
         return
     findings.title("random poses of the object in target_volume that an arm reaches")
     volume = subject.parameters.volume
+    few = {arm.name for arm in arms if lacks_directions(_chain(subject, arm))}
     most = 0.0
     for arm in arms:
+        if arm.name in few and not (subject.body and subject.body.faces):
+            findings.say(f"{arm.name}: not known without an object that stands")
+            most = 1.0
+            continue
         for grasp in range(len(arm.grasps)):
             share = reached_share(subject, arm, grasp, volume)
             most = max(most, share)
             findings.say(f"{arm.name}, grasp {grasp}: {share:.0%}")
-    freedom = {arm.name: Chain.from_robot(subject.robot, arm, subject.q).freedom for arm in arms}
-    few = [f"{name} in {number}" for name, number in freedom.items() if number < 6]
-    if few and most == 0.0:
-        findings.wrong(
-            f"arms: their joints move the tip of {' and of '.join(few)} of 6 directions only; "
-            "poses are chosen for the object without regard to that, so name an arm with six "
-            "joints or more that move independently"
-        )
+    for arm in arms:
+        if arm.name in few:
+            _check_upright(subject, arm, findings)
     if most == 0.0:
         tips = "; ".join(
             f"the tip of {arm.name} starts at "
@@ -71,26 +74,60 @@ def check_reach(subject: Subject, findings: Findings) -> None:
 
 
 def reached_share(subject: Subject, arm: Arm, grasp: int, volume: TargetVolume) -> float:
-    """Of poses at random places in V, standing on a random face, turned at random."""
+    """Of poses at random places in V, standing on a random face, turned at random.
+
+    Arms that move their tip in fewer than six directions may turn the object otherwise.
+    """
     rng = np.random.default_rng(1)
-    T_object_tip = arm.grasps[grasp].inverse()
-    tips = []
+    T_tip_object = arm.grasps[grasp]
+    placed = []
     for _ in range(POSES):
         T = pin.SE3(_upright(rng), _place_in(volume, rng))
+        T_face_object = pin.SE3.Identity()
         if subject.body is not None and subject.body.faces:
             face = subject.body.faces[int(rng.integers(len(subject.body.faces)))]
-            T = T * face.T_face_object
+            T_face_object = face.T_face_object
         else:
             turn = pin.Quaternion(*(rng.normal(size=4))).normalized()
             T = T * pin.SE3(turn.matrix(), np.zeros(3))
-        tips.append((T * T_object_tip).homogeneous)
-    chain = Chain.from_robot(subject.robot, arm, subject.q)
+        placed.append((T * T_face_object, T_face_object))
+    chain = _chain(subject, arm)
     ik = InverseKinematics(chain)
+    q = subject.q[arm.q_index]
+    if lacks_directions(chain):
+        any_turn = AnyTurn(chain, T_tip_object, ik)
+        return float(np.mean([bool(any_turn.placed(*each, _SEEDS, rng, q)) for each in placed]))
+    tips = [(T * T_tip_object.inverse()).homogeneous for T, _ in placed]
     seeds = ik.random_seeds(rng, (POSES, _SEEDS))
-    seeds = np.concatenate(
-        [np.broadcast_to(subject.q[arm.q_index], (POSES, 1, arm.dof)), seeds], axis=1
-    )
+    seeds = np.concatenate([np.broadcast_to(q, (POSES, 1, arm.dof)), seeds], axis=1)
     return float((ik.solve_batch(np.array(tips), seeds)[1] > 0).mean())
+
+
+def _chain(subject: Subject, arm: Arm) -> Chain:
+    return Chain.from_robot(subject.robot, arm, subject.q)
+
+
+def _check_upright(subject: Subject, arm: Arm, findings: Findings) -> None:
+    """Say of an arm of few directions what that means, and whether it can stand the object up."""
+    chain = _chain(subject, arm)
+    findings.say(
+        f"{arm.name}: its joints move the tip in {chain.freedom} of {DIRECTIONS} directions; it "
+        "puts the object down turned about the vertical as it can"
+    )
+    if subject.body is None or not subject.body.faces:
+        return
+    tolerance = IKSettings().rotation_tolerance
+    held = (
+        (grasp * face.T_face_object.inverse()).homogeneous
+        for grasp in arm.grasps
+        for face in subject.body.faces
+    )
+    hindrance = most_upright(chain, held, tolerance).hindrance(tolerance)
+    if hindrance:
+        findings.wrong(
+            f"{arm.name}.grasps: the arm {hindrance}; hold the object so that the joints can bring "
+            "it upright, exactly, or name an arm with more joints that move independently"
+        )
 
 
 def _place_in(volume: TargetVolume, rng: np.random.Generator) -> Array:

@@ -1,0 +1,163 @@
+"""Placing with arms whose joints move the tip in fewer than six directions.
+
+Such an arm says itself how the object is turned about the normal of what it stands on: of a pose x
+of Ŝ(r, f) it keeps place and face, and the turn becomes the one it can give there.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pinocchio as pin
+
+from placement_planner_ros.core.reach.ik import InverseKinematics
+from placement_planner_ros.core.reach.kinematics import Chain
+from placement_planner_ros.core.reach.seeds import seed_table
+from placement_planner_ros.core.reach.turntable import Turntable
+from placement_planner_ros.core.types import LEVEL, Array, Slope, upright
+
+_TURNS = 8
+"""Turns of the object about which seeds are looked for."""
+_FIRST_SEEDS = 16
+"""Seeds that are tried before the others."""
+_PLACES = 4
+"""Turns of the object at most that are offered at one place."""
+_SAME = 1e-2
+"""rad, turns that differ by less are one."""
+_RANK = 1e-3
+"""Share of the largest singular value below which there is none."""
+_MISSED = 1e-2
+"""Share of a change that joints may miss; inverse kinematics makes up for it."""
+
+
+class AnyTurn:
+    """The turns of the object that an arm of few joints can give it, at places asked for.
+
+    Args:
+        chain: the arm.
+        T_tip_object: the grasp.
+        ik: of the same arm; a configuration counts where it solves for the pose that is said with
+            it, place, way up and turn, as with any other arm.
+    """
+
+    def __init__(self, chain: Chain, T_tip_object: pin.SE3, ik: InverseKinematics) -> None:
+        self._chain = chain
+        self._T_tip_object = T_tip_object
+        self._ik = ik
+        self._seeds = seed_table(chain)
+        self._turntables: dict[bytes, Turntable] = {}
+
+    def placed(
+        self,
+        T_world_object: pin.SE3,
+        T_face_object: pin.SE3,
+        seeds: int,
+        rng: np.random.Generator,
+        q_start: Array,
+    ) -> list[tuple[pin.SE3, Array]]:
+        """Poses at that place, on that face, with the configurations (k, dof) that reach each.
+
+        The pose itself where the arm can bring the object to it; else up to `_PLACES` that differ
+        from it by a turn about the normal. Empty where the arm reaches none.
+
+        Args:
+            T_face_object: fT_o of the face it stands on.
+            seeds: starts of the inverse kinematics beside q_start (dof,).
+        """
+        turntable = self._turntable(T_face_object)
+        T_world_face = T_world_object * T_face_object.inverse()
+        place = T_world_face.homogeneous
+        if not turntable.reachable(place):
+            return []
+        starts = np.append(q_start, 0.0)[None]
+        for count in (min(seeds, _FIRST_SEEDS), seeds - _FIRST_SEEDS):
+            if count < 1:
+                break
+            near = self._near(T_world_face, T_face_object, count, rng)
+            Q, turns = turntable.solve(place, np.concatenate([starts, near]))
+            starts = starts[:0]
+            as_asked = self._ik.solve(self._tip(T_world_object), Q) if len(Q) else Q
+            if len(as_asked):
+                return [(T_world_object, as_asked)]
+            found: list[tuple[pin.SE3, Array]] = []
+            while len(Q) and len(found) < _PLACES:
+                x = _turned(T_world_face, float(turns[0])) * T_face_object
+                reaching = self._ik.solve(self._tip(x), Q)
+                if len(reaching):
+                    found.append((x, reaching))
+                other = np.abs(np.remainder(turns - turns[0] + np.pi, 2.0 * np.pi) - np.pi) > _SAME
+                Q, turns = Q[other], turns[other]
+            if found:
+                return found
+        return []
+
+    def follow(
+        self, T_world_object: pin.SE3, T_face_object: pin.SE3, q: Array
+    ) -> tuple[pin.SE3, Array] | None:
+        """`q` (dof,) continued to that pose, or else to that place, and the pose it then is.
+
+        None where neither is close by.
+        """
+        as_asked = self._ik.track(self._tip(T_world_object)[None], q)
+        if as_asked is not None:
+            return T_world_object, as_asked[-1]
+        T_world_face = T_world_object * T_face_object.inverse()
+        reached = self._turntable(T_face_object).track(T_world_face.homogeneous, q)
+        if reached is None:
+            return None
+        x = _turned(T_world_face, reached[1]) * T_face_object
+        tracked = self._ik.track(self._tip(x)[None], reached[0])
+        return None if tracked is None else (x, tracked[-1])
+
+    def nearest_change(self, q: Array, change: Array, radius: float, slope: Slope = LEVEL) -> Array:
+        """The nearest change of the pose in (x, y, e_z) that the joints can make from q (dof,).
+
+        A change c moves the object's origin and turns it, T(c) = (x, y, rise, e_z n). The joints'
+        twists are the range of the Jacobian; of the c for which T(c) is in it, this is the nearest.
+
+        Args:
+            change: (3,) m, m and rad.
+            radius: m that a radian counts as.
+        """
+        J = self._chain.jacobian(q, self._T_tip_object.homogeneous)
+        J[3:] *= radius
+        U, sizes, _ = np.linalg.svd(J, full_matrices=False)
+        U = U[:, sizes > _RANK * sizes[0]]
+        twists = np.zeros((6, 3))
+        twists[:2, :2] = np.eye(2)
+        twists[2, :2] = slope
+        twists[3:, 2] = upright(slope)[:, 2]  # for a radian; `radius` metres on both sides
+        _, missed, V = np.linalg.svd(twists - U @ (U.T @ twists))
+        within = V[missed <= _MISSED]
+        scale = np.array([1.0, 1.0, radius])
+        return np.asarray(within.T @ (within @ (change * scale)) / scale)
+
+    def _turntable(self, T_face_object: pin.SE3) -> Turntable:
+        """Of a face, made once."""
+        key = T_face_object.homogeneous.tobytes()
+        if key not in self._turntables:
+            T_tip_face = (self._T_tip_object * T_face_object.inverse()).homogeneous
+            self._turntables[key] = Turntable(self._chain, T_tip_face, self._ik.settings)
+        return self._turntables[key]
+
+    def _near(
+        self, T_world_face: pin.SE3, T_face_object: pin.SE3, count: int, rng: np.random.Generator
+    ) -> Array:
+        """(n, dof + 1) seeds near that place in some turns, each with its turn; n >= count."""
+        turns = rng.uniform(-math.pi, math.pi, _TURNS)
+        tips = [self._tip(_turned(T_world_face, turn) * T_face_object) for turn in turns]
+        each = -(-count // _TURNS)
+        near = self._seeds.near(np.array(tips), each, rng)
+        with_turn = np.concatenate([near, np.tile(turns[:, None, None], (1, each, 1))], axis=2)
+        # the nearest of all turns first
+        return with_turn.transpose(1, 0, 2).reshape(-1, self._chain.dof + 1)
+
+    def _tip(self, T_world_object: pin.SE3) -> Array:
+        """(4, 4) T_world_tip that brings the object to that pose."""
+        return np.asarray((T_world_object * self._T_tip_object.inverse()).homogeneous)
+
+
+def _turned(T_world_face: pin.SE3, turn: float) -> pin.SE3:
+    """The face turned about its normal, rad."""
+    return T_world_face * pin.SE3(pin.utils.rotate("z", turn), np.zeros(3))

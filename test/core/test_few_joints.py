@@ -1,0 +1,117 @@
+"""Arms of four and five joints place: everything they publish is right by the exact checker."""
+
+import itertools
+
+import few_joints
+import numpy as np
+import pytest
+from checker import Solution, SolutionChecker
+
+from placement_planner_ros.core.objective.ascent import AscentSettings
+from placement_planner_ros.core.optimize_locally import LocalOptimizer
+from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
+from placement_planner_ros.core.search.optimistic import OptimisticSettings
+from placement_planner_ros.core.search.pruning import Ruling
+from placement_planner_ros.core.types import Verdict
+
+HELD = {
+    "five": few_joints.FROM_ASIDE,
+    "five aside": few_joints.FROM_ABOVE,
+    "four": few_joints.FROM_ABOVE,
+    "four aside": few_joints.FROM_ASIDE,
+    "scara": few_joints.FROM_ABOVE,
+}
+MANY = OptimisticSettings(batch=150)
+
+
+@pytest.fixture(scope="module")
+def table():
+    scene = few_joints.table()
+    return scene, few_joints.environment_of(scene)
+
+
+def planner_of(table, name, grasp=None, objective=None, **settings):
+    problem, clearance, task = few_joints.made(name, HELD[name] if grasp is None else grasp, *table)
+    rng = np.random.default_rng(1)
+    planner = PlacementPlanner(problem, objective or clearance, PlannerSettings(**settings), rng)
+    return planner, task
+
+
+def face_angle(planner, goal):
+    """θ of T(R_z(θ), c) · fT_o, and c."""
+    face = planner._search.problem.body.faces[goal.face]
+    T = goal.T_world_object * face.T_face_object.inverse()
+    assert T.rotation[:, 2] == pytest.approx([0.0, 0.0, 1.0], abs=1e-9)
+    return float(np.arctan2(T.rotation[1, 0], T.rotation[0, 0])), T.translation
+
+
+@pytest.mark.parametrize("name", HELD)
+def test_what_is_published_is_right_and_in_no_cell_that_is_ruled_out(table, name):
+    sampler = "mcts" if name == "four" else "optimistic"
+    planner, task = planner_of(table, name, sampler=sampler)
+    judge = SolutionChecker(task)
+    arm = planner._search.problem.arms[0]
+    previous = None
+    for placement in itertools.islice(planner.run(lambda: planner.statistics.samples >= 600), 2):
+        assert judge.check(Solution.of(placement, arm), previous) == []
+        previous = placement.objective
+        angle, contact = face_angle(planner, placement.goal)
+        place = np.repeat([*contact[:2], angle % (2.0 * np.pi)], 2)
+        cell = np.array([[placement.goal.face, contact[2], *place, 0.0, 0.0]])
+        assert planner._bounds.rulings(cell)[0] == Ruling.OPEN
+    assert previous is not None
+    assert planner.exhausted == ""
+
+
+def test_a_goal_has_the_value_and_the_checks_of_the_pose_that_the_arm_gives(table):
+    """Here ξ is a matter of the turn alone, which is another one than was drawn."""
+
+    def objective(T):
+        return float(T.rotation[1, 0] ** 2)
+
+    planner, _ = planner_of(table, "four aside", objective=objective, optimistic=MANY)
+    finder, problem = planner._search.finder, planner._search.problem
+    found = 0
+    for best in (-np.inf, 0.05, 0.5):
+        outcome = finder.check_batch(draws_of(planner), best, 10_000, lambda: False)
+        for goal in outcome.goals:
+            found += 1
+            assert goal.objective == pytest.approx(objective(goal.T_world_object), abs=1e-12)
+            assert goal.objective > best
+            verdict = finder._poses.verdict(goal.T_world_object, goal.face, goal.contact_height)
+            assert verdict is Verdict.FEASIBLE
+        refused = outcome.verdicts == Verdict.NOT_BETTER
+        assert (outcome.values[refused] <= best).all()
+        reached = outcome.verdicts == Verdict.FEASIBLE
+        assert [goal.objective for goal in outcome.goals] == outcome.values[reached].tolist()
+    assert found > 10
+    assert len(problem.arms) == 1
+
+
+def draws_of(planner):
+    return planner.sampler._draw(150, -np.inf)
+
+
+def test_local_optimisation_moves_as_the_arm_can(table):
+    """To turn the object, the arm of four joints must carry it around its base."""
+    wanted = 0.5
+
+    def objective(T):
+        return -abs(float(np.arctan2(T.rotation[1, 0], T.rotation[0, 0])) - wanted)
+
+    planner, _ = planner_of(table, "four", few_joints.FROM_ASIDE, objective, optimistic=MANY)
+    holding = planner.holdings["arm", 0]
+    outcome = planner._search.finder.check_batch(draws_of(planner), -np.inf, 10_000, lambda: False)
+    goal = max((g for g in outcome.goals if g.objective < -0.15), key=lambda each: each.objective)
+    optimizer = LocalOptimizer(planner._search.poses, objective, 1e-6, AscentSettings())
+    refined = optimizer.optimize(goal, holding, lambda: False)
+    better = refined.goal
+    assert better.objective > 0.5 * goal.objective
+    angle, contact = face_angle(planner, better)
+    before, start = face_angle(planner, goal)
+    assert contact[2] == pytest.approx(start[2], abs=1e-9)
+    turned = np.arctan2(contact[1], contact[0]) - np.arctan2(start[1], start[0])
+    assert angle - before == pytest.approx(turned, abs=1e-3)
+    given = holding.object_pose(better.q)
+    assert given.translation == pytest.approx(better.T_world_object.translation, abs=3e-5)
+    assert given.rotation == pytest.approx(better.T_world_object.rotation, abs=2e-4)
