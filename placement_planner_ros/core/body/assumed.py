@@ -15,7 +15,7 @@ def in_words(
     scale: float,
     center: Array,
     *,
-    given: bool,
+    whose: str,
     fault: str,
     pieces: int,
     parts: int,
@@ -29,7 +29,7 @@ def in_words(
         points: (n, 3) metres.
         scale: metres per unit of the mesh.
         center: (3,) of mass.
-        given: whether the user gave that.
+        whose: what that is taken from.
         fault: why the mesh has no inside; empty where it has.
         pieces: connected pieces of the mesh.
         parts: convex parts that hold it.
@@ -40,7 +40,6 @@ def in_words(
     size = " x ".join(f"{side:.4g}" for side in np.ptp(points, axis=0))
     unit = "its numbers taken as metres" if scale == 1.0 else f"object.scale {scale:g}"
     where = ", ".join(f"{x:.4f}" for x in np.round(center, 4) + 0.0)
-    whose = "as given" if given else "of its hull" if fault else "of uniform density"
     whole = fault or "closed"
     rolling = sum(face.rolls for face in faces)
     rests = f"{len(faces)} rests"

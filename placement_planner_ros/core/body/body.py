@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,6 +13,7 @@ from placement_planner_ros.core.body.assumed import in_words
 from placement_planner_ros.core.body.convex_cover import cover_tolerance
 from placement_planner_ros.core.body.convex_part import ConvexPart, convex_part, hull_of
 from placement_planner_ros.core.body.covered_mesh import CoveredMesh, CoverMaker, make_cover
+from placement_planner_ros.core.body.holes import NO_HOLES, Holes, together, volume_of
 from placement_planner_ros.core.body.mesh import (
     Triangles,
     checked_center,
@@ -30,10 +32,11 @@ from placement_planner_ros.core.types import Array, frozen_array
 _COARSE = 2.0
 """Times the tolerance beyond which a cover is told."""
 
-_OPEN = (
-    "the mesh is not closed: it counts as a sheet without an inside, and the centre of mass is "
-    "that of its hull"
-)
+_OPEN = "the mesh is not closed: it counts as a sheet without an inside"
+
+_SURE = 0.02
+"""Share of the object's size by which holes may move its centre of mass for it not to be taken from
+the hull."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,8 +87,8 @@ class Body:
 
         Each connected piece of the mesh that is convex is taken for its hull; the others are what
         their triangles are, and get a convex cover, which takes some seconds the first time. A
-        piece that is not closed is a sheet without an inside; where there is one, the centre of
-        mass is that of the hull of all.
+        piece that is not closed is a sheet without an inside; where its holes could move the centre
+        of mass far, that is the one of the hull of all.
 
         Args:
             vertices: (m, 3).
@@ -107,19 +110,15 @@ class Body:
         parts = [convex_part(piece, number, warnings) for number, piece in enumerate(pieces)]
         surfaces = [_Surface.of(each, part) for each, part in zip(pieces, parts, strict=True)]
         fault = next((surface.fault for surface in surfaces if surface.fault), "")
-        if fault:
-            warnings.append(fault)
         closed = np.concatenate([surface.closed for surface in surfaces])
         open_ = np.concatenate([surface.open for surface in surfaces])
         points_inside = volume_points(closed, open_, hull, settings, warnings)
         if center_of_mass is not None:
-            center = checked_center(center_of_mass, scale)
-        elif fault:
-            center = _center_of(hull.vertices[hull.triangles])
-        elif len(surfaces) == 1 and np.isfinite(_center_of(closed)).all():
-            center = _center_of(closed)
-        else:  # pieces may overlap, and so may one with itself: count what they share once
-            center = center_of_union(closed, hull)
+            center, whose = checked_center(center_of_mass, scale), "as given"
+        else:
+            center, whose = _center_of_mass(surfaces, hull, fault)
+        if fault:
+            warnings.append(f"{fault}; centre of mass {whose}")
         outside = float(np.max(hull.normals @ center - hull.offsets))
         if outside > 1e-6:
             raise ObjectError(
@@ -150,7 +149,7 @@ class Body:
                 points,
                 scale,
                 center,
-                given=center_of_mass is not None,
+                whose=whose,
                 fault=fault,
                 pieces=len(pieces),
                 parts=len(parts) if mesh is None else len(parts) - len(rest) + len(mesh.parts),
@@ -169,11 +168,13 @@ class _Surface:
     Attributes:
         closed, open: (s, 3, 3), (t, 3, 3) corners of its triangles: those around a solid, outward,
             and those of sheets.
+        holes: of the open ones.
         fault: what of the piece is not as expected, in words.
     """
 
     closed: Array
     open: Array
+    holes: Holes
     fault: str
 
     @classmethod
@@ -181,24 +182,55 @@ class _Surface:
         """Of a piece, and of its hull where it is convex."""
         none = np.zeros((0, 3, 3))
         if piece.is_watertight and piece.is_winding_consistent:
-            return cls(np.asarray(piece.triangles), none, "")
-        inward = "some triangles of the mesh face inward: its centre of mass is that of its hull"
+            return cls(np.asarray(piece.triangles), none, NO_HOLES, "")
+        inward = "some triangles of the mesh face inward"
         if part is not None:
             cracks = "" if piece.is_watertight else "the mesh is not closed"
-            return cls(part.vertices[part.triangles], none, cracks or inward)
+            return cls(part.vertices[part.triangles], none, NO_HOLES, cracks or inward)
         made = Components.of(np.asarray(piece.vertices), np.asarray(piece.faces))
         solid = made.closed[made.label]
         closed, open_ = made.corners[solid], made.corners[~solid]
-        if _volume_of(closed) < 0.0:
+        if volume_of(closed) < 0.0:
             closed = closed[:, ::-1]
         if len(open_):
-            return cls(closed, open_, _OPEN)
-        return cls(closed, none, "" if _volume_of(closed) > 0.0 else inward)
+            points, faces = np.asarray(piece.vertices), np.asarray(piece.faces)
+            return cls(closed, open_, Holes.of(points, faces[made.rows[~solid]]), _OPEN)
+        return cls(closed, none, NO_HOLES, "" if volume_of(closed) > 0.0 else inward)
+
+    @property
+    def patched(self) -> Array:
+        """(t, 3, 3) its triangles and those over its holes, outward."""
+        made = np.concatenate([self.open, self.holes.patches])
+        return np.concatenate([self.closed, made if volume_of(made) >= 0.0 else made[:, ::-1]])
 
 
-def _volume_of(corners: Array) -> float:
-    """m³ that triangles (t, 3, 3) enclose."""
-    return float(volumes(corners - corners.mean(axis=(0, 1))).sum()) if len(corners) else 0.0
+def _center_of_mass(
+    surfaces: Sequence[_Surface], hull: ConvexPart, fault: str
+) -> tuple[Array, str]:
+    """(3,) that of uniform density, and what it is taken from, in words.
+
+    Args:
+        fault: of the surfaces; what is not closed has no inside, but where its holes are small they
+            hardly matter.
+    """
+    of_hull = _center_of(hull.vertices[hull.triangles]), "of its hull"
+    if fault and {surface.fault for surface in surfaces} - {"", _OPEN}:
+        return of_hull
+    whole = np.concatenate([surface.patched for surface in surfaces])
+    if len(surfaces) == 1 and np.isfinite(_center_of(whole)).all():
+        center = _center_of(whole)
+    else:  # pieces may overlap, and so may one with itself: count what they share once
+        center = center_of_union(whole, hull)
+    if not fault:
+        return center, "of uniform density"
+    holes = together([surface.holes for surface in surfaces])
+    off = holes.moves(center, volume_of(whole))
+    if off > _SURE * float(np.linalg.norm(np.ptp(hull.vertices, axis=0))):
+        return of_hull
+    return center, (
+        f"of uniform density, with {len(holes.radii)} holes closed: at most {off:.2g} m off where "
+        "nothing bulges out of them by more than half their widths"
+    )
 
 
 def _center_of(corners: Array) -> Array:

@@ -15,9 +15,10 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial import QhullError
 
-from placement_planner_ros.core.body.mesh_components import Components, Triangles
+from placement_planner_ros.core.body.mesh_components import Components, Labels, Mask, Triangles
 from placement_planner_ros.core.body.mesh_pieces import (
     Piece,
     clipped,
@@ -34,6 +35,8 @@ from placement_planner_ros.core.body.polytope import (
     simpler,
 )
 from placement_planner_ros.core.types import Array, frozen_array
+
+Floats = npt.NDArray[np.float32]
 
 MOST_PARTS = 32
 """Parts that a cover may have."""
@@ -70,17 +73,23 @@ _SIMPLER = (0.1, 0.03, 0.01)
 """Shares of the reach that a simpler hull may reach beyond the one it stands for: as much as keeps
 clear of far cells."""
 
-_CUTS, _PROMISING, _NEAR = 9, 1, 4
-"""Places along each axis at which a cut is tried, how many of them are looked at closely, and how
-many beside the best of all."""
+_CUTS, _PROMISING, _NEAR = 9, 3, 2
+"""Places along each axis at which a cut is tried, on how many axes the best of them is looked at
+closely, and how many beside the best of all."""
+
+_ALIKE = 1e-3
+"""Of two normals whose cosine is nearer to 1, one is enough."""
 
 _POINTS = 1500
 """Points of a piece by which cuts are compared, about."""
 
+_CORNERS = 300
+"""Vertices of its hull besides, and the outermost."""
+
 _ALONG = 40.0
 """Points along the whole of a piece, at the most."""
 
-_CELLS = 1000
+_CELLS = 500
 """Cells by which they are."""
 
 _OFF_MIDDLE, _NARROW, _DEEP = 0.2, 0.1, 0.2
@@ -103,6 +112,20 @@ def _directions() -> Array:
 
 
 _DIRECTIONS = _directions()
+
+_OUTWARD = 64
+"""Directions, and the opposite ones, along which the outermost points of a side are taken."""
+
+
+def _evenly() -> Array:
+    """(`_OUTWARD`, 3) unit, evenly over half a sphere."""
+    z = (np.arange(_OUTWARD) + 0.5) / _OUTWARD
+    turn = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(_OUTWARD)
+    flat = np.sqrt(1.0 - z**2)
+    return np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=1)
+
+
+_EVENLY = _evenly()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -315,16 +338,17 @@ def _best_plane(piece: Piece, met: Array, half: float) -> Array | None:
     """
     points, cells = _some_points(piece), met[:: 1 + len(met) // _CELLS]
     along, cells_along = points @ _DIRECTIONS.T, cells @ _DIRECTIONS.T
+    outward = (_EVENLY @ points.T).astype(np.float32)
     middle = piece.hull.vertices.mean(axis=0)
     axes = np.linalg.svd(piece.hull.vertices - middle, full_matrices=False)[2]
-    normals = [plane_through(axis, 0.0)[:3] for axis in (*np.eye(3), *axes)]
+    normals = _unlike([plane_through(axis, 0.0)[:3] for axis in (*np.eye(3), *axes)])
     widths = np.array([np.ptp(points @ normal) for normal in normals])
     shares = np.linspace(0.0, 1.0, _CUTS + 2)[1:-1]
-    promising: list[tuple[float, int, float]] = []
+    likely: list[tuple[float, int, float]] = []
 
     def judged(number: int, share: float) -> tuple[float, int, float]:
         plane = plane_through(normals[number], starts[number] + share * widths[number])
-        return _cost(points, plane, cells, half) + askew(number, share), number, share
+        return _cost(points, outward, plane, cells, half) + askew(number, share), number, share
 
     def askew(number: int, share: float) -> float:
         return _OFF_MIDDLE * abs(share - 0.5) + _NARROW * float(1.0 - widths[number] / widths.max())
@@ -337,9 +361,11 @@ def _best_plane(piece: Piece, met: Array, half: float) -> Array | None:
         firsts = np.searchsorted(points[order] @ normal, starts[number] + shares * widths[number])
         costs = _rough_costs(along[order], firsts, cells_along)
         costs += [askew(number, share) for share in shares]
-        promising += [judged(number, float(shares[k])) for k in np.argsort(costs)[:_PROMISING]]
-    if not promising:
+        best = int(np.argmin(costs))
+        likely.append((float(costs[best]), number, float(shares[best])))
+    if not likely:
         return None
+    promising = [judged(number, share) for _, number, share in sorted(likely)[:_PROMISING]]
     _, number, share = min(promising)
     near = share + np.linspace(-1.0, 1.0, _NEAR + 2)[1:-1] / (_CUTS + 1)
     cost, number, share = min(promising + [judged(number, float(each)) for each in near])
@@ -347,13 +373,34 @@ def _best_plane(piece: Piece, met: Array, half: float) -> Array | None:
     return plane if np.isfinite(cost) else None
 
 
-def _cost(points: Array, plane: Array, cells: Array, half: float) -> float:
-    """Share of cells that the hulls of the points on the sides of a plane meet, summed."""
+def _unlike(normals: list[Array]) -> list[Array]:
+    """Those that are no other's, either way round."""
+    kept: list[Array] = []
+    for normal in normals:
+        if all(abs(normal @ other) < 1.0 - _ALIKE for other in kept):
+            kept.append(normal)
+    return kept
+
+
+def _cost(points: Array, outward: Floats, plane: Array, cells: Array, half: float) -> float:
+    """Share of cells that the hulls of the points on the sides of a plane meet, summed.
+
+    Of points (n, 3) the outermost along directions, how far (d, n) they are along these, stand for
+    all: hulls of thousands of points take most of the time that a cover takes.
+    """
     above = points @ plane[:3] + plane[3] > 0.0
-    sides = points[above], points[~above]
-    if min(map(len, sides)) < 4:
+    if not 4 <= above.sum() <= len(points) - 4:
         return np.inf
-    return sum(_met_share(hull_around(side), cells, half) for side in sides)
+    return sum(
+        _met_share(hull_around(points[_outermost(side, outward)]), cells, half)
+        for side in (above, ~above)
+    )
+
+
+def _outermost(chosen: Mask, outward: Floats) -> Labels:
+    """Rows of those of points (n,) that are furthest along a direction (d, n), or against it."""
+    ends = [np.where(chosen, outward, -np.inf), np.where(chosen, outward, np.inf)]
+    return np.unique([ends[0].argmax(axis=1), ends[1].argmin(axis=1)])
 
 
 def _met_share(hull: Polytope, cells: Array, half: float) -> float:
@@ -372,15 +419,18 @@ def _rough_costs(ranked: Array, firsts: Array, cells: Array) -> Array:
         firsts: (c,) rows of the first points beyond each cut.
         cells: (k, d) along the directions.
     """
-    low, high = np.minimum.accumulate(ranked), np.maximum.accumulate(ranked)
-    low_after = np.minimum.accumulate(ranked[::-1])[::-1]
-    high_after = np.maximum.accumulate(ranked[::-1])[::-1]
     costs = np.full(len(firsts), np.inf)
-    for number, first in enumerate(firsts):
-        if 0 < first < len(ranked):
-            before = (cells >= low[first - 1]) & (cells <= high[first - 1])
-            after = (cells >= low_after[first]) & (cells <= high_after[first])
-            costs[number] = before.all(axis=1).mean() + after.all(axis=1).mean()
+    inner = np.flatnonzero((firsts > 0) & (firsts < len(ranked)))
+    beyond, of_cut = np.unique(firsts[inner], return_inverse=True)
+    starts = np.concatenate([[0], beyond]).astype(np.intp)
+    lows, highs = np.minimum.reduceat(ranked, starts), np.maximum.reduceat(ranked, starts)
+    low, high = np.minimum.accumulate(lows), np.maximum.accumulate(highs)
+    low_after = np.minimum.accumulate(lows[::-1])[::-1]
+    high_after = np.maximum.accumulate(highs[::-1])[::-1]
+    for number, k in zip(inner, of_cut, strict=True):
+        before = (cells >= low[k]) & (cells <= high[k])
+        after = (cells >= low_after[k + 1]) & (cells <= high_after[k + 1])
+        costs[number] = before.all(axis=1).mean() + after.all(axis=1).mean()
     return costs
 
 
@@ -398,16 +448,14 @@ def _some_points(piece: Piece) -> Array:
     if len(corners) > _POINTS:
         corners = corners[rng.choice(len(corners), _POINTS, replace=False)]
     points = np.concatenate([piece.inner, *surface_points(corners, spacing)])
-    if len(points) > 2 * _POINTS:
-        points = points[rng.choice(len(points), 2 * _POINTS, replace=False)]
-    outermost = piece.hull.vertices
-    if len(outermost) > _POINTS:
-        kept = (
-            (outermost @ _DIRECTIONS.T).argmax(axis=0),
-            (outermost @ _DIRECTIONS.T).argmin(axis=0),
-        )
-        outermost = outermost[np.unique([*kept[0], *kept[1], *rng.choice(len(outermost), _POINTS)])]
-    return np.concatenate([points, outermost])
+    if len(points) > _POINTS:
+        points = points[rng.choice(len(points), _POINTS, replace=False)]
+    corner = piece.hull.vertices
+    if len(corner) > _CORNERS:
+        along = corner @ _EVENLY.T
+        kept = along.argmax(axis=0), along.argmin(axis=0), rng.choice(len(corner), _CORNERS)
+        corner = corner[np.unique(np.concatenate(kept))]
+    return np.concatenate([points, corner])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

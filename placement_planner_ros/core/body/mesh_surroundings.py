@@ -33,6 +33,9 @@ _BLOCK, _BLOCKS = 8, 512
 """Planes that cells are compared with at once: first so few, as most cells are outside one of
 them, then twice as many each time, up to so many."""
 
+_GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
+"""Multiples of it, without what is before the point, are spread evenly."""
+
 _SIDE = 8
 """Cells along the sides of a block."""
 
@@ -117,6 +120,8 @@ def _beside(mask: Mask) -> Mask:
 def _met(planes: Array, middles: Array, halves: Array) -> npt.NDArray[np.int64]:
     """Rows of boxes, of middles (n, 3) and half sides (n or 1, 3), that no plane keeps outside."""
     rows = np.arange(len(middles))
+    # Planes that follow each other are alike; those of a block are to face all ways.
+    planes = planes[np.argsort(np.arange(len(planes)) * _GOLDEN % 1.0)]
     start, block = 0, _BLOCK
     while start < len(planes) and len(rows):
         normals, offsets = planes[start : start + block, :3], planes[start : start + block, 3]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from placement_planner_ros.core.body.tipping import Tipping
+from placement_planner_ros.core.body.tipping import Index, Tipping
 
 GRAVITY = 9.81
 """m/s²."""
@@ -17,14 +17,13 @@ TIPPING_ENERGY = 0.002
 of height. Of boxes 21 to 30 mm thin, scanned with noise of 1 mm, nine sides in ten take as much,
 and all where the noise is half that; facets that noise leaves on a round side take less."""
 
-_LEAVES, _ROCKS = 0.35, 0.1
+_LEAVES, _ROCKS = 0.35, 0.12
 """Radians: a body that turned by more than the first has left its rest. Half that energy must not
 turn it by more than the second, or it would not stay where it is put."""
 
 _ROLLS, _LEVEL = 1.05, 0.04
 """A body rolls where it can turn by more than that, radians, while its height changes by less than
-this share of it: 0.035 is what a prism of 12 sides rises by, 0.042 one of 11. A corner that a
-body topples over keeps it so level for 0.67 at most."""
+this share of it: 0.035 is what a prism of 12 sides rises by, 0.042 one of 11."""
 
 _SMALL = 0.1
 """Share of the height up to which a rise may be taken for noise: cubes rise by 0.41 of it."""
@@ -59,9 +58,12 @@ def rests(tipping: Tipping, flatness: float, merge_angle: float) -> tuple[Rest, 
             keep a body from rolling.
         merge_angle: radians within which the lowest rest stands for all.
     """
-    found = [_rest(tipping, int(facet), flatness) for facet in tipping.valleys(_depth())]
+    bottoms = tipping.valleys(_LOCAL)
+    found = [_rest(tipping, int(facet), bottoms, flatness) for facet in tipping.valleys(_depth())]
     firm = _spread(tipping, [rest for rest in found if not rest.rolls], merge_angle)
-    round_ = [each for rest in found if rest.rolls for each in _along(tipping, rest, flatness)]
+    round_ = [
+        each for rest in found if rest.rolls for each in _along(tipping, rest, bottoms, flatness)
+    ]
     clear = [r for r in round_ if all(_angle(tipping, r, other) > merge_angle for other in firm)]
     return tuple(sorted([*firm, *_spread(tipping, clear, _APART)], key=lambda rest: rest.facet))
 
@@ -70,15 +72,29 @@ def _depth() -> float:
     return TIPPING_ENERGY / GRAVITY
 
 
-def _rest(tipping: Tipping, facet: int, flatness: float) -> Rest:
-    height = float(tipping.heights[facet])
-    energy = GRAVITY * (tipping.way_out(facet, _LEAVES) - height)
-    rocking = GRAVITY * (tipping.way_out(facet, _ROCKS) - height)
-    if energy < TIPPING_ENERGY or rocking < 0.5 * TIPPING_ENERGY:
+def _rest(tipping: Tipping, facet: int, bottoms: Index, flatness: float) -> Rest:
+    energy = _energy(tipping, facet, _LEAVES)
+    if energy < TIPPING_ENERGY or _energy(tipping, facet, _ROCKS) < 0.5 * TIPPING_ENERGY:
         return Rest(facet, energy, rolls=True)
-    level = tipping.around(facet, *_band(height, flatness))
-    turned = tipping.normals[level] @ tipping.normals[facet]
-    return Rest(facet, energy, rolls=bool(turned.min() < np.cos(_ROLLS)))
+    return Rest(facet, energy, rolls=_rolls(tipping, facet, bottoms, flatness))
+
+
+def _energy(tipping: Tipping, facet: int, angle: float) -> float:
+    """J/kg that turns the body by more than that from a facet, radians."""
+    return GRAVITY * (tipping.way_out(facet, angle) - float(tipping.heights[facet]))
+
+
+def _rolls(tipping: Tipping, facet: int, bottoms: Index, flatness: float) -> bool:
+    """Whether the body could roll on from a facet to others on which it could stay as well.
+
+    What topples over an edge keeps its height for a while, too, but stays nowhere on the way.
+
+    Args:
+        bottoms: facets on which it could stay if nothing moved it.
+    """
+    level = tipping.around(facet, *_band(float(tipping.heights[facet]), flatness))
+    turned = tipping.normals[bottoms[level[bottoms]]] @ tipping.normals[facet]
+    return bool(turned.min(initial=1.0) < np.cos(_ROLLS))
 
 
 def _band(height: float, flatness: float) -> tuple[float, float]:
@@ -87,11 +103,10 @@ def _band(height: float, flatness: float) -> tuple[float, float]:
     return height - change, height + change
 
 
-def _along(tipping: Tipping, rest: Rest, flatness: float) -> Iterator[Rest]:
+def _along(tipping: Tipping, rest: Rest, bottoms: Index, flatness: float) -> Iterator[Rest]:
     """All rests of the round side that this one is on."""
     yield rest
     level = tipping.around(rest.facet, *_band(float(tipping.heights[rest.facet]), flatness))
-    bottoms = tipping.valleys(_LOCAL)
     for facet in bottoms[level[bottoms]].tolist():
         yield Rest(facet, rest.energy, rolls=True)
 

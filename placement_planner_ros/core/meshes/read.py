@@ -17,6 +17,7 @@ from placement_planner_ros.core.meshes.headers import (
     check_xml,
 )
 from placement_planner_ros.core.meshes.threemf import read_3mf
+from placement_planner_ros.core.meshes.wavefront import absolute_faces
 from placement_planner_ros.core.types import Array
 
 
@@ -35,6 +36,8 @@ def read_mesh(path: Path) -> tuple[Array, Triangles]:
     vertices, triangles = _contents(path.suffix.lower(), path.read_bytes())
     if len(triangles) == 0:
         raise ValueError("it holds no triangles")
+    if triangles.min() < 0 or triangles.max() >= len(vertices):
+        raise ValueError(f"a face has a vertex that is none of the file's {len(vertices)}")
     bad = int((~np.isfinite(vertices).all(axis=1)).sum())
     if bad:
         raise ValueError(f"{bad} of its vertices are not finite")
@@ -52,7 +55,9 @@ def _contents(suffix: str, data: bytes) -> tuple[Array, Triangles]:
         return read_3mf(data)
     if suffix == ".stl":
         data = _one_stl(data)
-    elif suffix in (".obj", ".off"):
+    elif suffix == ".obj":
+        data = absolute_faces(_utf8(data))
+    elif suffix == ".off":
         data = _utf8(data)
     # By its contents alone, so that it cannot name other files, and misses none that it names.
     mesh = trimesh.load_mesh(io.BytesIO(data), file_type=suffix[1:], process=False)

@@ -51,6 +51,28 @@ def test_a_prism_of_few_sides_does_not_roll():
         assert sum(not rest.rolls for rest in made) == (2 if rolls else 2 + sides)
 
 
+def test_what_topples_over_round_edges_does_not_roll():
+    """It keeps its height while it turns by 78 degrees, but stays nowhere on the way."""
+    size, radius = np.array([0.07, 0.164, 0.213]), 0.015
+    corners = trimesh.creation.box(size - 2.0 * radius).vertices
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=radius).vertices
+    points = (corners[:, None] + ball).reshape(-1, 3)
+    _, made = found(trimesh.convex.convex_hull(points))
+    assert len(made) == 6
+    assert not any(rest.rolls for rest in made)
+
+
+def test_a_side_with_a_flat_ridge_is_stood_on_and_one_with_a_steep_ridge_rocks():
+    for degrees, firm in ((3.1, True), (4.0, False)):
+        x, y, z = 0.03, 0.025, 0.095
+        ridge = [[0.0, -y - x * np.tan(np.radians(degrees)), side] for side in (-z, z)]
+        box = trimesh.creation.box((2.0 * x, 2.0 * y, 2.0 * z)).vertices
+        tipping, made = found(trimesh.convex.convex_hull(np.concatenate([box, ridge])))
+        beneath = [rest for rest in made if tipping.normals[rest.facet] @ [0.0, -1.0, 0.0] > 0.9]
+        assert beneath
+        assert any(not rest.rolls for rest in beneath) == firm
+
+
 def test_a_rise_within_the_flatness_keeps_nothing_from_rolling_but_small_cubes():
     prism = trimesh.creation.cylinder(radius=0.03, height=0.06, sections=10)  # it rises by 1.5 mm
     for flatness, rolls in ((0.001, False), (0.002, True)):

@@ -130,3 +130,35 @@ def test_materials_parts_and_inverted_normals_are_the_same_solids(tmp_path):
     body = Body.from_mesh(*read_mesh(tmp_path / "quads.obj"))
     np.testing.assert_allclose(body.center_of_mass, 0.0, atol=1e-9)
     assert len(body.faces) == 6
+
+
+CORNERS = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
+
+
+@pytest.mark.parametrize(
+    ("face", "words"),
+    [
+        ("f 1 2 9", "line 4: a face has vertex 9; the file has 3 vertices"),
+        ("f 0 1 2", "line 4: a face has vertex 0;"),
+        ("f -1 -2 -9", "line 4: a face has vertex -9;"),
+        ("f 1/1 2/1 x/1", "line 4: x/1 is no vertex"),
+    ],
+)
+def test_an_obj_whose_faces_have_no_such_vertex_is_refused_in_words(tmp_path, face, words):
+    (tmp_path / "a.obj").write_text(CORNERS + face + "\n")
+    with pytest.raises(ValueError, match=words):
+        read_mesh(tmp_path / "a.obj")
+
+
+def test_a_ply_whose_faces_have_no_such_vertex_is_refused_in_words(tmp_path):
+    text = BOX.export(file_type="ply", encoding="ascii").decode().rstrip()
+    (tmp_path / "a.ply").write_text(text[: text.rindex(" ")] + " 99\n")
+    with pytest.raises(ValueError, match="a face has a vertex that is none of the file's 8"):
+        read_mesh(tmp_path / "a.ply")
+
+
+def test_vertices_of_an_obj_that_are_counted_back_are_those_before_the_face(tmp_path):
+    above = CORNERS.replace(" 0\n", " 1\n")
+    (tmp_path / "a.obj").write_text(f"{CORNERS}f -3 -2 -1\n{above}f 4 -2//-1 \\\n -1\n")
+    vertices, triangles = read_mesh(tmp_path / "a.obj")
+    assert sorted(vertices[triangles][:, :, 2].tolist()) == [[0.0] * 3, [1.0] * 3]
