@@ -86,11 +86,10 @@ def seen_through(
 
 def _sheared(view: View, slope: Slope) -> tuple[Array, Array]:
     """Its points (n, 3), and where it was; lines of sight stay straight."""
-    if slope == LEVEL:
-        return view.points, view.origin
-    points, origin = view.points.copy(), view.origin.copy()
-    points[:, 2] -= points[:, :2] @ np.array(slope)
-    origin[2] -= origin[:2] @ np.array(slope)
+    points, origin = view.points.copy(), view.origin.copy()  # always: kernels know one type then
+    if slope != LEVEL:
+        points[:, 2] -= points[:, :2] @ np.array(slope)
+        origin[2] -= origin[:2] @ np.array(slope)
     return points, origin
 
 
