@@ -16,6 +16,7 @@ ORDER = [
     "core.types",
     "core.stopping",
     "core.kept_files",
+    "core.kernel_compiler",
     "core.kernel_cache",
     "core.kernels",
     # libraries that each know one thing

@@ -5,6 +5,9 @@ whose name says which. A damaged one is removed and compiled anew; where none ca
 kept, kernels are compiled by each process. Numba's own cache has an index, which processes that
 write at once give the same numbers for different kernels, and raises where a file is damaged or the
 disk is full; what lost a block it runs.
+
+A kernel's machine code calls that of other kernels (`kernel_compiler`), which its file names: they
+are loaded before it.
 """
 
 from __future__ import annotations
@@ -13,6 +16,7 @@ import contextlib
 import hashlib
 import pickle
 import sys
+import weakref
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -21,6 +25,16 @@ from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 
 from placement_planner_ros.core.kept_files import TROUBLES, sealed, unsealed, write_whole
+from placement_planner_ros.core.kernel_compiler import is_long, note_long
+
+_Maker = tuple[str, str]
+"""What compiles and loads versions of a kernel: whether for Python or for kernels, and its name."""
+
+_MAKERS: weakref.WeakValueDictionary[_Maker, Any] = weakref.WeakValueDictionary()
+"""numba's dispatchers."""
+
+_MADE: dict[str, tuple[_Maker, object]] = {}
+"""For the symbol of each version in this process: what makes it, for which arguments."""
 
 
 class KernelCache:
@@ -28,15 +42,23 @@ class KernelCache:
 
     Args:
         function: what is compiled.
+        kind: whether to be called from Python or from kernels.
         folder: for the kernels of its file, made once it is needed; empty where there is none.
     """
 
-    def __init__(self, function: Callable[..., Any], folder: str) -> None:
+    def __init__(self, function: Callable[..., Any], kind: str, folder: str) -> None:
         self._code = function.__code__
         self._cells = [cell.cell_contents for cell in function.__closure__ or ()]
         self._name = f"{function.__qualname__}-{self._code.co_firstlineno}"
+        self._kind = kind
+        self._maker = (kind, f"{function.__module__}.{self._name}")
         self._folder = folder
         self._enabled = bool(folder)
+
+    def serve(self, dispatcher: Any) -> None:
+        """Be the cache of a dispatcher of numba's."""
+        dispatcher._cache = self
+        _MAKERS[self._maker] = dispatcher
 
     @property
     def cache_path(self) -> str:
@@ -52,6 +74,10 @@ class KernelCache:
     def is_kept(self) -> bool:
         """Whether a version of it is on disk, for whatever arguments and sound or not."""
         return bool(self._folder) and any(Path(self._folder).glob(f"{self._name}.*.nbk"))
+
+    def keeps(self, signature: object, target_context: Any) -> bool:
+        """Whether the version for these arguments is on disk, sound or not."""
+        return self._enabled and self._path(signature, target_context.codegen()).is_file()
 
     def enable(self) -> None:
         """Read and write from now on."""
@@ -81,7 +107,12 @@ class KernelCache:
             TROUBLES.note("unread", words)
             return None
         try:
-            return CompileResult._rebuild(target_context, *_unpacked(content, path.name))
+            called, long, *parts = _unpacked(content, path.name)
+            if not _load_all(called, target_context):
+                return None
+            compiled = CompileResult._rebuild(target_context, *parts)
+            self._note(signature, compiled, long)
+            return compiled
         except Exception:  # whatever a damaged file, or one of another make, leads to
             TROUBLES.note("damaged", f"{path} is damaged; that kernel is compiled anew")
             with contextlib.suppress(OSError):
@@ -90,11 +121,14 @@ class KernelCache:
 
     def save_overload(self, signature: object, compiled: Any) -> None:
         """Keep that version, where there is room for it."""
+        long = is_long(compiled)
+        self._note(signature, compiled, long)
         if not self._enabled or compiled.lifted or compiled.library.has_dynamic_globals:
             return
         path = self._path(signature, compiled.codegen)
         try:
-            write_whole(path, _packed(compiled._reduce(), path.name))
+            called = _called_by(compiled)
+            write_whole(path, _packed((called, long, *compiled._reduce()), path.name))
         except OSError as error:
             TROUBLES.note(
                 "unwritten",
@@ -103,10 +137,37 @@ class KernelCache:
                 "can be written",
             )
 
+    def _note(self, signature: object, compiled: Any, long: bool) -> None:
+        _MADE[compiled.fndesc.llvm_func_name] = (self._maker, signature)
+        if long:
+            note_long(compiled.library)
+
     def _path(self, signature: object, codegen: Any) -> Path:
-        state = (str(signature), codegen.magic_tuple(), sys.implementation.cache_tag)
+        state = (self._kind, str(signature), codegen.magic_tuple(), sys.implementation.cache_tag)
         digest = hashlib.sha256(repr(state).encode() + self._code.co_code + dumps(self._cells))
         return Path(self._folder) / f"{self._name}.{digest.hexdigest()[:24]}.nbk"
+
+
+_Called = dict[str, tuple[_Maker, object]]
+
+
+def _called_by(compiled: Any) -> _Called:
+    """The kernels that the machine code of a kernel calls, by their symbols."""
+    functions = compiled.library._final_module.functions
+    return {f.name: _MADE[f.name] for f in functions if f.is_declaration and f.name in _MADE}
+
+
+def _load_all(called: _Called, target_context: Any) -> bool:
+    """Whether all these are there now; code that calls what is not there would end the process."""
+    engine = target_context.codegen()._engine
+    for symbol, (maker, signature) in called.items():
+        dispatcher = _MAKERS.get(maker)
+        if dispatcher is None:
+            return False
+        dispatcher.compile(signature)
+        if not engine.is_symbol_defined(symbol):
+            return False
+    return True
 
 
 def _packed(parts: tuple[Any, ...], name: str) -> bytes:

@@ -30,10 +30,13 @@ from typing import Any, TypeVar, cast
 import numba
 from numba.core.options import DefaultOptions
 from numba.core.registry import cpu_target
+from numba.core.serialize import dumps
+from numba.core.sigutils import normalize_signature
 from numba.core.types import unliteral
 
 from placement_planner_ros.core.kept_files import TROUBLES, kept_folder
 from placement_planner_ros.core.kernel_cache import KernelCache
+from placement_planner_ros.core.kernel_compiler import NAMES, KernelCompiler
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 _PACKAGE = Path(__file__).parents[1]
@@ -41,6 +44,9 @@ _IMPORT = re.compile(rf"^\s*from {_PACKAGE.name}([.\w]*) import", re.MULTILINE)
 UNCOUNTED: dict[str, Any] = {"_nrt": False} if hasattr(DefaultOptions, "_nrt") else {}
 """What makes a kernel lean; empty, and lean kernels like others, where numba does not know it."""
 
+
+_COMPILER = tuple(Path(__file__).with_name(f"kernel{name}.py") for name in ("_cache", "_compiler"))
+"""What shapes the files of all kernels."""
 
 _KERNELS: list[tuple[str, KernelCache]] = []
 """Module and cache of each kernel that is compiled by itself."""
@@ -76,24 +82,73 @@ def kernel(*, lean: bool = False, nogil: bool = False, inline: bool = False) -> 
     options: dict[str, Any] = {
         "nogil": nogil,
         "no_cfunc_wrapper": True,
+        "pipeline_class": KernelCompiler,
         **(UNCOUNTED if lean else {}),
     }
     if inline:
         options["inline"] = "always"
 
     def decorate(function: _F) -> _F:
-        folder = _cache_folder(inspect.getfile(function))
-        compiled: Any = numba.njit(**options)(function)
-        compiled._cache = KernelCache(function, folder)
+        file = inspect.getfile(function)
+        called = _Kernel(function, options, _cache_folder(file))
+        NAMES[function] = _name(function, file)
         if not inline:
-            _KERNELS.append((function.__module__, compiled._cache))
-        template = compiled.get_call_template
-        compiled.get_call_template = lambda args, kws: template(
-            [unliteral(a) for a in args], {name: unliteral(a) for name, a in kws.items()}
-        )
-        return cast(_F, compiled)
+            _KERNELS.append((function.__module__, called.compiled._cache))
+        return cast(_F, called.compiled)
 
     return decorate
+
+
+class _Kernel:
+    """A function compiled for Python, and once more for the kernels that call it.
+
+    Those need no wrapper around it that takes apart what Python gives, which takes a fifth of the
+    time to compile.
+    """
+
+    def __init__(self, function: Callable[..., Any], options: dict[str, Any], folder: str) -> None:
+        self.compiled: Any = numba.njit(**options)(function)
+        self._inner: Any = numba.njit(**{**options, "no_cpython_wrapper": True})(function)
+        KernelCache(function, "python", folder).serve(self.compiled)
+        KernelCache(function, "kernels", folder).serve(self._inner)
+        self._own_overload = self.compiled.get_overload
+        self._own_template = self.compiled.get_call_template
+        self.compiled.get_call_template = self._template
+        self.compiled.get_overload = self._overload
+        self.compiled.inner = self._inner
+
+    def _template(self, args: Any, kws: Any) -> Any:
+        """What numba types a kernel's call with."""
+        args = [unliteral(a) for a in args]
+        kws = {name: unliteral(a) for name, a in kws.items()}
+        if self._is_there(args, kws):
+            return self._own_template(args, kws)
+        return self._inner.get_call_template(args, kws)
+
+    def _is_there(self, args: Any, kws: Any) -> bool:
+        """Whether the version for Python is there already."""
+        _, args = self.compiled._compiler.fold_argument_types(tuple(args), kws)
+        signature = tuple(args)
+        if signature in self._inner.overloads:
+            return False
+        return signature in self.compiled.overloads or self.compiled._cache.keeps(
+            signature, self.compiled.targetctx
+        )
+
+    def _overload(self, signature: Any) -> Any:
+        """What numba calls in a kernel that it has typed."""
+        if tuple(normalize_signature(signature)[0]) in self._inner.overloads:
+            return self._inner.get_overload(signature)
+        return self._own_overload(signature)
+
+
+def _name(function: Callable[..., Any], file: str) -> str:
+    """What tells it from all other kernels, and is the same in each process."""
+    cells = [cell.cell_contents for cell in function.__closure__ or ()]
+    own = (function.__module__, function.__qualname__, function.__code__.co_firstlineno)
+    digest = hashlib.sha256(_state(file).encode() + repr(own).encode())
+    digest.update(function.__code__.co_code + dumps(cells))
+    return digest.hexdigest()[:16]
 
 
 @functools.cache
@@ -102,11 +157,17 @@ def _cache_folder(file: str) -> str:
 
     Empty where there is neither a cache nor a home.
     """
-    digest = hashlib.sha256(numba.__version__.encode())
-    for path in sorted(_imported(Path(file), {})):
-        digest.update(path.name.encode() + path.read_bytes())
     caches = _caches()
-    return str(caches / f"{Path(file).stem}-{digest.hexdigest()[:16]}") if caches else ""
+    return str(caches / f"{Path(file).stem}-{_state(file)}") if caches else ""
+
+
+@functools.cache
+def _state(file: str) -> str:
+    """Of that file, of all it calls and of what compiles and keeps it."""
+    digest = hashlib.sha256(numba.__version__.encode())
+    for path in (*_COMPILER, *sorted(_imported(Path(file), {}))):
+        digest.update(path.name.encode() + path.read_bytes())
+    return digest.hexdigest()[:16]
 
 
 def _caches() -> Path | None:

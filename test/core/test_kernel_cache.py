@@ -239,3 +239,52 @@ def test_processes_that_compile_at_once_do_not_harm_each_other(tmp_path):
     hits, troubles = lines(process(tmp_path / "cache", tmp_path))
     assert (hits, troubles) == (2, [])
     assert not list((tmp_path / "cache").rglob("*.tmp"))
+
+
+CALLING = """
+import numba
+from placement_planner_ros.core.kernels import kernel
+
+@kernel()
+def turned(x):
+    a, b, c = x, x + 1, x + 2
+    for _ in range(2):
+STEPS
+    return a + b + c
+
+@kernel()
+def caller(x):
+    return turned(x)
+
+@numba.njit(cache=True)
+def users(x):
+    return caller(x)
+
+print(users(3) == turned.py_func(3))
+print(caller.inner.stats.cache_hits.total(), turned.inner.stats.cache_hits.total())
+""".replace(
+    "STEPS", "        a, b, c = a * b % 1009 + c, b * c % 1013 + a, c * a % 1019 + b\n" * 15
+)
+
+
+def test_what_a_kernel_calls_is_there_before_it(tmp_path):
+    """Also where a user's own function calls it that numba would keep, and where it is gone."""
+    file = tmp_path / "calling.py"
+    file.write_text(CALLING)
+
+    def said():
+        done = subprocess.run(
+            [sys.executable, str(file)],
+            env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "c"), "PYTHONPATH": str(ROOT)},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout.split()
+
+    assert said() == ["True", "0", "0"]
+    assert said() == ["True", "1", "1"]
+    (called,) = tmp_path.rglob("turned-*.nbk")
+    called.unlink()
+    assert said() == ["True", "1", "0"]

@@ -1,0 +1,136 @@
+"""How numba compiles kernels: each once, however many others call it.
+
+Numba links what a function calls into it, and optimises and emits all of it again, with a function
+of twenty callees twenty times. Here a kernel is compiled once: its callers get it to write it into
+themselves where it is short, then call the one that is there. So its name has to be the same in
+each process, which numba's, with a number that it counts up, is not.
+
+Numba also optimises each function of a module alone before it optimises all together, which costs
+a seventh of the time and gains nothing, and finds its own functions by comparing all flags of the
+compiler for each, which costs a tenth.
+"""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Callable
+from typing import Any
+
+import llvmlite.binding as llvm
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler, Flags
+
+_WRITTEN_IN = 500
+"""Instructions beside its arguments from which on a kernel is too long to be written into others.
+LLVM does so up to some 50, or 260 where it is called in a loop."""
+
+_NOT_TO_BE_KEPT = "@numba.dynamic.globals.of.kernels = weak_odr global i8 0"
+"""What numba does not keep functions with on disk: those of users that call kernels, which in
+another process may not be there."""
+
+NAMES: weakref.WeakKeyDictionary[Callable[..., Any], str] = weakref.WeakKeyDictionary()
+"""What tells each function that is a kernel from all others, in every process."""
+
+_LONG: weakref.WeakSet[Any] = weakref.WeakSet()
+"""Libraries of kernels that are too long to be written into their callers."""
+
+
+class KernelCompiler(Compiler):
+    """Numba's, with libraries, flags and names as kernels need them."""
+
+    def __init__(self, *given: Any) -> None:
+        super().__init__(*given)
+        self.state.flags = _Flags(self.state.flags)
+
+    def _compile_bytecode(self) -> Any:
+        state = self.state
+        name = NAMES.get(state.func_id.func)
+        if name is not None:
+            state.func_id.unique_id = name
+            state.library = KernelLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+            state.library.enable_object_caching()
+        return super()._compile_bytecode()
+
+
+class KernelLibrary(JITCodeLibrary):
+    """A kernel's machine code, and what its callers may write into themselves."""
+
+    def _optimize_functions(self, ll_module: Any) -> None:
+        ll_module.data_layout = self._codegen._data_layout
+
+    def add_linking_library(self, library: Any) -> None:
+        """What the kernel calls."""
+        if library in _LONG:
+            self._reload_init.update(library._reload_init)
+        else:
+            super().add_linking_library(library)
+
+    def _get_module_for_linking(self) -> Any:
+        if self._shared_module is None:
+            made = {f.name for f in self._final_module.functions if f.linkage.name == "external"}
+            module = super()._get_module_for_linking()
+            for function in module.functions:
+                if function.name in made and not function.is_declaration:
+                    function.linkage = "available_externally"
+            module.link_in(llvm.parse_assembly(_NOT_TO_BE_KEPT))
+        return self._shared_module
+
+    def _finalize_dynamic_globals(self) -> None:
+        """Kernels are kept all the same: their files name what they call."""
+
+
+class _Flags(Flags):
+    """Those of one compilation, of which numba makes a copy to look others up with."""
+
+    def copy(self) -> Flags:
+        """The same for all compilations with these flags."""
+        for known in _FROZEN:
+            if known == self:
+                return known
+        _FROZEN.append(_FrozenFlags(self))
+        return _FROZEN[-1]
+
+
+class _FrozenFlags(Flags):
+    """Compared and hashed in no time."""
+
+    __slots__ = ("_all", "_hash")
+
+    def __init__(self, flags: Flags) -> None:
+        super().__init__(flags)
+        self._all = flags.values()
+        self._hash = super().__hash__()
+
+    def values(self) -> dict[str, Any]:
+        """By name."""
+        return self._all
+
+    def copy(self) -> Flags:
+        """To be changed."""
+        return Flags(self)
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __eq__(self, other: object) -> bool:
+        return self is other or super().__eq__(other)
+
+
+_FROZEN: list[_FrozenFlags] = []
+
+
+def is_long(compiled: Any) -> bool:
+    """Whether a kernel is too long to be written into others."""
+    module = compiled.library._get_module_for_linking()
+    function = module.get_function(compiled.fndesc.llvm_func_name)
+    room = _WRITTEN_IN + sum(1 for _ in function.arguments)
+    for block in function.blocks:
+        room -= sum(1 for _ in block.instructions)
+        if room < 0:
+            return True
+    return False
+
+
+def note_long(library: Any) -> None:
+    """That kernel is not to be written into others."""
+    _LONG.add(library)
