@@ -16,7 +16,7 @@ from placement_planner_ros.core.search.cell_layout import COLUMNS, FACE, LOWER, 
 from placement_planner_ros.core.search.sampler import SampleCount
 from placement_planner_ros.core.search.uniform import UniformPoses
 from placement_planner_ros.core.stability.by_polygon import TIPS
-from placement_planner_ros.core.types import Verdict
+from placement_planner_ros.core.types import LEVEL, Verdict
 
 WHAT = {
     Verdict.OUTSIDE_VOLUME: "had the centre of mass beside target_volume",
@@ -46,6 +46,8 @@ _MUCH = 0.5
 """Share of samples refused from which on a search that found something says so."""
 _FEWEST = 100
 """Samples below which that is no news."""
+_PLACE = 5
+"""Directions that place and way up take."""
 _PROBES = 512
 """Poses on the regions by which it is told what is within reach."""
 
@@ -130,9 +132,11 @@ def few_directions(search: Search) -> list[str]:
         for each in search.finder.holdings
         if each.any_turn is not None
     }
+    sloping = any(region.slope != LEVEL for region in search.hierarchy.regions)
     return [
         f"arm {name} moves its tip in {number} of {DIRECTIONS} directions: it puts the object down "
         "turned about the vertical as it can"
+        + (", and hardly along the normal of a surface that slopes" * (sloping and number < _PLACE))
         for name, number in freedom.items()
     ]
 

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 from unittest import mock
 
 import few_joints
@@ -19,7 +20,7 @@ from placement_planner_ros.core.motion.birrt import GoalSetRRT
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.search.pruning import Cause, Ruling
 from placement_planner_ros.core.search.sampler import SampleCount
-from placement_planner_ros.core.types import Verdict, steepness
+from placement_planner_ros.core.types import LEVEL, Verdict, steepness
 from placement_planner_ros.experiments.cases import Case, make_problem
 from placement_planner_ros.ros.parameters.table import arm_specs, arms_spec, fixed_specs
 
@@ -100,6 +101,22 @@ def test_arms_that_cannot_stand_the_object_up_are_the_cause_before_all_else():
         assert told.cause.startswith(words) == leans
         assert (told.remedies[0].parameter == "arm.grasps") == leans
         assert "arm arm moves its tip in 4 of 6 directions" in str(told)
+
+
+@pytest.mark.parametrize(
+    ("freedom", "slope", "hardly"),
+    [(4, (0.0, 0.1), True), (5, (0.0, 0.1), False), (4, LEVEL, False)],
+)
+def test_arms_of_four_directions_are_told_where_surfaces_slope(freedom, slope, hardly):
+    arm, chain = SimpleNamespace(name="arm"), SimpleNamespace(freedom=freedom)
+    holding = SimpleNamespace(arm=arm, chain=chain, any_turn=object())
+    search = SimpleNamespace(
+        finder=SimpleNamespace(holdings=(holding,)),
+        hierarchy=SimpleNamespace(regions=(SimpleNamespace(slope=slope),)),
+    )
+    (words,) = tables.few_directions(search)
+    assert f"arm arm moves its tip in {freedom} of 6 directions" in words
+    assert ("a surface that slopes" in words) == hardly
 
 
 def test_of_several_proofs_that_nothing_is_left_each_is_told_with_its_remedy(table):
