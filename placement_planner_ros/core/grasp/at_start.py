@@ -23,6 +23,7 @@ from placement_planner_ros.core.collision.arm import (
     arm_joint,
 )
 from placement_planner_ros.core.collision.object_solids import (
+    MOST_PRESSED,
     coal_transform,
     object_in_hand,
     object_overlaps,
@@ -96,6 +97,7 @@ def faults_at_start(
             fault = placed.met_in(obstacles, arm, margin)
         if fault is not None:
             faults.append(Fault(f"{arm.name}: {fault.words}", fault.remedies))
+            bad_grasps += placed.bad_grasps(arm, body)  # wherever the arm is
             continue
         for grasp in range(len(arm.grasps)):
             depths, link = placed.met_by_object(arm, grasp, body, settings.self_margin)
@@ -231,6 +233,15 @@ class _Placed:
                     break
         return met_itself(self._robot, self._q, met) if met else None
 
+    def bad_grasps(self, arm: Arm, body: Body) -> list[GraspError]:
+        """Grasps in which the object lies in the hand."""
+        found = []
+        for grasp in range(len(arm.grasps)):
+            depths, _ = self.met_by_object(arm, grasp, body, 0.0)
+            if depths:
+                found.append(object_in_hand(arm, grasp, depths))
+        return found
+
     def met_by_object(
         self, arm: Arm, grasp: int, body: Body, margin: float
     ) -> tuple[dict[str, float], str]:
@@ -253,8 +264,10 @@ class _Placed:
                 for i in np.flatnonzero(near & rows).tolist():
                     link, (solid, T_solid) = robot.geometry_links[i], self._solids[i]
                     if link in arm.touch_links:
-                        continue
-                    if in_hand[i]:
+                        depth = overlaps.depth(i, j, self._places[i], T)
+                        if depth > MOST_PRESSED:
+                            depths[link] = max(depth, depths.get(link, 0.0))
+                    elif in_hand[i]:
                         depth = overlaps.depth(i, j, self._places[i], T)
                         if depth > 0.0:
                             depths[link] = max(depth, depths.get(link, 0.0))

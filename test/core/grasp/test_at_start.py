@@ -141,3 +141,16 @@ def test_a_bad_grasp_among_others_is_a_note_and_all_of_them_a_fault(problem):
     assert "lies in" in said
     with pytest.raises(GraspError, match=r"touch_links.*object\.scale"):
         faults(problem, (replace(bare, grasps=(in_palm,)),))
+
+
+def test_fingers_deep_in_the_object_are_a_bad_grasp_beside_a_bad_start_too(problem):
+    left = problem.arms[0]
+    deep = (replace(left, grasps=(pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.02])),)),)
+    q = problem.q_start.copy()
+    q[left.q_index[0]] = left.lower[0] - 0.1
+    for start, error in ((problem.q_start, GraspError), (q, StartError)):
+        with pytest.raises(error) as caught:
+            faults(problem, deep, q=start)
+        depths = re.findall(r"(\S+) \((0\.\d+) m deep\)", str(caught.value))
+        assert any(link in left.touch_links and float(depth) > 0.006 for link, depth in depths)
+    assert "beyond the joint limits" in str(caught.value)
