@@ -5,9 +5,8 @@ of twenty callees twenty times. Here a kernel is compiled once: its callers get 
 themselves where it is short, then call the one that is there. So its name has to be the same in
 each process, which numba's, with a number that it counts up, is not.
 
-Numba also optimises each function of a module alone before it optimises all together, which costs
-a seventh of the time and gains nothing, and finds its own functions by comparing all flags of the
-compiler for each, which costs a tenth.
+Numba also finds its own functions by comparing all flags of the compiler for each, which costs a
+tenth of the time.
 """
 
 from __future__ import annotations
@@ -54,9 +53,6 @@ class KernelCompiler(Compiler):
 
 class KernelLibrary(JITCodeLibrary):
     """A kernel's machine code, and what its callers may write into themselves."""
-
-    def _optimize_functions(self, ll_module: Any) -> None:
-        ll_module.data_layout = self._codegen._data_layout
 
     def add_linking_library(self, library: Any) -> None:
         """What the kernel calls."""
