@@ -36,7 +36,6 @@ from placement_planner_ros.core.collision.hand import WristTurns, hand_collides
 from placement_planner_ros.core.collision.link_shapes import link_shapes
 from placement_planner_ros.core.collision.load import Held, Standing
 from placement_planner_ros.core.collision.object_solids import (
-    MOST_PRESSED,
     object_in_hand,
     object_overlaps,
     object_solids,
@@ -489,14 +488,13 @@ def _check_grasp(
     for i, (link, thing) in enumerate(
         zip(robot.geometry_links, robot.geometry.geometryObjects, strict=True)
     ):
-        if link not in still and link not in arm.touch_links:
+        if link not in still:
             continue
         step(f"comparing {arm.name}.grasps[{grasp}] with link {link}")
-        allowed = MOST_PRESSED if link in arm.touch_links else 0.0
         T_link = data.oMi[thing.parentJoint] * thing.placement
         for j in range(first, len(overlaps.shapes)):
             depth = overlaps.depth(i, j, T_link, T_object)
-            if depth > allowed:
+            if depth > 0.0:
                 depths[link] = max(depth, depths.get(link, 0.0))
     if depths:
         raise object_in_hand(arm, grasp, depths)

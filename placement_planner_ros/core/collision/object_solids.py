@@ -22,10 +22,6 @@ from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.overlap import Overlaps
 from placement_planner_ros.core.types import Array
 
-MOST_PRESSED = 0.006
-"""Metres that a link which holds the object may lie in it, as joint states, meshes and what gives
-way may have it; of a finger that lies deeper, nothing tells whether it opens out of the object."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObjectSolid:
@@ -79,18 +75,14 @@ def object_overlaps(robot: Robot, body: Body) -> Overlaps:
 
 
 def object_in_hand(arm: Arm, grasp: int, depths: Mapping[str, float]) -> GraspError:
-    """The object lies too deep in links of the hand, so many metres in each."""
+    """The object overlaps links that it does not move against, each by so many metres."""
     links = ", ".join(f"{link} ({depth:.4f} m deep)" for link, depth in depths.items())
-    others = [link for link in depths if link not in arm.touch_links]
-    named = f"list {', '.join(others)} in touch_links, " if others else ""
-    pressed = (
-        f" (those in touch_links may by {MOST_PRESSED:g} m)" if len(others) < len(depths) else ""
-    )
     return GraspError(
         f"{arm.name}.grasps[{grasp}]",
         arm.grasps[grasp].homogeneous.round(4).tolist(),
-        f"the object lies in {links}{pressed}; move the grasp, {named}or correct object.scale "
-        "where the object is not that large",
+        f"the object lies in {links}; move the grasp, list "
+        f"{'the link' if len(depths) == 1 else 'the links'} in touch_links, or correct "
+        "object.scale where the object is not that large",
     )
 
 

@@ -23,7 +23,6 @@ from placement_planner_ros.core.collision.arm import (
     arm_joint,
 )
 from placement_planner_ros.core.collision.object_solids import (
-    MOST_PRESSED,
     coal_transform,
     object_in_hand,
     object_overlaps,
@@ -47,6 +46,9 @@ FILTER_ITSELF = (
     "where these are points of the robot or of the object, set self_filter.enabled or raise "
     "self_filter.padding"
 )
+_MOST_PRESSED = 0.006
+"""Metres that a link which holds the object may lie in it, as joint states, meshes and what gives
+way may have it, without a word."""
 _Thing = tuple[str, coal.CollisionGeometry, coal.Transform3s, Array | None]
 """A name, a shape at its place, and what triangles enclose its inside, where it is a surface."""
 _NAMED = 3
@@ -117,6 +119,15 @@ def faults_at_start(
     if not usable:
         raise none_usable(faults, bad_grasps)
     return (*map(str, bad_grasps), *map(str, faults))
+
+
+def deep_fingers(
+    robot: Robot, arms: tuple[Arm, ...], q_start: Array, body: Body
+) -> tuple[str, ...]:
+    """Of each grasp, in which links that may touch the object it lies deep at q_0 (nq,)."""
+    placed = _Placed(robot, q_start)
+    said = (placed.pressed(arm, grasp, body) for arm in arms for grasp in range(len(arm.grasps)))
+    return tuple(words for words in said if words)
 
 
 def touches_clouds(holding: MovingArm, grasp: int, body: Body, obstacles: ObstacleSet) -> bool:
@@ -242,6 +253,28 @@ class _Placed:
                 found.append(object_in_hand(arm, grasp, depths))
         return found
 
+    def pressed(self, arm: Arm, grasp: int, body: Body) -> str:
+        """In words, in which links that may touch it the object lies deep; '' where in none."""
+        T = self._data.oMf[self._robot.frame_id(arm.tip_frame)] * arm.grasps[grasp]
+        overlaps, first = object_overlaps(self._robot, body), len(self._solids)
+        deep: dict[str, float] = {}
+        for j in range(first, len(overlaps.shapes)):
+            away = np.linalg.norm(self._centers - T.act(overlaps.centers[j]), axis=1)
+            for i in np.flatnonzero(away <= self._radii + overlaps.radii[j]).tolist():
+                link = self._robot.geometry_links[i]
+                if link in arm.touch_links:
+                    depth = overlaps.depth(i, j, self._places[i], T)
+                    if depth > _MOST_PRESSED:
+                        deep[link] = max(depth, deep.get(link, 0.0))
+        if not deep:
+            return ""
+        links = ", ".join(f"{link} ({depth:.4f} m deep)" for link, depth in deep.items())
+        return (
+            f"{arm.name}.grasps[{grasp}]: as the hand stands, the object lies in {links}, which is "
+            "taken to come out of it as the hand opens; check the gripper's joints in "
+            "joint_states, the grasp and object.scale"
+        )
+
     def met_by_object(
         self, arm: Arm, grasp: int, body: Body, margin: float
     ) -> tuple[dict[str, float], str]:
@@ -264,10 +297,8 @@ class _Placed:
                 for i in np.flatnonzero(near & rows).tolist():
                     link, (solid, T_solid) = robot.geometry_links[i], self._solids[i]
                     if link in arm.touch_links:
-                        depth = overlaps.depth(i, j, self._places[i], T)
-                        if depth > MOST_PRESSED:
-                            depths[link] = max(depth, depths.get(link, 0.0))
-                    elif in_hand[i]:
+                        continue
+                    if in_hand[i]:
                         depth = overlaps.depth(i, j, self._places[i], T)
                         if depth > 0.0:
                             depths[link] = max(depth, depths.get(link, 0.0))

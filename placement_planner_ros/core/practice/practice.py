@@ -164,7 +164,10 @@ def _bounded(planner: PlacementPlanner) -> Iterator[Placement]:
 def _surroundings(
     robot: Robot, arm: Arm, q_start: Array, body: Body, rng: np.random.Generator
 ) -> Environment:
-    """A noisy level surface with a block on it; once with what a sensor above does not see."""
+    """A noisy level surface with a block on it.
+
+    Another is made with what a sensor above does not see, and with a gap that it sees through.
+    """
     block = _level(0.03, 0.03, 0.06) + np.array([0.15, 0.15, 0.0])
     points = rng.normal(np.vstack([_level(0.25, 0.25, 0.0), block]), 0.001)
     volume = TargetVolume(np.array([-0.25, -0.25, -0.05]), np.array([0.25, 0.25, 0.3]))
@@ -173,6 +176,7 @@ def _surroundings(
     bounds = cropped(lower, upper, np.vstack([points, volume.lower, volume.upper]), 0.01)
     eye = np.array([0.0, 0.0, 1.5])
     seen = points[~flying_pixels(points, eye)]
+    seen[np.hypot(seen[:, 0] + 0.15, seen[:, 1] + 0.15) < 0.05, 2] -= 0.15
     Environment.from_points(seen, volume, settings, None, bounds, views=[View(seen, eye)])
     return Environment.from_points(points, volume, settings, None, bounds)
 

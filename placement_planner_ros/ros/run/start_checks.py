@@ -16,7 +16,7 @@ from placement_planner_ros.core.errors import (
     ObjectError,
     PlacementPlannerError,
 )
-from placement_planner_ros.core.grasp.at_start import faults_at_start
+from placement_planner_ros.core.grasp.at_start import deep_fingers, faults_at_start
 from placement_planner_ros.core.grasp.object_size import size_doubt
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.scene.environment import Environment
@@ -151,7 +151,8 @@ def start_notes(snapshot: Snapshot, environment: Environment | None) -> list[str
         f"not checked against each other: {each}; if they can meet, {SRDF}" for each in standing
     ]
     doubt = size_doubt(snapshot.robot, snapshot.arms, snapshot.q_start, snapshot.body)
-    of_object = [*snapshot.body.warnings, *([doubt] if doubt else [])]
+    deep = deep_fingers(snapshot.robot, snapshot.arms, snapshot.q_start, snapshot.body)
+    of_object = [*snapshot.body.warnings, *([doubt] if doubt else deep)]
     return [*of_object, *beyond, *of_arms, *left_out, *without, *sight_notes(snapshot)]
 
 

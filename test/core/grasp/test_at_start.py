@@ -11,7 +11,7 @@ import pytest
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
 from placement_planner_ros.core.collision.load import Held
 from placement_planner_ros.core.errors import GraspError, StartError
-from placement_planner_ros.core.grasp.at_start import faults_at_start
+from placement_planner_ros.core.grasp.at_start import deep_fingers, faults_at_start
 from placement_planner_ros.core.grasp.settings import GraspSettings
 from placement_planner_ros.core.grasp.usable import usable_holdings
 from placement_planner_ros.core.robot.moving_arm import MovingArm
@@ -143,14 +143,23 @@ def test_a_bad_grasp_among_others_is_a_note_and_all_of_them_a_fault(problem):
         faults(problem, (replace(bare, grasps=(in_palm,)),))
 
 
-def test_fingers_deep_in_the_object_are_a_bad_grasp_beside_a_bad_start_too(problem):
+def test_bad_grasps_are_told_beside_a_bad_start(problem):
     left = problem.arms[0]
-    deep = (replace(left, grasps=(pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.02])),)),)
+    in_palm = (replace(left, grasps=(pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.02])),)),)
     q = problem.q_start.copy()
     q[left.q_index[0]] = left.lower[0] - 0.1
-    for start, error in ((problem.q_start, GraspError), (q, StartError)):
-        with pytest.raises(error) as caught:
-            faults(problem, deep, q=start)
-        depths = re.findall(r"(\S+) \((0\.\d+) m deep\)", str(caught.value))
-        assert any(link in left.touch_links and float(depth) > 0.006 for link, depth in depths)
-    assert "beyond the joint limits" in str(caught.value)
+    with pytest.raises(StartError, match="beyond the joint limits") as caught:
+        faults(problem, in_palm, q=q)
+    assert re.search(r"\S+ \(0\.\d+ m deep\)", str(caught.value))
+
+
+def test_fingers_deep_in_the_object_are_told_and_no_fault(problem):
+    closed = problem.robot.with_positions(problem.q_start, {"gripper_l_joint": 0.0})
+    left = (replace(problem.arms[0], grasps=problem.arms[0].grasps[:1]),)
+    assert deep_fingers(problem.robot, left, problem.q_start, problem.body) == ()
+    assert faults(problem, left, q=closed) == ()
+    (said,) = deep_fingers(problem.robot, left, closed, problem.body)
+    depths = dict(re.findall(r"(\S+) \((0\.\d+) m deep\)", said))
+    assert depths
+    assert set(depths) <= set(left[0].touch_links)
+    assert min(float(depth) for depth in depths.values()) > 0.006
