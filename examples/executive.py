@@ -27,7 +27,7 @@ from placement_planner_ros.scenes.clouds import complete_cloud
 from placement_planner_ros.scenes.scenes import scene_by_name
 
 BOXES = 3
-SECONDS = 2.0
+SECONDS = 6.0
 """Time to search for each place."""
 SPEED = 5.0
 """How much faster than planned the simulated robot moves, so that nobody has to wait."""
