@@ -5,6 +5,7 @@ Other objects make further groups of cases, in the same scenes.
 
 from __future__ import annotations
 
+import functools
 import itertools
 from dataclasses import dataclass
 from typing import Literal
@@ -93,10 +94,15 @@ def start_configuration(object_name: str, arm: str | None = None) -> dict[str, f
 
 def scene_points(case: Case, rng: np.random.Generator) -> Array:
     """(n, 3) points of the case's cloud in the world frame; NaN where a camera saw nothing."""
-    scene = scene_by_name(case.scene)
     if case.cloud == "complete":
-        return complete_cloud(scene)
+        return _complete_points(case.scene).copy()
+    scene = scene_by_name(case.scene)
     return np.vstack([cloud.world_points().reshape(-1, 3) for cloud in camera_clouds(scene, rng)])
+
+
+@functools.lru_cache(maxsize=4)
+def _complete_points(scene: str) -> Array:
+    return complete_cloud(scene_by_name(scene))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,6 +6,7 @@ experiments.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -154,4 +155,9 @@ def scene_by_name(name: str) -> Scene:
     """
     if name not in _SCENES:
         raise ParameterError("scene", name, f"choose one of {', '.join(SCENE_NAMES)}")
+    return _built(name)
+
+
+@functools.cache
+def _built(name: str) -> Scene:
     return _SCENES[name]()

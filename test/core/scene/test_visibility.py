@@ -166,7 +166,7 @@ def test_the_inside_of_the_crate_cannot_be_entered_nor_its_shadow():
 
 def test_regions_support_and_clearance_are_those_of_what_was_measured():
     view = view_of(FLOOR, WALL, CRATE, noise=0.001)
-    plain = Environment.from_points(view.points, VOLUME, bounds=BOUNDS)
+    plain = Environment.from_points(view.points, VOLUME, bounds=BOUNDS, sights=[view])
     careful = Environment.from_points(view.points, VOLUME, bounds=BOUNDS, views=[view])
     assert len(careful.obstacles) > len(plain.obstacles)
     assert [r.z for r in careful.regions] == [r.z for r in plain.regions]
