@@ -21,6 +21,6 @@ body = Body.from_mesh(box.vertices, box.faces)
 points = complete_cloud(scene_by_name("cabinet_high_clutter"))  # (n, 3), from your camera
 volume = TargetVolume(np.array([0.33, -0.53, 0.15]), np.array([0.75, 0.40, 0.44]))
 
-for placement in plan(robot, arm, start, body, volume, points, time_limit=10.0, seed=1):
+for placement in plan(robot, arm, start, body, volume, points, time_limit=5.0, seed=1):
     position, motion = placement.T_world_object.translation.round(3), placement.trajectory
     print(f"at {position}: objective {placement.objective:.4f}, motion of {motion.duration:.1f} s")
