@@ -124,8 +124,20 @@ def faults_at_start(
 def deep_fingers(
     robot: Robot, arms: tuple[Arm, ...], q_start: Array, body: Body
 ) -> tuple[str, ...]:
-    """Of each grasp, in which links that may touch the object it lies deep at q_0 (nq,)."""
-    placed = _Placed(robot, q_start)
+    """Of each grasp in which, as the hand is at q_0 (nq,), the object lies deep in links that may
+    touch it: in which and how deep, in words."""
+    q = q_start.copy()
+    for arm in arms:
+        q[arm.q_index] = 0.0  # wherever the arm is
+    return _deep_fingers(robot, arms, q.round(4).tobytes(), body)
+
+
+@lru_cache(maxsize=16)
+def _deep_fingers(
+    robot: Robot, arms: tuple[Arm, ...], q_bytes: bytes, body: Body
+) -> tuple[str, ...]:
+    """Kept from start to start, as it takes tens of milliseconds."""
+    placed = _Placed(robot, np.frombuffer(q_bytes))
     said = (placed.pressed(arm, grasp, body) for arm in arms for grasp in range(len(arm.grasps)))
     return tuple(words for words in said if words)
 
