@@ -11,6 +11,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from placement_planner_ros.core.carry.settings import CarrySettings, TiltLimit
 from placement_planner_ros.core.collision.arm import CollisionSettings
 from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.explanation import tables
@@ -117,6 +118,15 @@ class PlannerSettings(Settings):
     transit: TransitSettings = field(default_factory=TransitSettings)
     ascent: AscentSettings = field(default_factory=AscentSettings)
     timing: TimingSettings = field(default_factory=TimingSettings)
+    carry: CarrySettings = field(default_factory=CarrySettings)
+    up: tuple[float, ...] = ()
+
+    @property
+    def tilt(self) -> TiltLimit | None:
+        """Of these, by how much the held object may lean; None for any."""
+        if self.carry.max_tilt >= np.pi:
+            return None
+        return TiltLimit(np.array(self.up), self.carry.max_tilt)
 
     @property
     def footing(self) -> Footing:
@@ -128,7 +138,12 @@ class PlannerSettings(Settings):
     def grasp(self) -> GraspSettings:
         """Of these, what holding, approach, release and retreat are checked by."""
         return GraspSettings(
-            self.collision, self.ik, self.approach, self.retreat, self.require_retreat
+            self.collision,
+            self.ik,
+            self.approach,
+            self.retreat,
+            self.require_retreat,
+            self.tilt,
         )
 
 

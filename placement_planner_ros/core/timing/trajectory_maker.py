@@ -107,20 +107,22 @@ class TrajectoryMaker:
         """
         settings = self._settings
         path = shorten(
-            path, holding.transit_free, self._rng, settings.shortcut_attempts, should_stop
+            path,
+            holding.transit_free,
+            self._rng,
+            settings.shortcut_attempts,
+            should_stop,
+            constraint=holding.upright,
         )
         velocity = holding.arm.velocity * settings.velocity_scaling
         acceleration = settings.accelerations(holding.arm) * settings.acceleration_scaling
 
-        def transit_free(a: Array, b: Array, deviation: Array) -> bool:
-            return holding.collision.edge_free(a, b, deviation=deviation)
-
         def approach_free(a: Array, b: Array, deviation: Array) -> bool:
-            return holding.collision.edge_free(a, b, contact=True, deviation=deviation)
+            return holding.timed_free(a, b, deviation, contact=True)
 
         joints = holding.arm.joints
         transit = parameterize(
-            path, joints, velocity, acceleration, transit_free, should_stop=should_stop
+            path, joints, velocity, acceleration, holding.timed_free, should_stop=should_stop
         )
         if transit is None:
             return None

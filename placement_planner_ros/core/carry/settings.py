@@ -1,0 +1,52 @@
+"""How the object may be carried."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from placement_planner_ros.core.settings import Settings, setting
+from placement_planner_ros.core.types import Array, frozen_array
+
+
+@dataclass(frozen=True, slots=True)
+class CarrySettings(Settings):
+    """What is kept on all of transit and approach, the placement included."""
+
+    max_tilt: float = setting(
+        math.pi,
+        f"[0, {math.pi}]",
+        "rad",
+        "Angle between object.up and the vertical that the object is never tilted by on its way, "
+        "nor where it stands; pi: any.",
+    )
+    max_acceleration: float = setting(
+        0.0,
+        "[0, inf)",
+        "m/s^2",
+        "Acceleration of the object's centre of mass that is never exceeded on its way; 0: any.",
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TiltLimit:
+    """A direction of the object, and how far from the vertical it may be.
+
+    Attributes:
+        up: (3,) unit vector in the object's frame.
+        most: rad, below π.
+    """
+
+    up: Array
+    most: float
+
+    def __post_init__(self) -> None:
+        up = np.asarray(self.up, dtype=np.float64)
+        object.__setattr__(self, "up", frozen_array(up / np.linalg.norm(up), (3,)))
+
+    def tilt(self, R_world_object: Array) -> float:
+        """The angle, rad, at a rotation (3, 3)."""
+        x, y, z = np.asarray(R_world_object) @ self.up
+        return math.atan2(math.hypot(x, y), z)
