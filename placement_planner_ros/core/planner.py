@@ -214,7 +214,9 @@ class PlacementPlanner:
         self._optimizer = LocalOptimizer(
             poses, objective, settings.min_improvement, settings.ascent
         )
-        self._trajectories = TrajectoryMaker(settings.timing, rng_paths)
+        self._trajectories = TrajectoryMaker(
+            settings.timing, settings.carry.max_acceleration, rng_paths
+        )
         self.statistics = Statistics(
             self.sampler.count,
             finder.rejections,

@@ -1,6 +1,6 @@
-"""What the object must not suffer on its way: to be tilted, to be accelerated.
+"""How the object is carried: by how much it may lean on its way.
 
-`settings` says how much of either, `tilt` keeps a direction of the held object near the vertical on
-whole edges and projects configurations to where it is (`tilt_kernels`), `acceleration` bounds what
-a point of the object does on a timed curve.
+`settings` says by how much, and `tilt` keeps it, on whole edges; it projects configurations to
+where it is kept. `tilt_kernels` are the bounds it rests on. What it may be accelerated by is for
+timing to keep (`timing/carried_point`).
 """
