@@ -123,10 +123,12 @@ class PlannerSettings(Settings):
 
     @property
     def tilt(self) -> TiltLimit | None:
-        """Of these, by how much the held object may lean; None for any."""
-        if self.carry.max_tilt >= np.pi:
-            return None
-        return TiltLimit(np.array(self.up), self.carry.max_tilt)
+        """Of these, by how much the held object may lean; None for any.
+
+        Raises:
+            ParameterError: carry.max_tilt is set, but object.up is not.
+        """
+        return self.carry.tilt_limit(self.up)
 
     @property
     def footing(self) -> Footing:

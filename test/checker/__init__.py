@@ -10,6 +10,7 @@ a point every 5 mm, leave 2.3 mm of them outside of the boxes in 99 % of all pla
 penetration.
 """
 
+from .carrying import Carried, carried
 from .check import SolutionChecker, check_solution
 from .clearance import upright_prisms
 from .curve import states_along
@@ -23,6 +24,7 @@ from .task import Curve, Solid, Solution, Task, Tolerances
 from .world import World
 
 __all__ = [
+    "Carried",
     "Curve",
     "Piece",
     "RobotModel",
@@ -32,6 +34,7 @@ __all__ = [
     "Task",
     "Tolerances",
     "World",
+    "carried",
     "check_solution",
     "check_stance",
     "convex",

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.types import Array, frozen_array
 
@@ -28,6 +30,26 @@ class CarrySettings(Settings):
         "m/s^2",
         "Acceleration of the object's centre of mass that is never exceeded on its way; 0: any.",
     )
+
+    def tilt_limit(self, up: Sequence[float]) -> TiltLimit | None:
+        """By how much the object may lean; None for any.
+
+        Args:
+            up: object.up, (3,) or empty.
+
+        Raises:
+            ParameterError: there is a limit, but no direction to hold it to.
+        """
+        if self.max_tilt >= math.pi:
+            return None
+        if not len(up):
+            raise ParameterError(
+                "carry.max_tilt",
+                self.max_tilt,
+                "needs object.up, the direction of the object that is kept near the vertical; set "
+                "it, or carry.max_tilt to pi (3.1416 or more)",
+            )
+        return TiltLimit(np.array(up), self.max_tilt)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

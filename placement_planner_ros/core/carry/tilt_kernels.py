@@ -1,7 +1,7 @@
 """How far a held axis is from the vertical: whole edges, and the way back to where it is near.
 
-Let v be the axis in the world, c = v · z the cosine of its tilt, and a_i the axis of joint i, as far
-as it turns. Then
+Let v be the axis in the world, c = v · z the cosine of its tilt, and a_i the axis of joint i, where
+that turns. Then
 
     ∂c/∂q_i = z · (a_i × v),    ∂²c/∂q_i∂q_j = (z × a_i) · (a_j × v)  for i ≤ j,
 

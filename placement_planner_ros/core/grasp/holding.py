@@ -234,9 +234,7 @@ class Holding:
     def _keeps_tilt(self, a: Array, b: Array) -> bool:
         return self.upright is None or self.upright.keeps(a, b)
 
-    def timed_free(
-        self, a: Array, b: Array, deviation: Array, contact: bool = False
-    ) -> bool:
+    def timed_free(self, a: Array, b: Array, deviation: Array, contact: bool = False) -> bool:
         """Whether every motion within `deviation` (dof,) of the straight one, joint by joint, is
         free and keeps the tilt, without reserves."""
         if self.upright is not None and not self.upright.keeps_timed(a, b, deviation):

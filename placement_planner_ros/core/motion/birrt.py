@@ -178,7 +178,6 @@ class GoalSetRRT:
         self._scale = np.array(weights, dtype=np.float64) ** 2
         self._settings = settings
         self._edge_is_free = edge_is_free
-        self._constraint = constraint
         self._projected: ProjectedSteps | None = None
         if constraint is not None:
             self._projected = ProjectedSteps(constraint, settings.max_step, self._scale)
@@ -367,7 +366,7 @@ class GoalSetRRT:
         """Grow a tree by one step towards a sample; the new node, or -1 where blocked."""
         target = self._sample(label)
         if self._projected is not None:
-            return self._extend_projected(target, label)
+            return self._extend_projected(self._projected, target, label)
         near = self._nearest(target, label)
         q, _ = self._step(near, target)
         if np.array_equal(q, self._q(near)) or not self._is_free(near, q):
@@ -400,17 +399,16 @@ class GoalSetRRT:
                 return
             near = self._append(q, near, int(self._labels[near]))
 
-    def _extend_projected(self, target: Array, label: int) -> int:
+    def _extend_projected(self, along: ProjectedSteps, target: Array, label: int) -> int:
         """Grow a tree by `max_step` towards a sample, in as many steps as the constraint needs."""
-        assert self._constraint is not None and self._projected is not None
-        projected = self._constraint.project(target)
+        projected = along.constraint.project(target)
         if projected is None:
             return -1
-        self._projected.begin()
+        along.begin()
         near, new, gone = self._nearest(projected, label), -1, 0.0
         while gone < self._settings.max_step and self._count < self._max_nodes:
             origin = self._q(near)
-            step = self._projected.step(origin, projected)
+            step = along.step(origin, projected)
             if step is None or np.array_equal(step[0], origin) or not self._is_free(near, step[0]):
                 break
             gone += float(np.sqrt(np.dot(self._scale, (step[0] - origin) ** 2)))

@@ -42,10 +42,13 @@ class ProjectedSteps:
 
     Args:
         longest: step, in the metric weighted by `scale` (dof,), squared weights.
+
+    Attributes:
+        constraint: as given.
     """
 
     def __init__(self, constraint: Constraint, longest: float, scale: Array) -> None:
-        self._constraint = constraint
+        self.constraint = constraint
         self._longest = longest
         self._scale = scale
         self._length = longest
@@ -64,16 +67,16 @@ class ProjectedSteps:
         length = min(2.0 * self._length, self._longest)
         while length >= _SHORTEST * self._longest:
             if distance <= length:
-                if self._constraint.keeps(q, target):
+                if self.constraint.keeps(q, target):
                     self._length = length
                     return target, True
             else:
-                near = self._constraint.project(q + (length / distance) * difference)
+                near = self.constraint.project(q + (length / distance) * difference)
                 if (
                     near is not None
                     and self._norm(target - near) <= distance - _PROGRESS * length
                     and self._norm(near - q) <= _DETOUR * length
-                    and self._constraint.keeps(q, near)
+                    and self.constraint.keeps(q, near)
                 ):
                     self._length = length
                     return near, False

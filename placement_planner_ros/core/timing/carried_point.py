@@ -145,7 +145,7 @@ class CarriedPoint:
         return (1.0 + _SLACK) * most + _STILL
 
 
-class PointAccelerationConstraint(LinearConstraint):  # type: ignore[misc]
+class PointAccelerationConstraint(LinearConstraint):
     """A limit on |p''| as toppra reads limits: p'(s) u + p''(s) x lies in a polytope.
 
     Its facets touch the ball of the limit in 26 directions, so the ball is exceeded by 13 % at
