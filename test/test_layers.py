@@ -28,6 +28,7 @@ ORDER = [
     "core.search",
     "core.reach",
     "core.carry",
+    "core.wishes",
     "core.objective",
     "core.collision",
     "core.swept",

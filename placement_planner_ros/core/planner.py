@@ -49,6 +49,8 @@ from placement_planner_ros.core.statistics import Statistics
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.timing.trajectory_maker import TimingSettings, TrajectoryMaker
 from placement_planner_ros.core.types import Array, Goal, Placement
+from placement_planner_ros.core.wishes import checks
+from placement_planner_ros.core.wishes.settings import TurnSettings, WishSettings
 
 _log = logging.getLogger(__name__)
 
@@ -73,6 +75,10 @@ class PlannerSettings(Settings):
         ik_seeds: starts of the inverse kinematics per sampled pose, beside q_0.
         min_improvement: ξ counts as better from this much.
         require_retreat: False: a placement may be without release and retreat.
+        keep_out: corners of boxes, six numbers each, that nothing which moves may enter.
+        turns: how the object shall be turned.
+        wishes: what a weighted objective is made of, and what is required.
+        carry: by how much the object may lean, and be accelerated, on its way.
     """
 
     sampler: SamplerName = setting("optimistic", text="How goals are sampled.", choices=SAMPLERS)
@@ -107,6 +113,15 @@ class PlannerSettings(Settings):
     require_retreat: bool = setting(
         True, text="Whether a placement counts only with a certified release and retreat."
     )
+    keep_out: tuple[float, ...] = setting(
+        (),
+        unit="m",
+        text="Minimum and maximum corner of a box in planning_frame that moving links, hand and "
+        "object keep out of, with their margin; or those of several boxes, one after the other, up "
+        f"to {checks.MAX_KEEP_OUT}. They carry nothing and do not count for clearance.",
+    )
+    turns: TurnSettings = field(default_factory=TurnSettings)
+    wishes: WishSettings = field(default_factory=WishSettings)
     hierarchy: HierarchySettings = field(default_factory=HierarchySettings)
     optimistic: OptimisticSettings = field(default_factory=OptimisticSettings)
     mcts: MctsSettings = field(default_factory=MctsSettings)
@@ -119,7 +134,6 @@ class PlannerSettings(Settings):
     ascent: AscentSettings = field(default_factory=AscentSettings)
     timing: TimingSettings = field(default_factory=TimingSettings)
     carry: CarrySettings = field(default_factory=CarrySettings)
-    up: tuple[float, ...] = ()
 
     @property
     def tilt(self) -> TiltLimit | None:
@@ -128,7 +142,11 @@ class PlannerSettings(Settings):
         Raises:
             ParameterError: carry.max_tilt is set, but object.up is not.
         """
-        return self.carry.tilt_limit(self.up)
+        return self.carry.tilt_limit(self.turns.up)
+
+    def __post_init__(self) -> None:
+        Settings.__post_init__(self)
+        checks.boxes("keep_out", self.keep_out)
 
     @property
     def footing(self) -> Footing:
@@ -172,6 +190,7 @@ class PlacementPlanner:
     Raises:
         StartError: q_0 is not free for any arm and grasp, or far beyond the joints' limits.
         GraspError: in every grasp the object overlaps the arm.
+        ParameterError: settings do not fit each other.
         PlacementPlannerError: robot, object or settings are unusable.
     """
 
@@ -183,6 +202,7 @@ class PlacementPlanner:
         rng: np.random.Generator,
     ) -> None:
         self._settings = settings
+        settings.wishes.require_consistent()
         problem.robot.require_plausible(problem.q_start)
         unwound = problem.robot.unwound(problem.q_start)
         self._turned = {arm.name: (problem.q_start - unwound)[arm.q_index] for arm in problem.arms}

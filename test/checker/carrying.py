@@ -67,9 +67,8 @@ def check_carrying(
         return []
     found, way = [], carried(robot, task, solution, q_rest)
     if way.tilt > task.max_tilt + tolerances.tilt:
-        found.append(
-            f"carry: tilted by {np.rad2deg(way.tilt):.3f}°, allowed {np.rad2deg(task.max_tilt):.3f}°"
-        )
+        leant, most = np.rad2deg([way.tilt, task.max_tilt])
+        found.append(f"carry: tilted by {leant:.3f}°, allowed {most:.3f}°")
     if way.acceleration > task.max_acceleration * (1.0 + tolerances.limit):
         found.append(
             f"carry: accelerated by {way.acceleration:.4g}, allowed {task.max_acceleration:.4g}"

@@ -47,7 +47,7 @@ class CarrySettings(Settings):
                 "carry.max_tilt",
                 self.max_tilt,
                 "needs object.up, the direction of the object that is kept near the vertical; set "
-                "it, or carry.max_tilt to pi (3.1416 or more)",
+                "it, or leave carry.max_tilt at its default, pi",
             )
         return TiltLimit(np.array(up), self.max_tilt)
 

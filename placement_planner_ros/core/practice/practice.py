@@ -40,6 +40,7 @@ from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.visibility import View
 from placement_planner_ros.core.swept.space import Stretch, SweptSpace
 from placement_planner_ros.core.types import Array, Placement, TargetVolume
+from placement_planner_ros.core.wishes.settings import TurnSettings
 
 SAMPLES = 4000
 """Samples within which a task must be solved, or be known to be hopeless."""
@@ -138,7 +139,7 @@ class Practice:
         tip = chain.forward(self._q[self._arm.q_index])[:3, :3]
         up = (tip @ self._arm.grasps[0].rotation)[2]
         carry = CarrySettings(max_tilt=0.5, max_acceleration=1.0)
-        return replace(PlannerSettings(), carry=carry, up=tuple(up.tolist()))
+        return replace(PlannerSettings(), carry=carry, turns=TurnSettings(up=tuple(up.tolist())))
 
     def _place(self, problem: Problem, settings: PlannerSettings) -> None:
         """A placement, and a second one where better ones are sought at once."""
