@@ -16,7 +16,7 @@ from placement_planner_ros.core.types import Array
 
 _SHORTEST = 0.01
 """Share of the longest step below which no shorter one is tried."""
-_PROGRESS = 0.2
+_PROGRESS = 0.05
 """Share of a step's length that it must come nearer to its target."""
 _DETOUR = 2.0
 """Times a step's length that its projection may be away."""
