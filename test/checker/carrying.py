@@ -11,13 +11,13 @@ from .curve import quintic
 from .robot import RobotModel
 from .task import Array, Solution, Task, Tolerances
 
-_PER_PIECE = 65
+_PER_PIECE = 33
 """Moments looked at between two points of the trajectory."""
 
 
 @dataclass(frozen=True)
-class Carried:
-    """Of a way.
+class Way:
+    """What the object went through on its way.
 
     Attributes:
         tilt: the largest angle of the task's `up` from the vertical, rad; 0 without.
@@ -28,7 +28,7 @@ class Carried:
     acceleration: float
 
 
-def carried(robot: RobotModel, task: Task, solution: Solution, q_rest: Array) -> Carried:
+def way_of_object(robot: RobotModel, task: Task, solution: Solution, q_rest: Array) -> Way:
     """Of all of the trajectory, by pinocchio's velocities and accelerations of the tip.
 
     Args:
@@ -56,7 +56,7 @@ def carried(robot: RobotModel, task: Task, solution: Solution, q_rest: Array) ->
             if task.up is not None:
                 up = R @ T_tip_object[:3, :3] @ np.asarray(task.up)
                 lowest = min(lowest, float(up[2] / np.linalg.norm(up)))
-    return Carried(float(np.arccos(lowest)), hardest)
+    return Way(float(np.arccos(lowest)), hardest)
 
 
 def check_carrying(
@@ -65,7 +65,7 @@ def check_carrying(
     """Where the object leans, or is accelerated, by more than the task allows."""
     if task.up is None and not np.isfinite(task.max_acceleration):
         return []
-    found, way = [], carried(robot, task, solution, q_rest)
+    found, way = [], way_of_object(robot, task, solution, q_rest)
     if way.tilt > task.max_tilt + tolerances.tilt:
         leant, most = np.rad2deg([way.tilt, task.max_tilt])
         found.append(f"carry: tilted by {leant:.3f}°, allowed {most:.3f}°")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from .carrying import Carried, carried, check_carrying
+from .carrying import Way, check_carrying, way_of_object
 from .clearance import Clearance
 from .curve import check_curve, check_limits, states_along
 from .leaving import Leaving
@@ -58,9 +58,9 @@ class SolutionChecker:
             ).check(),
         ]
 
-    def carried(self, solution: Solution) -> Carried:
+    def way(self, solution: Solution) -> Way:
         """The largest tilt and acceleration of the object on its way."""
-        return carried(self.robot, self.task, solution, self._q_start())
+        return way_of_object(self.robot, self.task, solution, self._q_start())
 
     def clearance(self, T_world_object: Array) -> float:
         """C: mean distance of the object's voxel centres sideways and upwards, metres."""
