@@ -209,7 +209,11 @@ class PlacementPlanner:
         problem = replace(problem, q_start=unwound)
         rng_sampler, rng_ik, rng_motion, rng_paths = rng.spawn(4)
         poses = PoseConstraints(
-            problem, settings.collision, settings.footing, settings.approach.approach_minimum
+            problem,
+            settings.collision,
+            settings.footing,
+            settings.approach.approach_minimum,
+            settings.turns,
         )
         holdings, self.unusable = usable_holdings(problem, settings.grasp)
         self.holdings = {(r.arm.name, r.grasp): r for of_arm in holdings for r in of_arm}
@@ -225,6 +229,7 @@ class PlacementPlanner:
             len(problem.body.faces),
             poses.regions,
             settings.hierarchy,
+            None if poses.turns is None else poses.turns.ranges,
         )
         self.cause = _nothing_to_search(hierarchy)
         step("making the bounds of the search")
@@ -384,4 +389,4 @@ class PlacementPlanner:
 def _nothing_to_search(hierarchy: AfrHierarchy) -> Cause | None:
     if not hierarchy.regions:
         return Cause.NO_REGION
-    return Cause.NO_FACE if hierarchy.faces == 0 else None
+    return None if hierarchy.usable else Cause.NO_FACE
