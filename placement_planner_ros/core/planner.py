@@ -149,6 +149,14 @@ class PlannerSettings(Settings):
         checks.boxes("keep_out", self.keep_out)
 
     @property
+    def turns_at_rest(self) -> TurnSettings:
+        """How the object shall be turned, and that it leans there no more than on its way."""
+        tilt = self.tilt
+        if tilt is None:
+            return self.turns
+        return replace(self.turns, up_tolerance=min(self.turns.up_tolerance, tilt.at_rest))
+
+    @property
     def footing(self) -> Footing:
         """Of these, what s(x) is asked by."""
         tolerance = self.collision.contact_tolerance
@@ -213,7 +221,7 @@ class PlacementPlanner:
             settings.collision,
             settings.footing,
             settings.approach.approach_minimum,
-            settings.turns,
+            settings.turns_at_rest,
         )
         holdings, self.unusable = usable_holdings(problem, settings.grasp)
         self.holdings = {(r.arm.name, r.grasp): r for of_arm in holdings for r in of_arm}

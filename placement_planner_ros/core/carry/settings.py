@@ -12,6 +12,9 @@ from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.types import Array, frozen_array
 
+_WAY_DOWN = 2e-3
+"""rad, by which the object may be turned on its straight way down, where it strays from it."""
+
 
 @dataclass(frozen=True, slots=True)
 class CarrySettings(Settings):
@@ -67,6 +70,11 @@ class TiltLimit:
     def __post_init__(self) -> None:
         up = np.asarray(self.up, dtype=np.float64)
         object.__setattr__(self, "up", frozen_array(up / np.linalg.norm(up), (3,)))
+
+    @property
+    def at_rest(self) -> float:
+        """By how much it may lean where it stands, rad: the way down needs the rest."""
+        return max(self.most - _WAY_DOWN, 0.0)
 
     def tilt(self, R_world_object: Array) -> float:
         """The angle, rad, at a rotation (3, 3)."""

@@ -146,7 +146,7 @@ class Holding:
             k >= 1 configurations, or the verdict that names why there are none.
         """
         T_world_tip = self.tip_pose(T_world_object)
-        if not self._ik.reachable(T_world_tip) or self._leans(T_world_object):
+        if not self._ik.reachable(T_world_tip):
             return Verdict.NO_IK
         if hand_first and self.collision.hand_collides(
             T_world_tip, _HAND_SLACK, self._reserve, contact=True
@@ -169,13 +169,6 @@ class Holding:
             if len(free):
                 return free
         return verdict
-
-    def _leans(self, T_world_object: pin.SE3) -> bool:
-        """Whether an object at that pose is tilted by more than it may be."""
-        if self.upright is None:
-            return False
-        limit = self.upright.limit
-        return limit.tilt(T_world_object.rotation) > limit.most
 
     def free_ones(self, Q: Array) -> Array:
         """Those of Q (n, dof) that are free with the object resting on its support, the shorter
@@ -321,7 +314,8 @@ class Holding:
     ) -> list[Array] | None:
         """Waypoints (dof,) after `q` at height `below` up to another, metres, their edges free.
 
-        Steps on which the object would leave its line are halved; None where that does not help.
+        Steps on which the object would leave its line, or lean, are halved; None where that does
+        not help.
         """
         above = pin.SE3(T_world_object)
         above.translation = T_world_object.translation + np.array([0.0, 0.0, height])
@@ -330,10 +324,8 @@ class Holding:
             return None
         chord = np.linspace(q_next, q, 5)
         strays = stray_at(self.chain, chord, *self._lines(T_world_object))
-        if strays <= _PLANNED_STRAY * self._stray:
-            is_free = self._keeps_tilt(q, q_next) and self.collision.edge_free(
-                q, q_next, contact=True, reserve=self._reserve
-            )
+        if strays <= _PLANNED_STRAY * self._stray and self._keeps_tilt(q, q_next):
+            is_free = self.collision.edge_free(q, q_next, contact=True, reserve=self._reserve)
             return [q_next] if is_free else None
         if halvings == 0:
             return None
