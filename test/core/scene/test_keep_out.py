@@ -140,7 +140,7 @@ def test_a_start_inside_is_refused_whether_or_not_its_sides_are_near(table):
 
 
 def test_where_it_covers_all_it_is_named(table):
-    planner = planner_of(table, (0.1, -0.6, -0.05, 0.75, 0.6, 0.02))
+    planner = planner_of(table, (0.1, -0.6, -0.05, 0.75, 0.6, 0.11))
     assert planner.cause is Cause.NO_REGION
     assert "keep_out covers every surface" in planner.exhausted
     assert "keep_out: make its boxes smaller" in planner.exhausted
