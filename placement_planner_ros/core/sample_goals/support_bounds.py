@@ -132,7 +132,12 @@ class _Columns:
             self._tables[slope] = levels, sums
 
     def _summed(
-        self, support: SupportMap, levels: Array, first: Index, tolerance: float, margin: float | None
+        self,
+        support: SupportMap,
+        levels: Array,
+        first: Index,
+        tolerance: float,
+        margin: float | None,
     ) -> Array:
         """(levels, nx + 1, ny + 1) columns with a roomy surface at that height, summed up."""
         off = 0.51 * _SAME_HEIGHT

@@ -41,9 +41,9 @@ def test_a_box_stands_where_bars_truly_carry_it_and_nowhere_else(noise):
     mesh = trimesh.creation.box((0.14, 0.06, 0.06))
     body = Body.from_mesh(mesh.vertices, mesh.faces)
     points = seen(noise, rng)
-    environment = Environment.from_points(
-        points, VOLUME, bounds=(VOLUME.lower - 0.4, VOLUME.upper + 0.4), sights=[View(points, SENSOR)]
-    )  # fmt: skip
+    bounds = VOLUME.lower - 0.4, VOLUME.upper + 0.4
+    sights = [View(points, SENSOR)]
+    environment = Environment.from_points(points, VOLUME, bounds=bounds, sights=sights)
     poses = PoseConstraints(
         bare_problem(body, environment), POLYGON.collision, POLYGON.footing, 0.0
     )
