@@ -37,6 +37,28 @@ class Curve(Protocol):
 
 
 @dataclass(frozen=True)
+class Asked:
+    """What was asked of the placement beside that it is possible, by the node's parameters.
+
+    Attributes:
+        up, front: (3,) directions in the object's frame; None for none.
+        up_tolerance, front_direction, front_tolerance: rad.
+        near_pose: (7,) x y z qx qy qz qw; None for none.
+        weights: of the terms whose sum the objective is; empty for "do not check".
+        at_least: of the terms that are required.
+    """
+
+    up: Array | None = None
+    up_tolerance: float = 0.17
+    front: Array | None = None
+    front_direction: float = 0.0
+    front_tolerance: float = 0.26
+    near_pose: Array | None = None
+    weights: Mapping[str, float] = field(default_factory=dict)
+    at_least: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class Task:
     """What was asked.
 
@@ -56,6 +78,8 @@ class Task:
         up: (3,) direction of the object that is to stay near the vertical on the way; None for any.
         max_tilt: its angle from the vertical at most, rad.
         max_acceleration: of the centre of mass on the way, m/s².
+        keep_out: (k, 2, 3) corners of boxes that keep the margin from all that moves.
+        asked: rules and wishes, see `Asked`.
     """
 
     solids: Sequence[Solid]
@@ -76,6 +100,8 @@ class Task:
     up: Array | None = None
     max_tilt: float = np.pi
     max_acceleration: float = np.inf
+    keep_out: Array = field(default_factory=lambda: np.zeros((0, 2, 3)))
+    asked: Asked = field(default_factory=lambda: Asked())
 
     @property
     def volume(self) -> Array:
