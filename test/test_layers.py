@@ -27,6 +27,7 @@ ORDER = [
     "core.motion",
     "core.search",
     "core.reach",
+    "core.wishes",
     "core.objective",
     "core.collision",
     "core.swept",

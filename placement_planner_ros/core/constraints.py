@@ -18,6 +18,8 @@ from placement_planner_ros.core.stability.by_polygon import PolygonSupport
 from placement_planner_ros.core.stability.by_vertices import VertexSupport
 from placement_planner_ros.core.stability.footing import Footing
 from placement_planner_ros.core.types import LEVEL, Array, Slope, Verdict, upright
+from placement_planner_ros.core.wishes.settings import TurnSettings
+from placement_planner_ros.core.wishes.turns import Turns
 
 
 def placement_pose(
@@ -43,12 +45,14 @@ class PoseConstraints:
         collision: c_f(x)'s margin, and how far from the contact plane its support may lie.
         footing: by which rule it stands.
         raise_height: the least height from which the body must come straight down, metres.
+        turns: how the object shall be turned.
 
     Attributes:
         problem: the same; with support by polygon, the foot of the centre of mass is the reference
             point of the body's faces.
         regions: where these are placed.
         support: s(x) by that rule.
+        turns: the rules about how the object is turned; None where there are none.
     """
 
     def __init__(
@@ -57,6 +61,7 @@ class PoseConstraints:
         collision: CollisionSettings,
         footing: Footing,
         raise_height: float,
+        turns: TurnSettings | None = None,
     ) -> None:
         rule = PolygonSupport if footing.support == "polygon" else VertexSupport
         self.support: PolygonSupport | VertexSupport = rule(problem, footing)
@@ -70,6 +75,7 @@ class PoseConstraints:
             body, environment.obstacles, collision, overhangs=overhangs
         )
         self._raise_height = raise_height
+        self.turns = Turns(turns, body.faces) if turns is not None and turns.asks else None
         self._T_face_object = np.array([face.T_face_object.homogeneous for face in body.faces])
 
     @property
@@ -109,7 +115,23 @@ class PoseConstraints:
             return Verdict.UNSTABLE
         if not self.free(T_world_object, contact_height, slope=slope):
             return Verdict.COLLIDING
-        return Verdict.FEASIBLE
+        return Verdict.FEASIBLE if self.kept(T_world_object) else Verdict.BREAKS_RULE
+
+    def kept(self, T_world_object: pin.SE3) -> bool:
+        """Whether the pose keeps the rules of users."""
+        return bool(self._kept(T_world_object.homogeneous[None])[0])
+
+    def broken(self, T_world_object: pin.SE3) -> list[str]:
+        """The rules that the pose breaks, by the parameters that they are set by."""
+        if self.turns is None:
+            return []
+        return self.turns.broken(T_world_object.rotation)
+
+    def _kept(self, T: Array) -> npt.NDArray[np.bool_]:
+        """(n,) `kept` of poses (n, 4, 4)."""
+        if self.turns is None:
+            return np.ones(len(T), np.bool_)
+        return self.turns.kept(T[:, :3, :3])
 
     def verdicts(
         self,
@@ -174,3 +196,6 @@ class PoseConstraints:
         if len(stable):
             free = self._collision.free_at(T[stable], heights[stable], self._raise_height, slope)
             result[stable[free]] = Verdict.FEASIBLE
+            if self.turns is not None:
+                kept = self._kept(T[stable[free]])
+                result[stable[free][~kept]] = Verdict.BREAKS_RULE

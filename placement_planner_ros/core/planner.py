@@ -48,6 +48,8 @@ from placement_planner_ros.core.statistics import Statistics
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.timing.trajectory_maker import TimingSettings, TrajectoryMaker
 from placement_planner_ros.core.types import Array, Goal, Placement
+from placement_planner_ros.core.wishes import checks
+from placement_planner_ros.core.wishes.settings import TurnSettings, WishSettings
 
 _log = logging.getLogger(__name__)
 
@@ -72,6 +74,9 @@ class PlannerSettings(Settings):
         ik_seeds: starts of the inverse kinematics per sampled pose, beside q_0.
         min_improvement: ξ counts as better from this much.
         require_retreat: False: a placement may be without release and retreat.
+        keep_out: corners of boxes, six numbers each, that nothing which moves may enter.
+        turns: how the object shall be turned.
+        wishes: what a weighted objective is made of, and what is required.
     """
 
     sampler: SamplerName = setting("optimistic", text="How goals are sampled.", choices=SAMPLERS)
@@ -106,6 +111,15 @@ class PlannerSettings(Settings):
     require_retreat: bool = setting(
         True, text="Whether a placement counts only with a certified release and retreat."
     )
+    keep_out: tuple[float, ...] = setting(
+        (),
+        unit="m",
+        text="Minimum and maximum corner of a box in planning_frame that moving links, hand and "
+        "object keep out of, with their margin; or those of several boxes, one after the other, up "
+        f"to {checks.MAX_KEEP_OUT}. They carry nothing and do not count for clearance.",
+    )
+    turns: TurnSettings = field(default_factory=TurnSettings)
+    wishes: WishSettings = field(default_factory=WishSettings)
     hierarchy: HierarchySettings = field(default_factory=HierarchySettings)
     optimistic: OptimisticSettings = field(default_factory=OptimisticSettings)
     mcts: MctsSettings = field(default_factory=MctsSettings)
@@ -117,6 +131,10 @@ class PlannerSettings(Settings):
     transit: TransitSettings = field(default_factory=TransitSettings)
     ascent: AscentSettings = field(default_factory=AscentSettings)
     timing: TimingSettings = field(default_factory=TimingSettings)
+
+    def __post_init__(self) -> None:
+        Settings.__post_init__(self)
+        checks.boxes("keep_out", self.keep_out)
 
     @property
     def footing(self) -> Footing:
@@ -155,6 +173,7 @@ class PlacementPlanner:
     Raises:
         StartError: q_0 is not free for any arm and grasp, or far beyond the joints' limits.
         GraspError: in every grasp the object overlaps the arm.
+        ParameterError: settings do not fit each other.
         PlacementPlannerError: robot, object or settings are unusable.
     """
 
@@ -166,13 +185,18 @@ class PlacementPlanner:
         rng: np.random.Generator,
     ) -> None:
         self._settings = settings
+        settings.wishes.require_consistent()
         problem.robot.require_plausible(problem.q_start)
         unwound = problem.robot.unwound(problem.q_start)
         self._turned = {arm.name: (problem.q_start - unwound)[arm.q_index] for arm in problem.arms}
         problem = replace(problem, q_start=unwound)
         rng_sampler, rng_ik, rng_motion, rng_paths = rng.spawn(4)
         poses = PoseConstraints(
-            problem, settings.collision, settings.footing, settings.approach.approach_minimum
+            problem,
+            settings.collision,
+            settings.footing,
+            settings.approach.approach_minimum,
+            settings.turns,
         )
         holdings, self.unusable = usable_holdings(problem, settings.grasp)
         self.holdings = {(r.arm.name, r.grasp): r for of_arm in holdings for r in of_arm}
@@ -188,6 +212,7 @@ class PlacementPlanner:
             len(problem.body.faces),
             poses.regions,
             settings.hierarchy,
+            None if poses.turns is None else poses.turns.ranges,
         )
         self.cause = _nothing_to_search(hierarchy)
         step("making the bounds of the search")
@@ -345,4 +370,4 @@ class PlacementPlanner:
 def _nothing_to_search(hierarchy: AfrHierarchy) -> Cause | None:
     if not hierarchy.regions:
         return Cause.NO_REGION
-    return Cause.NO_FACE if hierarchy.faces == 0 else None
+    return None if hierarchy.usable else Cause.NO_FACE

@@ -73,19 +73,21 @@ class Verdict(enum.IntEnum):
     """s(x) = 0: a vertex of v(f) has no support."""
     COLLIDING = 2
     """c_f(x) = 0: the object meets obstacles at rest or on its way down."""
-    NOT_BETTER = 3
+    BREAKS_RULE = 3
+    """The object is not turned as asked, or a required term is too low."""
+    NOT_BETTER = 4
     """ξ(x) ≤ ξ_best."""
-    NO_IK = 4
+    NO_IK = 5
     """No arm configuration within the joint limits reaches the pose."""
-    ARM_COLLIDING = 5
+    ARM_COLLIDING = 6
     """Arm, hand or held object collide in every configuration found."""
-    NO_RELEASE = 6
+    NO_RELEASE = 7
     """The fingers cannot open without meeting something."""
-    NO_APPROACH = 7
+    NO_APPROACH = 8
     """No certified straight approach ends in the pose."""
-    NO_RETREAT = 8
+    NO_RETREAT = 9
     """No certified straight way leads the open hand away from the placed object."""
-    FEASIBLE = 9
+    FEASIBLE = 10
     """Every constraint holds: a goal."""
 
 

@@ -21,6 +21,8 @@ _WIDER = 1.1
 """Times the side of squares, as long as there are too many."""
 _FINEST = 400
 """Parts at most that the side of a triangle is divided into."""
+_SAME = 1e-6
+"""m, corners closer together are one."""
 _DIRECTIONS = 32
 """Directions in which the outermost contact point is kept."""
 
@@ -31,10 +33,12 @@ class ContactPoints(NamedTuple):
     Attributes:
         points: (k, 2) in the plane, in the frame of the face, in lexicographic order.
         spread: (m,) rows of a few of them that are spread over all.
+        room: (k,) m around each that surely touches, too.
     """
 
     points: Array
     spread: Index
+    room: Array
 
 
 def contact_points(body: Body, face: PlacementFace) -> ContactPoints:
@@ -52,7 +56,41 @@ def contact_points(body: Body, face: PlacementFace) -> ContactPoints:
     T = face.T_face_object
     points = np.unique((found @ T.rotation.T + T.translation)[:, :2], axis=0)
     points = points[_thinned(points, SPACING, _MOST)]
-    return ContactPoints(points, _thinned(points, SPACING, _SPREAD))
+    flat = body.triangles[(depths[body.triangles] <= body.flatness).all(axis=1)]
+    in_plane = (body.vertices @ T.rotation.T + T.translation)[:, :2]
+    return ContactPoints(points, _thinned(points, SPACING, _SPREAD), _room(points, in_plane, flat))
+
+
+def _room(points: Array, corners: Array, triangles: Index) -> Array:
+    """(n,) how far points (n, 2) lie inside of what some of the triangles between corners cover.
+
+    That is, from all edges that do not lie between two triangles; 0 outside. Where triangles
+    overlap it may be less.
+    """
+    if len(points) == 0 or len(triangles) == 0:
+        return np.zeros(len(points))
+    _, same = np.unique(np.round(corners / _SAME), axis=0, return_inverse=True)
+    edges = np.sort(same.reshape(-1)[triangles][:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    rows, count = np.unique(edges, axis=0, return_counts=True)
+    first = np.unique(same, return_index=True)[1]
+    begin, end = corners[first[rows[count == 1]]].swapaxes(0, 1)
+    along = end - begin
+    square = np.maximum((along * along).sum(axis=1), _SAME**2)
+    a, b, c = corners[triangles].swapaxes(0, 1)
+    room = np.zeros(len(points))
+    for n, point in enumerate(points):
+        sides = np.stack([_left_of(a, b, point), _left_of(b, c, point), _left_of(c, a, point)])
+        if not ((sides >= 0.0).all(axis=0) | (sides <= 0.0).all(axis=0)).any():
+            continue
+        share = np.clip(((point - begin) * along).sum(axis=1) / square, 0.0, 1.0)
+        room[n] = np.linalg.norm(begin + share[:, None] * along - point, axis=1).min()
+    return room
+
+
+def _left_of(begin: Array, end: Array, point: Array) -> Array:
+    """(n,) positive where the point (2,) lies left of the way from begin to end, each (n, 2)."""
+    along, away = end - begin, point - begin
+    return np.asarray(along[:, 0] * away[:, 1] - along[:, 1] * away[:, 0])
 
 
 def _on_triangles(corners: Array) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from placement_planner_ros.core.explanation import collisions, surfaces
+from placement_planner_ros.core.explanation import collisions, rules, surfaces
 from placement_planner_ros.core.explanation.collisions import Met
 from placement_planner_ros.core.explanation.explanation import Remedy
 from placement_planner_ros.core.explanation.search import Search
@@ -30,6 +30,8 @@ def advice(search: Search, verdict: Verdict) -> Advice:
         return support(search)
     if verdict is Verdict.COLLIDING:
         return _room(search)
+    if verdict is Verdict.BREAKS_RULE:
+        return rules.advice(search)
     if verdict is Verdict.NOT_BETTER:
         return [Remedy("objective", "choose one that is above -inf somewhere")], []
     if verdict is Verdict.NO_IK:

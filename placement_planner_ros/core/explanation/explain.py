@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from placement_planner_ros.core.errors import listed
-from placement_planner_ros.core.explanation import collisions, surfaces, tables
+from placement_planner_ros.core.explanation import collisions, rules, surfaces, tables
 from placement_planner_ros.core.explanation.advice import advice, closer, grasps, support
 from placement_planner_ros.core.explanation.explanation import Explanation, Remedy
 from placement_planner_ros.core.explanation.search import Progress, Search
@@ -26,6 +26,8 @@ def explain(search: Search, progress: Progress) -> Explanation:
     if not search.hierarchy.regions:
         told = surfaces.why_no_region(environment)
         return Explanation(told.cause, told.remedies, (*told.details, *left_out))
+    if search.hierarchy.faces and not search.hierarchy.usable:
+        return rules.no_rest_as_asked(search)
     if search.hierarchy.faces == 0:
         rolling = search.problem.body.rolling
         tries = [

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from placement_planner_ros.core.errors import NAMED
-from placement_planner_ros.core.explanation import surfaces
+from placement_planner_ros.core.explanation import rules, surfaces
 from placement_planner_ros.core.explanation.search import Search
 from placement_planner_ros.core.reach.turntable import DIRECTIONS
 from placement_planner_ros.core.reach.upright_motion import most_upright
@@ -22,6 +22,7 @@ WHAT = {
     Verdict.OUTSIDE_VOLUME: "had the centre of mass beside target_volume",
     Verdict.UNSTABLE: "left the object without support",
     Verdict.COLLIDING: "let the object meet something, at rest or on its way down",
+    Verdict.BREAKS_RULE: "broke a rule",
     Verdict.NOT_BETTER: "were no better by the objective",
     Verdict.NO_IK: "had no arm reach them within its joint limits",
     Verdict.ARM_COLLIDING: "had arm, hand or object in collision",
@@ -34,6 +35,7 @@ _BRIEFLY = {
     Verdict.OUTSIDE_VOLUME: "beside target_volume",
     Verdict.UNSTABLE: "without support",
     Verdict.COLLIDING: "with the object in collision",
+    Verdict.BREAKS_RULE: "against a rule",
     Verdict.NOT_BETTER: "no better",
     Verdict.NO_IK: "out of reach",
     Verdict.ARM_COLLIDING: "with arm or hand in collision",
@@ -65,6 +67,8 @@ def unsupported(search: Search) -> str:
 
 def what(search: Search, verdict: Verdict) -> str:
     """What samples did that ended with a verdict."""
+    if verdict is Verdict.BREAKS_RULE:
+        return f"broke {' and '.join(rules.broken(search)) or 'a rule'}"
     return f"were {unsupported(search)}" if verdict is Verdict.UNSTABLE else WHAT[verdict]
 
 
@@ -103,11 +107,12 @@ def lacking(search: Search) -> dict[str, float]:
     """By arm, how much its length falls short of the nearest pose on the regions, m; 0 or less
     where nothing is known to."""
     poses = UniformPoses(search.hierarchy, np.random.default_rng(0), even_share=0.5)
-    regions, faces, contacts, angles = poses.draw(_PROBES)
+    drawn = poses.draw(_PROBES)
     cells = np.empty((_PROBES, COLUMNS))
-    cells[:, FACE], cells[:, Z] = faces, [search.hierarchy.regions[k].z for k in regions]
-    cells[:, [SLOPE, SLOPE + 1]] = poses.slopes[regions]
-    cells[:, LOWER] = cells[:, UPPER] = np.column_stack([contacts[:, :2], angles])
+    cells[:, FACE] = drawn.face
+    cells[:, Z] = [search.hierarchy.regions[k].z for k in drawn.region]
+    cells[:, [SLOPE, SLOPE + 1]] = poses.slopes[drawn.region]
+    cells[:, LOWER] = cells[:, UPPER] = np.column_stack([drawn.contact[:, :2], drawn.angle])
     beyond = search.bounds.beyond_reach(cells).min(axis=0)
     least: dict[str, float] = {}
     for holding, gap in zip(search.finder.holdings, beyond.tolist(), strict=True):

@@ -7,6 +7,7 @@ of Ŝ(r, f) it keeps place and face, and the turn becomes the one it can give th
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pinocchio as pin
@@ -55,15 +56,18 @@ class AnyTurn:
         seeds: int,
         rng: np.random.Generator,
         q_start: Array,
+        kept: Callable[[pin.SE3], bool] = lambda x: True,
     ) -> list[tuple[pin.SE3, Array]]:
         """Poses at that place, on that face, with the configurations (k, dof) that reach each.
 
         The pose itself where the arm can bring the object to it; else up to `_PLACES` that differ
-        from it by a turn about the normal. Empty where the arm reaches none.
+        from it by a turn about the normal, of those that break a rule one only, and that where
+        there are no others. Empty where the arm reaches none.
 
         Args:
             T_face_object: fT_o of the face it stands on.
             seeds: starts of the inverse kinematics beside q_start (dof,).
+            kept: whether a pose keeps the rules of users.
         """
         turntable = self._turntable(T_face_object)
         T_world_face = T_world_object * T_face_object.inverse()
@@ -71,6 +75,7 @@ class AnyTurn:
         if not turntable.reachable(place):
             return []
         starts = np.append(q_start, 0.0)[None]
+        broken: list[tuple[pin.SE3, Array]] = []
         for count in (min(seeds, _FIRST_SEEDS), seeds - _FIRST_SEEDS):
             if count < 1:
                 break
@@ -83,14 +88,16 @@ class AnyTurn:
             found: list[tuple[pin.SE3, Array]] = []
             while len(Q) and len(found) < _PLACES:
                 x = _turned(T_world_face, float(turns[0])) * T_face_object
-                reaching = self._ik.solve(self._tip(x), Q)
-                if len(reaching):
-                    found.append((x, reaching))
+                keeps = kept(x)
+                if keeps or not broken:
+                    reaching = self._ik.solve(self._tip(x), Q)
+                    if len(reaching):
+                        (found if keeps else broken).append((x, reaching))
                 other = np.abs(np.remainder(turns - turns[0] + np.pi, 2.0 * np.pi) - np.pi) > _SAME
                 Q, turns = Q[other], turns[other]
             if found:
                 return found
-        return []
+        return broken
 
     def follow(
         self, T_world_object: pin.SE3, T_face_object: pin.SE3, q: Array

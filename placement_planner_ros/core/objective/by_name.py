@@ -19,6 +19,14 @@ _BUILT_IN: dict[str, ObjectiveFactory] = {
     "minimize_clearance": lambda context: Clearance(context, -1.0),
 }
 
+TERMS = ("clearance", "near", "turn", "high", "edge", "aligned", "stance")
+"""Names of the terms of a weighted objective that are built in."""
+
+
+def term_names() -> list[str]:
+    """Every name a term of a weighted objective may have: the built-in ones and the plug-ins."""
+    return [*TERMS, *sorted(e.name for e in _plug_ins() if e.name not in TERMS)]
+
 
 def objective_names() -> list[str]:
     """Every name `make_objective` knows: the built-in ones and the installed plug-ins."""

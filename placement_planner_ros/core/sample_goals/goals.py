@@ -218,7 +218,12 @@ class GoalFinder:
             return
         T_face_object = self._body.faces[wanted.face].T_face_object
         places = holding.any_turn.placed(
-            wanted.x, T_face_object, self._ik_seeds, self._rng, holding.q_start
+            wanted.x,
+            T_face_object,
+            self._ik_seeds,
+            self._rng,
+            holding.q_start,
+            self._poses.kept,
         )
         if not places:
             yield wanted, Verdict.NO_IK

@@ -67,7 +67,7 @@ class Rejections:
         """Keep of a batch the first pose (4, 4) of each verdict that no arm had part in, with the
         height and slope of its contact plane."""
         known = verdicts.tolist()
-        for verdict in (Verdict.UNSTABLE, Verdict.COLLIDING):
+        for verdict in (Verdict.UNSTABLE, Verdict.COLLIDING, Verdict.BREAKS_RULE):
             if verdict in known:
                 k = known.index(verdict)
                 slope = float(slopes[k, 0]), float(slopes[k, 1])

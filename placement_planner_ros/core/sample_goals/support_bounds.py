@@ -39,7 +39,7 @@ class SupportBound:
         self._centers = np.array([f.T_face_object.act(body.center_of_mass) for f in body.faces])
         self._centers = self._centers.reshape(-1, 1, 3)
         if isinstance(poses.support, PolygonSupport):
-            self._rule: _Rule = _Polygon(poses.support, _Columns(poses, 0.0))
+            self._rule: _Rule = _Polygon(poses.support, _Columns(poses, None))
         else:
             self._rule = _Vertices(poses, _Columns(poses, poses.footing.edge_margin))
 
@@ -114,7 +114,7 @@ class _Columns:
     Only those that a body standing in V can reach, at the heights of the regions.
     """
 
-    def __init__(self, poses: PoseConstraints, margin: float) -> None:
+    def __init__(self, poses: PoseConstraints, margin: float | None) -> None:
         body, environment = poses.problem.body, poses.problem.environment
         volume, support = poses.problem.volume, environment.support
         size = float(np.linalg.norm(np.ptp(body.vertices, axis=0)))
@@ -132,7 +132,12 @@ class _Columns:
             self._tables[slope] = levels, sums
 
     def _summed(
-        self, support: SupportMap, levels: Array, first: Index, tolerance: float, margin: float
+        self,
+        support: SupportMap,
+        levels: Array,
+        first: Index,
+        tolerance: float,
+        margin: float | None,
     ) -> Array:
         """(levels, nx + 1, ny + 1) columns with a roomy surface at that height, summed up."""
         off = 0.51 * _SAME_HEIGHT

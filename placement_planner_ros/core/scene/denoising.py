@@ -29,6 +29,12 @@ _PLANE_SCATTER = 2.0
 """A neighbourhood is a plane if its points scatter by less than this times the noise."""
 _MORE_SCATTER = 1.4
 """... nor by more than this times what points nearby do."""
+_TRIMMED = 1.2
+"""Points that scatter about their plane by more than this times the noise are not all of it: ..."""
+_TRIMS = 3
+"""... it is fitted anew so many times ..."""
+_OTHER = 2.5
+"""... without those further from it than this times the noise."""
 _REACH = 5.0
 """Points further from every plane than this times the noise are not of it."""
 
@@ -129,13 +135,24 @@ def _moments_around(
 def _plane(moments: Array, bins: Bins, size: float, r: int, reach: int, plane: Array) -> float:
     """Fit cell r and those within `reach` cells of it; returns the number of points.
 
-    `plane` (8,) receives the mean relative to the cell's centre, the unit normal, and the standard
-    deviations along the normal and along the next axis. The normal is the eigenvector of the
-    covariance's smallest eigenvalue; the eigenvalues of a symmetric C are in closed form
-    mean + 2 s cos(φ + 2kπ/3) with mean = tr C / 3, s² = |C - mean I|² / 6 and
-    cos 3φ = det((C - mean I) / s) / 2.
+    `plane` (8,) is filled as by `_fit`, about the cell's centre.
     """
-    n, sx, sy, sz, xx, yy, zz, xy, xz, yz = _moments_around(moments, bins, size, r, reach)
+    return _fit(_moments_around(moments, bins, size, r, reach), plane)
+
+
+@kernel(lean=True)
+def _fit(
+    moments: tuple[float, float, float, float, float, float, float, float, float, float],
+    plane: Array,
+) -> float:
+    """The plane of points of that number, sum and second moments; returns the number.
+
+    `plane` (8,) receives the mean, the unit normal, and the standard deviations along the normal
+    and along the next axis. The normal is the eigenvector of the covariance's smallest eigenvalue;
+    the eigenvalues of a symmetric C are in closed form mean + 2 s cos(φ + 2kπ/3) with
+    mean = tr C / 3, s² = |C - mean I|² / 6 and cos 3φ = det((C - mean I) / s) / 2.
+    """
+    n, sx, sy, sz, xx, yy, zz, xy, xz, yz = moments
     sx, sy, sz = sx / n, sy / n, sz / n
     plane[0], plane[1], plane[2] = sx, sy, sz
     plane[3], plane[4], plane[5] = 0.0, 0.0, 0.0
@@ -218,6 +235,50 @@ def estimate_noise(bins: Bins, origin: Array, size: float) -> float:
     return float(quartile if quartile < 0.1 * median else median)
 
 
+@kernel(lean=True)
+def _trim(bins: Bins, r: int, center: Array, reach: float, plane: Array) -> float:
+    """Fit `plane` (8,) anew to those points around cell r that are within `reach` of it.
+
+    Args:
+        center: (3,) of cell r, about which the plane is.
+
+    Returns:
+        Their number; the plane stays as it is where they are few.
+    """
+    points, start, cells, index = bins.points, bins.start, bins.cells, bins.row_of
+    nx, ny, nz = index.shape
+    n = sx = sy = sz = xx = yy = zz = xy = xz = yz = 0.0
+    for i in range(max(cells[r, 0] - 1, 0), min(cells[r, 0] + 2, nx)):
+        for j in range(max(cells[r, 1] - 1, 0), min(cells[r, 1] + 2, ny)):
+            for k in range(max(cells[r, 2] - 1, 0), min(cells[r, 2] + 2, nz)):
+                q = index[i, j, k]
+                if q < 0:
+                    continue
+                for p in range(start[q], start[q + 1]):
+                    x, y, z = points[p, 0] - center[0], points[p, 1] - center[1], points[p, 2]
+                    z -= center[2]
+                    off = (
+                        plane[3] * (x - plane[0])
+                        + plane[4] * (y - plane[1])
+                        + plane[5] * (z - plane[2])
+                    )
+                    if abs(off) > reach:
+                        continue
+                    n += 1.0
+                    sx += x
+                    sy += y
+                    sz += z
+                    xx += x * x
+                    yy += y * y
+                    zz += z * z
+                    xy += x * y
+                    xz += x * z
+                    yz += y * z
+    if n < _MIN_PLANE_POINTS:
+        return n
+    return _fit((n, sx, sy, sz, xx, yy, zz, xy, xz, yz), plane)
+
+
 @kernel(nogil=True)
 def _fit_planes(
     moments: Array, bins: Bins, size: float, origin: Array, noise: float
@@ -225,18 +286,25 @@ def _fit_planes(
     """(m, 6) mean and normal of each cell's neighbourhood; (m,) whether it is a plane.
 
     It is not where the points scatter more than they do two cells further: across a corner too, a
-    plane fits to within a few times the noise.
+    plane fits to within a few times the noise. Where they scatter more than noise does, some are of
+    another surface, as at the foot of a wall, and would turn the plane towards it: it is fitted
+    anew without the farthest.
     """
     cells, index = bins.cells, bins.row_of
     m = len(cells)
     nx, ny, nz = index.shape
     planes = np.empty((m, 6))
     scatter = np.full(m, np.inf)
-    plane = np.empty(8)
+    plane, center = np.empty(8), np.empty(3)
     for r in range(m):
         n = _plane(moments, bins, size, r, 1, plane)
         for a in range(3):
-            planes[r, a] = plane[a] + origin[a] + (cells[r, a] + 0.5) * size
+            center[a] = origin[a] + (cells[r, a] + 0.5) * size
+        if n >= _MIN_PLANE_POINTS and _TRIMMED * noise < plane[6] <= _PLANE_SCATTER * noise:
+            for _ in range(_TRIMS):
+                _trim(bins, r, center, _OTHER * noise, plane)
+        for a in range(3):
+            planes[r, a] = plane[a] + center[a]
             planes[r, 3 + a] = plane[3 + a]
         if (
             n >= _MIN_PLANE_POINTS

@@ -227,13 +227,17 @@ class SupportMap:
         """
         return np.isfinite(self.gaps(points, tolerance, margin))
 
-    def gaps(self, points: Array, tolerance: float, margin: float = 0.0) -> Array:
-        """(n,) m that surface is above each point; NaN where `supported` does not hold."""
+    def gaps(self, points: Array, tolerance: float, margin: float | None = 0.0) -> Array:
+        """(n,) m that surface is above each point; NaN where `supported` does not hold.
+
+        Args:
+            margin: None for surfaces as they were measured, up to `trim` beyond their true ends.
+        """
         return np.asarray(
             _gaps(
                 np.ascontiguousarray(self.above(points), dtype=np.float64),
                 tolerance,
-                margin + self.trim,
+                0.0 if margin is None else margin + self.trim,
                 self._view,
                 self.ends,
                 self.obstacles,
@@ -241,18 +245,18 @@ class SupportMap:
         )
 
     def roomy(
-        self, z: float, tolerance: float, margin: float, off: float = 0.0
+        self, z: float, tolerance: float, margin: float | None, off: float = 0.0
     ) -> npt.NDArray[np.bool_]:
-        """(s,) the surfaces on some point of which `supported` may hold at height z.
+        """(s,) the surfaces on some point of which something may stand at height z.
 
         Args:
             z: metres, above the plane through the origin.
-            tolerance, margin: metres; as for `supported`.
+            tolerance, margin: metres; as for `gaps`.
             off: at any height that differs from z by no more, metres.
         """
         near = np.asarray(np.abs(self.height - z) <= tolerance + off)
         near[self.holed[self.parts_in_holes.all(axis=(1, 2))]] = False
-        if margin + self.trim > self.cell_size:
+        if margin is not None and margin + self.trim > self.cell_size:
             surely = np.asarray(np.abs(self.height - z) <= tolerance - off)
             leave_out(self._view, self.ends, surely, margin + self.trim, near)
         return near

@@ -110,7 +110,10 @@ def points_on(
     height: Array,
     step: float,
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float32], npt.NDArray[np.bool_]]:
-    """`Columns.first` and `points`; (s,) whether there are some in all quarters of the column."""
+    """`Columns.first` and `points`; (s,) whether there are some in all quarters of the column.
+
+    Points of a box that is as near to two surfaces of its column are of both.
+    """
     nz = boxes.first_at.shape[2]
     first = np.zeros(len(height) + 1, np.int64)
     points = np.empty_like(measured)
@@ -125,6 +128,8 @@ def points_on(
             p = boxes.first_at[i, j, k]
             while p >= 0:
                 if abs(boxes.surface_height[p] - height[s]) <= step:
+                    while n + measured_first[p + 1] - measured_first[p] > len(points):
+                        points = np.concatenate((points, measured))
                     for m in range(measured_first[p], measured_first[p + 1]):
                         points[n] = measured[m]
                         quarters |= 1 << (2 * int(points[n, 0] > x) + int(points[n, 1] > y))

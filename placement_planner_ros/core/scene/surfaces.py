@@ -18,6 +18,8 @@ Index = npt.NDArray[np.int32]
 _TOP_SHARE = 0.35
 """The points at the top of a thick box must span this share of it in x and y: a slope's do not."""
 
+_ALIKE = 0.2
+"""Of the step on one side of a slope, at least so much is on the other."""
 _SHEET = 0.001
 _MOST_CLOSED = 0.3
 """Bounds along diagonals are moved out by at most so much of a cell where a side is closed."""
@@ -185,7 +187,10 @@ def _level(
     max_tilt: float,
     scatter: float,
 ) -> npt.NDArray[np.bool_]:
-    """Tops past which the surface does not go on up on one side and down on the other."""
+    """Tops past which the surface does not go on up on one side and down on the other.
+
+    By about as much: beside a low wall a floor that noise makes a little lower ahead is level.
+    """
     level = top.copy()
     reach = 2.0 * boxes.cell_size
     # on a slope of max_tilt the columns two further differ by this, beyond the scatter
@@ -198,8 +203,10 @@ def _level(
             di, dj = 1 - axis, axis
             back = _step_to(boxes, free, p, i - di, j - dj, reach)
             ahead = _step_to(boxes, free, p, i + di, j + dj, reach)
-            found = back < np.inf and ahead < np.inf
-            if found and back * ahead < 0.0 and abs(ahead - back) > rise:
+            if not (back < np.inf and ahead < np.inf and back * ahead < 0.0):
+                continue
+            less, more = min(abs(back), abs(ahead)), max(abs(back), abs(ahead))
+            if less + more > rise and less >= _ALIKE * more:
                 level[p] = False
     return level
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 
 from placement_planner_ros.core.scene.regions import Region
-from placement_planner_ros.core.search.hierarchy import FULL_TURN, AfrHierarchy
+from placement_planner_ros.core.search.hierarchy import AfrHierarchy
 from placement_planner_ros.core.types import Array
 
 FACE, Z, X, Y, ANGLE, SLOPE = 0, 1, 2, 4, 6, 8
@@ -40,15 +38,20 @@ def contacts(cells: Array, xy: Array) -> Array:
     return np.column_stack([xy, cells[:, Z] + rise])
 
 
-def extent(region: Region) -> tuple[float, float, float, float, float, float]:
-    """x, y and θ of a whole region, minimum and maximum each."""
+def extent(region: Region) -> tuple[float, float, float, float]:
+    """x and y of a whole region, minimum and maximum each."""
     x0, y0 = region.rectangles[:, :2].min(axis=0)
     x1, y1 = region.rectangles[:, 2:].max(axis=0)
-    return float(x0), float(x1), float(y0), float(y1), 0.0, FULL_TURN
+    return float(x0), float(x1), float(y0), float(y1)
 
 
 def whole_cells(hierarchy: AfrHierarchy) -> Array:
-    """(|R| |F|, 10) cells that hold all of the pose sets."""
-    pairs = itertools.product(hierarchy.regions, range(hierarchy.faces))
-    cells = [(face, region.z, *extent(region), *region.slope) for region, face in pairs]
+    """(n, 10) cells that hold all of the pose sets, region by region."""
+    cells = [
+        (face, region.z, *extent(region), low, high, *region.slope)
+        for region in hierarchy.regions
+        for face in hierarchy.usable
+        for of, low, high in hierarchy.pose_sets[face]
+        if of is region
+    ]
     return np.array(cells, dtype=np.float64).reshape(-1, COLUMNS)

@@ -8,16 +8,21 @@ intervals of the angle.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.settings import Settings, setting
-from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.types import Array, Slope
 
 FULL_TURN = 2.0 * math.pi
+
+Ranges = Sequence[tuple[float, float]]
+"""Intervals of θ, each at most a full turn long, that share no turn."""
+EVERY_TURN: Ranges = ((0.0, FULL_TURN),)
+"""All turns."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +72,11 @@ class AfrHierarchy:
         grasps_per_arm: number of grasps of each arm.
         faces: number of placement faces |F|.
         regions: R.
+        turns: in which θ a face may be placed on a plane of a slope; in all unless given.
+
+    Attributes:
+        pose_sets: per face, the regions that it may be placed on and the ranges of θ there.
+        usable: the faces that have any.
     """
 
     MIN_SAMPLE_DEPTH = 4
@@ -78,11 +88,19 @@ class AfrHierarchy:
         faces: int,
         regions: Sequence[Region],
         settings: HierarchySettings,
+        turns: Callable[[int, Slope], Ranges] | None = None,
     ) -> None:
         self.grasps_per_arm = tuple(grasps_per_arm)
         self.faces = faces
         self.regions = tuple(regions)
         self.settings = settings
+        self.restricted = turns is not None
+        of = turns or (lambda face, slope: EVERY_TURN)
+        self.pose_sets = tuple(
+            tuple((r, *range_) for r in self.regions for range_ in of(face, r.slope))
+            for face in range(faces)
+        )
+        self.usable = tuple(face for face in range(faces) if self.pose_sets[face] or not regions)
         self.root = AfrNode()
         self._arms = [arm for arm, grasps in enumerate(grasps_per_arm) if grasps > 0]
         self._split: dict[Region, tuple[Region, ...]] = {}
@@ -94,9 +112,9 @@ class AfrHierarchy:
         if node.grasp is None:
             return self.grasps_per_arm[node.arm]
         if node.face is None:
-            return self.faces
+            return len(self.usable)
         if node.region is None:
-            return len(self.regions)
+            return len(self.pose_sets[node.face])
         count = len(self._parts(node.region)) * self._pieces(node)
         return count if count > 1 else 0
 
@@ -107,9 +125,9 @@ class AfrHierarchy:
         if node.grasp is None:
             return AfrNode(node.arm, index)
         if node.face is None:
-            return AfrNode(node.arm, node.grasp, index)
+            return AfrNode(node.arm, node.grasp, self.usable[index])
         if node.region is None:
-            return AfrNode(node.arm, node.grasp, node.face, self.regions[index])
+            return AfrNode(node.arm, node.grasp, node.face, *self.pose_sets[node.face][index])
         pieces = self._pieces(node)
         part, piece = divmod(index, pieces)
         length = (node.angle_max - node.angle_min) / pieces

@@ -46,13 +46,15 @@ class MctsSettings(SamplerSettings):
 
 
 def checks_passed(verdict: int, better: bool = True) -> float:
-    """H(x, q, ξ_best) ∈ [0, 1]: the share of the ordered checks passed.
+    """H(x, q, ξ_best) ∈ [0, 1]: the share of the ordered checks passed, the rules of users and
+    ξ > ξ_best being one.
 
     Args:
         better: False for what it becomes once the sample no longer beats ξ_best.
     """
     passed = verdict if better else min(verdict, int(Verdict.NOT_BETTER))
-    return passed / int(Verdict.FEASIBLE)
+    passed -= passed > Verdict.BREAKS_RULE
+    return passed / (int(Verdict.FEASIBLE) - 1)
 
 
 def four_term(terms: Terms, better: bool) -> float:

@@ -164,13 +164,16 @@ class OptimisticSampler(BatchSampler):
 
     def _graded(self, count: int) -> tuple[Array, Array]:
         """Coarse cells (n, 10) of n uniform poses, and these (n, 3) as x, y, θ."""
-        regions, faces, contact, angle = self._uniform.draw(count)
-        poses = np.column_stack([contact[:, :2], angle])
-        low, high = self._extents[regions, ::2], self._extents[regions, 1::2]
+        drawn = self._uniform.draw(count)
+        regions = drawn.region
+        poses = np.column_stack([drawn.contact[:, :2], drawn.angle])
+        low, high = np.empty((count, 3)), np.empty((count, 3))
+        low[:, :2], high[:, :2] = self._extents[regions, ::2], self._extents[regions, 1::2]
+        low[:, 2], high[:, 2] = drawn.low, drawn.high
         size = (high - low) / self._steps
         place = np.clip(np.floor((poses - low) / size), 0, self._steps - 1)
         cells = np.empty((count, COLUMNS))
-        cells[:, FACE] = faces
+        cells[:, FACE] = drawn.face
         cells[:, Z] = self._heights[regions]
         cells[:, [SLOPE, SLOPE + 1]] = self._uniform.slopes[regions]
         cells[:, LOWER] = low + place * size

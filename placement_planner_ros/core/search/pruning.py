@@ -43,7 +43,7 @@ class Cause(enum.StrEnum):
     NO_REGION = "NO_REGION"
     """There is no placement region."""
     NO_FACE = "NO_FACE"
-    """The object has no placement face."""
+    """The object has no placement face, or none on which it is turned as asked."""
     OUT_OF_REACH = "OUT_OF_REACH"
     UNSUPPORTED = "UNSUPPORTED"
     """`Ruling`, of everything."""

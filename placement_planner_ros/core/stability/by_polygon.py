@@ -59,23 +59,39 @@ class PolygonSupport:
         """(n,) s(x) of poses (n, 4, 4) on one face and one slope.
 
         Points that are spread over what touches are looked at first; where these do not suffice,
-        all are.
+        all are. In noisy clouds nothing is left of thin bars without what noise may have added to
+        them; so at last those points are looked at that are supported by surfaces as measured. What
+        truly carries lies within so much of each, where the object touches, too, and the hull is
+        shrunk by as much more.
         """
-        points, spread = self._contacts[face]
+        contacts = self._contacts[face]
+        points, spread = contacts.points, contacts.spread
         stable = self._firm(points[spread], T, face, slope)
         rest = ~stable
         if rest.any() and len(spread) < len(points):
             stable[rest] = self._firm(points, T[rest], face, slope)
+        rest = ~stable
+        added = self._problem.environment.support_of(slope).trim
+        if added > 0.0 and rest.any():
+            inner = points[contacts.room >= added]
+            if len(inner):
+                stable[rest] = self._firm(inner, T[rest], face, slope, added)
         return stable
 
-    def _firm(self, points: Array, T: Array, face: int, slope: Slope) -> npt.NDArray[np.bool_]:
-        """(n,) whether those of the contact points (k, 2) that are supported carry the object."""
+    def _firm(
+        self, points: Array, T: Array, face: int, slope: Slope, added: float = 0.0
+    ) -> npt.NDArray[np.bool_]:
+        """(n,) whether those of the contact points (k, 2) that are supported carry the object.
+
+        Args:
+            added: m that surfaces may reach beyond their true ends, and are taken to.
+        """
         environment = self._problem.environment
         inward = self.faces[face].T_face_object.inverse()
         in_object = points @ inward.rotation[:, :2].T + inward.translation
         placed = in_object @ T[:, :3, :3].transpose(0, 2, 1) + T[:, None, :3, 3]
         gaps = environment.support_of(slope).gaps(
-            placed.reshape(-1, 3), self.footing.contact_tolerance
+            placed.reshape(-1, 3), self.footing.contact_tolerance, None if added else 0.0
         )
         ups = T[:, 2, :3] @ inward.rotation
         return np.asarray(
@@ -86,6 +102,7 @@ class PolygonSupport:
                 float(self.heights[face]),
                 self.footing.support_margin,
                 NOISY * environment.measured.noise,
+                added,
             )
         )
 
@@ -109,7 +126,13 @@ class PolygonSupport:
 
 @kernel(nogil=True)
 def _firm(
-    points: Array, gaps: Array, ups: Array, height: float, margin: float, noise: float
+    points: Array,
+    gaps: Array,
+    ups: Array,
+    height: float,
+    margin: float,
+    noise: float,
+    added: float,
 ) -> npt.NDArray[np.bool_]:
     """(n,) whether the supported points carry the object so that it stays.
 
@@ -120,6 +143,7 @@ def _firm(
         height: of the centre of mass above them, metres.
         margin: from the foot along gravity to the end of the hull, at least, metres.
         noise: m that heights may be off by.
+        added: m that the hull may reach beyond what carries.
     """
     result = np.zeros(len(gaps), np.bool_)
     hull = np.empty(2 * len(points) + 2, np.int64)
@@ -139,7 +163,7 @@ def _firm(
             along_x, along_y = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
             length = math.sqrt(along_x * along_x + along_y * along_y)
             in_x, in_y = -along_y / length, along_x / length
-            inside = -(in_x * points[a, 0] + in_y * points[a, 1])
+            inside = -(in_x * points[a, 0] + in_y * points[a, 1]) - added
             net = math.atan2(inside, height)
             net -= math.atan2(in_x * ups[n, 0] + in_y * ups[n, 1], ups[n, 2])
             if inside + in_x * under_x + in_y * under_y < margin or net < TIPS:

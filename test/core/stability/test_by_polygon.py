@@ -163,7 +163,7 @@ def test_contact_points_are_close_together_and_a_bounded_number():
     for sides in ((0.17, 0.12, 0.05), (0.9, 0.7, 0.3), (0.012, 0.02, 0.01)):
         body = box(sides)
         for face in body.faces:
-            points, spread = contact_points(body, face)
+            points, spread, _ = contact_points(body, face)
             assert len(points) <= 1024 + 32
             assert len(spread) <= 64
             assert (np.lexsort(points.T[::-1]) == np.arange(len(points))).all()

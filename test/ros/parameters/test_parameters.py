@@ -23,6 +23,7 @@ from placement_planner_ros.ros.parameters.server import ParameterServer
 from placement_planner_ros.ros.parameters.table import (
     GONE,
     GRID,
+    OBJECT_TURNS,
     PLANNER,
     REGIONS,
     arm_specs,
@@ -52,7 +53,7 @@ def test_every_parameter_is_described():
 
 def test_parameters_that_are_settings_repeat_nothing_of_them():
     for settings, paths in (
-        (PlannerSettings(), PLANNER),
+        (PlannerSettings(), PLANNER | OBJECT_TURNS),
         (GridSettings(), GRID),
         (RegionSettings(), REGIONS),
     ):
@@ -107,12 +108,40 @@ def test_integers_stand_for_doubles():
         ("arms", ["tail"], ParameterError),
         ("left.grasps", [0.0] * 6, GraspError),
         ("left.grasps", [0.0] * 7, GraspError),
+        ("object.up", [0.0, 1.0], ParameterError),
+        ("object.up", [0.0, 0.0, 0.0], ParameterError),
+        ("object.up_tolerance", 3.2, ParameterError),
+        ("object.front", [0.0, 0.0, 0.0], ParameterError),
+        ("object.front_tolerance", -0.1, ParameterError),
+        ("keep_out", [0.0] * 5, ParameterError),
+        ("keep_out", [0.0, 0.0, 0.0, 1.0, 0.0, 1.0], ParameterError),
+        ("keep_out", [0.0, 0.0, 0.0, 1.0, 1.0, 1.0] * 65, ParameterError),
+        ("near_pose", [0.0] * 6, ParameterError),
+        ("near_pose", [0.0] * 7, ParameterError),
+        ("objective_terms", ["beauty"], ParameterError),
+        ("require_terms", ["maximize_clearance"], ParameterError),
     ],
 )
 def test_bad_values_are_refused_by_name(name, value, error):
     with pytest.raises(error) as raised:
         ParameterSet(SPECS, {name: value})
     assert name in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("values", "blamed"),
+    [
+        ({"objective_terms": ["high"], "objective_weights": [1.0, 2.0]}, "objective_weights"),
+        ({"require_terms": ["high"]}, "require_at_least"),
+        ({"require_terms": ["near"], "require_at_least": [-0.1]}, "require_terms"),
+        ({"objective_terms": ["turn"]}, "objective_terms"),
+        ({"objective_terms": ["high", "high"]}, "objective_terms"),
+    ],
+)
+def test_what_does_not_fit_together_is_refused_at_start_and_not_before(values, blamed):
+    wishes = ParameterSet(SPECS, values).planner_settings.wishes
+    with pytest.raises(ParameterError, match=f"^{blamed} ="):
+        wishes.require_consistent()
 
 
 def test_several_boxes_are_one_volume():

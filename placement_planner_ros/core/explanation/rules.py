@@ -1,0 +1,77 @@
+"""Which rule of users is to blame, and what to change about it."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import replace
+
+from placement_planner_ros.core.explanation.explanation import Explanation, Remedy
+from placement_planner_ros.core.explanation.search import Search
+from placement_planner_ros.core.types import Verdict
+from placement_planner_ros.core.wishes.turns import VERTICAL, Turns
+
+_OFTEN = 0.5
+"""Of the times that the rule is broken that is broken most, others are named that are so often."""
+
+
+def no_rest_as_asked(search: Search) -> Explanation:
+    """That the object can be put down on none of its rests in the way it shall be turned."""
+    turns = search.poses.turns
+    assert turns is not None
+    settings, faces = turns.settings, search.poses.problem.body.faces
+    slopes = {region.slope for region in search.hierarchy.regions}
+    pairs = [(face, slope) for face in range(len(faces)) for slope in slopes]
+    alone = {
+        "object.up": replace(settings, front=()),
+        "object.front": replace(settings, up=()),
+    }
+    blamed = [
+        name
+        for name, only in alone.items()
+        if only.asks and not any(map(Turns(only, faces).ranges, *zip(*pairs, strict=True)))
+    ]
+    remedies = []
+    words = []
+    if "object.up" in blamed or not blamed:
+        lean = min(turns.least_lean(*pair) for pair in pairs)
+        words.append(
+            f"object.up leans by {lean:.3f} rad or more in all of them, by object.up_tolerance it "
+            f"may by {settings.up_tolerance:.3f}"
+        )
+        if lean > settings.up_tolerance:
+            remedies.append(Remedy("object.up_tolerance", f"raise it to {lean + 0.001:.3f} rad"))
+        remedies.append(Remedy("object.up", "give another direction, or none: []"))
+    if "object.front" in blamed or not blamed:
+        words.append(
+            "object.front is vertical, by less than "
+            f"{math.degrees(VERTICAL):g} degrees, in all that are left"
+        )
+        remedies.append(Remedy("object.front", "give another direction, or none: []"))
+    remedies.append(
+        Remedy("object.allow_rolling", "offers sides that could roll, where it has any")
+    )
+    rule = "rules" if len(blamed) == 1 else "rule"
+    together = "" if blamed else ", only together"
+    return Explanation(
+        f"no placement face: {' and '.join(blamed or alone)} {rule} out each "
+        f"of the {len(faces)} rests of the object{together}: {'; '.join(words)}",
+        tuple(remedies),
+    )
+
+
+def broken(search: Search) -> list[str]:
+    """The rules that refused poses looked at again break most often, by their parameters."""
+    poses = search.finder.rejections.poses[Verdict.BREAKS_RULE]
+    counted = Counter(name for p in poses for name in search.poses.broken(p.T_world_object))
+    most = max(counted.values(), default=0)
+    return [name for name, times in counted.most_common() if times >= _OFTEN * most]
+
+
+def advice(search: Search) -> tuple[list[Remedy], list[str]]:
+    """What to try where poses break a rule."""
+    tolerances = {
+        "object.up": Remedy("object.up_tolerance", "raise it"),
+        "object.front": Remedy("object.front_tolerance", "raise it"),
+    }
+    return [tolerances[name] for name in broken(search) if name in tolerances], []

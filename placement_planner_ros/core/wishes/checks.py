@@ -1,0 +1,52 @@
+"""What values of rules and wishes show by themselves to be bad.
+
+Each takes the parameter's name and raises a ParameterError.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from placement_planner_ros.core.errors import ParameterError
+
+MAX_KEEP_OUT = 64
+"""Boxes to keep out of, at most."""
+_UNIT = 1e-2
+"""How far a quaternion's length may be from 1."""
+
+
+def direction(name: str, value: Sequence[float]) -> None:
+    """Three numbers that are not all zero, or nothing."""
+    if len(value) not in (0, 3):
+        raise ParameterError(name, list(value), "give a direction x y z, or nothing")
+    if len(value) and not (np.isfinite(value).all() and np.linalg.norm(value) > 0.0):
+        raise ParameterError(name, list(value), "give three finite numbers that are not all zero")
+
+
+def pose(name: str, value: Sequence[float]) -> None:
+    """One pose x y z qx qy qz qw, or nothing."""
+    if len(value) not in (0, 7):
+        raise ParameterError(name, list(value), "give seven numbers: x y z qx qy qz qw")
+    length = float(np.linalg.norm(value[3:])) if len(value) else 1.0
+    if not abs(length - 1.0) < _UNIT:
+        raise ParameterError(
+            name, list(value), f"the quaternion x y z w must have length 1, not {length:.3g}"
+        )
+
+
+def boxes(name: str, value: Sequence[float]) -> None:
+    """Minimum and maximum corners of boxes, six numbers each, or nothing."""
+    if len(value) % 6:
+        raise ParameterError(name, list(value), f"give six numbers per box, not {len(value)}")
+    if len(value) > 6 * MAX_KEEP_OUT:
+        raise ParameterError(name, f"{len(value) // 6} boxes", f"give {MAX_KEEP_OUT} at most")
+    for number, box in enumerate(np.array(value, dtype=np.float64).reshape(-1, 6)):
+        if not (np.isfinite(box).all() and (box[3:] > box[:3]).all()):
+            raise ParameterError(
+                name,
+                box.tolist(),
+                f"give the minimum corner of box {number + 1} first; every side must be longer "
+                "than zero",
+            )

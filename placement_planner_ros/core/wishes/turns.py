@@ -1,0 +1,155 @@
+"""Which turns of the object keep `TurnSettings`: which way is up, and which faces the front.
+
+A pose T(R_n R_z(θ), c) · fT_o points a direction d of the object along R_n R_z(θ) d_f. Each of its
+coordinates is a + b cos θ + c sin θ, so where a rule begins and ends to hold is solved for exactly.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from placement_planner_ros.core.body.placement_face import PlacementFace
+from placement_planner_ros.core.types import Array, Slope, upright
+from placement_planner_ros.core.wishes.settings import TurnSettings
+
+FULL_TURN = 2.0 * math.pi
+VERTICAL = math.radians(5.0)
+"""Nearer than this to the vertical a direction faces nowhere."""
+_ROUNDING = 1e-6
+"""rad that a tolerance is exceeded by at most, so that 0 can be kept; arms are less exact."""
+_LOOKED_AT = 360
+"""Turns that are looked at to say how far an object leans."""
+
+Ranges = tuple[tuple[float, float], ...]
+"""Intervals of θ, each from [0, 2π) on and at most a full turn long, that share no turn."""
+
+
+class Turns:
+    """The rules about how the object is turned.
+
+    Args:
+        faces: F.
+    """
+
+    def __init__(self, settings: TurnSettings, faces: Sequence[PlacementFace]) -> None:
+        self.settings = settings
+        self._up = _unit(settings.up)
+        self._front = _unit(settings.front)
+        self._to_face = [face.T_face_object.rotation for face in faces]
+        self.ranges = functools.cache(self._ranges)
+
+    def kept(self, rotations: Array) -> npt.NDArray[np.bool_]:
+        """(n,) whether the rules are kept by objects turned by (n, 3, 3)."""
+        kept = self.leans(rotations) <= self.settings.up_tolerance + _ROUNDING
+        kept &= self.faces_away(rotations) <= self.settings.front_tolerance + _ROUNDING
+        return kept
+
+    def broken(self, rotation: Array) -> list[str]:
+        """The rules that an object turned by (3, 3) breaks, by the parameters they are set by."""
+        off = {
+            "object.up": self.leans(rotation[None])[0] - self.settings.up_tolerance,
+            "object.front": self.faces_away(rotation[None])[0] - self.settings.front_tolerance,
+        }
+        return [name for name, beyond in off.items() if beyond > _ROUNDING]
+
+    def leans(self, rotations: Array) -> Array:
+        """(n,) rad between `up` and the vertical of objects turned by (n, 3, 3); 0 without it."""
+        if self._up is None:
+            return np.zeros(len(rotations))
+        pointing = rotations @ self._up
+        return np.asarray(np.arctan2(np.hypot(pointing[:, 0], pointing[:, 1]), pointing[:, 2]))
+
+    def faces_away(self, rotations: Array) -> Array:
+        """(n,) rad between where `front` faces and where it should, infinite where it is vertical,
+        of objects turned by (n, 3, 3); 0 without it."""
+        if self._front is None:
+            return np.zeros(len(rotations))
+        facing = rotations @ self._front
+        azimuth = np.arctan2(facing[:, 1], facing[:, 0]) - self.settings.front_direction
+        away = np.abs(np.remainder(azimuth + math.pi, FULL_TURN) - math.pi)
+        away[np.hypot(facing[:, 0], facing[:, 1]) < math.sin(VERTICAL)] = math.inf
+        return np.asarray(away)
+
+    def least_lean(self, face: int, slope: Slope) -> float:
+        """rad that `up` leans at least with the object on that face and a plane of that slope."""
+        angles = np.linspace(0.0, FULL_TURN, _LOOKED_AT, endpoint=False)
+        turned = upright(slope) @ _about_z(angles) @ self._to_face[face]
+        return float(self.leans(turned).min())
+
+    def _ranges(self, face: int, slope: Slope) -> Ranges:
+        """The angles θ at which an object on that face and a plane of that slope keeps the rules;
+        all of them: ((0, 2π),)."""
+        to_normal, to_face = upright(slope), self._to_face[face]
+        ends: list[float] = []
+        if self._up is not None:
+            _, _, up = _coordinates(to_normal, to_face @ self._up)
+            ends += _roots(up, math.cos(self.settings.up_tolerance + _ROUNDING))
+        if self._front is not None:
+            x, y, z = _coordinates(to_normal, to_face @ self._front)
+            for sign in (-1.0, 1.0):
+                off = sign * (self.settings.front_tolerance + _ROUNDING)
+                azimuth = self.settings.front_direction + off
+                ends += _roots(math.cos(azimuth) * y - math.sin(azimuth) * x, 0.0)
+                ends += _roots(z, sign * math.cos(VERTICAL))
+        return self._kept_between(sorted({0.0, *ends}), to_normal, to_face)
+
+    def _kept_between(self, ends: list[float], to_normal: Array, to_face: Array) -> Ranges:
+        """Of the arcs between angles in ascending order, from 0 on, those that keep the rules,
+        joined."""
+        ends = [*ends, FULL_TURN]
+        middles = np.array([0.5 * (a + b) for a, b in itertools.pairwise(ends)])
+        kept = self.kept(to_normal @ _about_z(middles) @ to_face)
+        found: list[tuple[float, float]] = []
+        for (low, high), keeps in zip(itertools.pairwise(ends), kept.tolist(), strict=True):
+            if not keeps:
+                continue
+            if found and found[-1][1] == low:
+                found[-1] = found[-1][0], high
+            else:
+                found.append((low, high))
+        if len(found) > 1 and found[0][0] == 0.0 and found[-1][1] == FULL_TURN:
+            found[-1] = found[-1][0], FULL_TURN + found.pop(0)[1]
+        return tuple(found)
+
+
+def _unit(direction: Sequence[float]) -> Array | None:
+    if not direction:
+        return None
+    array = np.array(direction, dtype=np.float64)
+    return np.asarray(array / np.linalg.norm(array))
+
+
+def _coordinates(to_normal: Array, direction: Array) -> Array:
+    """(3, 3) of each coordinate of R_n R_z(θ) d: its constant, and what comes with cos θ and
+    sin θ."""
+    dx, dy, dz = direction
+    along_cos, along_sin = np.array([dx, dy, 0.0]), np.array([-dy, dx, 0.0])
+    constant = np.array([0.0, 0.0, dz])
+    return np.asarray(np.stack([constant, along_cos, along_sin]) @ to_normal.T).T
+
+
+def _roots(terms: Array, value: float) -> list[float]:
+    """The angles in [0, 2π) at which a + b cos θ + c sin θ is that value, of (3,) terms."""
+    constant, along_cos, along_sin = terms.tolist()
+    size = math.hypot(along_cos, along_sin)
+    if size < 1e-12 or abs(value - constant) > size:
+        return []
+    middle = math.atan2(along_sin, along_cos)
+    aside = math.acos((value - constant) / size)
+    return [(middle - aside) % FULL_TURN, (middle + aside) % FULL_TURN]
+
+
+def _about_z(angles: Array) -> Array:
+    """(n, 3, 3) R_z of (n,) angles."""
+    result = np.zeros((len(angles), 3, 3))
+    result[:, 0, 0] = result[:, 1, 1] = np.cos(angles)
+    result[:, 1, 0] = np.sin(angles)
+    result[:, 0, 1] = -result[:, 1, 0]
+    result[:, 2, 2] = 1.0
+    return result
