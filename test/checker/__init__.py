@@ -10,6 +10,7 @@ a point every 5 mm, leave 2.3 mm of them outside of the boxes in 99 % of all pla
 penetration.
 """
 
+from .asked import check_asked
 from .check import SolutionChecker, check_solution
 from .clearance import upright_prisms
 from .curve import states_along
@@ -33,6 +34,7 @@ __all__ = [
     "Task",
     "Tolerances",
     "World",
+    "check_asked",
     "check_solution",
     "check_stance",
     "convex",
