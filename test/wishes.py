@@ -19,8 +19,8 @@ from placement_planner_ros.ros.parameters.values import ParameterSet
 
 PAGE = Path(__file__).parent.parent / "docs" / "wishes.md"
 _REQUEST = re.compile(
-    r'^\d+\. "(.+)" \(`(\w+)`, `(\w+)`(?:; drop `([\w.]+)`)?\)\n\n   ```yaml\n(.*?)   ```$',
-    re.MULTILINE | re.DOTALL,
+    r'^\d+\. "([^"]+)" \(`(\w+)`, `(\w+)`(?:; drop `([\w.]+)`)?\)\n\n   ```yaml\n([^`]*)   ```$',
+    re.MULTILINE,
 )
 _SPECS = {s.name: s for s in [*fixed_specs(), arms_spec(["left"]), *arm_specs("left", yumi=True)]}
 

@@ -33,6 +33,8 @@ SLACK = {
     "stance": 0.01,
 }
 """What is forgiven: half a spacing of the cloud at edges, and what a lean of a cell makes."""
+_SAME = 0.0035
+"""m by which surfaces may differ in height that one object stands on."""
 _MOST = 0.2
 """m, the greatest distance from an edge that counts."""
 _STEP = 0.002
@@ -134,7 +136,7 @@ def _tops(task: Task, height: float) -> Iterator[tuple[str, Array]]:
     for solid in task.solids:
         points = np.asarray(solid.vertices)
         top = points[:, 2].max()
-        if abs(top - height) < 0.004:
+        if abs(top - height) < _SAME:
             level = points[points[:, 2] > top - 1e-4][:, :2]
             if len(level) >= 3:
                 yield solid.name, level[ConvexHull(level).vertices]
