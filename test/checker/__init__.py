@@ -11,9 +11,10 @@ penetration.
 """
 
 from .asked import check_asked
+from .carrying import Way, check_carrying, way_of_object
 from .check import SolutionChecker, check_solution
 from .clearance import upright_prisms
-from .curve import states_along
+from .curve import check_limits, states_along
 from .insides import piece_voxels, voxel_centres
 from .pieces import Piece, convex_components, mesh_components, object_pieces
 from .robot import RobotModel
@@ -33,8 +34,11 @@ __all__ = [
     "SolutionChecker",
     "Task",
     "Tolerances",
+    "Way",
     "World",
     "check_asked",
+    "check_carrying",
+    "check_limits",
     "check_solution",
     "check_stance",
     "convex",
@@ -46,4 +50,5 @@ __all__ = [
     "surface_normal",
     "upright_prisms",
     "voxel_centres",
+    "way_of_object",
 ]
