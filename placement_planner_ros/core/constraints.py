@@ -13,6 +13,7 @@ from placement_planner_ros.core.body.placement_face import PlacementFace
 from placement_planner_ros.core.collision.arm import CollisionSettings
 from placement_planner_ros.core.collision.object import ObjectCollision
 from placement_planner_ros.core.problem import Problem
+from placement_planner_ros.core.scene.keep_out import inside
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.stability.by_polygon import PolygonSupport
 from placement_planner_ros.core.stability.by_vertices import VertexSupport
@@ -75,6 +76,8 @@ class PoseConstraints:
             body, environment.obstacles, collision, overhangs=overhangs
         )
         self._raise_height = raise_height
+        self._keep_out = environment.keep_out
+        self._somewhere = np.array([part.vertices[0] for part in body.parts])
         self.turns = Turns(turns, body.faces) if turns is not None and turns.asks else None
         self._T_face_object = np.array([face.T_face_object.homogeneous for face in body.faces])
 
@@ -103,6 +106,8 @@ class PoseConstraints:
     ) -> bool:
         """c_f(x), on the whole way straight down from `raise_height` above; of many: `verdicts`."""
         height = self._raise_height if raise_height is None else raise_height
+        if len(self._keep_out) and self._in_a_box(T_world_object.homogeneous[None])[0]:
+            return False
         return self._collision.free(T_world_object.homogeneous, contact_height, height, slope)
 
     def verdict(
@@ -120,6 +125,14 @@ class PoseConstraints:
     def kept(self, T_world_object: pin.SE3) -> bool:
         """Whether the pose keeps the rules of users."""
         return bool(self._kept(T_world_object.homogeneous[None])[0])
+
+    def _in_a_box(self, T: Array) -> npt.NDArray[np.bool_]:
+        """(n,) whether any piece of the body at poses (n, 4, 4) begins in a box to keep out of.
+
+        What meets no side of a box is wholly inside or outside.
+        """
+        points = self._somewhere @ T[:, :3, :3].transpose(0, 2, 1) + T[:, None, :3, 3]
+        return np.asarray(inside(points, self._keep_out).any(axis=1))
 
     def broken(self, T_world_object: pin.SE3) -> list[str]:
         """The rules that the pose breaks, by the parameters that they are set by."""
@@ -195,6 +208,8 @@ class PoseConstraints:
         stable = rows[result[rows] == Verdict.COLLIDING]
         if len(stable):
             free = self._collision.free_at(T[stable], heights[stable], self._raise_height, slope)
+            if len(self._keep_out):
+                free &= ~self._in_a_box(T[stable])
             result[stable[free]] = Verdict.FEASIBLE
             if self.turns is not None:
                 kept = self._kept(T[stable[free]])

@@ -11,7 +11,8 @@ import hashlib
 import os
 import tempfile
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextvars import ContextVar
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -103,6 +104,18 @@ def write_whole(path: Path, content: bytes) -> None:
 
 Arrays = dict[str, np.ndarray[Any, Any]]
 
+_AFRESH: ContextVar[bool] = ContextVar("afresh", default=False)
+
+
+@contextlib.contextmanager
+def made_afresh() -> Iterator[None]:
+    """Meanwhile arrays are made, not taken from disk: what makes them is to be passed, too."""
+    before = _AFRESH.set(True)
+    try:
+        yield
+    finally:
+        _AFRESH.reset(before)
+
 
 def kept_arrays(what: str, key: bytes, make: Callable[[], Arrays]) -> Arrays:
     """Arrays from disk, or made and kept there.
@@ -113,7 +126,7 @@ def kept_arrays(what: str, key: bytes, make: Callable[[], Arrays]) -> Arrays:
         make: makes them; what it raises ends it.
     """
     folder = kept_folder()
-    if folder is None:
+    if folder is None or _AFRESH.get():
         return make()
     name = f"{hashlib.sha256(key).hexdigest()[:32]}.{what.split()[-1]}"
     path = folder / what.replace(" ", "-") / name

@@ -7,12 +7,14 @@ write at once give the same numbers for different kernels, and raises where a fi
 disk is full; what lost a block it runs.
 
 A kernel's machine code calls that of other kernels (`kernel_compiler`), which its file names: they
-are loaded before it.
+are loaded before it. A process can say which versions it has in the end, so that the next one loads
+all of them without first calling what needs them.
 """
 
 from __future__ import annotations
 
 import contextlib
+import functools
 import hashlib
 import pickle
 import sys
@@ -25,7 +27,7 @@ from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 
 from placement_planner_ros.core.kept_files import TROUBLES, sealed, unsealed, write_whole
-from placement_planner_ros.core.kernel_compiler import is_long, note_long
+from placement_planner_ros.core.kernel_compiler import KernelLibrary, is_long, note_long
 
 _Maker = tuple[str, str]
 """What compiles and loads versions of a kernel: whether for Python or for kernels, and its name."""
@@ -94,7 +96,7 @@ class KernelCache:
 
     def load_overload(self, signature: object, target_context: Any) -> Any:
         """The version for these arguments, None where it has to be compiled."""
-        target_context.refresh()
+        _refresh(target_context)
         if not self._enabled:
             return None
         path = self._path(signature, target_context.codegen())
@@ -110,7 +112,8 @@ class KernelCache:
             called, long, *parts = _unpacked(content, path.name)
             if not _load_all(called, target_context):
                 return None
-            compiled = CompileResult._rebuild(target_context, *parts)
+            compiled = CompileResult._rebuild(_Kernels(target_context), *parts)
+            compiled = compiled._replace(target_context=target_context)
             self._note(signature, compiled, long)
             return compiled
         except Exception:  # whatever a damaged file, or one of another make, leads to
@@ -146,6 +149,57 @@ class KernelCache:
         state = (self._kind, str(signature), codegen.magic_tuple(), sys.implementation.cache_tag)
         digest = hashlib.sha256(repr(state).encode() + self._code.co_code + dumps(self._cells))
         return Path(self._folder) / f"{self._name}.{digest.hexdigest()[:24]}.nbk"
+
+
+class _Kernels:
+    """Numba's target context, but that what is loaded with it is kernels."""
+
+    def __init__(self, target_context: Any) -> None:
+        self._given = target_context
+
+    def codegen(self) -> _Kernels:
+        """What loads machine code."""
+        return self
+
+    def unserialize_library(self, state: Any) -> KernelLibrary:
+        """A kernel's machine code."""
+        return KernelLibrary._unserialize(self._given.codegen(), state)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._given, name)
+
+
+@functools.cache
+def _refresh(target_context: Any) -> None:
+    """Know numba's own functions, once: before it compiles, numba does so itself."""
+    target_context.refresh()
+
+
+def versions(of: str) -> bytes:
+    """Which versions of kernels this process has, for `load`.
+
+    Args:
+        of: how the names of their modules begin.
+    """
+    made = [(maker, signature) for maker, signature in _MADE.values() if maker[1].startswith(of)]
+    return dumps(sorted(made, key=repr))
+
+
+def load(versions: bytes) -> bool:
+    """Have all these versions, compiled where they are not on disk.
+
+    Args:
+        versions: of kernels whose modules are imported, as `versions` said.
+
+    Returns:
+        whether it knew all of these kernels.
+    """
+    made: list[tuple[_Maker, object]] = pickle.loads(versions)
+    if any(maker not in _MAKERS for maker, _ in made):
+        return False
+    for maker, signature in made:
+        _MAKERS[maker].compile(signature)
+    return True
 
 
 _Called = dict[str, tuple[_Maker, object]]

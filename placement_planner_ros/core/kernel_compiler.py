@@ -54,6 +54,28 @@ class KernelCompiler(Compiler):
 class KernelLibrary(JITCodeLibrary):
     """A kernel's machine code, and what its callers may write into themselves."""
 
+    _unread = b""
+
+    @classmethod
+    def _unserialize(cls, codegen: Any, state: Any) -> KernelLibrary:
+        """From disk. What callers may write into themselves is only read for one that does."""
+        name, _, (code, bitcode, defined) = state
+        self = cls(codegen, name)
+        self.enable_object_caching()
+        self._set_compiled_object(code)
+        self._unread = bitcode
+        self._finalize_final_module()
+        codegen._engine._defined_symbols.update(defined)
+        return self
+
+    def serialize_using_object_code(self) -> Any:
+        """For the disk: machine code, what callers may write in, and which symbols there are."""
+        name, kind, (code, bitcode) = super().serialize_using_object_code()
+        module = self._get_module_for_linking()
+        symbols = (*module.functions, *module.global_variables)
+        defined = [symbol.name for symbol in symbols if not symbol.is_declaration]
+        return name, kind, (code, bitcode, defined)
+
     def add_linking_library(self, library: Any) -> None:
         """What the kernel calls."""
         if library in _LONG:
@@ -62,6 +84,8 @@ class KernelLibrary(JITCodeLibrary):
             super().add_linking_library(library)
 
     def _get_module_for_linking(self) -> Any:
+        if self._unread:
+            self._shared_module, self._unread = llvm.parse_bitcode(self._unread), b""
         if self._shared_module is None:
             made = {f.name for f in self._final_module.functions if f.linkage.name == "external"}
             module = super()._get_module_for_linking()

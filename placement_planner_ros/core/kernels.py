@@ -41,6 +41,7 @@ from placement_planner_ros.core.kernel_compiler import NAMES, KernelCompiler
 _F = TypeVar("_F", bound=Callable[..., Any])
 _PACKAGE = Path(__file__).parents[1]
 _IMPORT = re.compile(rf"^\s*from {_PACKAGE.name}([.\w]*) import", re.MULTILINE)
+_SHAPING = re.compile(r"@kernel\(|NamedTuple\)")
 UNCOUNTED: dict[str, Any] = {"_nrt": False} if hasattr(DefaultOptions, "_nrt") else {}
 """What makes a kernel lean; empty, and lean kernels like others, where numba does not know it."""
 
@@ -184,13 +185,26 @@ def _caches() -> Path | None:
 def _imported(path: Path, found: dict[Path, None]) -> dict[Path, None]:
     """`path` and what it imports, itself or through others, as far as it shapes kernels."""
     found[path] = None
+    for file in _imports(path):
+        if file not in found:
+            _imported(file, found)
+    return found
+
+
+@functools.cache
+def _imports(path: Path) -> list[Path]:
+    """The files with kernels, or with what they take, that `path` itself imports."""
+    found: list[Path] = []
     for module in _IMPORT.findall(_source(path)):
         target = _PACKAGE.joinpath(*module.split(".")[1:])
         files = [target.with_suffix(".py")] if not target.is_dir() else sorted(target.glob("*.py"))
-        for file in files:
-            if file not in found and re.search(r"@kernel\(|NamedTuple\)", _source(file)):
-                _imported(file, found)
+        found += [file for file in files if _shapes_kernels(file)]
     return found
+
+
+@functools.cache
+def _shapes_kernels(file: Path) -> bool:
+    return bool(_SHAPING.search(_source(file)))
 
 
 @functools.cache

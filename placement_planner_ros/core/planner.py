@@ -32,7 +32,7 @@ from placement_planner_ros.core.plan_motion.transit import (
     MotionPlanner,
     TransitSettings,
 )
-from placement_planner_ros.core.problem import Problem
+from placement_planner_ros.core.problem import Problem, kept_out
 from placement_planner_ros.core.reach.ik import IKSettings
 from placement_planner_ros.core.sample_goals.cell_bounds import BranchBounds
 from placement_planner_ros.core.sample_goals.goals import GoalFinder
@@ -189,7 +189,8 @@ class PlacementPlanner:
         problem.robot.require_plausible(problem.q_start)
         unwound = problem.robot.unwound(problem.q_start)
         self._turned = {arm.name: (problem.q_start - unwound)[arm.q_index] for arm in problem.arms}
-        problem = replace(problem, q_start=unwound)
+        before = problem.environment
+        problem = kept_out(replace(problem, q_start=unwound), settings.keep_out)
         rng_sampler, rng_ik, rng_motion, rng_paths = rng.spawn(4)
         poses = PoseConstraints(
             problem,
@@ -232,7 +233,7 @@ class PlacementPlanner:
         )
         self._goals: deque[Goal] = deque(maxlen=_GOALS)
         self._search = Search(
-            problem, settings.grasp, poses, finder, hierarchy, self._bounds, self.unusable
+            problem, before, settings.grasp, poses, finder, hierarchy, self._bounds, self.unusable
         )
         self.explanation = Explanation("")
         self.exhausted = self.explain().short if self.cause else ""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.scene.distance import CAP
 from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.scene.keep_out import boxes_of
 from placement_planner_ros.core.types import Array, TargetVolume
 
 _HAND_LENGTH = 0.3
@@ -43,6 +45,16 @@ class Problem:
             raise RobotError(
                 "arms", [arm.name for arm in self.arms], "give at least one arm with a grasp"
             )
+
+
+def kept_out(problem: Problem, keep_out: Sequence[float]) -> Problem:
+    """The problem with boxes, six numbers each, that nothing which moves may enter."""
+    if not keep_out:
+        return problem
+    around = workspace(problem.robot, problem.arms, problem.q_start, problem.body, problem.volume)
+    return replace(
+        problem, environment=problem.environment.keeping_out(boxes_of(keep_out), *around)
+    )
 
 
 def workspace(

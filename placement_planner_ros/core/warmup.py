@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from placement_planner_ros.core.collision.arm import ArmCollision
-from placement_planner_ros.core.practice.practice import Practice
+from placement_planner_ros.core.practice.passing import load_passed, pass_every_stage
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.reach.seeds import seed_table
 from placement_planner_ros.core.robot.model import Arm, Robot
@@ -18,7 +18,7 @@ from placement_planner_ros.core.types import Array
 
 
 def warm_up(robot: Robot, arms: Sequence[Arm], q_robot: Array) -> None:
-    """Pass every stage of a search once, and make what depends on the robot alone.
+    """Load what every stage of a search needs, and make what depends on the robot alone.
 
     Args:
         q_robot: (nq,) any configuration of the robot.
@@ -36,9 +36,10 @@ def warm_up(robot: Robot, arms: Sequence[Arm], q_robot: Array) -> None:
 
 @functools.cache
 def load_kernels() -> None:
-    """Pass every stage of a search, once in a process.
+    """Load what every stage of a search needs, once in a process; before that was kept, pass all.
 
     Raises:
         PracticeError: a stage was not passed.
     """
-    Practice().solve()
+    if not load_passed():
+        pass_every_stage()

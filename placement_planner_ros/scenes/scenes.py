@@ -97,14 +97,17 @@ def _round(
     return frustum(name, diameter / 2, diameter / 2, z, z + height, colour, (x, y))
 
 
+CABINET_VOLUME = _volume(0.33, -0.53, 0.15, 0.75, 0.40, 0.44)
+"""Target volume in both cabinets."""
+
+
 def _cabinet_low_clutter() -> Scene:
     clutter = (
         _bar(0.588, -0.369, 3, _DECK),
         _tin(0.560, 0.223, -1, _LOWER_SHELF),
         _round("bottle", 0.068, 0.227, 0.507, -0.177, _DECK, _BOTTLE),
     )
-    volume = _volume(0.33, -0.53, 0.15, 0.75, 0.40, 0.44)
-    return Scene("cabinet_low_clutter", volume, _cabinet() + clutter)
+    return Scene("cabinet_low_clutter", CABINET_VOLUME, _cabinet() + clutter)
 
 
 def _cabinet_high_clutter() -> Scene:
@@ -116,8 +119,7 @@ def _cabinet_high_clutter() -> Scene:
         _round("low_can", 0.085, 0.034, 0.549, 0.197, _LOWER_SHELF, _CAN),
         _bar(0.488, 0.023, 134, _DECK),
     )
-    volume = _volume(0.33, -0.53, 0.15, 0.75, 0.40, 0.44)
-    return Scene("cabinet_high_clutter", volume, _cabinet() + clutter)
+    return Scene("cabinet_high_clutter", CABINET_VOLUME, _cabinet() + clutter)
 
 
 def _table() -> Scene:

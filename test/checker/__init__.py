@@ -19,10 +19,11 @@ from .robot import RobotModel
 from .shapes import convex
 from .stance import check_stance
 from .surface import surface_normal
-from .task import Curve, Solid, Solution, Task, Tolerances
+from .task import Asked, Curve, Solid, Solution, Task, Tolerances
 from .world import World
 
 __all__ = [
+    "Asked",
     "Curve",
     "Piece",
     "RobotModel",

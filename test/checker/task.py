@@ -37,6 +37,28 @@ class Curve(Protocol):
 
 
 @dataclass(frozen=True)
+class Asked:
+    """What was asked of the placement beside that it is possible, by the node's parameters.
+
+    Attributes:
+        up, front: (3,) directions in the object's frame; None for none.
+        up_tolerance, front_direction, front_tolerance: rad.
+        near_pose: (7,) x y z qx qy qz qw; None for none.
+        weights: of the terms whose sum the objective is; empty for "do not check".
+        at_least: of the terms that are required.
+    """
+
+    up: Array | None = None
+    up_tolerance: float = 0.17
+    front: Array | None = None
+    front_direction: float = 0.0
+    front_tolerance: float = 0.26
+    near_pose: Array | None = None
+    weights: Mapping[str, float] = field(default_factory=dict)
+    at_least: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class Task:
     """What was asked.
 
@@ -53,6 +75,8 @@ class Task:
         beyond: how far outside V things count for the clearance, metres.
         support: `vertices`, or `polygon`: by what an object stands.
         support_margin: with `polygon`, from its centre of mass to the end of what carries it, m.
+        keep_out: (k, 2, 3) corners of boxes that keep the margin from all that moves.
+        asked: rules and wishes, see `Asked`.
     """
 
     solids: Sequence[Solid]
@@ -70,6 +94,8 @@ class Task:
     beyond: float = 0.0
     support: str = "vertices"
     support_margin: float = 0.01
+    keep_out: Array = field(default_factory=lambda: np.zeros((0, 2, 3)))
+    asked: Asked = field(default_factory=lambda: Asked())
 
     @property
     def volume(self) -> Array:

@@ -111,6 +111,12 @@ class World:
             low, high = rises.min(axis=0).sum(axis=1), rises.max(axis=0).sum(axis=1)
             top = measured[1, :, 2]
             support = (top >= low - contact - 1e-4) & (top <= high + contact + 1e-4)
+        if len(task.keep_out):
+            boxes = np.asarray(task.keep_out).transpose(1, 0, 2)
+            known = np.zeros((2, 0, 3)) if measured is None else measured
+            carries = np.zeros(0, np.bool_) if support is None else support
+            measured = np.concatenate([known, boxes], axis=1)
+            support = np.concatenate([carries, np.zeros(boxes.shape[1], np.bool_)])
         return cls(robot, geometry, links, moving, pieces, measured, support)
 
     def object_gaps(self, states: Array, only: Sequence[str] | None = None) -> dict[str, Array]:

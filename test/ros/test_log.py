@@ -243,7 +243,8 @@ def test_a_run_that_fails_says_so_once_with_its_traceback(told):
 
     b.preparing = preparing
     for _ in range(2):
-        b.call("start")
+        b.feed()
+        assert b.call("start").success
         b.wait(lambda: not b.node._commands.busy)
     assert sum("Traceback" in words for words in lines.words) == 1
     assert sum("ended, failed, code INTERNAL" in words for words in lines.words) == 2

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
-import trimesh
 
 from placement_planner_ros.core.body.assumed import in_words
 from placement_planner_ros.core.body.convex_cover import cover_tolerance
@@ -15,6 +14,7 @@ from placement_planner_ros.core.body.convex_part import ConvexPart, convex_part,
 from placement_planner_ros.core.body.covered_mesh import CoveredMesh, CoverMaker, make_cover
 from placement_planner_ros.core.body.holes import NO_HOLES, Holes, together, volume_of
 from placement_planner_ros.core.body.mesh import (
+    Piece,
     Triangles,
     checked_center,
     checked_mesh,
@@ -178,23 +178,23 @@ class _Surface:
     fault: str
 
     @classmethod
-    def of(cls, piece: trimesh.Trimesh, part: ConvexPart | None) -> _Surface:
+    def of(cls, piece: Piece, part: ConvexPart | None) -> _Surface:
         """Of a piece, and of its hull where it is convex."""
         none = np.zeros((0, 3, 3))
-        if piece.is_watertight and piece.is_winding_consistent:
-            return cls(np.asarray(piece.triangles), none, NO_HOLES, "")
+        if piece.solid:
+            return cls(piece.corners, none, NO_HOLES, "")
         inward = "some triangles of the mesh face inward"
         if part is not None:
-            cracks = "" if piece.is_watertight else "the mesh is not closed"
+            cracks = "" if piece.watertight else "the mesh is not closed"
             return cls(part.vertices[part.triangles], none, NO_HOLES, cracks or inward)
-        made = Components.of(np.asarray(piece.vertices), np.asarray(piece.faces))
+        made = Components.of(piece.vertices, piece.triangles)
         solid = made.closed[made.label]
         closed, open_ = made.corners[solid], made.corners[~solid]
         if volume_of(closed) < 0.0:
             closed = closed[:, ::-1]
         if len(open_):
-            points, faces = np.asarray(piece.vertices), np.asarray(piece.faces)
-            return cls(closed, open_, Holes.of(points, faces[made.rows[~solid]]), _OPEN)
+            holes = Holes.of(piece.vertices, piece.triangles[made.rows[~solid]])
+            return cls(closed, open_, holes, _OPEN)
         return cls(closed, none, NO_HOLES, "" if volume_of(closed) > 0.0 else inward)
 
     @property
@@ -217,9 +217,9 @@ def _center_of_mass(
     if fault and {surface.fault for surface in surfaces} - {"", _OPEN}:
         return of_hull
     whole = np.concatenate([surface.patched for surface in surfaces])
-    if len(surfaces) == 1 and np.isfinite(_center_of(whole)).all():
-        center = _center_of(whole)
-    else:  # pieces may overlap, and so may one with itself: count what they share once
+    center = _center_of(whole)
+    if len(surfaces) > 1 or not np.isfinite(center).all():
+        # pieces may overlap, and so may one with itself: count what they share once
         center = center_of_union(whole, hull)
     if not fault:
         return center, "of uniform density"
@@ -236,6 +236,7 @@ def _center_of_mass(
 def _center_of(corners: Array) -> Array:
     """(3,) the centre of what triangles (t, 3, 3) enclose."""
     middle = corners.mean(axis=(0, 1))
-    of_each = volumes(corners - middle)
+    around = corners - middle
+    of_each = volumes(around)
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray(middle + of_each @ (corners - middle).sum(axis=1) / (4.0 * of_each.sum()))
+        return np.asarray(middle + of_each @ around.sum(axis=1) / (4.0 * of_each.sum()))

@@ -466,9 +466,9 @@ class _Part:
     leaves: tuple[Region, ...]
 
     @property
-    def extent(self) -> float:
-        """m^3 of the box around it."""
-        return float(np.ptp(self.hull.vertices, axis=0).prod())
+    def box(self) -> Array:
+        """(2, 3) corners of the box around it."""
+        return np.stack([self.hull.vertices.min(axis=0), self.hull.vertices.max(axis=0)])
 
 
 def _joined(
@@ -500,42 +500,52 @@ def _simpler(hull: Polytope, far: Far) -> Polytope:
 
 
 def _join(parts: dict[int, _Part], far: Far, step: Callable[[], None]) -> None:
-    """Join parts, one pair after the other, as long as no hull holds far points."""
-    pairs: dict[tuple[int, int], _Part] = {}
+    """Join parts, the two with the smallest box around both first, as long as no hull holds far
+    points."""
+    pairs: list[tuple[float, int, int, int]] = []
+    number = itertools.count()
 
-    def consider(i: int, j: int) -> None:
-        if _apart(parts[i], parts[j]) <= far.reach and not far.holds(_between(parts[i], parts[j])):
-            points = np.concatenate([parts[i].hull.vertices, parts[j].hull.vertices])
-            both = _Part(hull_around(points), parts[i].leaves + parts[j].leaves)
-            if not far.is_met(both.hull.vertices, both.hull.planes):
-                pairs[i, j] = both
-
-    for i, j in itertools.combinations(list(parts), 2):
+    def consider(one: int, others: Sequence[int]) -> None:
         step()
-        consider(i, j)
+        if not others:
+            return
+        boxes = np.array([parts[other].box for other in others])
+        low, high = parts[one].box
+        gaps = np.maximum(boxes[:, 0], low) - np.minimum(boxes[:, 1], high)
+        around = (np.maximum(boxes[:, 1], high) - np.minimum(boxes[:, 0], low)).prod(axis=1)
+        for k in np.flatnonzero(gaps.max(axis=1) <= far.reach):
+            heapq.heappush(pairs, (float(around[k]), next(number), one, others[int(k)]))
+
+    names = list(parts)
+    for row, name in enumerate(names):
+        consider(name, names[row + 1 :])
     while pairs:
-        i, j = min(pairs, key=lambda pair: pairs[pair].extent)
-        new = max(parts) + 1
-        parts[new] = pairs[i, j]
-        del parts[i], parts[j]
-        pairs = {pair: both for pair, both in pairs.items() if not {i, j} & set(pair)}
-        for other in list(parts):
-            if other != new:
-                step()
-                consider(other, new)
+        _, _, i, j = heapq.heappop(pairs)
+        if i not in parts or j not in parts:
+            continue
+        step()
+        both = _both(parts[i], parts[j], far)
+        if both is not None:
+            del parts[i], parts[j]
+            new, others = max([i, j, *parts]) + 1, list(parts)
+            parts[new] = both
+            consider(new, others)
+
+
+def _both(a: _Part, b: _Part, far: Far) -> _Part | None:
+    """The two as one part; None where their hull holds far points."""
+    if far.holds(_between(a, b)):
+        return None
+    made = hull_around(np.concatenate([a.hull.vertices, b.hull.vertices]))
+    if far.is_met(made.vertices, made.planes):
+        return None
+    return _Part(made, a.leaves + b.leaves)
 
 
 def _between(a: _Part, b: _Part) -> Array:
     """(n, 3) points between vertices of the two, which a hull of both holds."""
     some, others = (part.hull.vertices[:: 1 + len(part.hull.vertices) // _FROM] for part in (a, b))
     return np.asarray(0.5 * (some[:, None] + others).reshape(-1, 3))
-
-
-def _apart(a: _Part, b: _Part) -> float:
-    """The largest gap between the two boxes around the parts."""
-    low = np.maximum(a.hull.vertices.min(axis=0), b.hull.vertices.min(axis=0))
-    high = np.minimum(a.hull.vertices.max(axis=0), b.hull.vertices.max(axis=0))
-    return float((low - high).max())
 
 
 def _hull_or_box(points: Array) -> Array:

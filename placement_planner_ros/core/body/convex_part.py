@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import trimesh
-from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial import ConvexHull, QhullError, cKDTree
 
-from placement_planner_ros.core.body.mesh import THINNEST, Triangles, read_only
+from placement_planner_ros.core.body.mesh import THINNEST, Piece, Triangles, read_only
 from placement_planner_ros.core.errors import ObjectError
 from placement_planner_ros.core.types import Array, frozen_array
 
@@ -33,7 +32,7 @@ _MOST_COMPARED = 100_000_000
 """Facets of a hull times triangles of its piece that are compared; a piece with more counts as not
 convex."""
 
-_MOST_MOVED = 20_000_000
+_MOST_MOVED = 2_000_000
 """Vertices of a hull times its planes that are compared, for none to be cut off by rounding."""
 
 _ROUNDING = 1e-9
@@ -108,34 +107,48 @@ def hull_of(vertices: Array) -> ConvexPart:
         raise flat from error
 
 
-def convex_part(piece: trimesh.Trimesh, number: int, warnings: list[str]) -> ConvexPart | None:
+def convex_part(piece: Piece, number: int, warnings: list[str]) -> ConvexPart | None:
     """A connected piece that is its own hull; None where it is not convex.
 
     A flat piece that fills its outline is given a thickness, with a warning.
     """
-    vertices, area = np.asarray(piece.vertices), float(piece.area)
+    vertices, corners = piece.vertices, piece.corners
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = 0.5 * float(np.linalg.norm(across, axis=1).sum())
     try:
         hull = ConvexHull(vertices)
     except QhullError:
         if not _fills_outline(vertices, area):
             return None
         warnings.append(f"part {number} has no thickness: taken as {2 * _SHEET * 1e3:g} mm thick")
-        corners = _SHEET * np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, -1).T
-        return polytope_of((vertices[:, None] + corners).reshape(-1, 3))
+        around = _SHEET * np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, -1).T
+        return polytope_of((vertices[:, None] + around).reshape(-1, 3))
     if abs(area - hull.area) > _CONVEX_AREA * hull.area or len(hull.simplices) > MAX_FACETS:
         return None
     if np.bincount(hull.simplices.ravel()).max() > MOST_AROUND:
         return None
-    return _polytope(hull) if _is_on_hull(np.asarray(piece.triangles), hull) else None
+    return _polytope(hull) if _is_on_hull(corners, across, hull) else None
 
 
-def _is_on_hull(corners: Array, hull: ConvexHull) -> bool:
-    """Whether every triangle of corners (t, 3, 3) lies along a facet."""
+def _is_on_hull(corners: Array, across: Array, hull: ConvexHull) -> bool:
+    """Whether every triangle of corners (t, 3, 3) and normals (t, 3) lies along a facet."""
     planes = np.unique(hull.equations.round(9), axis=0)
-    if len(planes) * len(corners) > _MOST_COMPARED:
-        return False
     size = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
     tolerance = min(CONVEX_TOLERANCE, CONVEX_SHARE * size)
+    # Nearly always along one that faces as it does, if it is along any.
+    length = np.linalg.norm(across, axis=1)
+    facing = across / np.where(length > 0.0, length, 1.0)[:, None]
+    normals = cKDTree(planes[:, :3])
+    for way in (1.0, -1.0):
+        _, nearest = normals.query(way * facing)
+        plane = planes[nearest]
+        depth = -(np.einsum("tik,tk->ti", corners, plane[:, :3]) + plane[:, 3:])
+        left = depth.max(axis=1) > tolerance
+        corners, facing = corners[left], facing[left]
+        if not len(corners):
+            return True
+    if len(planes) * len(corners) > _MOST_COMPARED:
+        return False
     chunk = max(1, _AT_ONCE // (3 * len(planes)))
     for row in range(0, len(corners), chunk):
         depth = -(corners[row : row + chunk] @ planes[:, :3].T + planes[:, 3])

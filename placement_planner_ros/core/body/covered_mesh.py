@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
-import trimesh
 
-from placement_planner_ros.core.body.convex_cover import Cover, convex_cover, cover_tolerance
+from placement_planner_ros.core.body.convex_cover import (
+    Cover,
+    convex_cover,
+    cover_tolerance,
+    hull_cover,
+)
 from placement_planner_ros.core.body.convex_part import ConvexPart, polytope_of
 from placement_planner_ros.core.body.cover_store import kept_cover
-from placement_planner_ros.core.body.mesh import Triangles, read_only
+from placement_planner_ros.core.body.mesh import Piece, Triangles, read_only
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array, frozen_array
+
+MOST_SECONDS = 16.0
+"""Of processor time, that the cover of an object may take."""
 
 CoverMaker = Callable[[Array, Triangles, float], Cover]
 """Makes the cover of vertices (n, 3), triangles (t, 3), within a tolerance, metres."""
@@ -37,12 +44,12 @@ class CoveredMesh:
     parts: tuple[ConvexPart, ...]
 
     @classmethod
-    def of(cls, pieces: Sequence[trimesh.Trimesh], make: CoverMaker) -> CoveredMesh:
+    def of(cls, pieces: Sequence[Piece], make: CoverMaker) -> CoveredMesh:
         """Of one piece or more."""
         first = np.cumsum([0, *(len(piece.vertices) for piece in pieces)])
-        vertices = np.vstack([np.asarray(piece.vertices) for piece in pieces])
+        vertices = np.vstack([piece.vertices for piece in pieces])
         triangles = np.vstack(
-            [np.asarray(piece.faces) + row for piece, row in zip(pieces, first, strict=False)]
+            [piece.triangles + row for piece, row in zip(pieces, first, strict=False)]
         )
         cover = make(vertices, triangles, cover_tolerance(vertices))
         parts = tuple(polytope_of(part) for part in cover.parts)
@@ -50,7 +57,19 @@ class CoveredMesh:
 
 
 def make_cover(vertices: Array, triangles: Triangles, tolerance: float) -> Cover:
-    """A cover made on the spot, unless it is on disk; `stoppable`."""
-    doing = partial(step, "covering the object with convex parts")
-    make = partial(convex_cover, vertices, triangles, tolerance, doing)
+    """A cover made on the spot, unless it is on disk, and kept; the hull where that takes more than
+    `MOST_SECONDS`; `stoppable`."""
+    end = time.thread_time() + MOST_SECONDS
+
+    def doing() -> None:
+        step("covering the object with convex parts")
+        if time.thread_time() > end:
+            raise TimeoutError
+
+    def make() -> Cover:
+        try:
+            return convex_cover(vertices, triangles, tolerance, doing)
+        except TimeoutError:
+            return hull_cover(vertices, triangles)
+
     return kept_cover(vertices, triangles, tolerance, make)

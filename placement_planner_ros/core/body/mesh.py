@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-import trimesh
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from placement_planner_ros.core.body.mesh_components import alike
 from placement_planner_ros.core.errors import ObjectError
 from placement_planner_ros.core.types import Array
 
@@ -18,14 +19,20 @@ Triangles = npt.NDArray[np.int64]
 THINNEST = 1e-4
 """Objects thinner than this have no volume to plan with, metres."""
 
-MAX_TRIANGLES = 300_000
-"""Triangles, and vertices, that an object may have."""
+MAX_TRIANGLES, MAX_VERTICES = 300_000, 900_000
+"""Triangles, and vertices, that an object may have; each triangle may have vertices of its own."""
 
 FAR = 100.0
 """Metres from a mesh's origin beyond which a vertex is a mistake."""
 
 MAX_PIECES = 500
 """Connected pieces that an object may have."""
+
+_MERGED = 1e-8
+"""Metres within which vertices of a surface that is not closed are one."""
+
+_WAY = 1 << 32
+"""More than an edge has triangles."""
 
 
 def checked_mesh(
@@ -56,7 +63,7 @@ def checked_mesh(
         bad = int(faces.min()) if faces.min() < 0 else int(faces.max())
         raise ObjectError("object.triangles", bad, f"is no index of one of {len(points)} vertices")
     require_few(len(points), len(faces))
-    kept, inverse = np.unique(faces, return_inverse=True)
+    kept, made = _used(faces.astype(np.int64), len(points))
     used = points[kept]
     bad = int((~np.isfinite(used).all(axis=1)).sum())
     if bad:
@@ -79,21 +86,22 @@ def checked_mesh(
         raise ObjectError(
             "object.vertices", f"{away:.4g} m from the origin", f"must lie within {FAR:g} m of it"
         )
-    return used * scale, inverse.reshape(faces.shape).astype(np.int64)
+    return used * scale, made
 
 
 def require_few(vertices: int, triangles: int) -> None:
     """Refuse meshes too large to plan with.
 
     Raises:
-        ObjectError: more vertices or triangles than `MAX_TRIANGLES`.
+        ObjectError: more triangles than `MAX_TRIANGLES`, or vertices than `MAX_VERTICES`.
     """
-    for name, count in (("vertices", vertices), ("triangles", triangles)):
-        if count > MAX_TRIANGLES:
+    limits = ("vertices", vertices, MAX_VERTICES), ("triangles", triangles, MAX_TRIANGLES)
+    for name, count, most in limits:
+        if count > most:
             raise ObjectError(
                 f"object.{name}",
                 f"{count} of them",
-                f"an object may have {MAX_TRIANGLES}; simplify its mesh",
+                f"an object may have {most}; simplify its mesh",
             )
 
 
@@ -112,7 +120,29 @@ def checked_center(center_of_mass: npt.ArrayLike, scale: float) -> Array:
     return center
 
 
-def connected_pieces(points: Array, triangles: Triangles) -> list[trimesh.Trimesh]:
+@dataclass(frozen=True, slots=True, eq=False)
+class Piece:
+    """A connected piece of a mesh.
+
+    Attributes:
+        vertices: (n, 3) metres.
+        triangles: (t, 3) rows of vertices.
+        watertight: whether every edge has two triangles.
+        solid: whether these agree, too, on which side is outside; they face outward then.
+    """
+
+    vertices: Array
+    triangles: Triangles
+    watertight: bool
+    solid: bool
+
+    @property
+    def corners(self) -> Array:
+        """(t, 3, 3) of its triangles."""
+        return np.asarray(self.vertices[self.triangles])
+
+
+def connected_pieces(points: Array, triangles: Triangles) -> list[Piece]:
     """The connected pieces of the mesh, facing outward where closed.
 
     Pieces that share no vertices are told apart even where they touch. Only what is not closed
@@ -121,27 +151,20 @@ def connected_pieces(points: Array, triangles: Triangles) -> list[trimesh.Trimes
     Raises:
         ObjectError: there are more than `MAX_PIECES`.
     """
-    groups, closed = _connected(points, triangles)
-    pieces = _pieces(points, [g for g, whole in zip(groups, closed, strict=True) if whole])
-    left = [g for g, whole in zip(groups, closed, strict=True) if not whole]
+    groups = _connected(points, triangles)
+    pieces = _pieces(points, [group for group in groups if group.watertight])
+    left = [group.triangles for group in groups if not group.watertight]
     if left:
-        corners = points[np.concatenate(left)].reshape(-1, 3)
-        merged = trimesh.Trimesh(
-            corners, np.arange(len(corners)).reshape(-1, 3), process=False, validate=False
-        )
-        merged.merge_vertices()
-        merged.update_faces(merged.nondegenerate_faces())
-        vertices = np.asarray(merged.vertices)
-        pieces += _pieces(vertices, _connected(vertices, np.asarray(merged.faces))[0])
+        corners = points[np.concatenate(left)]
+        first, vertex = alike((corners.reshape(-1, 3) / _MERGED).round())
+        faces = vertex.reshape(-1, 3)
+        whole = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
+        merged = corners.reshape(-1, 3)[first]
+        pieces += _pieces(merged, _connected(merged, faces[whole]))
     if len(pieces) > MAX_PIECES:
         raise ObjectError(
             "object", f"{len(pieces)} pieces", f"an object may have {MAX_PIECES} connected pieces"
         )
-    for piece in pieces:
-        if piece.is_watertight and piece.is_winding_consistent:
-            corners = np.asarray(piece.triangles)
-            if volumes(corners - corners.mean(axis=(0, 1))).sum() < 0.0:
-                piece.invert()
     return pieces
 
 
@@ -152,32 +175,65 @@ def volumes(corners: Array) -> Array:
     return np.asarray((a[0] * across[0] + a[1] * across[1] + a[2] * across[2]) / 6.0)
 
 
-def _connected(points: Array, triangles: Triangles) -> tuple[list[Triangles], list[bool]]:
-    """The triangles of each piece that shares vertices, and whether that piece is closed."""
-    graph = coo_matrix(
-        (
-            np.ones(2 * len(triangles), dtype=np.int8),
-            (triangles[:, [0, 0]].ravel(), triangles[:, [1, 2]].ravel()),
-        ),
-        shape=(len(points), len(points)),
-    )
-    label = connected_components(graph, directed=False)[1][triangles[:, 0]]
-    order = np.argsort(label, kind="stable")
-    first = np.flatnonzero(np.diff(label[order], prepend=-1))
-    edges = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    keys = edges[:, 0] * len(points) + edges[:, 1]
-    _, edge, sharing = np.unique(keys, return_inverse=True, return_counts=True)
-    whole = (sharing[edge].reshape(-1, 3) == 2).all(axis=1)
-    closed = np.logical_and.reduceat(whole[order], first) if len(first) else whole
-    return np.split(triangles[order], first[1:]), closed.tolist()
+@dataclass(frozen=True, slots=True)
+class _Group:
+    """Triangles (t, 3) that are connected, and what `Piece` says of them."""
+
+    triangles: Triangles
+    watertight: bool
+    agreeing: bool
 
 
-def _pieces(points: Array, groups: list[Triangles]) -> list[trimesh.Trimesh]:
+def _connected(points: Array, triangles: Triangles) -> list[_Group]:
+    """The triangles of each piece that shares vertices."""
+    if not len(triangles):
+        return []
+    count = len(points)
+    starts, ends = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
+    # Adds up, for each edge, its triangles, and in higher bits those one way less the other way.
+    way = np.sign(ends - starts) * _WAY + 1
+    edges = coo_matrix((way, (np.minimum(starts, ends), np.maximum(starts, ends))), (count, count))
+    graph = edges.tocsr()
+    pieces, label = connected_components(graph, directed=False)
+    label = label.astype(np.int64)
+    of_edge = np.repeat(label, np.diff(graph.indptr))
+    watertight, agreeing = np.ones((2, pieces), np.bool_)
+    watertight[of_edge[graph.data % _WAY != 2]] = False
+    agreeing[of_edge[graph.data // _WAY != 0]] = False
+    of_triangle = label[triangles[:, 0]]
+    order = np.argsort(of_triangle, kind="stable")
+    first = np.flatnonzero(np.diff(of_triangle[order], prepend=-1))
+    return [
+        _Group(group, bool(watertight[k]), bool(agreeing[k]))
+        for group, k in zip(
+            np.split(triangles[order], first[1:]), of_triangle[order][first].tolist(), strict=True
+        )
+    ]
+
+
+def _pieces(points: Array, groups: list[_Group]) -> list[Piece]:
     pieces = []
-    for triangles in groups[: MAX_PIECES + 1]:  # the one more is what they are refused for
-        used, index = np.unique(triangles, return_inverse=True)
-        pieces.append(trimesh.Trimesh(points[used], index.reshape(-1, 3), process=False))
+    for group in groups[: MAX_PIECES + 1]:  # the one more is what they are refused for
+        used, triangles = _used(group.triangles, len(points))
+        vertices = points[used]
+        solid = group.watertight and group.agreeing
+        if solid:
+            corners = vertices[triangles]
+            if volumes(corners - corners.mean(axis=(0, 1))).sum() < 0.0:
+                triangles = triangles[:, ::-1]
+        pieces.append(Piece(vertices, triangles, group.watertight, solid))
     return pieces
+
+
+def _used(triangles: Triangles, count: int) -> tuple[Triangles, Triangles]:
+    """The vertices of triangles (t, 3), of `count`, in their order, and the triangles as rows of
+    these."""
+    if 3 * len(triangles) < count:  # a small part of many
+        used, rows = np.unique(triangles, return_inverse=True)
+        return used, rows.reshape(-1, 3)
+    wanted = np.zeros(count, np.bool_)
+    wanted[triangles] = True
+    return np.flatnonzero(wanted), (np.cumsum(wanted) - 1)[triangles]
 
 
 def read_only(triangles: npt.ArrayLike) -> Triangles:

@@ -61,10 +61,13 @@ def rests(tipping: Tipping, flatness: float, merge_angle: float) -> tuple[Rest, 
     bottoms = tipping.valleys(_LOCAL)
     found = [_rest(tipping, int(facet), bottoms, flatness) for facet in tipping.valleys(_depth())]
     firm = _spread(tipping, [rest for rest in found if not rest.rolls], merge_angle)
-    round_ = [
-        each for rest in found if rest.rolls for each in _along(tipping, rest, bottoms, flatness)
-    ]
-    clear = [r for r in round_ if all(_angle(tipping, r, other) > merge_angle for other in firm)]
+    round_ = {
+        each.facet: each
+        for rest in found
+        if rest.rolls
+        for each in _along(tipping, rest, bottoms, flatness)
+    }
+    clear = [rest for rest in round_.values() if _is_apart(tipping, rest, firm, merge_angle)]
     return tuple(sorted([*firm, *_spread(tipping, clear, _APART)], key=lambda rest: rest.facet))
 
 
@@ -115,11 +118,15 @@ def _spread(tipping: Tipping, given: list[Rest], apart: float) -> list[Rest]:
     """Of rests within that angle of each other, radians, the lowest."""
     kept: list[Rest] = []
     for rest in sorted(given, key=lambda rest: float(tipping.heights[rest.facet])):
-        if all(_angle(tipping, rest, other) >= apart for other in kept):
+        if _is_apart(tipping, rest, kept, apart):
             kept.append(rest)
     return kept
 
 
-def _angle(tipping: Tipping, one: Rest, other: Rest) -> float:
-    apart = np.linalg.norm(tipping.normals[one.facet] - tipping.normals[other.facet])
-    return float(2.0 * np.arcsin(min(0.5 * float(apart), 1.0)))
+def _is_apart(tipping: Tipping, rest: Rest, others: list[Rest], angle: float) -> bool:
+    """Whether a rest is further than that from all others, radians."""
+    if not others:
+        return True
+    normals = tipping.normals[[other.facet for other in others]]
+    apart = np.linalg.norm(normals - tipping.normals[rest.facet], axis=1).min()
+    return bool(2.0 * np.arcsin(min(0.5 * float(apart), 1.0)) > angle)

@@ -67,11 +67,10 @@ def _voxel_centers(solids: Array, sheets: Array, lower: Array, upper: Array, siz
     points = np.asarray(_inside(np.ascontiguousarray(solids), start, count, size))
     if not len(sheets):
         return points
-    cells = [np.rint((points - start) / size).astype(np.int64)]
-    for on in surface_points(sheets, 0.5 * size):
-        passed = np.rint((on - start) / size).astype(np.int64).clip(0, count - 1)
-        cells.append(np.unique(passed, axis=0))
-    return np.asarray(start + np.unique(np.concatenate(cells), axis=0) * size)
+    filled = np.zeros(count, np.bool_)
+    for on in (points, *surface_points(sheets, 0.5 * size)):
+        filled[tuple(np.rint((on - start) / size).astype(np.int64).clip(0, count - 1).T)] = True
+    return np.asarray(start + np.argwhere(filled) * size)
 
 
 @kernel(nogil=True)

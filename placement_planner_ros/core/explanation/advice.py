@@ -137,6 +137,8 @@ def _room(search: Search) -> Advice:
     rejected = search.finder.rejections.poses[Verdict.COLLIDING]
     met = collisions.met_by_object(search.problem, settings, raised, rejected)
     remedies: list[Remedy] = []
+    if 3 * met.kept_out > met.looked > 0:
+        remedies.append(rules.SMALLER_BOXES)
     if 2 * met.unseen > met.looked:
         remedies.append(_unknown())
     if met.poses and met.spared >= _SPARED * met.poses:
@@ -156,6 +158,8 @@ def _hand(search: Search, verdict: Verdict) -> Advice:
     rejected = search.finder.rejections.poses[verdict]
     met = collisions.met_by_arm(search.finder.holdings, rejected, search.problem.environment)
     remedies = [_unknown()] if 2 * met.unseen > met.looked else []
+    if 3 * met.kept_out > met.looked > 0:
+        remedies.insert(0, rules.SMALLER_BOXES)
     if met.poses and met.spared >= _SPARED * met.poses:
         remedies.append(_narrower(met))
     if verdict is Verdict.ARM_COLLIDING:

@@ -54,6 +54,7 @@ class Met:
         poses: how many poses were.
         spared: how many of these would be free with a collision_margin of 0.
         above: for the object alone, how many met nothing but what hangs over its support.
+        kept_out: how many met nothing but boxes of keep_out.
     """
 
     looked: int
@@ -64,6 +65,7 @@ class Met:
     poses: int = 0
     spared: int = 0
     above: int = 0
+    kept_out: int = 0
 
     def __str__(self) -> str:
         if not self.most:
@@ -81,7 +83,7 @@ def met_by_arm(
     """Which link meets what most often where these were to be reached."""
     rng = np.random.default_rng(0)
     meetings: list[Meeting] = []
-    unseen, spared = 0, 0
+    unseen, spared, kept_out = 0, 0, 0
     looked = thinned(poses)
     for pose in looked:
         holding, T = holdings[pose.holding], pose.T_world_object
@@ -91,11 +93,13 @@ def met_by_arm(
             if met is not None:
                 meetings.append(met)
                 unseen += met.box >= 0 and is_unseen(environment, met.box)
+                kept_out += met.box >= 0 and is_kept_out(environment, met.box)
         exact = replace(holding.collision.settings, collision_margin=0.0)
         bare = holding.collision.with_pairs(lambda a, b: True, exact)
         if not holding.collision.free_batch(candidates, contact=True).any():
             spared += bool(bare.free_batch(candidates, contact=True).any())
-    return replace(_counted(meetings, unseen), poses=len(looked), spared=spared)
+    found = _counted(meetings, unseen)
+    return replace(found, poses=len(looked), spared=spared, kept_out=kept_out)
 
 
 def met_on_the_way(holding: Holding, goals: Sequence[Array]) -> Met:
@@ -122,7 +126,7 @@ def met_by_object(
     exact = replace(settings, collision_margin=0.0)
     object_ = ObjectCollision(body, environment.obstacles, settings)
     bare = ObjectCollision(body, environment.obstacles, exact)
-    meetings, unseen, above, spared = [], 0, 0, 0
+    meetings, unseen, above, spared, kept_out = [], 0, 0, 0, 0
     looked = thinned(poses)
     for pose in looked:
         T = pose.T_world_object.homogeneous
@@ -138,6 +142,8 @@ def met_by_object(
         above += over
         what = "what stands above it" if over else "what stands beside it"
         what = what if seen else "space that no sensor has seen"
+        kept_out += (barred := all(is_kept_out(environment, box) for box in boxes.tolist()))
+        what = "a box of keep_out" if barred else what
         meetings.append(Meeting(HELD_OBJECT, what, middle))
     return replace(
         _counted(meetings, unseen),
@@ -145,6 +151,7 @@ def met_by_object(
         poses=len(looked),
         above=above,
         spared=spared,
+        kept_out=kept_out,
     )
 
 
@@ -176,8 +183,19 @@ def is_unseen(environment: Environment, box: int) -> bool:
     measured = environment.measured
     if measured is environment.obstacles:
         return False
-    i, j, k = environment.obstacles.cells[box]
-    return bool(measured.index[i, j, k] < 0)
+    obstacles = environment.obstacles
+    if obstacles.barred is not None and obstacles.barred[box]:
+        return False
+    shift = np.round((obstacles.origin - measured.origin) / obstacles.cell_size).astype(np.int64)
+    at = obstacles.cells[box] + shift  # its grid may reach farther than what was measured
+    within = (at >= 0).all() and (at < measured.shape).all()
+    return not within or bool(measured.index[tuple(at)] < 0)
+
+
+def is_kept_out(environment: Environment, box: int) -> bool:
+    """Whether a box of the obstacle set belongs to one to keep out of."""
+    barred = environment.obstacles.barred
+    return barred is not None and bool(barred[box])
 
 
 def _overhangs(environment: Environment, box: int, pose: RejectedPose) -> bool:

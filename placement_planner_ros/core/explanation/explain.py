@@ -25,6 +25,12 @@ def explain(search: Search, progress: Progress) -> Explanation:
     environment = search.problem.environment
     if not search.hierarchy.regions:
         told = surfaces.why_no_region(environment)
+        if len(environment.keep_out) and search.before.regions:
+            told = Explanation(
+                "no placement region: keep_out covers every surface in target_volume that "
+                "something could stand on",
+                (rules.SMALLER_BOXES, Remedy("target_volume", "choose one with further surfaces")),
+            )
         return Explanation(told.cause, told.remedies, (*told.details, *left_out))
     if search.hierarchy.faces and not search.hierarchy.usable:
         return rules.no_rest_as_asked(search)

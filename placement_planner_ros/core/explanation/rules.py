@@ -11,6 +11,8 @@ from placement_planner_ros.core.explanation.search import Search
 from placement_planner_ros.core.types import Verdict
 from placement_planner_ros.core.wishes.turns import VERTICAL, Turns
 
+SMALLER_BOXES = Remedy("keep_out", "make its boxes smaller, or leave out those in the way")
+"""What to try where boxes to keep out of are in the way."""
 _OFTEN = 0.5
 """Of the times that the rule is broken that is broken most, others are named that are so often."""
 

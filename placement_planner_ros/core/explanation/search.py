@@ -10,6 +10,7 @@ from placement_planner_ros.core.grasp.settings import GraspSettings
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.sample_goals.cell_bounds import BranchBounds
 from placement_planner_ros.core.sample_goals.goals import GoalFinder
+from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy
 from placement_planner_ros.core.search.pruning import Ruling
 from placement_planner_ros.core.search.sampler import SampleCount
@@ -22,12 +23,14 @@ class Search:
 
     Attributes:
         problem, settings, poses, hierarchy: its own.
+        before: the environment without the boxes to keep out of.
         finder: holds the arms, and what became of the tries to reach poses.
         bounds: how far the arms reach.
         unusable: arms and grasps that were left out, in words.
     """
 
     problem: Problem
+    before: Environment
     settings: GraspSettings
     poses: PoseConstraints
     finder: GoalFinder

@@ -78,11 +78,13 @@ def faults_at_start(
     body: Body,
     settings: CollisionSettings,
     obstacles: ObstacleSet | None = None,
+    keep_out: Array | None = None,
 ) -> tuple[str, ...]:
     """Why some arms and grasps cannot be used: joint limits and collision at q_0 (nq,).
 
     Args:
         obstacles: the environment; None where it is not known yet.
+        keep_out: (k, 2, 3) corners of boxes that nothing which moves may be in.
 
     Raises:
         StartError: q_0 is wrong for every arm and grasp.
@@ -104,7 +106,9 @@ def faults_at_start(
         for grasp in range(len(arm.grasps)):
             depths, link = placed.met_by_object(arm, grasp, body, settings.self_margin)
             in_cloud = None
-            if obstacles is not None and not (depths or link):
+            if keep_out is not None and not (depths or link):
+                in_cloud = placed.kept_out(keep_out, arm, grasp, body, margin)
+            if obstacles is not None and not (depths or link or in_cloud):
                 in_cloud = placed.met_by_object_in(obstacles, arm, grasp, body, margin)
             name = f"{arm.name} with grasp {grasp}"
             if in_cloud is not None:
@@ -119,6 +123,15 @@ def faults_at_start(
     if not usable:
         raise none_usable(faults, bad_grasps)
     return (*map(str, bad_grasps), *map(str, faults))
+
+
+def in_keep_out(
+    holding: MovingArm, grasp: int, body: Body, keep_out: Array, margin: float
+) -> Fault | None:
+    """What of an arm at rest, and of the object in a grasp, is in boxes (k, 2, 3), or nearer to
+    them than the margin; None where nothing is."""
+    placed = _Placed(holding.robot, holding.q_rest)
+    return placed.kept_out(keep_out, holding.arm, grasp, body, margin)
 
 
 def deep_fingers(
@@ -321,24 +334,40 @@ class _Placed:
                         met = link
         return depths, met
 
+    def kept_out(
+        self, boxes: Array, arm: Arm, grasp: int, body: Body, margin: float
+    ) -> Fault | None:
+        """Which link that the arm moves, or whether the object, is in a box (k, 2, 3) or nearer to
+        it than the margin; None where neither is."""
+        things = [*self._moved(arm), *self._held(arm, grasp, body)]
+        met = _first_met(boxes[:, 0], boxes[:, 1], things, margin)
+        if not met:
+            return None
+        words = f"q_0 is not free: {met.replace('the environment', 'a box of keep_out')}"
+        return Fault(words, ("make the boxes of keep_out smaller", MOVE_ROBOT))
+
     def met_in(self, obstacles: ObstacleSet, arm: Arm, margin: float) -> Fault | None:
         """Which link that the arm moves meets the environment; None where none does."""
+        return _met_in(obstacles, self._moved(arm), margin)
+
+    def _moved(self, arm: Arm) -> list[_Thing]:
+        """The geometries that the arm moves."""
         moved = np.flatnonzero(_carried(self._robot, arm) >= 0).tolist()
-        things: list[_Thing] = [
-            (self._robot.geometry_links[i], *self._solids[i], None) for i in moved
-        ]
-        return _met_in(obstacles, things, margin)
+        return [(self._robot.geometry_links[i], *self._solids[i], None) for i in moved]
 
     def met_by_object_in(
         self, obstacles: ObstacleSet, arm: Arm, grasp: int, body: Body, margin: float
     ) -> Fault | None:
         """Whether the object that the arm holds meets the environment; None where it does not."""
+        return _met_in(obstacles, self._held(arm, grasp, body), margin)
+
+    def _held(self, arm: Arm, grasp: int, body: Body) -> list[_Thing]:
+        """The object in that grasp."""
         T = self._data.oMf[self._robot.frame_id(arm.tip_frame)] * arm.grasps[grasp]
-        things = [
+        return [
             (HELD_OBJECT, solid.geometry, coal_transform(T), solid.around)
             for solid in object_solids(body)
         ]
-        return _met_in(obstacles, things, margin)
 
 
 def _met_in(
@@ -347,15 +376,17 @@ def _met_in(
     margin: float,
 ) -> Fault | None:
     """Which of the things comes as near to a box as the margin; None where none does."""
-    met = _first_met(obstacles, things, margin)
+    boxes = obstacles.lower, obstacles.upper
+    met = _first_met(*boxes, things, margin)
     if not met:
         return None
-    touching = _first_met(obstacles, things, 0.0)
+    touching = _first_met(*boxes, things, 0.0)
     return met_environment(touching or met, not touching, margin)
 
 
 def _first_met(
-    obstacles: ObstacleSet,
+    box_lower: Array,
+    box_upper: Array,
     things: list[_Thing],
     margin: float,
 ) -> str:
@@ -368,8 +399,8 @@ def _first_met(
         half = np.abs(T.getRotation()) @ ((local.max_ - local.min_) / 2) + margin
         bound[:] = center - half, center + half
     lower, upper = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
-    near = ((obstacles.lower <= upper) & (obstacles.upper >= lower)).all(axis=1)
-    corners = np.hstack([obstacles.lower[near], obstacles.upper[near]])
+    near = ((box_lower <= upper) & (box_upper >= lower)).all(axis=1)
+    corners = np.hstack([box_lower[near], box_upper[near]])
     for (low, high), (name, thing, T, around) in zip(bounds, things, strict=True):
         for box in corners[((corners[:, :3] <= high) & (corners[:, 3:] >= low)).all(axis=1)]:
             at = coal.Transform3s(np.eye(3), (box[:3] + box[3:]) / 2)

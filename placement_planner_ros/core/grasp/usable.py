@@ -11,6 +11,7 @@ from placement_planner_ros.core.errors import GraspError
 from placement_planner_ros.core.grasp.at_start import (
     Fault,
     beyond_limits,
+    in_keep_out,
     met_environment,
     met_itself,
     none_usable,
@@ -40,6 +41,7 @@ def usable_holdings(
         GraspError: in every grasp the object overlaps the arm, or the hand could not let it go.
     """
     body, obstacles = problem.body, problem.environment.obstacles
+    keep_out, margin = problem.environment.keep_out, settings.collision.collision_margin
     holdings: list[list[Holding]] = []
     faults: list[Fault] = []
     bad_grasps: list[GraspError] = []
@@ -62,7 +64,9 @@ def usable_holdings(
             except GraspError as error:
                 bad_grasps.append(error)
                 continue
-            fault = _why_not_free(holding, obstacles, settings.collision.collision_margin)
+            fault = in_keep_out(moving, grasp, body, keep_out, margin) if len(keep_out) else None
+            if fault is None:
+                fault = _why_not_free(holding, obstacles, margin)
             if fault is not None:
                 words = f"{arm.name} with grasp {grasp}: {fault.words}"
                 faults.append(Fault(words, fault.remedies))

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 from xml.parsers import expat
 
-from placement_planner_ros.core.body.mesh import MAX_TRIANGLES
+from placement_planner_ros.core.body.mesh import MAX_TRIANGLES, MAX_VERTICES
 
 MAX_BYTES = 64_000_000
 """Bytes that a mesh file may have."""
@@ -73,7 +73,7 @@ def _ply(head: bytes, size: int) -> None:
             count = _integers(words[2:3], line)[0]
             least += count
             if words[1:2] in ([b"vertex"], [b"face"]):
-                _few(words[1].decode(), count)
+                _few({b"vertex": "vertices", b"face": "faces"}[words[1]], count)
     if least > size - end:
         raise ValueError(f"its header says {least} elements; the file has {size} bytes")
 
@@ -126,8 +126,9 @@ FORMATS = ", ".join(_HEADERS)
 
 
 def _few(what: str, count: int) -> None:
-    if count > MAX_TRIANGLES:
-        raise ValueError(f"its header says {count} {what}; a mesh may have {MAX_TRIANGLES}")
+    most = MAX_VERTICES if what == "vertices" else MAX_TRIANGLES
+    if count > most:
+        raise ValueError(f"its header says {count} {what}; a mesh may have {most}")
 
 
 def _integers(words: list[bytes], line: bytes) -> list[int]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy.typing as npt
 from placement_planner_ros.core.errors import VolumeError
 from placement_planner_ros.core.scene.distance import CAP, ClearanceField
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet, checked_cloud
+from placement_planner_ros.core.scene.keep_out import cut, kept_out
 from placement_planner_ros.core.scene.planes import Plane, Planes
 from placement_planner_ros.core.scene.regions import (
     Region,
@@ -93,6 +94,7 @@ class Environment:
         inclines: the same of surfaces that slope.
         steep: planes in and around V that are steeper than `max_slope`, the largest first.
         max_slope: rad.
+        keep_out: (k, 2, 3) corners of boxes that are obstacles without having been measured.
         measured: the obstacle set without unknown space: what regions, support and clearance are
             taken from.
         volume: V.
@@ -112,6 +114,31 @@ class Environment:
     inclines: tuple[Incline, ...] = ()
     steep: tuple[Plane, ...] = ()
     max_slope: float = field(default_factory=lambda: RegionSettings().max_slope)
+    keep_out: Array = field(default_factory=lambda: np.zeros((0, 2, 3)))
+
+    def keeping_out(self, boxes: Array, lower: Array, upper: Array) -> Environment:
+        """The same with boxes (k, 2, 3) as obstacles, see `keep_out`.
+
+        They are no support, and count neither as measured nor for the clearance.
+
+        Args:
+            lower, upper: (3,) corners of all space that anything gets to.
+
+        Raises:
+            CloudError: they make the grid too large.
+        """
+        if not len(boxes):
+            return self
+        step("keeping out of boxes")
+        made = replace(
+            self,
+            obstacles=kept_out(self.obstacles, boxes, lower, upper),
+            regions=cut(self.regions, boxes),
+            keep_out=boxes,
+        )
+        if "clearance" in self.__dict__:  # what was made of what was measured holds as before
+            object.__setattr__(made, "clearance", self.clearance)
+        return made
 
     def support_of(self, slope: Slope) -> SupportMap:
         """What answers s(x) on surfaces of a slope that some region has."""

@@ -91,6 +91,7 @@ class ObstacleSet:
         first_point: (m + 1,) the first of all points of each box, and their number.
         points: (n, 3) of all boxes, box by box, as they were taken.
         noise: standard deviation of the points about their surfaces, estimated, metres.
+        barred: (m,) boxes that nothing stands on, whatever their height; None where all may carry.
     """
 
     origin: Array
@@ -109,6 +110,7 @@ class ObstacleSet:
     first_point: npt.NDArray[np.int64]
     points: npt.NDArray[np.float32]
     noise: float
+    barred: npt.NDArray[np.bool_] | None = None
 
     def __len__(self) -> int:
         return len(self.cells)
@@ -232,8 +234,11 @@ class ObstacleSet:
         return self._of(bins, low, shape, GridSettings(cell_size=size), self.noise)
 
     def tops(self, slope: Slope = LEVEL) -> Array:
-        """(m,) how high each box reaches in z - slope · (x, y), metres."""
+        """(m,) how high each box reaches in z - slope · (x, y), metres; infinite where nothing
+        stands on it."""
         top = self.upper[:, 2].copy()
+        if self.barred is not None:
+            top[self.barred] = np.inf
         if slope == LEVEL or not len(top):
             return top
         falls = -np.array(slope)
@@ -257,21 +262,59 @@ class ObstacleSet:
             cells: (k, 3) distinct empty cells.
         """
         lower = self.origin + cells * self.cell_size
-        upper = lower + self.cell_size
+        return self._with(cells, lower, lower + self.cell_size, None)
+
+    def with_boxes(self, cells: npt.NDArray[np.int32], lower: Array, upper: Array) -> ObstacleSet:
+        """A copy with further boxes, of corners (k, 3), that nothing stands on.
+
+        Args:
+            cells: (k, 3) that they lie in, empty or not.
+        """
+        old = np.zeros(len(self), np.bool_) if self.barred is None else self.barred
+        return self._with(cells, lower, upper, np.concatenate([old, np.ones(len(cells), np.bool_)]))
+
+    def reaching(self, lower: Array, upper: Array) -> ObstacleSet:
+        """The same in a grid that holds corners (3,) too; its cells stay where they are.
+
+        Raises:
+            CloudError: it has more cells than `max_cells`.
+        """
+        size, (low, high) = self.cell_size, self.bounds
+        before = np.maximum(np.ceil((low - lower) / size), 0.0).astype(np.int64)
+        after = np.maximum(np.ceil((upper - high) / size), 0.0).astype(np.int64)
+        if not (before.any() or after.any()):
+            return self
+        origin = low - before * size
+        _grid_shape(origin, high + after * size, GridSettings(cell_size=size))
+        index = np.pad(self.index, np.column_stack([before, after]), constant_values=-1)
+        return replace(
+            self,
+            origin=frozen_array(origin),
+            shape=index.shape,
+            cells=_read_only(self.cells + before.astype(np.int32)),
+            index=_read_only(index),
+        )
+
+    def _with(
+        self,
+        cells: npt.NDArray[np.int32],
+        lower: Array,
+        upper: Array,
+        barred: npt.NDArray[np.bool_] | None,
+    ) -> ObstacleSet:
+        """A copy with further boxes in those cells (k, 3); the points of surfaces are left out."""
         extent = np.tile([np.inf, -np.inf], (len(cells), 4))
         sides = lower[:, 0], upper[:, 0], lower[:, 1], upper[:, 1]
         outline = np.column_stack([np.ones(len(cells)), np.zeros(len(cells)), *sides])
         together = np.vstack([self.cells, cells]).astype(np.int32)
         order = np.lexsort(together.T[::-1])  # stable: boxes of one cell stay next to each other
-        row = np.empty(len(order), np.int32)
-        row[order] = np.arange(len(order), dtype=np.int32)
-        following = np.concatenate([self.next, np.full(len(cells), -1, np.int32)])
-        following = np.where(following >= 0, row[following], -1).astype(np.int32)
         index = np.full(self.shape, -1, np.int32)
         ordered = together[order]
         held = np.concatenate([np.diff(self.first_point), np.zeros(len(cells), np.int64)])
         first = np.ones(len(order), np.bool_)
         first[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
+        following = np.arange(1, len(order) + 1, dtype=np.int32)
+        following[np.append(first[1:], True)] = -1
         index[tuple(ordered[first].T)] = np.flatnonzero(first)
         return replace(
             self,
@@ -279,13 +322,14 @@ class ObstacleSet:
             lower=_read_only(np.vstack([self.lower, lower])[order]),
             upper=_read_only(np.vstack([self.upper, upper])[order]),
             index=_read_only(index),
-            next=_read_only(following[order]),
+            next=_read_only(following),
             surface_height=_read_only(np.concatenate([self.surface_height, upper[:, 2]])[order]),
             surface_extent=_read_only(np.vstack([self.surface_extent, extent])[order]),
             surface_first=np.zeros(len(order) + 1, np.int64),
             surface_points=np.zeros((0, 2), np.float32),
             outline=_read_only(np.vstack([self.outline, outline.astype(np.float32)])[order]),
             first_point=_read_only(np.concatenate([[0], held[order].cumsum()])),
+            barred=None if barred is None else _read_only(barred[order]),
         )
 
 

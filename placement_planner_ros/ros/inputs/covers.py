@@ -8,7 +8,11 @@ from placement_planner_ros.core.body.convex_cover import Cover, hull_cover
 from placement_planner_ros.core.body.cover_store import kept_cover
 from placement_planner_ros.core.meshes.collada import Triangles
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.ros.inputs.mesh_process import MeshProcess
+from placement_planner_ros.ros.inputs.mesh_process import (
+    MAX_TIME,
+    MeshProcess,
+    ProcessorTimeError,
+)
 
 
 def cover_in(
@@ -17,6 +21,7 @@ def cover_in(
     triangles: Triangles,
     tolerance: float,
     began: Callable[[], None] = lambda: None,
+    seconds: float = MAX_TIME,
 ) -> Cover:
     """The cover of a mesh from disk, or made in the process and kept; the hull where that takes too
     long, or too much memory.
@@ -24,6 +29,8 @@ def cover_in(
     Args:
         vertices, triangles, tolerance: as of `convex_cover`.
         began: called where it is not on disk.
+        seconds: of processor time that making it may take. The hull is kept, too, where that is
+            not enough, so as not to try again each time.
 
     Raises:
         StoppedError: nobody wants it any more.
@@ -31,7 +38,10 @@ def cover_in(
 
     def make() -> Cover:
         began()
-        return process.cover(vertices, triangles, tolerance)
+        try:
+            return process.cover(vertices, triangles, tolerance, seconds)
+        except ProcessorTimeError:
+            return hull_cover(vertices, triangles)
 
     try:
         return kept_cover(vertices, triangles, tolerance, make)

@@ -50,6 +50,10 @@ class StoppedError(Exception):
     """Nobody wants the mesh any more."""
 
 
+class ProcessorTimeError(TimeoutError):
+    """The work took more processor time than it may."""
+
+
 class MeshProcess:
     """Reads meshes one after the other, until closed; not for several threads at once.
 
@@ -91,16 +95,23 @@ class MeshProcess:
         triangles = np.frombuffer(arrays[24 * head["vertices"] :], np.int64)
         return vertices.reshape(-1, 3), triangles.reshape(-1, 3)
 
-    def cover(self, vertices: Array, triangles: Triangles, tolerance: float) -> Cover:
+    def cover(
+        self, vertices: Array, triangles: Triangles, tolerance: float, seconds: float = MAX_TIME
+    ) -> Cover:
         """The convex cover of a mesh, as `core.body.convex_cover` makes it.
+
+        Args:
+            seconds: of processor time that it may take.
 
         Raises:
             ValueError: it cannot be made; the message says why.
-            TimeoutError: making it took longer than `MAX_TIME` of processor time, or `MAX_WAIT`.
+            ProcessorTimeError: making it took longer than that.
+            TimeoutError: it took longer than `MAX_WAIT`.
             StoppedError: `should_stop` said so.
         """
         request: dict[str, object] = {
             "tolerance": tolerance,
+            "seconds": seconds,
             "vertices": len(vertices),
             "triangles": len(triangles),
         }
@@ -134,8 +145,9 @@ class MeshProcess:
             ended = child.wait()  # its end of the pipe is closed, so it has ended or is about to
             self.close()
             if ended == -signal.SIGXCPU:
-                words = f"it took more than {MAX_TIME:g} s of processor time"
-                raise TimeoutError(words) from error
+                seconds = request.get("seconds", MAX_TIME)
+                words = f"it took more than {seconds:g} s of processor time"
+                raise ProcessorTimeError(words) from error
             raise ValueError("it ended the process that did it") from error
         except TimeoutError:
             self.close()
@@ -228,10 +240,11 @@ def main() -> None:
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     for line in sys.stdin.buffer:
+        request = json.loads(line)
         # Should the node die without a word, this process does not read on for ever.
-        seconds = int(time.process_time() + MAX_TIME) + 1
+        seconds = int(time.process_time() + request.get("seconds", MAX_TIME)) + 1
         resource.setrlimit(resource.RLIMIT_CPU, (seconds, resource.RLIM_INFINITY))
-        _answer(json.loads(line), sys.stdin.buffer, out)
+        _answer(request, sys.stdin.buffer, out)
 
 
 if __name__ == "__main__":

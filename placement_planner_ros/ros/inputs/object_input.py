@@ -15,6 +15,7 @@ import numpy.typing as npt
 from shape_msgs.msg import Mesh
 
 from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.body.covered_mesh import MOST_SECONDS
 from placement_planner_ros.core.body.mesh import require_few
 from placement_planner_ros.core.errors import ObjectError, PlacementPlannerError
 from placement_planner_ros.core.meshes.headers import check_header
@@ -276,7 +277,7 @@ class ObjectInput:
                         center_of_mass=np.array(center) if center else None,
                         scale=scale,
                         settings=settings,
-                        cover=partial(cover_in, process, began=began),
+                        cover=partial(cover_in, process, began=began, seconds=MOST_SECONDS),
                     )
                 finally:
                     self._tell("")

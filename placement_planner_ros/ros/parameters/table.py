@@ -22,7 +22,7 @@ from placement_planner_ros.core.wishes import checks as wish_checks
 from placement_planner_ros.ros.parameters import checks
 from placement_planner_ros.ros.parameters.one_line import one_line
 from placement_planner_ros.ros.parameters.spec import Check, Kind, Spec, Value, kind_of
-from placement_planner_ros.scenes.scenes import scene_by_name
+from placement_planner_ros.scenes.scenes import CABINET_VOLUME
 from placement_planner_ros.scenes.yumi import GRIPPER_JOINTS, GRIPPER_OPEN, TIP_FRAMES
 
 PLANNER = {
@@ -85,7 +85,6 @@ _LIMITS = {
     "max_acceleration",
 }
 
-_SCENE = scene_by_name("cabinet_high_clutter")
 _MAX_SEED = 2**63 - 1
 
 
@@ -194,7 +193,7 @@ def _start_up() -> list[Spec]:
 
 
 def _runs() -> list[Spec]:
-    volume = [*map(float, _SCENE.volume.lower), *map(float, _SCENE.volume.upper)]
+    volume = [*map(float, CABINET_VOLUME.lower), *map(float, CABINET_VOLUME.upper)]
     return [
         _own(
             "target_volume",

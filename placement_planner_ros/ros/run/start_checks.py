@@ -20,6 +20,7 @@ from placement_planner_ros.core.grasp.at_start import deep_fingers, faults_at_st
 from placement_planner_ros.core.grasp.object_size import size_doubt
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.scene.keep_out import boxes_of
 from placement_planner_ros.core.timing.trajectory_maker import TimingSettings
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.inputs import Inputs
@@ -137,6 +138,7 @@ def start_notes(snapshot: Snapshot, environment: Environment | None) -> list[str
         snapshot.body,
         snapshot.parameters.planner_settings.collision,
         None if environment is None else environment.obstacles,
+        boxes_of(keep_out) if (keep_out := snapshot.parameters["keep_out"]) else None,
     )
     robot, parameters = snapshot.robot, snapshot.parameters
     beyond = robot.limit_violations(snapshot.q_start)

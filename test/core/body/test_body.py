@@ -6,7 +6,9 @@ import pytest
 import trimesh
 from shared import SHARED
 
+from placement_planner_ros.core.body import convex_part as convex_part_module
 from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.body.convex_cover import hull_cover
 from placement_planner_ros.core.body.settings import BodySettings
 from placement_planner_ros.core.errors import ObjectError, ParameterError
 from placement_planner_ros.scenes.objects import object_by_name
@@ -313,8 +315,8 @@ def test_vertices_that_are_no_numbers_are_counted():
 
 
 def test_what_is_too_much_is_refused_with_its_number():
-    with pytest.raises(ObjectError, match=r"300003 of them.*300000"):
-        Body.from_mesh(np.random.default_rng(0).uniform(size=(300_003, 3)), [[0, 1, 2]])
+    with pytest.raises(ObjectError, match=r"900003 of them.*900000"):
+        Body.from_mesh(np.zeros((900_003, 3)), [[0, 1, 2]])
     with pytest.raises(ObjectError, match=r"400000 of them.*300000"):
         Body.from_mesh(np.eye(3) * 0.1, [[0, 1, 2]] * 400_000)
     some = [box(0.001, 0.001, 0.001).apply_translation([0.002 * n, 0, 0]) for n in range(501)]
@@ -331,6 +333,23 @@ def test_what_is_round_may_have_as_many_facets_as_triangles():
     assert [np.round(face.normal, 6).tolist() for face in body.faces] == [[0.0, 0.0, -1.0]]
     for part in body.parts:
         assert (part.vertices @ part.normals.T - part.offsets).max() < 1e-6
+
+
+def test_a_convex_piece_counts_as_such_however_finely_it_is_divided(monkeypatch):
+    monkeypatch.setattr(convex_part_module, "_MOST_COMPARED", 0)
+    rings = trimesh.creation.cylinder(radius=0.03, height=0.1, sections=180)
+    rings = rings.subdivide_to_size(0.006)
+    assert len(rings.faces) > 10_000
+    body = Body.from_mesh(rings.vertices, rings.faces)
+    assert body.mesh is None
+    assert len(body.parts) == 1
+    dented = np.array(rings.vertices)
+    dented[np.argmax(dented @ [1.0, 0.3, 0.2])] *= 0.93
+
+    def hull(vertices, triangles, tolerance):
+        return hull_cover(vertices, triangles)
+
+    assert Body.from_mesh(dented, rings.faces, cover=hull).mesh is not None
 
 
 def test_triangles_that_share_no_vertices_are_put_together():

@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from placement_planner_ros.core import kept_files
 from placement_planner_ros.core.body import convex_cover as convex_cover_module
-from placement_planner_ros.core.body import cover_store, mesh_components
+from placement_planner_ros.core.body import cover_store, covered_mesh, mesh_components
 from placement_planner_ros.core.body.convex_cover import Cover, convex_cover, hull_cover
 from placement_planner_ros.core.body.mesh_components import Components
 from placement_planner_ros.core.body.polytope import grown, holds, hull_around
@@ -171,6 +171,25 @@ def ask(made, tolerance=0.01):
     assert [part.shape for part in cover.parts] == [(4, 3), (5, 3)]
     assert (cover.excess, cover.closed) == (0.25, True)
     return made
+
+
+def test_a_cover_of_an_object_that_takes_too_long_is_the_hull_from_then_on(store, monkeypatch):
+    mesh = np.asarray(RING.vertices), np.asarray(RING.faces), 0.01
+    monkeypatch.setattr(covered_mesh, "MOST_SECONDS", 0.0)
+    (part,) = covered_mesh.make_cover(*mesh).parts
+    monkeypatch.undo()
+    np.testing.assert_array_equal(hull_cover(*mesh[:2]).parts[0], part)
+    monkeypatch.setattr(kept_files, "kept_folder", lambda: store[0].parent)
+    assert len(covered_mesh.make_cover(*mesh).parts) == 1
+    assert len(covered_mesh.make_cover(*mesh[:2], 0.02).parts) > 1
+
+
+def test_rows_that_are_alike_are_found_as_numpy_finds_them():
+    rows = np.random.default_rng(2).integers(-2, 3, (500, 3)).astype(float)
+    _, first, kind = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+    made = mesh_components.alike(rows)
+    np.testing.assert_array_equal(made[0], first)
+    np.testing.assert_array_equal(made[1], kind.reshape(-1))
 
 
 def test_a_cover_is_made_once_for_a_content(store):

@@ -10,7 +10,8 @@ import trimesh
 from placement_planner_ros.core import kept_files
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.ros.inputs import mesh_process
-from placement_planner_ros.ros.inputs.mesh_process import MeshProcess
+from placement_planner_ros.ros.inputs.covers import cover_in
+from placement_planner_ros.ros.inputs.mesh_process import MeshProcess, ProcessorTimeError
 from placement_planner_ros.ros.inputs.robot_input import _Covers
 
 URDF = """<robot name="ring"><link name="base"><collision><geometry>
@@ -53,8 +54,20 @@ def test_a_cover_that_takes_too_much_of_the_processor_is_told_as_such(folder):
         mesh = process.read(folder / "ring.stl")
         process._child.send_signal(signal.SIGXCPU)  # as the limit that it set itself does
         process._child.wait()
-        with pytest.raises(TimeoutError, match="60 s of processor time"):
+        with pytest.raises(ProcessorTimeError, match="60 s of processor time"):
             process.cover(*mesh, 0.01)
+
+
+def test_where_the_processor_time_is_not_enough_the_hull_is_kept(folder):
+    with MeshProcess() as process:
+        mesh = process.read(folder / "ring.stl")
+        process._child.send_signal(signal.SIGXCPU)
+        process._child.wait()
+        began = []
+        for _ in range(2):
+            cover = cover_in(process, *mesh, 0.01, lambda: began.append(1), 3.0)
+            assert len(cover.parts) == 1
+        assert began == [1], "it is not tried again each time"
 
 
 def test_a_cover_that_takes_too_much_memory_is_the_hull_and_that_is_told(folder):

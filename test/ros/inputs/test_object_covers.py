@@ -30,12 +30,12 @@ def covers(monkeypatch):
     """What is covered, each time by which thread, as soon as the gate is open."""
     gate, made, original = threading.Event(), [], MeshProcess.cover
 
-    def cover(self, vertices, triangles, tolerance):
+    def cover(self, vertices, triangles, tolerance, seconds):
         made.append(threading.current_thread().name)
         while not gate.wait(0.02):
             if self._should_stop():
                 raise StoppedHereError
-        return original(self, vertices, triangles, tolerance)
+        return original(self, vertices, triangles, tolerance, seconds)
 
     monkeypatch.setattr(MeshProcess, "cover", cover)
     yield gate, made

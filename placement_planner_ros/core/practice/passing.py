@@ -1,0 +1,65 @@
+"""Every stage of a search, passed once with this code; who comes later loads what that took."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import coal
+import numpy as np
+import pinocchio as pin
+import scipy
+
+from placement_planner_ros.core import kernel_cache
+from placement_planner_ros.core.kept_files import (
+    kept_folder,
+    made_afresh,
+    sealed,
+    unsealed,
+    write_whole,
+)
+from placement_planner_ros.core.kernels import version_of_kernels
+from placement_planner_ros.core.practice.practice import Practice
+
+_CORE = Path(__file__).parents[1]
+_NAME = kernel_cache.__name__.removesuffix("kernel_cache")
+
+
+def pass_every_stage(first: Sequence[Callable[[Practice], None]] = ()) -> None:
+    """Solve the practice task, and keep on disk which kernels are there then.
+
+    Args:
+        first: as `Practice.solve` says.
+
+    Raises:
+        PracticeError: a stage was not passed.
+    """
+    with made_afresh():
+        Practice().solve(first)
+    path = _path()
+    if path is not None:
+        with contextlib.suppress(OSError):  # the next process solves it too
+            write_whole(path, sealed(kernel_cache.versions(_NAME), path.name))
+
+
+def load_passed() -> bool:
+    """Load the kernels with which every stage was passed, if that has been kept."""
+    path = _path()
+    try:
+        return path is not None and kernel_cache.load(unsealed(path.read_bytes(), path.name))
+    except (OSError, ValueError):
+        return False
+
+
+def _path() -> Path | None:
+    """For this version of all that calls kernels, which decides with which arguments it does."""
+    folder = kept_folder()
+    if folder is None:
+        return None
+    libraries = (np.__version__, scipy.__version__, pin.__version__, coal.__version__)
+    digest = hashlib.sha256(repr((version_of_kernels(), libraries)).encode())
+    for path in sorted(_CORE.rglob("*.py")):
+        digest.update(path.read_bytes())
+    return folder / f"passed-{digest.hexdigest()[:16]}"
