@@ -81,11 +81,9 @@ def seen_through(
 
 def _widest(discs: Array, part: float, step: float) -> Array:
     """Of discs (k, 4), in each square of that side and each step of heights, the widest."""
-    x, y, height = (
-        np.floor(discs[:, k] / size).astype(np.int64)
-        for k, size in ((0, part), (1, part), (3, step))
-    )
-    key = np.zeros(len(discs), np.int64)  # one number, for it is sorted in a third of the time
+    sizes = np.array([part, part, step])
+    x, y, height = np.floor(discs[:, [0, 1, 3]] / sizes).astype(np.int64).T
+    key = np.zeros(len(discs), np.int64)  # one number, for it is sorted in 0.6 of the time
     for value in (height, y, x):
         low = value.min(initial=0)
         key = key * (value.max(initial=0) - low + 1) + value - low
