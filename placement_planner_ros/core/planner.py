@@ -11,6 +11,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from placement_planner_ros.core.carry.settings import CarrySettings, TiltLimit
 from placement_planner_ros.core.collision.arm import CollisionSettings
 from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.explanation import tables
@@ -77,6 +78,7 @@ class PlannerSettings(Settings):
         keep_out: corners of boxes, six numbers each, that nothing which moves may enter.
         turns: how the object shall be turned.
         wishes: what a weighted objective is made of, and what is required.
+        carry: by how much the object may lean, and be accelerated, on its way.
     """
 
     sampler: SamplerName = setting("optimistic", text="How goals are sampled.", choices=SAMPLERS)
@@ -131,10 +133,28 @@ class PlannerSettings(Settings):
     transit: TransitSettings = field(default_factory=TransitSettings)
     ascent: AscentSettings = field(default_factory=AscentSettings)
     timing: TimingSettings = field(default_factory=TimingSettings)
+    carry: CarrySettings = field(default_factory=CarrySettings)
+
+    @property
+    def tilt(self) -> TiltLimit | None:
+        """Of these, by how much the held object may lean; None for any.
+
+        Raises:
+            ParameterError: carry.max_tilt is set, but object.up is not.
+        """
+        return self.carry.tilt_limit(self.turns.up)
 
     def __post_init__(self) -> None:
         Settings.__post_init__(self)
         checks.boxes("keep_out", self.keep_out)
+
+    @property
+    def turns_at_rest(self) -> TurnSettings:
+        """How the object shall be turned, and that it leans there no more than on its way."""
+        tilt = self.tilt
+        if tilt is None:
+            return self.turns
+        return replace(self.turns, up_tolerance=min(self.turns.up_tolerance, tilt.at_rest))
 
     @property
     def footing(self) -> Footing:
@@ -146,7 +166,12 @@ class PlannerSettings(Settings):
     def grasp(self) -> GraspSettings:
         """Of these, what holding, approach, release and retreat are checked by."""
         return GraspSettings(
-            self.collision, self.ik, self.approach, self.retreat, self.require_retreat
+            self.collision,
+            self.ik,
+            self.approach,
+            self.retreat,
+            self.require_retreat,
+            self.tilt,
         )
 
 
@@ -197,7 +222,7 @@ class PlacementPlanner:
             settings.collision,
             settings.footing,
             settings.approach.approach_minimum,
-            settings.turns,
+            settings.turns_at_rest,
         )
         holdings, self.unusable = usable_holdings(problem, settings.grasp)
         self.holdings = {(r.arm.name, r.grasp): r for of_arm in holdings for r in of_arm}
@@ -225,7 +250,9 @@ class PlacementPlanner:
         self._optimizer = LocalOptimizer(
             poses, objective, settings.min_improvement, settings.ascent
         )
-        self._trajectories = TrajectoryMaker(settings.timing, rng_paths)
+        self._trajectories = TrajectoryMaker(
+            settings.timing, settings.carry.max_acceleration, rng_paths
+        )
         self.statistics = Statistics(
             self.sampler.count,
             finder.rejections,

@@ -10,9 +10,10 @@ a point every 5 mm, leave 2.3 mm of them outside of the boxes in 99 % of all pla
 penetration.
 """
 
+from .carrying import Way, check_carrying, way_of_object
 from .check import SolutionChecker, check_solution
 from .clearance import upright_prisms
-from .curve import states_along
+from .curve import check_limits, states_along
 from .insides import piece_voxels, voxel_centres
 from .pieces import Piece, convex_components, mesh_components, object_pieces
 from .robot import RobotModel
@@ -32,7 +33,10 @@ __all__ = [
     "SolutionChecker",
     "Task",
     "Tolerances",
+    "Way",
     "World",
+    "check_carrying",
+    "check_limits",
     "check_solution",
     "check_stance",
     "convex",
@@ -44,4 +48,5 @@ __all__ = [
     "surface_normal",
     "upright_prisms",
     "voxel_centres",
+    "way_of_object",
 ]

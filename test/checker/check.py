@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
+from .carrying import Way, check_carrying, way_of_object
 from .clearance import Clearance
 from .curve import check_curve, check_limits, states_along
 from .leaving import Leaving
@@ -47,6 +48,7 @@ class SolutionChecker:
         return [
             *self._check_start(solution),
             *check_limits(self.robot, solution.trajectory, tolerances),
+            *check_carrying(self.robot, task, solution, q_start, tolerances),
             *self._check_end(solution, states[-1]),
             *self._check_collisions(solution, states, times),
             *check_stance(task, np.asarray(solution.placement_pose), tolerances),
@@ -55,6 +57,10 @@ class SolutionChecker:
                 self.robot, task, self.components, tolerances, solution, q_start, states[-1]
             ).check(),
         ]
+
+    def way(self, solution: Solution) -> Way:
+        """The largest tilt and acceleration of the object on its way."""
+        return way_of_object(self.robot, self.task, solution, self._q_start())
 
     def clearance(self, T_world_object: Array) -> float:
         """C: mean distance of the object's voxel centres sideways and upwards, metres."""

@@ -75,6 +75,9 @@ class Task:
         beyond: how far outside V things count for the clearance, metres.
         support: `vertices`, or `polygon`: by what an object stands.
         support_margin: with `polygon`, from its centre of mass to the end of what carries it, m.
+        up: (3,) direction of the object that is to stay near the vertical on the way; None for any.
+        max_tilt: its angle from the vertical at most, rad.
+        max_acceleration: of the centre of mass on the way, m/s².
         keep_out: (k, 2, 3) corners of boxes that keep the margin from all that moves.
         asked: rules and wishes, see `Asked`.
     """
@@ -94,6 +97,9 @@ class Task:
     beyond: float = 0.0
     support: str = "vertices"
     support_margin: float = 0.01
+    up: Array | None = None
+    max_tilt: float = np.pi
+    max_acceleration: float = np.inf
     keep_out: Array = field(default_factory=lambda: np.zeros((0, 2, 3)))
     asked: Asked = field(default_factory=lambda: Asked())
 
@@ -182,6 +188,7 @@ class Tolerances:
         pushing: how much deeper a finger may get into the object while it opens.
         touching: way of the hand, at the longest, on which links that touch the object when the
             hand is open may touch it still; those that have come off before must not meet it again.
+        tilt: rad, what floating point may lose.
         parted: distance of all links from the object at the end of the retreat, at least.
     """
 
@@ -206,6 +213,7 @@ class Tolerances:
     pushing: float = 2e-4
     touching: float = 3.05e-3
     parted: float = 1e-3
+    tilt: float = 1e-9
 
 
 def world_vertices(task: Task, T_world_object: Array) -> Array:

@@ -315,6 +315,9 @@ def test_start_with_changes_parameters_for_one_run(bench):
         ({"object__triangles": [0, 1, 99]}, "BAD_OBJECT"),
         ({"left__tip_frame": "nowhere"}, "BAD_PARAMETER"),
         ({"acceleration_limits": [1.0, 2.0]}, "BAD_PARAMETER"),
+        ({"carry__max_tilt": 0.2}, "BAD_PARAMETER"),
+        ({"carry__max_acceleration": -1.0}, "BAD_PARAMETER"),
+        ({"carry__max_tilt": 0.01, "object__up": [0.3, 0.5, 1.0]}, "BAD_START"),
     ],
     ids=str,
 )

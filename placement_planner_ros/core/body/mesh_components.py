@@ -77,14 +77,15 @@ class Components:
         return _Solids.of(self.corners[solid], self.label[solid])
 
     def coarser(self, cell: float) -> Components:
-        """About the same in fewer triangles: vertices in one cube of that side become one."""
+        """About the same in fewer triangles: vertices in one cube of that side become one; the same
+        where it is so small that none would be left."""
         points = self.corners.reshape(-1, 3)
         _, cubes = alike(np.floor(points / cell))
         count = np.bincount(cubes)
         middles = [np.bincount(cubes, along) / count for along in points.T]
         faces = cubes.reshape(-1, 3)
         whole = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
-        return Components.of(np.column_stack(middles), faces[whole])
+        return Components.of(np.column_stack(middles), faces[whole]) if whole.any() else self
 
     def of_labels(self, labels: Labels) -> Components:
         """These components alone."""

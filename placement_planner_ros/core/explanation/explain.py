@@ -9,6 +9,7 @@ from placement_planner_ros.core.explanation import collisions, rules, surfaces, 
 from placement_planner_ros.core.explanation.advice import advice, closer, grasps, support
 from placement_planner_ros.core.explanation.explanation import Explanation, Remedy
 from placement_planner_ros.core.explanation.search import Progress, Search
+from placement_planner_ros.core.explanation.tilted_way import tilted_way
 from placement_planner_ros.core.search.pruning import Ruling
 from placement_planner_ros.core.search.sampler import SampleCount
 from placement_planner_ros.core.types import Verdict
@@ -101,10 +102,15 @@ def _unreached(search: Search, progress: Progress) -> Explanation:
     if progress.unreached:
         cause += f" ({progress.unreached:,} motions failed certification)"
     remedies = [Remedy("time_limit", "allow more time")]
+    details: list[str] = []
+    blamed = tilted_way(search, progress.goals)
+    if blamed is not None:
+        cause += blamed.cause
+        remedies.insert(0 if blamed.certain else 1, blamed.remedy)
+        details.append(blamed.seen)
     remedies += grasps(search, "give some with which the way there is free")
     if search.settings.collision.collision_margin > 0.0:
         remedies.append(Remedy("collision_margin", "lower it, or clear the way"))
-    details = []
     for holding in search.finder.holdings:
         key = holding.arm.name, holding.grasp
         ends = [goal.q_raised for goal in progress.goals if (goal.arm, goal.grasp) == key]

@@ -37,12 +37,13 @@ def no_rest_as_asked(search: Search) -> Explanation:
     words = []
     if "object.up" in blamed or not blamed:
         lean = min(turns.least_lean(*pair) for pair in pairs)
+        tolerance = _up_tolerance(search)
         words.append(
-            f"object.up leans by {lean:.3f} rad or more in all of them, by object.up_tolerance it "
+            f"object.up leans by {lean:.3f} rad or more in all of them, by {tolerance} it "
             f"may by {settings.up_tolerance:.3f}"
         )
         if lean > settings.up_tolerance:
-            remedies.append(Remedy("object.up_tolerance", f"raise it to {lean + 0.001:.3f} rad"))
+            remedies.append(Remedy(tolerance, f"raise it to {lean + 0.003:.3f} rad"))
         remedies.append(Remedy("object.up", "give another direction, or none: []"))
     if "object.front" in blamed or not blamed:
         words.append(
@@ -73,7 +74,15 @@ def broken(search: Search) -> list[str]:
 def advice(search: Search) -> tuple[list[Remedy], list[str]]:
     """What to try where poses break a rule."""
     tolerances = {
-        "object.up": Remedy("object.up_tolerance", "raise it"),
+        "object.up": Remedy(_up_tolerance(search), "raise it"),
         "object.front": Remedy("object.front_tolerance", "raise it"),
     }
     return [tolerances[name] for name in broken(search) if name in tolerances], []
+
+
+def _up_tolerance(search: Search) -> str:
+    """Of the parameters that limit by how much object.up may lean at rest, the narrower one."""
+    turns, tilt = search.poses.turns, search.settings.tilt
+    if turns is None or tilt is None or turns.settings.up_tolerance < tilt.at_rest:
+        return "object.up_tolerance"
+    return "carry.max_tilt"

@@ -7,6 +7,7 @@ to a margin that nothing is certain is refused too.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
@@ -17,6 +18,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.carry.settings import TiltLimit
 from placement_planner_ros.core.collision.arm import (
     HELD_OBJECT,
     CollisionSettings,
@@ -78,12 +80,14 @@ def faults_at_start(
     body: Body,
     settings: CollisionSettings,
     obstacles: ObstacleSet | None = None,
+    tilt: TiltLimit | None = None,
     keep_out: Array | None = None,
 ) -> tuple[str, ...]:
-    """Why some arms and grasps cannot be used: joint limits and collision at q_0 (nq,).
+    """Why some arms and grasps cannot be used: joint limits, collision and tilt at q_0 (nq,).
 
     Args:
         obstacles: the environment; None where it is not known yet.
+        tilt: by how much the held object may lean; None for any.
         keep_out: (k, 2, 3) corners of boxes that nothing which moves may be in.
 
     Raises:
@@ -111,7 +115,10 @@ def faults_at_start(
             if obstacles is not None and not (depths or link or in_cloud):
                 in_cloud = placed.met_by_object_in(obstacles, arm, grasp, body, margin)
             name = f"{arm.name} with grasp {grasp}"
-            if in_cloud is not None:
+            leans = placed.leans(arm, grasp, tilt)
+            if leans is not None:
+                faults.append(Fault(f"{name}: {leans.words}", leans.remedies))
+            elif in_cloud is not None:
                 faults.append(Fault(f"{name}: {in_cloud.words}", in_cloud.remedies))
             elif depths:
                 bad_grasps.append(object_in_hand(arm, grasp, depths))
@@ -123,6 +130,38 @@ def faults_at_start(
     if not usable:
         raise none_usable(faults, bad_grasps)
     return (*map(str, bad_grasps), *map(str, faults))
+
+
+def tilt_fault(limit: TiltLimit, tilt: float) -> Fault | None:
+    """The fault of an object that leans by `tilt` rad at q_0; None where it may."""
+    if tilt <= limit.most:
+        return None
+    return Fault(
+        f"object.up is {in_degrees(tilt)} from the vertical at q_0, and carry.max_tilt "
+        f"{in_degrees(limit.most)}",
+        (
+            "bring the object upright before start, raise carry.max_tilt, or correct object.up or "
+            "the grasp",
+        ),
+    )
+
+
+def tilts_at_start(
+    robot: Robot, arms: tuple[Arm, ...], q_start: Array, limit: TiltLimit
+) -> tuple[str, ...]:
+    """By how much the object leans at q_0 (nq,) in each grasp, in words."""
+    placed = _Placed(robot, q_start)
+    return tuple(
+        f"{arm.name} with grasp {grasp}: object.up is {in_degrees(placed.tilt(arm, grasp, limit))} "
+        f"from the vertical at q_0 (carry.max_tilt: {in_degrees(limit.most)})"
+        for arm in arms
+        for grasp in range(len(arm.grasps))
+    )
+
+
+def in_degrees(angle: float) -> str:
+    """An angle in rad for people, and as parameters have it."""
+    return f"{math.degrees(angle):.1f}° ({angle:.4g} rad)"
 
 
 def in_keep_out(
@@ -268,6 +307,15 @@ class _Placed:
                 if len(set(met)) == _NAMED:
                     break
         return met_itself(self._robot, self._q, met) if met else None
+
+    def tilt(self, arm: Arm, grasp: int, limit: TiltLimit) -> float:
+        """Angle of the held object's `up` from the vertical, rad."""
+        T = self._data.oMf[self._robot.frame_id(arm.tip_frame)] * arm.grasps[grasp]
+        return limit.tilt(T.rotation)
+
+    def leans(self, arm: Arm, grasp: int, limit: TiltLimit | None) -> Fault | None:
+        """Whether the held object leans by more than it may."""
+        return None if limit is None else tilt_fault(limit, self.tilt(arm, grasp, limit))
 
     def bad_grasps(self, arm: Arm, body: Body) -> list[GraspError]:
         """Grasps in which the object lies in the hand."""

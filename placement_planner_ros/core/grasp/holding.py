@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from placement_planner_ros.core.carry.tilt import TiltConstraint
 from placement_planner_ros.core.collision.arm import ArmCollision, Meeting
 from placement_planner_ros.core.collision.load import Held
 from placement_planner_ros.core.constraints import PoseConstraints
@@ -63,6 +64,7 @@ class Holding:
         require_retreat: whether a placement without release and retreat counts for nothing.
         any_turn: where the arm's joints move its tip in fewer than six directions, so that it says
             how the object is turned: which turns it can give it; else None.
+        upright: the limit on the object's tilt; None without.
 
     Raises:
         GraspError: the object overlaps the arm, or the hand could not let it go.
@@ -103,6 +105,9 @@ class Holding:
         self.any_turn = (
             AnyTurn(self.chain, grasp, self._ik) if lacks_directions(self.chain) else None
         )
+        self.upright: TiltConstraint | None = None
+        if settings.tilt is not None:
+            self.upright = TiltConstraint(self.chain, grasp.rotation, settings.tilt)
         self._seeds = seed_table(self.chain)
         self._settings = settings.approach
         self._reserve = settings.collision.planning_reserve
@@ -211,8 +216,23 @@ class Holding:
         return self.collision.free(q, self._reserve, contact=True)
 
     def transit_free(self, a: Array, b: Array) -> bool:
-        """Whether a whole straight joint motion is free, with what planning keeps in reserve."""
+        """Whether a whole straight joint motion is free and keeps the tilt, with what planning
+        keeps in reserve."""
+        return self._keeps_tilt(a, b) and self.edge_free(a, b)
+
+    def edge_free(self, a: Array, b: Array) -> bool:
+        """`transit_free`, the tilt aside."""
         return self.collision.edge_free(a, b, reserve=self._reserve)
+
+    def _keeps_tilt(self, a: Array, b: Array) -> bool:
+        return self.upright is None or self.upright.keeps(a, b)
+
+    def timed_free(self, a: Array, b: Array, deviation: Array, contact: bool = False) -> bool:
+        """Whether every motion within `deviation` (dof,) of the straight one, joint by joint, is
+        free and keeps the tilt, without reserves."""
+        if self.upright is not None and not self.upright.keeps_timed(a, b, deviation):
+            return False
+        return self.collision.edge_free(a, b, contact=contact, deviation=deviation)
 
     def comes_straight_down(self, points: Array, T_world_object: pin.SE3) -> bool:
         """Whether on all of a curve the object is within `approach_stray` of where c_f(x) swept it.
@@ -294,7 +314,8 @@ class Holding:
     ) -> list[Array] | None:
         """Waypoints (dof,) after `q` at height `below` up to another, metres, their edges free.
 
-        Steps on which the object would leave its line are halved; None where that does not help.
+        Steps on which the object would leave its line, or lean, are halved; None where that does
+        not help.
         """
         above = pin.SE3(T_world_object)
         above.translation = T_world_object.translation + np.array([0.0, 0.0, height])
@@ -303,7 +324,7 @@ class Holding:
             return None
         chord = np.linspace(q_next, q, 5)
         strays = stray_at(self.chain, chord, *self._lines(T_world_object))
-        if strays <= _PLANNED_STRAY * self._stray:
+        if strays <= _PLANNED_STRAY * self._stray and self._keeps_tilt(q, q_next):
             is_free = self.collision.edge_free(q, q_next, contact=True, reserve=self._reserve)
             return [q_next] if is_free else None
         if halvings == 0:

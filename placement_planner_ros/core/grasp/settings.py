@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from placement_planner_ros.core.carry.settings import TiltLimit
 from placement_planner_ros.core.collision.arm import CollisionSettings
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.reach.ik import IKSettings
@@ -93,6 +94,7 @@ class GraspSettings:
 
     Attributes:
         require_retreat: whether a placement without release and retreat counts for nothing.
+        tilt: by how much the held object may lean; None for any.
     """
 
     collision: CollisionSettings = field(default_factory=CollisionSettings)
@@ -100,3 +102,4 @@ class GraspSettings:
     approach: ApproachSettings = field(default_factory=ApproachSettings)
     retreat: RetreatSettings = field(default_factory=RetreatSettings)
     require_retreat: bool = True
+    tilt: TiltLimit | None = None

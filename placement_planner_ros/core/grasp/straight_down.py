@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from placement_planner_ros.core.reach.kinematics import Chain
+from placement_planner_ros.core.reach.reach_bound import levers
 from placement_planner_ros.core.types import Array
 
 _BENT = 1e-5
@@ -48,7 +49,7 @@ def stray(chain: Chain, points: Array, vertices: Array, placed: Array) -> float:
     Returns:
         metres, `_BENT` above the furthest that is reached at most.
     """
-    reach = _reach(chain, vertices)
+    reach = levers(chain, vertices)
     joints = np.arange(chain.dof)
     first = 5.0 * np.abs(np.diff(points, axis=1)).max(axis=1)
     second = 20.0 * np.abs(np.diff(points, 2, axis=1)).max(axis=1)
@@ -57,15 +58,6 @@ def stray(chain: Chain, points: Array, vertices: Array, placed: Array) -> float:
     counts = np.maximum(np.ceil(np.sqrt(bend / (8.0 * _BENT))), 1.0).astype(np.int64)
     Q = [_bezier(piece, count) for piece, count in zip(points, counts, strict=True)]
     return stray_at(chain, np.vstack(Q), vertices, placed) + _BENT
-
-
-def _reach(chain: Chain, vertices: Array) -> Array:
-    """(dof,) most metres any vertex moves per unit of each joint, whatever the configuration."""
-    slides = np.where(chain.prismatic, np.maximum(np.abs(chain.lower), np.abs(chain.upper)), 0.0)
-    links = np.linalg.norm(chain.fixed[1:, :3, 3], axis=1)
-    links[:-1] += slides[1:]
-    links[-1] += float(np.linalg.norm(vertices, axis=1).max())
-    return np.where(chain.prismatic, 1.0, np.cumsum(links[::-1])[::-1])
 
 
 def _bezier(points: Array, count: int) -> Array:

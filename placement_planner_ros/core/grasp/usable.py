@@ -15,6 +15,7 @@ from placement_planner_ros.core.grasp.at_start import (
     met_environment,
     met_itself,
     none_usable,
+    tilt_fault,
     touches_clouds,
 )
 from placement_planner_ros.core.grasp.holding import Holding
@@ -79,7 +80,11 @@ def usable_holdings(
 
 
 def _why_not_free(holding: Holding, obstacles: ObstacleSet, margin: float) -> Fault | None:
-    """What q_0 collides with, None where it is free."""
+    """What q_0 collides with, or how the object leans there; None where all is well."""
+    if holding.upright is not None:
+        leans = tilt_fault(holding.upright.limit, holding.upright.tilt(holding.q_start))
+        if leans is not None:
+            return leans
     alone = holding.collision.with_pairs(lambda a, b: True, environment=False)
     robot, q_start = holding.moving.robot, holding.moving.q_rest
     of_robot = alone.meeting(holding.q_start)

@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.kernels import kernel
+from placement_planner_ros.core.motion.projected import Constraint, ProjectedSteps
 from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.types import Array
 
@@ -147,6 +148,7 @@ class GoalSetRRT:
         edge_is_free: Callable[[Array, Array], bool],
         settings: GoalSetRRTSettings,
         rng: np.random.Generator,
+        constraint: Constraint | None = None,
     ) -> None:
         """Plant the forward tree.
 
@@ -157,6 +159,8 @@ class GoalSetRRT:
                 symmetric in its arguments.
             settings: how the trees grow.
             rng: the only source of randomness.
+            constraint: what whole edges must keep besides; samples and steps are projected onto it.
+                Start, goals and branches keep it.
 
         Raises:
             ParameterError: bounds, start or weights do not fit each other.
@@ -174,6 +178,9 @@ class GoalSetRRT:
         self._scale = np.array(weights, dtype=np.float64) ** 2
         self._settings = settings
         self._edge_is_free = edge_is_free
+        self._projected: ProjectedSteps | None = None
+        if constraint is not None:
+            self._projected = ProjectedSteps(constraint, settings.max_step, self._scale)
         self._rng = rng
         self.iterations = 0
         self.edges_checked = 0
@@ -358,6 +365,8 @@ class GoalSetRRT:
     def _extend(self, label: int) -> int:
         """Grow a tree by one step towards a sample; the new node, or -1 where blocked."""
         target = self._sample(label)
+        if self._projected is not None:
+            return self._extend_projected(self._projected, target, label)
         near = self._nearest(target, label)
         q, _ = self._step(near, target)
         if np.array_equal(q, self._q(near)) or not self._is_free(near, q):
@@ -368,8 +377,16 @@ class GoalSetRRT:
         """Grow a tree from its node nearest to node `target` until there or blocked; merge."""
         q_target = self._q(target)
         near = self._nearest(q_target, label)
+        if self._projected is not None:
+            self._projected.begin()
         while not should_stop():
-            q, arrived = self._step(near, q_target)
+            if self._projected is None:
+                q, arrived = self._step(near, q_target)
+            else:
+                step = self._projected.step(self._q(near), q_target)
+                if step is None:
+                    return
+                q, arrived = step
             if not self._is_free(near, q):
                 return
             if arrived:
@@ -381,6 +398,24 @@ class GoalSetRRT:
             if self._count >= self._max_nodes:
                 return
             near = self._append(q, near, int(self._labels[near]))
+
+    def _extend_projected(self, along: ProjectedSteps, target: Array, label: int) -> int:
+        """Grow a tree by `max_step` towards a sample, in as many steps as the constraint needs."""
+        projected = along.constraint.project(target)
+        if projected is None:
+            return -1
+        along.begin()
+        near, new, gone = self._nearest(projected, label), -1, 0.0
+        while gone < self._settings.max_step and self._count < self._max_nodes:
+            origin = self._q(near)
+            step = along.step(origin, projected)
+            if step is None or np.array_equal(step[0], origin) or not self._is_free(near, step[0]):
+                break
+            gone += float(np.sqrt(np.dot(self._scale, (step[0] - origin) ** 2)))
+            near = new = self._append(step[0], near, int(self._labels[near]))
+            if step[1]:
+                break
+        return new
 
     def _step(self, node: int, target: Array) -> tuple[Array, bool]:
         """At most `max_step` from a node towards `target`; whether that is the target itself."""

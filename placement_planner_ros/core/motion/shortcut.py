@@ -6,7 +6,13 @@ from collections.abc import Callable
 
 import numpy as np
 
+from placement_planner_ros.core.motion.projected import Constraint, ProjectedSteps
 from placement_planner_ros.core.types import Array
+
+_PROJECTED_STEP = 1.2
+"""Length of steps along a constraint at most."""
+_MORE_ATTEMPTS = 4
+"""Times as many attempts along a constraint, whose shortcuts soon fail or are short."""
 
 
 def shorten(
@@ -16,6 +22,7 @@ def shorten(
     attempts: int = 100,
     should_stop: Callable[[], bool] = lambda: False,
     tries: int = 4,
+    constraint: Constraint | None = None,
 ) -> Array:
     """Shorten a path by straight shortcuts between points on it, never making it longer.
 
@@ -27,7 +34,8 @@ def shorten(
     may miss; so the shortest of several independent tries is taken.
 
     Both ends stay exactly as they are. Every edge of the result is either part of an edge of
-    `path` or was certified by `edge_is_free`; the part of a free edge is free.
+    `path` or was certified by `edge_is_free`; the part of a free edge is free. Along a constraint,
+    shortcuts that leave it are projected back onto it, step by step.
 
     Args:
         path: (n, dof) waypoints, n ≥ 1, whose edges are free.
@@ -36,6 +44,7 @@ def shorten(
         attempts: random shortcuts to try, all tries together.
         should_stop: asked before every edge; True returns what is reached so far.
         tries: among which the attempts are shared.
+        constraint: what whole edges must keep; `edge_is_free` asks for it, too.
 
     Returns:
         (m, dof) waypoints.
@@ -45,10 +54,14 @@ def shorten(
     best = np.array(points)
     if len(points) < 3:
         return best
+    along = None
+    if constraint is not None:
+        along = ProjectedSteps(constraint, _PROJECTED_STEP, np.ones(path.shape[1]))
+        attempts *= _MORE_ATTEMPTS
     for child in rng.spawn(tries):
         if should_stop():
             break
-        found = _cut_short(points, edge_is_free, child, attempts // tries, should_stop)
+        found = _cut_short(points, edge_is_free, child, attempts // tries, should_stop, along)
         if _length(found) < _length(best):
             best = found
     return best
@@ -60,6 +73,7 @@ def _cut_short(
     rng: np.random.Generator,
     attempts: int,
     should_stop: Callable[[], bool],
+    along: ProjectedSteps | None,
 ) -> Array:
     """One try: random shortcuts, then the needless vertices left out."""
     for _ in range(attempts):
@@ -75,10 +89,31 @@ def _cut_short(
         a = points[i] + (low - reached[i]) / lengths[i] * (points[i + 1] - points[i])
         b = points[j] + (high - reached[j]) / lengths[j] * (points[j + 1] - points[j])
         straight_already = np.linalg.norm(b - a) >= (high - low) * (1.0 - 1e-9)
-        if not straight_already and edge_is_free(a, b):
+        if straight_already:
+            continue
+        if edge_is_free(a, b):
             points = [*points[: i + 1], a, b, *points[j + 1 :]]
+        elif along is not None:
+            way = _free_walk(along, a, b, high - low, edge_is_free)
+            if way is not None:
+                points = [*points[: i + 1], a, *way, *points[j + 1 :]]
     kept = _without_needless(list(_without_repetition(points)), edge_is_free, should_stop)
     return np.array(kept)
+
+
+def _free_walk(
+    along: ProjectedSteps,
+    a: Array,
+    b: Array,
+    length: float,
+    edge_is_free: Callable[[Array, Array], bool],
+) -> list[Array] | None:
+    """Configurations from after `a` to `b` along the constraint, shorter by a hundredth."""
+    way = along.walk(a, b, 0.99 * length)
+    if way is None or len(way) == 1:
+        return None
+    edges = zip([a, *way], way, strict=False)
+    return way if all(edge_is_free(p, q) for p, q in edges) else None
 
 
 def _length(path: Array) -> float:

@@ -109,21 +109,22 @@ class _Trees:
         self._waiting: list[_Candidate] = []
         self._next_key = 0
         # A start that keeps the margin, but nothing in reserve, can be left all the same.
-        tight = not holding.transit_free(holding.q_start, holding.q_start)
+        tight = not holding.edge_free(holding.q_start, holding.q_start)
         self.rrt = GoalSetRRT(
             holding.arm.lower,
             holding.arm.upper,
             holding.q_start,
-            self._is_free if tight else holding.transit_free,
+            self._is_free if tight else holding.edge_free,
             settings.rrt,
             rng,
+            holding.upright,
         )
 
     def _is_free(self, a: Array, b: Array) -> bool:
-        """`Holding.transit_free`, and without its reserve where it leads from the start."""
+        """`Holding.edge_free`, and without its reserve where it leads from the start."""
         holding = self._holding
         from_start = np.array_equal(a, holding.q_start) or np.array_equal(b, holding.q_start)
-        return holding.collision.edge_free(a, b) if from_start else holding.transit_free(a, b)
+        return holding.collision.edge_free(a, b) if from_start else holding.edge_free(a, b)
 
     @property
     def goals(self) -> int:

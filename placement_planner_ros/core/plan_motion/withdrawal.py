@@ -83,7 +83,10 @@ def winding_way(
         direction *= size * _STEP / max(float(np.linalg.norm(direction)), 1e-6)
         turn = np.eye(3)
         if rng.random() < 0.5:
-            turn = pin.exp3(size * _TURN * rng.standard_normal(3))
+            vector = size * _TURN * rng.standard_normal(3)
+            if holding.upright is not None:
+                vector[:2] = 0.0  # about the vertical, which tilts nothing
+            turn = pin.exp3(vector)
         for q in _run(holding, nodes[last], direction, turn, _RUN)[1:]:
             parents.append(last)
             last = len(nodes)

@@ -18,6 +18,7 @@ import pinocchio as pin
 import trimesh
 
 from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.carry.settings import CarrySettings
 from placement_planner_ros.core.collision.arm import ArmCollision
 from placement_planner_ros.core.collision.load import Held
 from placement_planner_ros.core.errors import PlacementPlannerError
@@ -39,6 +40,7 @@ from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.visibility import View
 from placement_planner_ros.core.swept.space import Stretch, SweptSpace
 from placement_planner_ros.core.types import Array, Placement, TargetVolume
+from placement_planner_ros.core.wishes.settings import TurnSettings
 
 SAMPLES = 4000
 """Samples within which a task must be solved, or be known to be hopeless."""
@@ -75,6 +77,7 @@ class Practice:
         for sampler in SAMPLERS:
             self._place(self._problem, replace(PlannerSettings(), sampler=sampler))
         self._place(self._problem, replace(PlannerSettings(), support="polygon"))
+        self._place(self._problem, self._carefully())
         for stage in (Practice.reach, Practice.collision, Practice.distances, Practice.swept):
             if stage not in first:
                 stage(self)
@@ -129,6 +132,14 @@ class Practice:
 
     def _holding_arm(self) -> ArmCollision:
         return ArmCollision(self._moving, Held(self._box), self._environment.obstacles)
+
+    def _carefully(self) -> PlannerSettings:
+        """Settings that keep the object as upright as it is held at first, and jerk it little."""
+        chain = Chain.from_robot(self._robot, self._arm, self._q)
+        tip = chain.forward(self._q[self._arm.q_index])[:3, :3]
+        up = (tip @ self._arm.grasps[0].rotation)[2]
+        carry = CarrySettings(max_tilt=0.5, max_acceleration=1.0)
+        return replace(PlannerSettings(), carry=carry, turns=TurnSettings(up=tuple(up.tolist())))
 
     def _place(self, problem: Problem, settings: PlannerSettings) -> None:
         """A placement, and a second one where better ones are sought at once."""

@@ -1,4 +1,5 @@
-"""How far an arm reaches at most: a bound that no configuration exceeds."""
+"""How far an arm reaches at most, and its joints move what it holds: bounds for all
+configurations."""
 
 from __future__ import annotations
 
@@ -42,6 +43,15 @@ class ReachBound:
         """Which of the (..., 4, 4) poses are no further than `slack` m beyond `length`."""
         gap = T_world_tip[..., :3, :3] @ self.wrist + T_world_tip[..., :3, 3] - self.shoulder
         return np.asarray((gap * gap).sum(axis=-1) <= (self.length + slack) ** 2)
+
+
+def levers(chain: Chain, points: Array) -> Array:
+    """(dof,) most metres that any of the points (n, 3) of the tip moves per unit of each joint."""
+    slides = np.where(chain.prismatic, np.maximum(np.abs(chain.lower), np.abs(chain.upper)), 0.0)
+    links = np.linalg.norm(chain.fixed[1:, :3, 3], axis=1)
+    links[:-1] += slides[1:]
+    links[-1] += float(np.linalg.norm(points, axis=1).max())
+    return np.asarray(np.where(chain.prismatic, 1.0, np.cumsum(links[::-1])[::-1]))
 
 
 @lru_cache(maxsize=64)

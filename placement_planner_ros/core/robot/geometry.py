@@ -41,10 +41,10 @@ PRIMITIVES = {
 }
 """URDF shape -> coal shape, and its attributes with how many numbers each holds."""
 
-MAX_TRIANGLES = 100_000
+MAX_TRIANGLES = 300_000
 """Triangles that a collision mesh may have."""
 
-MAX_ALL_TRIANGLES = 300_000
+MAX_ALL_TRIANGLES = 1_000_000
 """... and that all meshes of a robot may have together, each file counted once."""
 
 MAX_SHAPES = 1000
@@ -427,11 +427,9 @@ def convex(hull: ConvexHull) -> coal.Convex:
 def triangle_geometry(vertices: Array, triangles: npt.NDArray[np.int_]) -> coal.BVHModelOBBRSS:
     """Triangles (t, 3) of vertices (n, 3) as a coal surface."""
     mesh = coal.BVHModelOBBRSS()
-    points, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
-    points.extend(list(vertices))
-    faces.extend([coal.Triangle(*map(int, t)) for t in triangles])
     mesh.beginModel(len(triangles), len(vertices))
-    mesh.addSubModel(points, faces)
+    mesh.addVertices(np.ascontiguousarray(vertices, np.float64))
+    mesh.addTriangles(np.ascontiguousarray(triangles, np.int32))
     mesh.endModel()
     mesh.computeLocalAABB()
     return mesh

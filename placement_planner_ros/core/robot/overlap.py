@@ -12,6 +12,7 @@ import pinocchio as pin
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from placement_planner_ros.core.body.mesh_components import alike
 from placement_planner_ros.core.types import Array
 
 _MOST_PIECES = 32
@@ -180,8 +181,9 @@ def winding_number(point: Array, triangles: Array) -> float:
 
 def _pieces(triangles: Array) -> tuple[Piece, ...]:
     """The connected pieces of a surface (t, 3, 3), the largest first."""
-    points, index = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
-    index = index.reshape(-1, 3)
+    corners = triangles.reshape(-1, 3)
+    first, index = alike(corners)
+    points, index = corners[first], index.reshape(-1, 3)
     pairs = np.concatenate([index[:, [0, 1]], index[:, [1, 2]]])
     links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (len(points),) * 2)
     number, label = connected_components(links, directed=False)

@@ -40,14 +40,20 @@ _import_toppra()
 
 from toppra.algorithm import TOPPRA  # noqa: E402
 from toppra.constraint import (  # noqa: E402
+    DiscretizationType,
     JointAccelerationConstraint,
     JointVelocityConstraint,
+    LinearConstraint,
 )
+from toppra.constraint.linear_constraint import canlinear_colloc_to_interpolate  # noqa: E402
 from toppra.interpolator import AbstractGeometricPath  # noqa: E402
 
 __all__ = [
     "TOPPRA",
     "AbstractGeometricPath",
+    "DiscretizationType",
     "JointAccelerationConstraint",
     "JointVelocityConstraint",
+    "LinearConstraint",
+    "canlinear_colloc_to_interpolate",
 ]

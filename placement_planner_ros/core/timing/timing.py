@@ -17,6 +17,10 @@ from scipy.interpolate import PPoly
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.settings import Settings, setting
+from placement_planner_ros.core.timing.carried_point import (
+    CarriedPoint,
+    PointAccelerationConstraint,
+)
 from placement_planner_ros.core.timing.only_toppra import (
     TOPPRA,
     AbstractGeometricPath,
@@ -74,6 +78,7 @@ def parameterize(
     edge_free: EdgeFree,
     settings: TimingSettings | None = None,
     should_stop: Callable[[], bool] = lambda: False,
+    carried: CarriedPoint | None = None,
 ) -> Trajectory | None:
     """Time a path from rest to rest, and certify the timed curve.
 
@@ -90,6 +95,7 @@ def parameterize(
             joint by joint, of the straight motion from a to b is free.
         settings: how finely.
         should_stop: asked before every edge and every timing, which takes some 10 ms.
+        carried: a point whose acceleration is limited, too, on the whole curve.
 
     Returns:
         The trajectory; of a path that does not move, its one point. None where no timed curve
@@ -123,7 +129,7 @@ def parameterize(
             cuts = _certified_cuts(waypoints, cuts, free_until_stopped, settings)
         elif round_ == _ROUNDS - 1:
             cuts = np.zeros_like(cuts)
-        timed = None if should_stop() else _timed_curve(waypoints, cuts, limits, settings)
+        timed = None if should_stop() else _timed_curve(waypoints, cuts, limits, settings, carried)
         if timed is None:
             return None
         points = control_points(*timed)
@@ -170,13 +176,17 @@ def _certified_cuts(
 
 
 def _timed_curve(
-    waypoints: Array, cuts: Array, limits: Array, settings: TimingSettings
+    waypoints: Array,
+    cuts: Array,
+    limits: Array,
+    settings: TimingSettings,
+    carried: CarriedPoint | None,
 ) -> tuple[Array, Array, Array, Array] | None:
     """Times, positions, velocities and accelerations; at rest at both ends and where cuts are 0."""
     stops = np.flatnonzero(cuts == 0.0)
     stretches = []
     for i, j in pairwise(stops):
-        stretch = _timed_stretch(waypoints[i : j + 1], cuts[i : j + 1], limits, settings)
+        stretch = _timed_stretch(waypoints[i : j + 1], cuts[i : j + 1], limits, settings, carried)
         if stretch is None:
             return None
         stretches.append(stretch)
@@ -190,13 +200,17 @@ def _timed_curve(
 
 
 def _timed_stretch(
-    waypoints: Array, cuts: Array, limits: Array, settings: TimingSettings
+    waypoints: Array,
+    cuts: Array,
+    limits: Array,
+    settings: TimingSettings,
+    carried: CarriedPoint | None,
 ) -> tuple[Array, Array, Array, Array] | None:
     """One stretch from rest to rest; sampled more finely where that makes it faster."""
     rounded = RoundedPolyline(waypoints, cuts)
     profile = None
     for refinement in (1, 2, 4):
-        profile = _fastest_profile(rounded.curve, _grid(rounded, refinement), limits)
+        profile = _fastest_profile(rounded.curve, _grid(rounded, refinement), limits, carried)
         if profile is not None:
             break
     if profile is None:
@@ -211,7 +225,11 @@ def _timed_stretch(
         t = np.linspace(0.0, duration, count)
         timed = _sampled(rounded.curve, t, *_averaged(times, s, speed, t, window))
         timed[1][[0, -1]] = waypoints[[0, -1]]
-        ratio = limit_ratio(control_points(*timed), np.diff(t), limits[0], limits[1])
+        points, durations = control_points(*timed), np.diff(t)
+        ratio = limit_ratio(points, durations, limits[0], limits[1])
+        if carried is not None:
+            hardest = carried.largest_acceleration(points, durations) / carried.limit
+            ratio = max(ratio, float(np.sqrt(hardest)))
         if best is None or ratio < best[0]:
             best = ratio, timed
         if ratio < 1.05:
@@ -256,9 +274,13 @@ def _grid(rounded: RoundedPolyline, refinement: int) -> Array:
     return np.concatenate(grid)
 
 
-def _fastest_profile(curve: PPoly, grid: Array, limits: Array) -> tuple[Array, Array, Array] | None:
+def _fastest_profile(
+    curve: PPoly, grid: Array, limits: Array, carried: CarriedPoint | None
+) -> tuple[Array, Array, Array] | None:
     """Times, path positions and path speeds (k,) of the time-optimal motion from rest to rest."""
     constraints = [JointVelocityConstraint(limits[0]), JointAccelerationConstraint(limits[1])]
+    if carried is not None:
+        constraints.append(PointAccelerationConstraint(carried))
     solver = TOPPRA(constraints, _Geometry(curve), gridpoints=grid, solver_wrapper="seidel")
     _, speed, _ = solver.compute_parameterization(0.0, 0.0)
     if speed is None or not np.isfinite(speed).all():

@@ -13,6 +13,7 @@ from placement_planner_ros.core.motion.shortcut import shorten
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.joint_limits import ANGULAR_ACCELERATION
 from placement_planner_ros.core.settings import Settings, setting
+from placement_planner_ros.core.timing.carried_point import CarriedPoint
 from placement_planner_ros.core.timing.quintic import control_points
 from placement_planner_ros.core.timing.timing import concatenate, parameterize
 from placement_planner_ros.core.types import Array, Goal, Trajectory
@@ -87,10 +88,17 @@ class Motion:
 
 
 class TrajectoryMaker:
-    """Shortens, times and certifies what a controller is to execute."""
+    """Shortens, times and certifies what a controller is to execute.
 
-    def __init__(self, settings: TimingSettings, rng: np.random.Generator) -> None:
+    Args:
+        max_acceleration: of the held object's centre of mass, m/s²; 0 for any.
+    """
+
+    def __init__(
+        self, settings: TimingSettings, max_acceleration: float, rng: np.random.Generator
+    ) -> None:
         self._settings = settings
+        self._max_acceleration = max_acceleration
         self._rng = rng
 
     def make(
@@ -107,20 +115,28 @@ class TrajectoryMaker:
         """
         settings = self._settings
         path = shorten(
-            path, holding.transit_free, self._rng, settings.shortcut_attempts, should_stop
+            path,
+            holding.transit_free,
+            self._rng,
+            settings.shortcut_attempts,
+            should_stop,
+            constraint=holding.upright,
         )
         velocity = holding.arm.velocity * settings.velocity_scaling
         acceleration = settings.accelerations(holding.arm) * settings.acceleration_scaling
 
-        def transit_free(a: Array, b: Array, deviation: Array) -> bool:
-            return holding.collision.edge_free(a, b, deviation=deviation)
-
         def approach_free(a: Array, b: Array, deviation: Array) -> bool:
-            return holding.collision.edge_free(a, b, contact=True, deviation=deviation)
+            return holding.timed_free(a, b, deviation, contact=True)
 
-        joints = holding.arm.joints
+        joints, carried = holding.arm.joints, self._carried(holding)
         transit = parameterize(
-            path, joints, velocity, acceleration, transit_free, should_stop=should_stop
+            path,
+            joints,
+            velocity,
+            acceleration,
+            holding.timed_free,
+            should_stop=should_stop,
+            carried=carried,
         )
         if transit is None:
             return None
@@ -132,6 +148,7 @@ class TrajectoryMaker:
             slow * acceleration,
             approach_free,
             should_stop=should_stop,
+            carried=carried,
         )
         if approach is None:
             return None
@@ -156,3 +173,11 @@ class TrajectoryMaker:
         if retreat is None and (holding.require_retreat or should_stop()):
             return None
         return Motion(concatenate(transit, approach), transit.duration, retreat)
+
+    def _carried(self, holding: Holding) -> CarriedPoint | None:
+        """The centre of mass of the held object, where its acceleration is limited."""
+        if self._max_acceleration <= 0.0:
+            return None
+        T_tip_object = holding.arm.grasps[holding.grasp]
+        center = T_tip_object.act(np.asarray(holding.held.body.center_of_mass))
+        return CarriedPoint(holding.chain, center, self._max_acceleration)

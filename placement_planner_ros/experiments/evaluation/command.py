@@ -10,6 +10,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from placement_planner_ros.experiments.carry.report import markdown as carry_table
+from placement_planner_ros.experiments.carry.runs import RUNS_FILE as CARRY_FILE
+from placement_planner_ros.experiments.carry.runs import SOLUTIONS as CARRIED
+from placement_planner_ros.experiments.carry.runs import CarryJob, run_carry
+from placement_planner_ros.experiments.carry.runs import describe as describe_carry
 from placement_planner_ros.experiments.cases import GROUPS, all_cases
 from placement_planner_ros.experiments.evaluation.paper import PRESETS, preset_trials
 from placement_planner_ros.experiments.evaluation.results import Results
@@ -69,6 +74,18 @@ def add_evaluation_commands(commands: Any) -> None:
     cases.add_argument("--enough", type=int, help="end a run after so many solutions")
     cases.add_argument("--cloud", choices=("complete", "cameras"), default="complete")
     cases.add_argument("--variant", choices=tuple(VARIANTS), default=next(iter(VARIANTS)))
+    cases.add_argument(
+        "--carry",
+        type=float,
+        nargs="?",
+        const=15.0,
+        metavar="DEGREES",
+        help="first placements only, of an object that is held upright and must not lean more on "
+        "its way, beside runs in which it may (default %(const)s)",
+    )
+    cases.add_argument(
+        "--opposite", action="store_true", help="with --carry: the wrist starts turned away"
+    )
     add_case_options(cases)
     add_job_options(cases, "results/cases")
     cases.set_defaults(command_function=_run_cases)
@@ -134,6 +151,8 @@ def _run_cases(arguments: argparse.Namespace) -> int:
     """1 where a run, be it recorded before, has no solution."""
     if arguments.group is not None:
         arguments.object = GROUPS[arguments.group]
+    if arguments.carry is not None:
+        return _run_carried(arguments)
     jobs = [
         Trial(
             case,
@@ -152,6 +171,21 @@ def _run_cases(arguments: argparse.Namespace) -> int:
     solved = sum(bool(record["solutions"]) for record in records)
     say(f"{solved} of {len(records)} runs solved; recorded in {arguments.output}")
     return 0 if solved == len(records) else 1
+
+
+def _run_carried(arguments: argparse.Namespace) -> int:
+    """1 where something is found without the limit alone."""
+    folder = arguments.output / CARRIED
+    jobs = [
+        CarryJob(case, seed, arguments.carry, arguments.seconds, arguments.opposite, folder)
+        for seed in range(arguments.seeds)
+        for case in wanted_cases(all_cases(arguments.cloud, ALL_OBJECTS), arguments)
+    ]
+    _run(run_carry, jobs, CARRY_FILE, lambda e: str(e["key"]), describe_carry, arguments)
+    entries = read_lines(arguments.output / CARRY_FILE)
+    say(carry_table(entries))
+    tried = [entry for entry in entries if not entry["failure"]]
+    return int(any(e["free"]["found"] > e["limited"]["found"] for e in tried))
 
 
 def _run_paper(arguments: argparse.Namespace) -> int:

@@ -45,6 +45,8 @@ PLANNER = {
     "velocity_scaling": "timing.velocity_scaling",
     "acceleration_scaling": "timing.acceleration_scaling",
     "acceleration_limits": "timing.acceleration_limits",
+    "carry.max_tilt": "carry.max_tilt",
+    "carry.max_acceleration": "carry.max_acceleration",
 }
 """The parameters that are fields of PlannerSettings, and where they stand there."""
 OBJECT_TURNS = {

@@ -16,7 +16,7 @@ from placement_planner_ros.core.errors import (
     ObjectError,
     PlacementPlannerError,
 )
-from placement_planner_ros.core.grasp.at_start import deep_fingers, faults_at_start
+from placement_planner_ros.core.grasp.at_start import deep_fingers, faults_at_start, tilts_at_start
 from placement_planner_ros.core.grasp.object_size import size_doubt
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.scene.environment import Environment
@@ -77,6 +77,7 @@ def take_snapshot(
         if len(arms) == len(made):
             attempt(lambda: require_grasp(arms))
             attempt(lambda: require_limits(arms, parameters.planner_settings.timing))
+    attempt(lambda: parameters.planner_settings.tilt)
     attempt(parameters.planner_settings.wishes.require_consistent)
     object_key = inputs.object.key
     body = attempt(lambda: inputs.object.body(parameters, overridden))
@@ -131,19 +132,21 @@ def start_notes(snapshot: Snapshot, environment: Environment | None) -> list[str
     Raises:
         PlacementPlannerError: it cannot start from q_0.
     """
+    settings = snapshot.parameters.planner_settings
     at_start = faults_at_start(
         snapshot.robot,
         snapshot.arms,
         snapshot.q_start,
         snapshot.body,
-        snapshot.parameters.planner_settings.collision,
+        settings.collision,
         None if environment is None else environment.obstacles,
+        settings.tilt,
         boxes_of(keep_out) if (keep_out := snapshot.parameters["keep_out"]) else None,
     )
     robot, parameters = snapshot.robot, snapshot.parameters
     beyond = robot.limit_violations(snapshot.q_start)
     without = [f"does without {reason}" for reason in at_start]
-    assumed = not parameters.planner_settings.timing.chosen
+    assumed = not settings.timing.chosen
     of_arms = [
         note
         for arm in snapshot.arms
@@ -154,9 +157,12 @@ def start_notes(snapshot: Snapshot, environment: Environment | None) -> list[str
         f"not checked against each other: {each}; if they can meet, {SRDF}" for each in standing
     ]
     doubt = size_doubt(snapshot.robot, snapshot.arms, snapshot.q_start, snapshot.body)
+    tilts: tuple[str, ...] = ()
+    if settings.tilt is not None:
+        tilts = tilts_at_start(robot, snapshot.arms, snapshot.q_start, settings.tilt)
     deep = deep_fingers(snapshot.robot, snapshot.arms, snapshot.q_start, snapshot.body)
     of_object = [*snapshot.body.warnings, *([doubt] if doubt else deep)]
-    return [*of_object, *beyond, *of_arms, *left_out, *without, *sight_notes(snapshot)]
+    return [*of_object, *beyond, *of_arms, *left_out, *without, *tilts, *sight_notes(snapshot)]
 
 
 def require_face(body: Body) -> None:

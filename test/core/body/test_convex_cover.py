@@ -113,6 +113,16 @@ def test_scans_are_cut_by_what_a_rougher_mesh_shows(monkeypatch):
     assert rough.excess <= 1.2 * close.excess
 
 
+def test_what_is_smaller_than_the_cubes_of_a_rougher_mesh_is_covered_too(monkeypatch):
+    monkeypatch.setattr(convex_cover_module, "_MANY", 0)
+    nut = trimesh.creation.box((0.002, 0.002, 0.002)).apply_translation([0.022, 0.002, 0.002])
+    ring = trimesh.creation.annulus(0.005, 0.008, 0.004, sections=12)
+    mesh = trimesh.util.concatenate([ring, nut])
+    cover = convex_cover(np.asarray(mesh.vertices), np.asarray(mesh.faces), 0.005)
+    assert inside(cover, np.asarray(mesh.vertices)).all()
+    assert cover.excess < 0.008
+
+
 @pytest.mark.parametrize("name", ["ring", "inside out", "some turned", "cross", "screws", "scan"])
 def test_a_ray_and_solid_angles_agree_on_what_is_inside(name):
     """Beside triangles, along edges and on axes of symmetry too, where the ray leaves it open."""

@@ -186,7 +186,7 @@ def test_what_leaves_the_line_is_not_published(planned):
             strays = sampled_stray(holding.chain, chords(coarse), vertices, placed)
             if strays < 0.001:
                 continue
-            maker = TrajectoryMaker(TimingSettings(), np.random.default_rng(0))
+            maker = TrajectoryMaker(TimingSettings(), 0.0, np.random.default_rng(0))
             with mock.patch("placement_planner_ros.core.collision.arm.ArmCollision.edge_free") as f:
                 f.return_value = True
                 made = maker.make(path, goal, holding, lambda: False)

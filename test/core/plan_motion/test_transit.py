@@ -35,7 +35,8 @@ def holding(arm, grasp=0, free=sealed_corner):
         arm=bounds,
         grasp=grasp,
         q_start=np.ones(2),
-        transit_free=free,
+        edge_free=free,
+        upright=None,
     )
 
 

@@ -42,6 +42,8 @@ def holding(free, limit=2.0):
         object_pose=lambda q: pin.SE3(np.eye(3), np.array([*q, 0.0])),
         follow=follow,
         transit_free=transit_free,
+        edge_free=transit_free,
+        upright=None,
     )
 
 

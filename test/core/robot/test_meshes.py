@@ -5,6 +5,7 @@ import pytest
 import trimesh
 
 from placement_planner_ros.core.errors import RobotError
+from placement_planner_ros.core.robot import geometry
 from placement_planner_ros.core.robot.model import Robot
 
 # Not convex, so that its triangles are kept.
@@ -82,3 +83,15 @@ def test_a_rim_of_many_corners_is_covered(tmp_path, sides):
     (cover,) = robot.covers
     assert cover.closed
     assert len(cover.parts) == 1
+
+
+def test_what_is_too_large_is_refused_with_its_number(tmp_path, monkeypatch):
+    for name in ("a.stl", "b.stl"):
+        TWO.export(tmp_path / name)
+    monkeypatch.setattr(geometry, "MAX_ALL_TRIANGLES", 47)
+    words = r"b\.stl.*has 24 triangles, 48 with the meshes before it; .* together 47: use simpler"
+    with pytest.raises(RobotError, match=words):
+        Robot.from_urdf(urdf('filename="a.stl"', 'filename="b.stl"'), [tmp_path])
+    monkeypatch.setattr(geometry, "MAX_TRIANGLES", 23)
+    with pytest.raises(RobotError, match=r"a\.stl.*a mesh may have 23,"):
+        Robot.from_urdf(urdf('filename="a.stl"', 'filename="a.stl"'), [tmp_path])

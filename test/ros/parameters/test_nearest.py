@@ -22,7 +22,7 @@ NAMES = [spec.name for spec in [*fixed_specs(), *arm_specs("left", yumi=True)]]
         ("self_filter.enable", "self_filter.enabled"),
         ("xyz", None),
         ("", None),
-        ("wheel_separation", None),
+        ("wheel_radius", None),
     ],
 )
 def test_a_slip_of_the_pen_is_recognised(name, meant):

@@ -187,6 +187,15 @@ def test_a_volume_out_of_reach_is_wrong(robot, capsys):
     assert "no arm reaches any of 20 random poses" in faults(capsys.readouterr().out)
 
 
+def test_the_tilt_at_the_start_is_told(robot, capsys):
+    tilted = {"carry": "{max_tilt: 0.3}", "object.up": "[0.0, 0.0, -1.0]"}
+    assert main(["--params-file", str(parameters(robot, **tilted))]) == 1
+    said = capsys.readouterr().out
+    words = "arm with grasp 0: object.up is 180.0° (3.142 rad) from the vertical at q_0"
+    assert f"{words} (carry.max_tilt: 17.2° (0.3 rad))" in " ".join(said.split())
+    assert f"{words}, and carry.max_tilt 17.2°" in faults(said)
+
+
 def test_an_arm_of_three_joints_is_told_from_a_volume_out_of_reach(robot, capsys):
     assert main(["--params-file", str(parameters(robot))]) == 1
     said = capsys.readouterr().out

@@ -11,7 +11,7 @@ import pinocchio as pin
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.object_solids import object_overlaps
 from placement_planner_ros.core.errors import PlacementPlannerError
-from placement_planner_ros.core.grasp.at_start import faults_at_start
+from placement_planner_ros.core.grasp.at_start import faults_at_start, tilts_at_start
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.tools.robot_check.findings import Findings
@@ -74,9 +74,15 @@ def check_grasps(subject: Subject, findings: Findings) -> bool:
 
 def _check_start(subject: Subject, body: Body, findings: Findings) -> bool:
     arms = tuple(arm for arm in subject.arms if arm.grasps)
-    settings = subject.parameters.planner_settings.collision
+    settings = subject.parameters.planner_settings
     try:
-        for words in faults_at_start(subject.robot, arms, subject.q, body, settings):
+        tilt = settings.tilt
+        if tilt is not None:
+            for words in tilts_at_start(subject.robot, arms, subject.q, tilt):
+                findings.say(words)
+        for words in faults_at_start(
+            subject.robot, arms, subject.q, body, settings.collision, tilt=tilt
+        ):
             findings.say(f"does without {words}")
         return True
     except PlacementPlannerError as error:

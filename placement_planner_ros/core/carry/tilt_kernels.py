@@ -1,0 +1,174 @@
+"""How far a held axis is from the vertical: whole edges, and the way back to where it is near.
+
+Let v be the axis in the world, c = v · z the cosine of its tilt, and a_i the axis of joint i, where
+that turns. Then
+
+    ∂c/∂q_i = z · (a_i × v),    ∂²c/∂q_i∂q_j = (z × a_i) · (a_j × v)  for i ≤ j,
+
+so joints with vertical axes change nothing, and nothing changes fast while v is near the vertical.
+Let the joints move by at most δ_i from q. Then |z × a_i| = √(1 − (a_i · z)²) stays below
+
+    h_i = |z × a_i| + Σ_{j<i} δ_j h_j,
+
+as only joints further in turn a_i, by no more than that, and |a_j × v| below
+
+    k_j = |a_j × v| + Σ_{i>j} δ_i k_i,
+
+as only joints further out change the angle between the two. By Taylor's theorem c is then at least
+c(q) + Σ_i ∂c/∂q_i (q'_i − q_i) − ½ Σ_j δ_j k_j (δ_j h_j + 2 Σ_{i<j} δ_i h_i).
+"""
+
+from __future__ import annotations
+
+import math
+
+from placement_planner_ros.core.kernels import kernel
+from placement_planner_ros.core.reach.kinematics import Flags, chain_frames
+from placement_planner_ros.core.types import Array
+
+_SHORTEST = 1e-7
+"""Share of an edge below which an interval is not halved any more."""
+_MOST_INTERVALS = 10_000
+"""Of one edge."""
+_NEWTON_STEPS = 40
+_LONGEST_STEP = 0.5
+"""rad, of all joints together, in one of Newton's steps."""
+_FLAT = 1e-6
+"""Slope of the tilt, per rad of all joints together, below which nothing leads back."""
+
+
+@kernel(lean=True)
+def _tilt_and_slopes(
+    prismatic: Flags, up: Array, frames: Array, work: Array
+) -> tuple[float, float]:
+    """cos and sin of the tilt at frames of `chain_frames`; work[0] = ∂c/∂q, [1] = h, [2] = k."""
+    tip = frames[-1]
+    x = tip[0, 0] * up[0] + tip[0, 1] * up[1] + tip[0, 2] * up[2]
+    y = tip[1, 0] * up[0] + tip[1, 1] * up[1] + tip[1, 2] * up[2]
+    z = tip[2, 0] * up[0] + tip[2, 1] * up[1] + tip[2, 2] * up[2]
+    for i in range(len(prismatic)):
+        if prismatic[i]:
+            work[0, i], work[1, i], work[2, i] = 0.0, 0.0, 0.0
+            continue
+        ax, ay, az = frames[i, 0, 2], frames[i, 1, 2], frames[i, 2, 2]
+        cx, cy, cz = ay * z - az * y, az * x - ax * z, ax * y - ay * x
+        work[0, i] = cz
+        work[1, i] = math.sqrt(ax * ax + ay * ay)
+        work[2, i] = math.sqrt(cx * cx + cy * cy + cz * cz)
+    return z, math.sqrt(x * x + y * y)
+
+
+@kernel(lean=True)
+def _bend(delta: Array, prismatic: Flags, work: Array) -> float:
+    """Σ_j δ_j k_j (δ_j h_j + 2 Σ_{i<j} δ_i h_i), with what `_tilt_and_slopes` filled in."""
+    dof = len(prismatic)
+    turned = 0.0
+    for j in range(dof - 1, -1, -1):
+        if not prismatic[j]:
+            work[2, j] = min(work[2, j] + turned, 1.0)
+            turned += delta[j] * work[2, j]
+    bend = 0.0
+    leant = 0.0
+    for j in range(dof):
+        if not prismatic[j]:
+            h = min(work[1, j] + leant, 1.0)
+            bend += delta[j] * work[2, j] * (delta[j] * h + 2.0 * leant)
+            leant += delta[j] * h
+    return bend
+
+
+@kernel(lean=True, nogil=True)
+def edge_keeps_tilt(
+    fixed: Array,
+    prismatic: Flags,
+    up: Array,
+    a: Array,
+    b: Array,
+    deviation: Array,
+    least: float,
+    frames: Array,
+    work: Array,
+) -> bool:
+    """Whether c ≥ least on the straight motion from a to b (n,), strayed from by `deviation` (n,).
+
+    From a on, interval after interval, each certified by this module's bound around its middle;
+    one that is not is halved, until it is too short to go on with.
+
+    Args:
+        up: (3,) the axis in the frame of the tip.
+        frames: (n + 1, 4, 4), work: (5, n) work space.
+    """
+    dof = len(a)
+    q, delta = work[3], work[4]
+    begin, length = 0.0, 1.0
+    for _ in range(_MOST_INTERVALS):
+        half = 0.5 * length
+        middle = begin + half
+        for i in range(dof):
+            q[i] = a[i] + middle * (b[i] - a[i])
+            delta[i] = half * abs(b[i] - a[i]) + deviation[i]
+        chain_frames(fixed, prismatic, q, frames)
+        c, _sin = _tilt_and_slopes(prismatic, up, frames, work)
+        if not c >= least:
+            return False
+        along = 0.0
+        aside = 0.0
+        for i in range(dof):
+            along += work[0, i] * (b[i] - a[i])
+            aside += abs(work[0, i]) * deviation[i]
+        if c - half * abs(along) - aside - 0.5 * _bend(delta, prismatic, work) >= least:
+            begin += length
+            if begin >= 1.0:
+                return True
+            length = min(2.0 * length, 1.0 - begin)
+        else:
+            length = half
+            if length < _SHORTEST:
+                return False
+    return False
+
+
+@kernel(lean=True, nogil=True)
+def project_tilt(
+    fixed: Array,
+    prismatic: Flags,
+    up: Array,
+    lower: Array,
+    upper: Array,
+    q: Array,
+    aim: float,
+    most: float,
+    frames: Array,
+    work: Array,
+) -> bool:
+    """Bring q (n,) to a tilt of at most `most` by Newton steps of least norm towards `aim`.
+
+    Joints at a limit that a step would lead out of take no part in it.
+
+    Returns:
+        False where it does not come there; q is then anything.
+    """
+    dof = len(q)
+    for _ in range(_NEWTON_STEPS):
+        chain_frames(fixed, prismatic, q, frames)
+        c, s = _tilt_and_slopes(prismatic, up, frames, work)
+        tilt = math.atan2(s, c)
+        if tilt <= most:
+            return True
+        if not s > 0.0:
+            return False
+        squared = 0.0
+        for i in range(dof):
+            rise = work[0, i]
+            if (rise > 0.0 and q[i] >= upper[i]) or (rise < 0.0 and q[i] <= lower[i]):
+                work[0, i] = 0.0
+            squared += work[0, i] * work[0, i]
+        slope = math.sqrt(squared) / s
+        if slope < _FLAT:
+            return False
+        # -∂tilt/∂q_i = ∂c/∂q_i / sin
+        step = min((tilt - aim) / slope, _LONGEST_STEP)
+        for i in range(dof):
+            q[i] += step * work[0, i] / (s * slope)
+            q[i] = min(max(q[i], lower[i]), upper[i])
+    return False

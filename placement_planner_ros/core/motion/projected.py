@@ -1,0 +1,103 @@
+"""Steps along a constraint that random configurations do not keep: project and extend.
+
+As in CBiRRT (Berenson, Srinivasa, Ferguson and Kuffner, 2009), a step towards a target is taken in
+the whole space, projected back to where the constraint holds, and kept where it came nearer to the
+target. Here the whole edge is asked, not only its end, and a step that fails is halved, as straight
+edges leave a constraint that is curved.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+from placement_planner_ros.core.types import Array
+
+_SHORTEST = 0.01
+"""Share of the longest step below which no shorter one is tried."""
+_PROGRESS = 0.05
+"""Share of a step's length that it must come nearer to its target."""
+_DETOUR = 2.0
+"""Times a step's length that its projection may be away."""
+
+
+class Constraint(Protocol):
+    """What configurations must keep, beside being free."""
+
+    def project(self, q: Array) -> Array | None:
+        """A configuration (dof,) near q that keeps it, within the bounds; None where there is none.
+
+        One that keeps it is left as it is.
+        """
+        ...
+
+    def keeps(self, a: Array, b: Array) -> bool:
+        """Whether all of the straight motion between two configurations keeps it."""
+        ...
+
+
+class ProjectedSteps:
+    """Steps from configuration to configuration, each edge keeping the constraint.
+
+    Args:
+        longest: step, in the metric weighted by `scale` (dof,), squared weights.
+
+    Attributes:
+        constraint: as given.
+    """
+
+    def __init__(self, constraint: Constraint, longest: float, scale: Array) -> None:
+        self.constraint = constraint
+        self._longest = longest
+        self._scale = scale
+        self._length = longest
+
+    def begin(self) -> None:
+        """Try the longest step next, in a new direction."""
+        self._length = self._longest
+
+    def step(self, q: Array, target: Array) -> tuple[Array, bool] | None:
+        """A configuration on the way from `q` to `target`, and whether it is the target.
+
+        Both keep the constraint. None where no step comes nearer.
+        """
+        difference = target - q
+        distance = self._norm(difference)
+        length = min(2.0 * self._length, self._longest)
+        while length >= _SHORTEST * self._longest:
+            if distance <= length:
+                if self.constraint.keeps(q, target):
+                    self._length = length
+                    return target, True
+            else:
+                near = self.constraint.project(q + (length / distance) * difference)
+                if (
+                    near is not None
+                    and self._norm(target - near) <= distance - _PROGRESS * length
+                    and self._norm(near - q) <= _DETOUR * length
+                    and self.constraint.keeps(q, near)
+                ):
+                    self._length = length
+                    return near, False
+            length *= 0.5
+        return None
+
+    def walk(self, a: Array, b: Array, longest: float) -> list[Array] | None:
+        """Configurations after `a`, the last of them `b`; None where no way shorter than `longest`
+        is found like that."""
+        way, gone = [a], 0.0
+        self.begin()
+        while True:
+            step = self.step(way[-1], b)
+            if step is None:
+                return None
+            gone += self._norm(step[0] - way[-1])
+            if gone + self._norm(b - step[0]) >= longest:
+                return None
+            way.append(step[0])
+            if step[1]:
+                return way[1:]
+
+    def _norm(self, difference: Array) -> float:
+        return float(np.sqrt(np.dot(self._scale, difference * difference)))

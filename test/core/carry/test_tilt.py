@@ -1,0 +1,169 @@
+"""The tilt of a held object: bounds over whole edges against dense samples, and the way back."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from placement_planner_ros.core.carry.settings import CarrySettings, TiltLimit
+from placement_planner_ros.core.carry.tilt import TiltConstraint
+from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.reach.kinematics import Chain
+from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.scenes.yumi import START_CONFIGURATION, load_yumi, yumi_arm
+
+GANTRY = """
+<robot name="gantry">
+  <link name="base"/><link name="mast"/><link name="boom"/><link name="wrist"/><link name="tip"/>
+  <joint name="turn" type="revolute"><parent link="base"/><child link="mast"/>
+    <axis xyz="0 0 1"/><limit lower="-3" upper="3" velocity="1" effort="1"/></joint>
+  <joint name="reach" type="prismatic"><parent link="mast"/><child link="boom"/>
+    <axis xyz="1 0 0"/><limit lower="0" upper="1" velocity="1" effort="1"/></joint>
+  <joint name="pitch" type="revolute"><parent link="boom"/><child link="wrist"/>
+    <axis xyz="0 1 0"/><limit lower="-1" upper="2" velocity="1" effort="1"/></joint>
+  <joint name="roll" type="continuous"><parent link="wrist"/><child link="tip"/>
+    <axis xyz="1 0 0"/></joint>
+</robot>
+"""
+R_TIP_OBJECT = pin.rpy.rpyToMatrix(0.4, -0.7, 1.1)
+UP = np.array([0.3, -0.2, 0.9])
+
+
+def chain_of(name):
+    if name == "gantry":
+        robot = Robot.from_urdf(GANTRY)
+        return Chain.from_robot(robot, robot.arm("arm", "tip"), np.zeros(4))
+    robot = load_yumi()
+    arm = yumi_arm(robot, "left")
+    return Chain.from_robot(robot, arm, robot.configuration(START_CONFIGURATION))
+
+
+def made(name, degrees):
+    chain = chain_of(name)
+    return chain, TiltConstraint(chain, R_TIP_OBJECT, TiltLimit(UP, np.radians(degrees)))
+
+
+def tilts(chain, Q):
+    """By the product of rotations, degrees apart from nothing of the constraint's own."""
+    up = chain.forward_batch(Q)[:, :3, :3] @ R_TIP_OBJECT @ (UP / np.linalg.norm(UP))
+    return np.arccos(np.clip(up[:, 2], -1.0, 1.0))
+
+
+def edges_within(chain, constraint, number, rng, longest=1.0):
+    """Edges from configurations that planning may use."""
+    lower, upper = np.maximum(chain.lower, -3.0), np.minimum(chain.upper, 3.0)
+    made = 0
+    while made < number:
+        a = constraint.project(rng.uniform(lower, upper))
+        if a is None:
+            continue
+        way = rng.normal(size=chain.dof)
+        b = a + rng.uniform(0.01, longest) * way / np.linalg.norm(way)
+        made += 1
+        yield a, b
+
+
+@pytest.mark.parametrize("name", ["yumi", "gantry"])
+def test_no_certified_edge_leans_more_wherever_it_strays_to(name):
+    rng = np.random.default_rng(0)
+    certified = needless = possible = 0
+    for degrees in (5.0, 15.0, 60.0, 120.0):
+        chain, constraint = made(name, degrees)
+        most = constraint.limit.most
+        for a, b in edges_within(chain, constraint, 60, rng):
+            deviation = rng.uniform(0.0, 0.02, chain.dof) * rng.integers(2)
+            s = np.linspace(0.0, 1.0, 200)[:, None]
+            line = a + s * (b - a)
+            aside = line + deviation * rng.choice([-1.0, 1.0], line.shape)
+            leant = max(tilts(chain, line).max(), tilts(chain, aside).max())
+            keeps = constraint.keeps_timed(a, b, deviation)
+            if keeps:
+                certified += 1
+                assert leant <= most + 1e-9
+            elif leant < most - 0.02 - 1.5 * deviation.sum():
+                needless += 1
+            possible += leant < most - 0.02 - 1.5 * deviation.sum()
+    assert certified > 50
+    assert needless == 0, f"of {possible} that stay well within"
+
+
+def test_planning_keeps_a_reserve_but_for_ends_that_have_none():
+    chain, constraint = made("yumi", 10.0)
+    assert np.degrees(constraint.planned) == pytest.approx(9.0)
+    rng = np.random.default_rng(1)
+    kept = 0
+    for a, b in edges_within(chain, constraint, 200, rng, 0.2):
+        line = a + np.linspace(0.0, 1.0, 50)[:, None] * (b - a)
+        leant, ends = tilts(chain, line).max(), tilts(chain, line[[0, -1]]).max()
+        if constraint.keeps(a, b):
+            kept += 1
+            assert leant <= (constraint.planned if ends <= constraint.planned else np.radians(10))
+    assert kept > 50
+    start = constraint.project(np.array([-0.9, -1.5, 0, 0, 0, 0, 0.0]))
+    leaning = start
+    for step in np.linspace(0.0, 0.4, 400):  # to between what is planned and the limit
+        leaning = start + step * np.eye(7)[4]
+        if constraint.planned < constraint.tilt(leaning) < np.radians(10):
+            break
+    assert constraint.planned < constraint.tilt(leaning) < np.radians(10)
+    assert constraint.keeps(leaning, leaning)
+    assert constraint.keeps(start, leaning)
+
+
+def test_turning_about_vertical_axes_costs_nothing():
+    chain, _ = made("gantry", 10.0)
+    a = np.array([-2.9, 0.0, 0.2, 0.3])
+    leant = float(tilts(chain, a[None])[0])
+    constraint = TiltConstraint(chain, R_TIP_OBJECT, TiltLimit(UP, leant + 1e-9))
+    far = a + np.array([5.8, 1.0, 0.0, 0.0])
+    assert constraint.keeps_timed(a, far, np.zeros(4))
+    assert constraint.keeps_timed(a, far, np.array([0.01, 0.5, 0.0, 0.0]))
+    assert not constraint.keeps_timed(a, far, np.array([0.0, 0.0, 0.01, 0.0]))
+
+
+@pytest.mark.parametrize("name", ["yumi", "gantry"])
+def test_projection_comes_near_by_within_limits(name):
+    chain, constraint = made(name, 15.0)
+    rng = np.random.default_rng(2)
+    lower, upper = np.maximum(chain.lower, -3.0), np.minimum(chain.upper, 3.0)
+    Q = rng.uniform(lower, upper, (300, chain.dof))
+    projected = [constraint.project(q) for q in Q]
+    there = [(q, p) for q, p in zip(Q, projected, strict=True) if p is not None]
+    assert len(there) > 0.8 * len(Q)
+    for q, p in there:
+        assert constraint.tilt(p) <= constraint.planned
+        assert (p >= chain.lower).all()
+        assert (p <= chain.upper).all()
+        np.testing.assert_array_equal(constraint.project(p), p)
+        # no joint that cannot change the tilt is moved, and the way is not much longer than needed
+        assert np.linalg.norm(p - q) < 3.0 * max(tilts(chain, q[None])[0], 0.05)
+    inside = sum(tilts(chain, Q) <= constraint.planned)
+    assert inside < 0.1 * len(Q), "random configurations hardly ever keep it"
+    if name == "gantry":
+        for q, p in there:
+            np.testing.assert_array_equal(p[:2], q[:2])
+
+
+def test_what_no_joint_can_tilt_back_is_not_projected():
+    robot = Robot.from_urdf(GANTRY)
+    arm = robot.arm("arm", "boom", ["turn", "reach"])
+    chain = Chain.from_robot(robot, arm, np.zeros(4))
+    constraint = TiltConstraint(chain, np.eye(3), TiltLimit(np.array([1.0, 0.0, 1.0]), 0.3))
+    assert constraint.project(np.zeros(2)) is None
+    assert not constraint.keeps_timed(np.zeros(2), np.ones(2), np.zeros(2))
+    upright = TiltConstraint(chain, np.eye(3), TiltLimit(np.array([1.0, 0.0, 1.0]), 0.9))
+    np.testing.assert_array_equal(upright.project(np.ones(2)), np.ones(2))
+
+
+def test_a_limit_needs_a_direction():
+    assert CarrySettings().tilt_limit(()) is None
+    assert CarrySettings().tilt_limit((0.0, 0.0, 1.0)) is None
+    limit = CarrySettings(max_tilt=0.2).tilt_limit((0.0, 0.0, 2.0))
+    assert limit is not None
+    assert limit.tilt(pin.rpy.rpyToMatrix(0.1, 0.0, 3.0)) == pytest.approx(0.1)
+    with pytest.raises(ParameterError, match=r"carry\.max_tilt.*object\.up"):
+        CarrySettings(max_tilt=0.2).tilt_limit(())
+    for bad in (-0.1, 3.2, np.nan):
+        with pytest.raises(ParameterError, match="max_tilt"):
+            CarrySettings(max_tilt=bad)
+    with pytest.raises(ParameterError, match="max_acceleration"):
+        CarrySettings(max_acceleration=-1.0)

@@ -1,0 +1,142 @@
+"""A point of a held object on timed curves: against pinocchio, and against dense samples."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from placement_planner_ros.core.reach.kinematics import Chain
+from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.core.timing.carried_point import CarriedPoint
+from placement_planner_ros.core.timing.quintic import control_points
+from placement_planner_ros.core.timing.timing import evaluate, parameterize
+from placement_planner_ros.scenes.yumi import START_CONFIGURATION, load_yumi, yumi_arm
+
+SLIDING = """
+<robot name="sliding">
+  <link name="base"/><link name="cart"/><link name="mast"/><link name="boom"/><link name="tip"/>
+  <joint name="along" type="prismatic"><parent link="base"/><child link="cart"/>
+    <origin xyz="0.1 0.2 0.3" rpy="0.4 -0.2 0.9"/>
+    <axis xyz="1 0 0"/><limit lower="-0.5" upper="1.0" velocity="1" effort="1"/></joint>
+  <joint name="turn" type="revolute"><parent link="cart"/><child link="mast"/>
+    <axis xyz="0.6 0 -0.8"/><limit lower="-2" upper="2" velocity="1" effort="1"/></joint>
+  <joint name="reach" type="prismatic"><parent link="mast"/><child link="boom"/>
+    <origin xyz="0 0.3 0"/>
+    <axis xyz="0 -1 0"/><limit lower="0" upper="0.7" velocity="1" effort="1"/></joint>
+  <joint name="roll" type="revolute"><parent link="boom"/><child link="tip"/>
+    <origin xyz="0.2 0 0" rpy="0.3 0.5 0"/>
+    <axis xyz="0 0 1"/><limit lower="-2" upper="2" velocity="1" effort="1"/></joint>
+</robot>
+"""
+POINT = np.array([0.05, -0.08, 0.15])
+
+
+def always(a, b, deviation):
+    return True
+
+
+@pytest.fixture(scope="module", params=["yumi", "sliding"])
+def arm(request):
+    if request.param == "sliding":
+        robot = Robot.from_urdf(SLIDING)
+        made, q = robot.arm("arm", "tip"), np.zeros(4)
+    else:
+        robot = load_yumi()
+        made, q = yumi_arm(robot, "left"), robot.configuration(START_CONFIGURATION)
+    return robot, made, q, Chain.from_robot(robot, made, q)
+
+
+def timed(arm, limit, seed=0):
+    _, made, _, chain = arm
+    rng = np.random.default_rng(seed)
+    start = 0.5 * (made.lower + made.upper)
+    path = start + np.cumsum(rng.uniform(-0.25, 0.25, (5, made.dof)), axis=0)
+    path = np.clip(path, made.lower, made.upper)
+    carried = CarriedPoint(chain, POINT, limit) if limit else None
+    speed, strength = np.full(made.dof, 2.0), np.full(made.dof, 5.0)
+    return path, parameterize(path, made.joints, speed, strength, always, carried=carried)
+
+
+def reached(arm, trajectory, per_second=4000):
+    """|p''| densely along a trajectory, from differences of the places of the point."""
+    chain = arm[3]
+    t = np.linspace(0.0, trajectory.duration, int(per_second * trajectory.duration))
+    T = chain.forward_batch(evaluate(trajectory, t)[0])
+    p = T[:, :3, :3] @ POINT + T[:, :3, 3]
+    return np.linalg.norm(p[2:] - 2.0 * p[1:-1] + p[:-2], axis=1) / (t[1] - t[0]) ** 2
+
+
+def test_derivatives_are_pinocchios(arm):
+    robot, made, q_rest, chain = arm
+    rng = np.random.default_rng(0)
+    Q, V, A = (rng.uniform(-1.0, 1.0, (20, made.dof)) for _ in range(3))
+    first, second = CarriedPoint(chain, POINT, 1.0).derivatives(Q, V, A)
+    model = robot.model.copy()
+    tip = robot.frame_id(made.tip_frame)
+    placement = model.frames[tip].placement * pin.SE3(np.eye(3), POINT)
+    frame = model.addFrame(
+        pin.Frame("point", model.frames[tip].parentJoint, tip, placement, pin.FrameType.OP_FRAME)
+    )
+    data, world = model.createData(), pin.LOCAL_WORLD_ALIGNED
+    for k in range(len(Q)):
+        q, v, a = q_rest.copy(), np.zeros(model.nv), np.zeros(model.nv)
+        q[made.q_index], v[made.q_index], a[made.q_index] = Q[k], V[k], A[k]
+        pin.forwardKinematics(model, data, q, v, a)
+        np.testing.assert_allclose(
+            first[k], pin.getFrameVelocity(model, data, frame, world).linear, atol=1e-9
+        )
+        np.testing.assert_allclose(
+            second[k],
+            pin.getFrameClassicalAcceleration(model, data, frame, world).linear,
+            atol=1e-9,
+        )
+
+
+def test_the_bound_is_one_and_tight(arm):
+    chain = arm[3]
+    for seed in range(3):
+        _, trajectory = timed(arm, None, seed)
+        points = control_points(
+            trajectory.times,
+            trajectory.positions,
+            trajectory.velocities,
+            trajectory.accelerations,
+        )
+        bound = CarriedPoint(chain, POINT, 1.0).largest_acceleration(
+            points, np.diff(trajectory.times)
+        )
+        most = reached(arm, trajectory).max()
+        assert most <= bound * (1.0 + 1e-4)
+        assert bound <= 1.02 * most
+
+
+@pytest.mark.parametrize("limit", [0.3, 1.5])
+def test_timing_keeps_the_limit_and_uses_it(arm, limit):
+    path, trajectory = timed(arm, limit)
+    _, free = timed(arm, None)
+    assert trajectory is not None
+    assert free is not None
+    accelerations = reached(arm, trajectory)
+    assert accelerations.max() <= limit * (1.0 + 1e-4)
+    assert accelerations.max() >= 0.8 * min(limit, reached(arm, free).max())
+    assert trajectory.duration >= free.duration * (1.0 - 1e-6)
+    np.testing.assert_array_equal(trajectory.positions[[0, -1]], path[[0, -1]])
+    np.testing.assert_array_equal(trajectory.velocities[[0, -1]], 0.0)
+    np.testing.assert_array_equal(trajectory.accelerations[[0, -1]], 0.0)
+    _, v, a = evaluate(trajectory, np.linspace(0.0, trajectory.duration, 5000))
+    assert np.abs(v).max() <= 2.0 * (1.0 + 1e-9)
+    assert np.abs(a).max() <= 5.0 * (1.0 + 1e-9)
+
+
+def test_parts_that_are_gentle_are_not_slowed_down(arm):
+    """Only where the limit binds: a slower pace of the whole would take longer."""
+    _, free = timed(arm, None)
+    hardest = reached(arm, free).max()
+    limit = 0.4 * hardest
+    _, trajectory = timed(arm, limit)
+    assert trajectory.duration < 0.98 * free.duration * np.sqrt(hardest / limit)
+
+
+def test_a_limit_above_all_that_is_reached_changes_nothing_much(arm):
+    _, free = timed(arm, None)
+    _, trajectory = timed(arm, 100.0)
+    assert trajectory.duration == pytest.approx(free.duration, rel=1e-3)
