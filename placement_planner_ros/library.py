@@ -20,7 +20,7 @@ from placement_planner_ros.core.errors import (
 )
 from placement_planner_ros.core.errors import PlacementPlannerError as PlacementPlannerError
 from placement_planner_ros.core.objective.by_name import make_objective
-from placement_planner_ros.core.objective.objective import Objective, ObjectiveContext
+from placement_planner_ros.core.objective.objective import Objective
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.problem import Problem, workspace
 from placement_planner_ros.core.robot.arm import Arm
@@ -97,10 +97,11 @@ def plan(
         raise VolumeError(
             "volume", _corners(volume), f"the environment is of {_corners(environment.volume)}"
         )
+    settings = settings or PlannerSettings()
     problem = Problem(robot, arms, q, body, volume, environment)
     if isinstance(objective, str):
-        objective = make_objective(objective, ObjectiveContext(environment, volume, body))
-    planner = PlacementPlanner(problem, objective, settings or PlannerSettings(), rng)
+        objective = make_objective(objective, settings.context(environment, volume, body))
+    planner = PlacementPlanner(problem, objective, settings, rng)
     if planner.unusable:
         _log.warning("left out: %s", listed(planner.unusable, "; "))
     if robot not in _warm:

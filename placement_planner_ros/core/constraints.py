@@ -12,6 +12,7 @@ import pinocchio as pin
 from placement_planner_ros.core.body.placement_face import PlacementFace
 from placement_planner_ros.core.collision.arm import CollisionSettings
 from placement_planner_ros.core.collision.object import ObjectCollision
+from placement_planner_ros.core.objective.weighted import Requirements
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.scene.keep_out import inside
 from placement_planner_ros.core.scene.regions import Region
@@ -21,6 +22,9 @@ from placement_planner_ros.core.stability.footing import Footing
 from placement_planner_ros.core.types import LEVEL, Array, Slope, Verdict, upright
 from placement_planner_ros.core.wishes.settings import TurnSettings
 from placement_planner_ros.core.wishes.turns import Turns
+
+REQUIRED = "require_terms"
+"""How a rule's name begins that a term breaks."""
 
 
 def placement_pose(
@@ -47,6 +51,7 @@ class PoseConstraints:
         footing: by which rule it stands.
         raise_height: the least height from which the body must come straight down, metres.
         turns: how the object shall be turned.
+        required: terms that are never below a value.
 
     Attributes:
         problem: the same; with support by polygon, the foot of the centre of mass is the reference
@@ -54,6 +59,7 @@ class PoseConstraints:
         regions: where these are placed.
         support: s(x) by that rule.
         turns: the rules about how the object is turned; None where there are none.
+        required: the same, or None.
     """
 
     def __init__(
@@ -63,6 +69,7 @@ class PoseConstraints:
         footing: Footing,
         raise_height: float,
         turns: TurnSettings | None = None,
+        required: Requirements | None = None,
     ) -> None:
         rule = PolygonSupport if footing.support == "polygon" else VertexSupport
         self.support: PolygonSupport | VertexSupport = rule(problem, footing)
@@ -76,6 +83,7 @@ class PoseConstraints:
             body, environment.obstacles, collision, overhangs=overhangs
         )
         self._raise_height = raise_height
+        self.required = required
         self._keep_out = environment.keep_out
         self._somewhere = np.array([part.vertices[0] for part in body.parts])
         self.turns = Turns(turns, body.faces) if turns is not None and turns.asks else None
@@ -136,15 +144,19 @@ class PoseConstraints:
 
     def broken(self, T_world_object: pin.SE3) -> list[str]:
         """The rules that the pose breaks, by the parameters that they are set by."""
-        if self.turns is None:
-            return []
-        return self.turns.broken(T_world_object.rotation)
+        found = [] if self.turns is None else self.turns.broken(T_world_object.rotation)
+        if self.required is not None:
+            found += [f"{REQUIRED}: {name}" for name in self.required.broken(T_world_object)]
+        return found
 
     def _kept(self, T: Array) -> npt.NDArray[np.bool_]:
         """(n,) `kept` of poses (n, 4, 4)."""
-        if self.turns is None:
-            return np.ones(len(T), np.bool_)
-        return self.turns.kept(T[:, :3, :3])
+        kept = np.ones(len(T), np.bool_)
+        if self.turns is not None:
+            kept = self.turns.kept(T[:, :3, :3])
+        if self.required is not None and kept.any():
+            kept[kept] = self.required.kept(T[kept])
+        return kept
 
     def verdicts(
         self,
@@ -211,6 +223,6 @@ class PoseConstraints:
             if len(self._keep_out):
                 free &= ~self._in_a_box(T[stable])
             result[stable[free]] = Verdict.FEASIBLE
-            if self.turns is not None:
+            if self.turns is not None or self.required is not None:
                 kept = self._kept(T[stable[free]])
                 result[stable[free][~kept]] = Verdict.BREAKS_RULE

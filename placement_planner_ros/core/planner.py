@@ -11,6 +11,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.carry.settings import CarrySettings, TiltLimit
 from placement_planner_ros.core.collision.arm import CollisionSettings
 from placement_planner_ros.core.constraints import PoseConstraints
@@ -26,7 +27,13 @@ from placement_planner_ros.core.grasp.settings import (
 )
 from placement_planner_ros.core.grasp.usable import usable_holdings
 from placement_planner_ros.core.objective.ascent import AscentSettings
-from placement_planner_ros.core.objective.objective import Objective
+from placement_planner_ros.core.objective.by_name import make_requirements
+from placement_planner_ros.core.objective.objective import (
+    Objective,
+    ObjectiveContext,
+    TermedObjective,
+)
+from placement_planner_ros.core.objective.weighted import Requirements
 from placement_planner_ros.core.optimize_locally import LocalOptimizer
 from placement_planner_ros.core.plan_motion.transit import (
     GoalPlanner,
@@ -37,6 +44,7 @@ from placement_planner_ros.core.problem import Problem, kept_out
 from placement_planner_ros.core.reach.ik import IKSettings
 from placement_planner_ros.core.sample_goals.cell_bounds import BranchBounds
 from placement_planner_ros.core.sample_goals.goals import GoalFinder
+from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy, HierarchySettings
 from placement_planner_ros.core.search.mcts import MctsSampler, MctsSettings
 from placement_planner_ros.core.search.optimistic import OptimisticSampler, OptimisticSettings
@@ -48,7 +56,7 @@ from placement_planner_ros.core.stability.footing import SUPPORTS, Footing, Supp
 from placement_planner_ros.core.statistics import Statistics
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.timing.trajectory_maker import TimingSettings, TrajectoryMaker
-from placement_planner_ros.core.types import Array, Goal, Placement
+from placement_planner_ros.core.types import Array, Goal, Placement, TargetVolume
 from placement_planner_ros.core.wishes import checks
 from placement_planner_ros.core.wishes.settings import TurnSettings, WishSettings
 
@@ -148,6 +156,13 @@ class PlannerSettings(Settings):
         Settings.__post_init__(self)
         checks.boxes("keep_out", self.keep_out)
 
+    def context(
+        self, environment: Environment, volume: TargetVolume, body: Body
+    ) -> ObjectiveContext:
+        """What objectives and terms are made of, with what these settings say of them."""
+        tolerance = self.collision.contact_tolerance
+        return ObjectiveContext(environment, volume, body, self.wishes, self.support, tolerance)
+
     @property
     def turns_at_rest(self) -> TurnSettings:
         """How the object shall be turned, and that it leans there no more than on its way."""
@@ -223,7 +238,9 @@ class PlacementPlanner:
             settings.footing,
             settings.approach.approach_minimum,
             settings.turns_at_rest,
+            make_requirements(settings.context(before, problem.volume, problem.body)),
         )
+        self._poses, self._objective = poses, objective
         holdings, self.unusable = usable_holdings(problem, settings.grasp)
         self.holdings = {(r.arm.name, r.grasp): r for of_arm in holdings for r in of_arm}
         finder = GoalFinder(
@@ -391,8 +408,17 @@ class PlacementPlanner:
             time.monotonic() - started,
             self.statistics.samples,
             made.retreat,
+            self._terms(goal),
         )
         return placement.turned(self._turned[goal.arm])
+
+    def _terms(self, goal: Goal) -> tuple[tuple[str, float], ...]:
+        """What a placement there is judged by, and what is required of it, by name."""
+        found: dict[str, float] = {}
+        for of in (self._poses.required, self._objective):
+            if isinstance(of, TermedObjective | Requirements):
+                found |= of.terms(goal.T_world_object)
+        return tuple(found.items())
 
 
 def _nothing_to_search(hierarchy: AfrHierarchy) -> Cause | None:

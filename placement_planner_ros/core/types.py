@@ -257,6 +257,7 @@ class Placement:
         search_time: seconds from the start of the run until it was found.
         samples: goal samples tried until then.
         retreat: from there on, the hand open and the object left behind; None without.
+        terms: names and values of what it is judged by and what is required of it.
     """
 
     goal: Goal
@@ -265,6 +266,7 @@ class Placement:
     search_time: float
     samples: int
     retreat: Trajectory | None = None
+    terms: tuple[tuple[str, float], ...] = ()
 
     def turned(self, by: Array) -> Placement:
         """The same with whole turns `by` (dof,), rad, more in continuous joints."""

@@ -10,6 +10,7 @@ a point every 5 mm, leave 2.3 mm of them outside of the boxes in 99 % of all pla
 penetration.
 """
 
+from .asked import check_asked
 from .carrying import Way, check_carrying, way_of_object
 from .check import SolutionChecker, check_solution
 from .clearance import upright_prisms
@@ -35,6 +36,7 @@ __all__ = [
     "Tolerances",
     "Way",
     "World",
+    "check_asked",
     "check_carrying",
     "check_limits",
     "check_solution",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
+from .asked import check_asked
 from .carrying import Way, check_carrying, way_of_object
 from .clearance import Clearance
 from .curve import check_curve, check_limits, states_along
@@ -53,6 +54,13 @@ class SolutionChecker:
             *self._check_collisions(solution, states, times),
             *check_stance(task, np.asarray(solution.placement_pose), tolerances),
             *self._check_objective(solution, previous_objective),
+            *check_asked(
+                task,
+                np.asarray(solution.placement_pose),
+                solution.objective,
+                self.clearance_bounds,
+                tolerances,
+            ),
             *Leaving(
                 self.robot, task, self.components, tolerances, solution, q_start, states[-1]
             ).check(),

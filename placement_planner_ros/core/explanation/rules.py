@@ -6,6 +6,7 @@ import math
 from collections import Counter
 from dataclasses import replace
 
+from placement_planner_ros.core.constraints import REQUIRED
 from placement_planner_ros.core.explanation.explanation import Explanation, Remedy
 from placement_planner_ros.core.explanation.search import Search
 from placement_planner_ros.core.types import Verdict
@@ -77,7 +78,22 @@ def advice(search: Search) -> tuple[list[Remedy], list[str]]:
         "object.up": Remedy(_up_tolerance(search), "raise it"),
         "object.front": Remedy("object.front_tolerance", "raise it"),
     }
-    return [tolerances[name] for name in broken(search) if name in tolerances], []
+    names = broken(search)
+    remedies = [tolerances[name] for name in names if name in tolerances]
+    required = search.poses.required
+    terms = [name.removeprefix(f"{REQUIRED}: ") for name in names if name.startswith(REQUIRED)]
+    if required is None or not terms:
+        return remedies, []
+    seen = search.finder.rejections.poses[Verdict.BREAKS_RULE]
+    best = {term: max(required.terms(pose.T_world_object)[term] for pose in seen) for term in terms}
+    least = required.at_least
+    words = ", ".join(f"{term} {least[term]:g}" for term in terms)
+    reached = ", ".join(f"{term} {value:.3g}" for term, value in best.items())
+    remedies += [
+        Remedy("require_at_least", f"lower it: {words} is asked, {reached} the most that was seen"),
+        Remedy("require_terms", f"leave out {' or '.join(terms)}"),
+    ]
+    return remedies, [f"of {len(seen)} poses looked at again {reached} was the most"]
 
 
 def _up_tolerance(search: Search) -> str:

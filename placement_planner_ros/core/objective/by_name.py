@@ -9,6 +9,13 @@ from importlib.metadata import EntryPoint, entry_points
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.objective.clearance import Clearance
 from placement_planner_ros.core.objective.objective import Objective, ObjectiveContext, asked
+from placement_planner_ros.core.objective.terms import Term
+from placement_planner_ros.core.objective.weighted import (
+    BUILT_IN,
+    PlugInTerm,
+    Requirements,
+    Weighted,
+)
 
 ENTRY_POINT_GROUP = "placement_planner_ros.objectives"
 
@@ -17,15 +24,37 @@ ObjectiveFactory = Callable[[ObjectiveContext], Objective]
 _BUILT_IN: dict[str, ObjectiveFactory] = {
     "maximize_clearance": lambda context: Clearance(context, 1.0),
     "minimize_clearance": lambda context: Clearance(context, -1.0),
+    "weighted": lambda context: Weighted(context, make_term),
 }
-
-TERMS = ("clearance", "near", "turn", "high", "edge", "aligned", "stance")
-"""Names of the terms of a weighted objective that are built in."""
 
 
 def term_names() -> list[str]:
     """Every name a term of a weighted objective may have: the built-in ones and the plug-ins."""
-    return [*TERMS, *sorted(e.name for e in _plug_ins() if e.name not in TERMS)]
+    return [*BUILT_IN, *sorted(e.name for e in _plug_ins() if e.name not in BUILT_IN)]
+
+
+def make_term(name: str, context: ObjectiveContext) -> Term:
+    """Make the term of that name for one run.
+
+    Raises:
+        ParameterError: as `make_objective`, or the name is unknown.
+    """
+    if name in BUILT_IN:
+        return BUILT_IN[name](context)
+    if name not in term_names():
+        raise ParameterError(
+            "objective_terms", name, f"is no term; choose of {', '.join(term_names())}"
+        )
+    return PlugInTerm(make_objective(name, context))
+
+
+def make_requirements(context: ObjectiveContext) -> Requirements | None:
+    """The terms that are required; None where none is.
+
+    Raises:
+        ParameterError: see `make_term`, or they do not fit together.
+    """
+    return Requirements(context, make_term) if context.wishes.required else None
 
 
 def objective_names() -> list[str]:

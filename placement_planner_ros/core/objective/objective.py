@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol, TypeVar, runtime_checkable
 
 import numpy as np
@@ -14,6 +14,7 @@ from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume, upright
+from placement_planner_ros.core.wishes.settings import WishSettings
 
 _Said = TypeVar("_Said")
 
@@ -45,6 +46,25 @@ class EstimatedObjective(BatchObjective, Protocol):
 
 
 @runtime_checkable
+class BoundedObjective(BatchObjective, Protocol):
+    """An objective that computes no more than it takes to know what is better than the best."""
+
+    def values_above(self, T_world_object: Array, best: float) -> Array:
+        """(n,) ξ of the (n, 4, 4) poses; where that is not above `best`, anything that is neither,
+        and no less than ξ."""
+        ...
+
+
+@runtime_checkable
+class TermedObjective(Objective, Protocol):
+    """An objective that is made of terms."""
+
+    def terms(self, T_world_object: pin.SE3) -> dict[str, float]:
+        """The value of each by its name, in its own unit."""
+        ...
+
+
+@runtime_checkable
 class DifferentiableObjective(Objective, Protocol):
     """An objective that knows ∂ξ/∂(x, y, e_z)."""
 
@@ -55,11 +75,19 @@ class DifferentiableObjective(Objective, Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObjectiveContext:
-    """What an objective may look at when it is made, once per run."""
+    """What an objective may look at when it is made, once per run.
+
+    Attributes:
+        wishes: what a weighted one is made of.
+        support, contact_tolerance: as in the planner's settings; metres.
+    """
 
     environment: Environment
     volume: TargetVolume
     body: Body
+    wishes: WishSettings = field(default_factory=WishSettings)
+    support: str = "vertices"
+    contact_tolerance: float = 0.003
 
 
 def asked(objective: object, ask: Callable[[], _Said]) -> _Said:
@@ -103,6 +131,16 @@ def evaluate_batch(objective: Objective, T_world_object: Array) -> Array:
         return np.array([evaluate(objective, pin.SE3(T)) for T in T_world_object])
     batch = objective
     return _finite(objective, lambda: batch.values(T_world_object), (len(T_world_object),))
+
+
+def values_above(objective: BoundedObjective, T_world_object: Array, best: float) -> Array:
+    """(n,) ξ of the (n, 4, 4) poses or a bound of it, checked.
+
+    Raises:
+        ParameterError: the objective raises, or is not a finite number somewhere.
+    """
+    ask = lambda: objective.values_above(T_world_object, best)  # noqa: E731
+    return _finite(objective, ask, (len(T_world_object),))
 
 
 def estimate_batch(objective: EstimatedObjective, T_world_object: Array) -> Array:

@@ -11,11 +11,13 @@ import pinocchio as pin
 from placement_planner_ros.core.constraints import PoseConstraints, placement_pose
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.objective.objective import (
+    BoundedObjective,
     EstimatedObjective,
     Objective,
     estimate_batch,
     evaluate,
     evaluate_batch,
+    values_above,
 )
 from placement_planner_ros.core.sample_goals.rejections import RejectedPose, Rejections
 from placement_planner_ros.core.search.sampler import Draws, Outcome
@@ -25,6 +27,8 @@ _COMPARISONS = 128
 """Samples whose ξ is both estimated and computed, to learn how good the estimates are."""
 _ERROR_RESERVE = 1.5
 """Estimates are taken to be off by at most so many times the largest error seen."""
+_BELOW_ALL = -1e9
+"""ξ that poses count as which lack what is required, less by what they lack."""
 _ATTEMPTS = 2
 """Configurations at most whose approach and retreat are tried at one pose."""
 
@@ -86,6 +90,10 @@ class GoalFinder:
         if len(free):
             values[free] = self._values(T[free], best)
             verdicts[free] = Verdict.NOT_BETTER
+        if self._poses.required is not None:
+            lacks = np.flatnonzero(verdicts == Verdict.BREAKS_RULE)
+            if len(lacks):
+                values[lacks] = _BELOW_ALL - self._poses.required.lacking(T[lacks])
         found: list[Goal] = []
         for row in free[values[free] > best]:
             if should_stop():
@@ -119,6 +127,8 @@ class GoalFinder:
         their 99th percentile: none of 822,037 better poses was skipped. A bound from the slope of
         d_S between the points would be 6 mm or more, where estimates are off by 2 mm at most.
         """
+        if isinstance(self._objective, BoundedObjective):
+            return values_above(self._objective, T, best)
         if not isinstance(self._objective, EstimatedObjective):
             return evaluate_batch(self._objective, T)
         estimates = estimate_batch(self._objective, T)

@@ -43,6 +43,8 @@ from placement_planner_ros.core.search.uniform import UniformPoses
 from placement_planner_ros.core.settings import setting
 from placement_planner_ros.core.types import Array, Goal, Verdict
 
+_LOWEST = -1e300
+"""Of values that are ranked."""
 _COARSE = 4
 """A region's extent is cut into so many coarse cells along x and y."""
 _MAX_CELLS = 20_000
@@ -52,7 +54,7 @@ as many are, and the worst is."""
 _CLASS = np.array(
     [3 if v <= Verdict.UNSTABLE else 2 if v is Verdict.COLLIDING else 1 for v in Verdict]
 )  # of a cell by its sample's verdict: what is free comes first, what cannot be reached after it
-_CLASS[Verdict.NOT_BETTER] = _CLASS[Verdict.FEASIBLE] = 0
+_CLASS[[Verdict.BREAKS_RULE, Verdict.NOT_BETTER, Verdict.FEASIBLE]] = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +107,7 @@ class OptimisticSampler(BatchSampler):
         self._levels: list[list[tuple[int, float, int, Array]]] = [[]]
         self._numbers = itertools.count()
         self._split: set[bytes] = set()
+        self._lacking = False  # whether a rule has refused poses: what lacks least shows where
         # heap of cells in which a goal was found, left alone until ξ_best is no less:
         # (ξ, number, depth, cell)
         self._with_goal: list[tuple[float, int, int, Array]] = []
@@ -125,7 +128,7 @@ class OptimisticSampler(BatchSampler):
         """The next poses of the round, at most so many; of a new round where it is over."""
         if len(self._depths) == 0:
             graded = self.count.samples >= self._settings.uniform_first
-            self._begin_round(refine=graded and best > -np.inf)
+            self._begin_round(refine=graded and (best > -np.inf or self._lacking))
         cells, poses = self._cells[:most], self._poses[:most]
         undecided = np.full(len(cells), -1)
         return Draws(
@@ -140,6 +143,7 @@ class OptimisticSampler(BatchSampler):
     def _learn(self, outcome: Outcome, best: float) -> None:
         """The rest of the round is drawn from next."""
         tried = len(outcome.verdicts)
+        self._lacking |= bool((outcome.verdicts == Verdict.BREAKS_RULE).any())
         self._remember(outcome, self._cells[:tried], self._depths[:tried])
         self._keep(slice(tried, None))
 
@@ -183,7 +187,8 @@ class OptimisticSampler(BatchSampler):
     def _remember(self, outcome: Outcome, cells: Array, depths: Index) -> None:
         """File the cells under their depth by what their sample was, leaves left out."""
         kinds = _CLASS[outcome.verdicts]
-        ranks = np.where(kinds == 0, -outcome.values, self._rng.random(len(cells)))
+        worth = np.maximum(outcome.values, _LOWEST)
+        ranks = np.where(kinds == 0, -worth, self._rng.random(len(cells)))
         kept = areas(cells) > self._min_area
         found = outcome.verdicts == Verdict.FEASIBLE
         # the cells are copied one by one: a view would keep the whole round in memory

@@ -59,7 +59,7 @@ class Outcome:
 
     Attributes:
         verdicts: (m,) of each.
-        values: (m,) ξ where it was computed, else -inf.
+        values: (m,) ξ where it was computed, far below where a rule is broken, else -inf.
         goals: those found, in order.
         terms: (reached, arm free, object free, stable), where every check was made.
     """

@@ -154,12 +154,12 @@ class Outputs:
                 "approach_start": f"{placement.approach_start:.3f}",
                 "has_retreat": str(retreat is not None).lower(),
                 "search_time": f"{search_time:.3f}",
-            }
+            } | {f"term.{name}": value for name, value in placement.terms}
             where = "{:.3f} {:.3f} {:.3f}".format(*placement.T_world_object.translation)
             words = (
                 f"solution {number}, found after {search_time:.2f} s: by arm {goal.arm} to "
                 f"{where} in {snapshot.frame}, objective {placement.objective:.4g}, "
-                f"{trajectory.duration:.1f} s of motion{_retreating(retreat)}"
+                f"{trajectory.duration:.1f} s of motion{_retreating(retreat)}{_terms(placement)}"
             )
             self._solution.publish(self._manifest(stamp, snapshot.frame, words, values))
             self._draw()
@@ -207,6 +207,11 @@ class Outputs:
         """The time, later than that of any manifest before."""
         self._last_stamp = max(self._last_stamp + 1, self._node.get_clock().now().nanoseconds)
         return time_message(self._last_stamp)
+
+
+def _terms(placement: Placement) -> str:
+    named = ", ".join(f"{name} {value:.3g}" for name, value in placement.terms)
+    return f"; {named}" if named else ""
 
 
 def _retreating(retreat: Trajectory | None) -> str:

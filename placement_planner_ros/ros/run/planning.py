@@ -10,7 +10,6 @@ import numpy as np
 
 from placement_planner_ros.core.explanation.explanation import Explanation
 from placement_planner_ros.core.objective.by_name import make_objective
-from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.planner import PlacementPlanner
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.scene.environment import Environment
@@ -73,10 +72,11 @@ def make_planner(snapshot: Snapshot, environment: Environment) -> Prepared:
     problem = Problem(
         snapshot.robot, snapshot.arms, snapshot.q_start, snapshot.body, volume, environment
     )
+    settings = parameters.planner_settings
     objective = make_objective(
-        parameters["objective"], ObjectiveContext(environment, volume, snapshot.body)
+        parameters["objective"], settings.context(environment, volume, snapshot.body)
     )
     seed = parameters["seed"]
     rng = np.random.default_rng(None if seed < 0 else seed)
-    planner = PlacementPlanner(problem, objective, parameters.planner_settings, rng)
+    planner = PlacementPlanner(problem, objective, settings, rng)
     return Prepared(planner, environment)

@@ -14,6 +14,7 @@ from placement_planner_ros.core.errors import (
     GraspError,
     JointStateError,
     ObjectError,
+    ParameterError,
     PlacementPlannerError,
 )
 from placement_planner_ros.core.grasp.at_start import deep_fingers, faults_at_start, tilts_at_start
@@ -79,6 +80,7 @@ def take_snapshot(
             attempt(lambda: require_limits(arms, parameters.planner_settings.timing))
     attempt(lambda: parameters.planner_settings.tilt)
     attempt(parameters.planner_settings.wishes.require_consistent)
+    attempt(lambda: require_terms(parameters))
     object_key = inputs.object.key
     body = attempt(lambda: inputs.object.body(parameters, overridden))
     if faults or robot is None or clouds is None or q_start is None or body is None:
@@ -182,6 +184,16 @@ def require_face(body: Body) -> None:
             f"{tries}"
         )
     raise ObjectError("object", f"{len(body.vertices)} vertices, {extents} m large", why)
+
+
+def require_terms(parameters: ParameterSet) -> None:
+    """Refuse a weighted objective without terms.
+
+    Raises:
+        ParameterError: it has none.
+    """
+    if parameters["objective"] == "weighted" and not parameters["objective_terms"]:
+        raise ParameterError("objective_terms", [], "name at least one for objective: weighted")
 
 
 def require_limits(arms: Sequence[Arm], timing: TimingSettings) -> None:

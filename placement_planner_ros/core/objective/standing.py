@@ -1,0 +1,51 @@
+"""What objects at poses stand on: which face, on surfaces of which slope."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from placement_planner_ros.core.objective.objective import ObjectiveContext
+from placement_planner_ros.core.types import LEVEL, Array, upright
+
+Index = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stood:
+    """What (n,) objects stand on.
+
+    Attributes:
+        face: indices.
+        slope: indices of `Standing.slopes`.
+    """
+
+    face: Index
+    slope: Index
+
+
+class Standing:
+    """Tells it by which face points most nearly against the normal of some surface.
+
+    Attributes:
+        slopes: (s, 2) of the surfaces; the first is level.
+        middles: (|F|, 3) of v(f), in the object's frame.
+    """
+
+    def __init__(self, context: ObjectiveContext) -> None:
+        self.slopes = np.array([LEVEL, *(each.slope for each in context.environment.inclines)])
+        self.middles = np.array([face.vertices.mean(axis=0) for face in context.body.faces])
+        self.middles = self.middles.reshape(-1, 3)
+        self._up = upright(self.slopes)[:, :, 2]
+        self._down = np.array([face.normal for face in context.body.faces]).reshape(-1, 3).T
+
+    def at(self, T_world_object: Array) -> Stood:
+        """At poses (n, 4, 4)."""
+        if len(self.slopes) == 1:
+            face = (T_world_object[:, 2, :3] @ self._down).argmin(axis=1)
+            return Stood(face, np.zeros(len(face), np.int64))
+        off = self._up @ (T_world_object[:, :3, :3] @ self._down)  # (n, slopes, faces)
+        slope, face = np.divmod(off.reshape(len(off), -1).argmin(axis=1), off.shape[2])
+        return Stood(face, slope)

@@ -1,0 +1,219 @@
+"""The terms that weighted objectives and requirements are made of: those that are told by the pose.
+
+Larger is better, in each one's own unit; a weighted objective adds them in units of their `scale`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar, Protocol, runtime_checkable
+
+import numpy as np
+import pinocchio as pin
+from scipy.spatial import ConvexHull, QhullError
+
+from placement_planner_ros.core.body.contact_points import contact_points
+from placement_planner_ros.core.objective.clearance import Clearance
+from placement_planner_ros.core.objective.objective import ObjectiveContext
+from placement_planner_ros.core.objective.standing import Standing
+from placement_planner_ros.core.scene.distance import CAP
+from placement_planner_ros.core.types import Array
+
+
+class Term(Protocol):
+    """One thing that a placement is judged by."""
+
+    @property
+    def unit(self) -> str:
+        """Of its values; '' where it has none."""
+        ...
+
+    @property
+    def scale(self) -> float:
+        """The difference, in its unit, that counts as 1."""
+        ...
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Values that it is never below and never above."""
+        ...
+
+    @property
+    def dear(self) -> bool:
+        """Whether it is asked only where the others do not settle it."""
+        ...
+
+    def values(self, T_world_object: Array) -> Array:
+        """(n,) at poses (n, 4, 4)."""
+        ...
+
+
+@runtime_checkable
+class SmoothTerm(Protocol):
+    """A term that knows its gradient."""
+
+    def gradient(self, T_world_object: pin.SE3) -> Array:
+        """(3,) change per metre in x and y, and per radian about z through the origin."""
+        ...
+
+
+@runtime_checkable
+class BoundedTerm(Protocol):
+    """A term of which more is known for less than its value takes."""
+
+    def upper(self, T_world_object: Array) -> Array:
+        """(n,) what the values at poses (n, 4, 4) are not above."""
+        ...
+
+
+class ClearanceTerm(Clearance):
+    """clearance: C(x), the mean distance d_S of the object from what stands around it, metres."""
+
+    unit: ClassVar = "m"
+    scale: ClassVar = 0.1
+    ends: ClassVar = (0.0, CAP)
+    dear: ClassVar = True
+
+    def __init__(self, context: ObjectiveContext) -> None:
+        super().__init__(context, 1.0)
+
+
+class Near:
+    """near: minus the distance of the object's origin from that of `near_pose`, metres."""
+
+    unit: ClassVar = "m"
+    scale: ClassVar = 0.1
+    ends: ClassVar = (-math.inf, 0.0)
+    dear: ClassVar = False
+
+    def __init__(self, context: ObjectiveContext) -> None:
+        self._target = np.array(context.wishes.near_pose[:3])
+
+    def values(self, T_world_object: Array) -> Array:
+        """(n,) at poses (n, 4, 4)."""
+        away = T_world_object[:, :3, 3] - self._target
+        return np.asarray(-np.sqrt((away * away).sum(axis=1)))
+
+    def gradient(self, T_world_object: pin.SE3) -> Array:
+        """(3,); nothing where it is there."""
+        away = T_world_object.translation - self._target
+        distance = float(np.linalg.norm(away))
+        if distance < 1e-9:
+            return np.zeros(3)
+        return np.array([-away[0] / distance, -away[1] / distance, 0.0])
+
+
+class Turn:
+    """turn: minus the angle by which the object is turned from `near_pose`, radians."""
+
+    unit: ClassVar = "rad"
+    scale: ClassVar = 0.5
+    ends: ClassVar = (-math.pi, 0.0)
+    dear: ClassVar = False
+
+    def __init__(self, context: ObjectiveContext) -> None:
+        x, y, z, w = context.wishes.near_pose[3:]
+        self._target = pin.Quaternion(w, x, y, z).normalized().toRotationMatrix()
+
+    def values(self, T_world_object: Array) -> Array:
+        """(n,) at poses (n, 4, 4)."""
+        apart = T_world_object[:, :3, :3] - self._target  # ‖R - S‖ = 2 √2 sin(angle / 2)
+        chord = np.sqrt((apart * apart).sum(axis=(1, 2)) / 8.0)
+        return np.asarray(-2.0 * np.arcsin(np.minimum(chord, 1.0)))
+
+    def gradient(self, T_world_object: pin.SE3) -> Array:
+        """(3,); only turning changes it."""
+        off = pin.log3(T_world_object.rotation @ self._target.T)
+        angle = float(np.linalg.norm(off))
+        return np.array([0.0, 0.0, 0.0 if angle < 1e-9 else -off[2] / angle])
+
+
+class High:
+    """high: z of the middle of the side that the object stands on, metres."""
+
+    unit: ClassVar = "m"
+    scale: ClassVar = 0.1
+    ends: ClassVar = (-math.inf, math.inf)
+    dear: ClassVar = False
+
+    def __init__(self, context: ObjectiveContext) -> None:
+        self._standing = Standing(context)
+
+    def values(self, T_world_object: Array) -> Array:
+        """(n,) at poses (n, 4, 4)."""
+        middle = self._standing.middles[self._standing.at(T_world_object).face]
+        up = (T_world_object[:, 2, :3] * middle).sum(axis=1)
+        return np.asarray(up + T_world_object[:, 2, 3])
+
+
+class Stance:
+    """stance: the angle, in the direction that takes the least, by which the object may be tipped
+    from how it stands before it falls, radians.
+
+    With `support: polygon` over the hull of what is supported, else over all of v(f).
+    """
+
+    unit: ClassVar = "rad"
+    scale: ClassVar = 0.2
+    ends: ClassVar = (-0.5 * math.pi, 0.5 * math.pi)
+
+    def __init__(self, context: ObjectiveContext) -> None:
+        self._standing = Standing(context)
+        self._environment = context.environment
+        self._tolerance = context.contact_tolerance
+        self.dear = context.support == "polygon"
+        self._rotations, self._heights, self._contacts, self._hulls = [], [], [], []
+        for face in context.body.faces:
+            over = face.over(context.body.center_of_mass)
+            T = over.T_face_object
+            self._rotations.append(T.rotation)
+            self._heights.append(float(T.act(context.body.center_of_mass)[2]))
+            feet = (face.vertices @ T.rotation.T + T.translation)[:, :2]
+            if self.dear:
+                feet = contact_points(context.body, over).points
+                self._contacts.append((feet, T.inverse()))
+            self._hulls.append(_edges(feet))
+
+    def values(self, T_world_object: Array) -> Array:
+        """(n,) at poses (n, 4, 4)."""
+        if not self.dear:
+            return self.upper(T_world_object)
+        stood = self._standing.at(T_world_object)
+        result = np.empty(len(T_world_object))
+        for n, T in enumerate(T_world_object):
+            face, slope = int(stood.face[n]), self._standing.slopes[stood.slope[n]]
+            feet, inward = self._contacts[face]
+            points = feet @ inward.rotation[:, :2].T + inward.translation
+            placed = points @ T[:3, :3].T + T[:3, 3]
+            support = self._environment.support_of((float(slope[0]), float(slope[1])))
+            carried = feet[support.supported(placed, self._tolerance)]
+            result[n] = self._tips(face, _edges(carried), T[None])[0]
+        return result
+
+    def upper(self, T_world_object: Array) -> Array:
+        """(n,) with all of the side supported."""
+        stood = self._standing.at(T_world_object)
+        result = np.empty(len(T_world_object))
+        for face in np.unique(stood.face).tolist():
+            rows = stood.face == face
+            result[rows] = self._tips(face, self._hulls[face], T_world_object[rows])
+        return result
+
+    def _tips(self, face: int, edges: Array, T: Array) -> Array:
+        """(n,) least angle over the edges (k, 3) of what carries it, at poses (n, 4, 4)."""
+        if not len(edges):
+            return np.full(len(T), self.ends[0])
+        ups = T[:, 2, :3] @ self._rotations[face].T  # against gravity, in the face's frame
+        firm = np.arctan2(edges[:, 2], self._heights[face])
+        lean = np.arctan2(ups[:, :2] @ edges[:, :2].T, ups[:, 2:])
+        return np.asarray((firm - lean).min(axis=1))
+
+
+def _edges(points: Array) -> Array:
+    """(k, 3) inward normal of each edge of the hull of (m, 2) points about the foot of the centre
+    of mass, and how far inside that is; none where they are in line."""
+    try:
+        hull = ConvexHull(points).equations
+    except (QhullError, ValueError):
+        return np.zeros((0, 3))
+    return np.asarray(-hull)

@@ -1,0 +1,241 @@
+"""A weighted sum of terms, and terms that are required."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.objective.beside import Aligned, Edge
+from placement_planner_ros.core.objective.objective import (
+    EstimatedObjective,
+    Objective,
+    ObjectiveContext,
+    estimate_batch,
+    evaluate_batch,
+    gradient,
+    moved,
+)
+from placement_planner_ros.core.objective.standing import Standing
+from placement_planner_ros.core.objective.terms import (
+    BoundedTerm,
+    ClearanceTerm,
+    High,
+    Near,
+    SmoothTerm,
+    Stance,
+    Term,
+    Turn,
+)
+from placement_planner_ros.core.types import LEVEL, Array, Slope
+
+BUILT_IN: dict[str, Callable[[ObjectiveContext], Term]] = {
+    "clearance": ClearanceTerm,
+    "near": Near,
+    "turn": Turn,
+    "high": High,
+    "edge": Edge,
+    "aligned": Aligned,
+    "stance": Stance,
+}
+"""Terms by name."""
+_STEPS = np.array([1e-3, 1e-3, 5e-3])
+"""m, m and rad of the differences that gradients are taken from."""
+_COMPARISONS = 128
+"""Poses of which a term is both estimated and computed, to learn how good its estimates are."""
+_ERROR_RESERVE = 1.5
+"""Estimates are taken to be off by at most so many times the largest error seen."""
+_ROUNDING = 1e-9
+"""By so much a required term may be too low."""
+
+
+class PlugInTerm:
+    """A user's objective as a term; it has no unit, and what it could be is not known."""
+
+    unit = ""
+    scale = 1.0
+    ends = (-math.inf, math.inf)
+    dear = True
+
+    def __init__(self, objective: Objective) -> None:
+        self._objective = objective
+
+    def values(self, T_world_object: Array) -> Array:
+        """(n,) at poses (n, 4, 4)."""
+        return evaluate_batch(self._objective, T_world_object)
+
+    def gradient(self, T_world_object: pin.SE3) -> Array:
+        """(3,) its own, or by differences."""
+        return gradient(self._objective, T_world_object)
+
+
+class _Part:
+    """One term of a sum.
+
+    Attributes:
+        factor: what its values are multiplied by.
+    """
+
+    def __init__(self, term: Term, factor: float) -> None:
+        self.term, self.factor = term, factor
+        self._error, self._compared = 0.0, 0
+
+    def most(self, T: Array) -> Array:
+        """(n,) what it adds at most at poses (n, 4, 4)."""
+        ends = np.array(self.term.ends)
+        if self.factor > 0.0 and isinstance(self.term, BoundedTerm):
+            return np.asarray(self.factor * self.term.upper(T))
+        most = float((self.factor * ends).max()) if self.factor else 0.0
+        return np.full(len(T), most)
+
+    def estimated_most(self, T: Array) -> Array | None:
+        """(n,) the same, learned of estimates; None where it has none, or too little is known."""
+        if not isinstance(self.term, EstimatedObjective):
+            return None
+        estimates = estimate_batch(self.term, T)
+        if self._compared < _COMPARISONS:
+            off = np.abs(self.term.values(T) - estimates)
+            self._compared += len(T)
+            self._error = max(self._error, float(off.max(initial=0.0)))
+            return None
+        reserve = abs(self.factor) * _ERROR_RESERVE * self._error
+        return np.asarray(self.factor * estimates + reserve)
+
+    def gradient(self, x: pin.SE3, slope: Slope) -> Array:
+        """(3,) of what it adds, within a plane of that slope."""
+        if isinstance(self.term, SmoothTerm):
+            return self.factor * self.term.gradient(x)
+        poses = [moved(x, s * d, slope).homogeneous for d in np.diag(_STEPS) for s in (1.0, -1.0)]
+        values = self.term.values(np.array(poses)).reshape(3, 2)
+        return np.asarray(self.factor * (values[:, 0] - values[:, 1]) / (2.0 * _STEPS))
+
+
+class Weighted:
+    """ξ = Σ weight · term / scale, over `objective_terms`.
+
+    Dear terms are computed only for poses that could be better by all that is known of the others.
+
+    Args:
+        make: makes the term of a name.
+
+    Raises:
+        ParameterError: no term is named, or they do not fit together.
+    """
+
+    def __init__(
+        self, context: ObjectiveContext, make: Callable[[str, ObjectiveContext], Term]
+    ) -> None:
+        wishes = context.wishes
+        if not wishes.terms:
+            raise ParameterError("objective_terms", [], "name at least one for objective: weighted")
+        wishes.require_consistent()
+        weights = wishes.weights or (1.0,) * len(wishes.terms)
+        self._terms = {name: make(name, context) for name in wishes.terms}
+        parts = [
+            _Part(term, weight / term.scale)
+            for term, weight in zip(self._terms.values(), weights, strict=True)
+        ]
+        self._cheap = [part for part in parts if not part.term.dear]
+        self._dear = [part for part in parts if part.term.dear]
+        self._standing = Standing(context)
+
+    def __call__(self, T_world_object: pin.SE3) -> float:
+        """ξ(x)."""
+        return float(self.values(T_world_object.homogeneous[None])[0])
+
+    def terms(self, T_world_object: pin.SE3) -> dict[str, float]:
+        """The value of each by its name, in its own unit."""
+        T = T_world_object.homogeneous[None]
+        return {name: float(term.values(T)[0]) for name, term in self._terms.items()}
+
+    def values(self, T_world_object: Array) -> Array:
+        """(n,) ξ of the (n, 4, 4) poses."""
+        total = np.zeros(len(T_world_object))
+        for part in (*self._cheap, *self._dear):
+            total += part.factor * part.term.values(T_world_object)
+        return total
+
+    def values_above(self, T_world_object: Array, best: float) -> Array:
+        """(n,) ξ of the (n, 4, 4) poses; at most `best`, and no less than ξ, where that is not
+        above it."""
+        T = T_world_object
+        total = np.zeros(len(T))
+        for part in self._cheap:
+            total += part.factor * part.term.values(T)
+        if not self._dear:
+            return total
+        most = np.array([part.most(T) for part in self._dear])  # (dear, n)
+        for part, row in zip(self._dear, most, strict=True):
+            left = np.flatnonzero(total + most.sum(axis=0) > best)
+            if len(left):
+                estimated = part.estimated_most(T[left])
+                if estimated is not None:
+                    row[left] = np.minimum(row[left], estimated)
+        for k, part in enumerate(self._dear):
+            left = np.flatnonzero(total + most.sum(axis=0) > best)
+            if len(left):
+                most[k, left] = part.factor * part.term.values(T[left])
+        return np.asarray(total + most.sum(axis=0))
+
+    def gradient(self, T_world_object: pin.SE3) -> Array:
+        """∂ξ/∂(x, y, e_z), within the plane that the object stands on."""
+        stood = self._standing.at(T_world_object.homogeneous[None])
+        along = self._standing.slopes[stood.slope[0]]
+        slope = (float(along[0]), float(along[1])) if along.any() else LEVEL
+        parts = (*self._cheap, *self._dear)
+        return np.asarray(sum(part.gradient(T_world_object, slope) for part in parts))
+
+
+class Requirements:
+    """Terms that are never below a value.
+
+    Args:
+        make: makes the term of a name.
+    """
+
+    def __init__(
+        self, context: ObjectiveContext, make: Callable[[str, ObjectiveContext], Term]
+    ) -> None:
+        wishes = context.wishes
+        wishes.require_consistent()
+        made = [
+            (name, make(name, context), least)
+            for name, least in zip(wishes.required, wishes.at_least, strict=True)
+        ]
+        self._terms = sorted(made, key=lambda each: each[1].dear)
+
+    @property
+    def at_least(self) -> dict[str, float]:
+        """What each must reach, by its name."""
+        return {name: least for name, _, least in self._terms}
+
+    def kept(self, T_world_object: Array) -> npt.NDArray[np.bool_]:
+        """(n,) whether all are reached at poses (n, 4, 4)."""
+        kept = np.ones(len(T_world_object), np.bool_)
+        for _, term, least in self._terms:
+            rows = np.flatnonzero(kept)
+            if len(rows):
+                kept[rows] = term.values(T_world_object[rows]) >= least - _ROUNDING
+        return kept
+
+    def lacking(self, T_world_object: Array) -> Array:
+        """(n,) by how many of their scales all together are too low at poses (n, 4, 4)."""
+        total = np.zeros(len(T_world_object))
+        for _, term, least in self._terms:
+            total += np.maximum(least - term.values(T_world_object), 0.0) / term.scale
+        return total
+
+    def terms(self, T_world_object: pin.SE3) -> dict[str, float]:
+        """The value of each by its name, in its own unit."""
+        T = T_world_object.homogeneous[None]
+        return {name: float(term.values(T)[0]) for name, term, _ in self._terms}
+
+    def broken(self, T_world_object: pin.SE3) -> list[str]:
+        """The names of those that are too low."""
+        at_least = self.at_least
+        found = self.terms(T_world_object)
+        return [name for name, value in found.items() if value < at_least[name] - _ROUNDING]

@@ -1,0 +1,216 @@
+"""Terms by geometry, their sum, what it leaves out, and what is required."""
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.objective.by_name import make_objective, make_term
+from placement_planner_ros.core.objective.objective import gradient, moved
+from placement_planner_ros.core.objective.terms import BoundedTerm
+from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
+from placement_planner_ros.core.search.sampler import Draws
+from placement_planner_ros.core.types import Verdict
+from placement_planner_ros.core.wishes.settings import WishSettings
+from placement_planner_ros.experiments.cases import Case, make_problem
+
+TABLE = Case("table", "small_crayons_box", "maximize_clearance")
+NEAR = (0.4, 0.1, 0.05, 0.0, 0.0, 0.0, 1.0)
+ALL = ("clearance", "near", "turn", "high", "edge", "aligned", "stance", "toward_front")
+WEIGHTS = (1.0, 0.5, 0.2, -0.3, 1.0, 0.4, 0.3, 0.1)
+
+
+@pytest.fixture(scope="module")
+def table():
+    problem, _ = make_problem(TABLE, np.random.default_rng(0))
+    return problem
+
+
+@pytest.fixture(scope="module")
+def standing(table):
+    """(n, 4, 4) free poses that stand, and the planner they were drawn by."""
+    planner = planner_of(table, WishSettings(), "maximize_clearance")
+    drawn = planner.sampler._uniform.draw(3000)
+    poses = planner._search.poses
+    verdicts, T = poses.verdicts(drawn.face, drawn.contact, drawn.angle)
+    return T[verdicts == Verdict.FEASIBLE]
+
+
+def planner_of(problem, wishes, objective="weighted", **settings):
+    chosen = PlannerSettings(wishes=wishes, **settings)
+    context = chosen.context(problem.environment, problem.volume, problem.body)
+    made = make_objective(objective, context)
+    return PlacementPlanner(problem, made, chosen, np.random.default_rng(0))
+
+
+def context_of(problem, **wishes):
+    chosen = PlannerSettings(wishes=WishSettings(near_pose=NEAR, **wishes))
+    return chosen.context(problem.environment, problem.volume, problem.body)
+
+
+def term(problem, name):
+    return make_term(name, context_of(problem))
+
+
+def test_each_term_is_what_it_says(table, standing):
+    vertices = standing[:, :3, :3] @ table.body.vertices.T + standing[:, :3, 3:]
+    near = np.linalg.norm(standing[:, :3, 3] - NEAR[:3], axis=1)
+    assert term(table, "near").values(standing) == pytest.approx(-near)
+    turns = [np.linalg.norm(pin.log3(T[:3, :3])) for T in standing]
+    assert term(table, "turn").values(standing) == pytest.approx(-np.array(turns), abs=1e-6)
+    assert term(table, "high").values(standing) == pytest.approx(vertices[:, 2].min(axis=1))
+    # a box on its side of half width w, with its centre at height h, tips at atan(w / h)
+    half = np.sort(np.ptp(vertices, axis=2)[:, 2] / 2)
+    size = np.ptp(table.body.vertices, axis=0) / 2
+    expected = []
+    for T in standing:
+        up = int(np.abs(T[2, :3]).argmax())
+        expected.append(np.arctan2(np.delete(size, up).min(), size[up]))
+    assert half.min() > 0.0
+    assert term(table, "stance").values(standing) == pytest.approx(np.array(expected), abs=1e-3)
+
+
+def test_edge_is_the_distance_from_where_the_table_ends(table, standing):
+    """Of objects on the table itself, whose outline is x 0.139 to 0.695, y -0.426 to 0.474."""
+    on = standing[np.abs(term(table, "high").values(standing)) < 0.004]
+    vertices = on[:, :3, :3] @ table.body.vertices.T + on[:, :3, 3:]
+    low, high = vertices[:, :2].min(axis=2), vertices[:, :2].max(axis=2)
+    ends = np.array([[0.139, -0.426], [0.695, 0.474]])
+    away = np.minimum(low - ends[0], ends[1] - high).min(axis=1)
+    values = term(table, "edge").values(on)
+    near = away < 0.15
+    assert near.sum() > 20
+    assert np.abs(values - np.minimum(away, 0.2))[near].max() < 0.006
+    assert values.max() <= 0.2
+
+
+def test_aligned_is_the_angle_from_the_edge_that_is_nearest(table, standing):
+    """Where nothing else is within 20 cm, the table's edge along an axis is."""
+    on = standing[np.abs(term(table, "high").values(standing)) < 0.004]
+    centers = on[:, :3, :3] @ table.body.center_of_mass + on[:, :3, 3]
+    clear = centers[(centers[:, 1] < -0.36) & (centers[:, 0] > 0.42) & (centers[:, 0] < 0.5)]
+    rows = np.flatnonzero((centers[:, None] == clear).all(axis=2).any(axis=1))
+    assert len(rows) >= 1
+    found = term(table, "aligned").values(on[rows])
+    for T, value in zip(on[rows], found, strict=True):
+        edge = next(T[:2, k] for k in range(3) if abs(T[2, k]) < 0.5)
+        off = np.arctan2(edge[1], edge[0])
+        off = np.remainder(off + np.pi / 4, np.pi / 2) - np.pi / 4
+        assert value == pytest.approx(-abs(off), abs=0.06)
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_values_are_within_the_ends_and_below_what_bounds_them(table, standing, name):
+    made = term(table, name)
+    values = made.values(standing[:200])
+    assert (values >= made.ends[0] - 1e-9).all()
+    assert (values <= made.ends[1] + 1e-9).all()
+    if isinstance(made, BoundedTerm):
+        assert (made.upper(standing[:200]) >= values - 1e-9).all()
+
+
+def test_the_sum_its_gradient_and_what_it_leaves_out(table, standing):
+    context = context_of(table, terms=ALL, weights=WEIGHTS)
+    weighted = make_objective("weighted", context)
+    some = standing[:150]
+    by_hand = sum(
+        weight * term(table, name).values(some) / term(table, name).scale
+        for name, weight in zip(ALL, WEIGHTS, strict=True)
+    )
+    values = weighted.values(some)
+    assert values == pytest.approx(by_hand)
+    weighted.values_above(standing, -np.inf)  # learns how good estimates are
+    best = float(np.quantile(values, 0.9))
+    above = weighted.values_above(some, best)
+    assert above[values > best] == pytest.approx(values[values > best])
+    assert (above[values <= best] <= best + 1e-9).all()
+    assert (above >= values - 1e-9).all()
+    smooth = make_objective(
+        "weighted", context_of(table, terms=("clearance", "near", "turn", "high"))
+    )
+    for T in some[:5]:
+        x = pin.SE3(T)
+        steps = [1e-4, 1e-4, 1e-4]
+        differences = [
+            (smooth(moved(x, s * e)) - smooth(moved(x, -s * e))) / (2.0 * s)
+            for s, e in zip(steps, np.eye(3), strict=True)
+        ]
+        assert gradient(smooth, x) == pytest.approx(differences, rel=0.2, abs=0.3)
+
+
+def test_dear_terms_are_asked_only_where_a_bound_does_not_settle_it(table, standing):
+    weighted = make_objective("weighted", context_of(table, terms=("near", "edge")))
+    asked = []
+    edge = weighted._dear[0].term
+    values = edge.values
+    edge.values = lambda T: asked.append(len(T)) or values(T)
+    best = float(np.quantile(weighted.values(standing), 0.95))
+    asked.clear()
+    weighted.values_above(standing, best)
+    assert sum(asked) < 0.5 * len(standing)
+
+
+def test_a_weighted_search_publishes_its_terms_and_nears_what_is_asked(table):
+    wishes = WishSettings(terms=("near", "edge"), weights=(2.0, 0.5), near_pose=NEAR)
+    planner = planner_of(table, wishes)
+    placements = list(planner.run(lambda: planner.statistics.samples >= 3000))
+    assert len(placements) >= 2
+    for placement in placements:
+        terms = dict(placement.terms)
+        assert list(terms) == ["near", "edge"]
+        sum_ = 2.0 * terms["near"] / 0.1 + 0.5 * terms["edge"] / 0.05
+        assert placement.objective == pytest.approx(sum_)
+    assert dict(placements[-1].terms)["near"] > -0.1
+
+
+@pytest.mark.parametrize("sampler", ["optimistic", "mcts"])
+def test_what_is_required_is_kept_by_whatever_is_published(table, sampler):
+    guided = sampler == "optimistic"
+    at_least = (-0.08, 0.05) if guided else (-0.15, 0.03)
+    at = (0.45, -0.05, 0.0, 0.0, 0.0, 0.0, 1.0)
+    wishes = WishSettings(required=("near", "edge"), at_least=at_least, near_pose=at)
+    planner = planner_of(table, wishes, "maximize_clearance", sampler=sampler)
+    placements = list(planner.run(lambda: planner.statistics.samples >= 4000))
+    assert len(placements) >= 1
+    for placement in placements:
+        terms = dict(placement.terms)
+        assert terms["near"] >= at_least[0]
+        assert terms["edge"] >= at_least[1]
+    assert planner.statistics.rejected["breaks_rule"] > 0
+
+
+def test_where_none_is_left_the_term_is_named(table):
+    wishes = WishSettings(required=("high", "edge"), at_least=(0.5, 0.01))
+    planner = planner_of(table, wishes, "maximize_clearance")
+    assert list(planner.run(lambda: planner.statistics.samples >= 1500)) == []
+    told = planner.explain()
+    assert "require_terms: high" in told.cause
+    assert "edge" not in told.cause
+    names = [each.parameter for each in told.remedies]
+    assert names[:2] == ["require_at_least", "require_terms"]
+    freed = planner_of(table, replace(wishes, required=(), at_least=()), "maximize_clearance")
+    assert next(freed.run(lambda: freed.statistics.samples >= 1500))
+
+
+def test_bad_combinations_are_refused(table):
+    with pytest.raises(ParameterError, match="objective_terms"):
+        planner_of(table, WishSettings())
+    with pytest.raises(ParameterError, match="near_pose"):
+        planner_of(table, WishSettings(terms=("near",)))
+    with pytest.raises(ParameterError, match="require_at_least"):
+        planner_of(table, WishSettings(required=("high",)), "maximize_clearance")
+
+
+def test_a_batch_leaves_poses_that_lack_something_behind_all_others(table):
+    wishes = WishSettings(required=("near",), at_least=(-0.05,), near_pose=NEAR)
+    planner = planner_of(table, wishes, "maximize_clearance")
+    drawn = planner.sampler._uniform.draw(400)
+    none = np.full(400, -1)
+    checked = planner._search.finder.check_batch(
+        Draws(none, none, drawn.face, drawn.contact, drawn.angle), 1e3, 1, lambda: False
+    )
+    lacks = checked.verdicts == Verdict.BREAKS_RULE
+    assert lacks.sum() > 10
+    assert (checked.values[lacks] < -1e8).all()
