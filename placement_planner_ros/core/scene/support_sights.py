@@ -75,13 +75,22 @@ def seen_through(
         for view in sights
     ]
     discs = np.vstack(found)
-    part = columns.cell_size / _PARTS
-    keys = np.column_stack([np.floor(discs[:, :2] / part), np.floor(discs[:, 3] / columns.step)])
-    order = np.lexsort((-discs[:, 2], *keys.T))
-    first = np.ones(len(order), np.bool_)
-    first[1:] = (np.diff(keys[order], axis=0) != 0.0).any(axis=1)
-    discs = np.ascontiguousarray(discs[order[first]])
+    discs = _widest(discs, columns.cell_size / _PARTS, columns.step)
     return discs[_within(columns, discs)]
+
+
+def _widest(discs: Array, part: float, step: float) -> Array:
+    """Of discs (k, 4), in each square of that side and each step of heights, the widest."""
+    sizes = np.array([part, part, step])
+    x, y, height = np.floor(discs[:, [0, 1, 3]] / sizes).astype(np.int64).T
+    key = np.zeros(len(discs), np.int64)  # one number, for it is sorted in 0.6 of the time
+    for value in (height, y, x):
+        low = value.min(initial=0)
+        key = key * (value.max(initial=0) - low + 1) + value - low
+    order = np.lexsort((-discs[:, 2], key))
+    first = np.ones(len(order), np.bool_)
+    first[1:] = np.diff(key[order]) != 0
+    return np.ascontiguousarray(discs[order[first]])
 
 
 def _sheared(view: View, slope: Slope) -> tuple[Array, Array]:
@@ -170,6 +179,7 @@ def _crossings(
             i = int((x - columns.origin[0]) * per_metre) // _BLOCK
             j = int((y - columns.origin[1]) * per_metre) // _BLOCK
             near |= blocks[min(max(i, 0), blocks.shape[0] - 1), min(max(j, 0), blocks.shape[1] - 1)]
+        last = -1
         for k in range(len(levels)):
             z = middles[k]
             if near >> levels[k] & 1 == 0 or not lowest <= z < sensor[2]:
@@ -182,8 +192,9 @@ def _crossings(
             if at_levels[i, j] >> levels[k] & 1 == 0:
                 continue
             s = _surface_near(columns, i, j, z, columns.step)
-            if s < 0:
+            if s < 0 or s == last:  # levels are as near to each other as surfaces are sought
                 continue
+            last = s
             z = columns.height[s]
             if points[p, 2] + below >= z:
                 continue

@@ -98,10 +98,10 @@ def behind_low_screen(rng: Rng) -> Situation:
 
 
 def strip_behind_screen(rng: Rng) -> Situation:
-    """The screen's shadow ends 20 to 28 mm before V does."""
+    """The screen's shadow ends 8 to 13 mm before V does, in which the centre of mass must be."""
     height = rng.uniform(0.058, 0.066)
-    end = 0.365 + 0.415 * height / (0.35 - height) + rng.uniform(0.020, 0.028)
-    unseen = "of V the camera sees a strip of 28 mm at most, the box needs 36 mm"
+    end = 0.365 + 0.415 * height / (0.35 - height) + rng.uniform(0.008, 0.013)
+    unseen = "of V the camera sees a strip of 13 mm at most, half of the box needs 18 mm"
     return _screened(rng, "strip_behind_screen", (0.38, end), height, "free behind a screen",
                      False, unseen)  # fmt: skip
 

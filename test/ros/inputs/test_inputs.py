@@ -171,6 +171,27 @@ def test_nothing_is_merged_while_the_sensor_moves(robot):
     assert len(world.inputs.clouds.snapshot("merge", 0.0, time.monotonic())[1].points) == 2
 
 
+def test_flying_pixels_are_left_out_before_clouds_are_merged(robot):
+    """Of a wall 1 m from the sensor, and a point in the air halfway to it."""
+    across = np.linspace(-0.1, 0.1, 41)
+    wall = np.stack(np.meshgrid(across, across, [1.0]), axis=-1).reshape(-1, 3)
+    stray = np.array([0.001, 0.002, 0.5])
+    points = np.vstack([wall, stray])
+
+    def merged(frame, cloud):
+        world = World(robot, cloud__mode="merge")
+        world.joints(100.0)
+        world.cloud(100.0, cloud, frame)
+        newest, merged = world.inputs.clouds.snapshot("merge", 0.0, time.monotonic())
+        assert len(newest.points) == len(cloud)  # they are filtered when a run begins
+        return len(merged.points)
+
+    assert merged(LINK, points) == merged(LINK, wall)
+    # Where the sensor is not known, nobody can tell them.
+    root = robot.robot.root_link
+    assert merged(root, points) == merged(root, wall) + 1
+
+
 def test_in_mode_latest_the_sensor_may_move(robot):
     world = World(robot, cloud__mode="latest")
     world.sweep(100.0, 101.0, speed=0.5)
