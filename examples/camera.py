@@ -2,7 +2,8 @@
 
     python examples/camera.py scan.ply --frame camera_optical_frame
 
-Files: .ply, .xyz or .npy, (n, 3) points in metres. Where the frame is no link of the robot and tf2
+Files: .pcd, .ply, .xyz, .csv or .npy, points in metres; columns and fields after x, y, z do not
+count. Where the frame is no link of the robot and tf2
 does not know it, tell the node where it is: `sensor_frames: [camera_optical_frame]` and
 `sensor_poses.camera_optical_frame: [x, y, z, qx, qy, qz, qw]`.
 """
@@ -32,24 +33,65 @@ def read_points(file: Path) -> npt.NDArray[np.float64]:
     Raises:
         ValueError: there are none in it.
     """
-    if file.suffix == ".npy":
-        return np.asarray(np.load(file), dtype=np.float64).reshape(-1, 3)
-    read = trimesh.load(file)
+    kind = file.suffix.lower()
+    if kind == ".npy":
+        array = np.load(file)
+        return np.asarray(array.reshape(-1, array.shape[-1])[:, :3], dtype=np.float64)
+    if kind == ".csv":
+        return np.loadtxt(file, delimiter=",", usecols=(0, 1, 2), ndmin=2)
+    if kind == ".pcd":
+        return _points_of_pcd(file)
+    try:
+        read = trimesh.load(file)
+    except NotImplementedError:  # of the file's kind
+        read = None
     if not isinstance(read, trimesh.PointCloud | trimesh.Trimesh):
-        raise ValueError(f"{file} has no points; write it as .ply, .xyz or .npy")
+        raise ValueError(f"{file} has no points; write it as .pcd, .ply, .xyz, .csv or .npy")
     return np.asarray(read.vertices, dtype=np.float64)
+
+
+def _points_of_pcd(file: Path) -> npt.NDArray[np.float64]:
+    """(n, 3) points of a file of the Point Cloud Library, in text or binary, m."""
+    with file.open("rb") as stream:
+        header: dict[str, list[str]] = {}
+        for line in stream:
+            name, *values = line.decode(errors="replace").split() or [""]
+            header[name] = values
+            if name == "DATA":
+                break
+        body = stream.read()
+    if not {"FIELDS", "SIZE", "TYPE", "POINTS", "DATA"} <= set(header):
+        raise ValueError(f"{file} is no .pcd; write it as one, or as .ply, .xyz, .csv or .npy")
+    if not {"x", "y", "z"} <= set(header["FIELDS"]):
+        raise ValueError(f"{file} has no fields x, y and z, but {header['FIELDS']}")
+    counts = [int(count) for count in header.get("COUNT", ["1"] * len(header["FIELDS"]))]
+    if header["DATA"] == ["ascii"]:
+        first = dict(zip(header["FIELDS"], np.cumsum([0, *counts]).tolist(), strict=False))
+        columns = [first[axis] for axis in "xyz"]
+        return np.loadtxt(body.decode().splitlines(), usecols=columns, ndmin=2)
+    if header["DATA"] != ["binary"]:
+        raise ValueError(f"{file} is {header['DATA']}; write it with DATA binary or ascii")
+    kinds = zip(header["TYPE"], header["SIZE"], counts, strict=True)
+    layout = np.dtype(
+        {
+            "names": [f"{name}{i}" for i, name in enumerate(header["FIELDS"])],
+            "formats": [f"({count},)<{kind.lower()}{size}" for kind, size, count in kinds],
+        }
+    )
+    table = np.frombuffer(body, layout, count=int(header["POINTS"][0]))
+    named = [f"{axis}{header['FIELDS'].index(axis)}" for axis in "xyz"]
+    return np.hstack([table[name] for name in named]).astype(np.float64)
 
 
 class FileCamera(Node):
     """The same cloud again and again, each time with the time of now."""
 
-    def __init__(self, file: Path, frame: str, rate: float) -> None:
+    def __init__(self, points: npt.NDArray[np.float64], frame: str, rate: float) -> None:
         super().__init__("file_camera")
-        points = read_points(file)
         self._message = message_from_points(points, Header(frame_id=frame))
         self._points = self.create_publisher(PointCloud2, "points", 1)
         self.create_timer(1.0 / rate, self._publish)
-        self.get_logger().info(f"{len(points)} points of {file} in {frame}")
+        self.get_logger().info(f"{len(points)} points in {frame}")
 
     def _publish(self) -> None:
         self._message.header.stamp = self.get_clock().now().to_msg()
@@ -63,9 +105,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--frame", required=True, help="in which the points are")
     parser.add_argument("--rate", type=float, default=2.0, help="clouds per second")
     options = parser.parse_args(arguments)
+    try:
+        points = read_points(options.file)
+    except (OSError, ValueError) as error:
+        parser.error(str(error))
     rclpy.init()
     with suppress(KeyboardInterrupt, ExternalShutdownException):
-        rclpy.spin(FileCamera(options.file, options.frame, options.rate))
+        rclpy.spin(FileCamera(points, options.frame, options.rate))
 
 
 if __name__ == "__main__":

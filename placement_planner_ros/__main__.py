@@ -19,6 +19,17 @@ ROS_REMEDY = f"run pip install '{PACKAGE}[ros]', or source a ROS 2 Jazzy"
 _EVALUATION_REMEDY = f"run pip install '{PACKAGE}[evaluation]'"
 
 
+_NODE_HELP = f"""usage: placement_planner [--compile] [--ros-args --params-file FILE]
+
+The node: waits for clouds and joint states, and plans when ~/start is called. Without arguments
+it plans for the bundled robot, and wants an object. --compile compiles all beforehand, and ends.
+Parameters: docs/parameters.md of {PACKAGE}; topics and services: docs/interface.md."""
+_SCENE_HELP = """usage: placement_scene [--ros-args -p name:=SCENE] [-p clouds:=cameras] ...
+
+Publishes a bundled scene on `points` and the bundled robot's joint_states, until interrupted.
+For the joint states alone, beside a cloud of your own: --ros-args -r points:=unused"""
+
+
 def _start(program: str, module: str, remedy: str, catching: bool = False) -> Any:
     if catching:
         catch_signals()
@@ -35,11 +46,23 @@ def placement_planner() -> Any:
     """The node; or, with `--compile`, what makes it start quickly."""
     if "--compile" in sys.argv[1:]:
         return import_module(f"{PACKAGE}.compile").main()
+    if _asks_for_help():
+        return print(_NODE_HELP)
     return _start("placement_planner", "ros.node", ROS_REMEDY, catching=True)
 
 
+def placement_scene() -> Any:
+    """A bundled scene as cameras and a robot would publish it."""
+    if _asks_for_help():
+        return print(_SCENE_HELP)
+    return _start("placement_scene", "ros.tools.scene_publisher", ROS_REMEDY)
+
+
+def _asks_for_help() -> bool:
+    return not {"-h", "--help"}.isdisjoint(sys.argv[1:])
+
+
 placement_demo = partial(_start, "placement_demo", "ros.tools.demo.command", ROS_REMEDY)
-placement_scene = partial(_start, "placement_scene", "ros.tools.scene_publisher", ROS_REMEDY)
 placement_benchmark = partial(
     _start, "placement_benchmark", "experiments.benchmark", _EVALUATION_REMEDY
 )
@@ -48,9 +71,9 @@ placement_check_robot = partial(
 )
 
 if __name__ == "__main__":
-    others = (placement_demo, placement_scene, placement_benchmark, placement_check_robot)
+    others = (placement_demo, placement_benchmark, placement_check_robot)
     by_name: dict[str, Callable[[], Any]] = {str(program.args[0]): program for program in others}
-    by_name["placement_planner"] = placement_planner
+    by_name |= {"placement_planner": placement_planner, "placement_scene": placement_scene}
     if len(sys.argv) < 2 or sys.argv[1] not in by_name:
         sys.exit(f"usage: python -m {PACKAGE} {{{','.join(by_name)}}} ...")
     sys.exit(by_name[sys.argv.pop(1)]())

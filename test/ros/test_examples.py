@@ -2,6 +2,7 @@
 
 import os
 import re
+import runpy
 import signal
 import subprocess
 import sys
@@ -205,3 +206,35 @@ def test_every_example_is_run_here():
     library = (Path(__file__).parents[1] / "test_library.py").read_text()
     for file in EXAMPLES.iterdir():
         assert f'"{file.name}"' in here + library, file.name
+
+
+@pytest.mark.parametrize("kind", ["pcd", "pcd binary", "csv", "npy"])
+def test_camera_reads_what_people_have(kind, tmp_path):
+    points = np.array([[0.5, -0.25, 1.0], [np.nan, np.nan, np.nan], [0.125, 2.0, 3.0]])
+    colored = np.hstack([np.full((3, 1), 7.0), points]).astype(np.float32)  # x is not the first
+    file = tmp_path / f"scan.{kind[:3]}"
+    head = (
+        "# .PCD v0.7\nVERSION 0.7\nFIELDS rgb x y z\nSIZE 4 4 4 4\nTYPE F F F F\nCOUNT 1 1 1 1\n"
+        "WIDTH 3\nHEIGHT 1\nPOINTS 3\n"
+    )
+    if kind == "pcd":
+        rows = "\n".join(" ".join(f"{number:g}" for number in row) for row in colored)
+        file.write_text(f"{head}DATA ascii\n{rows}\n")
+    elif kind == "pcd binary":
+        file.write_bytes(f"{head}DATA binary\n".encode() + colored.tobytes())
+    elif kind == "csv":
+        np.savetxt(file, np.hstack([points, colored[:, :1]]), delimiter=",")
+    else:
+        np.save(file, np.hstack([points, colored[:, :1]]))
+    read = runpy.run_path(str(EXAMPLES / "camera.py"))["read_points"](file)
+    np.testing.assert_array_equal(read, points)
+
+
+def test_camera_says_in_a_line_what_it_cannot_read(tmp_path, capsys):
+    main = runpy.run_path(str(EXAMPLES / "camera.py"))["main"]
+    for name, words in (("scan.las", "write it as .pcd"), ("none.npy", "No such file")):
+        if name == "scan.las":
+            (tmp_path / name).write_text("?")
+        with pytest.raises(SystemExit):
+            main([str(tmp_path / name), "--frame", "camera"])
+        assert words in capsys.readouterr().err

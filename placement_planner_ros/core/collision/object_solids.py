@@ -79,7 +79,7 @@ def object_in_hand(arm: Arm, grasp: int, depths: Mapping[str, float]) -> GraspEr
     links = ", ".join(f"{link} ({depth:.4f} m deep)" for link, depth in depths.items())
     return GraspError(
         f"{arm.name}.grasps[{grasp}]",
-        arm.grasps[grasp].homogeneous.round(4).tolist(),
+        pin.SE3ToXYZQUAT(arm.grasps[grasp]).round(4).tolist(),
         f"the object lies in {links}; move the grasp, list "
         f"{'the link' if len(depths) == 1 else 'the links'} in touch_links, or correct "
         "object.scale where the object is not that large",

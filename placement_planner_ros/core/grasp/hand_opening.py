@@ -64,7 +64,7 @@ def check_opening(moving: MovingArm, held: Held) -> None:
     if words:
         raise GraspError(
             f"{arm.name}.grasps[{held.grasp}]",
-            arm.grasps[held.grasp].homogeneous.round(4).tolist(),
+            pin.SE3ToXYZQUAT(arm.grasps[held.grasp]).round(4).tolist(),
             f"{'; '.join(words)}; "
             "move the grasp, check gripper_open and object.scale, or set require_retreat to false",
         )

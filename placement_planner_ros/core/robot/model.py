@@ -213,7 +213,7 @@ class Robot:
         wanted = [name for name in self.joint_names if name not in self.mimics]
         missing = [name for name in wanted if name not in positions]
         if missing:
-            raise JointStateError("joint_states: missing", missing, "publish these joints too")
+            raise JointStateError("joint_states: missing", missing, "give these joints too")
         return self._filled(np.zeros(len(self.joint_names)), {n: positions[n] for n in wanted})
 
     def with_positions(self, q: Array, positions: Mapping[str, float]) -> Array:

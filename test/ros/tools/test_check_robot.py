@@ -111,8 +111,15 @@ def links_of(name):
     return tuple(e.get("name") for e in ET.parse(share_path("urdf", name)).getroot().iter("link"))
 
 
-def test_a_start_in_collision_is_wrong_and_said_to_be_assumed(capsys):
-    assert main(["--params-file", str(CRAYONS)]) == 1
+def test_a_start_in_collision_is_wrong_and_said_to_be_assumed(tmp_path, capsys):
+    trimesh.creation.box((0.04, 0.05, 0.1)).export(tmp_path / "box.stl")
+    (tmp_path / "own.yaml").write_text(
+        "/**:\n  ros__parameters:\n    arms: [left]\n    left: {tip_frame: gripper_l_base, "
+        "grasps: [0.0, 0.0, 0.16, 0.0, 0.0, 0.0, 1.0]}\n"
+        f"    object: {{mesh: {tmp_path}/box.stl}}\n"
+        f"    robot_description: {share_path('urdf', 'yumi.urdf')}\n"
+    )
+    assert main(["--params-file", str(tmp_path / "own.yaml")]) == 1
     assert "give the real one as --joints FILE" in faults(capsys.readouterr().out)
 
 
@@ -246,3 +253,17 @@ def test_numbers_of_other_forms_are_taken(robot):
 def test_a_file_that_is_no_yaml_is_told(robot):
     (robot / "bad.yaml").write_text("a: [1,\nb: }")
     assert "bad.yaml" in read(robot / "bad.yaml")[1][0]
+
+
+def test_a_box_wider_than_the_bundled_hand_opens_is_told_before_the_demo(tmp_path, capsys):
+    trimesh.creation.box((0.062, 0.035, 0.13)).export(tmp_path / "tea.stl")
+    (tmp_path / "tea.yaml").write_text(
+        f"/**:\n  ros__parameters:\n    object: {{mesh: {tmp_path}/tea.stl}}\n"
+        "    left: {grasps: [0.0, 0.0, 0.16, 0.0, 0.0, 0.0, 1.0]}\n"
+        "    right: {grasps: [0.0, 0.0, 0.16, 0.0, 0.0, 0.0, 1.0]}\n"
+    )
+    main(["--params-file", str(tmp_path / "tea.yaml")])
+    said = " ".join(capsys.readouterr().out.split())
+    assert "1 thing is wrong" in said
+    assert "left.grasps[0] = [0.0, 0.0, 0.16, 0.0, 0.0, 0.0, 1.0]: the open hand leaves" in said
+    assert "assumed to be zero" not in said

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from placement_planner_ros.ros.tools.robot_check.given import read_given, start_
 from placement_planner_ros.ros.tools.robot_check.grasps import check_grasps
 from placement_planner_ros.ros.tools.robot_check.reach import check_reach, check_speed
 from placement_planner_ros.ros.tools.robot_check.subject import read_subject
+from placement_planner_ros.scenes.yumi import START_CONFIGURATION
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -39,7 +40,11 @@ def _check(options: argparse.Namespace) -> int:
         if path is not None
     }
     given = read_given(options.params_file, overrides, findings)
-    start = None if options.params_file is None else _start_in(options.params_file)
+    start: Mapping[str, Any] | None = None
+    if options.params_file is not None:
+        start = _start_in(options.params_file)
+    if start is None and not given.parameters["robot_description"]:
+        start = START_CONFIGURATION  # the bundled robot's; at zero it hits itself
     subject = read_subject(given, options.joints, findings, start)
     if subject is not None:
         robot = subject.robot
@@ -89,7 +94,8 @@ def _parser() -> argparse.ArgumentParser:
         type=Path,
         metavar="FILE",
         help="the start: lines `joint: value`, or a joint state as ros2 topic echo writes it; "
-        "else `start` of placement_scene in the params file, else zero or the limit next to it",
+        "else `start` of placement_scene in the params file, else that of "
+        "the bundled robot, for others zero or the limit next to it",
     )
     parser.add_argument(
         "--write-srdf", type=Path, metavar="FILE", help="with the pairs that are left out"
