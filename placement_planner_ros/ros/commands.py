@@ -27,6 +27,8 @@ from placement_planner_ros.ros.run.worker import Run, State
 
 STAND_IN = "the bundled YuMi, as no robot_description has come"
 """The robot in use where none was given."""
+_FAR = 100.0
+"""Metres from the robot within which an object stands."""
 STOP_PATIENCE = 1.0
 """Seconds that stop waits for the worker before it answers STOPPING."""
 
@@ -243,7 +245,10 @@ def _pose(value: object) -> pin.SE3:
     if len(numbers) != 7 or not all(type(n) in (int, float) and isfinite(n) for n in numbers):
         raise ParameterError("pose", value, "give seven finite numbers: x y z qx qy qz qw")
     one_pose("pose", numbers)
-    return poses_from_list("pose", numbers)[0]
+    pose = poses_from_list("pose", numbers)[0]
+    if abs(pose.translation).max() > _FAR:
+        raise ParameterError("pose", value, f"is more than {_FAR:g} m away; give metres")
+    return pose
 
 
 def _outcome(code: str, run: Run) -> Answer:

@@ -149,6 +149,7 @@ class Log:
         return line, f"{line.words} ({others} more were left out)" if others > 0 else line.words
 
     def _write(self, line: _Line, words: str) -> None:
+        words = words.encode(errors="replace").decode().replace("\0", "?")  # or rclpy raises
         # rclpy wants each level at a place of its own.
         if line.is_fault:
             self._logger.error(words)

@@ -427,6 +427,9 @@ def test_any_solution_of_the_last_run_can_be_confirmed_and_removed(scene, client
     short = client.call("confirm_placed_with", run=run, solution=1, pose=[0.0] * 3)
     assert short.code == "BAD_PARAMETER"
     assert "pose" in short.words
+    millimetres = [500.0, 0.0, 300.0, 0.0, 0.0, 0.0, 1.0]
+    far = client.call("confirm_placed_with", run=run, solution=1, pose=millimetres)
+    assert (far.code, "give metres" in far.words) == ("BAD_PARAMETER", True)
     assert client.call("confirm_placed_with", run=run, solution=1).code == "OK"
     wait(lambda: client.value("placed") == number)
     assert client.value("best_valid") == "false"

@@ -11,8 +11,9 @@ import numpy as np
 import pinocchio as pin
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError
+from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume, upright
 from placement_planner_ros.core.wishes.settings import WishSettings
 
@@ -98,13 +99,23 @@ def asked(objective: object, ask: Callable[[], _Said]) -> _Said:
     """
     try:
         return ask()
-    except PlacementPlannerError:
+    except ParameterError:
         raise
     except (Exception, GeneratorExit, SystemExit) as error:
         if type(objective).__module__.startswith(f"{__package__}."):
             raise
         remedy = "the objective raised this; mend it, or choose another"
-        raise ParameterError("objective", f"{type(error).__name__}: {error}", remedy) from error
+        said = f"{type(error).__name__}: {_words(error)}"
+        raise ParameterError("objective", said, remedy) from error
+
+
+def _words(error: BaseException) -> str:
+    """What somebody else's error says, as text that can be sent and logged."""
+    try:
+        words = str(error)
+    except Exception as unsaid:
+        return f"its words raise {type(unsaid).__name__}"
+    return words.encode(errors="replace").decode().replace("\0", "?")
 
 
 def evaluate(objective: Objective, T_world_object: pin.SE3) -> float:
@@ -126,9 +137,14 @@ def evaluate_batch(objective: Objective, T_world_object: Array) -> Array:
 
     Raises:
         ParameterError: the objective raises, or is not a finite number somewhere.
+        StoppedError: nobody wants them any more.
     """
     if not isinstance(objective, BatchObjective):
-        return np.array([evaluate(objective, pin.SE3(T)) for T in T_world_object])
+        values = []
+        for T in T_world_object:
+            step("asking the objective")  # one that takes long is asked no more once that is over
+            values.append(evaluate(objective, pin.SE3(T)))
+        return np.array(values)
     batch = objective
     return _finite(objective, lambda: batch.values(T_world_object), (len(T_world_object),))
 

@@ -29,10 +29,10 @@ class TimingSettings(Settings):
     """
 
     velocity_scaling: float = setting(
-        1.0, "(0, 1]", "", "Share of the joints' velocity limits that is used."
+        1.0, "[0.001, 1]", "", "Share of the joints' velocity limits that is used."
     )
     acceleration_scaling: float = setting(
-        1.0, "(0, 1]", "", "Share of acceleration_limits that is used."
+        1.0, "[0.001, 1]", "", "Share of acceleration_limits that is used."
     )
     acceleration_limits: tuple[float, ...] = setting(
         (ANGULAR_ACCELERATION,),

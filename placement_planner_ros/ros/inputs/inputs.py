@@ -26,7 +26,7 @@ from placement_planner_ros.ros.inputs.frames import (
     Transforms,
     cloud_pose,
 )
-from placement_planner_ros.ros.inputs.joint_states import JointStates
+from placement_planner_ros.ros.inputs.joint_states import JointStates, RobotMovingError
 from placement_planner_ros.ros.inputs.object_input import ObjectInput
 from placement_planner_ros.ros.inputs.point_cloud import points_from_message
 from placement_planner_ros.ros.inputs.reading import NotReadyError
@@ -116,9 +116,12 @@ class Inputs:
         except ChainMovingError:
             if topic not in self.clouds.ages(0.0):
                 raise
-        except (CloudFrameError, NotReadyError, UnplacedError):
-            with self._lock:
-                self._waiting[topic] = (message, taken, arrival)
+        except (CloudFrameError, NotReadyError, UnplacedError) as error:
+            # Once the joints are at rest again, nobody knows where they were without a stamp.
+            moved = isinstance(error.__cause__, RobotMovingError)
+            if not (moved and _seconds(message.header.stamp) is None):
+                with self._lock:
+                    self._waiting[topic] = (message, taken, arrival)
             raise
 
     def state(self, parameters: ParameterSet) -> tuple[object, ...]:

@@ -43,6 +43,8 @@ class JointPast:
 
     def __init__(self) -> None:
         self._samples: list[Sample] = []
+        self._low = self._high = 0.0
+        self._resting_since = float("-inf")
 
     @property
     def newest(self) -> float:
@@ -52,6 +54,7 @@ class JointPast:
     def add(self, sample: Sample) -> None:
         """Take in a value, be it in order or not."""
         samples = self._samples
+        self._note_rest(sample)
         if samples and sample.stamp < samples[-1].stamp:
             insort(samples, sample, key=_stamp)
         elif len(samples) > 1 and sample.stamp - samples[-2].stamp < SPACING:
@@ -71,13 +74,14 @@ class JointPast:
         """Where the joint was at a stamp; None where that is not known.
 
         Outside of what is kept, and without a stamp, that is where the joint is now, if it has
-        been at rest since.
+        been at rest since, as far as anybody heard; without a stamp, for as long as is kept.
         """
         samples = self._samples
-        if stamp is None or not samples or stamp < samples[0].stamp:
-            positions = [sample.position for sample in samples]
-            resting = positions and max(positions) - min(positions) <= REST_SPREAD
-            return positions[-1] if resting and not self.moves(self.newest) else None
+        if not samples:
+            return None
+        if stamp is None or stamp < samples[0].stamp:
+            resting = self._rested_since(samples[0].stamp if stamp is None else stamp)
+            return samples[-1].position if resting and not self.moves(self.newest) else None
         if stamp > self.newest:
             return None if self.moves(self.newest) else samples[-1].position
         before, after = self._around(stamp)
@@ -87,10 +91,13 @@ class JointPast:
         return _between(before, after, stamp)
 
     def moves(self, stamp: float) -> bool:
-        """Whether the joint was faster than `REST_SPEED` at a stamp."""
+        """Whether the joint was faster than `REST_SPEED` at a stamp; at one older than what is
+        kept, whether it has moved since."""
         samples = self._samples
         if not samples:
             return False
+        if stamp < samples[0].stamp and not self._rested_since(stamp):
+            return True
         end = min(max(stamp + _WINDOW / 2, samples[0].stamp), self.newest)
         begin = max(end - _WINDOW, samples[0].stamp)
         inside = samples[
@@ -102,6 +109,23 @@ class JointPast:
         positions += [sample.position for sample in inside[1:-1]]
         spread = max(positions) - min(positions)
         return spread > REST_SPEED * max(end - begin, _SHORTEST) * (1.0 + 1e-6)
+
+    def _note_rest(self, sample: Sample) -> None:
+        position = sample.position
+        low, high = min(self._low, position), max(self._high, position)
+        if not self._samples:
+            self._low = self._high = position
+            self._resting_since = float("-inf")
+        elif high - low <= REST_SPREAD:
+            self._low, self._high = low, high
+        else:
+            self._resting_since = max(self._resting_since, sample.stamp)
+            if sample.stamp >= self.newest:
+                self._low = self._high = position
+
+    def _rested_since(self, stamp: float) -> bool:
+        """Whether no value from that stamp on was further than `REST_SPREAD` from another."""
+        return self._resting_since <= stamp
 
     def _around(self, stamp: float) -> tuple[Sample, Sample]:
         """The values next to a stamp within what is kept, before and after it."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import enum
 import threading
 import time
@@ -11,7 +12,7 @@ import pinocchio as pin
 
 from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError
 from placement_planner_ros.core.explanation.explanation import SENSOR, Explanation
-from placement_planner_ros.core.stopping import StoppedError
+from placement_planner_ros.core.stopping import StoppedError, stoppable
 from placement_planner_ros.core.types import Placement
 from placement_planner_ros.ros.run.planning import Planner, Prepare, Prepared
 from placement_planner_ros.ros.run.snapshot import Snapshot
@@ -288,20 +289,24 @@ class Run:
         limit = self.snapshot.parameters["time_limit"]
         if limit > 0.0:
             self._deadline = began + limit
-        for placement in prepared.planner.run(self.should_stop):
-            with self._publishing:
-                if self._ending is not None:
-                    break
-                self.solutions += 1
-                self.best = placement
-                self.poses[self.solutions] = pin.SE3(placement.T_world_object)
-                self.poses.pop(self.solutions - MOST_POSES, None)
-                self._observer.placed(self, placement)
-            if self.should_stop():
-                break
+        with contextlib.suppress(StoppedError), stoppable(self.should_stop):
+            self._take_placements(prepared.planner)
         self._searched = time.monotonic() - began
         outcome = State.TIME_LIMIT if self.should_stop() else State.EXHAUSTED
         prepared.planner.explain()
         if outcome is State.EXHAUSTED:
             self.reason = self._named(prepared.planner.exhausted)
         return outcome
+
+    def _take_placements(self, planner: Planner) -> None:
+        for placement in planner.run(self.should_stop):
+            with self._publishing:
+                if self._ending is not None:
+                    return
+                self.solutions += 1
+                self.best = placement
+                self.poses[self.solutions] = pin.SE3(placement.T_world_object)
+                self.poses.pop(self.solutions - MOST_POSES, None)
+                self._observer.placed(self, placement)
+            if self.should_stop():
+                return

@@ -13,6 +13,7 @@ from placement_planner_ros.core.objective.objective import (
     evaluate_batch,
     gradient,
 )
+from placement_planner_ros.core.stopping import StoppedError, stoppable
 
 AT = pin.SE3.Identity()
 POSES = np.eye(4)[None].repeat(2, axis=0)
@@ -78,10 +79,42 @@ def test_the_user_at_the_keyboard_still_interrupts():
             ask()
 
 
-def test_errors_for_bad_input_stay_what_they_are():
-    for ask in ask_all(answering(raising(ObjectError("object", 1, "mend it")))):
-        with pytest.raises(ObjectError):
+def test_a_bad_parameter_stays_what_it_is():
+    for ask in ask_all(answering(raising(ParameterError("mine", 1, "mend it")))):
+        with pytest.raises(ParameterError, match="mend it") as caught:
             ask()
+        assert caught.value.field == "mine"
+
+
+class SpeechlessError(Exception):
+    def __str__(self):
+        raise ValueError("nothing to say")
+
+
+@pytest.mark.parametrize(
+    "error",
+    [ObjectError("object", 1, "mend it"), StoppedError("mine"), SpeechlessError()],
+    ids=repr,
+)
+def test_errors_like_the_planners_own_are_its_fault_too(error):
+    for ask in ask_all(answering(raising(error))):
+        with pytest.raises(ParameterError, match=type(error).__name__) as caught:
+            ask()
+        assert caught.value.field == "objective"
+
+
+def test_what_it_says_can_be_sent():
+    for ask in ask_all(answering(raising(ValueError("\ud800 \0 mine")))):
+        with pytest.raises(ParameterError, match=r"\? \? mine") as caught:
+            ask()
+        str(caught.value).encode()
+
+
+def test_it_is_asked_no_more_once_nobody_wants_to_know():
+    asked = []
+    with stoppable(lambda: len(asked) >= 2), pytest.raises(StoppedError):
+        evaluate_batch(lambda T: asked.append(T) or 0.0, np.eye(4)[None].repeat(5, axis=0))
+    assert len(asked) == 2
 
 
 def test_a_fault_of_a_built_in_objective_is_not_the_users():

@@ -210,6 +210,31 @@ def test_a_cloud_of_unknown_place_waits_until_joints_tell_it(robot):
     np.testing.assert_allclose(world.seen(), [world.point_at(0.3)], atol=1e-6)
 
 
+def test_a_cloud_without_a_stamp_taken_on_the_move_is_not_placed_at_rest(robot):
+    world = World(robot)
+    world.sweep(100.0, 101.0, speed=0.5)
+    with pytest.raises(CloudFrameError):
+        world.cloud(0.0)
+    for at in np.arange(101.0, 106.0, 0.02):
+        world.joints(at, **{JOINT: 0.5})
+    world.inputs.retry_clouds(world.parameters)
+    assert len(world.inputs.clouds.latest_points()) == 0
+    world.cloud(0.0)
+    np.testing.assert_allclose(world.seen(), [world.point_at(0.5)], atol=1e-6)
+
+
+@pytest.mark.parametrize("mode", ["latest", "merge"])
+def test_a_stamp_from_before_the_last_motion_tells_no_place(robot, mode):
+    world = World(robot, cloud__mode=mode)
+    world.sweep(100.0, 101.0, speed=0.5)
+    for at in np.arange(101.0, 110.0, 0.02):
+        world.joints(at, **{JOINT: 0.5})
+    with pytest.raises(CloudFrameError):
+        world.cloud(99.0)
+    world.cloud(103.0)
+    np.testing.assert_allclose(world.seen(), [world.point_at(0.5)], atol=1e-6)
+
+
 def test_negative_stamps_are_refused(robot):
     world = World(robot)
     with pytest.raises(CloudError, match="stamp"):

@@ -36,6 +36,15 @@ def test_what_is_not_known_of_a_joint_is_taken_from_now_only_if_it_rested():
     assert JointPast().at(1.0) is None
 
 
+def test_what_is_older_than_what_is_kept_holds_only_if_nothing_moved_since():
+    made = past(lambda t: np.clip(t - 101.0, 0.0, 0.5), np.arange(100.0, 110.0, 0.01))
+    assert (made.at(100.5), made.moves(100.5)) == (None, True)
+    assert (made.at(103.0), made.moves(103.0)) == (0.5, False)
+    assert made.at(None) == 0.5
+    late = past(lambda t: np.clip(t - 101.0, 0.0, 0.5), [*np.arange(102.0, 110.0, 0.01), 101.2])
+    assert late.at(101.1) is None  # told late, but told
+
+
 def test_nobody_knows_what_lay_in_a_gap():
     made = past(lambda t: float(t > 105.0), (104.0, 106.0))
     assert made.at(105.0) is None
