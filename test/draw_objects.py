@@ -101,6 +101,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--output", type=Path, default=Path("docs/images"))
     options = parser.parse_args()
+    options.output.mkdir(parents=True, exist_ok=True)
     made = list(things().items())
     for number, first in enumerate(range(0, len(made), _ROWS)):
         file = options.output / f"objects_{number + 1}.png"
