@@ -86,12 +86,12 @@ def _points_of_pcd(file: Path) -> npt.NDArray[np.float64]:
 class FileCamera(Node):
     """The same cloud again and again, each time with the time of now."""
 
-    def __init__(self, points: npt.NDArray[np.float64], frame: str, rate: float) -> None:
+    def __init__(self, points: npt.NDArray[np.float64], name: str, frame: str, rate: float) -> None:
         super().__init__("file_camera")
         self._message = message_from_points(points, Header(frame_id=frame))
         self._points = self.create_publisher(PointCloud2, "points", 1)
         self.create_timer(1.0 / rate, self._publish)
-        self.get_logger().info(f"{len(points)} points in {frame}")
+        self.get_logger().info(f"{len(points)} points of {name} in {frame}")
 
     def _publish(self) -> None:
         self._message.header.stamp = self.get_clock().now().to_msg()
@@ -111,7 +111,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         parser.error(str(error))
     rclpy.init()
     with suppress(KeyboardInterrupt, ExternalShutdownException):
-        rclpy.spin(FileCamera(points, options.frame, options.rate))
+        rclpy.spin(FileCamera(points, options.file.name, options.frame, options.rate))
 
 
 if __name__ == "__main__":
