@@ -32,7 +32,7 @@ _ROOM = 30_000_000
 
 _ORDERS = (
     (Practice.reach, Practice.collision),
-    (Practice.distances, Practice.swept),
+    (Practice.distances, Practice.swept, Practice.carry),
 )
 """The stages that each process begins with."""
 

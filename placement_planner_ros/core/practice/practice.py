@@ -18,7 +18,8 @@ import pinocchio as pin
 import trimesh
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.carry.settings import CarrySettings
+from placement_planner_ros.core.carry.settings import CarrySettings, TiltLimit
+from placement_planner_ros.core.carry.tilt import TiltConstraint
 from placement_planner_ros.core.collision.arm import ArmCollision
 from placement_planner_ros.core.collision.load import Held
 from placement_planner_ros.core.errors import PlacementPlannerError
@@ -56,7 +57,6 @@ class Practice:
     """The task, and the stages of a search over it; each makes what it needs of those before."""
 
     def __init__(self) -> None:
-        self._rng = np.random.default_rng(0)
         self._robot, self._arm = practice_robot()
         self._q = self._robot.with_positions(np.zeros(self._robot.model.nq), START)
         self._moving = MovingArm(self._robot, self._arm, self._q)
@@ -78,7 +78,7 @@ class Practice:
             self._place(self._problem, replace(PlannerSettings(), sampler=sampler))
         self._place(self._problem, replace(PlannerSettings(), support="polygon"))
         self._place(self._problem, self._carefully())
-        for stage in (Practice.reach, Practice.collision, Practice.distances, Practice.swept):
+        for stage in STAGES:
             if stage not in first:
                 stage(self)
         self._place(replace(self._problem, body=_body(_tray())), PlannerSettings())
@@ -90,7 +90,7 @@ class Practice:
         q = self._q[self._arm.q_index]
         tip = chain.forward(q)
         inverse = InverseKinematics(chain, PlannerSettings().ik)
-        inverse.solve(tip, seed_table(chain).near(tip[None], 2, self._rng)[0])
+        inverse.solve(tip, seed_table(chain).near(tip[None], 2, _rng())[0])
         inverse.sweep(tip, q[None])
         inverse.track([tip, tip], q)
         chain.jacobian(q, np.eye(4))
@@ -117,13 +117,23 @@ class Practice:
         arm, q = self._holding_arm(), self._q[self._arm.q_index]
         obstacles = self._environment.obstacles
         swept = SweptSpace([Stretch("", arm, np.array([q, q]))], obstacles, 0.01)
-        near = self._rng.normal([0.0, 0.0, 0.3], 0.2, (1000, 3))
+        near = _rng().normal([0.0, 0.0, 0.3], 0.2, (1000, 3))
         swept.news(near)
         swept.first_hit(near)
 
+    def carry(self) -> None:
+        """Configurations and edges that keep the object upright."""
+        chain = Chain.from_robot(self._robot, self._arm, self._q)
+        limit = TiltLimit(self._up(), 0.1)
+        upright = TiltConstraint(chain, self._arm.grasps[0].rotation, limit)
+        q = self._q[self._arm.q_index]
+        upright.project(q + 0.2)
+        upright.keeps(q, q + 0.01)
+        upright.keeps_timed(q, q + 0.01, np.full(chain.dof, 0.01))
+
     @functools.cached_property
     def _environment(self) -> Environment:
-        return _surroundings(self._robot, self._arm, self._q, self._box, self._rng)
+        return _surroundings(self._robot, self._arm, self._q, self._box, _rng())
 
     @functools.cached_property
     def _problem(self) -> Problem:
@@ -135,17 +145,22 @@ class Practice:
 
     def _carefully(self) -> PlannerSettings:
         """Settings that keep the object as upright as it is held at first, and jerk it little."""
+        carry = CarrySettings(max_tilt=0.5, max_acceleration=1.0)
+        up = tuple(self._up().tolist())
+        return replace(PlannerSettings(), carry=carry, turns=TurnSettings(up=up))
+
+    def _up(self) -> Array:
+        """What points upwards at first, in the object's frame."""
         chain = Chain.from_robot(self._robot, self._arm, self._q)
         tip = chain.forward(self._q[self._arm.q_index])[:3, :3]
-        up = (tip @ self._arm.grasps[0].rotation)[2]
-        carry = CarrySettings(max_tilt=0.5, max_acceleration=1.0)
-        return replace(PlannerSettings(), carry=carry, turns=TurnSettings(up=tuple(up.tolist())))
+        up: Array = (tip @ self._arm.grasps[0].rotation)[2]
+        return up
 
     def _place(self, problem: Problem, settings: PlannerSettings) -> None:
         """A placement, and a second one where better ones are sought at once."""
         context = ObjectiveContext(problem.environment, problem.volume, problem.body)
         objective = make_objective("maximize_clearance", context)
-        planner = PlacementPlanner(problem, objective, settings, self._rng)
+        planner = PlacementPlanner(problem, objective, settings, _rng())
         wanted = 2 if settings.sampler == SAMPLERS[0] else 1
         found = list(islice(_bounded(planner), wanted))
         if not found or found[-1].retreat is None:
@@ -162,10 +177,25 @@ class Practice:
             there = replace(self._problem, volume=volume, environment=environment)
             context = ObjectiveContext(environment, volume, self._box)
             objective = make_objective("maximize_clearance", context)
-            planner = PlacementPlanner(there, objective, PlannerSettings(), self._rng)
+            planner = PlacementPlanner(there, objective, PlannerSettings(), _rng())
             if any(_bounded(planner)):
                 raise PracticeError("practice", name, "something was placed where nothing can be")
             planner.explain()
+
+
+STAGES = (
+    Practice.reach,
+    Practice.collision,
+    Practice.distances,
+    Practice.swept,
+    Practice.carry,
+)
+"""What only some searches need."""
+
+
+def _rng() -> np.random.Generator:
+    """The same draws for each stage, whichever come before it."""
+    return np.random.default_rng(0)
 
 
 def _bounded(planner: PlacementPlanner) -> Iterator[Placement]:

@@ -17,7 +17,7 @@ from placement_planner_ros.core.warmup import load_kernels
 PROGRAM = """
 import json
 from placement_planner_ros.core import kernel_cache
-from placement_planner_ros.core.practice.practice import Practice
+from placement_planner_ros.core.practice.practice import STAGES, Practice
 from placement_planner_ros.core.warmup import load_kernels
 
 solved = []
@@ -25,7 +25,7 @@ solve = Practice.solve
 Practice.solve = lambda *given: solved.append(1) or solve(*given)
 load_kernels()
 loaded = kernel_cache.versions("")
-solve(Practice())
+solve(Practice(), STAGES[::-1])
 print(json.dumps([len(solved), len(loaded), kernel_cache.versions("") == loaded]))
 """
 
