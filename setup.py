@@ -12,6 +12,7 @@ EXECUTABLES = (
     "placement_scene",
     "placement_benchmark",
     "placement_check_robot",
+    "placement_view",
 )
 
 # The planner as a library.
@@ -49,10 +50,14 @@ EVALUATION = [
 # Robots to try; 0.4 GB.
 ROBOTS = ["example-robot-data>=6,<7"]
 
+# The page in the browser.
+VIEW = ["viser>=1.1.1,<2"]
+
 TEST = [
     *ROS,
     *EVALUATION,
     *ROBOTS,
+    *VIEW,
     "colcon-common-extensions>=0.3,<0.4",
     "hypothesis>=6,<7",
     "mujoco>=3,<5",
@@ -109,7 +114,13 @@ setup(
     package_data={PACKAGE: ["py.typed"]},
     data_files=data_files(),
     install_requires=CORE,
-    extras_require={"ros": ROS, "evaluation": EVALUATION, "robots": ROBOTS, "test": TEST},
+    extras_require={
+        "ros": ROS,
+        "evaluation": EVALUATION,
+        "robots": ROBOTS,
+        "view": VIEW,
+        "test": TEST,
+    },
     entry_points={
         "console_scripts": [f"{name} = {PACKAGE}.__main__:{name}" for name in EXECUTABLES],
         "placement_planner_ros.objectives": [

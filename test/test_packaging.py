@@ -23,6 +23,7 @@ EXECUTABLES = (
     "placement_scene",
     "placement_benchmark",
     "placement_check_robot",
+    "placement_view",
 )
 SHIPPED = ("config", "launch", "urdf")
 
