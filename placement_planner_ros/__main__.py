@@ -17,7 +17,7 @@ from placement_planner_ros.interrupts import catch_signals
 PACKAGE = "placement_planner_ros"
 ROS_REMEDY = f"run pip install '{PACKAGE}[ros]', or source a ROS 2 Jazzy"
 _EVALUATION_REMEDY = f"run pip install '{PACKAGE}[evaluation]'"
-_VIEW_REMEDY = (
+VIEW_REMEDY = (
     f"run pip install '{PACKAGE}[ros,view]'; where a ROS 2 Jazzy is sourced, '{PACKAGE}[view]'"
 )
 
@@ -65,7 +65,7 @@ def placement_view() -> Any:
     """A page in the browser that shows what the node does."""
     if _asks_for_help():
         return print(import_module(f"{PACKAGE}.view.options").parser().format_help(), end="")
-    return _start("placement_view", "view.command", _VIEW_REMEDY, catching=True)
+    return _start("placement_view", "view.command", VIEW_REMEDY, catching=True)
 
 
 def _asks_for_help() -> bool:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from placement_planner_ros.core.types import Array
@@ -21,13 +24,44 @@ _SIGHTS = 60
 _OBSTACLE = 0.35
 """How much a thing of the scene hides, of what the robot does: it is drawn as loose points."""
 _FAR = 0.15
-"""How much of a line's share of hidden points a view straight from behind the robot costs."""
+"""How much a view from behind the robot costs, of what one costs in which all is hidden; and one
+that is a radian too high or too low."""
+_ASIDE, _USUAL = np.deg2rad([30.0, 44.0])
+"""The azimuth from the robot's front, and the elevation, from which things look usual, rad."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FirstView:
+    """How the page looks at first.
+
+    Attributes:
+        eye: (3,) from where.
+        at: (3,) at what.
+        hidden: share of what matters that things of the scene hide.
+    """
+
+    eye: Array
+    at: Array
+    hidden: float
+
+    def before(self, points: Array, boxes: Array) -> npt.NDArray[np.bool_]:
+        """Which of the points (n, 3) stand between the eye and boxes (k, 2, 3), in none of them."""
+        ways = points - self.eye
+        ways = np.where(np.abs(ways) < 1e-9, 1e-9, ways)
+        found = np.zeros(len(points), bool)
+        inside = np.zeros(len(points), bool)
+        for box in boxes:
+            ends = (box[:, None] - self.eye) / ways
+            enters, leaves = ends.min(axis=0).max(axis=1), ends.max(axis=0).min(axis=1)
+            found |= (enters < leaves) & (leaves > 1.0)
+            inside |= (enters <= 1.0) & (leaves >= 1.0)
+        return found & ~inside
 
 
 def first_view(
     matter: Array, also: Array, robot: Array, obstacles: Array, base: Array
-) -> tuple[Array, Array]:
-    """From where most of what matters is seen, (3,), and what to look at, (3,).
+) -> FirstView:
+    """From where most of what matters is seen.
 
     Args:
         matter: (n, 3) points that matter, as those in V.
@@ -45,7 +79,7 @@ def first_view(
               if len(points)]  # fmt: skip
     outwards = middle - base
     front = np.arctan2(outwards[1], outwards[0])
-    best, best_cost = middle + distance, np.inf
+    best, best_cost = FirstView(middle + distance, middle, 0.0), np.inf
     for elevation in _ELEVATIONS:
         for azimuth in _AZIMUTHS:
             direction = np.array([np.cos(elevation) * np.cos(azimuth),
@@ -53,12 +87,14 @@ def first_view(
                                   np.sin(elevation)])  # fmt: skip
             eye = middle + distance * direction
             lines = looked_at + _ALONG[:, None, None] * (eye - looked_at)
-            cost = 0.0
+            cost = hidden = 0.0
             for tree, weight in hiders:
                 away, _ = tree.query(lines, distance_upper_bound=_NEAR)
-                cost += weight * float(np.isfinite(away).any(axis=0).mean())
-            # Where little is hidden either way: from the side, so that ways and heights are seen.
-            cost += _FAR * abs(np.cos(azimuth - front - np.deg2rad(50.0)) - 1.0) / 2.0
+                hidden = float(np.isfinite(away).any(axis=0).mean())
+                cost += weight * hidden
+            cost += _FAR * (1.0 - np.cos(azimuth - front - _ASIDE)) / 2.0
+            cost += _FAR * abs(elevation - _USUAL)
             if cost < best_cost:
-                best, best_cost = eye, cost
-    return np.asarray(best), middle
+                best_cost = cost
+                best = FirstView(eye, middle, hidden if len(obstacles) else 0.0)
+    return best

@@ -109,9 +109,7 @@ def rejections(rejected: Mapping[str, int], samples: int) -> str:
     )
 
 
-def legend(
-    heat: tuple[float, float] | None, earlier: bool, ghost: bool, obstacles: bool
-) -> str:
+def legend(heat: tuple[float, float] | None, earlier: bool, ghost: bool, obstacles: bool) -> str:
     """What the colours in the scene mean.
 
     Args:

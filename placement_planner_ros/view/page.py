@@ -15,7 +15,7 @@ from placement_planner_ros.client import Solution
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.view import charts, words
-from placement_planner_ros.view.camera import first_view
+from placement_planner_ros.view.camera import FirstView, first_view
 from placement_planner_ros.view.drawn_markers import DrawnMarkers
 from placement_planner_ros.view.listening import Listener
 from placement_planner_ros.view.panel import Panel
@@ -34,6 +34,10 @@ _MOVED = 1e-4
 """rad or m by which a joint must have moved for the robot to be drawn anew."""
 MOST_CELLS = 100_000
 """Cells of the obstacle set that are looked at."""
+HIDDEN = 0.5
+"""Share of V that must be hidden for the cloud to be opened in front of it."""
+LEFT_IN_FRONT = 8
+"""Of what is in front, every so many-th point is left."""
 _NO_MARKERS = DrawnMarkers(np.zeros((0, 2, 3)), np.zeros((0, 4, 3)), np.zeros((0, 3)))
 
 
@@ -58,6 +62,7 @@ class Page:
         self._drawn: dict[str, object] = {}
         self._faults: dict[str, str] = {}
         self._poses: Mapping[str, pin.SE3] = {}
+        self._view: FirstView | None = None
         self._looked_at = time.monotonic()
 
     def refresh(self) -> float:
@@ -71,9 +76,9 @@ class Page:
         duration = self._playback.duration if self._playback is not None else 0.0
         self._panel.advance(passed, duration)
         self._move()
+        self._look()
         self._draw_clouds()
         self._draw_scene()
-        self._look()
         self._write()
         return PLAYING if self._panel.playing else IDLE
 
@@ -151,12 +156,13 @@ class Page:
         positions = live if moment is None else moment.positions
         joints = self._world.robot.joints if self._world.robot is not None else ()
         posture = tuple(round(positions.get(name, 0.0) / _MOVED) for name in joints)
-        held = self._held_anew(playback is not None)
-        if self._is_new("posture", (posture, moment is None)) or held:
+        anew = self._held_anew(playback is not None)
+        if self._is_new("posture", (posture, moment is None)) or anew:
             self._poses = self._world.link_poses(positions)
             self._stage.place_robot(self._poses)
             if moment is not None:
-                self._stage.move_held(1, moment.T_world_object)
+                held = moment.stage in ("transit", "approach")
+                self._stage.move_held(1, moment.T_world_object, held)
             else:
                 for k, T in enumerate(self._holding(self._poses)):
                     self._stage.move_held(k, T)
@@ -198,8 +204,19 @@ class Page:
         for topic, cloud in self._listener.clouds.items():
             points, why_not = self._world.in_planning_frame(cloud, self._poses)
             self._fault(topic, why_not)
-            if points is not None and self._is_new(f"cloud {topic}", _digest(points)):
-                self._stage.draw_cloud(topic, points)
+            if points is None:
+                continue
+            # Most clouds are what they were before; those of a moving sensor are not.
+            if self._is_new(f"cloud {topic}", (hash(points.tobytes()), id(self._view))):
+                self._stage.draw_cloud(topic, self._opened(points))
+
+    def _opened(self, points: Array) -> Array:
+        """The cloud (n, 3), most of what hides V left out where most of V is hidden."""
+        if self._view is None or self._view.hidden < HIDDEN:
+            return points
+        kept = ~self._view.before(points, self._volume)
+        kept[::LEFT_IN_FRONT] = True
+        return points[kept]
 
     def _draw_scene(self) -> None:
         shown, best = self.shown, self.record.best
@@ -238,10 +255,10 @@ class Page:
     def _look(self) -> None:
         """Choose the camera's first place where robot and V are others."""
         robot, volume = self._world.robot, self._volume
-        known = len(self._obstacles) or len(self._listener.clouds)
+        known = len(self._listener.clouds)
         if robot is None or len(volume) == 0 or not self._poses:
             return
-        if not self._is_new("camera", (id(robot), volume.tobytes(), bool(known))):
+        if not self._is_new("camera", (id(robot), volume.tobytes(), known)):
             return
         on_robot = [
             shape.vertices[:: max(1, len(shape.vertices) // 60)] @ T.rotation.T + T.translation
@@ -254,7 +271,14 @@ class Page:
         base = np.vstack(on_robot).mean(axis=0) if on_robot else np.zeros(3)
         points = np.vstack(on_robot) if on_robot else np.zeros((0, 3))
         also = np.array([T.translation for T in self._holding(self._poses)]).reshape(-1, 3)
-        self._stage.look_from(*first_view(matter, also, points, self._obstacles[::4], base))
+        self._view = first_view(matter, also, points, self._around(), base)
+        self._stage.look_from(self._view.eye, self._view.at)
+
+    def _around(self) -> Array:
+        """(n, 3) some points of what stands around."""
+        clouds = [self._world.in_planning_frame(cloud, self._poses)[0]
+                  for cloud in self._listener.clouds.values()]  # fmt: skip
+        return np.vstack([np.zeros((0, 3)), *(c[::10] for c in clouds if c is not None)])
 
     # --- what is said
 
@@ -330,10 +354,6 @@ def _way(message: JointTrajectory) -> Way | None:
     if not np.isfinite(positions).all() or (np.diff(times) < 0.0).any():
         raise ValueError("its points are not finite, or not in order")
     return Way(tuple(message.joint_names), times, positions)
-
-
-def _digest(points: Array) -> int:
-    return hash(points.tobytes())
 
 
 def solution_shown(page: Page) -> Solution | None:

@@ -113,10 +113,11 @@ class Stage:
                 )
             )
 
-    def move_held(self, number: int, T_world_object: pin.SE3) -> None:
-        """Move one of the objects in hands."""
+    def move_held(self, number: int, T_world_object: pin.SE3, held: bool = True) -> None:
+        """Move one of the objects in hands; hide it where it is held no more."""
         if number < len(self._held):
             _move({"": self._held[number]}, {"": T_world_object})
+            self._held[number].visible = held
 
     def draw_placement(self, surface: Surface | None, T: pin.SE3 | None, text: str) -> None:
         """The object where it will stand, with its name above."""

@@ -15,7 +15,7 @@ import sys
 import threading
 import traceback
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import FrameType
 
@@ -31,6 +31,7 @@ from placement_planner_ros.ros.tools.demo.node_process import NodeProcess, node_
 from placement_planner_ros.ros.tools.demo.results import require_folder, write_results
 from placement_planner_ros.ros.tools.demo.search import search, wait_until_ready
 from placement_planner_ros.ros.tools.demo.setting import Setting, bundled, of_file
+from placement_planner_ros.ros.tools.demo.view_process import page_served, wait_until_interrupted
 from placement_planner_ros.scenes.objects import ALL_OBJECTS
 from placement_planner_ros.scenes.scenes import SCENE_NAMES
 
@@ -91,6 +92,11 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--seed", type=int, default=-1, help="of the search; -1: another each time")
     parser.add_argument("--output", type=Path, default=Path("demo_output"), help="folder")
+    parser.add_argument(
+        "--view",
+        action="store_true",
+        help="serve a page that shows the search, to be opened in a browser, until Ctrl-C",
+    )
     return parser
 
 
@@ -108,7 +114,12 @@ def _demonstrate(options: argparse.Namespace, line: ProgressLine) -> None:
     told = ", ".join(f"{name} {value}" for name, value in own.items())
     line.say(f"{setting.title}: {told}")
     log = options.output / "node.log"
-    with NodeProcess(namespace, arguments, log) as node, _published(setting) as publishing:
+    with ExitStack() as running:
+        node = running.enter_context(NodeProcess(namespace, arguments, log))
+        publishing = running.enter_context(_published(setting))
+        if options.view:
+            address = running.enter_context(page_served(namespace, options.output / "view.log"))
+            line.say(f"look at it in a browser: {address}")
 
         def check() -> None:
             node.require_alive()
@@ -119,14 +130,19 @@ def _demonstrate(options: argparse.Namespace, line: ProgressLine) -> None:
             line.say("the node gets ready; the first time after installation that takes a while")
             wait_until_ready(planner, check, line)
             found = search(planner, options.seconds, check, line)
-    written = write_results(options.output, setting, found, options.objective, line)
-    print("look at:")
-    for path, words in [*written, (log, "what the node said")]:
-        print(f"  {path}   {words}")
-    if setting.scene_command:
-        print("the same by hand, in two terminals; docs/jazzy.md says what to call in a third:")
-        print(f"  {setting.scene_command}")
-        print(f"  placement_planner --ros-args {shlex.join(arguments)}", flush=True)
+        if not options.view:
+            running.close()
+        written = write_results(options.output, setting, found, options.objective, line)
+        print("look at:")
+        for path, words in [*written, (log, "what the node said")]:
+            print(f"  {path}   {words}")
+        if setting.scene_command:
+            print("the same by hand, in two terminals; docs/jazzy.md says what to call in a third:")
+            print(f"  {setting.scene_command}")
+            print(f"  placement_planner --ros-args {shlex.join(arguments)}", flush=True)
+        if options.view:
+            print(f"the page is there until Ctrl-C: {address}", flush=True)
+            wait_until_interrupted()
 
 
 def _begin(namespace: str) -> None:
