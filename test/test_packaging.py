@@ -220,7 +220,8 @@ def test_every_version_has_a_floor_and_a_ceiling(requirements):
 def test_only_the_extra_ros_asks_for_ros_and_test_asks_for_all(requirements):
     assert not [name for name in requirements[""] if name.startswith("ros-")]
     assert any(name.startswith("ros-jazzy-rclpy") for name in requirements["ros"])
-    assert set(requirements["ros"] + requirements["evaluation"]) <= set(requirements["test"])
+    others = requirements["ros"] + requirements["evaluation"] + requirements["view"]
+    assert set(others) <= set(requirements["test"])
 
 
 MODULES = {"pin": {"pinocchio"}, "pillow": {"PIL"}, "pyyaml": {"yaml"}}
@@ -245,7 +246,9 @@ def test_every_import_is_of_a_package_that_is_asked_for(path, requirements):
     extra = {"ros": "ros", "client": "ros", "experiments": "evaluation"}.get(inside.parts[0], "")
     extra = OWN_EXTRA.get(str(inside), extra)
     names = {re.match(r"[\w-]+", name)[0].lower() for name in requirements[""]}
-    names |= {re.match(r"[\w-]+", name)[0].lower() for name in requirements.get(extra, [])}
+    extras = ("ros", "view") if inside.parts[0] == "view" else (extra,)
+    asked = [name for each in extras for name in requirements.get(each, [])]
+    names |= {re.match(r"[\w-]+", name)[0].lower() for name in asked}
     modules = {module for name in names for module in MODULES.get(name, {name})}
     if "ros-jazzy-rclpy" in names:
         modules |= ROS_MODULES | TF

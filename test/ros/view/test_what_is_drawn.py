@@ -202,7 +202,8 @@ def test_the_eye_is_where_the_robot_does_not_hide_the_volume():
     rng = np.random.default_rng(0)
     matter = rng.uniform([0.3, -0.2, 0.0], [0.7, 0.2, 0.2], (60, 3))
     wall = rng.uniform([0.2, -1.5, 0.0], [0.25, 1.5, 2.0], (20_000, 3))
-    view = first_view(matter, np.zeros((0, 3)), wall, np.zeros((0, 3)), np.zeros(3))
+    none = np.zeros((0, 3))
+    view = first_view(matter, none, wall, none, np.zeros(3))
     assert view.eye[0] > 0.7
     mirrored = first_view(
         matter,
