@@ -314,7 +314,7 @@ def test_rules_wishes_and_carrying_are_settings():
     assert terms["edge"] >= 0.02
     assert free.objective == pytest.approx(terms["near"] / 0.1 + 0.5 * terms["edge"] / 0.05)
     assert slow.trajectory.duration > 1.5 * free.trajectory.duration
-    with pytest.raises(PlacementPlannerError, match="object.up is 118.3° .* carry.max_tilt"):
+    with pytest.raises(PlacementPlannerError, match=r"object.up is 118.3° .* carry.max_tilt"):
         asked(settings=replace(settings, carry=CarrySettings(max_tilt=0.5)))
 
 

@@ -32,12 +32,13 @@ _RISE = 0.005
 """m above a surface, what rises higher is a thing that stands there."""
 _BESIDE = 0.015
 """m beside such a thing, the end of a surface is taken for one that the thing stands at."""
-_LONG = 2.0
-"""Times as long as wide is what of a thing lies in a cell, where it shows a direction."""
 _AROUND = 0.03
-"""m around the end of a surface, of whose other ends it takes its direction."""
-_STRAIGHT = 0.25
+"""m around what is the end of a surface or of a thing, of whose like it takes its direction."""
+_STRAIGHT = 0.2
 """Share of how far these spread along it that they may spread across."""
+
+
+_NEIGHBOURS = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)]
 
 
 class _Group(NamedTuple):
@@ -185,9 +186,9 @@ class Aligned(_Beside):
     """aligned: minus the angle between the longest edge of what the object stands on, or what is
     square to it, and the nearest wall, end of its support or thing beside it, radians; 0 to -π/4.
 
-    Nearest is what is nearest to the middle of its side, of all whose direction shows: things that
-    reach between 1 cm above the contact plane and the object's size above it, by the boxes that
-    their points fill, and ends by those within 3 cm around. Where there is nothing, 0.
+    Nearest is what is nearest to the middle of its side, of all whose direction shows in what lies
+    within 3 cm around: outlines, seen from above, of things that reach between 1 cm above the
+    contact plane and the object's size above it, and ends. Where there is nothing, 0.
     """
 
     unit: ClassVar = "rad"
@@ -218,28 +219,46 @@ class Aligned(_Beside):
         middle = 0.5 * (low + high)
         plane = height + middle[:, :2] @ np.array(slope)
         beside = (high[:, 2] > plane + _ABOVE) & (low[:, 2] < plane + self._size)
-        cos, sin, x0, x1, y0, y1 = measured.outline[beside].astype(np.float64).T
-        long, wide = np.maximum(x1 - x0, y1 - y0), np.minimum(x1 - x0, y1 - y0)
-        shows = (long > _LONG * wide) & (long > 0.3 * measured.cell_size)
-        direction = np.arctan2(sin, cos)
-        ends = self._ends(slope, height)
-        straight, along = _directions(ends)
-        places = np.concatenate([middle[beside, :2][shows], ends[straight]])
-        return places, np.concatenate([direction[shows], along[straight]])
+        things = _borders(middle[beside, :2], measured.cell_size)
+        places, directions = zip(
+            *(_straight(each) for each in (things, self._ends(slope, height))), strict=True
+        )
+        return np.concatenate(places), np.concatenate(directions)
 
 
-def _directions(ends: Array) -> tuple[Mask, Array]:
-    """(n,) whether points (n, 2) lie in line with those around them, and (n,) along which angle."""
-    straight, along = np.zeros(len(ends), np.bool_), np.zeros(len(ends))
-    if not len(ends):
-        return straight, along
-    tree = cKDTree(ends)
-    for n, near in enumerate(tree.query_ball_point(ends, _AROUND)):
-        off = ends[near] - ends[near].mean(axis=0)
-        sizes, axes = np.linalg.eigh(off.T @ off)
-        straight[n] = len(near) >= 4 and sizes[0] < _STRAIGHT**2 * sizes[1]
-        along[n] = math.atan2(axes[1, 1], axes[0, 1])
-    return straight, along
+def _borders(points: Array, cell_size: float) -> Array:
+    """(m, 2) means of the points (n, 2) of each square of a grid that has one without beside it."""
+    squares = np.floor(points / cell_size).astype(np.int64)
+    squares, of, numbers = np.unique(squares, axis=0, return_inverse=True, return_counts=True)
+    filled = set(map(tuple, squares.tolist()))
+    border = [
+        any((x + i, y + j) not in filled for i, j in _NEIGHBOURS) for x, y in squares.tolist()
+    ]
+    sums = np.zeros((len(squares), 2))
+    np.add.at(sums, of.reshape(-1), points)
+    return np.asarray((sums / numbers[:, None])[np.array(border, np.bool_)])
+
+
+def _straight(points: Array) -> tuple[Array, Array]:
+    """Of points (n, 2) those (m, 2) of an end or outline that is straight there, and along which
+    angle (m,): that of the one around which it is straightest, so that corners take a side's."""
+    if not len(points):
+        return points, np.zeros(0)
+    pairs = cKDTree(points).query_pairs(_AROUND, output_type="ndarray")
+    own = np.arange(len(points))
+    at, other = np.concatenate([np.stack([own, own]), pairs.T, pairs.T[::-1]], axis=1)
+    off = points[other] - points[at]
+    x, y = off.T
+    number, sx, sy, sxx, sxy, syy = (
+        np.bincount(at, each, len(points)) for each in (np.ones(len(at)), x, y, x * x, x * y, y * y)
+    )
+    sxx, sxy, syy = sxx - sx * sx / number, sxy - sx * sy / number, syy - sy * sy / number
+    middle, half = 0.5 * (sxx + syy), np.hypot(0.5 * (sxx - syy), sxy)
+    bent = np.where(number >= 4, (middle - half) / np.maximum(middle + half, 1e-12), math.inf)
+    order = np.lexsort((bent[other], at))
+    best = other[order][np.searchsorted(at[order], own)]
+    in_line = bent[best] < _STRAIGHT**2
+    return points[in_line], 0.5 * np.arctan2(2.0 * sxy, sxx - syy)[best][in_line]
 
 
 def _radius(group: _Group, feet: Array) -> Array:
