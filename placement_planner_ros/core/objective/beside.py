@@ -249,9 +249,9 @@ def _straight(points: Array) -> tuple[Array, Array]:
     at, other = np.concatenate([np.stack([own, own]), pairs.T, pairs.T[::-1]], axis=1)
     off = points[other] - points[at]
     x, y = off.T
-    number, sx, sy, sxx, sxy, syy = (
-        np.bincount(at, each, len(points)) for each in (np.ones(len(at)), x, y, x * x, x * y, y * y)
-    )
+    of_each = np.ones(len(at)), x, y, x * x, x * y, y * y
+    sums = np.array([np.bincount(at, each, len(points)) for each in of_each], dtype=np.float64)
+    number, sx, sy, sxx, sxy, syy = sums
     sxx, sxy, syy = sxx - sx * sx / number, sxy - sx * sy / number, syy - sy * sy / number
     middle, half = 0.5 * (sxx + syy), np.hypot(0.5 * (sxx - syy), sxy)
     bent = np.where(number >= 4, (middle - half) / np.maximum(middle + half, 1e-12), math.inf)

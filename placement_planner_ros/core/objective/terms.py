@@ -66,6 +66,17 @@ class BoundedTerm(Protocol):
         ...
 
 
+@runtime_checkable
+class SlowTerm(Protocol):
+    """A term that is known to change little from a pose to those around it."""
+
+    def most_around(self, T_world_object: Array, away: Array, turn: Array, rise: Array) -> Array:
+        """(n,) what it is at most at all poses that are reached from (n, 4, 4) within the planes
+        they stand on, with the origin no more than (n,) `away` from where it was, m, turned by no
+        more than (n,) `turn`, rad, and what it stands on no more than (n,) `rise` higher, m."""
+        ...
+
+
 class ClearanceTerm(Clearance):
     """clearance: C(x), the mean distance d_S of the object from what stands around it, metres."""
 
@@ -94,6 +105,10 @@ class Near:
         away = T_world_object[:, :3, 3] - self._target
         return np.asarray(-np.sqrt((away * away).sum(axis=1)))
 
+    def most_around(self, T_world_object: Array, away: Array, turn: Array, rise: Array) -> Array:
+        """(n,) by the distance that is left."""
+        return np.minimum(self.values(T_world_object) + away, 0.0)
+
     def gradient(self, T_world_object: pin.SE3) -> Array:
         """(3,); nothing where it is there."""
         away = T_world_object.translation - self._target
@@ -121,6 +136,10 @@ class Turn:
         chord = np.sqrt((apart * apart).sum(axis=(1, 2)) / 8.0)
         return np.asarray(-2.0 * np.arcsin(np.minimum(chord, 1.0)))
 
+    def most_around(self, T_world_object: Array, away: Array, turn: Array, rise: Array) -> Array:
+        """(n,) by the angle that is left."""
+        return np.minimum(self.values(T_world_object) + turn, 0.0)
+
     def gradient(self, T_world_object: pin.SE3) -> Array:
         """(3,); only turning changes it."""
         off = pin.log3(T_world_object.rotation @ self._target.T)
@@ -138,12 +157,18 @@ class High:
 
     def __init__(self, context: ObjectiveContext) -> None:
         self._standing = Standing(context)
+        self._size = float(np.linalg.norm(np.ptp(context.body.vertices, axis=0)))
 
     def values(self, T_world_object: Array) -> Array:
         """(n,) at poses (n, 4, 4)."""
         middle = self._standing.middles[self._standing.at(T_world_object).face]
         up = (T_world_object[:, 2, :3] * middle).sum(axis=1)
         return np.asarray(up + T_world_object[:, 2, 3])
+
+    def most_around(self, T_world_object: Array, away: Array, turn: Array, rise: Array) -> Array:
+        """(n,); what it stands on may be away from its reference point, too, on a slope."""
+        sloping = np.where(rise > 0.0, self._size, 0.0)
+        return self.values(T_world_object) + rise + sloping
 
 
 class Stance:
@@ -198,6 +223,11 @@ class Stance:
         face = self._standing.at(T_world_object).face
         most = self._tips(face, self._hulls[face], T_world_object)
         return np.full(len(most), self.ends[0]), most
+
+    def most_around(self, T_world_object: Array, away: Array, turn: Array, rise: Array) -> Array:
+        """(n,); on a slope it depends on the turn by how much gravity is aside."""
+        most = self.bounds(T_world_object)[1]
+        return np.where(rise > 0.0, self.ends[1], most)
 
     def _tips(self, face: Index, edges: Array, T: Array) -> Array:
         """(n,) least angle over the edges (n, k, 3) of what carries it, at poses (n, 4, 4)."""

@@ -186,6 +186,9 @@ class Requirements:
 
     Args:
         make: makes the term of a name.
+
+    Attributes:
+        terms_asked: each by its name, and what it must reach.
     """
 
     def __init__(
@@ -193,15 +196,15 @@ class Requirements:
     ) -> None:
         wishes = context.wishes
         wishes.require_consistent()
-        self._terms = [
+        self.terms_asked = tuple(
             (name, make(name, context), least)
             for name, least in zip(wishes.required, wishes.at_least, strict=True)
-        ]
+        )
 
     @property
     def at_least(self) -> dict[str, float]:
         """What each must reach, by its name."""
-        return {name: least for name, _, least in self._terms}
+        return {name: least for name, _, least in self.terms_asked}
 
     def lacking(self, T_world_object: Array) -> Array:
         """(n,) by how many of their scales all together are too low at poses (n, 4, 4); 0 where all
@@ -210,7 +213,7 @@ class Requirements:
         total = np.zeros(len(T_world_object))
         for dear in (False, True):
             rows = np.flatnonzero(total == 0.0)
-            terms = [(term, least) for _, term, least in self._terms if term.dear == dear]
+            terms = [(term, least) for _, term, least in self.terms_asked if term.dear == dear]
             if dear and terms:
                 total[total > 0.0] += _UNASKED
             for term, least in terms if len(rows) else ():
@@ -221,7 +224,7 @@ class Requirements:
     def terms(self, T_world_object: pin.SE3) -> dict[str, float]:
         """The value of each by its name, in its own unit."""
         T = T_world_object.homogeneous[None]
-        return {name: float(term.values(T)[0]) for name, term, _ in self._terms}
+        return {name: float(term.values(T)[0]) for name, term, _ in self.terms_asked}
 
     def broken(self, T_world_object: pin.SE3) -> list[str]:
         """The names of those that are too low."""

@@ -29,7 +29,7 @@ from placement_planner_ros.experiments.yardstick.placement_grid import (
 )
 
 _IK_SEEDS = 32
-_RANDOM = 100
+_RANDOM = 50
 """Feasible placements drawn for the median."""
 _AT_ONCE = 4096
 
