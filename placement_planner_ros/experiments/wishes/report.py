@@ -12,11 +12,13 @@ from placement_planner_ros.experiments.wishes.mixtures import MIXTURES
 
 def relative(entry: Mapping[str, Any]) -> list[float]:
     """Of each run: 0 is a random placement, 1 the best of the dense search and of the runs; a run
-    without a placement counts as 0. Empty where there is nothing to compare with."""
+    without a placement counts as 0. Empty where the dense search has nothing to compare with."""
     found = [run["best"] for run in entry["runs"] if run["best"] is not None]
-    best = max([b for b in (entry["best"], *found) if b is not None], default=None)
     random = entry["random"]
-    if best is None or random is None or best - random < 1e-6:
+    if entry["best"] is None or random is None:
+        return []
+    best = max([entry["best"], *found])
+    if best - random < 1e-6:
         return []
     return [
         0.0 if run["best"] is None else max(0.0, (run["best"] - random) / (best - random))
