@@ -13,7 +13,6 @@ from placement_planner_ros.experiments.real_clouds.command import add_clouds_com
 from placement_planner_ros.experiments.robots.command import add_robots_command
 from placement_planner_ros.experiments.situations.command import add_situations_command
 from placement_planner_ros.experiments.speed.command import add_speed_command
-from placement_planner_ros.experiments.wishes.command import add_wishes_command
 from placement_planner_ros.share import PACKAGE
 
 
@@ -27,7 +26,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add_robots_command(commands)
     add_situations_command(commands)
     add_clouds_command(commands)
-    add_wishes_command(commands)
     parsed = parser.parse_args(arguments)
     try:
         return int(parsed.command_function(parsed))
