@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import socket
 import sys
 import threading
@@ -38,6 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     asked = catch_signals()
     own, of_ros = own_and_ros(arguments)
     options = parser().parse_args(own)
+    os.nice(NICE)
     fault = _unusable(options.host, options.port)
     if fault:
         print(f"placement_view: {fault}", file=sys.stderr)

@@ -144,7 +144,7 @@ class Stage:
             batched_wxyzs=np.array([wxyz(T) for T in poses]),
             batched_positions=np.array([T.translation for T in poses]),
             batched_colors=np.array(colours.EARLIER, np.uint8),
-            opacity=0.22,
+            opacity=0.35,
             side="double",
             cast_shadow=False,
             receive_shadow=False,
@@ -223,7 +223,7 @@ class Stage:
         )
 
     def look_from(self, eye: Array, at: Array) -> None:
-        """From where whoever opens the page looks at first, and who has not moved yet."""
+        """From where whoever opens the page looks at first, and who has it open looks now."""
         camera = self._server.initial_camera
         camera.position, camera.look_at, camera.fov = eye, at, FIELD_OF_VIEW
         for client in self._server.get_clients().values():

@@ -117,6 +117,17 @@ class Browser:
         assert self.run(f"{found} !== undefined"), self.text
         self.run(f"{found}.click()")
 
+    def fill(self, before, after):
+        """Give the field that holds one value another."""
+        self.run(
+            "(() => {const field = [...document.querySelectorAll('input')].find("
+            f"f => f.value === {json.dumps(before)} && f.offsetParent);"
+            "field.focus(); field.select(); return true})()"
+        )
+        self.do("Input.insertText", text=after)
+        for kind in ("keyDown", "keyUp"):
+            self.do("Input.dispatchKeyEvent", type=kind, key="Enter", windowsVirtualKeyCode=13)
+
     def picture(self):
         """A PNG of the page."""
         return base64.b64decode(self.do("Page.captureScreenshot", format="png")["data"])

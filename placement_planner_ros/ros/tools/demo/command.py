@@ -116,7 +116,7 @@ def _demonstrate(options: argparse.Namespace, line: ProgressLine) -> None:
     log = options.output / "node.log"
     with ExitStack() as running:
         node = running.enter_context(NodeProcess(namespace, arguments, log))
-        publishing = running.enter_context(_published(setting))
+        publishing = running.enter_context(published(setting))
         if options.view:
             address = running.enter_context(page_served(namespace, options.output / "view.log"))
             line.say(f"look at it in a browser: {address}")
@@ -163,7 +163,7 @@ def _begin(namespace: str) -> None:
 
 
 @contextmanager
-def _published(setting: Setting) -> Iterator[threading.Thread]:
+def published(setting: Setting) -> Iterator[threading.Thread]:
     """The scene on its topics meanwhile; the thread that publishes it."""
     scene = setting.publisher()
     executor, asked = SingleThreadedExecutor(), threading.Event()
