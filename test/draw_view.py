@@ -18,18 +18,18 @@ from PIL import Image
 sys.path.insert(0, str(Path(__file__).parent / "ros" / "view"))
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 
-import rclpy  # noqa: E402
-from browser import Browser  # noqa: E402
+import rclpy
+from browser import Browser
 
-from placement_planner_ros.client import PlacementClient  # noqa: E402
-from placement_planner_ros.ros.process import begin_ros  # noqa: E402
-from placement_planner_ros.ros.tools.demo.command import published  # noqa: E402
-from placement_planner_ros.ros.tools.demo.node_process import (  # noqa: E402
+from placement_planner_ros.client import PlacementClient
+from placement_planner_ros.ros.process import begin_ros
+from placement_planner_ros.ros.tools.demo.command import published
+from placement_planner_ros.ros.tools.demo.node_process import (
     NodeProcess,
     node_arguments,
 )
-from placement_planner_ros.ros.tools.demo.setting import bundled  # noqa: E402
-from placement_planner_ros.ros.tools.demo.view_process import page_served  # noqa: E402
+from placement_planner_ros.ros.tools.demo.setting import bundled
+from placement_planner_ros.ros.tools.demo.view_process import page_served
 
 SECONDS = 15.0
 SIZE = (1280, 800)
