@@ -53,11 +53,14 @@ ROBOTS = ["example-robot-data>=6,<7"]
 # The page in the browser.
 VIEW = ["viser>=1.1.1,<2"]
 
+SITE = ["furo>=2024.8", "myst-parser>=4,<6", "sphinx>=8,<9"]
+
 TEST = [
     *ROS,
     *EVALUATION,
     *ROBOTS,
     *VIEW,
+    *SITE,
     "colcon-common-extensions>=0.3,<0.4",
     "hypothesis>=6,<7",
     "mujoco>=3,<5",
@@ -119,6 +122,7 @@ setup(
         "evaluation": EVALUATION,
         "robots": ROBOTS,
         "view": VIEW,
+        "site": SITE,
         "test": TEST,
     },
     entry_points={

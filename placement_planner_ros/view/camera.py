@@ -15,7 +15,7 @@ FIELD_OF_VIEW = np.deg2rad(40.0)
 _ROOM = 1.15
 """How far the eye is away, of the distance from which the ball around all just fits."""
 _AZIMUTHS = np.deg2rad(np.arange(0.0, 360.0, 15.0))
-_ELEVATIONS = np.deg2rad([32.0, 42.0, 55.0])
+_ELEVATIONS = np.deg2rad([32.0, 41.0, 50.0, 60.0])
 _ALONG = np.linspace(0.06, 0.9, 28)
 _NEAR = 0.035
 """m from a line of sight within which a point hides what is behind."""
@@ -26,7 +26,7 @@ _OBSTACLE = 0.35
 _FAR = 0.15
 """How much a view from behind the robot costs, of what one costs in which all is hidden; and one
 that is a radian too high or too low."""
-_ASIDE, _USUAL = np.deg2rad([30.0, 44.0])
+_ASIDE, _USUAL = np.deg2rad([30.0, 50.0])
 """The azimuth from the robot's front, and the elevation, from which things look usual, rad."""
 
 

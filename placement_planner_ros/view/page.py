@@ -256,7 +256,7 @@ class Page:
         """Choose the camera's first place where robot and V are others."""
         robot, volume = self._world.robot, self._volume
         known = len(self._listener.clouds)
-        if robot is None or len(volume) == 0 or not self._poses:
+        if robot is None or len(volume) == 0 or not self._listener.positions:
             return
         if not self._is_new("camera", (id(robot), volume.tobytes(), known)):
             return
