@@ -50,7 +50,7 @@ def main() -> None:
     ):
         for name, picture in zip(names, pictures(scene, thing, len(names) > 1), strict=True):
             image = Image.open(io.BytesIO(picture)).convert("RGB")
-            image.quantize(192).save(folder / f"{name}.png", optimize=True)
+            image.save(folder / f"{name}.png", optimize=True)
             print(folder / f"{name}.png", flush=True)
 
 

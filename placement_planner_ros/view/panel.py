@@ -11,6 +11,8 @@ from placement_planner_ros.view.stage import LAYERS
 
 BEST = "the best so far"
 """The choice that follows the newest."""
+WIDTH = 385.0
+"""Pixels, so that the words beside bars take one line each."""
 _HIDDEN = ("occupancy",)
 """Layers that are not shown at first."""
 
@@ -28,6 +30,7 @@ class Panel:
         gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
         gui.set_panel_label("placement_view")
         gui.main_panel.dock_right()
+        gui.main_panel.set_width(WIDTH)
         self.playing, self.time = False, 0.0
         self._toggled = False
         self._shown: dict[str, str] = {}

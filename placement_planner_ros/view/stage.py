@@ -95,23 +95,16 @@ class Stage:
         Args:
             ghost: draw the first as it was at the start, grey.
         """
-        for handle in self._held:
-            handle.remove()
-        self._held = []
-        if surface is None:
-            return
-        for k, T in enumerate(poses):
+        shown = [] if surface is None else list(poses)
+        for k, handle in enumerate(self._held):
+            handle.visible = k < len(shown)
+        for k, T in enumerate(shown):
+            assert surface is not None
             grey = ghost and k == 0
-            self._held.append(
-                _mesh(
-                    self._scene,
-                    f"/held/{k}",
-                    surface,
-                    T,
-                    colours.START if grey else colours.HELD,
-                    0.35 if grey else (None if ghost or len(poses) == 1 else 0.6),
-                )
-            )
+            colour = colours.START if grey else colours.HELD
+            opacity = 0.35 if grey else (None if ghost or len(shown) == 1 else 0.6)
+            made = _mesh(self._scene, f"/held/{k}", surface, T, colour, opacity)
+            self._held[k : k + 1] = [made]
 
     def move_held(self, number: int, T_world_object: pin.SE3, held: bool = True) -> None:
         """Move one of the objects in hands; hide it where it is held no more."""
