@@ -46,6 +46,10 @@ LEFT_WITHIN = ANSWER_WITHIN
 """Seconds within which a run that is left must be known to be stopped; after that it is stopped as
 soon as that can be said."""
 
+KNOWN_WITHIN = 2.0
+"""Seconds that the end of a run waits until the node has held its best solution against the newest
+clouds, which takes it some 0.1 s."""
+
 _NOT_SENT = (rclpy_implementation.InvalidHandle, rclpy_implementation.RCLError)
 """Raised where ROS has been shut down."""
 
@@ -127,12 +131,14 @@ class Conversation:
         if status.solutions == 0:
             code = status.code if status.ended else answer.code
             raise PlacementError(code, answer.words, run)
-        return (
-            yield from self._hear(
-                lambda: self.hearing.solution(run, status.solutions),
-                f"solution {status.solutions} of run {run} has not come",
-            )
-        )
+        number = status.solutions
+        lacking = f"solution {number} of run {run} has not come"
+        yield from self._hear(lambda: self.hearing.solution(run, number), lacking)
+        # Its validity is as of when it is handed out, so that must be known first.
+        end = time.monotonic() + KNOWN_WITHIN
+        while not self.hearing.validity(run, number).known and time.monotonic() < end:
+            yield end
+        return (yield from self._hear(lambda: self.hearing.solution(run, number), lacking))
 
     def confirm(self, solution: Solution | None, pose: Pose | Sequence[float] | None) -> Steps[int]:
         """See `PlacementClient.confirm_placed`."""

@@ -91,14 +91,16 @@ class Hearing:
         """Whether that solution can still be carried out, by the newest status."""
         status = self._status
         if status is None:
-            return Validity("no status of the node has come")
-        if status.run != run:
+            return Validity("no status of the node has come", known=False)
+        if status.run < run:
+            return Validity(f"no status of run {run} has come", known=False)
+        if status.run > run:
             return Validity(f"the node's last run is {status.run}, not {run}")
         if status.solutions > number:
             last = status.solutions
             return Validity(f"the node watches the run's last solution only, which is {last}")
         if status.solutions < number:  # it came before the status that counts it
-            return Validity()
+            return Validity("the node has not said yet whether it holds", known=False)
         return status.validity
 
     def _solution(self, run: int, number: int) -> Solution | None:

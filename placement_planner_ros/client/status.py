@@ -20,9 +20,11 @@ class Validity:
 
     Attributes:
         reason: why not; empty where it can.
+        known: whether the node has looked. Where it has not, ask again: it takes a moment.
     """
 
     reason: str = ""
+    known: bool = True
 
     def __bool__(self) -> bool:
         return not self.reason
@@ -66,7 +68,7 @@ class Status:
             values.get("state", ""),
             values.get("code", ""),
             int(values.get("solutions", 0)),
-            Validity(reason),
+            Validity(reason, values.get("best_valid_known") == "true"),
             values.get("warm", ""),
             values.get("robot", ""),
             values.get("object", ""),

@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 import pytest
-from fakes import FRAME, TABLE
+from fakes import FRAME, TABLE, values_of
 from geometry_msgs.msg import Point
 from rclpy.parameter import Parameter
 from shape_msgs.msg import Mesh, MeshTriangle
@@ -15,6 +15,7 @@ from test_node import started
 from placement_planner_ros.ros.inputs import inputs as inputs_module
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 from placement_planner_ros.ros.qos import LATCHED
+from placement_planner_ros.ros.run.validity import Ways
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.yumi import HOME
 
@@ -31,6 +32,12 @@ def placed(bench, retreats=False, **parameters):
     b.wait(lambda: b.node._reporter._watch._way is not None)
     until(b, "true")
     return b
+
+
+def why_not(b):
+    """What the node would say now of the best placement."""
+    run = b.node._commands.run
+    return b.node._reporter._why_invalid(run, run.best)
 
 
 def until(b, valid, words="", again=None):
@@ -65,7 +72,7 @@ def test_another_object_is_told_and_the_same_once_more_is_not(bench):
     b = placed(bench)
     again = [b.node.get_parameter(n) for n in ("object.vertices", "object.triangles")]
     assert all(r.successful for r in b.node.set_parameters(again))
-    assert not b.node._reporter._why_invalid()
+    assert not why_not(b)
     publisher = b.client.create_publisher(Mesh, "placement_planner/object", LATCHED)
     held = object_by_name("large_crayons_box")
     corners = [Point(x=x, y=y, z=z) for x, y, z in held.vertices.tolist()]
@@ -125,7 +132,7 @@ def test_ordinary_clouds_change_nothing(resting):
     for points in (noise, shifted, TABLE[:0], np.vstack([TABLE, robot, held, pixel])):
         message = message_from_points(points, Header(frame_id=FRAME))
         b.node._inputs.take_cloud("points", message, b.node._settings.current)
-        assert b.node._reporter._watch.blocked == ""
+        assert why_not(b) == ""
 
 
 def test_flying_pixels_on_the_way_are_no_block_and_a_small_thing_there_is(resting):
@@ -154,14 +161,34 @@ def test_flying_pixels_on_the_way_are_no_block_and_a_small_thing_there_is(restin
     assert "meets something new" in way.blocked_by(thing, sensor)
 
 
+def ends_of(b):
+    """(n, 3) points where the box ends, beyond where it is held now and the padding around it."""
+    grasp = b.snapshots[-1].arms[0].grasps[0]
+    within = np.random.default_rng(0).uniform(-0.05, 0.05, (3000, 3))
+    return np.array([place_of(b, at=1.0, offset=grasp.act(p)) for p in within])
+
+
+def test_a_cloud_that_came_before_a_solution_is_never_overlooked(bench, monkeypatch):
+    b = bench()
+    planner = started(b)
+    go_on, make = threading.Event(), Ways.of
+    monkeypatch.setattr(Ways, "of", lambda self, at: make(self, at) if go_on.wait(60.0) else None)
+    updates = b.node._inputs.clouds.updates
+    b.cloud(np.vstack([TABLE, ends_of(b)]))
+    b.wait(lambda: b.node._inputs.clouds.updates > updates)
+    planner.offers.append(0.1)
+    until(b, "false", "not been held against newer clouds yet")
+    assert b.status()["solutions"] == "1"
+    assert b.status()["best_valid_known"] == "false"
+    go_on.set()
+    until(b, "false", "a newer cloud cuts through it")
+    assert b.status()["best_valid_known"] == "true"
+    assert "true" not in {values_of(m)["best_valid"] for m in b.messages("status")}
+
+
 def test_a_block_in_the_way_is_told_and_that_it_has_gone(resting):
     b = resting
-    rng = np.random.default_rng(0)
-    grasp = b.snapshots[-1].arms[0].grasps[0]
-    # Where the box ends, beyond where it is held now and the padding around it.
-    within = rng.uniform(-0.05, 0.05, (3000, 3))
-    ends = np.array([place_of(b, at=1.0, offset=grasp.act(p)) for p in within])
-    stray = np.full((10, 3), 1e6)
+    ends, stray = ends_of(b), np.full((10, 3), 1e6)
     b.cloud(np.vstack([TABLE, ends, stray]))
     until(b, "false", "a newer cloud cuts through it")
     assert "meets something new at (" in b.status()["best_invalid_reason"]

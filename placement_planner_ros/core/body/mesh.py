@@ -31,6 +31,9 @@ MAX_PIECES = 500
 _MERGED = 1e-8
 """Metres within which vertices of a surface that is not closed are one."""
 
+_CHECK = "look at its numbers and object.scale"
+"""Said of sizes that no object has."""
+
 _WAY = 1 << 32
 """More than an edge has triangles."""
 
@@ -70,17 +73,17 @@ def checked_mesh(
         raise ObjectError(
             "object.vertices", f"{bad} of them NaN or infinite", "give finite numbers"
         )
-    extents = (used.max(axis=0) - used.min(axis=0)) * scale
-    if extents.max() > max_extent:
+    with np.errstate(over="ignore"):
+        across = float((used.max(axis=0) - used.min(axis=0)).max()) * scale
+    if across > max_extent:
+        millimetres = scale == 1.0 and 0.001 * across <= max_extent
+        remedy = "a mesh in millimetres needs object.scale 0.001" if millimetres else _CHECK
         raise ObjectError(
-            "object",
-            f"{extents.max():.4g} m across",
-            f"is larger than {max_extent} m; a mesh in millimetres needs object.scale 0.001",
+            "object", f"{across:.4g} m across", f"is larger than {max_extent} m; {remedy}"
         )
-    if extents.max() < 10.0 * THINNEST:
-        raise ObjectError(
-            "object", f"{extents.max():.4g} m across", "is too small; check object.scale"
-        )
+    if across < 10.0 * THINNEST:
+        least = f"is too small, less than {10.0 * THINNEST:g} m; {_CHECK}"
+        raise ObjectError("object", f"{across:.4g} m across", least)
     away = float(np.abs(used).max()) * scale
     if away > FAR:
         raise ObjectError(

@@ -20,6 +20,10 @@ from placement_planner_ros.core.meshes.threemf import read_3mf
 from placement_planner_ros.core.meshes.wavefront import absolute_faces
 from placement_planner_ros.core.types import Array
 
+FURTHEST = 1e9
+"""Greatest coordinate; of some that are a hundred times as large equal and different ones are not
+told apart."""
+
 
 def read_mesh(path: Path) -> tuple[Array, Triangles]:
     """Vertices (n, 3), equal ones merged, and triangles (t, 3) of a mesh file.
@@ -41,6 +45,12 @@ def read_mesh(path: Path) -> tuple[Array, Triangles]:
     bad = int((~np.isfinite(vertices).all(axis=1)).sum())
     if bad:
         raise ValueError(f"{bad} of its vertices are not finite")
+    furthest = float(np.abs(vertices).max())
+    if furthest > FURTHEST:
+        raise ValueError(
+            f"its coordinates reach {furthest:.3g}, too large in any unit; no more than "
+            f"{FURTHEST:g} is read: export it anew, best in metres"
+        )
     mesh = trimesh.Trimesh(vertices, triangles, process=False)
     mesh.merge_vertices()
     return np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)

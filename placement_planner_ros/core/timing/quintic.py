@@ -35,18 +35,11 @@ def evaluate(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:
 
     Before the first and after the last point the curve stands still there.
     """
-    t = np.asarray(t, dtype=np.float64)
-    times = trajectory.times
+    t, times = np.asarray(t, dtype=np.float64), trajectory.times
     if len(times) == 1:
         still = np.zeros((len(t), len(trajectory.joints)))
-        return still + trajectory.positions[0], still, still.copy()
-    inside = np.clip(t, times[0], times[-1])
-    piece = np.clip(np.searchsorted(times, inside, side="right") - 1, 0, len(times) - 2)
-    points = control_points(
-        times, trajectory.positions, trajectory.velocities, trajectory.accelerations
-    )[piece]
-    h = np.diff(times)[piece][:, None]
-    x = ((inside - times[piece])[:, None]) / h
+        return positions_at(trajectory, t), still, still.copy()
+    points, x, h = _pieces(trajectory, t)
     first = 5.0 * np.diff(points, axis=1) / h[:, None]
     second = 4.0 * np.diff(first, axis=1) / h[:, None]
     outside = (t < times[0]) | (t > times[-1])
@@ -54,6 +47,14 @@ def evaluate(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:
     velocities[outside] = 0.0
     accelerations[outside] = 0.0
     return _de_casteljau(points, x), velocities, accelerations
+
+
+def positions_at(trajectory: Trajectory, t: Array) -> Array:
+    """The first of these alone, in a third of the time."""
+    if len(trajectory.times) == 1:
+        return np.zeros((len(t), len(trajectory.joints))) + trajectory.positions[0]
+    points, x, _ = _pieces(trajectory, t)
+    return _de_casteljau(points, x)
 
 
 def concatenate(first: Trajectory, second: Trajectory) -> Trajectory:
@@ -166,6 +167,19 @@ def first_uncertified(
             stack.append((index, halves[1:]))
             stack.append((index, halves[:1]))
     return None
+
+
+def _pieces(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:
+    """Control points (k, 6, dof) of the pieces at times t (k,), where in them (k, 1) in [0, 1], and
+    how long they take (k, 1)."""
+    times = trajectory.times
+    inside = np.clip(t, times[0], times[-1])
+    piece = np.clip(np.searchsorted(times, inside, side="right") - 1, 0, len(times) - 2)
+    points = control_points(
+        times, trajectory.positions, trajectory.velocities, trajectory.accelerations
+    )[piece]
+    h = np.diff(times)[piece][:, None]
+    return points, ((inside - times[piece])[:, None]) / h, h
 
 
 def _de_casteljau(points: Array, x: Array) -> Array:

@@ -17,7 +17,7 @@ from placement_planner_ros.ros.outputs.publishing import Outputs
 from placement_planner_ros.ros.parameters.server import ParameterServer
 from placement_planner_ros.ros.run.validity import moved, outdated
 from placement_planner_ros.ros.run.warmth import Warmth
-from placement_planner_ros.ros.run.watch import Watch
+from placement_planner_ros.ros.run.watch import NOT_LOOKED_AT, Watch
 from placement_planner_ros.ros.run.worker import Run, State
 from placement_planner_ros.ros.timers import every
 
@@ -110,17 +110,20 @@ class Reporter:
     def report(self) -> None:
         """Publish the status as it is now."""
         with self._saying:  # what was true last is said last
-            run, why_not = self._run, self._why_invalid()
+            run = self._run
+            found = (0, None) if run is None else run.found
+            why_not = self._why_invalid(run, found[1])
             state = State.IDLE if run is None else run.state
             warm, read = self._warm.shown, self._read()
             values: dict[str, object] = {"run": 0, "state": state, "code": "OK", "solutions": 0}
             if run is None:
                 message = self._waiting(warm, read["inputs"])
             else:
-                values |= _found(run)
-                message = _words(run, why_not)
+                values |= _found(run, *found)
+                message = _words(run, *found, why_not)
             values["best_valid"] = str(not why_not).lower()
             values["best_invalid_reason"] = why_not
+            values["best_valid_known"] = str(why_not != NOT_LOOKED_AT).lower()
             if run is not None:
                 values |= _tried(run)
             values["placed"] = " ".join(map(str, self._inputs.clouds.placed))
@@ -176,15 +179,15 @@ class Reporter:
             lacking.append("clouds")
         return f"no recent {', '.join(lacking)}" if lacking else _ARRIVE
 
-    def _why_invalid(self) -> str:
-        run = self._run
-        if run is None or run.best is None:
+    def _why_invalid(self, run: Run | None, best: Placement | None) -> str:
+        """Why the best placement of a run cannot be carried out; '' where it can."""
+        if run is None or best is None:
             return "there is no placement"
         if run.confirmed:
             return _CARRIED_OUT
         if self._left:
             return self._left
-        return outdated(run.snapshot, self._inputs) or self._watch.blocked
+        return outdated(run.snapshot, self._inputs) or self._watch.blocked(best)
 
     def _refresh(self) -> None:
         run = self._run
@@ -193,7 +196,11 @@ class Reporter:
         self._outputs.draw()
         if run is not None:
             self.has_left_start(run)
-        now = (state, self._why_invalid(), self._warm.shown, self._read())
+        why_not = self._why_invalid(run, None if run is None else run.best)
+        if why_not == NOT_LOOKED_AT and self._reported is not None:
+            # What was said last is of the placement before, and still so; the watch says the rest.
+            why_not = self._reported[1]
+        now = (state, why_not, self._warm.shown, self._read())
         if (due and state is State.SEARCHING) or self._reported != now:
             self.report()
 
@@ -219,15 +226,14 @@ class Reporter:
         self._outputs.diagnostics(level, message, values)
 
 
-def _words(run: Run, why_not: str) -> str:
+def _words(run: Run, solutions: int, best: Placement | None, why_not: str) -> str:
     """Where the run is and what it has found, in a line."""
-    best = run.best
     if best is None:
         if not run.active:
             return run.summary()
         samples = "" if run.planner is None else f", {run.planner.statistics.samples:,} samples"
         return f"{run.state} for {run.elapsed:.0f} s{samples}, no solution yet"
-    noun = "solution" if run.solutions == 1 else f"{run.solutions} solutions, the best"
+    noun = "solution" if solutions == 1 else f"{solutions} solutions, the best"
     first = f"{run.state} for {run.elapsed:.0f} s" if run.active else str(run.state)
     words = f"{first}: {noun} {best.objective:.4g} by arm {best.goal.arm}"
     if run.reason:
@@ -237,10 +243,10 @@ def _words(run: Run, why_not: str) -> str:
     return f"{words}; not to be carried out: {why_not}" if why_not else words
 
 
-def _found(run: Run) -> dict[str, object]:
-    values: dict[str, object] = {"run": run.number, "code": run.code, "solutions": run.solutions}
-    if run.best is not None:
-        values["objective"] = float(run.best.objective)
+def _found(run: Run, solutions: int, best: Placement | None) -> dict[str, object]:
+    values: dict[str, object] = {"run": run.number, "code": run.code, "solutions": solutions}
+    if best is not None:
+        values["objective"] = float(best.objective)
     values["why"] = run.why
     return values
 

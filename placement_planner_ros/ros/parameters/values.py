@@ -98,6 +98,8 @@ class ParameterSet:
     def _instead(self, name: str) -> str:
         if name in GONE:
             return GONE[name]
+        if name == CLOCK:
+            return "is the whole node's and not a run's; give it when the node is started"
         group, _, part = name.rpartition(".")
         if group == "sensor_poses":
             return f"{NO_SUCH}, as sensor_frames did not name {part!r} at start-up"

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from placement_planner_ros.core.collision.arm import ArmCollision
+from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
 from placement_planner_ros.core.collision.load import Held, Standing
 from placement_planner_ros.core.errors import JointStateError, PlacementPlannerError, listed
 from placement_planner_ros.core.grasp.hand_sweep import with_opening_hand
@@ -17,7 +17,7 @@ from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.flying_pixels import flying_among
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.swept.space import Stretch, SweptSpace, evenly
-from placement_planner_ros.core.timing.quintic import evaluate
+from placement_planner_ros.core.timing.quintic import positions_at
 from placement_planner_ros.core.types import Array, Placement, Trajectory
 from placement_planner_ros.ros.inputs.cloud_store import CloudStaleError
 from placement_planner_ros.ros.inputs.inputs import Inputs
@@ -33,31 +33,51 @@ _NAMED = 3
 """Joints that are named at most."""
 
 
-class Way:
-    """The way of one placement, to hold points of newer clouds against. Safe to use from several
-    threads.
-
-    Checked is what was planned: transit and approach with the object in hand, the object where it
-    stands at last, the hand as it opens, and the retreat.
+class Ways:
+    """Makes the ways of a run's placements.
 
     Args:
-        obstacles: what the placement was planned with.
-
-    Raises:
-        PlacementPlannerError: the arm cannot hold the object like that.
+        obstacles: what they are planned with.
     """
 
-    def __init__(self, placement: Placement, snapshot: Snapshot, obstacles: ObstacleSet) -> None:
-        settings = snapshot.parameters.planner_settings.collision
-        stretches = _stretches(placement, snapshot, obstacles)
-        density = sum(map(len, snapshot.clouds)) / max(len(obstacles), 1)
-        self._space = SweptSpace(stretches, obstacles, settings.collision_margin, density)
+    def __init__(self, snapshot: Snapshot, obstacles: ObstacleSet) -> None:
+        self._snapshot = snapshot
+        self._obstacles = obstacles
+        self._settings = snapshot.parameters.planner_settings.collision
+        self._density = sum(map(len, snapshot.clouds)) / max(len(obstacles), 1)
         self._outline: Outline | None = None
         if snapshot.parameters["self_filter.enabled"]:
             padding = snapshot.parameters["self_filter.padding"]
             self._outline = Outline.of(
                 snapshot.robot, snapshot.q_start, snapshot.arms, snapshot.body, padding
             )
+
+    def of(self, placement: Placement) -> Way:
+        """The way of one of them.
+
+        Checked is what was planned: transit and approach with the object in hand, the object where
+        it stands at last, the hand as it opens, and the retreat.
+
+        Raises:
+            PlacementPlannerError: the arm cannot hold the object like that.
+        """
+        stretches = _stretches(placement, self._snapshot, self._obstacles, self._settings)
+        margin = self._settings.collision_margin
+        return Way(SweptSpace(stretches, self._obstacles, margin, self._density), self._outline)
+
+
+class Way:
+    """The way of one placement, to hold points of newer clouds against. Safe to use from several
+    threads.
+
+    Args:
+        outline: what the robot and the object in its hand fill at the start; None where points of
+            them count, too.
+    """
+
+    def __init__(self, space: SweptSpace, outline: Outline | None) -> None:
+        self._space = space
+        self._outline = outline
 
     def blocked_by(self, points: Array, origin: Array | None) -> str:
         """What of a newer cloud's points (n, 3), planning frame, stands in the way, in words.
@@ -86,9 +106,13 @@ class Way:
         )
 
 
-def _stretches(placement: Placement, snapshot: Snapshot, obstacles: ObstacleSet) -> list[Stretch]:
+def _stretches(
+    placement: Placement,
+    snapshot: Snapshot,
+    obstacles: ObstacleSet,
+    settings: CollisionSettings,
+) -> list[Stretch]:
     goal, robot = placement.goal, snapshot.robot
-    settings = snapshot.parameters.planner_settings.collision
     arm = next(a for a in snapshot.arms if a.name == goal.arm)
     moving = MovingArm(robot, arm, snapshot.q_start)
     holding = ArmCollision(moving, Held(snapshot.body, goal.grasp), obstacles, settings)
@@ -119,7 +143,7 @@ def _dense(arm: ArmCollision, curve: Trajectory, begin: float, end: float) -> Ar
     """(k, dof) the curve from one time to another, as a `Stretch` needs it."""
     number = int(np.clip(_SAMPLES * (end - begin), _FEWEST_SAMPLES, _MOST_SAMPLES))
     times = np.linspace(begin, end, number)
-    return evaluate(curve, evenly(arm, evaluate(curve, times)[0], times))[0]
+    return positions_at(curve, evenly(arm, positions_at(curve, times), times))
 
 
 def outdated(snapshot: Snapshot, inputs: Inputs) -> str:

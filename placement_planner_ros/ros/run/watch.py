@@ -9,21 +9,25 @@ from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.types import Placement
 from placement_planner_ros.ros.inputs.cloud_store import CloudStore, PointSet
 from placement_planner_ros.ros.run.snapshot import Snapshot
-from placement_planner_ros.ros.run.validity import Way
+from placement_planner_ros.ros.run.validity import Way, Ways
 
 _CLOSING = 0.5
 """Seconds that closing waits at most."""
+NOT_LOOKED_AT = "it has not been held against newer clouds yet, which takes a moment"
+"""Said of a placement until it is known whether anything stands in its way."""
+_CANNOT = "it cannot be held against newer clouds"
 
 
 class Watch:
     """What newer clouds show in the way of the best placement. Safe to use from several threads.
 
     A cloud is looked at in the thread that brings it; what that needs of a placement is made in a
-    thread of its own, after which the newest clouds are looked at again. Until then what was said
-    of the placement before holds.
+    thread of its own, after which the newest clouds are looked at. Until then nothing is known of
+    the placement where clouds have come that its run did not begin with.
 
     Args:
-        changed: called, in any thread, when `blocked` is another.
+        changed: called, in any thread, when `blocked` is another, or another placement has been
+            looked at.
         on_error: told what nobody expected.
     """
 
@@ -39,7 +43,9 @@ class Watch:
         self._lock = threading.Lock()
         self._snapshot: Snapshot | None = None
         self._environment: Environment | None = None
+        self._ways: Ways | None = None
         self._wanted: Placement | None = None
+        self._looked_at: Placement | None = None
         self._way: Way | None = None
         self._blocked: dict[str, str] = {}
         self._news = threading.Event()
@@ -48,20 +54,22 @@ class Watch:
         self._thread.start()
         clouds.listen(self._look)
 
-    @property
-    def blocked(self) -> str:
-        """What stands in the way of the best placement, in words; '' where nothing does.
+    def blocked(self, placement: Placement) -> str:
+        """What stands in the way of the run's last placement, in words; '' where nothing does.
 
-        The same words as long as it does.
+        The same words as long as it does; `NOT_LOOKED_AT` until that is known.
         """
         with self._lock:
-            return _first(self._blocked)
+            if self._looked_at is placement:
+                return _first(self._blocked)
+            snapshot = self._snapshot
+        return NOT_LOOKED_AT if snapshot is None or self._to_look_at(snapshot) else ""
 
     def follow(self, snapshot: Snapshot) -> None:
         """A run begins with this."""
         with self._lock:
-            self._snapshot, self._environment = snapshot, None
-            self._wanted, self._way = None, None
+            self._snapshot, self._environment, self._ways = snapshot, None, None
+            self._wanted, self._looked_at, self._way = None, None, None
             self._blocked = {}
 
     def planned_in(self, snapshot: Snapshot, environment: Environment) -> None:
@@ -80,9 +88,12 @@ class Watch:
     def look_again(self) -> None:
         """What is known of the environment has been changed by command: forget what was seen."""
         with self._lock:
-            self._blocked = {}
-        for topic, cloud in self._clouds.latest().items():
-            self._look(topic, cloud)
+            snapshot, placement, way = self._snapshot, self._wanted, self._way
+            if placement is not self._looked_at:
+                self._news.set()  # what is being looked at may be what was known before
+                way = None
+        if snapshot is not None and placement is not None and way is not None:
+            self._look_at_all(snapshot, placement, way)
         self._changed()
 
     def close(self) -> None:
@@ -105,30 +116,48 @@ class Watch:
                 self._news.clear()
                 if self._closed:
                     return
-                snapshot, environment, placement = self._snapshot, self._environment, self._wanted
+                snapshot, placement = self._snapshot, self._wanted
+                ways, environment = self._ways, self._environment
             if snapshot is None or environment is None or placement is None:
                 continue
-            way, blocked, seen = None, {}, {}
+            if not self._to_look_at(snapshot):
+                self._changed()  # it holds, so nobody need wait
+            way, fault = None, ""
             try:
-                way = Way(placement, snapshot, environment.obstacles)
-                seen = self._to_look_at(snapshot)
-                blocked = {
-                    topic: way.blocked_by(cloud.points, cloud.origin)
-                    for topic, cloud in seen.items()
-                }
+                ways = ways or Ways(snapshot, environment.obstacles)
+                way = ways.of(placement)
             except Exception as error:
-                # The thread's outermost frame: what could not be looked at is not called valid.
-                blocked = {"": f"it cannot be held against newer clouds: {error}"}
+                # The thread's outermost frame: what cannot be looked at is not called valid.
+                fault = f"{_CANNOT}: {error}"
                 self._on_error(error)
             with self._lock:
-                if self._wanted is not placement or self._closed:
-                    continue
-                before, self._way, self._blocked = self._blocked, way, blocked
-            if _first(before) != _first(blocked):
+                if self._snapshot is snapshot:
+                    self._ways = ways
+            if self._look_at_all(snapshot, placement, way, fault):
                 self._changed()
-            for topic, cloud in self._to_look_at(snapshot).items():
-                if topic not in seen or seen[topic].points is not cloud.points:
-                    self._look(topic, cloud)
+
+    def _look_at_all(
+        self, snapshot: Snapshot, placement: Placement, way: Way | None, fault: str = ""
+    ) -> bool:
+        """Hold all newer clouds against the run's last placement; whether that says anything.
+
+        Args:
+            way: the placement's, None where none could be made.
+            fault: why not.
+        """
+        seen = {} if way is None else self._to_look_at(snapshot)
+        blocked = {topic: self._in_the_way(way, cloud) for topic, cloud in seen.items() if way}
+        if fault:
+            blocked[""] = fault
+        with self._lock:
+            if self._wanted is not placement or self._closed:
+                return False
+            before, self._blocked = self._blocked, blocked
+            self._way, self._looked_at = way, placement
+        for topic, cloud in self._to_look_at(snapshot).items():
+            if topic not in seen or seen[topic].points is not cloud.points:
+                self._look(topic, cloud)
+        return bool(seen) or _first(before) != _first(blocked)
 
     def _to_look_at(self, snapshot: Snapshot) -> dict[str, PointSet]:
         """Clouds that the run has not begun with, by topic; '' for those merged."""
@@ -146,12 +175,8 @@ class Watch:
             way, snapshot = self._way, self._snapshot
         if way is None or snapshot is None:
             return  # there is no placement, or its clouds are looked at when the way is made
-        try:
-            known = any(cloud.points is points for points in snapshot.clouds)
-            blocked = "" if known else way.blocked_by(cloud.points, cloud.origin)
-        except Exception as error:
-            blocked = f"it cannot be held against newer clouds: {error}"
-            self._on_error(error)
+        known = any(cloud.points is points for points in snapshot.clouds)
+        blocked = "" if known else self._in_the_way(way, cloud)
         accumulates = snapshot.parameters["cloud.mode"] == "merge"
         with self._lock:
             if self._way is not way:
@@ -162,6 +187,14 @@ class Watch:
             self._blocked[topic] = blocked
         if blocked != before:
             self._changed()
+
+    def _in_the_way(self, way: Way, cloud: PointSet) -> str:
+        try:
+            return way.blocked_by(cloud.points, cloud.origin)
+        except Exception as error:
+            # What cannot be looked at is not called valid.
+            self._on_error(error)
+            return f"{_CANNOT}: {error}"
 
 
 def _first(blocked: dict[str, str]) -> str:

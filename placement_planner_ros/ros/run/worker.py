@@ -82,8 +82,7 @@ class Run:
     Attributes:
         state: where it is.
         reason: in words, why it ended by itself.
-        solutions: placements published.
-        best: the last of them.
+        found: how many placements were published, and the last of them; None before the first.
         poses: T_world_object of the last `MOST_POSES` of them, by their numbers.
         confirmed: whether one of them has been carried out.
     """
@@ -100,8 +99,7 @@ class Run:
         self.snapshot = snapshot
         self.state = State.PREPARING
         self.reason = ""
-        self.solutions = 0
-        self.best: Placement | None = None
+        self.found: tuple[int, Placement | None] = (0, None)
         self.poses: dict[int, pin.SE3] = {}
         self.confirmed = False
         self.planner: Planner | None = None
@@ -120,6 +118,16 @@ class Run:
     def start(self) -> None:
         """Begin."""
         self._thread.start()
+
+    @property
+    def solutions(self) -> int:
+        """Placements published."""
+        return self.found[0]
+
+    @property
+    def best(self) -> Placement | None:
+        """The last of them."""
+        return self.found[1]
 
     @property
     def active(self) -> bool:
@@ -303,8 +311,8 @@ class Run:
             with self._publishing:
                 if self._ending is not None:
                     return
-                self.solutions += 1
-                self.best = placement
+                # As one, for what is said of the last is not to be read as said of this one.
+                self.found = (self.solutions + 1, placement)
                 self.poses[self.solutions] = pin.SE3(placement.T_world_object)
                 self.poses.pop(self.solutions - MOST_POSES, None)
                 self._observer.placed(self, placement)

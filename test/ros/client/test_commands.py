@@ -1,13 +1,15 @@
 """What a client says of placements that were carried out, and whether one still holds."""
 
 import asyncio
+import threading
 
 import pytest
 from fakes import TABLE
 from geometry_msgs.msg import Point, Pose, Quaternion
-from searches import Doing, found
+from searches import Doing, found, searching
 
 from placement_planner_ros.client import AsyncPlacementClient, PlacementError
+from placement_planner_ros.ros.run.validity import Ways
 
 
 @pytest.fixture
@@ -69,6 +71,29 @@ def test_validity_follows_the_node(fed, planner, solution):
     assert "carried out" in planner.validity(solution).reason
 
 
+def test_a_solution_is_handed_out_once_newer_clouds_were_looked_at(fed, planner, monkeypatch):
+    go_on, make = threading.Event(), Ways.of
+    monkeypatch.setattr(Ways, "of", lambda self, at: make(self, at) if go_on.wait(60.0) else None)
+    heard = []
+    placing = Doing(lambda: planner.place({}, 60.0, until=heard.append))
+    searching(fed)
+    updates = fed.node._inputs.clouds.updates
+    fed.cloud(TABLE + 1e-4)
+    fed.wait(lambda: fed.node._inputs.clouds.updates > updates)
+    found(fed, 0.25)
+    fed.wait(lambda: heard)
+    assert not heard[0].validity.known
+    assert not heard[0].validity
+    fed.planners[0].done.set()
+    fed.wait(lambda: planner.status.state == "exhausted")
+    now = planner.validity(heard[0])
+    assert (bool(now), now.known) == (False, False)
+    assert placing.is_alive()
+    go_on.set()
+    assert placing.result.validity
+    assert placing.result.validity.known
+
+
 def test_of_solutions_that_are_not_the_last_nothing_is_known(fed, planner):
     heard = []
 
@@ -79,7 +104,7 @@ def test_of_solutions_that_are_not_the_last_nothing_is_known(fed, planner):
     placing = Doing(lambda: planner.place({}, 60.0, until=second))
     found(fed, 0.25)
     fed.wait(lambda: heard)
-    assert planner.validity(heard[0])
+    fed.wait(lambda: planner.validity(heard[0]))
     found(fed, 0.5)
     assert placing.result.number == 2
     assert "2" in planner.validity(heard[0]).reason

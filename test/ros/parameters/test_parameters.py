@@ -194,6 +194,9 @@ def test_unknown_names_are_refused():
     assert len(faults) == 5000
     (fault,) = parameter_set().faults({"use_sim_tim": True})
     assert "the nearest is use_sim_time" in str(fault)
+    (fault,) = parameter_set().faults({"use_sim_time": True})
+    assert "the whole node's" in str(fault)
+    assert "nearest" not in str(fault)
     (fault,) = parameter_set().faults({"n" * 100_000: array("d", [1.0, 2.0])})
     assert str(fault).endswith("... = [1.0, 2.0]: there is no such parameter")
     assert len(str(fault)) < 300

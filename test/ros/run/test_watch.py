@@ -8,7 +8,7 @@ import pytest
 
 from placement_planner_ros.ros.inputs.cloud_store import CloudStore, StoredCloud
 from placement_planner_ros.ros.run import watch as module
-from placement_planner_ros.ros.run.watch import Watch
+from placement_planner_ros.ros.run.watch import NOT_LOOKED_AT, Watch
 
 FREE, CUT, CUT_TOO = np.zeros((1, 3)), np.ones((1, 3)), np.full((1, 3), 2.0)
 WITHIN = 20.0
@@ -17,12 +17,22 @@ WITHIN = 20.0
 class FakeWay:
     """Blocked by every point other than zero, in words that name the placement and the point."""
 
-    def __init__(self, placement, snapshot, obstacles):
-        placement.making()
-        self._name = placement.name
+    def __init__(self, name):
+        self.name = name
 
     def blocked_by(self, points, origin):
-        return f"{self._name} {points[0, 0]:g}" if points.any() else ""
+        return f"{self.name} {points[0, 0]:g}" if points.any() else ""
+
+
+class FakeWays:
+    """Makes these."""
+
+    def __init__(self, snapshot, obstacles):
+        pass
+
+    def of(self, placement):
+        placement.making()
+        return FakeWay(placement.name)
 
 
 def placement(name, making=lambda: None):
@@ -33,9 +43,10 @@ class Watched:
     """A watch, its clouds, and what it told."""
 
     def __init__(self, monkeypatch, mode="latest"):
-        monkeypatch.setattr(module, "Way", FakeWay)
+        monkeypatch.setattr(module, "Ways", FakeWays)
         self.store = CloudStore(["points"])
         self.told, self.errors = [], []
+        self.best = None
         self.watch = Watch(self.store, self._changed, self.errors.append)
         self.first = FREE + 0.0
         self.cloud(self.first)
@@ -44,24 +55,26 @@ class Watched:
         self.watch.planned_in(self.snapshot, SimpleNamespace(obstacles=None))
 
     def _changed(self):
-        self.told.append(self.watch.blocked)
+        self.told.append(self.blocked)
+
+    @property
+    def blocked(self):
+        """What is said of the last placement."""
+        return "" if self.best is None else self.watch.blocked(self.best)
 
     def cloud(self, points, topic="points"):
         self.store.add(topic, StoredCloud(points, 0.0))
 
     def place(self, name, making=lambda: None):
-        """A better placement, once its way is made."""
-        made = threading.Event()
-        looked = self.watch._to_look_at
+        """A better placement, once it is looked at and that is told."""
+        self.told.clear()
+        self.begin_to_place(name, making)
+        self.until(lambda: self.watch._looked_at is self.best and self.told)
+        self.told.clear()
 
-        def look(snapshot):
-            made.set()
-            return looked(snapshot)
-
-        self.watch._to_look_at = look
-        self.watch.placed(self.snapshot, placement(name, making))
-        assert made.wait(WITHIN)
-        self.until(lambda: self.watch._way is not None and self.watch._way._name == name)
+    def begin_to_place(self, name, making):
+        self.best = placement(name, making)
+        self.watch.placed(self.snapshot, self.best)
 
     def until(self, condition):
         waiting = threading.Event()
@@ -103,10 +116,10 @@ def test_all_topics_count(watched):
     w.place("a")
     w.cloud(CUT, "left")
     w.cloud(FREE, "points")
-    assert w.watch.blocked == "a 1"
+    assert w.blocked == "a 1"
     w.cloud(CUT_TOO, "points")
     w.cloud(FREE, "left")
-    assert w.watch.blocked == "a 2"
+    assert w.blocked == "a 2"
 
 
 def test_a_better_placement_is_held_against_clouds_that_came_before_it(watched):
@@ -114,16 +127,16 @@ def test_a_better_placement_is_held_against_clouds_that_came_before_it(watched):
     w.place("a")
     w.cloud(CUT)
     w.place("b")
-    assert w.watch.blocked == "b 1"
+    assert w.blocked == "b 1"
     w.cloud(FREE)
     w.place("c")
-    assert w.watch.blocked == ""
+    assert w.blocked == ""
 
 
 def test_a_cloud_that_comes_while_the_way_is_made_is_looked_at(watched):
     w = watched()
     w.place("a", making=lambda: w.cloud(CUT))
-    w.until(lambda: w.watch.blocked == "a 1")
+    w.until(lambda: w.blocked == "a 1")
 
 
 def test_a_cloud_that_comes_after_the_newest_were_looked_at_is_looked_at(watched, monkeypatch):
@@ -133,13 +146,13 @@ def test_a_cloud_that_comes_after_the_newest_were_looked_at_is_looked_at(watched
     looked = FakeWay.blocked_by
 
     def late(self, points, origin):
-        if self._name == "b" and points.any():
+        if self.name == "b" and points.any():
             w.cloud(FREE)  # which is held against the placement before
         return looked(self, points, origin)
 
     monkeypatch.setattr(FakeWay, "blocked_by", late)
     w.place("b")
-    w.until(lambda: w.watch.blocked == "")
+    w.until(lambda: w.blocked == "")
 
 
 def test_what_the_run_began_with_is_not_held_against_it(watched):
@@ -147,9 +160,9 @@ def test_what_the_run_began_with_is_not_held_against_it(watched):
     w.snapshot.clouds = (CUT,)
     w.place("a")
     w.cloud(CUT)
-    assert w.watch.blocked == ""
+    assert w.blocked == ""
     w.cloud(CUT_TOO)
-    assert w.watch.blocked == "a 2"
+    assert w.blocked == "a 2"
 
 
 def test_what_has_accumulated_stays_until_it_is_forgotten(watched):
@@ -158,12 +171,12 @@ def test_what_has_accumulated_stays_until_it_is_forgotten(watched):
     w.cloud(CUT)
     w.store.merge(CUT, 0.01)
     w.cloud(FREE)
-    assert w.watch.blocked == "a 1"
+    assert w.blocked == "a 1"
     w.place("b")
-    assert w.watch.blocked == "b 1"
+    assert w.blocked == "b 1"
     w.store.clear()
     w.watch.look_again()
-    assert w.watch.blocked == ""
+    assert w.blocked == ""
     assert w.told[-1] == ""
 
 
@@ -173,11 +186,11 @@ def test_a_new_run_begins_without_what_was_said_of_the_last(watched):
     w.cloud(CUT)
     late = w.snapshot
     w.watch.follow(SimpleNamespace(clouds=(), parameters={"cloud.mode": "latest"}))
-    assert w.watch.blocked == ""
+    assert w.blocked == NOT_LOOKED_AT  # of the new run, nothing is
     w.watch.placed(late, placement("late"))
     w.watch.planned_in(late, None)
     w.cloud(CUT_TOO)
-    assert w.watch.blocked == ""
+    assert w.told == ["a 1"]
 
 
 def test_what_cannot_be_looked_at_is_not_called_valid(watched):
@@ -186,15 +199,15 @@ def test_what_cannot_be_looked_at_is_not_called_valid(watched):
     def fail():
         raise ZeroDivisionError("a fault")
 
-    w.watch.placed(w.snapshot, placement("a", fail))
-    w.until(lambda: "a fault" in w.watch.blocked)
+    w.begin_to_place("a", fail)
+    w.until(lambda: "a fault" in w.blocked)
     assert isinstance(w.errors[0], ZeroDivisionError)
     w.place("b")  # and its thread goes on
-    assert w.watch.blocked == ""
+    assert w.blocked == ""
     w.cloud(np.full((1, 3), "no number"))
-    assert "held against" in w.watch.blocked
+    assert "held against" in w.blocked
     w.cloud(FREE)
-    assert w.watch.blocked == ""
+    assert w.blocked == ""
 
 
 def test_nothing_is_looked_at_after_the_end(watched):
@@ -204,3 +217,42 @@ def test_nothing_is_looked_at_after_the_end(watched):
     assert not w.watch.busy
     w.cloud(CUT)
     assert w.told == []
+
+
+def test_nothing_is_said_of_a_placement_until_it_is_looked_at(watched):
+    """Where clouds have come that its run did not begin with; else there is nothing to look at."""
+    w = watched()
+    go_on = threading.Event()
+
+    def slow():
+        assert go_on.wait(WITHIN)
+
+    w.begin_to_place("a", slow)
+    w.until(lambda: w.told == [""])  # before its way is made, and nobody waits for that
+    w.cloud(CUT)
+    assert w.blocked == NOT_LOOKED_AT
+    go_on.set()
+    w.until(lambda: w.told[1:] == ["a 1"])
+    w.cloud(FREE)
+    assert w.blocked == ""
+    go_on.clear()
+    w.begin_to_place("b", slow)  # what is said of the one before says nothing of this one
+    assert w.blocked == NOT_LOOKED_AT
+    go_on.set()
+    w.until(lambda: w.blocked == "")
+    w.until(lambda: w.told[-1] == "" and len(w.told) == 4)  # and that is told
+
+
+def test_what_is_known_stays_known_while_it_is_looked_at_again(watched, monkeypatch):
+    w = watched()
+    w.place("a")
+    w.cloud(CUT)
+    looked, said = FakeWay.blocked_by, []
+
+    def look(self, points, origin):
+        said.append(w.blocked)
+        return looked(self, points, origin)
+
+    monkeypatch.setattr(FakeWay, "blocked_by", look)
+    w.watch.look_again()
+    assert said == ["a 1"]
