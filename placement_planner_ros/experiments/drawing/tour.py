@@ -247,15 +247,22 @@ def draw_tour_animation(
     """
     duration = sum(leg.looks[-1].time for leg in stage.legs)
     count, speed = frames_and_speed(duration, _MOST_FRAMES)
-    step, frames = duration / (count - 1), []
-    for number, leg in enumerate(stage.legs):
-        times = np.array([look.time for look in leg.looks])
-        for time in np.arange(0.0, times[-1], step):
-            look = leg.looks[int(np.abs(times - time).argmin())]
-            line = (
-                f"{number + 1} of {len(stage.legs)}, {leg.name}: {look.stage}, {speed_words(speed)}"
-            )
-            frames.append(titled_frame(stage.draw(number, look), line, above=True))
-            told(len(frames), count)
-    frames.append(frames[-1])
+    moments = [
+        (number, look)
+        for number, leg in enumerate(stage.legs)
+        for look in _spread(leg.looks, duration / (count - 1))
+    ]
+    moments.append((len(stage.legs) - 1, stage.legs[-1].looks[-1]))
+    frames = []
+    for number, look in moments:
+        name = f"{number + 1} of {len(stage.legs)}, {stage.legs[number].name}"
+        line = f"{name}: {look.stage}, {speed_words(speed)}"
+        frames.append(titled_frame(stage.draw(number, look), line, above=True))
+        told(len(frames), len(moments))
     write_animation(path, frames)
+
+
+def _spread(looks: Sequence[Look], step: float) -> list[Look]:
+    """Those nearest to moments so many seconds apart."""
+    times = np.array([look.time for look in looks])
+    return [looks[int(np.abs(times - time).argmin())] for time in np.arange(0.0, times[-1], step)]

@@ -125,6 +125,9 @@ class Tour:
         time.sleep(_SHOWN)
         found = search(self._planner, self.seconds, self._check, self._line)
         solution = found.improvements[-1]
+        still = self._planner.validity(solution)
+        if not still:
+            raise DemoError(f"the placement of {name} does not hold any more: {still.reason}", BUSY)
         carrying = self._carrying(held, self._robot.configuration(positions), solution)
         looks = self._carried_out(carrying)
         places = looks[-1].places
