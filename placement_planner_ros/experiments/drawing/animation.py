@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from placement_planner_ros.experiments.drawing.picture import (
 from placement_planner_ros.experiments.drawing.plots import DPI, new_figure
 from placement_planner_ros.experiments.drawing.rendering import Image
 from placement_planner_ros.experiments.drawing.stage_set import HEIGHT, PATH, WIDTH, StageSet
+from placement_planner_ros.scenes.primitives import Colour
 
 _FRAME = 0.08
 """Seconds from frame to frame; GIF counts in hundredths."""
@@ -27,6 +29,9 @@ _MOST_FRAMES = 90
 _REST_BEFORE, _REST_AFTER = 0.6, 1.5
 """Seconds for which the first and the last frame stay."""
 _COLOURS = 128
+_SHADES = (0.5, 0.75, 1.0)
+_STRIP = 30
+"""Of each colour that a palette must have, and the pixels of it that are added for that."""
 TITLE = 26
 """Pixels that a line of words is high."""
 _HALF = (WIDTH / DPI, HEIGHT / DPI)
@@ -96,13 +101,22 @@ def _font() -> ImageFont.FreeTypeFont:
     return ImageFont.truetype(str(folder / "DejaVuSans.ttf"), 15)
 
 
-def write_animation(path: Path, frames: list[Picture.Image]) -> None:
-    """As a GIF with one palette for all frames, so that what rests does not flicker."""
+def write_animation(path: Path, frames: list[Picture.Image], needed: Sequence[Colour] = ()) -> None:
+    """As a GIF with one palette for all frames, so that what rests does not flicker.
+
+    Args:
+        needed: colours that it must have, of things that may be small.
+    """
     samples = frames[:: max(1, len(frames) // 4)]
     width, height = frames[0].size
-    together = Picture.new("RGB", (width, height * len(samples)))
+    strips = [(colour, shade) for colour in needed for shade in _SHADES]
+    together = Picture.new("RGB", (width, height * len(samples) + _STRIP * len(strips)))
     for row, frame in enumerate(samples):
         together.paste(frame, (0, row * height))
+    for row, (colour, shade) in enumerate(strips):
+        red, green, blue = (round(255.0 * shade * part) for part in colour)
+        top = height * len(samples) + _STRIP * row
+        together.paste((red, green, blue), (0, top, width, top + _STRIP))
     palette = together.quantize(_COLOURS)
     plain = [frame.quantize(palette=palette, dither=Picture.Dither.NONE) for frame in frames]
     durations = [round(1000 * _FRAME)] * len(plain)

@@ -259,7 +259,7 @@ def draw_tour_animation(
         line = f"{name}: {look.stage}, {speed_words(speed)}"
         frames.append(titled_frame(stage.draw(number, look), line, above=True))
         told(len(frames), len(moments))
-    write_animation(path, frames)
+    write_animation(path, frames, COLOURS[: len(stage.legs)])
 
 
 def _spread(looks: Sequence[Look], step: float) -> list[Look]:
