@@ -52,10 +52,13 @@ ROBOTS = ["example-robot-data>=6,<7"]
 # The demonstration's tour.
 TOUR = [*ROS, "mujoco>=4,<5"]
 
+SITE = ["furo>=2024.8", "myst-parser>=4,<6", "sphinx>=8,<9"]
+
 TEST = [
     *TOUR,
     *EVALUATION,
     *ROBOTS,
+    *SITE,
     "colcon-common-extensions>=0.3,<0.4",
     "hypothesis>=6,<7",
     "mypy>=1.10,<3",
@@ -116,6 +119,7 @@ setup(
         "tour": TOUR,
         "evaluation": EVALUATION,
         "robots": ROBOTS,
+        "site": SITE,
         "test": TEST,
     },
     entry_points={
