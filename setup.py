@@ -49,10 +49,13 @@ EVALUATION = [
 # Robots to try; 0.4 GB.
 ROBOTS = ["example-robot-data>=6,<7"]
 
+SITE = ["furo>=2024.8", "myst-parser>=4,<6", "sphinx>=8,<9"]
+
 TEST = [
     *ROS,
     *EVALUATION,
     *ROBOTS,
+    *SITE,
     "colcon-common-extensions>=0.3,<0.4",
     "hypothesis>=6,<7",
     "mujoco>=3,<5",
@@ -109,7 +112,13 @@ setup(
     package_data={PACKAGE: ["py.typed"]},
     data_files=data_files(),
     install_requires=CORE,
-    extras_require={"ros": ROS, "evaluation": EVALUATION, "robots": ROBOTS, "test": TEST},
+    extras_require={
+        "ros": ROS,
+        "evaluation": EVALUATION,
+        "robots": ROBOTS,
+        "site": SITE,
+        "test": TEST,
+    },
     entry_points={
         "console_scripts": [f"{name} = {PACKAGE}.__main__:{name}" for name in EXECUTABLES],
         "placement_planner_ros.objectives": [

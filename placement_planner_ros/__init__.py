@@ -2,7 +2,8 @@
 
 The library in a few names, loaded when they are first asked for: `Robot`, `Body`, `TargetVolume`
 and `Environment` are what is given, `plan` yields each `Placement` found. `PlannerSettings` says
-how to search, and all errors for bad input are `PlacementPlannerError`s. `examples/library.py`
+how to search, with `TurnSettings`, `WishSettings` and `CarrySettings` of what is asked of a
+placement; all errors for bad input are `PlacementPlannerError`s. `examples/library.py`
 shows them together. `ros` is the adapter around them; nothing else imports ROS.
 
 Where the symbols of Haustein et al., "Object Placement Planning and Optimization for Robot
@@ -51,21 +52,26 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from placement_planner_ros.core.body.body import Body
+    from placement_planner_ros.core.carry.settings import CarrySettings
     from placement_planner_ros.core.errors import PlacementPlannerError
     from placement_planner_ros.core.planner import PlannerSettings
     from placement_planner_ros.core.robot.model import Robot
     from placement_planner_ros.core.scene.environment import Environment
     from placement_planner_ros.core.types import Placement, TargetVolume
+    from placement_planner_ros.core.wishes.settings import TurnSettings, WishSettings
     from placement_planner_ros.library import plan
 
 __all__ = [
     "Body",
+    "CarrySettings",
     "Environment",
     "Placement",
     "PlacementPlannerError",
     "PlannerSettings",
     "Robot",
     "TargetVolume",
+    "TurnSettings",
+    "WishSettings",
     "plan",
 ]
 

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.carry.settings import CarrySettings as CarrySettings
 from placement_planner_ros.core.errors import (
     JointStateError,
     ParameterError,
@@ -30,6 +31,8 @@ from placement_planner_ros.core.scene.extent import cropped
 from placement_planner_ros.core.scene.grid import GridSettings, checked_cloud
 from placement_planner_ros.core.types import Array, Placement, TargetVolume
 from placement_planner_ros.core.warmup import warm_up
+from placement_planner_ros.core.wishes.settings import TurnSettings as TurnSettings
+from placement_planner_ros.core.wishes.settings import WishSettings as WishSettings
 
 _log = logging.getLogger(__name__)
 _warm: deque[Robot] = deque(maxlen=4)

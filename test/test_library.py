@@ -7,6 +7,7 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,10 +18,14 @@ import trimesh
 import placement_planner_ros
 from placement_planner_ros import (
     Body,
+    CarrySettings,
     Environment,
     PlacementPlannerError,
+    PlannerSettings,
     Robot,
     TargetVolume,
+    TurnSettings,
+    WishSettings,
     plan,
 )
 from placement_planner_ros.core.errors import VolumeError
@@ -291,6 +296,39 @@ def test_placements_lie_in_any_of_several_boxes():
     for placement in sides:
         x, y, _ = placement.T_world_object.translation
         assert volume.contains(np.array([[x, y, 0.0]])).all()
+
+
+def test_rules_wishes_and_carrying_are_settings():
+    up, near = [0.0, 0.0, -1.0], [0.4, 0.1, 0.05, 0.0, 0.0, 0.0, 1.0]
+    settings = PlannerSettings(
+        turns=TurnSettings(up=up),
+        wishes=WishSettings(["near", "edge"], np.array([1.0, 0.5]), near, ["edge"], [0.02]),
+    )
+    free, slow = (
+        next(asked(objective="weighted", settings=replace(settings, carry=carry), seed=1))
+        for carry in (CarrySettings(), CarrySettings(max_acceleration=0.1))
+    )
+    T, terms = free.T_world_object, dict(free.terms)
+    assert T.rotation @ up == pytest.approx([0.0, 0.0, 1.0], abs=1e-3)
+    assert terms["near"] == pytest.approx(-np.linalg.norm(T.translation - near[:3]))
+    assert terms["edge"] >= 0.02
+    assert free.objective == pytest.approx(terms["near"] / 0.1 + 0.5 * terms["edge"] / 0.05)
+    assert slow.trajectory.duration > 1.5 * free.trajectory.duration
+    with pytest.raises(PlacementPlannerError, match=r"object.up is 118.3° .* carry.max_tilt"):
+        asked(settings=replace(settings, carry=CarrySettings(max_tilt=0.5)))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "field"),
+    [
+        ({"terms": "near"}, "terms"),
+        ({"weights": 3.0}, "weights"),
+        ({"near_pose": [None] * 7}, "near_pose"),
+    ],
+)
+def test_settings_that_are_no_lists_of_numbers_are_refused(wrong, field):
+    with pytest.raises(PlacementPlannerError, match=rf"^{field} = "):
+        WishSettings(**wrong)
 
 
 def test_the_time_limit_ends_the_search_and_why_nothing_was_found_is_logged(caplog):

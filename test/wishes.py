@@ -60,10 +60,11 @@ class Request:
     def asked(self) -> Asked:
         """For the checker."""
         given = self.parameters
-        weighted = (
-            given["objective"] == "weighted" and "toward_front" not in given["objective_terms"]
-        )
-        weights = given["objective_weights"] or [1.0] * len(given["objective_terms"])
+        terms, weights = given["objective_terms"], given["objective_weights"]
+        weights = {
+            "weighted": dict(zip(terms, weights or [1.0] * len(terms), strict=True)),
+            "toward_front": {"toward_front": 1.0},
+        }.get(given["objective"], {})
         return Asked(
             up=np.array(given["object.up"]) if given["object.up"] else None,
             up_tolerance=given["object.up_tolerance"],
@@ -71,7 +72,7 @@ class Request:
             front_direction=given["object.front_direction"],
             front_tolerance=given["object.front_tolerance"],
             near_pose=np.array(given["near_pose"]) if given["near_pose"] else None,
-            weights=dict(zip(given["objective_terms"], weights, strict=True)) if weighted else {},
+            weights=weights,
             at_least=dict(zip(given["require_terms"], given["require_at_least"], strict=True)),
         )
 

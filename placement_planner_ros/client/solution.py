@@ -27,7 +27,7 @@ class Solution:
         face: which side of the object comes to stand.
         approach_start: seconds into `trajectory` at which the way down begins.
         search_time: seconds from the start of the run until it was found.
-        terms: of a weighted objective, by name.
+        terms: of a weighted objective, and those that are required, by name and each in its unit.
         pose: of the object where it stands, in the planning frame.
         trajectory: from where the robot was to the placement, for a joint_trajectory_controller.
         retreat_trajectory: from there on with the hand open; None where there is none.

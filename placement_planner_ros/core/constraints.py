@@ -132,7 +132,7 @@ class PoseConstraints:
 
     def kept(self, T_world_object: pin.SE3) -> bool:
         """Whether the pose keeps the rules of users."""
-        return bool(self._kept(T_world_object.homogeneous[None])[0])
+        return self._broken_by(T_world_object.homogeneous[None])[0] == 0.0
 
     def _in_a_box(self, T: Array) -> npt.NDArray[np.bool_]:
         """(n,) whether any piece of the body at poses (n, 4, 4) begins in a box to keep out of.
@@ -149,14 +149,16 @@ class PoseConstraints:
             found += [f"{REQUIRED}: {name}" for name in self.required.broken(T_world_object)]
         return found
 
-    def _kept(self, T: Array) -> npt.NDArray[np.bool_]:
-        """(n,) `kept` of poses (n, 4, 4)."""
-        kept = np.ones(len(T), np.bool_)
+    def _broken_by(self, T: Array) -> Array:
+        """(n,) what poses (n, 4, 4) lack of what is required, infinite where they are turned
+        otherwise than asked; 0 where they keep all rules."""
+        lacking = np.zeros(len(T))
         if self.turns is not None:
-            kept = self.turns.kept(T[:, :3, :3])
-        if self.required is not None and kept.any():
-            kept[kept] = self.required.kept(T[kept])
-        return kept
+            lacking[~self.turns.kept(T[:, :3, :3])] = math.inf
+        rows = np.flatnonzero(lacking == 0.0)
+        if self.required is not None and len(rows):
+            lacking[rows] = self.required.lacking(T[rows])
+        return lacking
 
     def verdicts(
         self,
@@ -164,6 +166,7 @@ class PoseConstraints:
         contacts: Array,
         angles: Array,
         slopes: Array | None = None,
+        lacking: Array | None = None,
     ) -> tuple[npt.NDArray[np.int64], Array]:
         """`placement_pose` and `verdict` of many poses at once.
 
@@ -172,6 +175,8 @@ class PoseConstraints:
             contacts: (n, 3) positions of the faces' reference points.
             angles: (n,) θ, rad.
             slopes: (n, 2) of the planes that they stand on; level unless given.
+            lacking: (n,) of zeros, to be told by how much those that break a rule do so, see
+                `Requirements.lacking`; infinite where they are turned otherwise than asked.
 
         Returns:
             (n,) verdicts and (n, 4, 4) poses T_world_object.
@@ -190,13 +195,15 @@ class PoseConstraints:
         centers[:, 2] = contacts[:, 2]
         inside = self._volume.contains(contacts) & self._volume.contains(centers)
         result = np.full(len(faces), Verdict.OUTSIDE_VOLUME, dtype=np.int64)
+        lacking = np.zeros(len(faces)) if lacking is None else lacking
         if slopes is None or not sloping:
-            self._judge(T, faces, contacts[:, 2], np.flatnonzero(inside), LEVEL, result)
+            self._judge(T, faces, contacts[:, 2], np.flatnonzero(inside), LEVEL, result, lacking)
             return result, T
         for slope in np.unique(slopes[inside], axis=0):
             rows = np.flatnonzero(inside & (slopes == slope).all(axis=1))
             heights = contacts[:, 2] - contacts[:, :2] @ slope
-            self._judge(T, faces, heights, rows, (float(slope[0]), float(slope[1])), result)
+            along = float(slope[0]), float(slope[1])
+            self._judge(T, faces, heights, rows, along, result, lacking)
         return result, T
 
     def _judge(
@@ -207,8 +214,10 @@ class PoseConstraints:
         rows: npt.NDArray[np.int64],
         slope: Slope,
         result: npt.NDArray[np.int64],
+        lacking: Array,
     ) -> None:
-        """Write the verdicts of those rows of poses T (n, 4, 4) in V that stand on one slope.
+        """Write the verdicts of those rows of poses T (n, 4, 4) in V that stand on one slope, and
+        what they lack of what is asked.
 
         Args:
             heights: (n,) z of their contact planes at x = y = 0, metres.
@@ -224,5 +233,5 @@ class PoseConstraints:
                 free &= ~self._in_a_box(T[stable])
             result[stable[free]] = Verdict.FEASIBLE
             if self.turns is not None or self.required is not None:
-                kept = self._kept(T[stable[free]])
-                result[stable[free][~kept]] = Verdict.BREAKS_RULE
+                lacking[stable[free]] = self._broken_by(T[stable[free]])
+                result[stable[free][lacking[stable[free]] > 0.0]] = Verdict.BREAKS_RULE

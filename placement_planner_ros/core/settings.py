@@ -8,6 +8,7 @@ set may stand in the docstring of its class instead.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
 from typing import TypeVar, cast
 
@@ -53,7 +54,11 @@ class Meaning:
         if isinstance(value, (str, bool)):
             return
         number = cast("float", value)
-        if not math.isfinite(number):
+        try:
+            finite = math.isfinite(number)
+        except TypeError as error:
+            raise ParameterError(name, value, f"must be a number: {self.text}") from error
+        if not finite:
             raise ParameterError(name, number, f"must be finite: {self.text}".rstrip(": "))
         lower, upper = self.ends
         above = number > lower or (number == lower and self.interval[0] == "[")
@@ -73,7 +78,8 @@ class Meaning:
 class Settings:
     """What every group of settings is: checked as it is made.
 
-    A group with a check of its own calls this `__post_init__` first.
+    A group with a check of its own calls this `__post_init__` first. Lists and arrays are taken for
+    tuples.
 
     Raises:
         ParameterError: a field is not what its `setting` says it may be.
@@ -83,9 +89,18 @@ class Settings:
         for each in fields(self):
             meaning = each.metadata.get(_KEY)
             value = getattr(self, each.name)
+            if isinstance(each.default, tuple) and not isinstance(value, tuple):
+                value = _as_tuple(each.name, value)
+                object.__setattr__(self, each.name, value)
             if meaning is not None:
                 for one in value if isinstance(value, tuple) else (value,):
                     meaning.check(each.name, one)
+
+
+def _as_tuple(name: str, value: object) -> tuple[object, ...]:
+    if isinstance(value, str) or not isinstance(value, Iterable):
+        raise ParameterError(name, value, "give a list")
+    return tuple(value)
 
 
 def _number(text: str) -> float:

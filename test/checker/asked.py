@@ -21,6 +21,7 @@ SCALES = {
     "edge": 0.05,
     "aligned": 0.2,
     "stance": 0.2,
+    "toward_front": 1.0,
 }
 """The difference in each term's unit that counts as 1."""
 SLACK = {
@@ -29,10 +30,11 @@ SLACK = {
     "turn": 1e-4,
     "high": 1e-3,
     "edge": 0.01,
-    "aligned": 0.07,
+    "aligned": 0.12,
     "stance": 0.01,
+    "toward_front": 1e-6,
 }
-"""What is forgiven: half a spacing of the cloud at edges, and what a lean of a cell makes."""
+"""What is forgiven: half a spacing of the cloud at edges, and what it turns short sides by."""
 _SAME = 0.0035
 """m by which surfaces may differ in height that one object stands on."""
 _MOST = 0.2
@@ -217,4 +219,18 @@ def _aligned(task: Task, T: Array, tolerances: Tolerances) -> Iterator[float]:
             yield -abs(math.remainder(along - angle, 0.5 * math.pi))
 
 
-_VALUES = {"near": _near, "turn": _turn, "high": _high, "stance": _stance, "edge": _edge}
+def _toward_front(task: Task, T: Array, tolerances: Tolerances) -> float:
+    """The bundled example of an entry point: minus how far the centre of mass is behind V's side
+    of least x."""
+    center = T[:3, :3] @ task.center_of_mass + T[:3, 3]
+    return float(task.volume[:, 0, 0].min() - center[0])
+
+
+_VALUES = {
+    "near": _near,
+    "turn": _turn,
+    "high": _high,
+    "stance": _stance,
+    "edge": _edge,
+    "toward_front": _toward_front,
+}

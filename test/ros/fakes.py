@@ -44,7 +44,7 @@ class FakeStatistics:
         self.rejected_by_arm = {"left": {}}
 
 
-def placement(objective, arm="left", retreats=False, x=0.4):
+def placement(objective, arm="left", retreats=False, x=0.4, terms=()):
     """A placement whose motion is short and whose numbers are easy to recognise."""
     joints = tuple(f"yumi_joint_{n}_{arm[0]}" for n in (1, 2, 7, 3, 4, 5, 6))
     start = np.array([HOME[j] for j in joints])
@@ -54,7 +54,7 @@ def placement(objective, arm="left", retreats=False, x=0.4):
     T = pin.SE3(np.eye(3), np.array([x, 0.0, 0.1]))
     goal = Goal(arm, 0, 1, T, 0.0, positions, objective)
     retreat = Trajectory(joints, np.array([0.0, 1.0]), positions[::-1], zeros, zeros)
-    return Placement(goal, trajectory, 0.5, 0.25, 10, retreat if retreats else None)
+    return Placement(goal, trajectory, 0.5, 0.25, 10, retreat if retreats else None, terms)
 
 
 class FakePlanner:

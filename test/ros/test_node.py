@@ -67,7 +67,7 @@ def test_a_run_from_start_to_stop(bench):
 
 def test_parts_come_first_and_carry_the_key(bench):
     b = bench()
-    planner = started(b)
+    planner = started(b, keep_out=[0.7, 0.7, 0.0, 0.8, 0.8, 0.1])
     b.heard.clear()
     planner.offers.append(0.25)
     b.wait(b.manifests)
@@ -90,7 +90,7 @@ def test_parts_come_first_and_carry_the_key(bench):
     assert pose.header.stamp == b.messages("solution")[-1].header.stamp
     assert b.messages("objective")[-1].data == 0.25
     # Markers come after the manifest, and those of the scene before those of the placement.
-    drawn = {"target_volume", "regions", "object", "path"}
+    drawn = {"target_volume", "keep_out", "regions", "object", "path"}
     b.wait(lambda: {m.ns for m in b.messages("markers")[-1].markers} == drawn)
 
 

@@ -79,6 +79,10 @@ def _ruled_out(search: Search, rulings: frozenset[Ruling]) -> Explanation:
         words.append("out of reach of every arm in every grasp")
         words[-1] += f", by {gap:.2f} m and more" if gap > 0.0 else ""
         remedies += closer(search, gap)
+    if Ruling.BREAKS_RULE in rulings:
+        below, tries = rules.too_low(search)
+        words.append(below)
+        remedies += tries
     if Ruling.UNSUPPORTED in rulings:
         body = search.problem.body
         rest = surfaces.rest_in_words(body, surfaces.smallest_rest(body))

@@ -9,6 +9,8 @@ from dataclasses import replace
 from placement_planner_ros.core.constraints import REQUIRED
 from placement_planner_ros.core.explanation.explanation import Explanation, Remedy
 from placement_planner_ros.core.explanation.search import Search
+from placement_planner_ros.core.sample_goals.placed_cells import PlacedCells
+from placement_planner_ros.core.search.cell_layout import whole_cells
 from placement_planner_ros.core.types import Verdict
 from placement_planner_ros.core.wishes.turns import VERTICAL, Turns
 
@@ -94,6 +96,23 @@ def advice(search: Search) -> tuple[list[Remedy], list[str]]:
         Remedy("require_terms", f"leave out {' or '.join(terms)}"),
     ]
     return remedies, [f"of {len(seen)} poses looked at again {reached} was the most"]
+
+
+def too_low(search: Search) -> tuple[str, list[Remedy]]:
+    """Required terms that nothing reaches, which is proven."""
+    known = search.bounds.required
+    most = known.most(PlacedCells(whole_cells(search.hierarchy)))
+    found = {name: float(values.max()) for name, values in most.items()}
+    low = [name for name, value in found.items() if value < known.at_least[name]] or list(found)
+    words = ", ".join(f"{name} {known.at_least[name]:g}" for name in low)
+    reached = ", ".join(f"{name} {found[name]:.3g}" for name in low)
+    return (
+        f"below what require_terms asks ({words}), {reached} at most",
+        [
+            Remedy("require_at_least", f"lower it: no pose has more than {reached}"),
+            Remedy("require_terms", f"leave out {' or '.join(low)}"),
+        ],
+    )
 
 
 def _up_tolerance(search: Search) -> str:

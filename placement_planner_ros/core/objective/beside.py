@@ -7,20 +7,23 @@ asked for.
 from __future__ import annotations
 
 import math
-from typing import ClassVar
+from collections.abc import Iterator
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from placement_planner_ros.core.objective.objective import ObjectiveContext
-from placement_planner_ros.core.objective.standing import Index, Standing
+from placement_planner_ros.core.objective.standing import Index, Standing, padded
 from placement_planner_ros.core.types import Array, Slope
 
 Mask = npt.NDArray[np.bool_]
 
+_AT_ONCE = 256
+"""Poses that are looked at together."""
 _SAME = 1e-3
-"""m: contact planes closer together than this share a table."""
+"""m: contact planes share tables that are so far apart."""
 _ROOM = 0.003
 """m that a surface may be above or below the contact plane to be what the object stands on."""
 _ABOVE = 0.01
@@ -29,39 +32,73 @@ _RISE = 0.005
 """m above a surface, what rises higher is a thing that stands there."""
 _BESIDE = 0.015
 """m beside such a thing, the end of a surface is taken for one that the thing stands at."""
-_LONG = 2.0
-"""Times as long as wide is what of a thing lies in a cell, where it shows a direction."""
 _AROUND = 0.03
-"""m around the end of a surface, of whose other ends it takes its direction."""
-_STRAIGHT = 0.25
+"""m around what is the end of a surface or of a thing, of whose like it takes its direction."""
+_STRAIGHT = 0.2
 """Share of how far these spread along it that they may spread across."""
 
 
+_NEIGHBOURS = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)]
+
+
+class _Group(NamedTuple):
+    """Those of some poses that stand on one contact plane with something around them.
+
+    Attributes:
+        rows: (n,) which.
+        face: (n,) indices of what they stand on, and (n, 2) `middle`, its middle seen from above.
+        slope: of the plane.
+        tree: places (m, 2) around, and (m,) `known`, what is known of each.
+    """
+
+    rows: Index
+    face: Index
+    middle: Array
+    slope: Slope
+    tree: cKDTree
+    known: Array
+
+
 class _Beside:
-    """What both terms know of the pose: the plane that it stands on, and its footprint."""
+    """What both terms know of poses: the planes that they stand on, and their footprints."""
 
     def __init__(self, context: ObjectiveContext) -> None:
         self._standing = Standing(context)
         self._environment = context.environment
-        self._faces = context.body.faces
         self._size = float(np.linalg.norm(np.ptp(context.body.vertices, axis=0)))
         self._tables: dict[tuple[int, int], tuple[cKDTree | None, Array]] = {}
 
-    def _planes(self, T: Array) -> tuple[Index, Index, Array]:
-        """(n,) faces, slopes and heights of the contact planes above x = y = 0 at poses
-        (n, 4, 4)."""
-        stood = self._standing.at(T)
-        middle = self._standing.middles[stood.face]
-        place = np.einsum("nij,nj->ni", T[:, :3, :3], middle) + T[:, :3, 3]
-        slope = self._standing.slopes[stood.slope]
-        return stood.face, stood.slope, place[:, 2] - (place[:, :2] * slope).sum(axis=1)
+    def _groups(self, T: Array) -> Iterator[_Group]:
+        """Of poses (n, 4, 4), a few hundred at a time; what has nothing around is left out."""
+        for start in range(0, len(T), _AT_ONCE):
+            part = T[start : start + _AT_ONCE]
+            stood = self._standing.at(part)
+            at = np.einsum("nij,nj->ni", part[:, :3, :3], self._standing.middles[stood.face])
+            at += part[:, :3, 3]
+            slopes = self._standing.slopes[stood.slope]
+            level = np.round((at[:, 2] - (at[:, :2] * slopes).sum(axis=1)) / _SAME)
+            planes = np.column_stack([stood.slope, level]).astype(np.int64)
+            for slope, height in sorted(set(map(tuple, planes.tolist()))):
+                tree, known = self._table(slope, height)
+                if tree is None:
+                    continue
+                of = np.flatnonzero((planes == (slope, height)).all(axis=1))
+                along = self._slope(slope)
+                yield _Group(start + of, stood.face[of], at[of, :2], along, tree, known)
 
-    def _table(self, slope: int, height: float) -> tuple[cKDTree | None, Array]:
-        """Places around a contact plane as a tree, and what is known of each."""
-        key = slope, round(height / _SAME)
+    def _slope(self, slope: int) -> Slope:
+        along = self._standing.slopes[slope]
+        return float(along[0]), float(along[1])
+
+    def _table(self, slope: int, level: int) -> tuple[cKDTree | None, Array]:
+        """Places around a contact plane as a tree, and what is known of each.
+
+        Args:
+            level: its height above x = y = 0, in units of `_SAME`.
+        """
+        key = slope, level
         if key not in self._tables:
-            along = self._standing.slopes[slope]
-            places, known = self._places((float(along[0]), float(along[1])), height)
+            places, known = self._places(self._slope(slope), level * _SAME)
             self._tables[key] = (cKDTree(places) if len(places) else None), known
         return self._tables[key]
 
@@ -101,41 +138,44 @@ class Edge(_Beside):
     ends: ClassVar = (0.0, 0.2)
     dear: ClassVar = True
 
+    def __init__(self, context: ObjectiveContext) -> None:
+        super().__init__(context)
+        self._corners = padded([face.vertices for face in context.body.faces])  # (|F|, k, 3)
+
     def values(self, T_world_object: Array) -> Array:
         """(n,) at poses (n, 4, 4)."""
-        faces, slopes, heights = self._planes(T_world_object)
-        result = np.full(len(faces), self.ends[1])
-        for n, T in enumerate(T_world_object):
-            tree, _ = self._table(int(slopes[n]), float(heights[n]))
-            if tree is None:
-                continue
-            feet = self._faces[int(faces[n])].vertices @ T[:3, :3].T + T[:3, 3]
-            middle = feet[:, :2].mean(axis=0)
-            radius = float(np.linalg.norm(feet[:, :2] - middle, axis=1).max())
-            nearest, _ = tree.query(middle)
-            if nearest >= self.ends[1] + radius:
-                continue
-            near = tree.data[tree.query_ball_point(middle, nearest + radius)]
-            along = self._standing.slopes[slopes[n]]
-            trim = self._environment.support_of((float(along[0]), float(along[1]))).trim
-            distance = _from_polygon(near, feet[:, :2]) - trim
-            result[n] = min(max(distance, 0.0), self.ends[1])
+        result = np.full(len(T_world_object), self.ends[1])
+        for group in self._groups(T_world_object):
+            feet = self._feet(group, T_world_object)
+            nearest, _ = group.tree.query(group.middle)
+            near = group.tree.query_ball_point(group.middle, nearest + _radius(group, feet))
+            numbers = np.array([len(points) for points in near])
+            points = group.tree.data[np.concatenate(near).astype(np.int64)]
+            away = _from_polygons(points, np.repeat(feet, numbers, axis=0))
+            least = np.minimum.reduceat(away, np.cumsum(numbers) - numbers)
+            result[group.rows] = self._trimmed(group, least)
         return result
 
-    def upper(self, T_world_object: Array) -> Array:
-        """(n,) the distance of the middle of what it stands on, which is no nearer."""
-        faces, slopes, heights = self._planes(T_world_object)
-        middle = self._standing.middles[faces]
-        place = np.einsum("nij,nj->ni", T_world_object[:, :2, :3], middle)
-        place += T_world_object[:, :2, 3]
-        result = np.full(len(faces), self.ends[1])
-        keys = np.column_stack([slopes, np.round(heights / _SAME)])
-        for key in np.unique(keys, axis=0):
-            rows = np.flatnonzero((keys == key).all(axis=1))
-            tree, _ = self._table(int(key[0]), float(heights[rows[0]]))
-            if tree is not None:
-                result[rows] = np.minimum(tree.query(place[rows])[0], self.ends[1])
-        return result
+    def bounds(self, T_world_object: Array) -> tuple[Array, Array]:
+        """(n,) each: no end is nearer to the middle of what it stands on than to all of it, by no
+        more than its radius."""
+        low, high = (np.full(len(T_world_object), self.ends[1]) for _ in range(2))
+        for group in self._groups(T_world_object):
+            nearest, _ = group.tree.query(group.middle)
+            radius = _radius(group, self._feet(group, T_world_object))
+            low[group.rows] = self._trimmed(group, nearest - radius)
+            high[group.rows] = self._trimmed(group, nearest)
+        return low, high
+
+    def _feet(self, group: _Group, T: Array) -> Array:
+        """(n, k, 2) the corners of what they stand on, seen from above."""
+        T = T[group.rows]
+        corners = self._corners[group.face] @ T[:, :2, :3].transpose(0, 2, 1)
+        return np.asarray(corners + T[:, None, :2, 3])
+
+    def _trimmed(self, group: _Group, distances: Array) -> Array:
+        trim = self._environment.support_of(group.slope).trim
+        return np.clip(distances - trim, *self.ends)
 
     def _places(self, slope: Slope, height: float) -> tuple[Array, Array]:
         ends = self._ends(slope, height)
@@ -146,9 +186,9 @@ class Aligned(_Beside):
     """aligned: minus the angle between the longest edge of what the object stands on, or what is
     square to it, and the nearest wall, end of its support or thing beside it, radians; 0 to -π/4.
 
-    Nearest is what is nearest to the middle of its side, of all whose direction shows: things that
-    reach between 1 cm above the contact plane and the object's size above it, by the boxes that
-    their points fill, and ends by those within 3 cm around. Where there is nothing, 0.
+    Nearest is what is nearest to the middle of its side, of all whose direction shows in what lies
+    within 3 cm around: outlines, seen from above, of things that reach between 1 cm above the
+    contact plane and the object's size above it, and ends. Where there is nothing, 0.
     """
 
     unit: ClassVar = "rad"
@@ -156,20 +196,21 @@ class Aligned(_Beside):
     ends: ClassVar = (-0.25 * math.pi, 0.0)
     dear: ClassVar = True
 
+    def __init__(self, context: ObjectiveContext) -> None:
+        super().__init__(context)
+        faces = context.body.faces
+        self._along = np.array([face.T_face_object.rotation[0] for face in faces]).reshape(-1, 3)
+
     def values(self, T_world_object: Array) -> Array:
         """(n,) at poses (n, 4, 4)."""
-        faces, slopes, heights = self._planes(T_world_object)
-        result = np.zeros(len(faces))
-        for n, T in enumerate(T_world_object):
-            tree, directions = self._table(int(slopes[n]), float(heights[n]))
-            if tree is None:
-                continue
-            face = int(faces[n])
-            middle = T[:2, :3] @ self._standing.middles[face] + T[:2, 3]
-            along = T[:3, :3] @ self._faces[face].T_face_object.rotation[0]
-            _, nearest = tree.query(middle)
-            off = math.atan2(along[1], along[0]) - float(directions[nearest])
-            result[n] = -abs(math.remainder(off, 0.5 * math.pi))
+        result = np.zeros(len(T_world_object))
+        for group in self._groups(T_world_object):
+            turned = T_world_object[group.rows, :2, :3]
+            along = np.einsum("nij,nj->ni", turned, self._along[group.face])
+            _, nearest = group.tree.query(group.middle)
+            off = np.arctan2(along[:, 1], along[:, 0]) - group.known[nearest]
+            quarter = 0.5 * math.pi
+            result[group.rows] = -np.abs(off - quarter * np.round(off / quarter))
         return result
 
     def _places(self, slope: Slope, height: float) -> tuple[Array, Array]:
@@ -178,38 +219,62 @@ class Aligned(_Beside):
         middle = 0.5 * (low + high)
         plane = height + middle[:, :2] @ np.array(slope)
         beside = (high[:, 2] > plane + _ABOVE) & (low[:, 2] < plane + self._size)
-        cos, sin, x0, x1, y0, y1 = measured.outline[beside].astype(np.float64).T
-        long, wide = np.maximum(x1 - x0, y1 - y0), np.minimum(x1 - x0, y1 - y0)
-        shows = (long > _LONG * wide) & (long > 0.3 * measured.cell_size)
-        direction = np.arctan2(sin, cos)
-        ends = self._ends(slope, height)
-        straight, along = _directions(ends)
-        places = np.concatenate([middle[beside, :2][shows], ends[straight]])
-        return places, np.concatenate([direction[shows], along[straight]])
+        things = _borders(middle[beside, :2], measured.cell_size)
+        places, directions = zip(
+            *(_straight(each) for each in (things, self._ends(slope, height))), strict=True
+        )
+        return np.concatenate(places), np.concatenate(directions)
 
 
-def _directions(ends: Array) -> tuple[Mask, Array]:
-    """(n,) whether points (n, 2) lie in line with those around them, and (n,) along which angle."""
-    straight, along = np.zeros(len(ends), np.bool_), np.zeros(len(ends))
-    if not len(ends):
-        return straight, along
-    tree = cKDTree(ends)
-    for n, near in enumerate(tree.query_ball_point(ends, _AROUND)):
-        off = ends[near] - ends[near].mean(axis=0)
-        sizes, axes = np.linalg.eigh(off.T @ off)
-        straight[n] = len(near) >= 4 and sizes[0] < _STRAIGHT**2 * sizes[1]
-        along[n] = math.atan2(axes[1, 1], axes[0, 1])
-    return straight, along
+def _borders(points: Array, cell_size: float) -> Array:
+    """(m, 2) means of the points (n, 2) of each square of a grid that has one without beside it."""
+    squares = np.floor(points / cell_size).astype(np.int64)
+    squares, of, numbers = np.unique(squares, axis=0, return_inverse=True, return_counts=True)
+    filled = set(map(tuple, squares.tolist()))
+    border = [
+        any((x + i, y + j) not in filled for i, j in _NEIGHBOURS) for x, y in squares.tolist()
+    ]
+    sums = np.zeros((len(squares), 2))
+    np.add.at(sums, of.reshape(-1), points)
+    return np.asarray((sums / numbers[:, None])[np.array(border, np.bool_)])
 
 
-def _from_polygon(points: Array, corners: Array) -> float:
-    """The least distance of points (n, 2) from a convex polygon of corners (k, 2) in order."""
-    following = np.roll(corners, -1, axis=0)
-    edges = following - corners
-    lengths = np.maximum((edges * edges).sum(axis=1), 1e-18)
+def _straight(points: Array) -> tuple[Array, Array]:
+    """Of points (n, 2) those (m, 2) of an end or outline that is straight there, and along which
+    angle (m,): that of the one around which it is straightest, so that corners take a side's."""
+    if not len(points):
+        return points, np.zeros(0)
+    pairs = cKDTree(points).query_pairs(_AROUND, output_type="ndarray")
+    own = np.arange(len(points))
+    at, other = np.concatenate([np.stack([own, own]), pairs.T, pairs.T[::-1]], axis=1)
+    off = points[other] - points[at]
+    x, y = off.T
+    of_each = np.ones(len(at)), x, y, x * x, x * y, y * y
+    sums = np.array([np.bincount(at, each, len(points)) for each in of_each], dtype=np.float64)
+    number, sx, sy, sxx, sxy, syy = sums
+    sxx, sxy, syy = sxx - sx * sx / number, sxy - sx * sy / number, syy - sy * sy / number
+    middle, half = 0.5 * (sxx + syy), np.hypot(0.5 * (sxx - syy), sxy)
+    bent = np.where(number >= 4, (middle - half) / np.maximum(middle + half, 1e-12), math.inf)
+    order = np.lexsort((bent[other], at))
+    best = other[order][np.searchsorted(at[order], own)]
+    in_line = bent[best] < _STRAIGHT**2
+    return points[in_line], 0.5 * np.arctan2(2.0 * sxy, sxx - syy)[best][in_line]
+
+
+def _radius(group: _Group, feet: Array) -> Array:
+    """(n,) how far from their middles the corners (n, k, 2) are at most."""
+    return np.asarray(np.linalg.norm(feet - group.middle[:, None], axis=2).max(axis=1))
+
+
+def _from_polygons(points: Array, corners: Array) -> Array:
+    """(n,) distance of each of the points (n, 2) from its own convex polygon, of corners (n, k, 2)
+    in order; 0 inside."""
+    edges = np.roll(corners, -1, axis=1) - corners
+    lengths = np.maximum((edges * edges).sum(axis=2), 1e-18)
     off = points[:, None] - corners
     share = np.clip((off * edges).sum(axis=2) / lengths, 0.0, 1.0)
-    distance = np.linalg.norm(off - share[..., None] * edges, axis=2).min(axis=1)
-    across = edges[:, 0] * off[..., 1] - edges[:, 1] * off[..., 0]
+    away = off - share[..., None] * edges
+    distance = np.sqrt((away * away).sum(axis=2).min(axis=1))
+    across = edges[..., 0] * off[..., 1] - edges[..., 1] * off[..., 0]
     inside = (across >= 0.0).all(axis=1) | (across <= 0.0).all(axis=1)
-    return float(np.where(inside, 0.0, distance).min(initial=math.inf))
+    return np.where(inside, 0.0, distance)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +25,14 @@ class Stood:
 
     face: Index
     slope: Index
+
+
+def padded(rows: Sequence[Array]) -> Array:
+    """(n, k, m) of n arrays of at most k rows each, (≤ k, m), whose last row stands for what is
+    lacking."""
+    most = max((len(each) for each in rows), default=0)
+    each_of = [each[np.minimum(np.arange(most), len(each) - 1)] for each in rows]
+    return np.array(each_of).reshape(len(rows), most, -1)
 
 
 class Standing:

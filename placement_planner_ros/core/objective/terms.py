@@ -15,7 +15,7 @@ from scipy.spatial import ConvexHull, QhullError
 from placement_planner_ros.core.body.contact_points import contact_points
 from placement_planner_ros.core.objective.clearance import Clearance
 from placement_planner_ros.core.objective.objective import ObjectiveContext
-from placement_planner_ros.core.objective.standing import Standing
+from placement_planner_ros.core.objective.standing import Index, Standing, padded
 from placement_planner_ros.core.scene.distance import CAP
 from placement_planner_ros.core.types import Array
 
@@ -61,8 +61,19 @@ class SmoothTerm(Protocol):
 class BoundedTerm(Protocol):
     """A term of which more is known for less than its value takes."""
 
-    def upper(self, T_world_object: Array) -> Array:
-        """(n,) what the values at poses (n, 4, 4) are not above."""
+    def bounds(self, T_world_object: Array) -> tuple[Array, Array]:
+        """(n,) what the values at poses (n, 4, 4) are not below, and (n,) not above."""
+        ...
+
+
+@runtime_checkable
+class SlowTerm(Protocol):
+    """A term that is known to change little from a pose to those around it."""
+
+    def most_around(self, T_world_object: Array, away: Array, turn: Array, rise: Array) -> Array:
+        """(n,) what it is at most at all poses that are reached from (n, 4, 4) within the planes
+        they stand on, with the origin no more than (n,) `away` from where it was, m, turned by no
+        more than (n,) `turn`, rad, and what it stands on no more than (n,) `rise` higher, m."""
         ...
 
 
@@ -94,6 +105,10 @@ class Near:
         away = T_world_object[:, :3, 3] - self._target
         return np.asarray(-np.sqrt((away * away).sum(axis=1)))
 
+    def most_around(self, T_world_object: Array, away: Array, turn: Array, rise: Array) -> Array:
+        """(n,) by the distance that is left."""
+        return np.minimum(self.values(T_world_object) + away, 0.0)
+
     def gradient(self, T_world_object: pin.SE3) -> Array:
         """(3,); nothing where it is there."""
         away = T_world_object.translation - self._target
@@ -121,6 +136,10 @@ class Turn:
         chord = np.sqrt((apart * apart).sum(axis=(1, 2)) / 8.0)
         return np.asarray(-2.0 * np.arcsin(np.minimum(chord, 1.0)))
 
+    def most_around(self, T_world_object: Array, away: Array, turn: Array, rise: Array) -> Array:
+        """(n,) by the angle that is left."""
+        return np.minimum(self.values(T_world_object) + turn, 0.0)
+
     def gradient(self, T_world_object: pin.SE3) -> Array:
         """(3,); only turning changes it."""
         off = pin.log3(T_world_object.rotation @ self._target.T)
@@ -138,12 +157,18 @@ class High:
 
     def __init__(self, context: ObjectiveContext) -> None:
         self._standing = Standing(context)
+        self._size = float(np.linalg.norm(np.ptp(context.body.vertices, axis=0)))
 
     def values(self, T_world_object: Array) -> Array:
         """(n,) at poses (n, 4, 4)."""
         middle = self._standing.middles[self._standing.at(T_world_object).face]
         up = (T_world_object[:, 2, :3] * middle).sum(axis=1)
         return np.asarray(up + T_world_object[:, 2, 3])
+
+    def most_around(self, T_world_object: Array, away: Array, turn: Array, rise: Array) -> Array:
+        """(n,); what it stands on may be away from its reference point, too, on a slope."""
+        sloping = np.where(rise > 0.0, self._size, 0.0)
+        return self.values(T_world_object) + rise + sloping
 
 
 class Stance:
@@ -162,23 +187,26 @@ class Stance:
         self._environment = context.environment
         self._tolerance = context.contact_tolerance
         self.dear = context.support == "polygon"
-        self._rotations, self._heights, self._contacts, self._hulls = [], [], [], []
+        self._contacts: list[tuple[Array, pin.SE3]] = []
+        rotations, heights, hulls = [], [], []
         for face in context.body.faces:
             over = face.over(context.body.center_of_mass)
             T = over.T_face_object
-            self._rotations.append(T.rotation)
-            self._heights.append(float(T.act(context.body.center_of_mass)[2]))
+            rotations.append(T.rotation)
+            heights.append(float(T.act(context.body.center_of_mass)[2]))
             feet = (face.vertices @ T.rotation.T + T.translation)[:, :2]
             if self.dear:
                 feet = contact_points(context.body, over).points
                 self._contacts.append((feet, T.inverse()))
-            self._hulls.append(_edges(feet))
+            hulls.append(_edges(feet))
+        self._rotations, self._heights = np.array(rotations).reshape(-1, 3, 3), np.array(heights)
+        self._hulls = padded(hulls)  # (|F|, k, 3)
 
     def values(self, T_world_object: Array) -> Array:
         """(n,) at poses (n, 4, 4)."""
-        if not self.dear:
-            return self.upper(T_world_object)
         stood = self._standing.at(T_world_object)
+        if not self.dear:
+            return self._tips(stood.face, self._hulls[stood.face], T_world_object)
         result = np.empty(len(T_world_object))
         for n, T in enumerate(T_world_object):
             face, slope = int(stood.face[n]), self._standing.slopes[stood.slope[n]]
@@ -187,33 +215,33 @@ class Stance:
             placed = points @ T[:3, :3].T + T[:3, 3]
             support = self._environment.support_of((float(slope[0]), float(slope[1])))
             carried = feet[support.supported(placed, self._tolerance)]
-            result[n] = self._tips(face, _edges(carried), T[None])[0]
+            result[n] = self._tips(stood.face[n : n + 1], _edges(carried)[None], T[None])[0]
         return result
 
-    def upper(self, T_world_object: Array) -> Array:
-        """(n,) with all of the side supported."""
-        stood = self._standing.at(T_world_object)
-        result = np.empty(len(T_world_object))
-        for face in np.unique(stood.face).tolist():
-            rows = stood.face == face
-            result[rows] = self._tips(face, self._hulls[face], T_world_object[rows])
-        return result
+    def bounds(self, T_world_object: Array) -> tuple[Array, Array]:
+        """(n,) each: at most what it is with all of the side supported."""
+        face = self._standing.at(T_world_object).face
+        most = self._tips(face, self._hulls[face], T_world_object)
+        return np.full(len(most), self.ends[0]), most
 
-    def _tips(self, face: int, edges: Array, T: Array) -> Array:
-        """(n,) least angle over the edges (k, 3) of what carries it, at poses (n, 4, 4)."""
-        if not len(edges):
-            return np.full(len(T), self.ends[0])
-        ups = T[:, 2, :3] @ self._rotations[face].T  # against gravity, in the face's frame
-        firm = np.arctan2(edges[:, 2], self._heights[face])
-        lean = np.arctan2(ups[:, :2] @ edges[:, :2].T, ups[:, 2:])
+    def most_around(self, T_world_object: Array, away: Array, turn: Array, rise: Array) -> Array:
+        """(n,); on a slope it depends on the turn by how much gravity is aside."""
+        most = self.bounds(T_world_object)[1]
+        return np.where(rise > 0.0, self.ends[1], most)
+
+    def _tips(self, face: Index, edges: Array, T: Array) -> Array:
+        """(n,) least angle over the edges (n, k, 3) of what carries it, at poses (n, 4, 4)."""
+        ups = np.einsum("nij,nj->ni", self._rotations[face], T[:, 2, :3])  # in the face's frame
+        firm = np.arctan2(edges[..., 2], self._heights[face, None])
+        lean = np.arctan2(np.einsum("nki,ni->nk", edges[..., :2], ups[:, :2]), ups[:, 2:])
         return np.asarray((firm - lean).min(axis=1))
 
 
 def _edges(points: Array) -> Array:
     """(k, 3) inward normal of each edge of the hull of (m, 2) points about the foot of the centre
-    of mass, and how far inside that is; none where they are in line."""
+    of mass, and how far inside that is; where they are in line it falls over any."""
     try:
         hull = ConvexHull(points).equations
     except (QhullError, ValueError):
-        return np.zeros((0, 3))
+        return np.array([[0.0, 0.0, -math.inf]])
     return np.asarray(-hull)

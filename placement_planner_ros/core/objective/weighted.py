@@ -6,16 +6,15 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.objective.beside import Aligned, Edge
+from placement_planner_ros.core.objective.estimates import LearnedEstimates
 from placement_planner_ros.core.objective.objective import (
     EstimatedObjective,
     Objective,
     ObjectiveContext,
-    estimate_batch,
     evaluate_batch,
     gradient,
     moved,
@@ -45,12 +44,10 @@ BUILT_IN: dict[str, Callable[[ObjectiveContext], Term]] = {
 """Terms by name."""
 _STEPS = np.array([1e-3, 1e-3, 5e-3])
 """m, m and rad of the differences that gradients are taken from."""
-_COMPARISONS = 128
-"""Poses of which a term is both estimated and computed, to learn how good its estimates are."""
-_ERROR_RESERVE = 1.5
-"""Estimates are taken to be off by at most so many times the largest error seen."""
 _ROUNDING = 1e-9
 """By so much a required term may be too low."""
+_UNASKED = 1e3
+"""Scales that a dear term counts as too low by where it was not asked."""
 
 
 class PlugInTerm:
@@ -82,28 +79,22 @@ class _Part:
 
     def __init__(self, term: Term, factor: float) -> None:
         self.term, self.factor = term, factor
-        self._error, self._compared = 0.0, 0
+        self._estimates = LearnedEstimates(term) if isinstance(term, EstimatedObjective) else None
 
     def most(self, T: Array) -> Array:
         """(n,) what it adds at most at poses (n, 4, 4)."""
-        ends = np.array(self.term.ends)
-        if self.factor > 0.0 and isinstance(self.term, BoundedTerm):
-            return np.asarray(self.factor * self.term.upper(T))
-        most = float((self.factor * ends).max()) if self.factor else 0.0
-        return np.full(len(T), most)
+        if not self.factor:
+            return np.zeros(len(T))
+        if isinstance(self.term, BoundedTerm):
+            return np.asarray(self.factor * self.term.bounds(T)[int(self.factor > 0.0)])
+        return np.full(len(T), (self.factor * np.array(self.term.ends)).max())
 
     def estimated_most(self, T: Array) -> Array | None:
-        """(n,) the same, learned of estimates; None where it has none, or too little is known."""
-        if not isinstance(self.term, EstimatedObjective):
+        """(n,) the same by its estimates; None where it has none."""
+        if self._estimates is None:
             return None
-        estimates = estimate_batch(self.term, T)
-        if self._compared < _COMPARISONS:
-            off = np.abs(self.term.values(T) - estimates)
-            self._compared += len(T)
-            self._error = max(self._error, float(off.max(initial=0.0)))
-            return None
-        reserve = abs(self.factor) * _ERROR_RESERVE * self._error
-        return np.asarray(self.factor * estimates + reserve)
+        values, off = self._estimates.about(T)
+        return self.factor * values + abs(self.factor) * (off or 0.0)
 
     def gradient(self, x: pin.SE3, slope: Slope) -> Array:
         """(3,) of what it adds, within a plane of that slope."""
@@ -195,6 +186,9 @@ class Requirements:
 
     Args:
         make: makes the term of a name.
+
+    Attributes:
+        terms_asked: each by its name, and what it must reach.
     """
 
     def __init__(
@@ -202,37 +196,35 @@ class Requirements:
     ) -> None:
         wishes = context.wishes
         wishes.require_consistent()
-        made = [
+        self.terms_asked = tuple(
             (name, make(name, context), least)
             for name, least in zip(wishes.required, wishes.at_least, strict=True)
-        ]
-        self._terms = sorted(made, key=lambda each: each[1].dear)
+        )
 
     @property
     def at_least(self) -> dict[str, float]:
         """What each must reach, by its name."""
-        return {name: least for name, _, least in self._terms}
-
-    def kept(self, T_world_object: Array) -> npt.NDArray[np.bool_]:
-        """(n,) whether all are reached at poses (n, 4, 4)."""
-        kept = np.ones(len(T_world_object), np.bool_)
-        for _, term, least in self._terms:
-            rows = np.flatnonzero(kept)
-            if len(rows):
-                kept[rows] = term.values(T_world_object[rows]) >= least - _ROUNDING
-        return kept
+        return {name: least for name, _, least in self.terms_asked}
 
     def lacking(self, T_world_object: Array) -> Array:
-        """(n,) by how many of their scales all together are too low at poses (n, 4, 4)."""
+        """(n,) by how many of their scales all together are too low at poses (n, 4, 4); 0 where all
+        are reached. Dear ones are asked only where the others are; elsewhere they count as
+        `_UNASKED`."""
         total = np.zeros(len(T_world_object))
-        for _, term, least in self._terms:
-            total += np.maximum(least - term.values(T_world_object), 0.0) / term.scale
+        for dear in (False, True):
+            rows = np.flatnonzero(total == 0.0)
+            terms = [(term, least) for _, term, least in self.terms_asked if term.dear == dear]
+            if dear and terms:
+                total[total > 0.0] += _UNASKED
+            for term, least in terms if len(rows) else ():
+                short = least - term.values(T_world_object[rows])
+                total[rows] += np.where(short > _ROUNDING, short, 0.0) / term.scale
         return total
 
     def terms(self, T_world_object: pin.SE3) -> dict[str, float]:
         """The value of each by its name, in its own unit."""
         T = T_world_object.homogeneous[None]
-        return {name: float(term.values(T)[0]) for name, term, _ in self._terms}
+        return {name: float(term.values(T)[0]) for name, term, _ in self.terms_asked}
 
     def broken(self, T_world_object: pin.SE3) -> list[str]:
         """The names of those that are too low."""

@@ -12,6 +12,7 @@ from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.reach.reach_bound import ReachBound
 from placement_planner_ros.core.sample_goals.placed_cells import PlacedCells
+from placement_planner_ros.core.sample_goals.required_bounds import RequiredBound
 from placement_planner_ros.core.sample_goals.support_bounds import SupportBound
 from placement_planner_ros.core.search.pruning import Ruling
 from placement_planner_ros.core.types import Array
@@ -53,11 +54,14 @@ class _Reach:
 
 
 class BranchBounds:
-    """`CellBounds` of one problem: reach and support.
+    """`CellBounds` of one problem: reach, support and what is required.
 
     Args:
-        poses: s(x), of one problem.
+        poses: s(x) and what is required, of one problem.
         holdings: every arm with every grasp that may be used.
+
+    Attributes:
+        required: what of that is known of whole cells.
     """
 
     def __init__(
@@ -67,11 +71,13 @@ class BranchBounds:
     ) -> None:
         self._reach = _Reach(poses.problem.body, holdings)
         self._support = SupportBound(poses)
+        self.required = RequiredBound(poses)
 
     def rulings(self, cells: Array) -> npt.NDArray[np.int64]:
         """(n,) `Ruling` of each of the (n, 10) cells."""
         placed = PlacedCells(cells)
         result = np.full(len(cells), Ruling.OPEN, dtype=np.int64)
+        result[self.required.lacking(placed)] = Ruling.BREAKS_RULE
         result[self._support.unsupported(placed)] = Ruling.UNSUPPORTED
         result[self._reach.out_of_reach(placed)] = Ruling.OUT_OF_REACH
         return result

@@ -26,7 +26,7 @@ class PlacedCells:
         self.height = cells[:, Z]
         self.slope = cells[:, [SLOPE, SLOPE + 1]]
         angle = 0.5 * (cells[:, ANGLE] + cells[:, ANGLE + 1])
-        half_angle = np.minimum(0.5 * (cells[:, ANGLE + 1] - cells[:, ANGLE]), np.pi)
+        self.half_turn = np.minimum(0.5 * (cells[:, ANGLE + 1] - cells[:, ANGLE]), np.pi)
         cos, sin = np.cos(angle), np.sin(angle)
         self._turned = np.zeros((len(cells), 3, 3))
         self._turned[:, 0, 0] = self._turned[:, 1, 1] = cos
@@ -35,10 +35,16 @@ class PlacedCells:
         if self.slope.any():
             self._turned = upright(self.slope) @ self._turned
         # how far a point at distance 1 from the normal through c is from its middle at most
-        self.turn = 2.0 * np.sin(0.5 * half_angle)
+        self.turn = 2.0 * np.sin(0.5 * self.half_turn)
         self.rise = (np.abs(self.slope) * self.half).sum(axis=1)
         rises = np.hypot(self.slope[:, 0], self.slope[:, 1])
         self.steep = rises / np.sqrt(1.0 + rises * rises)
+
+    def poses(self, T_face_object: Array) -> Array:
+        """(n, 4, 4) T_world_object at the middle of each cell, of fT_o (|F|, 4, 4)."""
+        T = np.tile(np.eye(4), (len(self.face), 1, 1))
+        T[:, :3, :3], T[:, :3, 3] = self._turned, self.contact
+        return np.asarray(T @ T_face_object[self.face])
 
     def middles(self, points: Array) -> Array:
         """(n, m, 3) points (n, m, 3) of the face frame at the middle of each cell."""

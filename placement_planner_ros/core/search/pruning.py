@@ -27,6 +27,8 @@ class Ruling(enum.IntEnum):
     """At every pose the object is out of reach of every arm in every grasp."""
     UNSUPPORTED = 2
     """At every pose a vertex of v(f) has no support, or the centre of mass is outside V."""
+    BREAKS_RULE = 3
+    """At every pose a term that is required is too low."""
 
 
 class CellBounds(Protocol):
@@ -89,7 +91,8 @@ class Remainder:
 
     @property
     def cause(self) -> Cause:
-        """The one cause of all that was ruled out; NO_SOLUTION where there are several."""
+        """The one cause of all that was ruled out; NO_SOLUTION where there are several, or a rule
+        of users is to blame."""
         if len(self.rulings) != 1:
             return Cause.NO_SOLUTION
-        return Cause[next(iter(self.rulings)).name]
+        return Cause.__members__.get(next(iter(self.rulings)).name, Cause.NO_SOLUTION)

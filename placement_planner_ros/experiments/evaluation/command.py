@@ -42,6 +42,7 @@ from placement_planner_ros.experiments.scaling.runs import (
     scaling_key,
 )
 from placement_planner_ros.experiments.variants import PAPER_VARIANTS, VARIANTS
+from placement_planner_ros.experiments.wishes.command import add_wishes_command
 from placement_planner_ros.experiments.yardstick.dense_search import (
     YardstickJob,
     describe_yardstick,
@@ -123,6 +124,8 @@ def add_evaluation_commands(commands: Any) -> None:
     scaling.add_argument("--seconds", type=float, default=20.0, help="processor time of a run")
     add_job_options(scaling, _FOLDER)
     scaling.set_defaults(command_function=_run_scaling)
+
+    add_wishes_command(commands)
 
     report = commands.add_parser("report", help="figures and tables of recorded runs")
     report.add_argument("folder", type=Path, help="what paper and yardstick wrote to")

@@ -1,4 +1,5 @@
-"""What RViz shows of a run: target volume, regions, the placed object and the arm's path."""
+"""What RViz shows of a run: target volume, what is kept out of, regions, the placed object and the
+arm's path."""
 
 from __future__ import annotations
 
@@ -17,6 +18,7 @@ from placement_planner_ros.core.types import Array, TargetVolume
 from placement_planner_ros.ros.outputs.conversions import pose_message
 
 _VOLUME = ColorRGBA(r=0.2, g=0.4, b=0.9, a=0.12)
+_KEEP_OUT = ColorRGBA(r=0.9, g=0.1, b=0.1, a=0.25)
 _REGION = ColorRGBA(r=0.2, g=0.7, b=0.3, a=0.6)
 _OBJECT = ColorRGBA(r=0.9, g=0.5, b=0.1, a=0.9)
 _PATH = ColorRGBA(r=0.8, g=0.1, b=0.5, a=1.0)
@@ -30,23 +32,17 @@ def no_markers() -> MarkerArray:
 
 
 def scene_markers(
-    frame: str, stamp: Time, volume: TargetVolume, regions: Iterable[Region]
+    frame: str, stamp: Time, volume: TargetVolume, keep_out: Array, regions: Iterable[Region]
 ) -> list[Marker]:
-    """What stays the same over a run: V and R."""
+    """What stays the same over a run: V, what is kept out of, and R.
+
+    Args:
+        keep_out: (k, 2, 3) corners of boxes.
+    """
     header = Header(frame_id=frame, stamp=stamp)
     return [
-        *(
-            Marker(
-                header=header,
-                ns="target_volume",
-                id=number,
-                type=Marker.CUBE,
-                pose=pose_message(pin.SE3(np.eye(3), (lower + upper) / 2)),
-                scale=_vector(upper - lower),
-                color=_VOLUME,
-            )
-            for number, (lower, upper) in enumerate(volume.boxes)
-        ),
+        *_boxes(header, "target_volume", volume.boxes, _VOLUME),
+        *_boxes(header, "keep_out", keep_out, _KEEP_OUT),
         _triangles(header, "regions", _region_corners(regions), pin.SE3.Identity(), _REGION),
     ]
 
@@ -72,6 +68,22 @@ def placement_markers(
             color=_PATH,
             points=_points(path),
         ),
+    ]
+
+
+def _boxes(header: Header, ns: str, boxes: Array, color: ColorRGBA) -> list[Marker]:
+    """One marker for each of (k, 2, 3) corners."""
+    return [
+        Marker(
+            header=header,
+            ns=ns,
+            id=number,
+            type=Marker.CUBE,
+            pose=pose_message(pin.SE3(np.eye(3), (lower + upper) / 2)),
+            scale=_vector(upper - lower),
+            color=color,
+        )
+        for number, (lower, upper) in enumerate(boxes)
     ]
 
 

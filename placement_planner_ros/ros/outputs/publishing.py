@@ -22,6 +22,7 @@ from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray
 
 from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.scene.keep_out import boxes_of, cut
 from placement_planner_ros.core.types import Array, Placement, Trajectory
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 from placement_planner_ros.ros.outputs.answers import shown
@@ -48,7 +49,7 @@ class Outputs:
         self._lock = threading.Lock()
         self._last_stamp = 0
         self._scene: list[Marker] = []
-        self._drawn: Environment | None = None
+        self._drawn: tuple[Environment, list[float]] | None = None
         self._undrawn: tuple[Snapshot, Environment, float] | None = None
 
         def publisher(kind: type, topic: str, qos: QoSProfile | int) -> Publisher:
@@ -111,10 +112,12 @@ class Outputs:
         obstacles = environment.obstacles
         centres = (obstacles.lower + obstacles.upper) / 2
         self._occupancy.publish(message_from_points(centres, header))
-        if self._drawn is not environment:
-            volume = snapshot.parameters.volume
-            self._scene = scene_markers(snapshot.frame, stamp, volume, environment.regions)
-            self._drawn = environment
+        volume, keep_out = snapshot.parameters.volume, snapshot.parameters["keep_out"]
+        if self._drawn is None or self._drawn[0] is not environment or self._drawn[1] != keep_out:
+            boxes = boxes_of(keep_out)
+            regions = cut(environment.regions, boxes) if keep_out else environment.regions
+            self._scene = scene_markers(snapshot.frame, stamp, volume, boxes, regions)
+            self._drawn = environment, keep_out
         self._markers.publish(MarkerArray(markers=self._scene))
 
     def solution(

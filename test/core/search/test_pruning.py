@@ -137,7 +137,7 @@ def test_cells_are_out_of_reach_where_no_configuration_takes_the_tip(cabinet, sa
     cells[:, [X, X + 1]] += shift
     planner = planner_of(problem, objective)
     rulings = planner._bounds.rulings(cells)
-    assert set(rulings) == set(Ruling)
+    assert set(rulings) == set(Ruling) - {Ruling.BREAKS_RULE}
     _, T = planner.sampler._checker._poses.verdicts(*poses)
     T = T.reshape(len(cells), -1, 4, 4)
     T[..., 0, 3] += shift

@@ -20,11 +20,13 @@ from placement_planner_ros.ros.run import worker
 
 def test_a_solution_has_all_its_parts(fed, planner):
     placing = Doing(lambda: planner.place({"seed": 3}, 60.0, until=lambda s: s.number == 2))
-    found(fed, 0.5, 0.75, retreats=True)
+    found(fed, 0.5, 0.75, retreats=True, terms=(("near", -0.25), ("edge", 0.0625)))
     solution = placing.result
     assert (solution.run, solution.number, solution.objective) == (1, 2, 0.75)
     assert (solution.arm, solution.grasp, solution.face) == ("left", 0, 1)
     assert solution.approach_start == 0.5
+    assert solution.terms == {"near": -0.25, "edge": 0.0625}
+    assert "near -0.25, edge 0.0625" in solution.words
     assert solution.pose.header.frame_id == FRAME
     assert solution.pose.pose.position.x == 0.4
     assert solution.trajectory.header.frame_id == "1/2"

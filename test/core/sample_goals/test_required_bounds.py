@@ -1,0 +1,97 @@
+"""What required terms are at most in cells: never less than at any pose of them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from placement_planner_ros.core.constraints import placement_pose
+from placement_planner_ros.core.objective.by_name import make_objective
+from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
+from placement_planner_ros.core.sample_goals.placed_cells import PlacedCells
+from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.search.cell_layout import (
+    ANGLE,
+    FACE,
+    SLOPE,
+    X,
+    Y,
+    contacts,
+    halved,
+    whole_cells,
+)
+from placement_planner_ros.core.search.pruning import Cause, Ruling
+from placement_planner_ros.core.types import LEVEL
+from placement_planner_ros.core.wishes.settings import WishSettings
+from placement_planner_ros.experiments.cases import Case, make_problem
+
+SLOW = ("near", "turn", "high", "stance")
+NEAR = (0.4, 0.1, 0.05, 0.5, 0.5, 0.5, 0.5)
+
+
+@pytest.fixture(scope="module")
+def table():
+    return make_problem(Case("table", "small_crayons_box", "maximize_clearance"), None)[0]
+
+
+@pytest.fixture(scope="module")
+def sloping(table):
+    """Where it rises by 6 cm in a metre to the left."""
+    x, y = np.meshgrid(np.arange(0.2, 0.7, 0.004), np.arange(-0.3, 0.3, 0.004))
+    points = np.column_stack([x.ravel(), y.ravel(), 0.06 * y.ravel()])
+    volume = table.volume
+    return replace(table, environment=Environment.from_points(points, volume))
+
+
+def planner_of(problem, required, at_least):
+    wishes = WishSettings(required=required, at_least=at_least, near_pose=NEAR)
+    settings = PlannerSettings(wishes=wishes)
+    context = settings.context(problem.environment, problem.volume, problem.body)
+    objective = make_objective("maximize_clearance", context)
+    return PlacementPlanner(problem, objective, settings, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("ground", ["table", "sloping"])
+def test_no_pose_of_a_cell_has_more(ground, request):
+    problem = request.getfixturevalue(ground)
+    planner = planner_of(problem, SLOW, (-9.0,) * 4)
+    search, rng = planner._search, np.random.default_rng(1)
+    assert (ground == "sloping") == any(r.slope != LEVEL for r in search.hierarchy.regions)
+    cells = whole_cells(search.hierarchy)
+    some = [cells]
+    for _ in range(4):
+        cells = halved(cells[rng.permutation(len(cells))[:6]])
+        some.append(cells)
+    cells = np.concatenate(some)
+    cells = cells[rng.permutation(len(cells))[:120]]
+    most = planner._bounds.required.most(PlacedCells(cells))
+    close = dict.fromkeys(SLOW, 0)
+    for k, cell in enumerate(cells):
+        share = rng.choice([0.0, 1.0, 0.5, 0.3], (12, 3))
+        low, high = cell[[X, Y, ANGLE]], cell[[X + 1, Y + 1, ANGLE + 1]]
+        at = low + share * (high - low)
+        face, slope = problem.body.faces[int(cell[FACE])], (cell[SLOPE], cell[SLOPE + 1])
+        places = contacts(np.tile(cell, (12, 1)), at[:, :2])
+        T = [
+            placement_pose(face, c, a, slope).homogeneous
+            for c, a in zip(places, at[:, 2], strict=True)
+        ]
+        for name, term, _ in search.poses.required.terms_asked:
+            values = term.values(np.array(T))
+            assert values.max() <= most[name][k] + 1e-9
+            close[name] += values.max() > most[name][k] - 0.02
+    assert all(number > 5 for name, number in close.items() if ground == "table"), close
+
+
+@pytest.mark.parametrize(
+    ("name", "least"), [("high", 0.5), ("near", 0.01), ("turn", 0.01), ("stance", 1.4)]
+)
+def test_where_no_pose_reaches_it_the_search_ends_and_says_so(table, name, least):
+    planner = planner_of(table, (name,), (least,))
+    assert list(planner.run(lambda: planner.statistics.samples >= 5000)) == []
+    assert planner.statistics.samples < 1000
+    assert planner.cause is Cause.NO_SOLUTION
+    assert set(planner._remainder.rulings) == {Ruling.BREAKS_RULE}
+    assert f"below what require_terms asks ({name} {least:g}), {name} " in planner.exhausted
+    parameters = [each.parameter for each in planner.explain().remedies]
+    assert parameters == ["require_at_least", "require_terms"]
