@@ -52,7 +52,7 @@ ROBOTS = ["example-robot-data>=6,<7"]
 # The demonstration's tour.
 TOUR = [*ROS, "mujoco>=4,<5"]
 
-SITE = ["furo>=2024.8", "myst-parser>=4,<6", "sphinx>=8,<9"]
+SITE = ["furo>=2024.8,<2027", "myst-parser>=4,<6", "sphinx>=8,<9"]
 
 TEST = [
     *TOUR,
