@@ -1,4 +1,4 @@
-# make demo | make test | make lint. PYTHON=python3.12 chooses the interpreter (3.11 or newer).
+# make demo | make test | make lint | make site | make figures. PYTHON=python3.12 chooses the interpreter (3.11 or newer).
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
@@ -6,8 +6,9 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
 INSTALL := $(BIN)/python install_with_progress.py $(VENV)/install.log
 SOURCES := $(shell find placement_planner_ros urdf config launch resource -type f -not -name '*.pyc')
 DEMO_SECONDS ?= 20
+REGIONS_OF := table_scene_mug_stereo_textured.pcd
 
-.PHONY: demo test lint install clean
+.PHONY: demo test lint site figures install clean
 .DELETE_ON_ERROR:
 
 demo: install
@@ -20,6 +21,37 @@ lint: install
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+# docs/ as pages in build/site, and not without a warning less.
+site: install
+	@$(BIN)/sphinx-build -q --fail-on-warning --keep-going docs build/site
+	@echo "wrote build/site/index.html"
+
+# Every picture of docs/ anew, which takes hours, most of it the evaluation; what was recorded before
+# under results/ is not run again. CLOUDS=folder has the real clouds, whose pictures stay without.
+figures: install
+	$(BIN)/placement_demo --seed 1 --output build/figures
+	cp build/figures/motion.gif build/figures/placement.png docs/images
+	$(BIN)/placement_demo --tour --seed 1 --output build/figures --page docs/tour.md
+	cp build/figures/tour.png build/figures/tour.gif docs/images
+	$(BIN)/placement_benchmark concepts $(if $(CLOUDS),--cloud $(CLOUDS)/$(REGIONS_OF))
+	$(if $(CLOUDS),$(BIN)/placement_benchmark clouds $(CLOUDS) --output docs/images && rm docs/images/clouds.md)
+	$(BIN)/python test/draw_objects.py --output docs/images
+	$(BIN)/placement_benchmark situations --first-seed 1 --picture docs/images/situations.png
+	$(BIN)/placement_benchmark speed --output results/speed --page docs/speed.md
+	$(BIN)/placement_benchmark paper --preset quick --processes 2 --output results/quick
+	$(BIN)/placement_benchmark yardstick --processes 2 --output results/quick
+	$(BIN)/placement_benchmark scaling --output results/quick
+	$(BIN)/placement_benchmark report results/quick
+	cp results/quick/figures/overall.png docs/images/evaluation.png
+	cp results/quick/figures/by_scene.png docs/images/evaluation_scenes.png
+	cp results/quick/figures/differences.png docs/images/evaluation_differences.png
+	cp results/quick/figures/scaling.png docs/images/evaluation_scaling.png
+	$(BIN)/placement_benchmark paper --preset quick --variant optimistic+lo --variant mcts+lo \
+	  --processes 2 --output results/samplers
+	$(BIN)/placement_benchmark report results/samplers --yardstick results/quick/yardstick.jsonl
+	cp results/samplers/figures/overall.png docs/images/evaluation_optimistic_mcts.png
+	@echo "docs/images is of this commit"
 
 install: $(VENV)/.installed
 

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 
 from placement_planner_ros.core.errors import PlacementPlannerError
+from placement_planner_ros.experiments.concepts.command import add_concepts_command
 from placement_planner_ros.experiments.evaluation.command import add_evaluation_commands
 from placement_planner_ros.experiments.motion.comparison import add_motion_command
 from placement_planner_ros.experiments.real_clouds.command import add_clouds_command
@@ -26,6 +27,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add_robots_command(commands)
     add_situations_command(commands)
     add_clouds_command(commands)
+    add_concepts_command(commands)
     parsed = parser.parse_args(arguments)
     try:
         return int(parsed.command_function(parsed))

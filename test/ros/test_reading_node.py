@@ -197,6 +197,18 @@ def test_a_robot_that_cannot_be_read_is_bad_until_a_good_one_comes(bench, monkey
     b.wait(lambda: code(b) == "OK", again=b.cloud)
 
 
+def test_a_robot_that_cannot_move_is_no_fault(bench):
+    b = bench()
+    b.feed()
+    described = b.client.create_publisher(String, "robot_description", LATCHED)
+    described.publish(String(data='<robot name="still"><link name="yumi_body"/></robot>'))
+    robots = b.node._inputs.robot
+    b.wait(lambda: robots.state == "ready" and not robots.robot.joint_names)
+    b.wait(lambda: code(b) == "BAD_PARAMETER", again=b.cloud)
+    answer = b.call("start")
+    assert "tip_frame" in answer.text
+
+
 def test_the_object_of_one_call_is_read_by_that_call(bench, slow, tmp_path):
     b = bench(file_roots=[str(tmp_path)])
     b.feed()

@@ -264,9 +264,9 @@ class Robot:
         """
         far = np.maximum(self.lower - q, q - self.upper) > FAR_BEYOND
         # a mimicking joint follows its master, whatever its own limits say
-        far &= [name not in self.continuous | set(self.mimics) for name in self.joint_names]
+        far &= ~np.isin(self.joint_names, [*self.continuous, *self.mimics])
         if joints is not None:
-            far &= [name in joints for name in self.joint_names]
+            far &= np.isin(self.joint_names, list(joints))
         if far.any():
             raise StartError(
                 "joint_states",

@@ -182,7 +182,8 @@ class RobotInput:
             if self.robot is not robot:
                 return robot.standing_at(q)
             read, stood = self._reading.get(self._key), self._stood
-            if stood is None or stood[0] is not read or np.abs(stood[1] - q).max() > _STILL:
+            same = stood is not None and stood[0] is read
+            if stood is None or not same or np.abs(stood[1] - q).max(initial=0.0) > _STILL:
                 before = self._robot_of(read)
                 after = before.standing_at(q)
                 self._stood = read, q
