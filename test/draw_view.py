@@ -31,9 +31,9 @@ from placement_planner_ros.ros.tools.demo.node_process import (
 from placement_planner_ros.ros.tools.demo.setting import bundled
 from placement_planner_ros.ros.tools.demo.view_process import page_served
 
-SECONDS = 15.0
+SECONDS = 8.0
 SIZE = (1280, 800)
-FRAMES = 20
+FRAMES = 14
 """That a browser without a graphics card draws until all has faded in."""
 PLAYED = 0.9
 """Share of the way there at which the motion is shown."""

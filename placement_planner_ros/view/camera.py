@@ -12,7 +12,7 @@ from placement_planner_ros.core.types import Array
 
 FIELD_OF_VIEW = np.deg2rad(40.0)
 """From the lower to the upper edge of the picture, rad."""
-_ROOM = 1.15
+_ROOM = 1.3
 """How far the eye is away, of the distance from which the ball around all just fits."""
 _AZIMUTHS = np.deg2rad(np.arange(0.0, 360.0, 15.0))
 _ELEVATIONS = np.deg2rad([32.0, 41.0, 50.0, 60.0])
