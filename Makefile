@@ -32,6 +32,8 @@ site: install
 figures: install
 	$(BIN)/placement_demo --seed 1 --output build/figures
 	cp build/figures/motion.gif build/figures/placement.png docs/images
+	$(BIN)/placement_demo --tour --seed 1 --output build/figures --page docs/tour.md
+	cp build/figures/tour.png build/figures/tour.gif docs/images
 	$(BIN)/placement_benchmark concepts $(if $(CLOUDS),--cloud $(CLOUDS)/$(REGIONS_OF))
 	$(if $(CLOUDS),$(BIN)/placement_benchmark clouds $(CLOUDS) --output docs/images && rm docs/images/clouds.md)
 	$(BIN)/python test/draw_objects.py --output docs/images

@@ -49,16 +49,18 @@ EVALUATION = [
 # Robots to try; 0.4 GB.
 ROBOTS = ["example-robot-data>=6,<7"]
 
-SITE = ["furo>=2024.8", "myst-parser>=4,<6", "sphinx>=8,<9"]
+# The demonstration's tour.
+TOUR = [*ROS, "mujoco>=4,<5"]
+
+SITE = ["furo>=2024.8,<2027", "myst-parser>=4,<6", "sphinx>=8,<9"]
 
 TEST = [
-    *ROS,
+    *TOUR,
     *EVALUATION,
     *ROBOTS,
     *SITE,
     "colcon-common-extensions>=0.3,<0.4",
     "hypothesis>=6,<7",
-    "mujoco>=3,<5",
     "mypy>=1.10,<3",
     "pytest>=8,<10",
     "pytest-xdist>=3.6,<4",
@@ -114,6 +116,7 @@ setup(
     install_requires=CORE,
     extras_require={
         "ros": ROS,
+        "tour": TOUR,
         "evaluation": EVALUATION,
         "robots": ROBOTS,
         "site": SITE,

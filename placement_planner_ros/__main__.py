@@ -24,9 +24,27 @@ _NODE_HELP = f"""usage: placement_planner [--compile] [--ros-args --params-file 
 The node: waits for clouds and joint states, and plans when ~/start is called. Without arguments
 it plans for the bundled robot, and wants an object. --compile compiles all beforehand, and ends.
 Parameters: docs/parameters.md of {PACKAGE}; topics and services: docs/interface.md."""
-_SCENE_HELP = """usage: placement_scene [--ros-args -p name:=SCENE] [-p clouds:=cameras] ...
+_SCENE_HELP = """usage: placement_scene [--ros-args [-p PARAMETER:=VALUE] ...]
 
-Publishes a bundled scene on `points` and the bundled robot's joint_states, until interrupted.
+Publishes a bundled scene as cameras and the bundled robot would, until interrupted.
+
+parameters:
+  name     cabinet_high_clutter (default), cabinet_low_clutter, table
+  object   that the fingers are closed around: small_crayons_box (default), large_crayons_box,
+           wine_glass, toy_table, wine_glass_mesh, toy_table_mesh, mug, bowl, tray, bin, drill,
+           banana
+  clouds   complete (default): the whole surface, on `points`, in the robot's frame;
+           cameras: what two depth cameras see, on `camera_left/points` and `camera_right/points`,
+           in their frames, which config/cabinet_cameras.yaml and table_cameras.yaml give the node
+  rate     clouds a second: 2.0 (default), up to 100
+
+It publishes `joint_states`, `robot_description` and `robot_description_semantic`, too.
+
+example:
+  placement_scene --ros-args -p name:=table -p object:=wine_glass
+and in another terminal, with the files of this package's config:
+  placement_planner --ros-args --params-file wine_glass.yaml --params-file table.yaml
+
 For the joint states alone, beside a cloud of your own: --ros-args -r points:=unused"""
 
 

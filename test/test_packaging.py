@@ -219,7 +219,9 @@ def test_every_version_has_a_floor_and_a_ceiling(requirements):
 def test_only_the_extra_ros_asks_for_ros_and_test_asks_for_all(requirements):
     assert not [name for name in requirements[""] if name.startswith("ros-")]
     assert any(name.startswith("ros-jazzy-rclpy") for name in requirements["ros"])
-    assert set(requirements["ros"] + requirements["evaluation"]) <= set(requirements["test"])
+    others = [*requirements["ros"], *requirements["evaluation"], *requirements["tour"]]
+    assert set(others) <= set(requirements["test"])
+    assert set(requirements["ros"]) <= set(requirements["tour"])
 
 
 MODULES = {"pin": {"pinocchio"}, "pillow": {"PIL"}, "pyyaml": {"yaml"}}
@@ -241,7 +243,8 @@ def imported(path):
 @pytest.mark.parametrize("path", sorted((ROOT / PACKAGE).rglob("*.py")), ids=lambda p: p.stem)
 def test_every_import_is_of_a_package_that_is_asked_for(path, requirements):
     inside = path.relative_to(ROOT / PACKAGE)
-    extra = {"ros": "ros", "client": "ros", "experiments": "evaluation"}.get(inside.parts[0], "")
+    rooms = {"ros": "ros", "client": "ros", "experiments": "evaluation", "physics": "tour"}
+    extra = rooms.get(inside.parts[0], "")
     extra = OWN_EXTRA.get(str(inside), extra)
     names = {re.match(r"[\w-]+", name)[0].lower() for name in requirements[""]}
     names |= {re.match(r"[\w-]+", name)[0].lower() for name in requirements.get(extra, [])}

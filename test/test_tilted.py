@@ -29,7 +29,7 @@ def found(case, degrees, azimuth):
     """Placements of a search, and what checks them."""
     problem, objective = tilted_problem(case, degrees, azimuth, np.random.default_rng(0))
     planner = PlacementPlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
-    placements = list(planner.run(lambda: planner.statistics.samples >= 1500))
+    placements = list(planner.run(lambda: planner.statistics.samples >= 700))
     urdf = share_path("urdf", "yumi.urdf")
     task = Task.of(
         replace(SCENE, parts=tilted_solids(SCENE, degrees, azimuth)),

@@ -193,15 +193,16 @@ def _edge(task: Task, T: Array, tolerances: Tolerances) -> float:
 
 
 def _aligned(task: Task, T: Array, tolerances: Tolerances) -> Iterator[float]:
-    """The angle from each side or edge that is about the nearest."""
+    """The angle of each side that is about the longest from each thing or end that is about the
+    nearest."""
     vertices = world_vertices(task, T)
     normal = standing_along(task, T, tolerances)
     feet = feet_of(vertices, normal, tolerances)[:, :2]
     ring = feet[ConvexHull(feet).vertices]
     middle = ring.mean(axis=0)[None]
     sides = np.roll(ring, -1, axis=0) - ring
-    longest = sides[np.linalg.norm(sides, axis=1).argmax()]
-    along = math.atan2(longest[1], longest[0])
+    lengths = np.linalg.norm(sides, axis=1)
+    longest = [math.atan2(y, x) for x, y in sides[lengths > 0.99 * lengths.max()]]
     height = float(vertices[:, 2].min())
     found = [
         (float(np.linalg.norm(places - middle, axis=1).min()), angle)
@@ -216,7 +217,8 @@ def _aligned(task: Task, T: Array, tolerances: Tolerances) -> Iterator[float]:
     nearest = min((distance for distance, _ in found), default=0.0)
     for distance, angle in found:
         if distance <= nearest + _TIED:
-            yield -abs(math.remainder(along - angle, 0.5 * math.pi))
+            for along in longest:
+                yield -abs(math.remainder(along - angle, 0.5 * math.pi))
 
 
 def _toward_front(task: Task, T: Array, tolerances: Tolerances) -> float:

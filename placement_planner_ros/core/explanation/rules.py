@@ -103,11 +103,13 @@ def too_low(search: Search) -> tuple[str, list[Remedy]]:
     known = search.bounds.required
     most = known.most(PlacedCells(whole_cells(search.hierarchy)))
     found = {name: float(values.max()) for name, values in most.items()}
-    low = [name for name, value in found.items() if value < known.at_least[name]] or list(found)
+    alone = [name for name, value in found.items() if value < known.at_least[name]]
+    low = alone or [name for name, value in found.items() if math.isfinite(value)]
     words = ", ".join(f"{name} {known.at_least[name]:g}" for name in low)
     reached = ", ".join(f"{name} {found[name]:.3g}" for name in low)
+    together = "" if alone else ", never all at once"
     return (
-        f"below what require_terms asks ({words}), {reached} at most",
+        f"below what require_terms asks ({words}), {reached} at most{together}",
         [
             Remedy("require_at_least", f"lower it: no pose has more than {reached}"),
             Remedy("require_terms", f"leave out {' or '.join(low)}"),

@@ -15,7 +15,8 @@ _ROUNDING = 1e-6
 
 
 class RequiredBound:
-    """What required terms are at most at all poses of a cell, of those that change slowly.
+    """What required terms are at most at all poses of a cell: of those that change slowly by what
+    they are in its middle, of others by their ends.
 
     Args:
         poses: the required terms, and how faces are placed.
@@ -24,8 +25,7 @@ class RequiredBound:
     def __init__(self, poses: PoseConstraints) -> None:
         faces = poses.problem.body.faces
         self._T_face_object = np.array([face.T_face_object.homogeneous for face in faces])
-        required = () if poses.required is None else poses.required.terms_asked
-        self._terms = [(n, term, low) for n, term, low in required if isinstance(term, SlowTerm)]
+        self._terms = () if poses.required is None else poses.required.terms_asked
 
     def lacking(self, placed: PlacedCells) -> npt.NDArray[np.bool_]:
         """(n,) cells at all of whose poses one of them is too low."""
@@ -49,5 +49,7 @@ class RequiredBound:
         away = np.hypot(aside, placed.rises(origins)[:, 0])
         return {
             name: term.most_around(T, away, placed.half_turn, placed.rise)
+            if isinstance(term, SlowTerm)
+            else np.full(len(T), term.ends[1])
             for name, term, _ in self._terms
         }

@@ -15,20 +15,30 @@ MAX_KEEP_OUT = 64
 """Boxes to keep out of, at most."""
 _UNIT = 1e-2
 """How far a quaternion's length may be from 1."""
+_LEAST, _MOST = 1e-6, 1e6
+"""Of the largest coordinate of a direction, so that its length can be told."""
+_FAR = 1e3
+"""m from the origin that a pose may be."""
 
 
 def direction(name: str, value: Sequence[float]) -> None:
     """Three numbers that are not all zero, or nothing."""
     if len(value) not in (0, 3):
         raise ParameterError(name, list(value), "give a direction x y z, or nothing")
-    if len(value) and not (np.isfinite(value).all() and np.linalg.norm(value) > 0.0):
-        raise ParameterError(name, list(value), "give three finite numbers that are not all zero")
+    if len(value) and not _LEAST <= np.abs(value).max() <= _MOST:
+        raise ParameterError(
+            name,
+            list(value),
+            f"give three numbers that are not all zero, up to {_MOST:g}: only the direction counts",
+        )
 
 
 def pose(name: str, value: Sequence[float]) -> None:
     """One pose x y z qx qy qz qw, or nothing."""
     if len(value) not in (0, 7):
         raise ParameterError(name, list(value), "give seven numbers: x y z qx qy qz qw")
+    if len(value) and not np.abs(value[:3]).max() <= _FAR:
+        raise ParameterError(name, list(value), f"give a place within {_FAR:g} m of the origin")
     length = float(np.linalg.norm(value[3:])) if len(value) else 1.0
     if not abs(length - 1.0) < _UNIT:
         raise ParameterError(

@@ -75,6 +75,7 @@ class WishSettings(Settings):
     )
     weights: tuple[float, ...] = setting(
         (),
+        "[-10000, 10000]",
         text="Weights of objective_terms, one each; empty: all 1. A negative one reverses its "
         "term.",
     )

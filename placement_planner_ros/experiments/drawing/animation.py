@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 
 import matplotlib
@@ -16,7 +18,9 @@ from placement_planner_ros.experiments.drawing.picture import (
     averaged,
 )
 from placement_planner_ros.experiments.drawing.plots import DPI, new_figure
+from placement_planner_ros.experiments.drawing.rendering import Image
 from placement_planner_ros.experiments.drawing.stage_set import HEIGHT, PATH, WIDTH, StageSet
+from placement_planner_ros.scenes.primitives import Colour
 
 _FRAME = 0.08
 """Seconds from frame to frame; GIF counts in hundredths."""
@@ -25,6 +29,11 @@ _MOST_FRAMES = 90
 _REST_BEFORE, _REST_AFTER = 0.6, 1.5
 """Seconds for which the first and the last frame stay."""
 _COLOURS = 128
+_SHADES = (0.5, 0.75, 1.0)
+_STRIP = 30
+"""Of each colour that a palette must have, and the pixels of it that are added for that."""
+TITLE = 26
+"""Pixels that a line of words is high."""
 _HALF = (WIDTH / DPI, HEIGHT / DPI)
 _HEAD, _FOOT = 0.75, 0.5
 """Inches: of half the picture, the lines above it and the legend below."""
@@ -54,35 +63,60 @@ def draw_animation(path: Path, shown: StageSet) -> None:
     """Write a GIF of the whole motion, release and retreat included."""
     motion = shown.motion
     count, speed = frames_and_speed(motion.duration)
-    words = "in real time" if speed < 1.05 else f"{speed:.1f} times as fast as it is"
-    font = ImageFont.truetype(
-        str(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"), 15
-    )
     frames = []
     for time in np.linspace(0.0, motion.duration, count):
         moment = motion.at(float(time))
-        colours = averaged(shown.draw(moment).colours)
-        frame = Picture.fromarray((colours * 255.0).round().astype(np.uint8))
-        line = f"{moment.stage}   {time:.1f} of {motion.duration:.1f} s, {words}"
-        draw = ImageDraw.Draw(frame)
-        draw.rectangle((0, 0, WIDTH, 26), fill="white")
-        draw.text((8, 4), line, fill="black", font=font)
-        frames.append(frame)
-    _write(path, frames)
+        line = f"{moment.stage}   {time:.1f} of {motion.duration:.1f} s, {speed_words(speed)}"
+        frames.append(titled_frame(shown.draw(moment), line))
+    write_animation(path, frames)
 
 
-def frames_and_speed(duration: float) -> tuple[int, float]:
+def frames_and_speed(duration: float, most: int = _MOST_FRAMES) -> tuple[int, float]:
     """How many frames show a motion of that many seconds, and how many times as fast as it is."""
-    count = min(_MOST_FRAMES, 1 + int(np.ceil(duration / _FRAME)))
+    count = min(most, 1 + int(np.ceil(duration / _FRAME)))
     return count, max(1.0, duration / (_FRAME * (count - 1)))
 
 
-def _write(path: Path, frames: list[Picture.Image]) -> None:
-    """As a GIF with one palette for all frames, so that what rests does not flicker."""
+def speed_words(speed: float) -> str:
+    """How fast an animation goes."""
+    return "in real time" if speed < 1.05 else f"{speed:.1f} times as fast as it is"
+
+
+def titled_frame(image: Image, line: str, above: bool = False) -> Picture.Image:
+    """A frame, once its pixels are averaged, with a line of words over it or above it."""
+    colours = averaged(image.colours)
+    shown = Picture.fromarray((colours * 255.0).round().astype(np.uint8))
+    top = TITLE if above else 0
+    frame = Picture.new("RGB", (shown.width, shown.height + top), "white")
+    frame.paste(shown, (0, top))
+    draw = ImageDraw.Draw(frame)
+    draw.rectangle((0, 0, frame.width, TITLE), fill="white")
+    draw.text((8, 4), line, fill="black", font=_font())
+    return frame
+
+
+@cache
+def _font() -> ImageFont.FreeTypeFont:
+    folder = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
+    return ImageFont.truetype(str(folder / "DejaVuSans.ttf"), 15)
+
+
+def write_animation(path: Path, frames: list[Picture.Image], needed: Sequence[Colour] = ()) -> None:
+    """As a GIF with one palette for all frames, so that what rests does not flicker.
+
+    Args:
+        needed: colours that it must have, of things that may be small.
+    """
     samples = frames[:: max(1, len(frames) // 4)]
-    together = Picture.new("RGB", (WIDTH, HEIGHT * len(samples)))
+    width, height = frames[0].size
+    strips = [(colour, shade) for colour in needed for shade in _SHADES]
+    together = Picture.new("RGB", (width, height * len(samples) + _STRIP * len(strips)))
     for row, frame in enumerate(samples):
-        together.paste(frame, (0, row * HEIGHT))
+        together.paste(frame, (0, row * height))
+    for row, (colour, shade) in enumerate(strips):
+        red, green, blue = (round(255.0 * shade * part) for part in colour)
+        top = height * len(samples) + _STRIP * row
+        together.paste((red, green, blue), (0, top, width, top + _STRIP))
     palette = together.quantize(_COLOURS)
     plain = [frame.quantize(palette=palette, dither=Picture.Dither.NONE) for frame in frames]
     durations = [round(1000 * _FRAME)] * len(plain)

@@ -24,7 +24,7 @@ from placement_planner_ros.experiments.drawing.rendering import (
     View,
     render,
 )
-from placement_planner_ros.scenes.primitives import Colour, ConvexPrimitive
+from placement_planner_ros.scenes.primitives import Colour
 from placement_planner_ros.scenes.scenes import Scene
 
 Triangles = npt.NDArray[np.int64]
@@ -236,7 +236,9 @@ def hiding(view: View, placed: Array, solids: Sequence[Mesh]) -> list[bool]:
     along = (view.eye + shares * (targets - view.eye)).reshape(-1, 3)
     result = []
     for solid in solids:
-        inside = ConvexPrimitive("", solid.vertices).depth(along).reshape(len(shares), -1) > 1e-3
+        faces = ConvexHull(solid.vertices).equations
+        depth = -(along @ faces[:, :3].T + faces[:, 3]).max(axis=1)
+        inside = depth.reshape(len(shares), -1) > 1e-3
         result.append(bool(inside.any(axis=0).mean() > 0.1))
     return result
 

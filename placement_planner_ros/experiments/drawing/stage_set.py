@@ -21,6 +21,7 @@ from placement_planner_ros.experiments.drawing.picture import (
     moved,
 )
 from placement_planner_ros.experiments.drawing.rendering import Image, Mesh, View, joined, render
+from placement_planner_ros.experiments.drawing.viewpoint import best_direction, seen_share
 from placement_planner_ros.scenes.primitives import Colour
 from placement_planner_ros.scenes.scenes import Scene
 
@@ -29,10 +30,6 @@ WIDTH, HEIGHT = 720, 540
 PATH: Colour = (0.95, 0.55, 0.05)
 _PATH_RADIUS, _EDGE_RADIUS = 0.003, 0.0015
 """m, of the tubes that the path and the edges of V are drawn as."""
-_AZIMUTHS = np.deg2rad(np.arange(0.0, 360.0, 30.0))
-_ELEVATIONS = np.deg2rad([25.0, 40.0])
-_SMALL = (160, 120)
-"""Pixels of the pictures in which views are compared."""
 _NEAR = 0.12
 """m around V and the object's path within which the scene and the robot have to be seen."""
 
@@ -64,7 +61,7 @@ class StageSet:
         links = self._seen_through(placed, self._robot.at(last.q))
         self._link_alphas = [mesh.alpha for mesh in links]
         solid = [mesh for mesh in self._things if mesh.alpha == 1.0]
-        marks = [tube(motion.path(), _PATH_RADIUS, PATH), *_edges(scene.volume)]
+        marks = [tube(motion.path(), _PATH_RADIUS, PATH), *volume_edges(scene.volume)]
         self._behind = render(self.view, joined([*solid, *marks]))
 
     def draw(self, moment: Moment) -> Image:
@@ -102,32 +99,18 @@ class StageSet:
         return np.vstack([points, others[((others > low) & (others < high)).all(axis=1)]])
 
     def _best_view(self, shown: Array, moments: Sequence[Moment]) -> View:
-        """The one in which most of the object, over the moments, and of its way is seen.
-
-        Of those that are as good, the first: azimuths are in the order of the circle, so that the
-        same motion is always shown from the same side.
-        """
-        best, direction = -1.0, (0.0, 0.0)
+        """The one in which most of the object, over the moments, and of its way is seen."""
         path = tube(self.motion.path(), _PATH_RADIUS, PATH)
         scenes = [(joined(self._robot.at(moment.q)), self._thing(moment)) for moment in moments]
-        for elevation in _ELEVATIONS:
-            for azimuth in _AZIMUTHS:
-                view = View.around(shown, float(azimuth), float(elevation), *_SMALL)
-                behind = render(view, joined(self._things))
-                seen = [_seen_share(view, behind, *scene) for scene in scenes]
-                way = [_seen_share(view, behind, links, path) for links, _ in scenes[1:3]]
-                score = float(np.mean(seen) + np.mean(way))
-                if score > best + 0.01:
-                    best, direction = score, (float(azimuth), float(elevation))
+
+        def score(view: View) -> float:
+            behind = render(view, joined(self._things))
+            seen = [seen_share(view, behind, *scene) for scene in scenes]
+            way = [seen_share(view, behind, links, path) for links, _ in scenes[1:3]]
+            return float(np.mean(seen) + np.mean(way))
+
+        direction = best_direction(shown, score)
         return View.around(shown, *direction, OVERSAMPLING * WIDTH, OVERSAMPLING * HEIGHT)
-
-
-def _seen_share(view: View, behind: Image, links: Sequence[Mesh], thing: Mesh) -> float:
-    """Share of the object's pixels that nothing hides."""
-    alone = render(view, [thing]).depth
-    before = render(view, links, behind).depth
-    covered = np.isfinite(alone)
-    return float((alone < before)[covered].mean()) if covered.any() else 0.0
 
 
 def tube(points: Array, radius: float, colour: Colour, sides: int = 5) -> Mesh:
@@ -156,7 +139,7 @@ def tube(points: Array, radius: float, colour: Colour, sides: int = 5) -> Mesh:
     return Mesh(vertices, triangles.astype(np.int64), colour)
 
 
-def _edges(volume: TargetVolume) -> list[Mesh]:
+def volume_edges(volume: TargetVolume) -> list[Mesh]:
     """The edges of V's boxes."""
     edges = []
     for box in volume.joined:

@@ -65,7 +65,7 @@ class ScenePublisher(Node):
         ).value
         if not isinstance(rate, (int, float)) or not 0.0 < rate <= 100.0:
             raise ParameterError("rate", rate, "must be above 0 and at most 100 Hz")
-        self._positions = start_configuration(held)
+        self._positions, self._at_rest = dict(start_configuration(held)), True
         self._clouds = self._make_clouds(scene, kind)
         self._joint_states = self.create_publisher(JointState, "joint_states", 10)
         self._latched = [
@@ -80,6 +80,10 @@ class ScenePublisher(Node):
         every(self, 1.0 / rate, self._publish_clouds)
         every(self, 1.0 / JOINT_STATE_RATE, self._publish_joint_states)
         self.get_logger().info(f"publishing scene {scene.name}, clouds: {kind}")
+
+    def show(self, positions: Mapping[str, float], at_rest: bool) -> None:
+        """Where the joints, by name, are from now on; may be called from any thread."""
+        self._positions, self._at_rest = dict(positions), at_rest
 
     def _choice(self, name: str, default: str, text: str) -> str:
         return str(
@@ -106,8 +110,10 @@ class ScenePublisher(Node):
             publisher.publish(message)
 
     def _publish_joint_states(self) -> None:
-        stamp = self.get_clock().now().to_msg()
-        self._joint_states.publish(joint_state_at_rest(self._positions, stamp))
+        state = joint_state_at_rest(self._positions, self.get_clock().now().to_msg())
+        if not self._at_rest:
+            state.velocity = []
+        self._joint_states.publish(state)
 
 
 def joint_state_at_rest(positions: Mapping[str, float], stamp: Time) -> JointState:

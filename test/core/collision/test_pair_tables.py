@@ -107,7 +107,7 @@ def test_links_are_apart_throughout_the_cells_that_say_so(request, which):
         joints = slice(first, first + 2)
         lower, upper = arm.lower[joints], arm.upper[joints]
         closest, certified = np.inf, 0
-        for at in rng.uniform(lower, upper, (150, 2)):
+        for at in rng.uniform(lower, upper, (60, 2)):
             if not apart_within(tables, table, *at, 0.0, 0.0):
                 continue
             certified += 1
@@ -116,7 +116,7 @@ def test_links_are_apart_throughout_the_cells_that_say_so(request, which):
                 q = np.zeros(robot.model.nq)
                 q[arm.q_index[joints]] = corner + share * CELL
                 closest = min(closest, distance(robot, links, q))
-        assert certified >= 15
+        assert certified >= 6
         assert closest >= MARGIN - 1e-6
 
 

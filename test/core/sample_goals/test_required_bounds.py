@@ -84,7 +84,8 @@ def test_no_pose_of_a_cell_has_more(ground, request):
 
 
 @pytest.mark.parametrize(
-    ("name", "least"), [("high", 0.5), ("near", 0.01), ("turn", 0.01), ("stance", 1.4)]
+    ("name", "least"),
+    [("high", 0.5), ("near", 0.01), ("turn", 0.01), ("stance", 1.4), ("edge", 0.25)],
 )
 def test_where_no_pose_reaches_it_the_search_ends_and_says_so(table, name, least):
     planner = planner_of(table, (name,), (least,))

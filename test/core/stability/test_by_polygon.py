@@ -238,7 +238,7 @@ def test_noise_moves_what_carries_inwards():
         problem = problem_on(body, blocks, noise=noise)
         poses = PoseConstraints(problem, POLYGON.collision, POLYGON.footing, 0.0)
         rng, stood = np.random.default_rng(0), 0
-        faces, contacts, angles, slopes = draw(poses, rng, 600)
+        faces, contacts, angles, slopes = draw(poses, rng, 300)
         verdicts, T = poses.verdicts(faces, contacts, angles, slopes)
         for row in np.flatnonzero(verdicts >= 2):
             center = T[row, :3, :3] @ body.center_of_mass + T[row, :3, 3]
@@ -246,5 +246,5 @@ def test_noise_moves_what_carries_inwards():
             inside, _ = spare([patch[:, :2]], blocks, center[:2], center[2])
             assert inside > 0.01 - noise
             stood += 1
-        shares.append(stood / 600)
+        shares.append(stood / 300)
     assert shares[0] > shares[1] > 0.05

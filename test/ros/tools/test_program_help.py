@@ -1,10 +1,16 @@
 """Programs asked for help say what they are for, and end."""
 
+import re
 import sys
 
+import numpy as np
 import pytest
 
 from placement_planner_ros import __main__ as programs
+from placement_planner_ros.ros.tools import scene_publisher
+from placement_planner_ros.ros.tools.scene_publisher import ScenePublisher
+from placement_planner_ros.scenes.objects import ALL_OBJECTS
+from placement_planner_ros.scenes.scenes import SCENE_NAMES
 
 
 @pytest.mark.parametrize("flag", ["-h", "--help"])
@@ -14,3 +20,17 @@ def test_help_is_printed_and_nothing_is_started(name, flag, monkeypatch, capsys)
     monkeypatch.setattr(programs, "import_module", lambda module: pytest.fail(f"{module} started"))
     assert getattr(programs, name)() is None
     assert f"usage: {name} " in capsys.readouterr().out
+
+
+def test_the_scenes_help_names_all_that_can_be_chosen(monkeypatch, capsys, ros):
+    monkeypatch.setattr(sys, "argv", ["placement_scene", "--help"])
+    programs.placement_scene()
+    said = capsys.readouterr().out
+    monkeypatch.setattr(scene_publisher, "complete_cloud", lambda scene: np.zeros((1, 3)))
+    node = ScenePublisher()
+    own = node._parameters.keys() - {"use_sim_time", "start_type_description_service"}
+    node.destroy_node()
+    assert {"name", "object", "clouds", "rate"} <= own
+    for word in (*own, *SCENE_NAMES, *ALL_OBJECTS):
+        assert re.search(rf"\b{word}\b", said), word
+    assert max(map(len, said.splitlines())) <= 100

@@ -14,13 +14,15 @@ import signal
 import sys
 import threading
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
 
 from placement_planner_ros.client import PlacementClient
 from placement_planner_ros.progress import ProgressLine
@@ -28,9 +30,14 @@ from placement_planner_ros.ros.process import begin_ros
 from placement_planner_ros.ros.spinning import spin_until
 from placement_planner_ros.ros.tools.demo.errors import DemoError
 from placement_planner_ros.ros.tools.demo.node_process import NodeProcess, node_arguments
-from placement_planner_ros.ros.tools.demo.results import require_folder, write_results
+from placement_planner_ros.ros.tools.demo.results import (
+    require_folder,
+    require_physics,
+    write_results,
+)
 from placement_planner_ros.ros.tools.demo.search import search, wait_until_ready
-from placement_planner_ros.ros.tools.demo.setting import Setting, bundled, of_file
+from placement_planner_ros.ros.tools.demo.setting import TOUR, Setting, bundled, of_file
+from placement_planner_ros.ros.tools.scene_publisher import ScenePublisher
 from placement_planner_ros.scenes.objects import ALL_OBJECTS
 from placement_planner_ros.scenes.scenes import SCENE_NAMES
 
@@ -39,7 +46,7 @@ _INTERRUPTED = 130
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point; 0 where a placement was found and drawn."""
-    options = _parser().parse_args(arguments)
+    options = _options(arguments)
     signal.signal(signal.SIGTERM, _interrupt)
     line = ProgressLine(pause=5.0)
     try:
@@ -73,7 +80,15 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="placement_demo", description=__doc__)
-    parser.add_argument("--scene", choices=SCENE_NAMES, default="table")
+    parser.add_argument(
+        "--scene", choices=SCENE_NAMES, help="table; with --tour cabinet_low_clutter"
+    )
+    parser.add_argument(
+        "--tour",
+        action="store_true",
+        help="put four objects down one after the other, carried out by physics: each is confirmed "
+        "from where it really stands, and the next is put into the hand at the start; wants mujoco",
+    )
     parser.add_argument(
         "--params-file",
         type=Path,
@@ -81,21 +96,44 @@ def _parser() -> argparse.ArgumentParser:
         help="parameters of your own: another robot with its object, at a table of things "
         "(config/robots has some), or another object for the bundled robot, at --scene",
     )
-    parser.add_argument("--object", choices=ALL_OBJECTS, default="wine_glass")
+    parser.add_argument("--object", choices=ALL_OBJECTS, help="wine_glass; --tour has its own")
     parser.add_argument("--objective", default="maximize_clearance")
     parser.add_argument(
         "--seconds",
         type=float,
-        default=20.0,
-        help="time to search on after the first placement",
+        help="time to search on after the first placement: 20; with --tour 5 for each object",
     )
     parser.add_argument("--seed", type=int, default=-1, help="of the search; -1: another each time")
     parser.add_argument("--output", type=Path, default=Path("demo_output"), help="folder")
+    parser.add_argument(
+        "--page",
+        type=Path,
+        metavar="FILE",
+        help="with --tour: put its table between the marks of this page, too",
+    )
     return parser
+
+
+def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    if options.tour and (options.params_file or options.object):
+        parser.error("--tour has objects of its own: leave out --params-file and --object")
+    if options.page is not None and not options.tour:
+        parser.error("--page is for the table of --tour")
+    usual = ("table", "wine_glass", 20.0)
+    if options.tour:
+        usual = ("cabinet_low_clutter", TOUR[0], 5.0)
+    for name, value in zip(("scene", "object", "seconds"), usual, strict=True):
+        if getattr(options, name) is None:
+            setattr(options, name, value)
+    return options
 
 
 def _demonstrate(options: argparse.Namespace, line: ProgressLine) -> None:
     require_folder(options.output)
+    if options.tour:
+        require_physics(options.page)
     line.show("  reading robot and object")
     chosen = options.params_file
     setting = (
@@ -108,25 +146,61 @@ def _demonstrate(options: argparse.Namespace, line: ProgressLine) -> None:
     told = ", ".join(f"{name} {value}" for name, value in own.items())
     line.say(f"{setting.title}: {told}")
     log = options.output / "node.log"
+    carry_through = _tour if options.tour else _single
     with NodeProcess(namespace, arguments, log) as node, _published(setting) as publishing:
 
         def check() -> None:
             node.require_alive()
-            if not publishing.is_alive():
+            if not publishing.thread.is_alive():
                 raise DemoError("the scene is published no more", "the lines above say why")
 
         with PlacementClient(planner=f"{namespace}/placement_planner") as planner:
             line.say("the node gets ready; the first time after installation that takes a while")
             wait_until_ready(planner, check, line)
-            found = search(planner, options.seconds, check, line)
-    written = write_results(options.output, setting, found, options.objective, line)
+            draw = carry_through(options, setting, planner, publishing.node, check, line)
+    written = draw()
     print("look at:")
     for path, words in [*written, (log, "what the node said")]:
         print(f"  {path}   {words}")
-    if setting.scene_command:
+    if setting.scene_command and not options.tour:
         print("the same by hand, in two terminals; docs/jazzy.md says what to call in a third:")
         print(f"  {setting.scene_command}")
         print(f"  placement_planner --ros-args {shlex.join(arguments)}", flush=True)
+
+
+def _single(
+    options: argparse.Namespace,
+    setting: Setting,
+    planner: PlacementClient,
+    scene: Node,
+    check: Callable[[], None],
+    line: ProgressLine,
+) -> Callable[[], list[tuple[Path, str]]]:
+    """One placement; what draws it."""
+    found = search(planner, options.seconds, check, line)
+    return lambda: write_results(options.output, setting, found, options.objective, line)
+
+
+def _tour(
+    options: argparse.Namespace,
+    setting: Setting,
+    planner: PlacementClient,
+    scene: Node,
+    check: Callable[[], None],
+    line: ProgressLine,
+) -> Callable[[], list[tuple[Path, str]]]:
+    """Several, carried out; what draws them."""
+    # Imported only where it is asked for, as mujoco need not be installed.
+    from placement_planner_ros.ros.tools.demo.tour import Tour
+    from placement_planner_ros.ros.tools.demo.tour_results import write_tour
+
+    assert isinstance(scene, ScenePublisher)
+    name = f"{scene.get_namespace()}/placement_planner"
+    tour = Tour(setting, planner, name, scene, options.seconds, check, line)
+    for number, thing in enumerate(TOUR, 1):
+        line.say(f"{number} of {len(TOUR)}: the robot is back at its start with {thing} in hand")
+        line.say(f"  {tour.put_down(thing).words}")
+    return lambda: write_tour(options.output, options.page, tour, line)
 
 
 def _begin(namespace: str) -> None:
@@ -146,20 +220,26 @@ def _begin(namespace: str) -> None:
         ) from error
 
 
+@dataclass(frozen=True, slots=True)
+class _Publishing:
+    node: Node
+    thread: threading.Thread
+
+
 @contextmanager
-def _published(setting: Setting) -> Iterator[threading.Thread]:
-    """The scene on its topics meanwhile; the thread that publishes it."""
+def _published(setting: Setting) -> Iterator[_Publishing]:
+    """The scene on its topics meanwhile, by a thread."""
     scene = setting.publisher()
     executor, asked = SingleThreadedExecutor(), threading.Event()
     executor.add_node(scene)
-    publishing = threading.Thread(target=spin_until, args=(executor, asked), name="scene")
-    publishing.start()
+    thread = threading.Thread(target=spin_until, args=(executor, asked), name="scene")
+    thread.start()
     try:
-        yield publishing
+        yield _Publishing(scene, thread)
     finally:
         # In this order: a node that goes while the executor still waits on it is an error.
         asked.set()
-        publishing.join()
+        thread.join()
         executor.shutdown()
         scene.destroy_node()
 

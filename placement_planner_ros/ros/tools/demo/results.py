@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from geometry_msgs.msg import Pose
 from trajectory_msgs.msg import JointTrajectory
 
 from placement_planner_ros.client import Solution
+from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.experiments.drawing.animation import (
     draw_animation,
     draw_before_and_after,
@@ -18,6 +20,7 @@ from placement_planner_ros.experiments.drawing.animation import (
 from placement_planner_ros.experiments.drawing.motion import Curve, Motion
 from placement_planner_ros.experiments.drawing.picture import draw_objective
 from placement_planner_ros.experiments.drawing.stage_set import StageSet
+from placement_planner_ros.experiments.page import require_marks
 from placement_planner_ros.progress import ProgressLine
 from placement_planner_ros.ros.tools.demo.errors import DemoError
 from placement_planner_ros.ros.tools.demo.search import Found
@@ -36,7 +39,28 @@ def require_folder(folder: Path) -> None:
         probe.write_bytes(bytes(5_000_000))
         probe.unlink()
     except OSError as error:
-        raise _unwritten(folder, error) from error
+        raise unwritten(folder, error) from error
+
+
+def require_physics(page: Path | None) -> None:
+    """Find out at once that a tour lacks something.
+
+    Args:
+        page: that its table goes to.
+
+    Raises:
+        DemoError: mujoco is not installed, or the page has no marks.
+    """
+    if find_spec("mujoco") is None:
+        raise DemoError(
+            "a tour is carried out by mujoco, which is not installed",
+            "pip install 'placement_planner_ros[tour]'",
+        )
+    if page is not None:
+        try:
+            require_marks(page)
+        except (ParameterError, OSError) as error:
+            raise DemoError(str(error), "name a page that has these lines") from error
 
 
 def write_results(
@@ -67,7 +91,7 @@ def write_results(
             title=objective,
         )
     except OSError as error:
-        raise _unwritten(folder, error) from error
+        raise unwritten(folder, error) from error
     line.clear()
     return [
         (placement, "before and after, with the way of the object"),
@@ -76,7 +100,8 @@ def write_results(
     ]
 
 
-def _unwritten(folder: Path, error: OSError) -> DemoError:
+def unwritten(folder: Path, error: OSError) -> DemoError:
+    """What to say of a file that cannot be written."""
     return DemoError(
         f"nothing can be written to {folder}: {error.strerror or error}",
         "make room on the disk, or name another folder with --output",

@@ -23,8 +23,8 @@ _UNSEEN = (
     "on this machine, unset RMW_IMPLEMENTATION, ROS_DISCOVERY_SERVER and "
     "FASTRTPS_DEFAULT_PROFILES_FILE, or choose another ROS_DOMAIN_ID"
 )
-_SLOW = "is the machine busy? Try again when it is not"
-_PAGE = "docs/troubleshooting.md says what each code means"
+BUSY = "is the machine busy? Try again when it is not"
+PAGE = "docs/troubleshooting.md says what each code means"
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,7 @@ def wait_until_ready(
                 ) from error
             if waited > READY_WITHIN:
                 raise DemoError(
-                    f"the node is not ready after {READY_WITHIN:.0f} s: {error}", _SLOW
+                    f"the node is not ready after {READY_WITHIN:.0f} s: {error}", BUSY
                 ) from error
             doing = "the node starts" if status is None else status.lacking
             line.show(f"  {waited:4.0f} s  {doing or 'the node starts'}")
@@ -88,7 +88,7 @@ def search(
         run = planner.start({"time_limit": 0.0}, patience=FIRST_WITHIN)
     except PlacementError as error:
         check()
-        raise DemoError(f"the node refused to start: {error}", _PAGE) from error
+        raise DemoError(f"the node refused to start: {error}", PAGE) from error
     began, found = time.monotonic(), Found()
     first: float | None = None
     try:
@@ -117,10 +117,10 @@ def search(
     except PlacementError as error:
         check()
         if error.code in ("NO_NODE", "NO_ANSWER"):
-            raise DemoError(f"the node does not answer any more: {error}", _SLOW) from error
+            raise DemoError(f"the node does not answer any more: {error}", BUSY) from error
         raise DemoError(
             f"no placement was found in {time.monotonic() - began:.0f} s: {error}",
-            f"the message says what stood in the way; {_PAGE}",
+            f"the message says what stood in the way; {PAGE}",
         ) from error
     _take(found, best, line)
     line.say(f"stopped after {time.monotonic() - began:.1f} s: {best.words}")

@@ -27,6 +27,8 @@ from placement_planner_ros.scenes.table_of_things import table_of_things
 from placement_planner_ros.scenes.yumi import START_CONFIGURATION, load_yumi, yumi_arm
 from placement_planner_ros.share import share_path
 
+TOUR = ("large_crayons_box", "small_crayons_box", "toy_table", "wine_glass")
+"""What a tour puts down, one after the other."""
 _TABLE_TOP = (0.17, -0.40, -0.05, 0.66, 0.40, 0.02)
 """Corners, m: on the bundled table and on nothing that stands there, which is higher."""
 _FROM_EDGES = 0.08

@@ -1,0 +1,204 @@
+"""Launch files and RViz's configuration: they name what the package has, and say what it is.
+
+`launch` is on no package registry; stand-ins record what the files ask it for.
+"""
+
+import runpy
+import sys
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+
+import numpy as np
+import pytest
+import yaml
+from rclpy.parameter import Parameter
+
+from placement_planner_ros.ros.outputs.publishing import Outputs
+from placement_planner_ros.ros.tools import scene_publisher
+from placement_planner_ros.ros.tools.scene_publisher import FRAME, ScenePublisher
+from placement_planner_ros.scenes.objects import OBJECT_NAMES
+from placement_planner_ros.scenes.scenes import SCENE_NAMES
+
+ROOT = Path(__file__).parents[2]
+FILES = sorted((ROOT / "launch").glob("*.launch.py"))
+RVIZ = yaml.safe_load((ROOT / "config" / "placement_planner.rviz").read_text(encoding="utf-8"))
+SHOWN_AS = {
+    "PointCloud2": "rviz_default_plugins/PointCloud2",
+    "MarkerArray": "rviz_default_plugins/MarkerArray",
+    "PoseStamped": "rviz_default_plugins/Pose",
+    "String": "rviz_default_plugins/RobotModel",
+}
+"""Message -> RViz's display; RViz has none for the others that are published."""
+NOT_SHOWN = {"JointTrajectory", "Float64", "DiagnosticArray", "DiagnosticStatus", "JointState"}
+
+
+class Asked:
+    """Anything that a launch file makes: remembers how."""
+
+    def __init__(self, *positional, **named):
+        self.positional, self.named = positional, named
+
+    def perform(self, context):
+        return context[self.positional[0]]
+
+
+def kind(name):
+    return type(name, (Asked,), {})
+
+
+@pytest.fixture
+def launch(monkeypatch):
+    """Stand-ins for the modules that launch files import."""
+    names = {
+        "launch": ["LaunchDescription"],
+        "launch.actions": [
+            "DeclareLaunchArgument", "IncludeLaunchDescription", "LogInfo", "OpaqueFunction"
+        ],
+        "launch.launch_description_sources": ["PythonLaunchDescriptionSource"],
+        "launch.substitutions": ["LaunchConfiguration", "PathJoinSubstitution"],
+        "launch_ros": [],
+        "launch_ros.actions": ["Node"],
+        "launch_ros.parameter_descriptions": ["ParameterValue"],
+        "launch_ros.substitutions": ["FindPackageShare"],
+        "ament_index_python.packages": [],
+    }  # fmt: skip
+    for module, kinds in names.items():
+        made = ModuleType(module)
+        for each in kinds:
+            setattr(made, each, kind(each))
+        monkeypatch.setitem(sys.modules, module, made)
+    sys.modules["ament_index_python.packages"].get_package_share_directory = lambda package: ROOT
+
+
+def described(path, context):
+    """What a launch file asks for, functions of it called too."""
+    found = []
+    for asked in runpy.run_path(str(path))["generate_launch_description"]().positional[0]:
+        if type(asked).__name__ == "OpaqueFunction":
+            found += asked.named["function"](context)
+        else:
+            found.append(asked)
+    return found
+
+
+def of_kind(asked, name):
+    return [each for each in asked if type(each).__name__ == name]
+
+
+CONTEXT = {
+    "scene": "table",
+    "object": "wine_glass",
+    "clouds": "cameras",
+    "params_file": "mine.yaml",
+}
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_every_argument_is_described_and_every_program_is_there(path, launch):
+    asked = described(path, CONTEXT)
+    for argument in of_kind(asked, "DeclareLaunchArgument"):
+        assert len(argument.named["description"]) > 20
+        choices = argument.named.get("choices")
+        assert choices is None or argument.named["default_value"] in choices
+    for included in of_kind(asked, "IncludeLaunchDescription"):
+        assert Path(included.positional[0].positional[0]).is_file()
+    own = [n for n in of_kind(asked, "Node") if n.named["package"] == "placement_planner_ros"]
+    for node in own:
+        assert (ROOT / "resource" / "executables" / node.named["executable"]).is_file()
+    manifest = (ROOT / "package.xml").read_text(encoding="utf-8")
+    for node in of_kind(asked, "Node"):
+        name = node.named["package"]
+        assert node in own or f"<exec_depend>{name}</exec_depend>" in manifest
+
+
+def arguments(path, launch):
+    declared = of_kind(described(path, CONTEXT), "DeclareLaunchArgument")
+    return {argument.positional[0]: argument.named for argument in declared}
+
+
+def test_the_scene_offers_what_there_is(launch):
+    found = arguments(ROOT / "launch" / "placement_scene.launch.py", launch)
+    assert set(found["scene"]["choices"]) == set(SCENE_NAMES)
+    assert set(found["object"]["choices"]) == set(OBJECT_NAMES)
+    # the node can be told of these alone
+    assert {f"{name}.yaml" for name in OBJECT_NAMES} <= {p.name for p in ROOT.glob("config/*.yaml")}
+
+
+@pytest.mark.parametrize("scene", SCENE_NAMES)
+@pytest.mark.parametrize("clouds", ["complete", "cameras"])
+def test_the_node_is_told_of_the_scene_with_files_that_are_there(scene, clouds, launch):
+    context = {"scene": scene, "object": "toy_table", "clouds": clouds, "params_file": ""}
+    asked = described(ROOT / "launch" / "planner_and_scene.launch.py", context)
+    (node,) = of_kind(asked, "Node")
+    told = {}
+    for file in node.named["parameters"]:
+        told |= yaml.safe_load(Path(file).read_text(encoding="utf-8"))["/**"]["ros__parameters"]
+    assert "vertices" in told["object"]
+    assert ("target_volume" in told) == (scene == "table")
+    assert ("cloud_topics" in told) == (clouds == "cameras")
+
+
+def test_rviz_is_told_where_the_cameras_are(launch):
+    path = ROOT / "launch" / "planner_and_scene_rviz.launch.py"
+    nodes = of_kind(described(path, CONTEXT), "Node")
+    frames = [
+        node.named["arguments"][-1]
+        for node in nodes
+        if node.named["executable"] == "static_transform_publisher"
+    ]
+    assert frames == ["camera_left_optical_frame", "camera_right_optical_frame"]
+    without = of_kind(described(path, {**CONTEXT, "clouds": "complete"}), "Node")
+    assert len(without) == len(nodes) - 2
+
+
+def published_by_the_node():
+    topics = {}
+
+    def record(message, topic, *options, **more):
+        topics[topic.replace("~", "/placement_planner")] = message.__name__
+
+    Outputs(SimpleNamespace(create_publisher=record))
+    return topics
+
+
+def published_by_the_scene(monkeypatch):
+    topics = {}
+    make = ScenePublisher.create_publisher
+
+    def record(self, message, topic, *options, **more):
+        if not topic.startswith("/"):
+            topics[f"/{topic}"] = message.__name__
+        return make(self, message, topic, *options, **more)
+
+    monkeypatch.setattr(ScenePublisher, "create_publisher", record)
+    # only where it goes matters
+    monkeypatch.setattr(scene_publisher, "complete_cloud", lambda scene: np.zeros((1, 3)))
+    for clouds in ("complete", "cameras"):
+        ScenePublisher([Parameter("clouds", value=clouds)]).destroy_node()
+    return topics
+
+
+def test_rviz_shows_all_that_is_published_and_nothing_else(ros, monkeypatch):
+    topics = published_by_the_node() | published_by_the_scene(monkeypatch)
+    # of the two descriptions RViz reads the URDF
+    semantic = topics.pop("/robot_description_semantic")
+    assert semantic == "String"
+    assert set(topics.values()) <= set(SHOWN_AS) | NOT_SHOWN
+    wanted = {t: SHOWN_AS[name] for t, name in topics.items() if name in SHOWN_AS}
+    shown = {}
+    for display in RVIZ["Visualization Manager"]["Displays"]:
+        topic = display.get("Topic") or display.get("Description Topic")
+        if topic is not None:
+            assert display["Enabled"]
+            shown[topic["Value"]] = display["Class"]
+    assert shown == wanted
+    assert RVIZ["Visualization Manager"]["Global Options"]["Fixed Frame"] == FRAME
+
+
+def test_rviz_asks_for_what_was_published_before_where_it_is_latched():
+    for display in RVIZ["Visualization Manager"]["Displays"]:
+        topic = display.get("Topic") or display.get("Description Topic")
+        if topic is not None:
+            latched = topic["Value"].startswith(("/placement_planner", "/robot_description"))
+            expected = "Transient Local" if latched else "Volatile"
+            assert topic["Durability Policy"] == expected, topic["Value"]
