@@ -12,6 +12,7 @@ EXECUTABLES = (
     "placement_scene",
     "placement_benchmark",
     "placement_check_robot",
+    "placement_view",
 )
 
 # The planner as a library.
@@ -49,6 +50,9 @@ EVALUATION = [
 # Robots to try; 0.4 GB.
 ROBOTS = ["example-robot-data>=6,<7"]
 
+# The page in the browser.
+VIEW = ["viser>=1.1.1,<2"]
+
 # The demonstration's tour.
 TOUR = [*ROS, "mujoco>=4,<5"]
 
@@ -58,6 +62,7 @@ TEST = [
     *TOUR,
     *EVALUATION,
     *ROBOTS,
+    *VIEW,
     *SITE,
     "colcon-common-extensions>=0.3,<0.4",
     "hypothesis>=6,<7",
@@ -119,6 +124,7 @@ setup(
         "tour": TOUR,
         "evaluation": EVALUATION,
         "robots": ROBOTS,
+        "view": VIEW,
         "site": SITE,
         "test": TEST,
     },

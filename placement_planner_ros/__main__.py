@@ -17,6 +17,9 @@ from placement_planner_ros.interrupts import catch_signals
 PACKAGE = "placement_planner_ros"
 ROS_REMEDY = f"run pip install '{PACKAGE}[ros]', or source a ROS 2 Jazzy"
 _EVALUATION_REMEDY = f"run pip install '{PACKAGE}[evaluation]'"
+VIEW_REMEDY = (
+    f"run pip install '{PACKAGE}[ros,view]'; where a ROS 2 Jazzy is sourced, '{PACKAGE}[view]'"
+)
 
 
 _NODE_HELP = f"""usage: placement_planner [--compile] [--ros-args --params-file FILE]
@@ -76,6 +79,13 @@ def placement_scene() -> Any:
     return _start("placement_scene", "ros.tools.scene_publisher", ROS_REMEDY)
 
 
+def placement_view() -> Any:
+    """A page in the browser that shows what the node does."""
+    if _asks_for_help():
+        return print(import_module(f"{PACKAGE}.view.options").parser().format_help(), end="")
+    return _start("placement_view", "view.command", VIEW_REMEDY, catching=True)
+
+
 def _asks_for_help() -> bool:
     return not {"-h", "--help"}.isdisjoint(sys.argv[1:])
 
@@ -91,7 +101,11 @@ placement_check_robot = partial(
 if __name__ == "__main__":
     others = (placement_demo, placement_benchmark, placement_check_robot)
     by_name: dict[str, Callable[[], Any]] = {str(program.args[0]): program for program in others}
-    by_name |= {"placement_planner": placement_planner, "placement_scene": placement_scene}
+    by_name |= {
+        "placement_planner": placement_planner,
+        "placement_scene": placement_scene,
+        "placement_view": placement_view,
+    }
     if len(sys.argv) < 2 or sys.argv[1] not in by_name:
         sys.exit(f"usage: python -m {PACKAGE} {{{','.join(by_name)}}} ...")
     sys.exit(by_name[sys.argv.pop(1)]())

@@ -1,6 +1,8 @@
 """Each layer of docs/design.md imports only from those before it."""
 
 import ast
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -96,7 +98,23 @@ def unit(module: str) -> str | None:
 ADAPTER = sorted(set((ROOT / "ros").rglob("*.py")) - {ROOT / "ros" / "__init__.py"})
 CORE = sorted((ROOT / "core").rglob("*.py"))
 CLIENT = sorted((ROOT / "client").rglob("*.py"))
-OUTSIDE_ROS = sorted(set(ROOT.rglob("*.py")) - set((ROOT / "ros").rglob("*.py")) - set(CLIENT))
+VIEW = sorted((ROOT / "view").rglob("*.py"))
+OUTSIDE_ROS = sorted(set(ROOT.rglob("*.py")) - set((ROOT / "ros").rglob("*.py")) - {*CLIENT, *VIEW})
+# What the page loads of the rest. Nothing of it is compiled, and nothing of it plans.
+LOADED_BY_VIEW = {
+    "client",
+    "core.errors",
+    "core.types",
+    "core.meshes",
+    "core.robot",
+    "ros.qos",
+    "ros.timers",
+    "ros.spinning",
+    "ros.process",
+    "ros.inputs",
+    "interrupts",
+    "share",
+}
 
 
 SEARCH_AND_MOTION = [p for p in CORE if p.parent.name in ("search", "motion")]
@@ -147,11 +165,25 @@ def test_the_client_knows_ros_and_nothing_of_the_planner(path):
     assert parts <= {"ros.qos", "ros.spinning"}
 
 
+@pytest.mark.parametrize("path", VIEW, ids=module_name)
+def test_the_page_knows_what_is_published_and_nothing_of_the_search(path):
+    inside = {n.removeprefix(f"{PACKAGE}.") for n in imports(path) if n.startswith(f"{PACKAGE}.")}
+    others = {name for name in inside if name.split(".")[0] != "view"}
+    assert {unit(name) or name.split(".")[0] for name in others} <= LOADED_BY_VIEW
+
+
+def test_the_page_is_there_without_anything_compiled():
+    code = "import sys, placement_planner_ros.view.command; sys.exit('numba' in sys.modules)"
+    assert (
+        subprocess.run([sys.executable, "-c", code], cwd=ROOT.parent, check=False).returncode == 0
+    )
+
+
 @pytest.mark.parametrize("path", sorted({*ADAPTER, *OUTSIDE_ROS}), ids=module_name)
-def test_only_tools_use_the_client(path):
+def test_only_tools_use_the_client_and_the_page(path):
     own = unit(module_name(path))
-    used = [name for name in imports(path) if f"{name}.".startswith(f"{PACKAGE}.client.")]
-    assert own == "ros.tools" or not used
+    above = (f"{PACKAGE}.client.", f"{PACKAGE}.view.")
+    assert own == "ros.tools" or not [n for n in imports(path) if f"{n}.".startswith(above)]
 
 
 @pytest.mark.parametrize("path", SEARCH_AND_MOTION, ids=module_name)

@@ -23,6 +23,7 @@ EXECUTABLES = (
     "placement_scene",
     "placement_benchmark",
     "placement_check_robot",
+    "placement_view",
 )
 SHIPPED = ("config", "launch", "urdf")
 
@@ -219,8 +220,8 @@ def test_every_version_has_a_floor_and_a_ceiling(requirements):
 def test_only_the_extra_ros_asks_for_ros_and_test_asks_for_all(requirements):
     assert not [name for name in requirements[""] if name.startswith("ros-")]
     assert any(name.startswith("ros-jazzy-rclpy") for name in requirements["ros"])
-    others = [*requirements["ros"], *requirements["evaluation"], *requirements["tour"]]
-    assert set(others) <= set(requirements["test"])
+    extras = ("ros", "evaluation", "tour", "view")
+    assert {name for extra in extras for name in requirements[extra]} <= set(requirements["test"])
     assert set(requirements["ros"]) <= set(requirements["tour"])
 
 
@@ -247,7 +248,9 @@ def test_every_import_is_of_a_package_that_is_asked_for(path, requirements):
     extra = rooms.get(inside.parts[0], "")
     extra = OWN_EXTRA.get(str(inside), extra)
     names = {re.match(r"[\w-]+", name)[0].lower() for name in requirements[""]}
-    names |= {re.match(r"[\w-]+", name)[0].lower() for name in requirements.get(extra, [])}
+    extras = ("ros", "view") if inside.parts[0] == "view" else (extra,)
+    asked = [name for each in extras for name in requirements.get(each, [])]
+    names |= {re.match(r"[\w-]+", name)[0].lower() for name in asked}
     modules = {module for name in names for module in MODULES.get(name, {name})}
     if "ros-jazzy-rclpy" in names:
         modules |= ROS_MODULES | TF

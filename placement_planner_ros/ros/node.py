@@ -25,11 +25,11 @@ from placement_planner_ros.core.stopping import StoppedError, stoppable
 from placement_planner_ros.core.warmup import warm_up
 from placement_planner_ros.interrupts import catch_signals
 from placement_planner_ros.ros.commands import STOP_PATIENCE, Commands
-from placement_planner_ros.ros.inputs.frames import Transforms
 from placement_planner_ros.ros.inputs.inputs import Inputs
 from placement_planner_ros.ros.inputs.reception import Reception
 from placement_planner_ros.ros.inputs.resources import Files
 from placement_planner_ros.ros.inputs.robot_input import RobotInput, announced, make_arms
+from placement_planner_ros.ros.inputs.transforms import Transforms
 from placement_planner_ros.ros.log import PERIOD, Log
 from placement_planner_ros.ros.outputs.announcer import Announcer
 from placement_planner_ros.ros.outputs.publishing import Outputs

@@ -13,7 +13,7 @@ from fakes import TABLE, placement
 from geometry_msgs.msg import Transform, TransformStamped
 from rclpy.duration import Duration
 
-from placement_planner_ros.ros.inputs.frames import SET_BACK, Transforms
+from placement_planner_ros.ros.inputs.transforms import SET_BACK, Transforms
 
 ROOT = "yumi_body"
 

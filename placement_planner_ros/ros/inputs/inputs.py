@@ -20,12 +20,7 @@ from placement_planner_ros.core.errors import (
 )
 from placement_planner_ros.core.scene.flying_pixels import flying_pixels
 from placement_planner_ros.ros.inputs.cloud_store import CloudStore, StoredCloud
-from placement_planner_ros.ros.inputs.frames import (
-    ChainMovingError,
-    CloudFrameError,
-    Transforms,
-    cloud_pose,
-)
+from placement_planner_ros.ros.inputs.frames import ChainMovingError, CloudFrameError, cloud_pose
 from placement_planner_ros.ros.inputs.joint_states import JointStates, RobotMovingError
 from placement_planner_ros.ros.inputs.object_input import ObjectInput
 from placement_planner_ros.ros.inputs.point_cloud import points_from_message
@@ -33,6 +28,7 @@ from placement_planner_ros.ros.inputs.reading import NotReadyError
 from placement_planner_ros.ros.inputs.resources import Files
 from placement_planner_ros.ros.inputs.robot_input import RobotInput, UnplacedError
 from placement_planner_ros.ros.inputs.standing_object import StandingObject
+from placement_planner_ros.ros.inputs.transforms import Transforms
 from placement_planner_ros.ros.parameters.values import ParameterSet
 
 MAX_NAMES = 10_000

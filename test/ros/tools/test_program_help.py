@@ -22,6 +22,22 @@ def test_help_is_printed_and_nothing_is_started(name, flag, monkeypatch, capsys)
     assert f"usage: {name} " in capsys.readouterr().out
 
 
+def test_the_help_of_the_page_needs_neither_ros_nor_viser(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["placement_view", "--help"])
+    monkeypatch.setitem(sys.modules, "rclpy", None)
+    monkeypatch.setitem(sys.modules, "viser", None)
+    assert programs.placement_view() is None
+    said = capsys.readouterr().out
+    assert said.startswith("usage: placement_view ")
+    assert "127.0.0.1" in said
+    monkeypatch.setattr(sys, "argv", ["placement_view"])
+    monkeypatch.delitem(sys.modules, "placement_planner_ros.view.command", raising=False)
+    monkeypatch.setattr(programs, "catch_signals", lambda: None)
+    with pytest.raises(SystemExit, match=r"viser|rclpy") as ended:
+        programs.placement_view()
+    assert "pip install 'placement_planner_ros[ros,view]'" in str(ended.value)
+
+
 def test_the_scenes_help_names_all_that_can_be_chosen(monkeypatch, capsys, ros):
     monkeypatch.setattr(sys, "argv", ["placement_scene", "--help"])
     programs.placement_scene()

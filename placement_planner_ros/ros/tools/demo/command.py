@@ -15,7 +15,7 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
@@ -37,6 +37,7 @@ from placement_planner_ros.ros.tools.demo.results import (
 )
 from placement_planner_ros.ros.tools.demo.search import search, wait_until_ready
 from placement_planner_ros.ros.tools.demo.setting import TOUR, Setting, bundled, of_file
+from placement_planner_ros.ros.tools.demo.view_process import page_served, wait_until_interrupted
 from placement_planner_ros.ros.tools.scene_publisher import ScenePublisher
 from placement_planner_ros.scenes.objects import ALL_OBJECTS
 from placement_planner_ros.scenes.scenes import SCENE_NAMES
@@ -106,6 +107,11 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--seed", type=int, default=-1, help="of the search; -1: another each time")
     parser.add_argument("--output", type=Path, default=Path("demo_output"), help="folder")
     parser.add_argument(
+        "--view",
+        action="store_true",
+        help="serve a page that shows the search, to be opened in a browser, until Ctrl-C",
+    )
+    parser.add_argument(
         "--page",
         type=Path,
         metavar="FILE",
@@ -147,7 +153,13 @@ def _demonstrate(options: argparse.Namespace, line: ProgressLine) -> None:
     line.say(f"{setting.title}: {told}")
     log = options.output / "node.log"
     carry_through = _tour if options.tour else _single
-    with NodeProcess(namespace, arguments, log) as node, _published(setting) as publishing:
+    with ExitStack() as running:
+        node = running.enter_context(NodeProcess(namespace, arguments, log))
+        publishing = running.enter_context(published(setting))
+        address = ""
+        if options.view:
+            address = running.enter_context(page_served(namespace, options.output / "view.log"))
+            line.say(f"look at it in a browser: {address}")
 
         def check() -> None:
             node.require_alive()
@@ -158,14 +170,19 @@ def _demonstrate(options: argparse.Namespace, line: ProgressLine) -> None:
             line.say("the node gets ready; the first time after installation that takes a while")
             wait_until_ready(planner, check, line)
             draw = carry_through(options, setting, planner, publishing.node, check, line)
-    written = draw()
-    print("look at:")
-    for path, words in [*written, (log, "what the node said")]:
-        print(f"  {path}   {words}")
-    if setting.scene_command and not options.tour:
-        print("the same by hand, in two terminals; docs/jazzy.md says what to call in a third:")
-        print(f"  {setting.scene_command}")
-        print(f"  placement_planner --ros-args {shlex.join(arguments)}", flush=True)
+        if not address:
+            running.close()
+        written = draw()
+        print("look at:")
+        for path, words in [*written, (log, "what the node said")]:
+            print(f"  {path}   {words}")
+        if setting.scene_command and not options.tour:
+            print("the same by hand, in two terminals; docs/jazzy.md says what to call in a third:")
+            print(f"  {setting.scene_command}")
+            print(f"  placement_planner --ros-args {shlex.join(arguments)}", flush=True)
+        if address:
+            print(f"the page is there until Ctrl-C: {address}", flush=True)
+            wait_until_interrupted()
 
 
 def _single(
@@ -227,7 +244,7 @@ class _Publishing:
 
 
 @contextmanager
-def _published(setting: Setting) -> Iterator[_Publishing]:
+def published(setting: Setting) -> Iterator[_Publishing]:
     """The scene on its topics meanwhile, by a thread."""
     scene = setting.publisher()
     executor, asked = SingleThreadedExecutor(), threading.Event()

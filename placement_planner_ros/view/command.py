@@ -1,0 +1,125 @@
+"""`placement_view`: serves the page until it is interrupted."""
+
+from __future__ import annotations
+
+import logging
+import os
+import socket
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Sequence
+
+import pinocchio as pin
+import rclpy
+import viser
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from placement_planner_ros.client.conversation import Conversation
+from placement_planner_ros.interrupts import catch_signals
+from placement_planner_ros.ros.inputs.transforms import Transforms
+from placement_planner_ros.ros.process import begin_ros
+from placement_planner_ros.ros.spinning import spin_until
+from placement_planner_ros.view.controls import Controls
+from placement_planner_ros.view.listening import Listener
+from placement_planner_ros.view.options import own_and_ros, parser
+from placement_planner_ros.view.page import Page, solution_shown
+from placement_planner_ros.view.world import World
+
+NICE = 5
+"""By how much others go first where the processor is short, as the planner should."""
+SAID_AGAIN = 10.0
+"""Seconds after which a fault of the page is said again."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point."""
+    asked = catch_signals()
+    own, of_ros = own_and_ros(arguments)
+    options = parser().parse_args(own)
+    os.nice(NICE)
+    fault = _unusable(options.host, options.port)
+    if fault:
+        print(f"placement_view: {fault}", file=sys.stderr)
+        return 1
+    begin_ros(["placement_view", *of_ros])
+    node = Node("placement_view")
+    logging.getLogger("websockets").setLevel(logging.CRITICAL)
+    server = viser.ViserServer(options.host, options.port, label="placement_view", verbose=False)
+    conversation = Conversation(node, options.planner) if options.control else None
+    listener = Listener(node, options.planner, conversation)
+    transforms = Transforms(node)
+
+    def transform(target: str, source: str) -> pin.SE3 | None:
+        return transforms.pose(target, source)
+
+    page = Page(server, listener, World(listener, transform))
+    controls = None
+    if conversation is not None:
+        controls = Controls(
+            server,
+            node,
+            conversation,
+            listener.planner,
+            lambda: page.record.run,
+            lambda: solution_shown(page),
+        )
+    executor, over = SingleThreadedExecutor(), threading.Event()
+    executor.add_node(node)
+
+    def survive(error: Exception) -> None:
+        node.get_logger().warning(f"a message was dropped: {type(error).__name__}: {error}")
+
+    hearing = threading.Thread(target=spin_until, args=(executor, over, survive), name="hearing")
+    hearing.start()
+    print(f"placement_view: http://{options.host}:{options.port}", flush=True)
+    if options.control:
+        print("placement_view: whoever opens the page can start and stop runs", flush=True)
+    try:
+        _show(page, listener, controls, asked)
+    finally:
+        over.set()
+        hearing.join()
+        server.stop()
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.try_shutdown()
+    return 0
+
+
+def _show(
+    page: Page, listener: Listener, controls: Controls | None, asked: threading.Event
+) -> None:
+    """Refresh the page until it is asked to end."""
+    known, said_at = -1, -SAID_AGAIN
+    while not asked.is_set():
+        wait = 1.0
+        try:
+            wait = page.refresh()
+            if controls is not None and listener.parameters.count != known:
+                known = listener.parameters.count
+                controls.know(listener.parameters.values)
+        # Whatever is heard, the page goes on; what nobody expected is said.
+        except Exception:
+            if time.monotonic() > said_at + SAID_AGAIN:
+                said_at = time.monotonic()
+                traceback.print_exc()
+        asked.wait(wait)
+
+
+def _unusable(host: str, port: int) -> str:
+    """Why nothing can be served there; empty where it can. viser would take another port."""
+    try:
+        family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
+        with socket.socket(family, socket.SOCK_STREAM) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind((host, port))
+    except OSError as error:
+        return f"--host {host} --port {port}: {error.strerror or error}; choose another"
+    return ""
+
+
+if __name__ == "__main__":
+    sys.exit(main())

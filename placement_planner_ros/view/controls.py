@@ -1,0 +1,139 @@
+"""Starting, stopping, confirming and setting parameters from the page; with `--control` only."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import viser
+from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.node import Node
+
+from placement_planner_ros.client import PlacementError, Solution
+from placement_planner_ros.client.calls import parameter_message
+from placement_planner_ros.client.conversation import Conversation
+from placement_planner_ros.client.waiting import finish
+from placement_planner_ros.view import words
+
+PATIENCE = 5.0
+"""Seconds for which a start is tried again that is refused for what passes by itself."""
+_OBJECTIVES = ("maximize_clearance", "minimize_clearance", "weighted")
+_NUMBERS = {
+    "time_limit": "Time limit, s (0: none)",
+    "collision_margin": "Collision margin, m",
+    "edge_margin": "Edge margin, m",
+}
+_VOLUME, _OBJECTIVE, _RETREAT = "target_volume", "objective", "require_retreat"
+
+
+class Controls:
+    """Buttons and fields, each of which asks the node; its answer is written below.
+
+    Args:
+        conversation: with the planning node.
+        planner: full name of that node.
+        run: number of its newest run.
+        shown: the solution that is looked at; None where there is none.
+    """
+
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        node: Node,
+        conversation: Conversation,
+        planner: str,
+        run: Callable[[], int],
+        shown: Callable[[], Solution | None],
+    ) -> None:
+        self._talk, self._run, self._shown = conversation, run, shown
+        self._setting = node.create_client(
+            SetParametersAtomically, f"{planner}/set_parameters_atomically"
+        )
+        self._known: dict[str, Any] = {}
+        gui = server.gui
+        with gui.add_folder("Control"):
+            start = gui.add_button("Start", color="green", icon=viser.Icon.PLAYER_PLAY)
+            stop = gui.add_button("Stop", color="red", icon=viser.Icon.PLAYER_STOP)
+            confirm = gui.add_button(
+                "Confirm as placed", hint="The placement that is shown has been carried out."
+            )
+            self._answer = gui.add_html("")
+            with gui.add_folder("Parameters of the next start", expand_by_default=False):
+                self._fields: dict[str, Any] = {
+                    _VOLUME: gui.add_text("Target volume", "", hint="x y z, x y z: m"),
+                    _OBJECTIVE: gui.add_dropdown("Objective", _OBJECTIVES),
+                    _RETREAT: gui.add_checkbox("Require a retreat", True),
+                }
+                for name, label in _NUMBERS.items():
+                    self._fields[name] = gui.add_number(label, 0.0, step=0.001)
+                keep = gui.add_button("Keep these for later starts, too")
+        start.on_click(lambda _: self._do(self._start))
+        stop.on_click(lambda _: self._do(self._stop))
+        confirm.on_click(lambda _: self._do(self._confirm))
+        keep.on_click(lambda _: self._do(self._keep))
+
+    def know(self, parameters: dict[str, Any]) -> None:
+        """The node's parameters, which the fields then show."""
+        self._known = {name: parameters[name] for name in self._fields if name in parameters}
+        for name, value in self._known.items():
+            field = self._fields[name]
+            if name == _VOLUME:
+                field.value = " ".join(f"{number:g}" for number in value)
+            elif name == _OBJECTIVE:
+                field.options = tuple(dict.fromkeys((*_OBJECTIVES, value)))
+                field.value = value
+            else:
+                field.value = value
+
+    def _do(self, act: Callable[[], str]) -> None:
+        self._answer.content = words.note("asking the node …")
+        try:
+            said = act()
+        except PlacementError as error:
+            said = str(error)
+        except (TypeError, ValueError) as error:
+            said = f"not sent: {error}"
+        self._answer.content = words.note(said)
+
+    def _start(self) -> str:
+        run = finish(self._talk.start(self._changed(), PATIENCE), self._talk.news)
+        return f"run {run} has begun"
+
+    def _stop(self) -> str:
+        best = finish(self._talk.stop(self._run()), self._talk.news)
+        return f"stopped; {best.words}"
+
+    def _confirm(self) -> str:
+        solution = self._shown()
+        if solution is None:
+            return "there is no placement to confirm"
+        run = finish(self._talk.confirm(solution, None), self._talk.news)
+        return f"solution {solution.number} of run {run} stands there now"
+
+    def _keep(self) -> str:
+        changed = self._changed()
+        if not changed:
+            return "nothing was changed"
+        request = SetParametersAtomically.Request(
+            parameters=[parameter_message(name, value) for name, value in changed.items()]
+        )
+        if not self._setting.service_is_ready():
+            return "no node is there"
+        # In a thread of viser's, while another spins the node.
+        response = self._setting.call(request, timeout_sec=PATIENCE)
+        if response is None:
+            return "the node has not answered"
+        result = response.result
+        return f"set {', '.join(changed)}" if result.successful else str(result.reason)
+
+    def _changed(self) -> dict[str, Any]:
+        """What the fields say that the node has not been told."""
+        changed = {}
+        for name, known in self._known.items():
+            value = self._fields[name].value
+            if name == _VOLUME:
+                value = [float(word) for word in value.replace(",", " ").split()]
+                known = [float(f"{number:g}") for number in known]
+            if value != known:
+                changed[name] = value
+        return changed

@@ -1,0 +1,52 @@
+"""What `~/markers` and `~/occupancy` say, as arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from visualization_msgs.msg import Marker, MarkerArray
+
+from placement_planner_ros.core.types import Array
+from placement_planner_ros.view.regions import rectangles
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DrawnMarkers:
+    """The parts of a marker array that the page draws.
+
+    Attributes:
+        volume: (k, 2, 3) corners of V's boxes, metres.
+        regions: (m, 4, 3) corners of the regions' rectangles, metres.
+        object: (n, 3) corners of the object's triangles in its own frame; of no rows where no
+            placement is drawn.
+    """
+
+    volume: Array
+    regions: Array
+    object: Array
+
+    @classmethod
+    def of(cls, message: MarkerArray) -> DrawnMarkers:
+        """Of a message; markers that are none of the node's are left out."""
+        boxes, regions, corners = [], np.zeros((0, 4, 3)), np.zeros((0, 3))
+        for marker in message.markers:
+            if marker.action != Marker.ADD:
+                continue
+            if marker.ns == "target_volume":
+                p, s = marker.pose.position, marker.scale
+                middle, half = np.array([p.x, p.y, p.z]), np.array([s.x, s.y, s.z]) / 2
+                boxes.append((middle - half, middle + half))
+            elif marker.ns == "regions":
+                regions = rectangles(_points(marker))
+            elif marker.ns == "object":
+                corners = _points(marker)
+        volume = np.array(boxes).reshape(-1, 2, 3)
+        finite = (np.isfinite(each).all() for each in (volume, regions, corners))
+        if not all(finite):
+            raise ValueError("it holds numbers that are not finite")
+        return cls(volume, regions, corners[: len(corners) // 3 * 3])
+
+
+def _points(marker: Marker) -> Array:
+    return np.array([(p.x, p.y, p.z) for p in marker.points], dtype=np.float64).reshape(-1, 3)

@@ -1,0 +1,181 @@
+"""Everything the page hears: the node's results, and what the node itself hears."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState, PointCloud2
+from shape_msgs.msg import Mesh
+from std_msgs.msg import String
+from visualization_msgs.msg import MarkerArray
+
+from placement_planner_ros.client.conversation import Conversation
+from placement_planner_ros.client.hearing import Hearing
+from placement_planner_ros.client.waiting import News
+from placement_planner_ros.core.errors import PlacementPlannerError
+from placement_planner_ros.ros.inputs.cloud_subscriptions import CloudSubscriptions
+from placement_planner_ros.ros.qos import LATCHED
+from placement_planner_ros.ros.timers import every
+from placement_planner_ros.view.node_parameters import NodeParameters
+from placement_planner_ros.view.thinning import ThinCloud, thinned
+
+LOOK = 0.5
+"""Seconds between looks at what the node subscribes to."""
+CLOUD_PERIOD = 0.18
+"""Least seconds between two clouds of one topic that are read."""
+_URDF = "<link"
+_KINDS = {
+    "sensor_msgs/msg/PointCloud2": "cloud",
+    "sensor_msgs/msg/JointState": "joints",
+    "std_msgs/msg/String": "description",
+    "shape_msgs/msg/Mesh": "object",
+}
+
+
+class Listener:
+    """Hears the planning node and its inputs. Its attributes are replaced, never changed.
+
+    Which topics its inputs come by is seen from what the node subscribes to, so that it is heard
+    whatever its names were mapped to.
+
+    Attributes:
+        hearing: status and solutions.
+        parameters: the node's.
+        positions: newest value of each joint, rad or m.
+        clouds: the newest of each topic, thinned.
+        markers, occupancy: the newest of each; None before.
+        description: the newest URDF that came by topic; '' before.
+        object: the newest mesh that came by topic; None before.
+        faults: by topic, what was wrong with the newest message.
+
+    Args:
+        planner: the planning node's name.
+        conversation: with it, which hears it already.
+    """
+
+    def __init__(self, node: Node, planner: str, conversation: Conversation | None = None) -> None:
+        self._node = node
+        self._group = MutuallyExclusiveCallbackGroup()
+        self.planner = node.resolve_service_name(planner)
+        if conversation is None:
+            self.news = News()
+            self.hearing = Hearing(node, planner, self._group, self.news)
+        else:
+            self.news, self.hearing = conversation.news, conversation.hearing
+        self.parameters = NodeParameters(node, self.planner, self._group, self.news.tell)
+        self.positions: dict[str, float] = {}
+        self.clouds: dict[str, ThinCloud] = {}
+        self.markers: MarkerArray | None = None
+        self.occupancy: PointCloud2 | None = None
+        self.description = ""
+        self.object: Mesh | None = None
+        self.faults: dict[str, str] = {}
+        self._present = False
+        self._topics: dict[tuple[str, str], Any] = {}
+        self._read_at: dict[str, float] = {}
+        self._lock = threading.Lock()
+        for kind, name, take in (
+            (MarkerArray, "markers", self._take_markers),
+            (PointCloud2, "occupancy", self._take_occupancy),
+        ):
+            node.create_subscription(
+                kind, f"{planner}/{name}", take, LATCHED, callback_group=self._group
+            )
+        every(node, LOOK, self.look)
+
+    @property
+    def absent(self) -> str:
+        """Why nothing is heard of the node, in words; empty where it is there."""
+        if self._present:
+            return ""
+        before = "" if self.hearing.status is None else " any more; what it said last is shown"
+        return f"no node heard on {self.planner}{before}"
+
+    def look(self) -> None:
+        """See whether the node is there, and what it subscribes to."""
+        namespace, _, name = self.planner.rpartition("/")
+        present = self._node.count_publishers(f"{self.planner}/status") > 0
+        if present and not self._present:
+            self.parameters.ask_again()
+        if present is not self._present:
+            self._present = present
+            self.news.tell()
+        self.parameters.look()
+        if not present:
+            return
+        try:
+            heard = self._node.get_subscriber_names_and_types_by_node(name, namespace or "/")
+        # A node whose topics are known before its name is, or that has just gone.
+        except Exception:
+            return
+        for topic, kinds in heard:
+            for kind in filter(None, map(_KINDS.get, kinds)):
+                if (topic, kind) not in self._topics:
+                    self._topics[topic, kind] = self._listen(topic, kind)
+
+    def _listen(self, topic: str, kind: str) -> Any:
+        if kind == "cloud":
+            return CloudSubscriptions(self._node, [topic], self._take_cloud)
+        types: dict[str, tuple[type, Callable[[Any], None], QoSProfile]] = {
+            "joints": (
+                JointState,
+                lambda message: self._take_joints(topic, message),
+                QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT),
+            ),
+            "description": (String, self._take_description, LATCHED),
+            "object": (Mesh, self._take_object, LATCHED),
+        }
+        message, take, qos = types[kind]
+        return self._node.create_subscription(message, topic, take, qos, callback_group=self._group)
+
+    def _take_cloud(self, topic: str, message: PointCloud2) -> None:
+        now = time.monotonic()
+        if now < self._read_at.get(topic, -math.inf) + CLOUD_PERIOD:
+            return
+        self._read_at[topic] = now
+        try:
+            cloud = thinned(message)
+        except PlacementPlannerError as error:
+            self._fault(topic, str(error))
+            return
+        self.clouds = {**self.clouds, topic: cloud}
+        self._fault(topic, "")
+
+    def _take_joints(self, topic: str, message: JointState) -> None:
+        if len(message.name) != len(message.position):
+            words = f"{len(message.name)} names and {len(message.position)} positions"
+            self._fault(topic, words)
+            return
+        values = zip(message.name, map(float, message.position), strict=True)
+        self.positions = self.positions | {n: v for n, v in values if math.isfinite(v)}
+        self._fault(topic, "")
+
+    def _take_description(self, message: String) -> None:
+        if _URDF in message.data:  # the node's other string is the SRDF
+            self.description = message.data
+            self.news.tell()
+
+    def _take_object(self, message: Mesh) -> None:
+        self.object = message
+        self.news.tell()
+
+    def _take_markers(self, message: MarkerArray) -> None:
+        self.markers = message
+        self.news.tell()
+
+    def _take_occupancy(self, message: PointCloud2) -> None:
+        self.occupancy = message
+        self.news.tell()
+
+    def _fault(self, topic: str, words: str) -> None:
+        with self._lock:
+            if self.faults.get(topic, "") != words:
+                others = {name: said for name, said in self.faults.items() if name != topic}
+                self.faults = {**others, topic: words} if words else others

@@ -1,0 +1,91 @@
+"""The planning node's parameters, asked for by its services."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from rcl_interfaces.msg import ParameterEvent
+from rcl_interfaces.srv import GetParameters, ListParameters
+from rclpy.callback_groups import CallbackGroup
+from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
+from rclpy.qos import qos_profile_parameter_events
+from rclpy.task import Future
+
+RETRIED = 5
+"""Looks after which an answer that has not come is asked for again."""
+
+
+class NodeParameters:
+    """What the planning node was told; asked for when it appears and whenever it changes.
+
+    Attributes:
+        values: by name; empty until they have come.
+        count: another one whenever they are.
+
+    Args:
+        planner: full name of the planning node.
+        changed: called when there are new ones.
+    """
+
+    def __init__(
+        self, node: Node, planner: str, group: CallbackGroup, changed: Callable[[], None]
+    ) -> None:
+        self.values: dict[str, Any] = {}
+        self.count = 0
+        self._planner, self._changed = planner, changed
+        self._wanted, self._waited = True, 0
+        self._list = node.create_client(
+            ListParameters, f"{planner}/list_parameters", callback_group=group
+        )
+        self._get = node.create_client(
+            GetParameters, f"{planner}/get_parameters", callback_group=group
+        )
+        node.create_subscription(
+            ParameterEvent,
+            "/parameter_events",
+            self._hear,
+            qos_profile_parameter_events,
+            callback_group=group,
+        )
+
+    def ask_again(self) -> None:
+        """Ask for them at the next look, as another node may be there now."""
+        self._wanted = True
+
+    def look(self) -> None:
+        """Ask for them where that is due and the node is there."""
+        if self._waited:
+            self._waited -= 1
+            return
+        if not self._wanted or not self._list.service_is_ready():
+            return
+        self._wanted, self._waited = False, RETRIED
+        self._list.call_async(ListParameters.Request()).add_done_callback(self._listed)
+
+    def _hear(self, event: ParameterEvent) -> None:
+        if event.node == self._planner:
+            self._wanted = True
+
+    def _listed(self, answer: Future) -> None:
+        response = answer.result()
+        if response is None:
+            self._wanted = True
+            return
+        names = list(response.result.names)
+
+        def got(values: Future) -> None:
+            self._waited = 0
+            response = values.result()
+            if response is None:
+                self._wanted = True
+                return
+            self.values = {
+                name: parameter_value_to_python(value)
+                for name, value in zip(names, response.values, strict=False)
+            }
+            self.count += 1
+            self._changed()
+
+        self._get.call_async(GetParameters.Request(names=names)).add_done_callback(got)

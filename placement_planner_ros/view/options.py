@@ -1,0 +1,64 @@
+"""The command line of `placement_view`; needs neither ROS nor viser."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+PORT = 8080
+_ABOUT = """Shows what a placement planner's node is doing, as a page in the browser.
+
+The page only shows, unless --control is given. Run it in the node's namespace, or say with
+--planner which node is meant."""
+
+
+def parser() -> argparse.ArgumentParser:
+    """Of all but ROS's own arguments."""
+    made = argparse.ArgumentParser(
+        prog="placement_view",
+        description=_ABOUT,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        epilog="ROS's own arguments go after --ros-args, such as -r __ns:=/cell_2.",
+    )
+    made.add_argument(
+        "--host",
+        default="127.0.0.1",
+        help="address to serve on; 127.0.0.1 is this machine only, 0.0.0.0 is whoever can reach it",
+    )
+    made.add_argument(
+        "--port", type=_port, default=PORT, help=f"port to serve on; without it {PORT}"
+    )
+    made.add_argument(
+        "--control",
+        action="store_true",
+        help="let whoever opens the page start, stop and confirm, and set parameters",
+    )
+    made.add_argument(
+        "--planner",
+        default="placement_planner",
+        metavar="NODE",
+        help="name of the planning node; without it placement_planner",
+    )
+    return made
+
+
+def _port(text: str) -> int:
+    try:
+        port = int(text)
+    except ValueError:
+        port = -1
+    if not 1 <= port <= 65535:
+        raise argparse.ArgumentTypeError(f"{text}: give a number from 1 to 65535")
+    return port
+
+
+def own_and_ros(arguments: Sequence[str] | None) -> tuple[list[str], list[str]]:
+    """What is for this program, and from `--ros-args` on what is for ROS.
+
+    Args:
+        arguments: of the command line, which None stands for.
+    """
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    at = given.index("--ros-args") if "--ros-args" in given else len(given)
+    return given[:at], given[at:]

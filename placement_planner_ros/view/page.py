@@ -1,0 +1,361 @@
+"""Brings together what is heard and what is shown, ten times a second."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import viser
+from trajectory_msgs.msg import JointTrajectory
+
+from placement_planner_ros.client import Solution
+from placement_planner_ros.core.errors import PlacementPlannerError
+from placement_planner_ros.core.types import Array
+from placement_planner_ros.view import charts, words
+from placement_planner_ros.view.camera import FirstView, first_view
+from placement_planner_ros.view.drawn_markers import DrawnMarkers
+from placement_planner_ros.view.listening import Listener
+from placement_planner_ros.view.panel import Panel
+from placement_planner_ros.view.playback import Playback, Way
+from placement_planner_ros.view.poses import pose_of
+from placement_planner_ros.view.record import Improvement, RunRecord
+from placement_planner_ros.view.region_colours import RegionColours
+from placement_planner_ros.view.regions import pieces
+from placement_planner_ros.view.stage import Stage
+from placement_planner_ros.view.thinning import thinned
+from placement_planner_ros.view.world import World
+
+IDLE, PLAYING = 0.1, 0.05
+"""Seconds between looks, and between moments of a motion that plays."""
+_MOVED = 1e-4
+"""rad or m by which a joint must have moved for the robot to be drawn anew."""
+MOST_CELLS = 100_000
+"""Cells of the obstacle set that are looked at."""
+HIDDEN = 0.5
+"""Share of V that must be hidden for the cloud to be opened in front of it."""
+LEFT_IN_FRONT = 8
+"""Of what is in front, every so many-th point is left."""
+_NO_MARKERS = DrawnMarkers(np.zeros((0, 2, 3)), np.zeros((0, 4, 3)), np.zeros((0, 3)))
+
+
+class Page:
+    """The page. All that it does it does in `refresh`, in one thread.
+
+    Attributes:
+        record: the newest run.
+        shown: the improvement that is looked at; None where there is none.
+    """
+
+    def __init__(self, server: viser.ViserServer, listener: Listener, world: World) -> None:
+        self._listener, self._world = listener, world
+        self._stage = Stage(server)
+        self._panel = Panel(server, self._stage.show)
+        self._colours = RegionColours()
+        self.record = RunRecord()
+        self.shown: Improvement | None = None
+        self._playback: Playback | None = None
+        self._markers = _NO_MARKERS
+        self._obstacles = np.zeros((0, 3))
+        self._drawn: dict[str, object] = {}
+        self._faults: dict[str, str] = {}
+        self._poses: Mapping[str, pin.SE3] = {}
+        self._view: FirstView | None = None
+        self._looked_at = time.monotonic()
+
+    def refresh(self) -> float:
+        """Show what is new; seconds until that is due again."""
+        now = time.monotonic()
+        passed, self._looked_at = now - self._looked_at, now
+        self._hear()
+        self._world.update(self._markers.object)
+        self._draw_robot_anew()
+        self._choose()
+        duration = self._playback.duration if self._playback is not None else 0.0
+        self._panel.advance(passed, duration)
+        self._move()
+        self._look()
+        self._draw_clouds()
+        self._draw_scene()
+        self._write()
+        return PLAYING if self._panel.playing else IDLE
+
+    # --- what is heard
+
+    def _hear(self) -> None:
+        listener = self._listener
+        status = listener.hearing.status
+        if status is not None:
+            self.record.take_status(status, listener.hearing.solution, listener.positions)
+        if self._is_new("markers heard", id(listener.markers)) and listener.markers is not None:
+            try:
+                self._markers = DrawnMarkers.of(listener.markers)
+                self._fault("markers", "")
+            except ValueError as error:
+                self._fault("markers", str(error))
+        if self._is_new("cells heard", id(listener.occupancy)) and listener.occupancy is not None:
+            try:
+                self._obstacles = thinned(listener.occupancy, MOST_CELLS).points
+                self._fault("occupancy", "")
+            except PlacementPlannerError as error:
+                self._fault("occupancy", str(error))
+
+    def _choose(self) -> None:
+        """Look at the solution that was chosen, or the newest."""
+        record = self.record
+        offered = [(n, each.solution.objective) for n, each in record.improvements.items()]
+        self._panel.offer(offered)
+        chosen = record.improvements.get(self._panel.chosen) or record.best
+        if chosen is not self.shown and self._panel.playing and chosen is not None:
+            return  # what plays is played to its end
+        known = (id(chosen), id(self._world.robot), self._listener.parameters.count)
+        self.shown = chosen
+        if not self._is_new("shown", known):
+            return
+        self._playback = None
+        if chosen is not None:
+            try:
+                self._playback = self._playback_of(chosen)
+                self._fault("placement", "")
+            except (ValueError, KeyError, IndexError) as error:
+                self._fault("placement", f"its motion cannot be shown: {error}")
+        self._panel.rewind(self._playback.duration if self._playback is not None else 0.0)
+
+    def _playback_of(self, improvement: Improvement) -> Playback | None:
+        solution, tip = improvement.solution, self._world.tip(improvement.solution.arm)
+        carry = _way(solution.trajectory)
+        if self._world.robot is None or not self._world.robot.has_link(tip) or carry is None:
+            return None
+        retreat = solution.retreat_trajectory
+        return Playback(
+            self._world.link_poses,
+            tip,
+            improvement.positions,
+            carry,
+            solution.approach_start,
+            self._world.opened(solution.arm),
+            _way(retreat) if retreat is not None else None,
+            pose_of(solution.pose.pose),
+        )
+
+    # --- what is drawn
+
+    def _draw_robot_anew(self) -> None:
+        robot = self._world.robot
+        if self._is_new("robot", id(robot)):
+            self._stage.draw_robot(() if robot is None else robot.shapes)
+            self._drawn.pop("posture", None)
+
+    def _move(self) -> None:
+        """Robot and object, as they are now or as they will be."""
+        at, live = self._panel.time, self._listener.positions
+        playback = self._playback if at > 0.0 else None
+        moment = playback.at(at) if playback is not None else None
+        positions = live if moment is None else moment.positions
+        joints = self._world.robot.joints if self._world.robot is not None else ()
+        posture = tuple(round(positions.get(name, 0.0) / _MOVED) for name in joints)
+        anew = self._held_anew(playback is not None)
+        if self._is_new("posture", (posture, moment is None)) or anew:
+            self._poses = self._world.link_poses(positions)
+            self._stage.place_robot(self._poses)
+            if moment is not None:
+                held = moment.stage in ("transit", "approach")
+                self._stage.move_held(1, moment.T_world_object, held)
+            else:
+                for k, T in enumerate(self._holding(self._poses)):
+                    self._stage.move_held(k, T)
+        if self._is_new("ghost", id(playback)):
+            start = playback.at(0.0) if playback is not None else None
+            poses = self._world.link_poses(start.positions) if start is not None else None
+            self._stage.place_ghost(poses)
+
+    def _held_anew(self, playing: bool) -> bool:
+        """Draw the objects in hands anew where there are others; whether there were."""
+        holding = self._holding(self._world.link_poses(self._listener.positions))
+        key = (playing, len(holding), id(self._world.object), id(self._playback))
+        if not self._is_new("held", key):
+            return False
+        if playing and self._playback is not None:
+            start = self._playback.at(0.0).T_world_object
+            self._stage.draw_held(self._world.object, [start, start], ghost=True)
+        else:
+            self._stage.draw_held(self._world.object, holding, ghost=False)
+        return True
+
+    def _holding(self, poses: Mapping[str, pin.SE3]) -> list[pin.SE3]:
+        """T_world_object of the object in the hand: of each hand, where it is not known which."""
+        if self._confirmed:
+            return []
+        if self._playback is not None and self._playback.tip in poses:
+            return [poses[self._playback.tip] * self._playback.T_tip_object]
+        return self._world.held(poses)
+
+    @property
+    def _confirmed(self) -> bool:
+        """Whether this run's object stands where it was to be placed."""
+        status = self.record.status
+        return (
+            status is not None and str(self.record.run) in status.values.get("placed", "").split()
+        )
+
+    def _draw_clouds(self) -> None:
+        for topic, cloud in self._listener.clouds.items():
+            points, why_not = self._world.in_planning_frame(cloud, self._poses)
+            self._fault(topic, why_not)
+            if points is None:
+                continue
+            # Most clouds are what they were before; those of a moving sensor are not.
+            if self._is_new(f"cloud {topic}", (hash(points.tobytes()), id(self._view))):
+                self._stage.draw_cloud(topic, self._opened(points))
+
+    def _opened(self, points: Array) -> Array:
+        """The cloud (n, 3), most of what hides V left out where most of V is hidden."""
+        if self._view is None or self._view.hidden < HIDDEN:
+            return points
+        kept = ~self._view.before(points, self._volume)
+        kept[::LEFT_IN_FRONT] = True
+        return points[kept]
+
+    def _draw_scene(self) -> None:
+        shown, best = self.shown, self.record.best
+        surface = self._world.object
+        T = pose_of(shown.solution.pose.pose) if shown is not None else None
+        if self._is_new("placement", (id(shown), id(surface))):
+            name = "" if shown is None else f"placement {shown.solution.number}"
+            self._stage.draw_placement(surface, T, name)
+            path = self._playback.path() if self._playback is not None else None
+            self._stage.draw_path(path)
+        others = [each for each in self.record.improvements.values() if each is not shown]
+        if self._is_new("earlier", (tuple(map(id, others)), id(surface))):
+            poses = [pose_of(each.solution.pose.pose) for each in others]
+            self._stage.draw_earlier(surface, poses)
+        cell_size = float(self._world.parameter("cloud.cell_size", 0.01))
+        if self._is_new("cells", id(self._obstacles)):
+            self._stage.draw_occupancy(self._obstacles, cell_size)
+        if self._is_new("volume", self._volume.tobytes()):
+            self._stage.draw_volume(self._volume)
+        parts = (id(self._markers.regions), id(self._obstacles), id(best), id(surface))
+        if self._is_new("regions", parts):
+            cut = pieces(self._markers.regions)
+            colour = self._colours.of(
+                cut, best, surface, self._obstacles, self._volume, self._world
+            )
+            self._stage.draw_regions(cut, colour)
+
+    @property
+    def _volume(self) -> Array:
+        """V's boxes (k, 2, 3): of the run, and before there is one by the parameter."""
+        if len(self._markers.volume):
+            return self._markers.volume
+        numbers = np.array(self._world.parameter("target_volume", []), dtype=np.float64)
+        return numbers[: len(numbers) // 6 * 6].reshape(-1, 2, 3)
+
+    def _look(self) -> None:
+        """Choose the camera's first place where robot and V are others."""
+        robot, volume = self._world.robot, self._volume
+        known = len(self._listener.clouds)
+        if robot is None or len(volume) == 0 or not self._listener.positions:
+            return
+        if not self._is_new("camera", (id(robot), volume.tobytes(), known)):
+            return
+        on_robot = [
+            shape.vertices[:: max(1, len(shape.vertices) // 60)] @ T.rotation.T + T.translation
+            for shape in robot.shapes
+            if (T := self._poses.get(shape.link)) is not None
+        ]
+        lower, upper = volume[:, 0].min(axis=0), volume[:, 1].max(axis=0)
+        matter = lower + np.random.default_rng(0).random((60, 3)) * (upper - lower)
+        matter = np.vstack([matter, lower, upper])
+        base = np.vstack(on_robot).mean(axis=0) if on_robot else np.zeros(3)
+        points = np.vstack(on_robot) if on_robot else np.zeros((0, 3))
+        also = np.array([T.translation for T in self._holding(self._poses)]).reshape(-1, 3)
+        self._view = first_view(matter, also, points, self._around(), base)
+        self._stage.look_from(self._view.eye, self._view.at)
+
+    def _around(self) -> Array:
+        """(n, 3) some points of what stands around."""
+        clouds = [self._world.in_planning_frame(cloud, self._poses)[0]
+                  for cloud in self._listener.clouds.values()]  # fmt: skip
+        return np.vstack([np.zeros((0, 3)), *(c[::10] for c in clouds if c is not None)])
+
+    # --- what is said
+
+    def _write(self) -> None:
+        record, shown = self.record, self.shown
+        best = record.best
+        last = 0 if best is None else best.solution.number
+        status = record.status
+        reason = "" if status is None else status.validity.reason
+        if self._confirmed:
+            reason = ""
+        curve = record.curve
+        place = list(record.improvements.values()).index(shown) if shown is not None and (
+            shown.solution.number in record.improvements
+        ) else -1  # fmt: skip
+        self._panel.write(
+            heading=words.heading(record, self._listener.absent),
+            placement=words.placement(
+                None if shown is None else shown.solution,
+                last,
+                reason,
+                self._world.parameter("objective", ""),
+                self._confirmed,
+            ),
+            stage=self._stage_words(),
+            curve=charts.objective_over_time(curve, round(record.elapsed, 1), place),
+            bars=charts.rejections(record.rejected, record.samples),
+            legend=charts.legend(
+                self._colours.ends,
+                len(record.improvements) > 1,
+                self._panel.time > 0.0,
+                "occupancy" in self._panel.visible,
+            ),
+            note=words.note("; ".join(self._said_faults())),
+        )
+
+    def _stage_words(self) -> str:
+        if self._playback is None:
+            return ""
+        marks = ", ".join(f"{name} {at:.1f} s" for at, name in self._playback.marks)
+        if self._panel.time <= 0.0:
+            return words.note(f"the robot as it is now; {marks}")
+        return words.note(f"now: {self._playback.at(self._panel.time).stage}; {marks}")
+
+    def _said_faults(self) -> list[str]:
+        faults = {**self._listener.faults, **self._world.faults, **self._faults}
+        return [f"{name}: {said}" for name, said in faults.items() if said]
+
+    def _fault(self, name: str, said: str) -> None:
+        self._faults[name] = said
+
+    def _is_new(self, name: str, key: object) -> bool:
+        """Whether that is another than at the last look."""
+        if name in self._drawn and self._drawn[name] == key:
+            return False
+        self._drawn[name] = key
+        return True
+
+
+def _way(message: JointTrajectory) -> Way | None:
+    """A trajectory; None where it has no points.
+
+    Raises:
+        ValueError: it is none.
+    """
+    points: Any = message.points
+    if len(points) == 0:
+        return None
+    times = np.array([p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec for p in points])
+    positions = np.array([p.positions for p in points], dtype=np.float64)
+    if positions.shape != (len(points), len(message.joint_names)):
+        raise ValueError(f"its points do not fit its {len(message.joint_names)} joints")
+    if not np.isfinite(positions).all() or (np.diff(times) < 0.0).any():
+        raise ValueError("its points are not finite, or not in order")
+    return Way(tuple(message.joint_names), times, positions)
+
+
+def solution_shown(page: Page) -> Solution | None:
+    """The solution that is looked at."""
+    return None if page.shown is None else page.shown.solution

@@ -1,0 +1,129 @@
+"""What stands beside the scene: words, charts, and what plays a placement."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import viser
+
+from placement_planner_ros.view.stage import LAYERS
+
+BEST = "the best so far"
+"""The choice that follows the newest."""
+WIDTH = 385.0
+"""Pixels, so that the words beside bars take one line each."""
+_HIDDEN = ("occupancy",)
+"""Layers that are not shown at first."""
+
+
+class Panel:
+    """Its widgets, and what was done with them. Read from one thread.
+
+    Attributes:
+        playing: whether time goes on.
+        time: seconds into the motion.
+    """
+
+    def __init__(self, server: viser.ViserServer, show: Callable[[str, bool], None]) -> None:
+        gui = server.gui
+        gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
+        gui.set_panel_label("placement_view")
+        gui.main_panel.dock_right()
+        gui.main_panel.set_width(WIDTH)
+        self.playing, self.time = False, 0.0
+        self._toggled = False
+        self._shown: dict[str, str] = {}
+        self._numbers: tuple[int, ...] = ()
+        self._heading = gui.add_html("")
+        self._placement = gui.add_html("")
+        self._choice: Any = gui.add_dropdown(
+            "Placement", [BEST], hint="Look at an earlier solution of this run again."
+        )
+        self._play: Any = gui.add_button("Play", disabled=True, icon=viser.Icon.PLAYER_PLAY)
+        self._slider: Any = gui.add_slider(
+            "Time, s", 0.0, 1.0, 0.01, 0.0, disabled=True, hint="0: as it is now."
+        )
+        self._stage = gui.add_html("")
+        self._curve = gui.add_html("")
+        self._bars = gui.add_html("")
+        self._legend = gui.add_html("")
+        self._note = gui.add_html("")
+        self._boxes: dict[str, Any] = {}
+        with gui.add_folder("Show", expand_by_default=False):
+            for name, words in LAYERS.items():
+                self._boxes[name] = gui.add_checkbox(words, name not in _HIDDEN)
+                show(name, name not in _HIDDEN)
+                self._boxes[name].on_update(_showing(show, name))
+        self._play.on_click(self._toggle)
+
+    def _toggle(self, _: object) -> None:
+        self._toggled = True
+
+    @property
+    def chosen(self) -> int:
+        """Number of the solution that was chosen; 0 for the best."""
+        value = str(self._choice.value)
+        return 0 if value == BEST else int(value.split(":", 1)[0])
+
+    @property
+    def visible(self) -> set[str]:
+        """The layers that are shown."""
+        return {name for name, box in self._boxes.items() if box.value}
+
+    def offer(self, solutions: Sequence[tuple[int, float]]) -> None:
+        """Number and ξ of the solutions that can be looked at."""
+        numbers = tuple(number for number, _ in solutions)
+        if numbers == self._numbers:
+            return
+        self._numbers = numbers
+        chosen = self._choice.value
+        options = [BEST, *(f"{number}: ξ {value:.3f}" for number, value in reversed(solutions))]
+        self._choice.options = tuple(options)
+        self._choice.value = chosen if chosen in options else BEST
+
+    def rewind(self, duration: float) -> None:
+        """Another motion: of so many seconds, 0 where there is none."""
+        self.playing, self.time, self._toggled = False, 0.0, False
+        self._slider.value = 0.0
+        self._slider.max = max(round(duration, 2), 0.01)
+        self._slider.disabled = self._play.disabled = duration <= 0.0
+        self._label_play()
+
+    def advance(self, seconds: float, duration: float) -> None:
+        """Let time go on, unless the slider was moved meanwhile."""
+        if self._toggled:
+            self._toggled = False
+            self.playing = not self.playing and duration > 0.0
+            if self.playing and self.time >= duration:
+                self.time = 0.0
+                self._slider.value = 0.0
+            self._label_play()
+        at = float(self._slider.value)
+        if abs(at - self.time) > 0.011:
+            self.time = at
+        elif self.playing:
+            self.time = min(self.time + seconds, duration)
+            self._slider.value = round(self.time, 2)
+        if self.playing and self.time >= duration:
+            self.playing = False
+            self._label_play()
+
+    def _label_play(self) -> None:
+        self._play.label = "Pause" if self.playing else "Play"
+        icon = viser.Icon.PLAYER_PAUSE if self.playing else viser.Icon.PLAYER_PLAY
+        self._play.icon = icon
+
+    def write(self, **content: str) -> None:
+        """HTML for heading, placement, stage, curve, bars, legend or note, sent where it is new."""
+        for name, html in content.items():
+            if self._shown.get(name) != html:
+                self._shown[name] = html
+                getattr(self, f"_{name}").content = html
+
+
+def _showing(show: Callable[[str, bool], None], name: str) -> Callable[[Any], None]:
+    def update(event: Any) -> None:
+        show(name, bool(event.target.value))
+
+    return update

@@ -1,0 +1,135 @@
+"""A solution as a motion in time: transit, approach, release, retreat."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import pinocchio as pin
+
+from placement_planner_ros.core.types import Array
+
+LinkPoses = Callable[[Mapping[str, float]], Mapping[str, pin.SE3]]
+
+RELEASE = 0.6
+"""Seconds that opening the hand takes on the page; a real hand has its own."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Way:
+    """Joint positions over time.
+
+    Attributes:
+        joints: (dof) names.
+        times: (n,) seconds, increasing from 0 on.
+        positions: (n, dof) rad or m.
+    """
+
+    joints: tuple[str, ...]
+    times: Array
+    positions: Array
+
+    @property
+    def duration(self) -> float:
+        """Seconds."""
+        return float(self.times[-1])
+
+    def at(self, time: float) -> dict[str, float]:
+        """Position of each joint."""
+        values = (float(np.interp(time, self.times, column)) for column in self.positions.T)
+        return dict(zip(self.joints, values, strict=True))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Moment:
+    """One moment of a motion.
+
+    Attributes:
+        stage: transit, approach, release or retreat.
+        positions: of the joints, rad or m.
+        T_world_object: where the object is, in the planning frame.
+    """
+
+    stage: str
+    positions: Mapping[str, float]
+    T_world_object: pin.SE3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Playback:
+    """How an arm puts down what it holds.
+
+    What holds the object follows from the motion's end, where the object is at the placement.
+
+    Attributes:
+        link_poses: T_planning_link of every link at joint values, rad or m.
+        tip: link that the object is fixed to.
+        start: joint values before, rad or m.
+        carry: the way to the placement.
+        approach_start: seconds into it at which the straight way down begins.
+        opened: joint values that open the hand.
+        retreat: the way back with the hand open; None where there is none.
+        T_world_placed: where the object comes to stand.
+        T_tip_object: how the hand holds the object.
+    """
+
+    link_poses: LinkPoses
+    tip: str
+    start: Mapping[str, float]
+    carry: Way
+    approach_start: float
+    opened: Mapping[str, float]
+    retreat: Way | None
+    T_world_placed: pin.SE3
+    T_tip_object: pin.SE3 = field(init=False)
+
+    def __post_init__(self) -> None:
+        end = {**self.start, **self.carry.at(self.carry.duration)}
+        T_world_tip = self.link_poses(end)[self.tip]
+        object.__setattr__(self, "T_tip_object", T_world_tip.actInv(self.T_world_placed))
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the start to the end of the retreat."""
+        return self.carry.duration + self._release + (self.retreat.duration if self.retreat else 0)
+
+    @property
+    def _release(self) -> float:
+        return RELEASE if self.opened else 0.0
+
+    @property
+    def marks(self) -> list[tuple[float, str]]:
+        """When each stage begins, seconds."""
+        marks = [(0.0, "transit"), (self.approach_start, "approach")]
+        if self.opened:
+            marks.append((self.carry.duration, "release"))
+        if self.retreat is not None:
+            marks.append((self.carry.duration + self._release, "retreat"))
+        return marks
+
+    def at(self, time: float) -> Moment:
+        """The moment so many seconds after the start; before and after it all is at rest."""
+        time = float(np.clip(time, 0.0, self.duration))
+        if time <= self.carry.duration:
+            positions = {**self.start, **self.carry.at(time)}
+            T_world_tip = self.link_poses(positions)[self.tip]
+            stage = "approach" if time >= self.approach_start else "transit"
+            return Moment(stage, positions, T_world_tip * self.T_tip_object)
+        closed = {**self.start, **self.carry.at(self.carry.duration)}
+        time -= self.carry.duration
+        if self.retreat is None or time <= self._release:
+            share = min(1.0, time / self._release) if self._release else 1.0
+            now = {
+                name: closed.get(name, 0.0) + share * (value - closed.get(name, 0.0))
+                for name, value in self.opened.items()
+            }
+            return Moment("release", {**closed, **now}, self.T_world_placed)
+        positions = {**closed, **self.opened, **self.retreat.at(time - self._release)}
+        return Moment("retreat", {**positions, **self.opened}, self.T_world_placed)
+
+    def path(self, step: float = 0.03) -> Array:
+        """(n, 3) where the object's origin is carried along, a point every `step` seconds."""
+        count = int(np.clip(round(self.carry.duration / step), 2, 200))
+        times = np.linspace(0.0, self.carry.duration, count)
+        return np.array([self.at(time).T_world_object.translation for time in times])

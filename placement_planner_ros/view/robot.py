@@ -1,0 +1,88 @@
+"""The robot that is shown: where its links are at given joint values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pinocchio as pin
+
+from placement_planner_ros.core.errors import RobotError
+from placement_planner_ros.core.robot.description import read_urdf
+from placement_planner_ros.core.types import Array
+from placement_planner_ros.view.robot_shapes import FindFile, LinkShape, link_shapes
+
+
+class ShownRobot:
+    """A robot's links and their shapes; nothing of what planning needs.
+
+    Attributes:
+        name: of the robot.
+        root: its root link.
+        joints: movable joints that mimic no other.
+        shapes: of the links that can be drawn.
+        lacking: in words, what cannot be drawn.
+
+    Args:
+        urdf: its text.
+        find: finds the mesh files that it names.
+
+    Raises:
+        RobotError: the text describes no robot.
+    """
+
+    def __init__(self, urdf: str, find: FindFile) -> None:
+        description = read_urdf(urdf)
+        try:
+            self._model = pin.buildModelFromXML(description.text)
+        except Exception as error:  # whatever pinocchio raises at what it is given
+            words = f"is refused: {error}"
+            raise RobotError("robot_description", description.root.get("name"), words) from error
+        self._data = self._model.createData()
+        self._mimics = {
+            name: joint.mimic for name, joint in description.joints.items() if joint.mimic
+        }
+        self.name = str(self._model.name)
+        self.root = str(self._model.frames[1].name)
+        self.joints = tuple(n for n in self._model.names[1:] if n not in self._mimics)
+        self.shapes: list[LinkShape]
+        self.lacking: list[str]
+        self.shapes, self.lacking = link_shapes(description, find)
+
+    def has_link(self, name: str) -> bool:
+        """Whether the robot has a link of that name."""
+        return bool(self._model.existFrame(name, pin.FrameType.BODY))
+
+    def configuration(self, positions: Mapping[str, float]) -> Array:
+        """q (nq,): joints that are not named are at zero or the limit next to it."""
+        lower, upper = self._model.lowerPositionLimit, self._model.upperPositionLimit
+        q = np.clip(np.zeros(self._model.nq), lower, upper)
+        for name in self.joints:
+            if name in positions:
+                q[self._index(name)] = positions[name]
+        for name, mimic in self._mimics.items():
+            q[self._index(name)] = mimic.multiplier * q[self._index(mimic.master)] + mimic.offset
+        return np.asarray(q)
+
+    def link_poses(
+        self, positions: Mapping[str, float], planning_frame: str = ""
+    ) -> dict[str, pin.SE3]:
+        """T_planning_link of every link.
+
+        Args:
+            positions: of joints, rad or m; see `configuration`.
+            planning_frame: a link; where it is none, the root.
+        """
+        pin.framesForwardKinematics(self._model, self._data, self.configuration(positions))
+        poses = {
+            frame.name: pin.SE3(T)
+            for frame, T in zip(self._model.frames, self._data.oMf, strict=True)
+            if frame.type == pin.FrameType.BODY
+        }
+        if planning_frame in poses and planning_frame != self.root:
+            T_planning_root = poses[planning_frame].inverse()
+            poses = {name: T_planning_root * T for name, T in poses.items()}
+        return poses
+
+    def _index(self, joint: str) -> int:
+        return int(self._model.joints[self._model.getJointId(joint)].idx_q)

@@ -1,0 +1,135 @@
+"""What a robot looks like: the visual meshes and primitives of its URDF, link by link."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+
+from placement_planner_ros.core.errors import RobotError
+from placement_planner_ros.core.meshes.read import read_mesh
+from placement_planner_ros.core.robot.description import Description, read_floats, read_origin
+from placement_planner_ros.core.types import Array
+
+Colour = tuple[int, int, int]
+FindFile = Callable[[str], Path]
+"""The file that a mesh's URI names. Raises an OSError where there is none."""
+
+PLAIN: Colour = (200, 202, 208)
+"""Of links to which the URDF gives no colour."""
+MOST_TRIANGLES = 150_000
+"""Of one link; one with more is left to its collision shapes, as a browser has to draw it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinkShape:
+    """One link's surface.
+
+    Attributes:
+        link: its name.
+        vertices, triangles: (n, 3) metres in the link's frame and (t, 3).
+        colour: red, green, blue, 0 to 255.
+    """
+
+    link: str
+    vertices: Array
+    triangles: npt.NDArray[np.int64]
+    colour: Colour
+
+
+def link_shapes(description: Description, find: FindFile) -> tuple[list[LinkShape], list[str]]:
+    """Each link that can be drawn, and in words what cannot.
+
+    A link whose visual elements cannot be read is drawn by its collision elements.
+    """
+    colours = {
+        material.get("name", ""): colour
+        for material in description.root.findall("material")
+        if (colour := _rgba(material)) is not None
+    }
+    shapes, lacking = [], []
+    for link in description.root.findall("link"):
+        name, faults = link.get("name", ""), []
+        for kind in ("visual", "collision"):
+            elements = link.findall(kind)
+            if not elements:
+                continue
+            try:
+                vertices, triangles = _joined(elements, f"link {name}: {kind}", find)
+            # Loaders raise whatever they like at what they are given.
+            except Exception as error:
+                faults.append(f"link {name}: {kind}: {error}")
+                continue
+            colour = _colour(elements[0], colours) if kind == "visual" else None
+            shapes.append(LinkShape(name, vertices, triangles, colour or PLAIN))
+            break
+        else:
+            lacking += faults[:1]
+    return shapes, lacking
+
+
+def _joined(
+    elements: list[ET.Element], field: str, find: FindFile
+) -> tuple[Array, npt.NDArray[np.int64]]:
+    """All shapes of a link as one mesh in the link's frame."""
+    vertices, triangles, count = [], [], 0
+    for element in elements:
+        corners, faces = _shape(element, field, find)
+        T_link_shape = read_origin(element, field)
+        vertices.append(corners @ T_link_shape.rotation.T + T_link_shape.translation)
+        triangles.append(faces + count)
+        count += len(corners)
+    joined = np.vstack(triangles)
+    if len(joined) > MOST_TRIANGLES:
+        raise RobotError(field, f"{len(joined)} triangles", f"at most {MOST_TRIANGLES} are drawn")
+    return np.vstack(vertices), joined
+
+
+def _shape(element: ET.Element, field: str, find: FindFile) -> tuple[Array, npt.NDArray[np.int64]]:
+    """One shape in its own frame."""
+    geometry = element.find("geometry")
+    shape = geometry[0] if geometry is not None and len(geometry) else None
+    tag = "" if shape is None else shape.tag
+    if shape is not None and tag == "mesh":
+        vertices, triangles = read_mesh(find(shape.get("filename", "")))
+        return vertices * read_floats(shape.get("scale", "1 1 1"), 3, field), triangles
+
+    def size(name: str, count: int = 1) -> list[float]:
+        assert shape is not None
+        return read_floats(shape.get(name, ""), count, f"{field}: {name}").tolist()
+
+    if tag == "box":
+        made = trimesh.creation.box(size("size", 3))
+    elif tag == "sphere":
+        made = trimesh.creation.icosphere(subdivisions=2, radius=size("radius")[0])
+    elif tag == "cylinder":
+        made = trimesh.creation.cylinder(size("radius")[0], size("length")[0], sections=24)
+    elif tag == "capsule":
+        made = trimesh.creation.capsule(size("length")[0], size("radius")[0], count=[12, 12])
+    else:
+        raise RobotError(field, tag, "is no shape of a URDF")
+    return np.asarray(made.vertices, np.float64), np.asarray(made.faces, np.int64)
+
+
+def _colour(element: ET.Element, named: dict[str, Colour]) -> Colour | None:
+    material = element.find("material")
+    if material is None:
+        return None
+    return _rgba(material) or named.get(material.get("name", ""))
+
+
+def _rgba(material: ET.Element) -> Colour | None:
+    colour = material.find("color")
+    if colour is None:
+        return None
+    try:
+        rgba = read_floats(colour.get("rgba", ""), 4, "material")
+    except RobotError:
+        return None
+    red, green, blue = (round(255.0 * each) for each in np.clip(rgba[:3], 0.0, 1.0).tolist())
+    return red, green, blue

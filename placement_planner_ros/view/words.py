@@ -1,0 +1,125 @@
+"""What the page says of a run, in words for people."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from html import escape
+
+from placement_planner_ros.client import Solution
+from placement_planner_ros.view.record import RunRecord
+
+CONSTRAINTS = {
+    "outside_volume": "outside the target volume",
+    "unstable": "would not stand there",
+    "colliding": "object meets something",
+    "breaks_rule": "against a rule you gave",
+    "not_better": "no better than the best",
+    "no_ik": "out of the arm's reach",
+    "arm_colliding": "arm meets something",
+    "no_release": "fingers cannot open",
+    "no_approach": "no straight way down",
+    "no_retreat": "no way back out",
+}
+"""What rejects a sample, by its name in `~/status`."""
+_OBJECTIVES = {
+    "maximize_clearance": "mean distance from what stands around; more is better",
+    "minimize_clearance": "close to what stands around; more is better",
+}
+_STATES = {
+    "idle": "waiting for start",
+    "preparing": "preparing",
+    "searching": "searching",
+    "stopping": "stopping",
+    "stopped": "stopped",
+    "time_limit": "its time is over",
+    "exhausted": "nothing better is left",
+    "robot_moved": "ended: the robot moved",
+    "failed": "failed",
+}
+
+
+def heading(record: RunRecord, absent: str) -> str:
+    """HTML: what the node is doing.
+
+    Args:
+        absent: why nothing is heard of the node; empty where it is there.
+    """
+    if absent:
+        return _block(_strong(absent), "#b00020")
+    status = record.status
+    if status is None:
+        return _block("the node is there; its status has not come yet", "#666")
+    if record.run == 0:
+        return _block(_strong("No run yet.") + " " + escape(status.message), "#666")
+    state = _STATES.get(status.state, status.state)
+    colour = {"searching": "#1668c8", "failed": "#b00020", "robot_moved": "#b00020"}.get(
+        status.state, "#444"
+    )
+    badge = (
+        f'<span style="background:{colour};color:#fff;border-radius:4px;padding:1px 7px">'
+        f"{escape(state)}</span>"
+    )
+    count = _count(record.samples, status.solutions)
+    parts = [f"Run …{str(record.run)[-6:]} {badge}", count]
+    if status.ended and not record.improvements:
+        parts.append(escape(status.message))
+    return _block("<br>".join(parts), "#222")
+
+
+def _count(samples: int, solutions: int) -> str:
+    if solutions == 0:
+        return f"{samples:,} samples tried, no placement found yet"
+    found = "1 placement found" if solutions == 1 else f"{solutions} found, each better than before"
+    return f"{samples:,} samples tried, {found}"
+
+
+def placement(
+    solution: Solution | None, last: int, reason: str, objective: object, placed: bool
+) -> str:
+    """HTML: where the object goes, and why there.
+
+    Args:
+        last: number of the run's best.
+        reason: why the best cannot be carried out; empty where it can.
+        objective: the parameter of that name.
+        placed: whether this run's object stands there already.
+    """
+    if solution is None:
+        return _block("No placement so far.", "#666")
+    p = solution.pose.pose.position
+    which = "the best so far" if solution.number == last else f"older; the best is {last}"
+    where = f"x {p.x:.2f}, y {p.y:.2f}, z {p.z:.2f} m in {escape(solution.pose.header.frame_id)}"
+    lines = [
+        _strong(f"Placement {solution.number}") + f" ({which})",
+        f"{where}, by the {escape(solution.arm)} arm, grasp {solution.grasp}",
+        f"ξ = {_strong(f'{solution.objective:.3f}')} after {solution.search_time:.2f} s"
+        + f": {escape(_OBJECTIVES.get(str(objective), str(objective or 'your objective')))}",
+    ]
+    lines += [_terms(solution.terms)] if solution.terms else []
+    if placed:
+        lines.append("The object stands there now.")
+    elif solution.number == last and reason:
+        lines.append(f'<span style="color:#b00020">Not to be carried out: {escape(reason)}</span>')
+    elif solution.number == last:
+        lines.append('<span style="color:#14752f">It can be carried out.</span>')
+    return _block("<br>".join(lines), "#222")
+
+
+def _terms(terms: Mapping[str, float]) -> str:
+    return "terms: " + ", ".join(f"{escape(name)} {value:.3g}" for name, value in terms.items())
+
+
+def note(text: str) -> str:
+    """HTML: a remark in small grey letters."""
+    return f'<div style="{_BOX};color:#666;font-size:11px">{escape(text)}</div>' if text else ""
+
+
+_BOX = "padding:2px 14px;font-size:12.5px;line-height:1.45;overflow-wrap:anywhere"
+
+
+def _block(inside: str, colour: str) -> str:
+    return f'<div style="{_BOX};color:{colour}">{inside}</div>'
+
+
+def _strong(text: str) -> str:
+    return f"<b>{escape(text)}</b>"

@@ -1,0 +1,226 @@
+"""Robot, motion, clouds, regions and the first view, without a browser."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Header
+
+from placement_planner_ros.core.errors import CloudError, RobotError
+from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.types import TargetVolume
+from placement_planner_ros.ros.inputs.point_cloud import message_from_points
+from placement_planner_ros.scenes.yumi import START_CONFIGURATION, TIP_FRAMES, load_yumi
+from placement_planner_ros.share import share_path
+from placement_planner_ros.view.camera import first_view
+from placement_planner_ros.view.objective_map import (
+    counted,
+    estimated_clearance,
+    inner_points,
+    sign_that_agrees,
+)
+from placement_planner_ros.view.playback import Playback, Way
+from placement_planner_ros.view.regions import pieces, rectangles
+from placement_planner_ros.view.robot import ShownRobot
+from placement_planner_ros.view.thinning import thinned
+
+TIP = TIP_FRAMES["left"]
+
+
+def find(uri):
+    return share_path("urdf", *uri.split("/urdf/")[1].split("/"))
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return ShownRobot(share_path("urdf", "yumi.urdf").read_text(), find)
+
+
+# --- the robot
+
+
+def test_every_link_stands_where_the_planner_has_it(robot):
+    planned, rng = load_yumi(), np.random.default_rng(1)
+    free = [name for name in planned.joint_names if name not in planned.mimics]
+    positions = {name: float(rng.uniform(0.0, 0.02)) for name in free}
+    q = planned.configuration(positions)
+    poses = robot.link_poses(positions)
+    for shape in robot.shapes:
+        assert poses[shape.link].isApprox(planned.link_pose(q, shape.link), 1e-9)
+    assert {s.link for s in robot.shapes} >= {TIP_FRAMES["left"], TIP_FRAMES["right"]}
+    assert robot.lacking == []
+
+
+def test_the_planning_frame_may_be_another_link(robot):
+    poses = robot.link_poses({}, TIP)
+    assert poses[TIP].isApprox(pin.SE3.Identity(), 1e-9)
+
+
+def test_links_whose_meshes_are_missing_are_named_and_the_others_drawn():
+    text = """<robot name="r"><link name="a"><visual><geometry><mesh filename="gone.stl"/>
+      </geometry></visual><collision><geometry><box size="0.1 0.2 0.3"/></geometry></collision>
+      </link><link name="b"><visual><geometry><mesh filename="gone.stl"/></geometry></visual></link>
+      <joint name="j" type="fixed"><parent link="a"/><child link="b"/></joint></robot>"""
+
+    def nowhere(uri):
+        raise FileNotFoundError(f"no {uri}")
+
+    shown = ShownRobot(text, nowhere)
+    assert [shape.link for shape in shown.shapes] == ["a"]
+    assert np.ptp(shown.shapes[0].vertices, axis=0) == pytest.approx([0.1, 0.2, 0.3])
+    assert shown.lacking == ["link b: visual: no gone.stl"]
+    with pytest.raises(RobotError):
+        ShownRobot("<robot name='r'/>", nowhere)
+
+
+# --- the motion
+
+
+@pytest.fixture(scope="module")
+def playback(robot):
+    joints = tuple(f"yumi_joint_{n}_l" for n in (1, 2, 7, 3, 4, 5, 6))
+    start = np.array([START_CONFIGURATION[j] for j in joints])
+    carry = Way(joints, np.array([0.0, 1.0, 2.0]), np.add(start, [[0.0], [0.1], [0.2]]))
+    retreat = Way(joints, np.array([0.0, 1.0]), np.add(start, [[0.2], [0.1]]))
+    T = pin.SE3(np.eye(3), np.array([0.4, 0.1, 0.2]))
+    opened = {"gripper_l_joint": 0.025}
+    return Playback(
+        robot.link_poses, TIP, dict(START_CONFIGURATION), carry, 1.5, opened, retreat, T
+    )
+
+
+def test_the_object_goes_with_the_hand_until_it_is_let_go(playback, robot):
+    for time in (0.0, 0.7, 2.0):
+        moment = playback.at(time)
+        T_tip = robot.link_poses(moment.positions)[TIP]
+        assert moment.T_world_object.isApprox(T_tip * playback.T_tip_object, 1e-9)
+    assert playback.at(2.0).T_world_object.isApprox(playback.T_world_placed, 1e-9)
+    assert playback.at(99.0).T_world_object.isApprox(playback.T_world_placed, 1e-9)
+    assert not playback.at(0.0).T_world_object.isApprox(playback.T_world_placed, 1e-3)
+
+
+def test_the_stages_follow_one_another_and_the_hand_is_open_at_the_end(playback):
+    times = [0.0, 1.6, 2.3, 3.0]
+    stages = ["transit", "approach", "release", "retreat"]
+    assert [playback.at(time).stage for time in times] == stages
+    assert [name for _, name in playback.marks] == stages
+    assert playback.duration == pytest.approx(3.6)
+    assert playback.at(3.6).positions["gripper_l_joint"] == 0.025
+    assert playback.at(2.3).positions["gripper_l_joint"] == pytest.approx(
+        (START_CONFIGURATION["gripper_l_joint"] + 0.025) / 2
+    )
+    assert playback.path()[-1] == pytest.approx([0.4, 0.1, 0.2])
+
+
+# --- clouds
+
+
+def test_a_large_cloud_is_thinned_and_keeps_its_shape():
+    points = np.random.default_rng(0).random((300_000, 3))
+    cloud = thinned(message_from_points(points, Header(frame_id="camera")))
+    assert cloud.count == 300_000
+    assert 20_000 < len(cloud.points) <= 30_000
+    assert cloud.frame == "camera"
+    assert cloud.points == pytest.approx(points[:: 300_000 // len(cloud.points)], abs=1e-6)
+
+
+def test_an_organised_cloud_with_padded_rows_and_holes_is_read():
+    grid = np.arange(60.0).reshape(4, 5, 3)
+    message = message_from_points(grid, Header())
+    rows = [bytes(message.data[60 * k : 60 * (k + 1)]) + b"\xff" * 8 for k in range(4)]
+    message.row_step, message.data = 68, b"".join(rows)
+    assert thinned(message).points == pytest.approx(grid.reshape(-1, 3))
+    grid[2, 1] = np.nan
+    assert len(thinned(message_from_points(grid, Header())).points) == 19
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda m: setattr(m, "data", m.data[:-1]),
+        lambda m: setattr(m, "width", 2**31),
+        lambda m: setattr(m, "point_step", 4),
+        lambda m: setattr(m.fields[1], "name", "intensity"),
+        lambda m: setattr(m.fields[2], "datatype", 2),
+        lambda m: setattr(m.fields[0], "offset", 9),
+    ],
+)
+def test_a_malformed_cloud_is_refused(spoil):
+    message = message_from_points(np.ones((50, 3)), Header())
+    spoil(message)
+    with pytest.raises(CloudError):
+        thinned(message, 10)
+    assert len(thinned(PointCloud2()).points) == 0
+
+
+# --- regions and the objective over them
+
+
+def test_regions_are_cut_into_pieces_that_cover_them():
+    a, b, c, d = np.array([(0, 0, 1), (0.1, 0, 1), (0.1, 0.05, 1), (0, 0.05, 1)], float)
+    found = rectangles(np.array([a, b, c, a, c, d]))
+    assert found == pytest.approx(np.array([[a, b, c, d]]))
+    cut = pieces(found)
+    sides = np.ptp(cut, axis=1)
+    assert sides[:, :2].max() <= 0.02 + 1e-9
+    assert sides[:, :2].prod(axis=1).sum() == pytest.approx(0.1 * 0.05)
+    assert len(pieces(np.zeros((0, 4, 3)))) == 0
+
+
+def test_the_estimate_is_the_planners_clearance_but_for_a_cell_or_two():
+    side = np.arange(0.0, 0.8, 0.005)
+    table = np.stack([*np.meshgrid(side, side), np.zeros((len(side),) * 2)], -1).reshape(-1, 3)
+    up = np.arange(0.0, 0.2, 0.005)
+    wall = np.stack(np.meshgrid([0.4], np.arange(0.3, 0.5, 0.005), up), -1).reshape(-1, 3)
+    volume = TargetVolume([0.05, 0.05, -0.05], [0.75, 0.75, 0.3])
+    environment = Environment.from_points(np.vstack([table, wall]), volume)
+    boxes = environment.obstacles
+    cells = counted((boxes.lower + boxes.upper) / 2, volume.boxes, 0.0)
+    vertices = np.array([(x, y, z) for x in (0, 0.06) for y in (0, 0.06) for z in (0, 0.15)], float)
+    points = inner_points(vertices)
+    places = np.array([(x, y, 0.0) for x in (0.15, 0.3, 0.52, 0.7) for y in (0.1, 0.4, 0.7)])
+    T = pin.SE3.Identity()
+    estimate = estimated_clearance(places, T, points, cells, boxes.cell_size)
+    poses = np.tile(np.eye(4), (len(places), 1, 1))
+    poses[:, :2, 3] = places[:, :2] - points.mean(axis=0)[:2]
+    poses[:, 2, 3] = 0.001
+    true, _ = environment.clearance.mean_clearance_batch(poses, points)
+    assert np.ptp(true) > 0.2
+    assert estimate == pytest.approx(true, abs=0.025)
+
+
+def test_an_objective_that_is_not_the_clearance_is_not_coloured():
+    assert sign_that_agrees(0.2, 0.21) == 1
+    assert sign_that_agrees(0.2, -0.21) == -1
+    assert sign_that_agrees(0.2, 0.6) == 0
+
+
+# --- the first view
+
+
+def test_the_eye_is_where_the_robot_does_not_hide_the_volume():
+    rng = np.random.default_rng(0)
+    matter = rng.uniform([0.3, -0.2, 0.0], [0.7, 0.2, 0.2], (60, 3))
+    wall = rng.uniform([0.2, -1.5, 0.0], [0.25, 1.5, 2.0], (20_000, 3))
+    none = np.zeros((0, 3))
+    view = first_view(matter, none, wall, none, np.zeros(3))
+    assert view.eye[0] > 0.7
+    mirrored = first_view(
+        matter,
+        np.zeros((0, 3)),
+        np.add(wall, [0.6, 0, 0]),
+        np.zeros((0, 3)),
+        np.array([1.0, 0.0, 0.0]),
+    )
+    assert mirrored.eye[0] < 0.3
+
+
+def test_what_stands_before_a_box_is_told_from_what_is_in_it_beside_it_or_behind():
+    boxes = np.array([[[-0.1, -0.1, -0.1], [0.1, 0.1, 0.1]]])
+    matter = np.random.default_rng(0).uniform(-0.1, 0.1, (60, 3))
+    none = np.zeros((0, 3))
+    view = first_view(matter, none, none, none, np.array([-1.0, 0.0, 0.0]))
+    to_eye = view.eye / np.linalg.norm(view.eye)
+    aside = np.cross(to_eye, [0.0, 0.0, 1.0])
+    points = np.array([0.3 * to_eye, 0.0 * to_eye, -0.3 * to_eye, 0.3 * to_eye + 0.5 * aside])
+    assert view.before(points, boxes).tolist() == [True, False, False, False]

@@ -1,0 +1,101 @@
+"""What is remembered of a run, and the words and charts made of it."""
+
+import re
+
+import pytest
+from made import solution, status
+
+from placement_planner_ros.view import charts, words
+from placement_planner_ros.view.record import RunRecord
+
+
+def record_of(*solutions, **values):
+    """A record that has heard of these solutions of run 7."""
+    known = {(s.run, s.number): s for s in solutions}
+    record = RunRecord()
+    record.take_status(
+        status(solutions=len(solutions), **values), lambda r, n: known.get((r, n)), {"j": 0.5}
+    )
+    return record
+
+
+def test_improvements_are_kept_in_order_with_where_the_joints_were():
+    record = record_of(solution(1, 0.1, 0.4), solution(2, 0.2, 1.5))
+    assert record.curve == [(0.4, 0.1), (1.5, 0.2)]
+    assert record.best.solution.number == 2
+    assert record.best.positions == {"j": 0.5}
+    assert record.elapsed >= 1.5
+
+
+def test_a_page_that_comes_late_has_the_newest_only():
+    record = RunRecord()
+    last = solution(9, 0.3, 5.0)
+    record.take_status(status(solutions=9), lambda r, n: last if n == 9 else None, {})
+    assert list(record.improvements) == [9]
+
+
+@pytest.mark.parametrize("run", [0, 6, 8])
+def test_another_run_begins_anew_whatever_its_number(run):
+    record = record_of(solution())
+    record.take_status(status(run=run), lambda r, n: None, {})
+    assert record.run == run
+    assert record.best is None
+
+
+def test_samples_and_rejections_are_those_of_the_status():
+    record = record_of(samples=1200, rejected_unstable=900, rejected_no_ik="x")
+    assert record.samples == 1200
+    assert record.rejected == {"unstable": 900, "no_ik": 0}
+
+
+def test_the_bars_are_as_long_as_their_numbers_are_large():
+    html = charts.rejections({"unstable": 900, "no_ik": 450, "no_retreat": 0}, 2000)
+    widths = [float(w) for w in re.findall(r"width:([\d.]+)%\"></span>", html)]
+    assert widths == [100.0, 50.0]
+    assert words.CONSTRAINTS["unstable"] in html
+    assert words.CONSTRAINTS["no_retreat"] not in html
+    assert "900" in html
+
+
+def test_every_constraint_of_the_planner_has_words():
+    from placement_planner_ros.core.types import Verdict
+
+    named = {verdict.name.lower() for verdict in Verdict if verdict is not Verdict.FEASIBLE}
+    assert set(words.CONSTRAINTS) == named
+
+
+def test_the_curve_rises_step_by_step_and_marks_what_is_shown():
+    html = charts.objective_over_time([(1.0, 0.1), (2.0, 0.3)], 4.0, 0)
+    dots = [
+        (float(x), float(y), float(r))
+        for x, y, r in re.findall(r'cx="([\d.]+)" cy="([\d.]+)" r="([\d.]+)"', html)
+    ]
+    assert dots[0][0] < dots[1][0]
+    assert dots[0][1] > dots[1][1]  # upwards is less
+    assert dots[0][2] > dots[1][2]
+    assert "4.0 s" in html
+
+
+@pytest.mark.parametrize("values", [[0.143], [0.0], [-0.3, -0.1], [1e-9, 2e-9], [float("nan")]])
+def test_any_objective_has_a_curve(values):
+    html = charts.objective_over_time([(float(k), v) for k, v in enumerate(values)], 0.0, -1)
+    assert "<svg" in html
+    assert "Infinity" not in html
+
+
+def test_what_comes_from_outside_is_no_html():
+    record = record_of(solution(arm="<script>"), state="<b>")
+    shown = words.placement(record.best.solution, 1, "<i>", "<u>", False)
+    for html in (shown, words.heading(record, ""), words.heading(record, "<a>"), words.note("<p>")):
+        assert not re.search(r"<(script|b>&|i>|u>|a>|p>)", html.replace("<b>", "", 9))
+    assert "&lt;script&gt;" in shown
+    assert "&lt;i&gt;" in shown
+
+
+def test_only_the_best_is_said_to_be_ready():
+    first, best = solution(1), solution(2)
+    assert "can be carried out" in words.placement(best, 2, "", "o", False)
+    assert "can be carried out" not in words.placement(first, 2, "", "o", False)
+    said = words.placement(best, 2, "the robot has left", "o", False)
+    assert "the robot has left" in said
+    assert "It can be" not in said
