@@ -192,14 +192,16 @@ class Reporter:
     def _refresh(self) -> None:
         run = self._run
         state = State.IDLE if run is None else run.state
-        due = time.monotonic() - self._reported_at >= STATUS_PERIOD
+        period = STATUS_PERIOD
         self._outputs.draw()
         if run is not None:
             self.has_left_start(run)
         why_not = self._why_invalid(run, None if run is None else run.best)
         if why_not == NOT_LOOKED_AT and self._reported is not None:
-            # What was said last is of the placement before, and still so; the watch says the rest.
-            why_not = self._reported[1]
+            # What was said last is of the placement before, and still so; the watch says the rest,
+            # within a moment.
+            why_not, period = self._reported[1], 2.0 * STATUS_PERIOD
+        due = time.monotonic() - self._reported_at >= period
         now = (state, why_not, self._warm.shown, self._read())
         if (due and state is State.SEARCHING) or self._reported != now:
             self.report()
