@@ -34,6 +34,8 @@ from placement_planner_ros.scenes.yumi import yumi_arm
 _SHOWN = 2.0
 """Seconds for which the robot is shown at rest before the next run begins, so that the node knows
 it there and can prepare what it knows of before."""
+_WAY_UP = {"toy_table": [0.0, 0.0, 1.0], "wine_glass": [0.0, 0.0, 1.0]}
+"""What points up wherever a thing stands, for those that people would not put on their heads."""
 _TOLD_WITHIN = 10.0
 """Seconds within which the node must have taken its parameters."""
 _AT_START = 1e-3
@@ -228,10 +230,14 @@ def _parameters(held: GraspedObject) -> list[Parameter]:
         "object.vertices": held.vertices.ravel().tolist(),
         "object.triangles": held.triangles.ravel().tolist(),
         "object.center_of_mass": held.center_of_mass.tolist(),
+        "object.up": _WAY_UP.get(held.name, []),
     }
     for arm, grasps in held.grasps.items():
         values[f"{arm}.grasps"] = np.ravel([pin.SE3ToXYZQUAT(T) for T in grasps]).tolist()
-    return [Parameter(name, value=value) for name, value in values.items()]
+    kinds = Parameter.Type.INTEGER_ARRAY, Parameter.Type.DOUBLE_ARRAY
+    return [
+        Parameter(name, kinds[name != "object.triangles"], value) for name, value in values.items()
+    ]
 
 
 def _trajectory(message: JointTrajectory) -> Trajectory:
