@@ -185,6 +185,15 @@ def test_links_lead_somewhere(page):
             assert (page.parent / target).exists(), target
 
 
+def test_no_merge_left_its_marks():
+    files = [*PAGES, *(ROOT / name for name in ("Makefile", "constraints.txt", "package.xml"))]
+    for path in files:
+        marks = re.findall(
+            r"^(?:<{7}|>{7}|={7}$).*", path.read_text(encoding="utf-8"), re.MULTILINE
+        )
+        assert marks == [], path
+
+
 def test_pictures_are_small():
     for path in (ROOT / "docs").rglob("*.*"):
         if path.suffix in (".png", ".gif"):
