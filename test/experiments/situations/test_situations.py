@@ -134,9 +134,7 @@ def test_the_camera_has_noise_flying_pixels_and_steps_of_depth():
 @pytest.mark.parametrize(
     ("name", "cloud"),
     [
-        ("box_across_bin", "complete"),
         ("tilted_3_about_both", "complete"),
-        ("square_too_small", "complete"),
         ("too_steep", "complete"),
         ("mug_between_walls", "camera"),
         ("slot_too_narrow", "camera"),
