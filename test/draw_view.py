@@ -44,6 +44,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--output", type=Path, default=Path("docs/images"))
     folder = parser.parse_args().output
+    folder.mkdir(parents=True, exist_ok=True)
     for scene, thing, names in (
         ("table", "wine_glass", ("view_table", "view_playing")),
         ("cabinet_high_clutter", "small_crayons_box", ("view_cabinet",)),

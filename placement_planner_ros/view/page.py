@@ -17,6 +17,7 @@ from placement_planner_ros.core.types import Array
 from placement_planner_ros.view import charts, words
 from placement_planner_ros.view.camera import FirstView, first_view
 from placement_planner_ros.view.drawn_markers import DrawnMarkers
+from placement_planner_ros.view.itself import Itself
 from placement_planner_ros.view.listening import Listener
 from placement_planner_ros.view.panel import Panel
 from placement_planner_ros.view.playback import Playback, Way
@@ -89,13 +90,16 @@ class Page:
         status = listener.hearing.status
         if status is not None:
             self.record.take_status(status, listener.hearing.solution, listener.positions)
-        if self._is_new("markers heard", id(listener.markers)) and listener.markers is not None:
+        if self._is_new("markers heard", Itself(listener.markers)) and listener.markers is not None:
             try:
                 self._markers = DrawnMarkers.of(listener.markers)
                 self._fault("markers", "")
             except ValueError as error:
                 self._fault("markers", str(error))
-        if self._is_new("cells heard", id(listener.occupancy)) and listener.occupancy is not None:
+        if (
+            self._is_new("cells heard", Itself(listener.occupancy))
+            and listener.occupancy is not None
+        ):
             try:
                 self._obstacles = thinned(listener.occupancy, MOST_CELLS).points
                 self._fault("occupancy", "")
@@ -110,7 +114,7 @@ class Page:
         chosen = record.improvements.get(self._panel.chosen) or record.best
         if chosen is not self.shown and self._panel.playing and chosen is not None:
             return  # what plays is played to its end
-        known = (id(chosen), id(self._world.robot), self._listener.parameters.count)
+        known = (Itself(chosen), Itself(self._world.robot), self._listener.parameters.count)
         self.shown = chosen
         if not self._is_new("shown", known):
             return
@@ -144,7 +148,7 @@ class Page:
 
     def _draw_robot_anew(self) -> None:
         robot = self._world.robot
-        if self._is_new("robot", id(robot)):
+        if self._is_new("robot", Itself(robot)):
             self._stage.draw_robot(() if robot is None else robot.shapes)
             self._drawn.pop("posture", None)
 
@@ -166,7 +170,7 @@ class Page:
             else:
                 for k, T in enumerate(self._holding(self._poses)):
                     self._stage.move_held(k, T)
-        if self._is_new("ghost", id(playback)):
+        if self._is_new("ghost", Itself(playback)):
             start = playback.at(0.0) if playback is not None else None
             poses = self._world.link_poses(start.positions) if start is not None else None
             self._stage.place_ghost(poses)
@@ -174,7 +178,7 @@ class Page:
     def _held_anew(self, playing: bool) -> bool:
         """Draw the objects in hands anew where there are others; whether there were."""
         holding = self._holding(self._world.link_poses(self._listener.positions))
-        key = (playing, len(holding), id(self._world.object), id(self._playback))
+        key = (playing, len(holding), Itself(self._world.object), Itself(self._playback))
         if not self._is_new("held", key):
             return False
         if playing and self._playback is not None:
@@ -207,7 +211,7 @@ class Page:
             if points is None:
                 continue
             # Most clouds are what they were before; those of a moving sensor are not.
-            if self._is_new(f"cloud {topic}", (hash(points.tobytes()), id(self._view))):
+            if self._is_new(f"cloud {topic}", (hash(points.tobytes()), Itself(self._view))):
                 self._stage.draw_cloud(topic, self._opened(points))
 
     def _opened(self, points: Array) -> Array:
@@ -222,21 +226,26 @@ class Page:
         shown, best = self.shown, self.record.best
         surface = self._world.object
         T = pose_of(shown.solution.pose.pose) if shown is not None else None
-        if self._is_new("placement", (id(shown), id(surface))):
+        if self._is_new("placement", (Itself(shown), Itself(surface))):
             name = "" if shown is None else f"placement {shown.solution.number}"
             self._stage.draw_placement(surface, T, name)
             path = self._playback.path() if self._playback is not None else None
             self._stage.draw_path(path)
         others = [each for each in self.record.improvements.values() if each is not shown]
-        if self._is_new("earlier", (tuple(map(id, others)), id(surface))):
+        if self._is_new("earlier", (tuple(map(Itself, others)), Itself(surface))):
             poses = [pose_of(each.solution.pose.pose) for each in others]
             self._stage.draw_earlier(surface, poses)
         cell_size = float(self._world.parameter("cloud.cell_size", 0.01))
-        if self._is_new("cells", id(self._obstacles)):
+        if self._is_new("cells", Itself(self._obstacles)):
             self._stage.draw_occupancy(self._obstacles, cell_size)
         if self._is_new("volume", self._volume.tobytes()):
             self._stage.draw_volume(self._volume)
-        parts = (id(self._markers.regions), id(self._obstacles), id(best), id(surface))
+        parts = (
+            Itself(self._markers.regions),
+            Itself(self._obstacles),
+            Itself(best),
+            Itself(surface),
+        )
         if self._is_new("regions", parts):
             cut = pieces(self._markers.regions)
             colour = self._colours.of(
@@ -258,7 +267,7 @@ class Page:
         known = len(self._listener.clouds)
         if robot is None or len(volume) == 0 or not self._listener.positions:
             return
-        if not self._is_new("camera", (id(robot), volume.tobytes(), known)):
+        if not self._is_new("camera", (Itself(robot), volume.tobytes(), known)):
             return
         on_robot = [
             shape.vertices[:: max(1, len(shape.vertices) // 60)] @ T.rotation.T + T.translation

@@ -14,6 +14,7 @@ from placement_planner_ros.core.meshes.read import read_mesh
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.resources import Files, description_text
 from placement_planner_ros.share import share_path
+from placement_planner_ros.view.itself import Itself
 from placement_planner_ros.view.listening import Listener
 from placement_planner_ros.view.poses import pose_of_numbers
 from placement_planner_ros.view.robot import ShownRobot
@@ -109,7 +110,7 @@ class World:
         vertices = self.parameter("object.vertices", [])
         triangles = self.parameter("object.triangles", [])
         scale = float(self.parameter("object.scale", 1.0))
-        key = (mesh, tuple(vertices), tuple(triangles), scale, id(message), drawn.tobytes())
+        key = (mesh, tuple(vertices), tuple(triangles), scale, Itself(message), drawn.tobytes())
         if key == self._object_key:
             return
         self._object_key = key

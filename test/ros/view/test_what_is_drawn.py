@@ -13,6 +13,7 @@ from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 from placement_planner_ros.scenes.yumi import START_CONFIGURATION, TIP_FRAMES, load_yumi
 from placement_planner_ros.share import share_path
 from placement_planner_ros.view.camera import first_view
+from placement_planner_ros.view.itself import Itself
 from placement_planner_ros.view.objective_map import (
     counted,
     estimated_clearance,
@@ -216,3 +217,10 @@ def test_what_stands_before_a_box_is_told_from_what_is_in_it_beside_it_or_behind
     aside = np.cross(to_eye, [0.0, 0.0, 1.0])
     points = np.array([0.3 * to_eye, 0.0 * to_eye, -0.3 * to_eye, 0.3 * to_eye + 0.5 * aside])
     assert view.before(points, boxes).tolist() == [True, False, False, False]
+
+
+def test_a_thing_that_came_after_another_is_not_taken_for_it():
+    drawn = Itself([1.0])
+    assert all(drawn != Itself([1.0]) for _ in range(3))
+    same = object()
+    assert Itself(same) == Itself(same)
