@@ -113,6 +113,7 @@ LOADED_BY_VIEW = {
     "ros.process",
     "ros.inputs",
     "interrupts",
+    "joint_curve",
     "share",
 }
 

@@ -14,13 +14,14 @@ from trajectory_msgs.msg import JointTrajectory
 from placement_planner_ros.client import Solution
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.joint_curve import JointCurve
 from placement_planner_ros.view import charts, words
 from placement_planner_ros.view.camera import FirstView, first_view
 from placement_planner_ros.view.drawn_markers import DrawnMarkers
 from placement_planner_ros.view.itself import Itself
 from placement_planner_ros.view.listening import Listener
 from placement_planner_ros.view.panel import Panel
-from placement_planner_ros.view.playback import Playback, Way
+from placement_planner_ros.view.playback import Playback
 from placement_planner_ros.view.poses import pose_of
 from placement_planner_ros.view.record import Improvement, RunRecord
 from placement_planner_ros.view.region_colours import RegionColours
@@ -347,7 +348,7 @@ class Page:
         return True
 
 
-def _way(message: JointTrajectory) -> Way | None:
+def _way(message: JointTrajectory) -> JointCurve | None:
     """A trajectory; None where it has no points.
 
     Raises:
@@ -362,7 +363,7 @@ def _way(message: JointTrajectory) -> Way | None:
         raise ValueError(f"its points do not fit its {len(message.joint_names)} joints")
     if not np.isfinite(positions).all() or (np.diff(times) < 0.0).any():
         raise ValueError("its points are not finite, or not in order")
-    return Way(tuple(message.joint_names), times, positions)
+    return JointCurve(tuple(message.joint_names), times, positions)
 
 
 def solution_shown(page: Page) -> Solution | None:

@@ -9,36 +9,12 @@ import numpy as np
 import pinocchio as pin
 
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.joint_curve import JointCurve
 
 LinkPoses = Callable[[Mapping[str, float]], Mapping[str, pin.SE3]]
 
 RELEASE = 0.6
 """Seconds that opening the hand takes on the page; a real hand has its own."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Way:
-    """Joint positions over time.
-
-    Attributes:
-        joints: (dof) names.
-        times: (n,) seconds, increasing from 0 on.
-        positions: (n, dof) rad or m.
-    """
-
-    joints: tuple[str, ...]
-    times: Array
-    positions: Array
-
-    @property
-    def duration(self) -> float:
-        """Seconds."""
-        return float(self.times[-1])
-
-    def at(self, time: float) -> dict[str, float]:
-        """Position of each joint."""
-        values = (float(np.interp(time, self.times, column)) for column in self.positions.T)
-        return dict(zip(self.joints, values, strict=True))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,10 +53,10 @@ class Playback:
     link_poses: LinkPoses
     tip: str
     start: Mapping[str, float]
-    carry: Way
+    carry: JointCurve
     approach_start: float
     opened: Mapping[str, float]
-    retreat: Way | None
+    retreat: JointCurve | None
     T_world_placed: pin.SE3
     T_tip_object: pin.SE3 = field(init=False)
 

@@ -9,34 +9,10 @@ import pinocchio as pin
 
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.joint_curve import JointCurve
 
 OPENING = 0.6
 """Seconds that opening the hand takes in pictures; a real hand has its own."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Curve:
-    """Joint positions over time.
-
-    Attributes:
-        joints: (dof) names.
-        times: (n,) seconds, increasing from 0 on.
-        positions: (n, dof) rad or m.
-    """
-
-    joints: tuple[str, ...]
-    times: Array
-    positions: Array
-
-    @property
-    def duration(self) -> float:
-        """Seconds."""
-        return float(self.times[-1])
-
-    def at(self, time: float) -> dict[str, float]:
-        """Position of each joint."""
-        values = (np.interp(time, self.times, column) for column in self.positions.T)
-        return dict(zip(self.joints, map(float, values), strict=True))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,9 +48,9 @@ class Motion:
     q_start: Array
     T_tip_object: pin.SE3
     T_world_placed: pin.SE3
-    carry: Curve
+    carry: JointCurve
     approach_start: float
-    retreat: Curve | None
+    retreat: JointCurve | None
 
     @property
     def duration(self) -> float:

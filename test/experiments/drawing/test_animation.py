@@ -15,9 +15,10 @@ from placement_planner_ros.experiments.drawing.animation import (
     draw_before_and_after,
     frames_and_speed,
 )
-from placement_planner_ros.experiments.drawing.motion import OPENING, Curve, Motion
+from placement_planner_ros.experiments.drawing.motion import OPENING, Motion
 from placement_planner_ros.experiments.drawing.picture import PLACED
 from placement_planner_ros.experiments.drawing.stage_set import HEIGHT, WIDTH, StageSet, tube
+from placement_planner_ros.joint_curve import JointCurve
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.primitives import box
 from placement_planner_ros.scenes.scenes import Scene
@@ -42,9 +43,9 @@ def motion():
         q,
         arm.grasps[0],
         robot.link_pose(reached, arm.tip_frame) * arm.grasps[0],
-        Curve(arm.joints, np.array([0.0, 1.0, 2.0]), np.array([at, (at + there) / 2, there])),
+        JointCurve(arm.joints, np.array([0.0, 1.0, 2.0]), np.array([at, (at + there) / 2, there])),
         1.5,
-        Curve(arm.joints, np.array([0.0, 1.0]), np.array([there, there + BACK])),
+        JointCurve(arm.joints, np.array([0.0, 1.0]), np.array([there, there + BACK])),
     )
 
 

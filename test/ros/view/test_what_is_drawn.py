@@ -9,6 +9,7 @@ from std_msgs.msg import Header
 from placement_planner_ros.core.errors import CloudError, RobotError
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.types import TargetVolume
+from placement_planner_ros.joint_curve import JointCurve
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 from placement_planner_ros.scenes.yumi import START_CONFIGURATION, TIP_FRAMES, load_yumi
 from placement_planner_ros.share import share_path
@@ -20,7 +21,7 @@ from placement_planner_ros.view.objective_map import (
     inner_points,
     sign_that_agrees,
 )
-from placement_planner_ros.view.playback import Playback, Way
+from placement_planner_ros.view.playback import Playback
 from placement_planner_ros.view.regions import pieces, rectangles
 from placement_planner_ros.view.robot import ShownRobot
 from placement_planner_ros.view.thinning import thinned
@@ -81,8 +82,8 @@ def test_links_whose_meshes_are_missing_are_named_and_the_others_drawn():
 def playback(robot):
     joints = tuple(f"yumi_joint_{n}_l" for n in (1, 2, 7, 3, 4, 5, 6))
     start = np.array([START_CONFIGURATION[j] for j in joints])
-    carry = Way(joints, np.array([0.0, 1.0, 2.0]), np.add(start, [[0.0], [0.1], [0.2]]))
-    retreat = Way(joints, np.array([0.0, 1.0]), np.add(start, [[0.2], [0.1]]))
+    carry = JointCurve(joints, np.array([0.0, 1.0, 2.0]), np.add(start, [[0.0], [0.1], [0.2]]))
+    retreat = JointCurve(joints, np.array([0.0, 1.0]), np.add(start, [[0.2], [0.1]]))
     T = pin.SE3(np.eye(3), np.array([0.4, 0.1, 0.2]))
     opened = {"gripper_l_joint": 0.025}
     return Playback(

@@ -17,10 +17,11 @@ from placement_planner_ros.experiments.drawing.animation import (
     draw_animation,
     draw_before_and_after,
 )
-from placement_planner_ros.experiments.drawing.motion import Curve, Motion
+from placement_planner_ros.experiments.drawing.motion import Motion
 from placement_planner_ros.experiments.drawing.picture import draw_objective
 from placement_planner_ros.experiments.drawing.stage_set import StageSet
 from placement_planner_ros.experiments.page import require_marks
+from placement_planner_ros.joint_curve import JointCurve
 from placement_planner_ros.progress import ProgressLine
 from placement_planner_ros.ros.tools.demo.errors import DemoError
 from placement_planner_ros.ros.tools.demo.search import Found
@@ -123,11 +124,11 @@ def _motion(setting: Setting, best: Solution) -> Motion:
     )
 
 
-def _curve(message: JointTrajectory) -> Curve:
+def _curve(message: JointTrajectory) -> JointCurve:
     points: Sequence = message.points
     times = [point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec for point in points]
     positions = np.array([point.positions for point in points])
-    return Curve(tuple(message.joint_names), np.array(times), positions)
+    return JointCurve(tuple(message.joint_names), np.array(times), positions)
 
 
 def _pose(message: Pose) -> pin.SE3:
