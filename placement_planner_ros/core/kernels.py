@@ -59,16 +59,19 @@ def not_kept() -> tuple[list[str], int]:
     Returns:
         their names, and how many kernels there are.
     """
-    core = [cache for module, cache in _KERNELS if module.startswith(f"{_PACKAGE.name}.core.")]
+    core = _of_core()
     return [cache.name for cache in core if not cache.is_kept], len(core)
 
 
 def version_of_kernels() -> str:
     """Of all kernels of the core, this Python and this processor, in a few characters."""
-    core = [cache.cache_path for module, cache in _KERNELS if ".core." in module]
-    names = sorted({Path(path).name for path in core})
+    names = sorted({Path(cache.cache_path).name for cache in _of_core()})
     machine = (cpu_target.target_context.codegen().magic_tuple(), sys.implementation.cache_tag)
     return hashlib.sha256(repr((names, machine)).encode()).hexdigest()[:16]
+
+
+def _of_core() -> list[KernelCache]:
+    return [cache for module, cache in _KERNELS if module.startswith(f"{_PACKAGE.name}.core.")]
 
 
 def kernel(*, lean: bool = False, nogil: bool = False, inline: bool = False) -> Callable[[_F], _F]:

@@ -113,3 +113,15 @@ def test_nothing_is_compiled_for_callers_that_there_are_none_of():
     names = compiled.library.get_llvm_str()
     assert compiled.fndesc.llvm_cpython_wrapper_name in names
     assert compiled.fndesc.llvm_cfunc_wrapper_name not in names
+
+
+@pytest.mark.usefixtures("fresh_cache")
+def test_kernels_of_others_make_no_other_version_of_the_cores():
+    before = kernels.version_of_kernels()
+
+    def double(number):
+        return 2 * number
+
+    double.__module__ = "elsewhere.core.numbers"
+    kernels.kernel()(double)
+    assert kernels.version_of_kernels() == before
