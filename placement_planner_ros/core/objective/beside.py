@@ -1,6 +1,6 @@
-"""The terms that are told by what the object stands on and beside: edge and aligned.
+"""What terms know that look at what the object stands on and beside, and of these edge.
 
-Both look at a table of places for each height and slope of contact planes, made when it is first
+They look at a table of places for each height and slope of contact planes, made when it is first
 asked for.
 """
 
@@ -26,22 +26,15 @@ _SAME = 1e-3
 """m: contact planes share tables that are so far apart."""
 _ROOM = 0.003
 """m that a surface may be above or below the contact plane to be what the object stands on."""
-_ABOVE = 0.01
-"""m above the contact plane, what stands beside the object begins to count for `aligned`."""
+ABOVE = 0.01
+"""m above the contact plane, what stands beside the object begins to count."""
 _RISE = 0.005
 """m above a surface, what rises higher is a thing that stands there."""
 _BESIDE = 0.015
 """m beside such a thing, the end of a surface is taken for one that the thing stands at."""
-_AROUND = 0.03
-"""m around what is the end of a surface or of a thing, of whose like it takes its direction."""
-_STRAIGHT = 0.2
-"""Share of how far these spread along it that they may spread across."""
 
 
-_NEIGHBOURS = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)]
-
-
-class _Group(NamedTuple):
+class Group(NamedTuple):
     """Those of some poses that stand on one contact plane with something around them.
 
     Attributes:
@@ -59,8 +52,8 @@ class _Group(NamedTuple):
     known: Array
 
 
-class _Beside:
-    """What both terms know of poses: the planes that they stand on, and their footprints."""
+class Beside:
+    """What such terms know of poses: the planes that they stand on, and what is around."""
 
     def __init__(self, context: ObjectiveContext) -> None:
         self._standing = Standing(context)
@@ -68,7 +61,7 @@ class _Beside:
         self._size = float(np.linalg.norm(np.ptp(context.body.vertices, axis=0)))
         self._tables: dict[tuple[int, int], tuple[cKDTree | None, Array]] = {}
 
-    def _groups(self, T: Array) -> Iterator[_Group]:
+    def _groups(self, T: Array) -> Iterator[Group]:
         """Of poses (n, 4, 4), a few hundred at a time; what has nothing around is left out."""
         for start in range(0, len(T), _AT_ONCE):
             part = T[start : start + _AT_ONCE]
@@ -84,7 +77,7 @@ class _Beside:
                     continue
                 of = np.flatnonzero((planes == (slope, height)).all(axis=1))
                 along = self._slope(slope)
-                yield _Group(start + of, stood.face[of], at[of, :2], along, tree, known)
+                yield Group(start + of, stood.face[of], at[of, :2], along, tree, known)
 
     def _slope(self, slope: int) -> Slope:
         along = self._standing.slopes[slope]
@@ -114,7 +107,7 @@ class _Beside:
         measured = self._environment.measured
         low, high = measured.lower, measured.upper
         plane = height + 0.5 * (low[:, :2] + high[:, :2]) @ np.array(slope)
-        rises = (high[:, 2] > plane + _RISE) & (low[:, 2] < plane + 2.0 * _ABOVE)
+        rises = (high[:, 2] > plane + _RISE) & (low[:, 2] < plane + 2.0 * ABOVE)
         beside = np.zeros(len(ends), np.bool_)
         if rises.any() and len(ends):
             low, high = low[rises, :2], high[rises, :2]
@@ -126,7 +119,7 @@ class _Beside:
         return ends[~beside]
 
 
-class Edge(_Beside):
+class Edge(Beside):
     """edge: the least distance of what the object stands on from where its support ends, metres.
 
     Seen from above, from the hull of v(f) to where the surface drops or was not seen; not to where
@@ -167,13 +160,13 @@ class Edge(_Beside):
             high[group.rows] = self._trimmed(group, nearest)
         return low, high
 
-    def _feet(self, group: _Group, T: Array) -> Array:
+    def _feet(self, group: Group, T: Array) -> Array:
         """(n, k, 2) the corners of what they stand on, seen from above."""
         T = T[group.rows]
         corners = self._corners[group.face] @ T[:, :2, :3].transpose(0, 2, 1)
         return np.asarray(corners + T[:, None, :2, 3])
 
-    def _trimmed(self, group: _Group, distances: Array) -> Array:
+    def _trimmed(self, group: Group, distances: Array) -> Array:
         trim = self._environment.support_of(group.slope).trim
         return np.clip(distances - trim, *self.ends)
 
@@ -182,86 +175,7 @@ class Edge(_Beside):
         return ends, np.zeros(len(ends))
 
 
-class Aligned(_Beside):
-    """aligned: minus the angle between the longest edge of what the object stands on, or what is
-    square to it, and the nearest wall, end of its support or thing beside it, radians; 0 to -π/4.
-
-    Nearest is what is nearest to the middle of its side, of all whose direction shows in what lies
-    within 3 cm around: outlines, seen from above, of things that reach between 1 cm above the
-    contact plane and the object's size above it, and ends. Where there is nothing, 0.
-    """
-
-    unit: ClassVar = "rad"
-    scale: ClassVar = 0.2
-    ends: ClassVar = (-0.25 * math.pi, 0.0)
-    dear: ClassVar = True
-
-    def __init__(self, context: ObjectiveContext) -> None:
-        super().__init__(context)
-        faces = context.body.faces
-        self._along = np.array([face.T_face_object.rotation[0] for face in faces]).reshape(-1, 3)
-
-    def values(self, T_world_object: Array) -> Array:
-        """(n,) at poses (n, 4, 4)."""
-        result = np.zeros(len(T_world_object))
-        for group in self._groups(T_world_object):
-            turned = T_world_object[group.rows, :2, :3]
-            along = np.einsum("nij,nj->ni", turned, self._along[group.face])
-            _, nearest = group.tree.query(group.middle)
-            off = np.arctan2(along[:, 1], along[:, 0]) - group.known[nearest]
-            quarter = 0.5 * math.pi
-            result[group.rows] = -np.abs(off - quarter * np.round(off / quarter))
-        return result
-
-    def _places(self, slope: Slope, height: float) -> tuple[Array, Array]:
-        measured = self._environment.measured
-        low, high = measured.lower, measured.upper
-        middle = 0.5 * (low + high)
-        plane = height + middle[:, :2] @ np.array(slope)
-        beside = (high[:, 2] > plane + _ABOVE) & (low[:, 2] < plane + self._size)
-        things = _borders(middle[beside, :2], measured.cell_size)
-        places, directions = zip(
-            *(_straight(each) for each in (things, self._ends(slope, height))), strict=True
-        )
-        return np.concatenate(places), np.concatenate(directions)
-
-
-def _borders(points: Array, cell_size: float) -> Array:
-    """(m, 2) means of the points (n, 2) of each square of a grid that has one without beside it."""
-    squares = np.floor(points / cell_size).astype(np.int64)
-    squares, of, numbers = np.unique(squares, axis=0, return_inverse=True, return_counts=True)
-    filled = set(map(tuple, squares.tolist()))
-    border = [
-        any((x + i, y + j) not in filled for i, j in _NEIGHBOURS) for x, y in squares.tolist()
-    ]
-    sums = np.zeros((len(squares), 2))
-    np.add.at(sums, of.reshape(-1), points)
-    return np.asarray((sums / numbers[:, None])[np.array(border, np.bool_)])
-
-
-def _straight(points: Array) -> tuple[Array, Array]:
-    """Of points (n, 2) those (m, 2) of an end or outline that is straight there, and along which
-    angle (m,): that of the one around which it is straightest, so that corners take a side's."""
-    if not len(points):
-        return points, np.zeros(0)
-    pairs = cKDTree(points).query_pairs(_AROUND, output_type="ndarray")
-    own = np.arange(len(points))
-    at, other = np.concatenate([np.stack([own, own]), pairs.T, pairs.T[::-1]], axis=1)
-    off = points[other] - points[at]
-    x, y = off.T
-    of_each = np.ones(len(at)), x, y, x * x, x * y, y * y
-    sums = np.array([np.bincount(at, each, len(points)) for each in of_each], dtype=np.float64)
-    number, sx, sy, sxx, sxy, syy = sums
-    sxx, sxy, syy = sxx - sx * sx / number, sxy - sx * sy / number, syy - sy * sy / number
-    middle, half = 0.5 * (sxx + syy), np.hypot(0.5 * (sxx - syy), sxy)
-    bent = np.where(number >= 4, (middle - half) / np.maximum(middle + half, 1e-12), math.inf)
-    order = np.lexsort((bent[other], at))
-    best = other[order][np.searchsorted(at[order], own)]
-    in_line = bent[best] < _STRAIGHT**2
-    return points[in_line], 0.5 * np.arctan2(2.0 * sxy, sxx - syy)[best][in_line]
-
-
-def _radius(group: _Group, feet: Array) -> Array:
+def _radius(group: Group, feet: Array) -> Array:
     """(n,) how far from their middles the corners (n, k, 2) are at most."""
     return np.asarray(np.linalg.norm(feet - group.middle[:, None], axis=2).max(axis=1))
 

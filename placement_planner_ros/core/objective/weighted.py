@@ -9,7 +9,8 @@ import numpy as np
 import pinocchio as pin
 
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.objective.beside import Aligned, Edge
+from placement_planner_ros.core.objective.aligned import Aligned
+from placement_planner_ros.core.objective.beside import Edge
 from placement_planner_ros.core.objective.estimates import LearnedEstimates
 from placement_planner_ros.core.objective.objective import (
     EstimatedObjective,
