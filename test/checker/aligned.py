@@ -13,9 +13,9 @@ from .stance import standing_along
 from .surface import feet_of
 from .task import Array, Task, Tolerances, world_vertices
 
-_FARTHER, _FARTHEST, _APART = 0.02, 0.08, 0.04
-_PLAIN = 0.35
-_SHOWN_OTHERWISE = 0.25
+_FARTHER, _FARTHEST, _APART = 0.01, 0.05, 0.018
+_PLAIN = 0.5
+_SHOWN_OTHERWISE = 0.3
 """Share of the outlines around, by weight, that a cloud may show elsewhere."""
 _SLACK = 0.005
 """rad."""
@@ -67,6 +67,7 @@ def _ways(task: Task, middle: Array, height: float) -> tuple[complex, float]:
     near = away <= away.min() + _FARTHEST
     reached = places[away <= away.min() + _FARTHEST + _APART]
     ways = reached[None] - places[near][:, None]
-    weights = np.exp(-(away[near] - away.min()) / _FARTHER)[:, None] * np.abs(ways) ** 2
-    weights[np.abs(ways) > _APART] = 0.0
-    return complex((weights * np.exp(4j * np.angle(ways))).sum()), float(weights.sum())
+    lengths = np.where(np.abs(ways) <= _APART, np.abs(ways), 0.0)
+    means = (lengths * np.exp(4j * np.angle(ways))).sum(axis=1) / lengths.sum(axis=1)
+    weights = np.exp(-(away[near] - away.min()) / _FARTHER)
+    return complex(weights @ means), float(weights.sum())

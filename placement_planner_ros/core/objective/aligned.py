@@ -12,14 +12,14 @@ from placement_planner_ros.core.objective.beside import ABOVE, Beside
 from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.types import Array, Slope
 
-_APART = 0.04
-"""m, at most so far apart are two places of which the way from one to the other counts."""
-_FARTHER = 0.02
+_APART = 0.018
+"""m, the longest way from one place to another that counts."""
+_FARTHER = 0.01
 """m, what is farther than the nearest by so much counts e times less ..."""
-_FARTHEST = 0.08
+_FARTHEST = 0.05
 """m, ... and what is farther than it by so much does not count."""
-_PLAIN = 0.35
-"""Share of all ways that must be left when they are added up, for their direction to be plain."""
+_PLAIN = 0.5
+"""Share of all places that must be left when they are added up, for their direction to be plain."""
 _NEIGHBOURS = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)]
 _LAYERS = (-1, 0, 1)
 """Beside a square, it goes on in one of these layers: tops are neither level nor without noise."""
@@ -29,15 +29,16 @@ class Aligned(Beside):
     """aligned: minus the angle between the longest edge of what the object stands on, or what is
     square to it, and the walls, ends of its support and things nearest to it, radians; 0 to -π/4.
 
-    Let y be the places of their outlines seen from above, a of the longest edge's angle, and φ of
-    the way from one place to another no more than 4 cm away, ℓ its length. With
+    Let y be the places of their outlines seen from above, u(y) the mean of exp(4iφ) over the ways
+    from y to others up to 18 mm away, φ being a way's angle and its length its weight, and a the
+    longest edge's angle. With
 
-        F = Σ w ℓ² exp(4iφ),   W = Σ w ℓ²,   w = exp(-(|y - m| - d) / 2 cm),
+        F = Σ w u(y),   W = Σ w,   w = exp(-(|y - m| - d) / 1 cm),
 
-    over all such pairs, m being the middle of what the object stands on and d the distance of the
-    nearest y, aligned is -¼ arccos(Re(F exp(-4ia)) / max(|F|, 0.35 W)). So of straight outlines it
-    is the angle; ways around a square corner cancel out; it changes steadily where other things
-    become the nearest, and where outlines run in all directions it is near -π/8 for any angle.
+    m being the middle of what the object stands on and d the distance of the nearest y, aligned is
+    -¼ arccos(Re(F exp(-4ia)) / max(|F|, W / 2)). So of straight outlines it is the angle; ways
+    around a square corner cancel out; it changes steadily where another thing becomes the nearest;
+    and where outlines run in all directions it is near -π/8 however the object is turned.
 
     Outlines are, at any height from 1 cm above the contact plane to the object's size above it, of
     all that is at that height; ends are those of `Edge`. Where there is nothing, 0.
@@ -74,7 +75,7 @@ class Aligned(Beside):
         return result
 
     def _places(self, slope: Slope, height: float) -> tuple[Array, Array]:
-        """Of outlines and ends, and (m, 3) the sums of `_ways` from each."""
+        """Of outlines and ends, and (m, 3) their `_ways`."""
         measured = self._environment.measured
         low, high = measured.lower, measured.upper
         middle = 0.5 * (low + high)
@@ -83,9 +84,7 @@ class Aligned(Beside):
         outlines = _border(middle[beside], measured.cell_size)
         found = outlines, self._ends(slope, height)
         places = np.concatenate([_thinned(each, measured.cell_size) for each in found])
-        known = _ways(places)
-        shown = known[:, 2] > 0.0
-        return places[shown], known[shown]
+        return _ways(places)
 
 
 def _border(points: Array, cell_size: float) -> Array:
@@ -114,16 +113,15 @@ def _thinned(points: Array, cell_size: float) -> Array:
     return np.asarray(sums / numbers[:, None])
 
 
-def _ways(places: Array) -> Array:
-    """(m, 3) of each of the places (m, 2), over the others near by: Σ ℓ² cos 4φ, Σ ℓ² sin 4φ and
-    Σ ℓ², φ and ℓ being the angle and the length of the way there."""
-    if not len(places):
-        return np.zeros((0, 3))
+def _ways(places: Array) -> tuple[Array, Array]:
+    """Those of places (m, 2) that have others near by, and (m, 3) the means of cos 4φ and sin 4φ
+    over the ways there, longer ones counting more, and 1."""
     pairs = cKDTree(places).query_pairs(_APART, output_type="ndarray").reshape(-1, 2)
     x, y = (places[pairs[:, 1]] - places[pairs[:, 0]]).T
-    squared, four = x * x + y * y, 4.0 * np.arctan2(y, x)
-    each = np.column_stack([squared * np.cos(four), squared * np.sin(four), squared])
+    length, four = np.hypot(x, y), 4.0 * np.arctan2(y, x)
+    each = np.column_stack([length * np.cos(four), length * np.sin(four), length])
     sums = np.zeros((len(places), 3))
     for end in (0, 1):
         np.add.at(sums, pairs[:, end], each)
-    return sums
+    shown = sums[:, 2] > 0.0
+    return places[shown], sums[shown] / sums[shown, 2:]
