@@ -285,6 +285,8 @@ def test_a_box_wider_than_the_bundled_hand_opens_is_told_before_the_demo(tmp_pat
     )
     main(["--params-file", str(tmp_path / "tea.yaml")])
     said = " ".join(capsys.readouterr().out.split())
-    assert "1 thing is wrong" in said
-    assert "left.grasps[0] = [0.0, 0.0, 0.16, 0.0, 0.0, 0.0, 1.0]: the open hand leaves" in said
+    assert "2 things are wrong" in said
+    for arm in ("left", "right"):
+        grasp = f"{arm}.grasps[0] = [0.0, 0.0, 0.16, 0.0, 0.0, 0.0, 1.0]"
+        assert f"{grasp}: the open hand leaves" in said
     assert "assumed to be zero" not in said
