@@ -11,7 +11,9 @@ CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 def rocks(corners, gaps):
     """rad between the two ways in which a plate stands on three of the four corners (4, 2)."""
     points = np.column_stack([corners, gaps])
-    ridge, others = ((0, 2), (1, 3)) if gaps[[0, 2]].sum() > gaps[[1, 3]].sum() else ((1, 3), (0, 2))
+    ridge, others = (0, 2), (1, 3)
+    if gaps[[0, 2]].sum() < gaps[[1, 3]].sum():
+        ridge, others = others, ridge
     normals = []
     for other in others:
         normal = np.cross(points[ridge[1]] - points[ridge[0]], points[other] - points[ridge[0]])
