@@ -16,6 +16,7 @@ from checker import (
     check_limits,
     way_of_object,
 )
+from problems import problem_of
 
 from placement_planner_ros.core.carry.settings import CarrySettings, TiltLimit
 from placement_planner_ros.core.carry.tilt import TiltConstraint
@@ -25,7 +26,7 @@ from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.search.pruning import Cause
 from placement_planner_ros.core.wishes.settings import TurnSettings
-from placement_planner_ros.experiments.cases import Case, make_problem, start_configuration
+from placement_planner_ros.experiments.cases import Case, start_configuration
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.scenes import scene_by_name
 from placement_planner_ros.share import PACKAGE, share_path
@@ -55,7 +56,7 @@ def upright_start(problem, arm, degrees):
 @pytest.fixture(scope="module")
 def glass():
     """The table, the glass in the right hand and nearly upright; and what checks it."""
-    problem, objective = make_problem(CASE, np.random.default_rng(0))
+    problem, objective = problem_of(CASE)
     right = problem.arms[1]
     arm = replace(right, grasps=right.grasps[1:2])
     q = upright_start(problem, arm, 5.0)

@@ -6,11 +6,12 @@ import pytest
 
 pytest.importorskip("mujoco")
 
+from problems import problem_of
 from settle import settle
 from settle_cases import FRICTIONS, MOVED, TILTED
 
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
-from placement_planner_ros.experiments.cases import Case, make_problem
+from placement_planner_ros.experiments.cases import Case
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.primitives import box
 from placement_planner_ros.scenes.scenes import scene_by_name
@@ -38,7 +39,7 @@ def released(scene, name, T_world_object, friction=0.6):
 
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_what_is_placed_stays_where_it_is(case):
-    problem, objective = make_problem(case, np.random.default_rng(0))
+    problem, objective = problem_of(case)
     planner = PlacementPlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
     placements = list(planner.run(lambda: planner.statistics.samples >= 1500))
     assert placements

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 import yaml
 from checker import Asked
+from problems import problem_of
 
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.planner import PlacementPlanner
-from placement_planner_ros.experiments.cases import Case, make_problem
+from placement_planner_ros.experiments.cases import Case
 from placement_planner_ros.ros.parameters.table import arm_specs, arms_spec, fixed_specs
 from placement_planner_ros.ros.parameters.values import ParameterSet
 
@@ -78,7 +79,7 @@ class Request:
 
     def planner(self, seed: int) -> PlacementPlanner:
         """One that searches for it."""
-        problem, _ = make_problem(self.case, np.random.default_rng(0))
+        problem, _ = problem_of(self.case)
         settings = self.parameters.planner_settings
         context = settings.context(problem.environment, problem.volume, problem.body)
         objective = make_objective(self.parameters["objective"], context)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
+from functools import lru_cache
 from typing import TypeVar, cast
 
 from placement_planner_ros.core.errors import ParameterError
@@ -40,8 +41,7 @@ class Meaning:
     @property
     def ends(self) -> tuple[float, float]:
         """Lower and upper end of the interval, inside it or not."""
-        lower, upper = self.interval[1:-1].split(", ")
-        return _number(lower), _number(upper)
+        return _ends(self.interval)
 
     def check(self, name: str, value: object) -> None:
         """Refuse a value, or one number of a list, that the setting may not have.
@@ -101,6 +101,12 @@ def _as_tuple(name: str, value: object) -> tuple[object, ...]:
     if isinstance(value, str) or not isinstance(value, Iterable):
         raise ParameterError(name, value, "give a list")
     return tuple(value)
+
+
+@lru_cache
+def _ends(interval: str) -> tuple[float, float]:
+    lower, upper = interval[1:-1].split(", ")
+    return _number(lower), _number(upper)
 
 
 def _number(text: str) -> float:

@@ -12,7 +12,7 @@ from typing import Any
 import pinocchio as pin
 from rclpy.parameter import Parameter
 
-from placement_planner_ros.core.errors import ParameterError, listed
+from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError, listed
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.ros.inputs.inputs import Inputs
 from placement_planner_ros.ros.outputs.announcer import Announcer
@@ -79,10 +79,10 @@ class Commands:
             busy = self._busy()
             if busy is not None:
                 return busy
-            faults = self._parameters.faults(changes)
-            if faults:
-                return refusal(faults)
-            parameters = self._parameters.with_changes(changes)
+            try:
+                parameters = self._parameters.with_changes(changes)
+            except PlacementPlannerError:
+                return refusal(self._parameters.faults(changes))
             self._inputs.robot.look_up()
             snapshot = take_snapshot(self._inputs, parameters, [p.name for p in changes])
             if isinstance(snapshot, list):

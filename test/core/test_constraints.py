@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from problems import problem_of
 
 from placement_planner_ros.core.constraints import placement_pose
 from placement_planner_ros.core.grasp.settings import ApproachSettings
@@ -12,7 +13,7 @@ from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.stability.by_vertices import stays
 from placement_planner_ros.core.types import LEVEL, TargetVolume, Verdict, upright
-from placement_planner_ros.experiments.cases import Case, make_problem
+from placement_planner_ros.experiments.cases import Case
 
 TABLE = Case("table", "small_crayons_box", "maximize_clearance")
 EDGE, HEIGHT = 0.4, 0.0
@@ -21,7 +22,7 @@ EDGE, HEIGHT = 0.4, 0.0
 @pytest.fixture(scope="module")
 def problem():
     """A bare table that ends at x = EDGE, in a volume that goes on beyond."""
-    bare, _ = make_problem(TABLE, np.random.default_rng(0))
+    bare, _ = problem_of(TABLE)
     volume = TargetVolume([0.2, -0.2, -0.05], [0.6, 0.2, 0.2])
     x, y = np.meshgrid(np.arange(0.15, EDGE + 1e-9, 0.004), np.arange(-0.3, 0.3, 0.004))
     points = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, HEIGHT)])

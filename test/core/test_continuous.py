@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from problems import problem_of
 
 from placement_planner_ros.core.grasp.at_start import faults_at_start
 from placement_planner_ros.core.grasp.settings import GraspSettings
 from placement_planner_ros.core.grasp.usable import usable_holdings
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.robot.model import Robot
-from placement_planner_ros.experiments.cases import Case, make_problem
+from placement_planner_ros.experiments.cases import Case
 from placement_planner_ros.scenes.yumi import yumi_arm
 from placement_planner_ros.share import PACKAGE, share_path
 
@@ -21,7 +22,7 @@ ENDLESS = ("yumi_joint_1_l", "yumi_joint_4_l", "yumi_joint_6_l")
 def problem():
     """The bundled case of the table for its left arm, three joints of which turn endlessly."""
     case = Case("table", "small_crayons_box", "maximize_clearance")
-    original = make_problem(case, np.random.default_rng(0))[0]
+    original = problem_of(case)[0]
     text = share_path("urdf", "yumi.urdf").read_text(encoding="utf-8")
     for joint in ENDLESS:
         text = text.replace(

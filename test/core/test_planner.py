@@ -8,6 +8,7 @@ from unittest import mock
 import numpy as np
 import pinocchio as pin
 import pytest
+from problems import problem_of
 from verify_cases import case_checker, load_solution
 
 from placement_planner_ros.core.collision.arm import (
@@ -36,7 +37,7 @@ from placement_planner_ros.core.search.sampler import SamplerSettings
 from placement_planner_ros.core.search.uniform import UniformSampler
 from placement_planner_ros.core.timing.trajectory_maker import TrajectoryMaker
 from placement_planner_ros.core.types import TargetVolume, Verdict
-from placement_planner_ros.experiments.cases import Case, make_problem
+from placement_planner_ros.experiments.cases import Case
 from placement_planner_ros.experiments.record import save_solution
 
 TABLE = Case("table", "small_crayons_box", "maximize_clearance")
@@ -44,7 +45,7 @@ CABINET = Case("cabinet_low_clutter", "wine_glass", "minimize_clearance")
 
 
 def plan(case=TABLE, seed=0, samples=1500, objective=None, **settings):
-    problem, own = make_problem(case, np.random.default_rng(seed))
+    problem, own = problem_of(case, seed)
     chosen = replace(PlannerSettings(), **settings)
     planner = PlacementPlanner(problem, objective or own, chosen, np.random.default_rng(seed))
     budget = lambda: planner.statistics.samples >= samples  # noqa: E731
@@ -56,9 +57,7 @@ def test_every_placement_passes_the_independent_checker(case, tmp_path):
     planner, placements = plan(case, samples=2000)
     assert len(placements) >= 2
     checker = case_checker(asdict(case))
-    arms = {
-        arm.name: arm.touch_links for arm in make_problem(case, np.random.default_rng(0))[0].arms
-    }
+    arms = {arm.name: arm.touch_links for arm in problem_of(case)[0].arms}
     previous = None
     for placement in placements:
         save_solution(tmp_path / "solution.npz", case, 0, placement)
@@ -96,7 +95,7 @@ def test_what_counts_as_better_is_the_same_to_samples_goals_and_placements():
         asked.append((best, published[-1] + step))
         return sample(self, best, should_stop)
 
-    problem, objective = make_problem(TABLE, np.random.default_rng(0))
+    problem, objective = problem_of(TABLE)
     settings = replace(PlannerSettings(), min_improvement=step)
     planner = PlacementPlanner(problem, objective, settings, np.random.default_rng(0))
     with mock.patch.object(OptimisticSampler, "sample_goals", watched):
@@ -155,7 +154,7 @@ def test_what_is_remembered_from_start_to_start_changes_no_result():
         for remembered in (_chain, _flat_arm, link_shapes, object_solids, _swept, seed_table):
             remembered.cache_clear()
 
-    problem, objective = make_problem(TABLE, np.random.default_rng(0))
+    problem, objective = problem_of(TABLE)
 
     def run():
         planner = PlacementPlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
@@ -172,7 +171,7 @@ def test_what_is_remembered_from_start_to_start_changes_no_result():
 
 
 def test_planners_of_one_problem_place_the_object_each_for_itself():
-    problem, _ = make_problem(TABLE, np.random.default_rng(0))
+    problem, _ = problem_of(TABLE)
     arm = problem.arms[0]
     two = [
         ArmCollision(
@@ -201,7 +200,7 @@ def test_a_black_box_objective_steers_where_things_go():
 
 
 def test_it_stops_when_told_before_any_sample():
-    problem, objective = make_problem(TABLE, np.random.default_rng(0))
+    problem, objective = problem_of(TABLE)
     planner = PlacementPlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
     assert list(planner.run(lambda: True)) == []
     assert planner.statistics.samples == 0
@@ -209,7 +208,7 @@ def test_it_stops_when_told_before_any_sample():
 
 
 def test_a_volume_without_surfaces_is_exhausted_at_once_and_says_why():
-    problem, _ = make_problem(TABLE, np.random.default_rng(0))
+    problem, _ = problem_of(TABLE)
     shift = np.array([0.0, 0.0, 0.5])
     above = TargetVolume(problem.volume.lower + shift, problem.volume.upper + shift)
     environment = type(problem.environment).from_points(
@@ -226,7 +225,7 @@ def test_a_volume_without_surfaces_is_exhausted_at_once_and_says_why():
 
 
 def test_a_start_in_collision_is_refused_with_the_link_and_the_place():
-    problem, objective = make_problem(TABLE, np.random.default_rng(0))
+    problem, objective = problem_of(TABLE)
     q = problem.q_start.copy()
     for arm in problem.arms:
         q[arm.q_index] = 0.0
@@ -237,7 +236,7 @@ def test_a_start_in_collision_is_refused_with_the_link_and_the_place():
 
 
 def test_a_start_that_meets_the_robot_or_the_cloud_is_told_apart():
-    problem, objective = make_problem(TABLE, np.random.default_rng(0))
+    problem, objective = problem_of(TABLE)
     left, robot = problem.arms[0], problem.robot
     q = problem.q_start.copy()
     other = problem.arms[1]
@@ -267,7 +266,7 @@ def test_a_start_that_meets_the_robot_or_the_cloud_is_told_apart():
 
 
 def test_a_start_beyond_the_joint_limits_is_refused_with_the_joint():
-    problem, objective = make_problem(TABLE, np.random.default_rng(0))
+    problem, objective = problem_of(TABLE)
     q = problem.q_start.copy()
     for arm in problem.arms:
         q[arm.q_index[0]] = arm.upper[0] + 0.01
@@ -278,7 +277,7 @@ def test_a_start_beyond_the_joint_limits_is_refused_with_the_joint():
 
 
 def test_plans_stay_a_little_within_the_joint_limits():
-    problem, objective = make_problem(TABLE, np.random.default_rng(0))
+    problem, objective = problem_of(TABLE)
     planner = PlacementPlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
     for holding in planner.holdings.values():
         real = next(arm for arm in problem.arms if arm.name == holding.arm.name)
@@ -302,7 +301,7 @@ def test_the_first_placement_comes_before_its_local_optimisation():
 
 
 def test_a_grasp_that_cannot_be_is_left_out_and_named():
-    problem, objective = make_problem(TABLE, np.random.default_rng(0))
+    problem, objective = problem_of(TABLE)
     inside_the_wrist = pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.05]))
     left, right = problem.arms
 
@@ -318,7 +317,7 @@ def test_a_grasp_that_cannot_be_is_left_out_and_named():
 
 
 def test_without_any_grasp_a_problem_is_refused():
-    problem, _ = make_problem(TABLE, np.random.default_rng(0))
+    problem, _ = problem_of(TABLE)
     arms = tuple(replace(arm, grasps=()) for arm in problem.arms)
     with pytest.raises(RobotError, match="at least one arm with a grasp"):
         replace(problem, arms=arms)
@@ -336,7 +335,7 @@ def test_wrong_settings_are_refused():
     [("optimistic", OptimisticSampler), ("mcts", MctsSampler), ("uniform", UniformSampler)],
 )
 def test_the_settings_choose_the_sampler(name, kind):
-    problem, objective = make_problem(TABLE, np.random.default_rng(0))
+    problem, objective = problem_of(TABLE)
     settings = replace(PlannerSettings(), sampler=name)
     planner = PlacementPlanner(problem, objective, settings, np.random.default_rng(0))
     assert type(planner.sampler) is kind
@@ -367,7 +366,7 @@ def test_what_was_rejected_is_counted_by_face_and_by_arm(sampler):
 @pytest.fixture(scope="module")
 def finder_and_draws():
     """The glass in the cabinet: its GoalFinder, and poses drawn uniformly."""
-    problem, objective = make_problem(CABINET, np.random.default_rng(0))
+    problem, objective = problem_of(CABINET)
     batch = SamplerSettings(batch=3000)
     settings = replace(PlannerSettings(), sampler="uniform", uniform=batch)
     planner = PlacementPlanner(problem, objective, settings, np.random.default_rng(0))
@@ -402,7 +401,7 @@ def test_estimates_hide_no_pose_that_is_better_and_raise_none(finder_and_draws):
 
 def test_it_stops_between_the_poses_of_a_batch():
     """Told to stop while it seeks configurations, it seeks no more, and counts what it checked."""
-    problem, objective = make_problem(TABLE, np.random.default_rng(0))
+    problem, objective = problem_of(TABLE)
     planner = PlacementPlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
     asked = 0
 

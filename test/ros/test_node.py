@@ -192,8 +192,8 @@ def test_status_says_why_nothing_has_been_found_and_what_was_rejected_where(benc
     status = b.status()
     assert status["state"] == "searching"
     assert status["why"] == "it is full\ntry sensor_poses.<frame>: look again\n4 of 4"
-    assert status["rejected.rest_0"] == "unstable=3 colliding=1"
-    assert status["rejected.rest_1"] == ""
+    assert status["rejected.face_0"] == "unstable=3 colliding=1"
+    assert status["rejected.face_1"] == ""
     assert status["rejected.left"] == "no_ik=5"
     planner.offers.append(0.3)
     b.wait(lambda: b.status()["solutions"] == "1")

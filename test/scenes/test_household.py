@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 import trimesh
+from problems import problem_of
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.grasp.settings import GraspSettings
 from placement_planner_ros.core.grasp.usable import usable_holdings
-from placement_planner_ros.experiments.cases import GROUPS, Case, all_cases, make_problem
+from placement_planner_ros.experiments.cases import GROUPS, Case, all_cases
 from placement_planner_ros.scenes.objects import HOUSEHOLD, OBJECT_NAMES, object_by_name
 
 
@@ -39,7 +40,7 @@ def test_parts_are_what_the_surface_encloses(name):
 
 @pytest.mark.parametrize("name", HOUSEHOLD)
 def test_it_rests_on_something_and_every_grasp_can_be_used(name):
-    problem, _ = make_problem(Case("table", name, "maximize_clearance"), np.random.default_rng(0))
+    problem, _ = problem_of(Case("table", name, "maximize_clearance"))
     holdings, why_not = usable_holdings(problem, GraspSettings())
     assert why_not == ()
     assert [len(of_arm) for of_arm in holdings] == [len(arm.grasps) for arm in problem.arms]

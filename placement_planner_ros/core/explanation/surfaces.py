@@ -342,7 +342,7 @@ def column(obstacles: ObstacleSet, i: int, j: int) -> list[int]:
 def rest_in_words(body: Body, face: int) -> str:
     """Which rest that is."""
     width, depth, height = rest_size(body, face)
-    return f"rest {face} ({width:.3f} x {depth:.3f} m, {height:.3f} m high)"
+    return f"face {face} ({width:.3f} x {depth:.3f} m, {height:.3f} m high)"
 
 
 def rest_size(body: Body, face: int) -> tuple[float, float, float]:

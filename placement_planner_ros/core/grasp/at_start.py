@@ -234,7 +234,7 @@ def beyond_limits(arm: Arm, q_start: Array) -> Fault | None:
 def met_itself(robot: Robot, q: Array, links: list[tuple[str, str]]) -> Fault:
     """The fault of links that meet each other at q (nq,), with what they need to be left out."""
     rows = dict.fromkeys(pair(*each) for each in links)
-    overlaps, placements = _overlaps(robot), _placements(robot, q)
+    overlaps, placements = _overlaps(robot), robot.geometry_poses(q)
     words = []
     for first, second in rows:
         said, deepest = f"{first} meets {second}", 0.0
@@ -278,17 +278,16 @@ class _Placed:
 
     def __init__(self, robot: Robot, q: Array) -> None:
         self._robot = robot
-        self._data, geometry = robot.model.createData(), robot.geometry.createData()
-        pin.updateGeometryPlacements(robot.model, self._data, robot.geometry, geometry, q)
-        pin.updateFramePlacements(robot.model, self._data)
-        objects = robot.geometry.geometryObjects
+        self._data = robot.model.createData()
+        pin.framesForwardKinematics(robot.model, self._data, q)
+        objects, places = robot.geometry.geometryObjects, robot.geometry_poses(q)
         self._solids = [
             (g.geometry, coal.Transform3s(T.rotation, T.translation))
-            for g, T in zip(objects, geometry.oMg, strict=True)
+            for g, T in zip(objects, places, strict=True)
         ]
-        self._q, self._places, self._overlaps = q, list(geometry.oMg), _overlaps(robot)
+        self._q, self._places, self._overlaps = q, places, _overlaps(robot)
         centers, self._radii = self._overlaps.centers, self._overlaps.radii
-        self._centers = np.array([T.act(c) for T, c in zip(geometry.oMg, centers, strict=True)])
+        self._centers = np.array([T.act(c) for T, c in zip(places, centers, strict=True)])
         self._centers = self._centers.reshape(-1, 3)
 
     def met(self, arm: Arm, margin: float) -> Fault | None:
@@ -486,12 +485,6 @@ def _encloses(triangles: Array | None, T: coal.Transform3s, point: Array) -> boo
 @lru_cache(maxsize=4)
 def _overlaps(robot: Robot) -> Overlaps:
     return Overlaps.of(robot.geometry)
-
-
-def _placements(robot: Robot, q: Array) -> list[pin.SE3]:
-    data = robot.geometry.createData()
-    pin.updateGeometryPlacements(robot.model, robot.model.createData(), robot.geometry, data, q)
-    return list(data.oMg)
 
 
 @lru_cache(maxsize=4)

@@ -120,8 +120,7 @@ def _pushes(robot: Robot, arm: Arm, grasp: int, body: Body, q_bytes: bytes) -> D
 def _stuck(robot: Robot, arm: Arm, grasp: int, body: Body, q_bytes: bytes) -> Depths:
     """Which links lie how deep in the object when the hand is open, beyond `_MOST_STUCK`."""
     q = robot.with_open_hand(np.frombuffer(q_bytes), arm)
-    data, geometry = robot.model.createData(), robot.geometry.createData()
-    pin.updateGeometryPlacements(robot.model, data, robot.geometry, geometry, q)
+    places = robot.geometry_poses(q)
     at = robot.link_pose(q, arm.tip_frame) * arm.grasps[grasp]
     overlaps, first = object_overlaps(robot, body), len(robot.geometry_links)
     found: dict[str, float] = {}
@@ -130,7 +129,7 @@ def _stuck(robot: Robot, arm: Arm, grasp: int, body: Body, q_bytes: bytes) -> De
             continue
         step(f"looking how deep {link} of the open hand lies in the object")
         for j in range(first, len(overlaps.shapes)):
-            depth = overlaps.depth(i, j, geometry.oMg[i], at)
+            depth = overlaps.depth(i, j, places[i], at)
             if depth > _MOST_STUCK:
                 found[link] = max(depth, found.get(link, 0.0))
     return tuple(found.items())

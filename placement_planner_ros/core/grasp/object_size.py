@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pinocchio as pin
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.robot.arm import Arm
@@ -66,12 +65,9 @@ def stretched(robot: Robot, arm: Arm) -> float:
 def hand_size(robot: Robot, arm: Arm, q: Array) -> float:
     """Longest side of what may touch the object, in the planning frame at q (nq,), metres; 0
     without geometry."""
-    data, geometry = robot.model.createData(), robot.geometry.createData()
-    pin.updateGeometryPlacements(robot.model, data, robot.geometry, geometry, q)
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for link, g, T in zip(
-        robot.geometry_links, robot.geometry.geometryObjects, geometry.oMg, strict=True
-    ):
+    shapes, poses = robot.geometry.geometryObjects, robot.geometry_poses(q)
+    for link, g, T in zip(robot.geometry_links, shapes, poses, strict=True):
         if link in arm.touch_links:
             g.geometry.computeLocalAABB()
             middle = T.act(np.array(g.geometry.aabb_center))

@@ -309,6 +309,17 @@ class Robot:
         pin.framesForwardKinematics(self.model, data, q)
         return pin.SE3(data.oMf[self.frame_id(link)])
 
+    def geometry_poses(self, q: Array) -> list[pin.SE3]:
+        """T_world_geometry of each of geometry.geometryObjects at q (nq,), in the root link's
+        frame.
+
+        Pinocchio's own way makes what checks every collision pair first, which takes milliseconds.
+        """
+        data = self.model.createData()
+        pin.forwardKinematics(self.model, data, q)
+        objects = self.geometry.geometryObjects
+        return [data.oMi[each.parentJoint] * each.placement for each in objects]
+
     def joints_to(self, link: str) -> tuple[str, ...]:
         """Joints whose values the pose of a link depends on; none of them mimics another.
 

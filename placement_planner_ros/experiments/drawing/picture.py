@@ -185,12 +185,10 @@ class RobotShapes:
 
     def at(self, q: Array) -> list[Mesh]:
         """Each shape at q (nq,)."""
-        robot = self._robot
-        data, placements = robot.model.createData(), robot.geometry.createData()
-        pin.updateGeometryPlacements(robot.model, data, robot.geometry, placements, q)
+        poses = self._robot.geometry_poses(q)
         return [
             Mesh(moved(vertices, T), triangles, colour)
-            for (vertices, triangles, colour), T in zip(self._shapes, placements.oMg, strict=True)
+            for (vertices, triangles, colour), T in zip(self._shapes, poses, strict=True)
         ]
 
 

@@ -153,11 +153,9 @@ def _hull(vertices: Array) -> npt.NDArray[np.int64]:
 
 def _cover(robot: Robot, q: Array) -> tuple[list[Mesh], int]:
     """The parts of all covers at q (nq,), those of one colour as one mesh, and how many."""
-    data, placements = robot.model.createData(), robot.geometry.createData()
-    pin.updateGeometryPlacements(robot.model, data, robot.geometry, placements, q)
     parts = [
         moved(part, T)
-        for cover, T in zip(robot.covers, placements.oMg, strict=True)
+        for cover, T in zip(robot.covers, robot.geometry_poses(q), strict=True)
         if cover is not None
         for part in cover.parts
     ]

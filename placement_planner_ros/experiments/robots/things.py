@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pinocchio as pin
 import trimesh
 
 from placement_planner_ros.core.types import Array, TargetVolume
@@ -34,10 +33,8 @@ def boxes_at_start(subject: Subject) -> Array:
     object in each grasp.
     """
     robot, q = subject.robot, subject.q_start
-    data, placed = robot.model.createData(), robot.geometry.createData()
-    pin.updateGeometryPlacements(robot.model, data, robot.geometry, placed, q)
     clouds = []
-    for thing, T in zip(robot.geometry.geometryObjects, placed.oMg, strict=True):
+    for thing, T in zip(robot.geometry.geometryObjects, robot.geometry_poses(q), strict=True):
         thing.geometry.computeLocalAABB()
         around = thing.geometry.aabb_local
         clouds.append(_corners(np.array((around.min_, around.max_))) @ T.rotation.T + T.translation)

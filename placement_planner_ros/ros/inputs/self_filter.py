@@ -8,7 +8,6 @@ from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
-import pinocchio as pin
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.shapes import Shape, polytope, shape_of
@@ -55,9 +54,7 @@ class Outline:
             body: what the hands hold, None for nothing.
             padding: metres by which every part grows.
         """
-        data, geometry_data = robot.model.createData(), robot.geometry.createData()
-        pin.updateGeometryPlacements(robot.model, data, robot.geometry, geometry_data, q)
-        placed = [(T, part) for T, part in zip(geometry_data.oMg, _robot_parts(robot), strict=True)]
+        placed = list(zip(robot.geometry_poses(q), _robot_parts(robot), strict=True))
         solids = () if body is None else body.parts
         held = [_part(part.vertices, part.normals, part.offsets, 0.0) for part in solids]
         for arm in arms:

@@ -260,7 +260,7 @@ def _tried(run: Run) -> dict[str, object]:
     values: dict[str, object] = {"samples": statistics.samples}
     values |= {f"rejected_{name}": n for name, n in statistics.rejected.items()}
     for face, rejected in statistics.rejected_by_face.items():
-        values[f"rejected.rest_{face}"] = _counts(rejected)
+        values[f"rejected.face_{face}"] = _counts(rejected)
     for arm, rejected in statistics.rejected_by_arm.items():
         values[f"rejected.{arm}"] = _counts(rejected)
     return values

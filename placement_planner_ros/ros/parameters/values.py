@@ -46,6 +46,12 @@ class ParameterSet:
         specs: every parameter.
         values: by name; defaults where one is missing.
 
+    Attributes:
+        planner_settings: settings of the planner.
+        grid_settings: settings of the obstacle set.
+        region_settings: what counts as a placement region.
+        body_settings: how the object's mesh becomes a body.
+
     Raises:
         PlacementPlannerError: a value, or the values together, are bad.
     """
@@ -58,6 +64,7 @@ class ParameterSet:
         for name, value in (values or {}).items():
             self._values[name] = specs[name].convert(value)
         self._check_together()
+        self._make_settings()
 
     def __getitem__(self, name: str) -> Any:
         return self._values[name]
@@ -76,6 +83,7 @@ class ParameterSet:
         other = copy.copy(self)
         other._values = self._values | {n: self.convert(n, v) for n, v in changes.items()}
         other._check_together()
+        other._make_settings()
         return other
 
     def faults(self, changes: Mapping[str, object]) -> list[PlacementPlannerError]:
@@ -141,26 +149,6 @@ class ParameterSet:
         return self[name]
 
     @property
-    def planner_settings(self) -> PlannerSettings:
-        """Settings of the planner."""
-        return self._set(PlannerSettings(), PLANNER | OBJECT_TURNS)
-
-    @property
-    def grid_settings(self) -> GridSettings:
-        """Settings of the obstacle set."""
-        return self._set(GridSettings(), GRID)
-
-    @property
-    def region_settings(self) -> RegionSettings:
-        """What counts as a placement region."""
-        return self._set(RegionSettings(), REGIONS)
-
-    @property
-    def body_settings(self) -> BodySettings:
-        """How the object's mesh becomes a body."""
-        return self._set(BodySettings(), BODY)
-
-    @property
     def volume(self) -> TargetVolume:
         """V."""
         return TargetVolume.of_numbers(self["target_volume"])
@@ -203,4 +191,10 @@ class ParameterSet:
             raise ParameterError("arms", self["arms"], "name each arm once")
         if not self["arms"]:
             raise ParameterError("arms", self["arms"], "name at least one arm")
-        _ = self.planner_settings, self.grid_settings, self.region_settings, self.body_settings
+
+    def _make_settings(self) -> None:
+        """Once, as checking them takes milliseconds and a start asks for them again and again."""
+        self.planner_settings = self._set(PlannerSettings(), PLANNER | OBJECT_TURNS)
+        self.grid_settings = self._set(GridSettings(), GRID)
+        self.region_settings = self._set(RegionSettings(), REGIONS)
+        self.body_settings = self._set(BodySettings(), BODY)

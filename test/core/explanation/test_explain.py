@@ -9,6 +9,7 @@ import few_joints
 import numpy as np
 import pinocchio as pin
 import pytest
+from problems import problem_of
 from tilts import tilted_problem
 
 from placement_planner_ros.core.explanation import tables
@@ -21,7 +22,7 @@ from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.search.pruning import Cause, Ruling
 from placement_planner_ros.core.search.sampler import SampleCount
 from placement_planner_ros.core.types import LEVEL, Verdict, steepness
-from placement_planner_ros.experiments.cases import Case, make_problem
+from placement_planner_ros.experiments.cases import Case
 from placement_planner_ros.ros.parameters.table import arm_specs, arms_spec, fixed_specs
 
 TABLE = Case("table", "small_crayons_box", "maximize_clearance")
@@ -38,7 +39,7 @@ NAMES = {
 
 @pytest.fixture(scope="module")
 def table():
-    return make_problem(TABLE, np.random.default_rng(0))
+    return problem_of(TABLE)
 
 
 def planned(table, samples=600, **settings):
@@ -85,7 +86,17 @@ def test_what_refuses_all_is_the_cause_and_its_remedies_exist(table, verdict, re
     for arm in ("left", "right"):
         assert re.search(rf"^arm {arm}: of [\d,]+ tries ", "\n".join(told.details), re.MULTILINE)
     for face in range(len(table[0].body.faces)):
-        assert f"rest {face} (" in str(told)
+        assert f"face {face} (" in str(told)
+
+
+def test_hands_that_nobody_opens_are_told_where_there_is_no_way_back(table):
+    problem, objective = table
+    left, right = problem.arms
+    shut = replace(left, gripper_joints=(), gripper_open=())
+    with mock.patch.object(Holding, "placing_motion", return_value=Verdict.NO_RETREAT):
+        told = planned((replace(problem, arms=(shut, right)), objective)).explain()
+    (opening,) = [each for each in told.remedies if "gripper_open" in each.parameter]
+    assert opening.parameter == "left.gripper_open"
 
 
 def test_arms_that_cannot_stand_the_object_up_are_the_cause_before_all_else():

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from problems import problem_of
 
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
 from placement_planner_ros.core.collision.load import Held
@@ -15,7 +16,7 @@ from placement_planner_ros.core.grasp.at_start import deep_fingers, faults_at_st
 from placement_planner_ros.core.grasp.settings import GraspSettings
 from placement_planner_ros.core.grasp.usable import usable_holdings
 from placement_planner_ros.core.robot.moving_arm import MovingArm
-from placement_planner_ros.experiments.cases import Case, make_problem
+from placement_planner_ros.experiments.cases import Case
 
 SETTINGS = CollisionSettings()
 
@@ -23,7 +24,7 @@ SETTINGS = CollisionSettings()
 @pytest.fixture(scope="module")
 def problem():
     case = Case("table", "small_crayons_box", "maximize_clearance")
-    return make_problem(case, np.random.default_rng(0))[0]
+    return problem_of(case)[0]
 
 
 def faults(problem, arms=None, q=None, obstacles=None):

@@ -6,9 +6,10 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 import pytest
+from problems import problem_of
 
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
-from placement_planner_ros.experiments.cases import Case, make_problem
+from placement_planner_ros.experiments.cases import Case
 
 CASE = Case("table", "toy_table", "maximize_clearance")
 
@@ -16,7 +17,7 @@ CASE = Case("table", "toy_table", "maximize_clearance")
 @pytest.fixture(scope="module")
 def planned():
     """A planner, a goal it reached, and who holds the object there."""
-    problem, objective = make_problem(CASE, np.random.default_rng(0))
+    problem, objective = problem_of(CASE)
     planner = PlacementPlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
     goal = next(planner.run(lambda: planner.statistics.samples > 5000)).goal
     return planner, goal, planner.holdings[goal.arm, goal.grasp]

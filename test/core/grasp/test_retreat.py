@@ -12,6 +12,7 @@ import pinocchio as pin
 import pytest
 import trimesh
 from checker import Solution, SolutionChecker
+from problems import problem_of
 from scipy.spatial import ConvexHull
 from verify_cases import case_checker
 
@@ -32,7 +33,7 @@ from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.core.types import Verdict
-from placement_planner_ros.experiments.cases import Case, make_problem
+from placement_planner_ros.experiments.cases import Case
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.primitives import box
 
@@ -58,12 +59,12 @@ CLAW = """<robot name="claw">
 
 @pytest.fixture(scope="module")
 def problem():
-    return make_problem(CASE, np.random.default_rng(0))[0]
+    return problem_of(CASE)[0]
 
 
 @pytest.fixture(scope="module")
 def planned():
-    problem, objective = make_problem(CASE, np.random.default_rng(0))
+    problem, objective = problem_of(CASE)
     planner = PlacementPlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
     placement = next(planner.run(lambda: planner.statistics.samples > 5000))
     return problem, planner, placement
@@ -365,7 +366,7 @@ def test_the_checker_refuses_fingers_that_open_into_something(judged, post):
 
 
 def test_without_requiring_it_a_placement_may_be_without_retreat():
-    problem, objective = make_problem(CASE, np.random.default_rng(0))
+    problem, objective = problem_of(CASE)
     impossible = RetreatSettings(
         retreat_distance=0.5, tip_directions=((0.0, 0.0, 1.0),), world_directions=()
     )

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from checker import Solution, SolutionChecker
+from problems import problem_of
 from scipy.interpolate import BPoly
 from scipy.spatial import ConvexHull
 from verify_cases import case_checker
@@ -97,7 +98,7 @@ def planned():
         Case("table", "small_crayons_box", "minimize_clearance"),
         Case("cabinet_high_clutter", "toy_table", "minimize_clearance"),
     ):
-        problem, objective = make_problem(case, np.random.default_rng(0))
+        problem, objective = problem_of(case)
         planner = PlacementPlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
         runs.append((case, problem, planner, list(planner.run(_enough(planner)))))
     return runs

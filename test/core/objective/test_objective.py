@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from problems import problem_of
 
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.objective.objective import (
@@ -10,14 +11,14 @@ from placement_planner_ros.core.objective.objective import (
     gradient,
     moved,
 )
-from placement_planner_ros.experiments.cases import Case, make_problem
+from placement_planner_ros.experiments.cases import Case
 
 CASE = Case("cabinet_high_clutter", "wine_glass", "maximize_clearance")
 
 
 @pytest.fixture(scope="module")
 def problem():
-    return make_problem(CASE, np.random.default_rng(0))[0]
+    return problem_of(CASE)[0]
 
 
 def objective_of(problem, name):

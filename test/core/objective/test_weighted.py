@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from problems import problem_of
 
 from placement_planner_ros.core.constraints import placement_pose
 from placement_planner_ros.core.errors import ParameterError
@@ -16,7 +17,7 @@ from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.search.sampler import Draws
 from placement_planner_ros.core.types import TargetVolume, Verdict
 from placement_planner_ros.core.wishes.settings import WishSettings
-from placement_planner_ros.experiments.cases import Case, make_problem
+from placement_planner_ros.experiments.cases import Case
 
 TABLE = Case("table", "small_crayons_box", "maximize_clearance")
 NEAR = (0.4, 0.1, 0.05, 0.0, 0.0, 0.0, 1.0)
@@ -26,7 +27,7 @@ WEIGHTS = (1.0, 0.5, 0.2, -0.3, 1.0, 0.4, 0.3, 0.1)
 
 @pytest.fixture(scope="module")
 def table():
-    problem, _ = make_problem(TABLE, np.random.default_rng(0))
+    problem, _ = problem_of(TABLE)
     return problem
 
 

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pinocchio as pin
 import pytest
+from problems import problem_of
 
 from placement_planner_ros.core.constraints import placement_pose
 from placement_planner_ros.core.grasp.holding import Holding, PlacingMotion
@@ -16,7 +17,7 @@ from placement_planner_ros.core.sample_goals.goals import GoalFinder, Wanted
 from placement_planner_ros.core.scene.region_points import RegionPoints
 from placement_planner_ros.core.search.sampler import Draws
 from placement_planner_ros.core.types import LEVEL, Verdict
-from placement_planner_ros.experiments.cases import Case, make_problem
+from placement_planner_ros.experiments.cases import Case
 
 SAMPLES = 6000
 BLOCK = 64
@@ -44,7 +45,7 @@ def free_poses(problem, finder, rng):
 )
 def test_estimates_hardly_ever_skip_a_better_pose_and_save_most_of_the_work(scene, thing):
     """With the objects of which estimates are off the most; ξ_best is taken to be at quantiles."""
-    problem, _ = make_problem(Case(scene, thing, "maximize_clearance"), np.random.default_rng(0))
+    problem, _ = problem_of(Case(scene, thing, "maximize_clearance"))
     context = ObjectiveContext(problem.environment, problem.volume, problem.body)
     better = skipped = computed = asked = 0
     for name in ("maximize_clearance", "minimize_clearance"):
@@ -83,7 +84,7 @@ def never():
 @pytest.fixture(scope="module")
 def made():
     """Problem, objective, a planner that samples uniformly, and some of its draws."""
-    problem, objective = make_problem(TABLE, np.random.default_rng(0))
+    problem, objective = problem_of(TABLE)
     settings = PlannerSettings()
     settings = replace(settings, sampler="uniform", uniform=replace(settings.uniform, batch=400))
     planner = PlacementPlanner(problem, objective, settings, np.random.default_rng(0))

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from problems import problem_of
 
 from placement_planner_ros.core.constraints import placement_pose
 from placement_planner_ros.core.objective.by_name import make_objective
@@ -23,7 +24,7 @@ from placement_planner_ros.core.search.cell_layout import (
 from placement_planner_ros.core.search.pruning import Cause, Ruling
 from placement_planner_ros.core.types import LEVEL
 from placement_planner_ros.core.wishes.settings import WishSettings
-from placement_planner_ros.experiments.cases import Case, make_problem
+from placement_planner_ros.experiments.cases import Case
 
 SLOW = ("near", "turn", "high", "stance")
 NEAR = (0.4, 0.1, 0.05, 0.5, 0.5, 0.5, 0.5)
@@ -31,7 +32,7 @@ NEAR = (0.4, 0.1, 0.05, 0.5, 0.5, 0.5, 0.5)
 
 @pytest.fixture(scope="module")
 def table():
-    return make_problem(Case("table", "small_crayons_box", "maximize_clearance"), None)[0]
+    return problem_of(Case("table", "small_crayons_box", "maximize_clearance"))[0]
 
 
 @pytest.fixture(scope="module")

@@ -5,6 +5,7 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 from checker import Solution, SolutionChecker, Tolerances
+from problems import problem_of
 from verify_cases import case_checker
 
 from placement_planner_ros.core.errors import StartError
@@ -13,7 +14,7 @@ from placement_planner_ros.core.scene.keep_out import cut, kept_out
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.search.pruning import Cause
 from placement_planner_ros.core.types import Verdict
-from placement_planner_ros.experiments.cases import Case, make_problem
+from placement_planner_ros.experiments.cases import Case
 
 TABLE = Case("table", "small_crayons_box", "maximize_clearance")
 HALF = (0.1, 0.0, -0.05, 0.75, 0.6, 0.6)
@@ -22,7 +23,7 @@ HALF = (0.1, 0.0, -0.05, 0.75, 0.6, 0.6)
 
 @pytest.fixture(scope="module")
 def table():
-    return make_problem(TABLE, np.random.default_rng(0))
+    return problem_of(TABLE)
 
 
 def planner_of(made, keep_out, **settings):

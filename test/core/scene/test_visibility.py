@@ -4,6 +4,7 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+from problems import problem_of
 from verify_cases import case_checker, load_solution
 
 from placement_planner_ros.core.collision.arm import ArmCollision
@@ -24,7 +25,7 @@ from placement_planner_ros.core.scene.visibility import (
     unknown_cells,
 )
 from placement_planner_ros.core.types import TargetVolume
-from placement_planner_ros.experiments.cases import Case, make_problem
+from placement_planner_ros.experiments.cases import Case
 from placement_planner_ros.experiments.record import save_solution
 from placement_planner_ros.ros.inputs.self_filter import outside_robot
 from placement_planner_ros.scenes.clouds import CameraNoise, DepthCamera, camera_clouds
@@ -296,7 +297,7 @@ def test_bad_views_are_refused(bad):
 
 def careful_problem(case, seed):
     """A case with unknown space as obstacle; the two cameras see it as `make_problem` has it."""
-    problem, _ = make_problem(case, np.random.default_rng(seed))
+    problem, _ = problem_of(case, seed)
     clouds = camera_clouds(scene_by_name(case.scene), np.random.default_rng(seed))
     views = [View(c.world_points(), c.camera.T_world_camera.translation) for c in clouds]
     robot, arms, q, body = problem.robot, problem.arms, problem.q_start, problem.body

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from problems import problem_of
 
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.objective.objective import ObjectiveContext
@@ -24,7 +25,7 @@ from placement_planner_ros.core.search.cell_layout import (
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy, HierarchySettings
 from placement_planner_ros.core.search.pruning import Cause, Remainder, Ruling
 from placement_planner_ros.core.types import TargetVolume, Verdict
-from placement_planner_ros.experiments.cases import Case, make_problem
+from placement_planner_ros.experiments.cases import Case
 from placement_planner_ros.experiments.yardstick.placement_grid import (
     GridResolution,
     grid_placements,
@@ -35,7 +36,7 @@ CASE = Case("cabinet_low_clutter", "large_crayons_box", "maximize_clearance")
 
 @pytest.fixture(scope="module")
 def cabinet():
-    return make_problem(CASE, np.random.default_rng(0))
+    return problem_of(CASE)
 
 
 def hierarchy(problem) -> AfrHierarchy:

@@ -6,6 +6,7 @@ import few_joints
 import numpy as np
 import pinocchio as pin
 import pytest
+from problems import problem_of
 from tilts import tilted_problem
 
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
@@ -15,7 +16,7 @@ from placement_planner_ros.core.search.uniform import UniformPoses
 from placement_planner_ros.core.types import upright
 from placement_planner_ros.core.wishes.settings import TurnSettings
 from placement_planner_ros.core.wishes.turns import Turns
-from placement_planner_ros.experiments.cases import Case, make_problem
+from placement_planner_ros.experiments.cases import Case
 
 TABLE = Case("table", "small_crayons_box", "maximize_clearance")
 SAMPLERS = ("optimistic", "mcts", "uniform")
@@ -23,7 +24,7 @@ SAMPLERS = ("optimistic", "mcts", "uniform")
 
 @pytest.fixture(scope="module")
 def table():
-    return make_problem(TABLE, np.random.default_rng(0))
+    return problem_of(TABLE)
 
 
 def planner_of(made, turns, seed=0, **settings):

@@ -2,19 +2,19 @@
 
 import numpy as np
 import pytest
+from problems import problem_of
 
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.types import Verdict
 from placement_planner_ros.experiments.benchmark import main
-from placement_planner_ros.experiments.cases import make_problem
 from placement_planner_ros.experiments.concepts import division, edge
 from placement_planner_ros.experiments.concepts.recorded import RecordedPlanner
 
 
 @pytest.fixture(scope="module")
 def problem():
-    return make_problem(division.CASE, np.random.default_rng(1))
+    return problem_of(division.CASE, 1)
 
 
 @pytest.mark.parametrize("settings", [PlannerSettings(), division.MCTS])

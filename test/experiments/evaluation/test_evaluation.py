@@ -10,6 +10,7 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+from problems import problem_of
 from test_scaling import record as scaling_record
 
 from placement_planner_ros.core.constraints import PoseConstraints, placement_pose
@@ -18,7 +19,7 @@ from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.types import TargetVolume, Verdict
 from placement_planner_ros.experiments import record as recording
 from placement_planner_ros.experiments.benchmark import main
-from placement_planner_ros.experiments.cases import Case, make_problem
+from placement_planner_ros.experiments.cases import Case
 from placement_planner_ros.experiments.evaluation.comparisons import (
     compare,
     first_times,
@@ -316,7 +317,7 @@ def test_the_smoke_preset_runs_every_variant_and_is_reported(tmp_path, capsys, m
 def test_the_baseline_reaches_its_placements_with_rrt_connect():
     from placement_planner_ros.experiments.baselines.rrt_connect import BaselinePlanner
 
-    problem, objective = make_problem(TABLE, np.random.default_rng(0))
+    problem, objective = problem_of(TABLE)
     planner = BaselinePlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
     placements = list(planner.run(lambda: planner.statistics.solutions >= 2))
     assert len(placements) == 2
@@ -365,7 +366,7 @@ def test_a_report_without_yardstick_says_what_to_run(tmp_path, capsys):
 
 
 def test_the_grid_lies_on_its_region():
-    problem, _ = make_problem(TABLE, np.random.default_rng(0))
+    problem, _ = problem_of(TABLE)
     for region in problem.environment.regions[:3]:
         points = region_grid(region, 0.01)
         x0, y0, x1, y1 = region.rectangles.T
@@ -376,7 +377,7 @@ def test_the_grid_lies_on_its_region():
 
 
 def test_grid_placements_are_those_the_planner_would_let_pass():
-    problem, objective = make_problem(TABLE, np.random.default_rng(0))
+    problem, objective = problem_of(TABLE)
     settings = PlannerSettings()
     resolution = GridResolution(0.08, math.radians(60.0))
     found = grid_placements(problem, resolution, settings)
@@ -403,7 +404,7 @@ def test_grid_placements_are_those_the_planner_would_let_pass():
 
 def test_a_grid_with_slices_that_hold_nothing_is_searched_all_the_same():
     case = Case("cabinet_high_clutter", "large_crayons_box", "maximize_clearance")
-    problem, _ = make_problem(case, np.random.default_rng(0))
+    problem, _ = problem_of(case)
     found = grid_placements(problem, GridResolution(0.05, math.radians(45.0)), PlannerSettings())
     assert 0 < len(found.face) < found.tried
     low = problem.volume.lower[:2] + 1e-6

@@ -73,6 +73,12 @@ def wait_until_ready(
             return
 
 
+def _tried(planner: PlacementClient) -> str:
+    """How many poses were tried so far, in words; '' where that is not known."""
+    samples = 0 if planner.status is None else int(planner.status.values.get("samples", 0))
+    return f"; {samples:,} poses tried so far" if samples else ""
+
+
 def search(
     planner: PlacementClient, seconds: float, check: Callable[[], None], line: ProgressLine
 ) -> Found:
@@ -103,7 +109,7 @@ def search(
             if now > (began + FIRST_WITHIN if first is None else first + seconds):
                 break
             shown = (
-                f"{now - began:4.0f} s  searching"
+                f"{now - began:4.0f} s  searching{_tried(planner)}"
                 if first is None
                 else (
                     f"{now - first:4.0f} of {seconds:g} s  searching; "

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import coal
 import numpy as np
-import pinocchio as pin
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.object_solids import object_overlaps
@@ -93,13 +92,12 @@ def _check_start(subject: Subject, body: Body, findings: Findings) -> bool:
 
 def touched(robot: Robot, arm: Arm, grasp: int, body: Body, q: Array) -> Touch:
     """How far links within 0.1 m are from the object in a grasp at q (nq,)."""
-    data, geometry = robot.model.createData(), robot.geometry.createData()
-    pin.updateGeometryPlacements(robot.model, data, robot.geometry, geometry, q)
     T = robot.link_pose(q, arm.tip_frame) * arm.grasps[grasp]
     place = coal.Transform3s(T.rotation, T.translation)
     overlaps, first = object_overlaps(robot, body), len(robot.geometry_links)
     near: dict[str, float] = {}
-    for i, (link, at) in enumerate(zip(robot.geometry_links, geometry.oMg, strict=True)):
+    placed = zip(robot.geometry_links, robot.geometry_poses(q), strict=True)
+    for i, (link, at) in enumerate(placed):
         shape, center = overlaps.shapes[i], at.act(overlaps.centers[i])
         for j, solid in enumerate(overlaps.shapes[first:], first):
             apart = float(np.linalg.norm(center - T.act(overlaps.centers[j])))
