@@ -24,6 +24,8 @@ from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 
+from placement_planner_ros.core.errors import PlacementPlannerError
+from placement_planner_ros.experiments.real_clouds.pcd import read_pcd
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 
 
@@ -31,7 +33,7 @@ def read_points(file: Path) -> npt.NDArray[np.float64]:
     """(n, 3) points of a file, m.
 
     Raises:
-        ValueError: there are none in it.
+        PlacementPlannerError, ValueError: there are none in it, or they cannot be read.
     """
     kind = file.suffix.lower()
     if kind == ".npy":
@@ -40,7 +42,7 @@ def read_points(file: Path) -> npt.NDArray[np.float64]:
     if kind == ".csv":
         return np.loadtxt(file, delimiter=",", usecols=(0, 1, 2), ndmin=2)
     if kind == ".pcd":
-        return _points_of_pcd(file)
+        return read_pcd(file)
     try:
         read = trimesh.load(file)
     except NotImplementedError:  # of the file's kind
@@ -48,39 +50,6 @@ def read_points(file: Path) -> npt.NDArray[np.float64]:
     if not isinstance(read, trimesh.PointCloud | trimesh.Trimesh):
         raise ValueError(f"{file} has no points; write it as .pcd, .ply, .xyz, .csv or .npy")
     return np.asarray(read.vertices, dtype=np.float64)
-
-
-def _points_of_pcd(file: Path) -> npt.NDArray[np.float64]:
-    """(n, 3) points of a file of the Point Cloud Library, in text or binary, m."""
-    with file.open("rb") as stream:
-        header: dict[str, list[str]] = {}
-        for line in stream:
-            name, *values = line.decode(errors="replace").split() or [""]
-            header[name] = values
-            if name == "DATA":
-                break
-        body = stream.read()
-    if not {"FIELDS", "SIZE", "TYPE", "POINTS", "DATA"} <= set(header):
-        raise ValueError(f"{file} is no .pcd; write it as one, or as .ply, .xyz, .csv or .npy")
-    if not {"x", "y", "z"} <= set(header["FIELDS"]):
-        raise ValueError(f"{file} has no fields x, y and z, but {header['FIELDS']}")
-    counts = [int(count) for count in header.get("COUNT", ["1"] * len(header["FIELDS"]))]
-    if header["DATA"] == ["ascii"]:
-        first = dict(zip(header["FIELDS"], np.cumsum([0, *counts]).tolist(), strict=False))
-        columns = [first[axis] for axis in "xyz"]
-        return np.loadtxt(body.decode().splitlines(), usecols=columns, ndmin=2)
-    if header["DATA"] != ["binary"]:
-        raise ValueError(f"{file} is {header['DATA']}; write it with DATA binary or ascii")
-    kinds = zip(header["TYPE"], header["SIZE"], counts, strict=True)
-    layout = np.dtype(
-        {
-            "names": [f"{name}{i}" for i, name in enumerate(header["FIELDS"])],
-            "formats": [f"({count},)<{kind.lower()}{size}" for kind, size, count in kinds],
-        }
-    )
-    table = np.frombuffer(body, layout, count=int(header["POINTS"][0]))
-    named = [f"{axis}{header['FIELDS'].index(axis)}" for axis in "xyz"]
-    return np.hstack([table[name] for name in named]).astype(np.float64)
 
 
 class FileCamera(Node):
@@ -107,7 +76,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     try:
         points = read_points(options.file)
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, PlacementPlannerError) as error:
         parser.error(str(error))
     rclpy.init()
     with suppress(KeyboardInterrupt, ExternalShutdownException):

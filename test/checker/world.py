@@ -86,9 +86,9 @@ class World:
         for i in range(len(links)):
             for j in range(i):
                 pair = frozenset({links[i], links[j]})
-                fixed = all(
-                    geometry.geometryObjects[k].parentJoint == 0 for k in (i, j)
-                )  # the base stands on what it stands on
+                joint_i, joint_j = (geometry.geometryObjects[k].parentJoint for k in (i, j))
+                # The base stands on what it stands on; parts of one rigid body stay as they are.
+                fixed = joint_i == joint_j and (joint_i == 0 or "object" not in pair)
                 touching = "object" in pair and bool(pair & touching_links)
                 if len(pair) == 2 and not (fixed or touching or pair in robot.disabled):
                     geometry.addCollisionPair(pin.CollisionPair(j, i))

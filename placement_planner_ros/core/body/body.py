@@ -104,7 +104,7 @@ class Body:
         """
         settings = settings or BodySettings()
         points, faces = checked_mesh(vertices, triangles, scale, settings.max_extent)
-        hull = hull_of(points[np.unique(faces)])
+        hull = hull_of(points)
         warnings: list[str] = []
         pieces = connected_pieces(points, faces)
         parts = [convex_part(piece, number, warnings) for number, piece in enumerate(pieces)]

@@ -7,7 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
-from placement_planner_ros.core.body.mesh import THINNEST, Piece, Triangles, read_only
+from placement_planner_ros.core.body.mesh import (
+    THINNEST,
+    Piece,
+    Triangles,
+    read_only,
+    used_rows,
+)
+from placement_planner_ros.core.body.mesh_components import alike
 from placement_planner_ros.core.errors import ObjectError
 from placement_planner_ros.core.types import Array, frozen_array
 
@@ -71,14 +78,13 @@ def polytope_of(points: Array) -> ConvexPart:
 def _polytope(hull: ConvexHull) -> ConvexPart:
     # coplanar triangles come with equal equations, up to rounding
     normals = hull.equations[:, :3]
-    used, index = np.unique(hull.simplices, return_inverse=True)
-    triangles = index.reshape(-1, 3)
+    used, triangles = used_rows(hull.simplices.astype(np.int64), len(hull.points))
     vertices = hull.points[used]
     corners = vertices[triangles]
     facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     inward = np.einsum("ij,ij->i", facing, normals) < 0.0
     triangles[inward] = triangles[inward][:, ::-1]
-    _, first = np.unique(np.round(hull.equations, 7), axis=0, return_index=True)
+    first, _ = alike(np.round(hull.equations, 7))
     planes = normals[np.sort(first)]
     offsets = -hull.equations[np.sort(first), 3] + _ROUNDING
     if len(vertices) * len(planes) <= _MOST_MOVED:  # no vertex is cut off by rounding
@@ -132,7 +138,8 @@ def convex_part(piece: Piece, number: int, warnings: list[str]) -> ConvexPart | 
 
 def _is_on_hull(corners: Array, across: Array, hull: ConvexHull) -> bool:
     """Whether every triangle of corners (t, 3, 3) and normals (t, 3) lies along a facet."""
-    planes = np.unique(hull.equations.round(9), axis=0)
+    equations = hull.equations.round(9)
+    planes = equations[alike(equations)[0]]
     size = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
     tolerance = min(CONVEX_TOLERANCE, CONVEX_SHARE * size)
     # Nearly always along one that faces as it does, if it is along any.

@@ -66,7 +66,7 @@ def checked_mesh(
         bad = int(faces.min()) if faces.min() < 0 else int(faces.max())
         raise ObjectError("object.triangles", bad, f"is no index of one of {len(points)} vertices")
     require_few(len(points), len(faces))
-    kept, made = _used(faces.astype(np.int64), len(points))
+    kept, made = used_rows(faces.astype(np.int64), len(points))
     used = points[kept]
     bad = int((~np.isfinite(used).all(axis=1)).sum())
     if bad:
@@ -217,7 +217,7 @@ def _connected(points: Array, triangles: Triangles) -> list[_Group]:
 def _pieces(points: Array, groups: list[_Group]) -> list[Piece]:
     pieces = []
     for group in groups[: MAX_PIECES + 1]:  # the one more is what they are refused for
-        used, triangles = _used(group.triangles, len(points))
+        used, triangles = used_rows(group.triangles, len(points))
         vertices = points[used]
         solid = group.watertight and group.agreeing
         if solid:
@@ -228,7 +228,7 @@ def _pieces(points: Array, groups: list[_Group]) -> list[Piece]:
     return pieces
 
 
-def _used(triangles: Triangles, count: int) -> tuple[Triangles, Triangles]:
+def used_rows(triangles: Triangles, count: int) -> tuple[Triangles, Triangles]:
     """The vertices of triangles (t, 3), of `count`, in their order, and the triangles as rows of
     these."""
     if 3 * len(triangles) < count:  # a small part of many

@@ -61,10 +61,12 @@ class Components:
         faces = faces[rows]
         label = _labels(faces, len(points))
         count = int(label.max()) + 1 if len(label) else 0
-        closed = _balanced(faces, label, count)
+        sides = _Sides.of(faces)
+        closed = sides.balanced(label, count)
         if not closed.all():
-            faces = _turned(faces, label, ~closed)
-            closed = _balanced(faces, label, count)
+            turned = sides.that_turn(faces, label, ~closed)
+            faces[turned] = faces[turned][:, [0, 2, 1]]
+            closed = sides.turned(turned).balanced(label, count)
         return cls(points[faces], rows, label, closed)
 
     def inside(self, points: Array) -> Mask:
@@ -98,7 +100,10 @@ def _once(faces: Triangles) -> Labels:
     """Rows of the triangles that do not repeat one before them."""
     # The smallest first, the others in their turn: triangles that face the other way stay.
     turn = (np.argmin(faces, axis=1)[:, None] + np.arange(3)) % 3
-    first, _ = alike(np.take_along_axis(faces, turn, axis=1))
+    a, b, c = np.take_along_axis(faces, turn, axis=1).T
+    count = int(faces.max(initial=0)) + 1
+    _, both = np.unique(a * count + b, return_inverse=True)  # numbers that their product holds
+    _, first = np.unique(both.reshape(-1) * count + c, return_index=True)
     return np.sort(first)
 
 
@@ -108,7 +113,12 @@ def alike(rows: Array | Triangles) -> tuple[Labels, Labels]:
 
     numpy's unique says the same, but compares rows as bytes, which takes five times as long.
     """
-    order = np.lexsort(rows.T[::-1])
+    order = np.argsort(rows[:, 0], kind="stable")
+    same = rows[order[1:], 0] == rows[order[:-1], 0]
+    tied = np.append(same, False) | np.append(False, same)
+    if tied.any():
+        some = order[tied]
+        order[tied] = some[np.lexsort(rows[some].T[::-1])]
     new = np.ones(len(rows), np.bool_)
     new[1:] = (rows[order[1:]] != rows[order[:-1]]).any(axis=1)
     kind = np.empty(len(rows), np.int64)
@@ -124,42 +134,58 @@ def _labels(faces: Triangles, count: int) -> Labels:
     return np.asarray(label.reshape(-1), np.int64)
 
 
-def _edges(faces: Triangles) -> tuple[Labels, Labels]:
-    """(3 t,) the edge that each side of the triangles is, and whether that way or the other."""
-    sides = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    keys = sides.min(axis=1) * (int(faces.max(initial=0)) + 1) + sides.max(axis=1)
-    _, edge = np.unique(keys, return_inverse=True)
-    return edge.reshape(-1), np.sign(sides[:, 1] - sides[:, 0])
+@dataclass(frozen=True, slots=True, eq=False)
+class _Sides:
+    """The sides of triangles.
 
+    Attributes:
+        edge: (t, 3) the edge that each is.
+        way: (t, 3) 1 or -1, whether it runs that way or the other.
+    """
 
-def _balanced(faces: Triangles, label: Labels, count: int) -> Mask:
-    """(k,) components whose edges have as many triangles one way as the other."""
-    closed = np.ones(count, np.bool_)
-    edge, way = _edges(faces)
-    closed[label[np.flatnonzero(np.bincount(edge, way)[edge]) // 3]] = False
-    return closed
+    edge: Labels
+    way: Labels
 
+    @classmethod
+    def of(cls, faces: Triangles) -> _Sides:
+        sides = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+        keys = sides.min(axis=1) * (int(faces.max(initial=0)) + 1) + sides.max(axis=1)
+        _, edge = np.unique(keys, return_inverse=True)
+        way = np.sign(sides[:, 1] - sides[:, 0])
+        return cls(edge.reshape(-1, 3), way.reshape(-1, 3))
 
-def _turned(faces: Triangles, label: Labels, wanted: Mask) -> Triangles:
-    """Triangles of the wanted components, turned to agree with their neighbours."""
-    whole = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
-    rows = np.flatnonzero(wanted[label] & whole)
-    edge, way = _edges(faces[rows])
-    # Only where every edge has two triangles is there one way to agree.
-    unclear = np.unique(label[rows[np.flatnonzero(np.bincount(edge)[edge] != 2) // 3]])
-    sides = np.flatnonzero(~np.isin(np.repeat(label[rows], 3), unclear))
-    first, second = sides[np.argsort(edge[sides], kind="stable")].reshape(-1, 2).T
-    # Each triangle is two nodes, itself and itself turned; those that agree are connected.
-    count = len(rows)
-    differ = np.where(way[first] == way[second], count, 0)
-    ends = np.concatenate([first // 3, first // 3 + count])
-    others = np.concatenate([second // 3 + differ, second // 3 + count - differ])
-    graph = coo_array((np.ones(len(ends), np.int8), (ends, others)), (2 * count, 2 * count))
-    _, side = connected_components(graph, directed=False)
-    turned = rows[side[:count] > side[count:]]
-    made = faces.copy()
-    made[turned] = faces[turned][:, [0, 2, 1]]
-    return made
+    def turned(self, rows: Labels) -> _Sides:
+        """Of the same triangles, of which some are turned over."""
+        edge, way = self.edge.copy(), self.way.copy()
+        edge[rows], way[rows] = edge[rows][:, ::-1], -way[rows][:, ::-1]
+        return _Sides(edge, way)
+
+    def balanced(self, label: Labels, count: int) -> Mask:
+        """(k,) components whose edges have as many triangles one way as the other."""
+        closed = np.ones(count, np.bool_)
+        surplus = np.bincount(self.edge.ravel(), self.way.ravel())
+        closed[label[(surplus[self.edge] != 0).any(axis=1)]] = False
+        return closed
+
+    def that_turn(self, faces: Triangles, label: Labels, wanted: Mask) -> Labels:
+        """Rows of the triangles of the wanted components to turn over, so that all agree with their
+        neighbours."""
+        whole = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
+        rows = np.flatnonzero(wanted[label] & whole)
+        edge, way = self.edge[rows].ravel(), self.way[rows].ravel()
+        # Only where every edge has two triangles is there one way to agree.
+        unclear = np.zeros(len(wanted), np.bool_)
+        unclear[label[rows[np.flatnonzero(np.bincount(edge)[edge] != 2) // 3]]] = True
+        sides = np.flatnonzero(np.repeat(~unclear[label[rows]], 3))
+        first, second = sides[np.argsort(edge[sides], kind="stable")].reshape(-1, 2).T
+        # Each triangle is two nodes, itself and itself turned; those that agree are connected.
+        count = len(rows)
+        differ = np.where(way[first] == way[second], count, 0)
+        ends = np.concatenate([first // 3, first // 3 + count])
+        others = np.concatenate([second // 3 + differ, second // 3 + count - differ])
+        graph = coo_array((np.ones(len(ends), np.int8), (ends, others)), (2 * count, 2 * count))
+        _, side = connected_components(graph, directed=False)
+        return np.asarray(rows[side[:count] > side[count:]])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.body.convex_part import ConvexPart
+from placement_planner_ros.core.body.mesh import volumes
 from placement_planner_ros.core.body.mesh_surroundings import surface_points
 from placement_planner_ros.core.body.settings import BodySettings
 from placement_planner_ros.core.errors import ObjectError
@@ -15,7 +16,8 @@ from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
 
 _FINE = 2_000_000
-"""Cells by which a centre of mass is found: 0.8 mm for a mug, whose walls are too thin for B_o."""
+"""Cells by which it is found what pieces share: 0.8 mm for a mug, whose walls are too thin for
+those of B_o."""
 
 
 def volume_points(
@@ -53,29 +55,54 @@ def volume_points(
 
 
 def center_of_union(solids: Array, hull: ConvexPart) -> Array:
-    """(3,) the centre of what closed surfaces (s, 3, 3) enclose, what they share counted once."""
+    """(3,) the centre of what closed surfaces (s, 3, 3) enclose, what they share counted once.
+
+    The tetrahedra of the triangles tell the centre where nothing is shared, exactly; cells tell
+    only what is enclosed more than once, as walls may be thinner than they are.
+    """
     lower, upper = hull.vertices.min(axis=0), hull.vertices.max(axis=0)
     size = float((np.prod(upper - lower) / _FINE) ** (1.0 / 3.0))
-    points = _voxel_centers(solids, solids[:0], lower, upper, size)
-    return np.asarray((points if len(points) else hull.vertices).mean(axis=0))
+    cells = _cells(solids, *_grid(lower, upper, size), size)
+    points, more = cells[:, :3], 1.0 - cells[:, 3]
+    if not len(points):
+        return np.asarray(hull.vertices.mean(axis=0))
+    middle = points.mean(axis=0)
+    around = solids - middle
+    of_each = volumes(around)
+    volume = float(of_each.sum() + size**3 * more.sum())
+    counted = size**3 * len(points)
+    if not 0.5 * counted < volume < 2.0 * counted:  # surfaces that do not agree what is inside
+        return np.asarray(middle)
+    moment = of_each @ around.sum(axis=1) / 4.0 + size**3 * (more @ (points - middle))
+    return np.asarray(middle + moment / volume)
 
 
 def _voxel_centers(solids: Array, sheets: Array, lower: Array, upper: Array, size: float) -> Array:
-    count = np.ceil((upper - lower) / size - 1e-9).astype(np.int64)
-    count = np.maximum(count, 1)
-    start = 0.5 * (lower + upper) - 0.5 * (count - 1) * size
-    points = np.asarray(_inside(np.ascontiguousarray(solids), start, count, size))
+    start, count = _grid(lower, upper, size)
+    points = _cells(solids, start, count, size)[:, :3]
     if not len(sheets):
-        return points
+        return points.copy()
     filled = np.zeros(count, np.bool_)
     for on in (points, *surface_points(sheets, 0.5 * size)):
         filled[tuple(np.rint((on - start) / size).astype(np.int64).clip(0, count - 1).T)] = True
     return np.asarray(start + np.argwhere(filled) * size)
 
 
+def _grid(lower: Array, upper: Array, size: float) -> tuple[Array, npt.NDArray[np.int64]]:
+    """Its first point (3,), and how many there are along each axis."""
+    count = np.maximum(np.ceil((upper - lower) / size - 1e-9).astype(np.int64), 1)
+    return 0.5 * (lower + upper) - 0.5 * (count - 1) * size, count
+
+
+def _cells(solids: Array, start: Array, count: npt.NDArray[np.int64], size: float) -> Array:
+    """(n, 4) grid points that closed surfaces (s, 3, 3) enclose, and how often."""
+    return np.asarray(_inside(np.ascontiguousarray(solids), start, count, size))
+
+
 @kernel(nogil=True)
 def _inside(triangles: Array, start: Array, count: npt.NDArray[np.int64], size: float) -> Array:
-    """Grid points with a winding number other than 0, by the crossings of lines along z."""
+    """(n, 4) grid points with a winding number other than 0, and that number, by the crossings of
+    lines along z."""
     nx, ny, nz = count[0], count[1], count[2]
     winding = np.zeros((nx, ny, nz + 1), np.int32)  # differences along z
     # the lines pass a little beside the centres, off edges that meet there
@@ -105,7 +132,7 @@ def _inside(triangles: Array, start: Array, count: npt.NDArray[np.int64], size: 
                 # points above z have crossed this triangle from outside if it faces down
                 k = min(max(math.ceil((z - start[2]) / size), 0), nz)
                 winding[i, j, k] += 1 if area < 0.0 else -1
-    points = np.empty((nx * ny * nz, 3))
+    points = np.empty((nx * ny * nz, 4))
     n = 0
     for i in range(nx):
         for j in range(ny):
@@ -116,5 +143,6 @@ def _inside(triangles: Array, start: Array, count: npt.NDArray[np.int64], size: 
                     points[n, 0] = start[0] + i * size
                     points[n, 1] = start[1] + j * size
                     points[n, 2] = start[2] + k * size
+                    points[n, 3] = crossed
                     n += 1
     return points[:n].copy()

@@ -1,4 +1,4 @@
-"""Whether a hand can let go: no finger pushes into the object while it opens."""
+"""Whether a hand can open: no finger pushes into the object, and none stays deep in it."""
 
 from __future__ import annotations
 
@@ -65,8 +65,9 @@ def check_opening(moving: MovingArm, held: Held) -> None:
         raise GraspError(
             f"{arm.name}.grasps[{held.grasp}]",
             pin.SE3ToXYZQUAT(arm.grasps[held.grasp]).round(4).tolist(),
-            f"{'; '.join(words)}; "
-            "move the grasp, check gripper_open and object.scale, or set require_retreat to false",
+            f"{'; '.join(words)}; move the grasp, check gripper_open and object.scale, give links "
+            "whose collision shapes are only drawn around the hand closer ones, or set "
+            "require_retreat to false",
         )
 
 

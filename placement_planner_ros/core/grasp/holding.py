@@ -14,7 +14,7 @@ from placement_planner_ros.core.collision.load import Held
 from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.errors import GraspError
 from placement_planner_ros.core.grasp.any_turn import AnyTurn
-from placement_planner_ros.core.grasp.hand_opening import check_opening
+from placement_planner_ros.core.grasp.hand_leaving import check_letting_go
 from placement_planner_ros.core.grasp.open_hand import OpenHand
 from placement_planner_ros.core.grasp.settings import GraspSettings
 from placement_planner_ros.core.grasp.straight_down import stray, stray_at
@@ -92,7 +92,7 @@ class Holding:
             errors.append(error)
         if self.require_retreat:
             try:
-                check_opening(moving, held)
+                check_letting_go(moving, held, settings.retreat)
             except GraspError as error:
                 errors.append(error)
         if errors:  # all that is wrong with the grasp at once

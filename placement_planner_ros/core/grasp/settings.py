@@ -59,7 +59,8 @@ class RetreatSettings(Settings):
             object.
         retreat_step: distance between joint waypoints.
         tip_directions: tried first, in the tip frame: the grasps' own directions of withdrawal. By
-            default back along z, slanting to each side, then sideways.
+            default back along z, slanting to each side, then sideways, and last forward along z, as
+            some hands point along their frame's -z.
         world_directions: tried next, in the planning frame.
     """
 
@@ -74,6 +75,7 @@ class RetreatSettings(Settings):
         (0.0, 0.0, -1.0),
         *((x, y, -1.0) for x, y in _SIDEWAYS),
         *((x, y, 0.0) for x, y in _SIDEWAYS),
+        (0.0, 0.0, 1.0),
     )
     world_directions: tuple[Direction, ...] = ((0.0, 0.0, 1.0),)
 

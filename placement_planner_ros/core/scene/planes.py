@@ -84,6 +84,15 @@ class Plane:
         explained = (_SURE * self.scatter) ** 2 * _TOGETHER / self.boxes
         return bool(np.hypot(*off) > _ALIKE and 12.0 * effect > skin**2 and effect > explained)
 
+    def passes(self, volume: TargetVolume, beside: float) -> bool:
+        """Whether it comes into V, however far it goes on, or so many metres below or above it."""
+        lower, upper = volume.boxes[:, 0], volume.boxes[:, 1]
+        rises = np.stack([lower[:, :2], upper[:, :2]]) * np.array(self.slope)
+        lowest = self.height + rises.min(axis=0).sum(axis=1)
+        highest = self.height + rises.max(axis=0).sum(axis=1)
+        enters = (lowest <= upper[:, 2] + beside) & (highest >= lower[:, 2] - beside)
+        return bool(enters.any())
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Planes:
@@ -131,6 +140,8 @@ class Planes:
                 owner_of[k] = STEEP
                 steep.append(plane)
                 continue
+            if not plane.passes(volume, obstacles.cell_size):
+                continue  # such as the rim of a bin whose floor is meant
             alike = [n for n, slope in enumerate(slopes) if not plane.tells_apart(slope, skin)]
             if alike:
                 owner_of[k] = 1 + alike[0]

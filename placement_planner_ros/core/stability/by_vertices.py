@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 
@@ -15,6 +17,11 @@ LEANS = 0.025
 """Of the surface under an object against its contact plane, at most; 1.4 degrees."""
 NOISY = 1.0
 """Times the noise of the points that heights at two ends of an object may differ by."""
+_ROCKS = 2.0 * math.sqrt(2.0)
+"""Times the spread of heights about their plane, over the width, by which an object rocks: of four
+corners of a square one that is lower by d leaves d/2 of spread, and is d over the half diagonal."""
+_SCATTER = 2.0
+"""Times the noise that heights may spread about their plane by."""
 
 
 class VertexSupport:
@@ -42,7 +49,7 @@ class VertexSupport:
         )
         gaps = gaps.reshape(len(T), -1)
         stable = np.asarray(np.isfinite(gaps).all(axis=1))
-        noise = NOISY * self._environment.measured.noise
+        noise = self._environment.measured.noise
         stable[stable] = in_one_plane(points[stable], gaps[stable], noise)
         if slope != LEVEL:
             centers = T[:, :3, :3] @ self._center + T[:, :3, 3]
@@ -51,23 +58,28 @@ class VertexSupport:
 
 
 def in_one_plane(points: Array, gaps: Array, noise: float) -> npt.NDArray[np.bool_]:
-    """(n,) whether what carries objects does not lean against the plane that they are to stand on.
+    """(n,) whether what carries objects is a plane, and the one that they are to stand on.
 
     The plane fitted to the surface under the vertices leans against it by `LEANS` at most, or by
     what noise makes of so short a distance: on steps, and on surfaces that slope differently, the
-    object would come to stand otherwise than it was placed.
+    object would come to stand otherwise than it was placed. What is left of the heights does not
+    let it rock by more than that either: on posts of which one is lower, and on twisted surfaces,
+    a fitted plane need not lean.
 
     Args:
         points: (n, k, 3) vertices.
         gaps: (n, k) m, how far the surface is above each.
-        noise: m that heights may be off by.
+        noise: standard deviation of the points, metres.
     """
     xy = points[..., :2] - points[..., :2].mean(axis=1, keepdims=True)
+    off = gaps - gaps.mean(axis=1, keepdims=True)
     spread = np.einsum("nki,nkj->nij", xy, xy)
-    falls = np.einsum("nki,nk->ni", xy, gaps - gaps.mean(axis=1, keepdims=True))
-    lean = np.linalg.norm(np.linalg.solve(spread, falls[..., None])[..., 0], axis=1)
+    falls = np.einsum("nki,nk->ni", xy, off)
+    slope = np.linalg.solve(spread, falls[..., None])[..., 0]
     narrowest = 2.0 * np.sqrt(np.linalg.eigvalsh(spread)[:, 0] / points.shape[1])
-    return np.asarray(lean <= LEANS + noise / narrowest)
+    even = np.linalg.norm(slope, axis=1) <= LEANS + NOISY * noise / narrowest
+    left = np.ptp(off - np.einsum("nki,ni->nk", xy, slope), axis=1)
+    return np.asarray(even & (left <= LEANS * narrowest / _ROCKS + _SCATTER * noise))
 
 
 def stays(corners: Array) -> npt.NDArray[np.bool_]:

@@ -39,12 +39,18 @@ def read_pcd(path: Path) -> Array:
     number = int(header["POINTS"][0])
     how = header["DATA"][0]
     if how == "ascii":
-        rows = np.array(data.split(), dtype=np.float64).reshape(number, sum(counts))
+        words = data.split()
+        if len(words) < number * sum(counts):
+            raise ParameterError("cloud", str(path), "its data end too early")
+        rows = np.array(words[: number * sum(counts)], dtype=np.float64).reshape(number, -1)
         first = np.cumsum([0, *counts])
         return rows[:, [first[names.index(name)] for name in _COORDINATES]]
     if how == "binary_compressed":
         packed, whole = np.frombuffer(data[:8], "<u4").tolist()
-        data = _unpacked(data[8 : 8 + packed], whole)
+        try:
+            data = _unpacked(data[8 : 8 + packed], whole)
+        except (IndexError, ValueError) as error:
+            raise ParameterError("cloud", str(path), f"its data are damaged: {error}") from error
         if len(data) < number * record.itemsize:
             raise ParameterError("cloud", str(path), "its data end too early")
         # field after field, not point after point

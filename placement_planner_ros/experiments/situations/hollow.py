@@ -70,8 +70,9 @@ def toy_table_over_high_can(rng: Rng) -> Situation:
 
 
 def tray_over_can(rng: Rng) -> Situation:
-    centre, top, radius = place(rng), 0.06, rng.uniform(0.042, 0.045)
-    board = rng.uniform(0.166, 0.170), rng.uniform(0.122, 0.126)
+    """Margins off, 27 mm are left beside the can, on which the tray does not stand on its end."""
+    centre, top, radius = place(rng), 0.06, rng.uniform(0.0465, 0.0475)
+    board = rng.uniform(0.1575, 0.159), rng.uniform(0.1175, 0.119)
     can = frustum("can", radius, radius, top, top + rng.uniform(0.016, 0.020), THING, centre)
     solids = (table(), standing_box("board", (*board, top), centre, 0.0, 0.0, DARK), can)
     scene = Scene("tray_over_can", slab(centre, (board[0] / 2, board[1] / 2), top), solids)

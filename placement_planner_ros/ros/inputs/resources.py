@@ -25,6 +25,10 @@ from placement_planner_ros.share import PACKAGE, share_path
 _NAME = re.compile(r"[A-Za-z0-9_][\w.-]*", re.ASCII)
 _PIP_SHARE = Path(pin.__file__).parents[4] / "share"
 """Where pip puts what robots' makers and pinocchio share, as PyPI's example-robot-data."""
+_OTHER_MACHINE = (
+    "; where that is a path of another machine, write package://PACKAGE/PATH instead, and add the "
+    "folder that holds PACKAGE to package_paths"
+)
 _ELSEWHERE = (
     "is not below package_paths, file_roots or the ament index; only what is given at start-up may "
     "be elsewhere"
@@ -94,7 +98,10 @@ class Files:
         """Why nothing was found, and what to do; of files that are not open it says nothing."""
         scheme, found, rest = uri.partition("://")
         if not found or scheme == "file":
-            return f"there is no file {' nor '.join(map(str, tried))}" if tried else _ELSEWHERE
+            if not tried:
+                return _ELSEWHERE
+            words = f"there is no file {' nor '.join(map(str, tried))}"
+            return words + (_OTHER_MACHINE if found else "")
         if scheme != "package":
             return f"{scheme}:// is not read; use package://PACKAGE/PATH, file:///PATH or a path"
         package, _, inside = unquote(rest).partition("/")

@@ -109,6 +109,18 @@ def test_bent_sides_do_not_chain_into_one_face():
         assert ((face.vertices[0] - face.vertices) @ face.normal < 1e-9).all()
 
 
+def test_thin_walls_that_reach_into_each_other_have_the_centre_of_their_union():
+    """Walls of 0.6 mm, which cells of 1.3 mm could not tell."""
+    walls = box(0.2, 0.2, 0.0006), box(0.0006, 0.2, 0.15)
+    walls[1].apply_translation([0.05, 0.0, 0.0747])
+    pieces = [(0.2 * 0.0006, (0.0, 0.0)), (0.0006 * 0.15, (0.05, 0.0747))]
+    pieces.append((-0.0006 * 0.0006, (0.05, 0.0)))  # what they share
+    area = sum(size for size, _ in pieces)
+    x, z = (sum(size * at[k] for size, at in pieces) / area for k in range(2))
+    body = body_of(trimesh.util.concatenate(walls))
+    np.testing.assert_allclose(body.center_of_mass, [x, 0.0, z], atol=2e-4)
+
+
 def test_volume_points_fill_the_union_of_overlapping_pieces():
     a, b = box(0.1, 0.1, 0.1), box(0.1, 0.1, 0.1)
     b.apply_translation([0.05, 0.0, 0.0])

@@ -12,6 +12,7 @@ from placement_planner_ros.core import kept_files
 from placement_planner_ros.core.body import convex_cover as convex_cover_module
 from placement_planner_ros.core.body import cover_store, covered_mesh, mesh_components
 from placement_planner_ros.core.body.convex_cover import Cover, convex_cover, hull_cover
+from placement_planner_ros.core.body.mesh import volumes
 from placement_planner_ros.core.body.mesh_components import Components
 from placement_planner_ros.core.body.polytope import grown, holds, hull_around
 
@@ -195,11 +196,25 @@ def test_a_cover_of_an_object_that_takes_too_long_is_the_hull_from_then_on(store
 
 
 def test_rows_that_are_alike_are_found_as_numpy_finds_them():
-    rows = np.random.default_rng(2).integers(-2, 3, (500, 3)).astype(float)
+    rng = np.random.default_rng(2)
+    rows = rng.integers(-2, 3, (500, 3)).astype(float)
+    rows[::3, 0] = rng.normal(size=167)
     _, first, kind = np.unique(rows, axis=0, return_index=True, return_inverse=True)
     made = mesh_components.alike(rows)
     np.testing.assert_array_equal(made[0], first)
     np.testing.assert_array_equal(made[1], kind.reshape(-1))
+
+
+def test_triangles_that_repeat_are_left_out_and_those_that_disagree_are_turned():
+    box = trimesh.creation.box((0.1, 0.06, 0.04))
+    faces = np.array(box.faces)
+    faces[[2, 7]] = faces[[2, 7]][:, ::-1]
+    again = np.vstack([faces[3:5, [1, 2, 0]], faces])
+    made = Components.of(np.asarray(box.vertices), again)
+    assert made.closed.all()
+    assert made.rows.tolist() == [0, 1, 2, 3, 4, *range(7, 14)]
+    assert abs(volumes(made.corners).sum()) == pytest.approx(box.volume)
+    assert not Components.of(np.asarray(box.vertices), again[:-1]).closed.any()
 
 
 def test_a_cover_is_made_once_for_a_content(store):

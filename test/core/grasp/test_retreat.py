@@ -367,8 +367,8 @@ def test_the_checker_refuses_fingers_that_open_into_something(judged, post):
 
 def test_without_requiring_it_a_placement_may_be_without_retreat():
     problem, objective = problem_of(CASE)
-    impossible = RetreatSettings(
-        retreat_distance=0.5, tip_directions=((0.0, 0.0, 1.0),), world_directions=()
+    impossible = RetreatSettings(  # through the table
+        retreat_distance=0.5, tip_directions=(), world_directions=((0.0, 0.0, -1.0),)
     )
     settings = replace(PlannerSettings(), require_retreat=False, retreat=impossible)
     planner = PlacementPlanner(problem, objective, settings, np.random.default_rng(0))

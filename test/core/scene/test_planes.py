@@ -67,6 +67,15 @@ def test_what_noise_explains_is_level_and_an_ideal_level_table_exactly_so(noise)
         assert {region.slope for region in made.regions} == {LEVEL}
 
 
+def test_only_slopes_that_come_into_v_are_looked_at():
+    slope = slope_of(2.0, 0.3)
+    low = patch((-0.2, -0.2), (0.2, 0.2), LEVEL)
+    for height, looked_at in ((0.13, True), (0.19, False)):  # V ends at 0.15
+        beside = patch((0.3, -0.2), (0.5, 0.2), slope, height)
+        for more in (beside, beside + np.array([-0.8, 0.0, -0.8 * slope[0]])):
+            assert bool(environment_of(low, more).inclines) is looked_at, (height, more)
+
+
 def test_steeper_surfaces_are_no_support_and_are_told_with_their_angle():
     steep = patch((0.0, -0.4), (0.4, 0.4), slope_of(7.0, 0.0))
     level = patch((-0.4, -0.4), (0.0, 0.4), LEVEL)

@@ -88,7 +88,7 @@ def test_the_table_says_what_is_met():
     entries = [
         entry("first", seed=0, seconds=0.5, solutions=3, **first),
         entry("first", seed=1, seconds=10.0, solutions=0, **first),
-        entry("node", made=70.0, cached=None),
+        entry("node", made=70.0, made_processor=61.0, cached=None, cached_processor=None),
         entry(
             "agreement",
             configurations=1000,

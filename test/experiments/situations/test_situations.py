@@ -11,7 +11,10 @@ from impossible import pose_that_stands
 
 from placement_planner_ros.experiments.benchmark import main
 from placement_planner_ros.experiments.json_lines import append_line, read_lines
-from placement_planner_ros.experiments.situations.catalogue import all_situations
+from placement_planner_ros.experiments.situations.catalogue import (
+    all_situations,
+    situation_by_name,
+)
 from placement_planner_ros.experiments.situations.observing import camera_of, observe, pixels
 from placement_planner_ros.experiments.situations.report import markdown
 from placement_planner_ros.experiments.situations.runs import RUNS_FILE, outcome
@@ -91,6 +94,15 @@ GRATINGS = ["toy_table_on_grating_15", "toy_table_on_grating_20", "glass_on_grat
 def test_a_search_by_geometry_alone_finds_the_same(name):
     found = pose_that_stands(DRAWN[name], np.random.default_rng(0))
     assert (found is not None) == DRAWN[name].pose_exists
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_beside_the_can_no_side_of_the_tray_has_room(seed):
+    situation = situation_by_name("tray_over_can", seed)
+    _, board, can = (part.vertices[:, :2] for part in situation.scene.parts)
+    tray = object_by_name("tray").vertices
+    left = 0.5 * np.ptp(board, axis=0) - 0.5 * np.ptp(can, axis=0)
+    assert left.max() - 2.0 * MARGIN < np.ptp(tray, axis=0).min() - 0.001
 
 
 @pytest.mark.parametrize("name", GRATINGS)

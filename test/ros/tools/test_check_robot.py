@@ -2,6 +2,7 @@
 
 import xml.etree.ElementTree as ET
 
+import numpy as np
 import pytest
 import trimesh
 
@@ -137,6 +138,7 @@ def test_meshes_joint_states_and_touch_are_told_and_drawn(robot, capsys):
     assert "right_finger = 1 · left_finger + 0" in said
     assert "as the hand stands: left, right" in said
     assert "closing: left, right meets it at left_finger = 0.0" in said
+    assert "letting go: as it should" in said
     assert "of neighbours" in said
     assert "<disable_collisions" in srdf.read_text()
     assert picture.read_bytes()[:4] == b"\x89PNG"
@@ -174,11 +176,11 @@ def test_everything_that_is_wrong_is_told_in_one_list(robot, capsys):
 def test_missing_meshes_are_told_at_once(robot, capsys):
     text = (robot / "robot.urdf").read_text()
     text = text.replace('filename="link.stl"', 'filename="package://gone/a.dae"', 1)
-    (robot / "robot.urdf").write_text(text.replace("link.stl", "none.stl"))
+    (robot / "robot.urdf").write_text(text.replace("link.stl", "file:///gone/none.stl"))
     assert main(["--params-file", str(parameters(robot))]) == 1
     said = faults(capsys.readouterr().out)
     for words in ("link one", "package gone is not known", f"{robot}/gone", "package_paths",
-                  "link two", f"{robot}/none.stl"):  # fmt: skip
+                  "link two", "/gone/none.stl; where that is a path of another"):  # fmt: skip
         assert words in said, words
 
 
@@ -186,6 +188,25 @@ def test_a_grasp_in_which_nothing_holds_the_object_is_wrong(robot, capsys):
     file = parameters(robot, **{"arm.grasps": "[0.0, 0.0, 0.4, 0.0, 0.0, 0.0, 1.0]"})
     assert main(["--params-file", str(file)]) == 1
     assert "comes no closer to the object than" in faults(capsys.readouterr().out)
+
+
+def test_a_hand_that_cannot_let_go_is_wrong_wherever_the_robot_stands(robot, capsys):
+    """One finger is in the closed hollow of the object."""
+    low, high = np.array([-0.03, 0.001, -0.03]), np.array([0.03, 0.08, 0.12])
+    walls = []
+    for axis in range(3):
+        for end, side in ((low, -1), (high, 1)):
+            ends = np.array([low - 0.002, high + 0.002])
+            ends[:, axis] = sorted((end[axis], end[axis] + 0.002 * side))
+            walls.append(trimesh.creation.box(bounds=ends))
+    trimesh.util.concatenate(walls).export(robot / "box.stl")
+    file = parameters(robot, **{"arm.grasps": "[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]"})
+    (robot / "start.yaml").write_text("j0: 0\nj1: 2.5\nj2: 0\nleft_finger: 0\n")  # beyond a limit
+    assert main(["--params-file", str(file), "--joints", str(robot / "start.yaml")]) == 1
+    said = capsys.readouterr().out
+    assert "letting go: the open hand can leave the object in none of the" in said
+    assert "arm.grasps[0] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]: the open hand" in faults(said)
+    assert "where left meets it" in faults(said)
 
 
 def test_a_volume_out_of_reach_is_wrong(robot, capsys):
@@ -214,6 +235,13 @@ def test_without_arms_chains_are_proposed(robot, capsys):
     assert main(["--urdf", str(robot / "robot.urdf"), "--object", str(robot / "box.stl")]) == 1
     said = faults(capsys.readouterr().out)
     assert "left (4 joints)" in said or "three" in said
+
+
+def test_hands_are_proposed_and_not_their_fingers(robot, capsys):
+    yumi = share_path("urdf", "yumi.urdf")
+    assert main(["--urdf", str(yumi), "--object", str(robot / "box.stl")]) == 1
+    said = faults(capsys.readouterr().out)
+    assert "tip_frame such as gripper_l_base (7 joints), gripper_r_base (7 joints)" in said
 
 
 def read(file):
@@ -264,6 +292,8 @@ def test_a_box_wider_than_the_bundled_hand_opens_is_told_before_the_demo(tmp_pat
     )
     main(["--params-file", str(tmp_path / "tea.yaml")])
     said = " ".join(capsys.readouterr().out.split())
-    assert "1 thing is wrong" in said
-    assert "left.grasps[0] = [0.0, 0.0, 0.16, 0.0, 0.0, 0.0, 1.0]: the open hand leaves" in said
+    assert "2 things are wrong" in said
+    for arm in ("left", "right"):
+        grasp = f"{arm}.grasps[0] = [0.0, 0.0, 0.16, 0.0, 0.0, 0.0, 1.0]"
+        assert f"{grasp}: the open hand leaves" in said
     assert "assumed to be zero" not in said

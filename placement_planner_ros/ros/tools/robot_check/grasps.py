@@ -1,4 +1,4 @@
-"""What the object touches in each grasp, with the hand as it stands, open, and closing."""
+"""What the object touches in each grasp, and whether the hand can let go of it."""
 
 from __future__ import annotations
 
@@ -8,10 +8,13 @@ import coal
 import numpy as np
 
 from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.collision.load import Held
 from placement_planner_ros.core.collision.object_solids import object_overlaps
-from placement_planner_ros.core.errors import PlacementPlannerError
+from placement_planner_ros.core.errors import GraspError, PlacementPlannerError
 from placement_planner_ros.core.grasp.at_start import faults_at_start, tilts_at_start
+from placement_planner_ros.core.grasp.hand_leaving import check_letting_go
 from placement_planner_ros.core.robot.model import Arm, Robot
+from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.tools.robot_check.findings import Findings
 from placement_planner_ros.ros.tools.robot_check.subject import Subject
@@ -45,11 +48,16 @@ class Touch:
 
 
 def check_grasps(subject: Subject, findings: Findings) -> bool:
-    """Say what touches the object in each grasp; whether the robot can begin so."""
+    """Say what touches the object in each grasp, and whether the hand can let go of it.
+
+    Returns:
+        whether the robot can begin so.
+    """
     body, robot = subject.body, subject.robot
     if body is None or not any(arm.grasps for arm in subject.arms):
         return False
     findings.title("grasps: what the object touches")
+    held_fast: list[GraspError] = []
     for arm in subject.arms:
         for number in range(len(arm.grasps)):
             findings.say(f"{arm.name}, grasp {number}")
@@ -68,7 +76,27 @@ def check_grasps(subject: Subject, findings: Findings) -> bool:
                     f"than {1e3 * min(best, 9.999):.0f} mm, so nothing holds it; check the pose of "
                     f"the object in {arm.tip_frame}, its quaternion (x y z w) and object.scale"
                 )
+            fault = _held_fast(subject, arm, number, body)
+            findings.say(f"letting go: {'as it should' if fault is None else fault.remedy}", 2)
+            if fault is not None:
+                held_fast.append(fault)
+    if len(held_fast) == sum(len(arm.grasps) for arm in subject.arms):
+        for fault in held_fast:
+            findings.wrong(fault)
     return _check_start(subject, body, findings)
+
+
+def _held_fast(subject: Subject, arm: Arm, grasp: int, body: Body) -> GraspError | None:
+    """Why the hand cannot let go of the object, wherever that stands; None where it can."""
+    grasping = subject.parameters.planner_settings.grasp
+    if not grasping.require_retreat:
+        return None
+    try:
+        moving = MovingArm(subject.robot, arm, subject.q)
+        check_letting_go(moving, Held(body, grasp), grasping.retreat)
+    except GraspError as error:
+        return error
+    return None
 
 
 def _check_start(subject: Subject, body: Body, findings: Findings) -> bool:

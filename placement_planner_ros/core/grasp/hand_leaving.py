@@ -1,0 +1,147 @@
+"""Whether a hand that has let go can leave: some straight way leads it off the object.
+
+Only the hand and the object are looked at, wherever these come to be. What is refused here no
+placement could have: whatever stands around, and whatever the arm does, each way of `OpenHand`
+leads a link of the hand through the object.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator
+
+import numpy as np
+import pinocchio as pin
+
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.collision.load import Held
+from placement_planner_ros.core.collision.object_solids import object_overlaps
+from placement_planner_ros.core.errors import GraspError
+from placement_planner_ros.core.grasp.hand_opening import check_opening
+from placement_planner_ros.core.grasp.settings import PARTING, RetreatSettings
+from placement_planner_ros.core.robot.arm import Arm
+from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.core.robot.moving_arm import MovingArm
+from placement_planner_ros.core.stopping import step
+from placement_planner_ros.core.types import Array
+
+_STEP = 1e-3
+"""m between the places that are looked at on a way."""
+
+Hindrance = tuple[str, str, float]
+"""A direction in words, the link that meets the object first, and how far on, metres."""
+
+
+def check_letting_go(moving: MovingArm, held: Held, settings: RetreatSettings) -> None:
+    """Raise if the hand could not let go of the object wherever it stood: as it opens, or after.
+
+    Raises:
+        GraspError: names the grasp, and what opens into the object, stays in it, or meets it on
+            the hand's ways off.
+    """
+    check_opening(moving, held)
+    check_leaving(moving, held, settings)
+
+
+def check_leaving(moving: MovingArm, held: Held, settings: RetreatSettings) -> None:
+    """Raise if the open hand can leave the object by none of the straight ways that are tried.
+
+    Raises:
+        GraspError: names the grasp, and what meets the object on the ways off it.
+    """
+    arm = moving.arm
+    given = moving.robot, arm, held.grasp, held.body, moving.q_zero.tobytes()
+    found = _hindrances(*given, settings)
+    if not found:
+        return
+    furthest = max(found, key=lambda each: each[2])
+    words = (
+        f"the open hand can leave the object in none of the {len(found)} directions that are tried"
+    )
+    for (direction, link, way), lead in ((found[0], ": "), (furthest, ", and at the furthest ")):
+        words += f"{lead}{direction}, where {link} meets it after {way:.3f} m"
+        if furthest == found[0]:
+            break
+    raise GraspError(
+        f"{arm.name}.grasps[{held.grasp}]",
+        pin.SE3ToXYZQUAT(arm.grasps[held.grasp]).round(4).tolist(),
+        f"{words}; open the hand further (gripper_open), hold the object where the fingers do not "
+        "close around it, check object.scale, or set require_retreat to false",
+    )
+
+
+@functools.lru_cache(maxsize=64)
+def _hindrances(
+    robot: Robot, arm: Arm, grasp: int, body: Body, q_bytes: bytes, settings: RetreatSettings
+) -> tuple[Hindrance, ...]:
+    """What stands in the hand's way in each direction; empty where one of them leads off.
+
+    A place on the way counts where a link of the hand is in the object there, not where it is
+    nearer than a margin, and none before `PARTING`: this is less than `OpenHand` asks for.
+
+    Args:
+        q_bytes: of (nq,), the arm's joints at zero.
+    """
+    q = robot.with_open_hand(np.frombuffer(q_bytes), arm)
+    data, geometry = robot.model.createData(), robot.geometry.createData()
+    pin.updateGeometryPlacements(robot.model, data, robot.geometry, geometry, q)
+    T_tip, links = robot.link_pose(q, arm.tip_frame), _hand(robot, arm)
+    T_object = T_tip * arm.grasps[grasp]
+    overlaps, first = object_overlaps(robot, body), len(robot.geometry_links)
+    solids = range(first, len(overlaps.shapes))
+    ways = np.arange(PARTING, settings.retreat_distance + _STEP, _STEP)
+
+    def met(direction: Array) -> tuple[str, float] | None:
+        """The first link that meets the object on the way of the hand along a direction (3,)."""
+        for way in ways.tolist():
+            step(f"looking whether the hand of arm {arm.name} can leave the object")
+            # To move the object the other way is the same.
+            at = pin.SE3(T_object.rotation, T_object.translation - way * direction)
+            for i in links:
+                middle = geometry.oMg[i].act(overlaps.centers[i])
+                for j in solids:
+                    apart = np.linalg.norm(middle - at.act(overlaps.centers[j]))
+                    if apart > overlaps.radii[i] + overlaps.radii[j]:
+                        continue
+                    if overlaps.meet(i, j, geometry.oMg[i], at):
+                        return robot.geometry_links[i], way
+        return None
+
+    found: list[Hindrance] = []
+    for words, direction in _directions(settings, T_tip, T_object, body):
+        hindrance = met(direction)
+        if hindrance is None:
+            return ()
+        found.append((words, *hindrance))
+    return tuple(found)
+
+
+def _hand(robot: Robot, arm: Arm) -> tuple[int, ...]:
+    """Geometries that stand still against the tip when the hand is open."""
+    tip = robot.model.frames[robot.frame_id(arm.tip_frame)].parentJoint
+    carried = []
+    for i, thing in enumerate(robot.geometry.geometryObjects):
+        joint = thing.parentJoint
+        while joint > tip:
+            joint = robot.model.parents[joint]
+        if joint == tip:
+            carried.append(i)
+    return tuple(carried)
+
+
+def _directions(
+    settings: RetreatSettings, T_tip: pin.SE3, T_object: pin.SE3, body: Body
+) -> Iterator[tuple[str, Array]]:
+    """Directions (3,) of the hand's ways off the object, in words and in the frame of T_tip and
+    T_object; those in the world for each side that the object can stand on."""
+    for direction in settings.tip_directions:
+        unit = np.array(direction) / np.linalg.norm(direction)
+        named = ", ".join(f"{x:g}" for x in direction)
+        yield f"along ({named}) in the tip frame", T_tip.rotation @ unit
+    for direction in settings.world_directions:
+        unit = np.array(direction) / np.linalg.norm(direction)
+        for number, face in enumerate(body.faces):
+            R_object_face = face.T_face_object.rotation.T
+            named = ", ".join(f"{x:g}" for x in direction)
+            words = f"along ({named}) with the object standing on face {number}"
+            yield words, T_object.rotation @ R_object_face @ unit
