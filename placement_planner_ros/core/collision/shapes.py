@@ -173,7 +173,7 @@ def shape_of(geometry: coal.CollisionGeometry, name: str, cover: Cover | None = 
 
 def triangle_mesh(geometry: coal.BVHModelBase) -> tuple[Array, np.ndarray]:
     """Vertices (n, 3) and triangles (t, 3) of a coal mesh."""
-    vertices = np.array([geometry.vertex(i) for i in range(geometry.num_vertices)])
+    vertices = np.array(geometry.vertices())
     rows = (geometry.tri_indices(i) for i in range(geometry.num_tris))
     triangles = np.array([[t[0], t[1], t[2]] for t in rows], dtype=np.int64)
     return vertices.reshape(-1, 3), triangles.reshape(-1, 3)

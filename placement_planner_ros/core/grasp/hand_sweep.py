@@ -115,9 +115,12 @@ def _act(T: pin.SE3, points: Array) -> Array:
 def _solid_vertices(geometry: coal.CollisionGeometry, link: str) -> Array:
     """(m, 3) vertices of a solid that contains the geometry: its hull, or a box where it is round
     or flat."""
-    sets = shape_of(geometry, f"link {link}").sets
-    vertices = np.vstack([s.vertices for s in sets])
-    radius = max(s.radius for s in sets)
+    if isinstance(geometry, coal.BVHModelBase):
+        vertices, radius = np.array(geometry.vertices()), 0.0
+    else:
+        sets = shape_of(geometry, f"link {link}").sets
+        vertices = np.vstack([s.vertices for s in sets])
+        radius = max(s.radius for s in sets)
     if radius == 0.0:
         try:
             return np.asarray(vertices[ConvexHull(vertices).vertices])

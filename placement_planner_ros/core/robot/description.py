@@ -276,9 +276,13 @@ def _check_tree(root: ET.Element) -> None:
             )
         parents[ends["child"]] = ends["parent"]
     roots = [link for link in links if link not in parents]
-    if len(roots) != 1:
+    if not roots:
         raise RobotError(
-            "robot_description", roots, "the links must form one tree with one root link"
+            f"link {links[0]}", parents[links[0]], "the joints above it form a loop, as all do"
+        )
+    if len(roots) > 1:
+        raise RobotError(
+            "robot_description", roots, "are the roots of several trees; add a fixed joint between"
         )
     for link in links:
         above = link

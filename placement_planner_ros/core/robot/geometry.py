@@ -418,7 +418,7 @@ def convex(hull: ConvexHull) -> coal.Convex:
     simplices = np.where(inward[:, None], hull.simplices[:, [0, 2, 1]], hull.simplices)
     points, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
     points.extend(list(hull.points[hull.vertices]))
-    triangles.extend([coal.Triangle(*(int(row[v]) for v in s)) for s in simplices])
+    triangles.extend([coal.Triangle(*each) for each in row[simplices].tolist()])
     shape = coal.Convex(points, triangles)
     shape.computeLocalAABB()
     return shape

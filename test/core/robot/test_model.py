@@ -104,7 +104,7 @@ def test_one_coordinate_per_joint():
         ("<sdf/>", "root element is <robot>"),
         (urdf(), "no links"),
         (urdf(link("a"), link("a")), "'a'.*twice"),
-        (urdf(link("a"), link("b")), "one tree"),
+        (urdf(link("a"), link("b")), "several trees"),
         (urdf(link("a"), joint("j", "a", "b")), "joint j: child = 'b'"),
         (urdf(link("a"), link("b"), joint("j", "a", "b", "planar")), "joint j = 'planar'"),
         (urdf(link("a"), link("b"), joint("j", "a", "b", "floating")), "joint j = 'floating'"),
@@ -147,6 +147,10 @@ def test_one_coordinate_per_joint():
         (
             urdf(link("r"), link("a"), link("b"), joint("j", "a", "b"), joint("k", "b", "a")),
             "loop",
+        ),
+        (
+            urdf(link("a"), link("b"), joint("j", "a", "b"), joint("k", "b", "a")),
+            "link a = 'b'.*loop",
         ),
     ],
 )

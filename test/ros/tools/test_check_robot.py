@@ -237,6 +237,13 @@ def test_without_arms_chains_are_proposed(robot, capsys):
     assert "left (4 joints)" in said or "three" in said
 
 
+def test_hands_are_proposed_and_not_their_fingers(robot, capsys):
+    yumi = share_path("urdf", "yumi.urdf")
+    assert main(["--urdf", str(yumi), "--object", str(robot / "box.stl")]) == 1
+    said = faults(capsys.readouterr().out)
+    assert "tip_frame such as gripper_l_base (7 joints), gripper_r_base (7 joints)" in said
+
+
 def read(file):
     """Parameters of a file, and what is wrong with them."""
     findings = Findings()

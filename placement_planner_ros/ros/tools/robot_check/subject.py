@@ -24,6 +24,8 @@ from placement_planner_ros.ros.run.start_checks import require_face, require_gra
 from placement_planner_ros.ros.tools.robot_check.findings import Findings
 from placement_planner_ros.ros.tools.robot_check.given import Given, read_yaml
 
+_FINGER_JOINTS = 3
+"""Joints, one after the other, that a finger has at most."""
 MOST_CHAINS = 8
 """Chains that are proposed as arms."""
 
@@ -207,15 +209,40 @@ def _is_link(robot: Robot, name: str) -> bool:
 
 
 def _proposed(robot: Robot) -> str:
-    """Links at the ends of the robot's longest chains, in words."""
+    """Links at the ends of the robot's longest chains, in words; hands instead of their fingers."""
     chains: dict[tuple[str, ...], str] = {}
     for frame in robot.model.frames:
         if _is_link(robot, frame.name):
             chains.setdefault(robot.joints_to(frame.name), frame.name)
     longest = sorted(chains, key=lambda joints: -len(joints))
     ends = [
-        joints
+        chains[joints]
         for joints in longest
         if not any(other[: len(joints)] == joints and other != joints for other in longest)
     ]
-    return ", ".join(f"{chains[joints]} ({len(joints)} joints)" for joints in ends[:MOST_CHAINS])
+    hands = list(dict.fromkeys(_hand_of(robot, link) for link in ends))
+    return ", ".join(
+        f"{link} ({len(robot.joints_to(link))} joints)" for link in hands[:MOST_CHAINS]
+    )
+
+
+def _hand_of(robot: Robot, link: str) -> str:
+    """The link from which fingers part, where this is one of them; else the link itself."""
+    model = robot.model
+    joint = model.frames[robot.frame_id(link)].parentJoint
+    for _ in range(_FINGER_JOINTS):
+        parent = model.parents[joint]
+        if parent == 0:
+            break
+        beside = [j for j in range(1, model.njoints) if model.parents[j] == parent]
+        if len(beside) > 1 and all(_depth(model, j) <= _FINGER_JOINTS for j in beside):
+            frame = model.frames[model.getFrameId(model.names[joint], pin.FrameType.JOINT)]
+            return str(model.frames[frame.parentFrame].name)
+        joint = parent
+    return link
+
+
+def _depth(model: pin.Model, joint: int) -> int:
+    """Joints of the longest chain that begins with this one."""
+    after = [j for j in range(joint + 1, model.njoints) if model.parents[j] == joint]
+    return 1 + max((_depth(model, j) for j in after), default=0)
