@@ -28,7 +28,7 @@ from placement_planner_ros.view.options import own_and_ros, parser
 from placement_planner_ros.view.page import Page, solution_shown
 from placement_planner_ros.view.world import World
 
-NICE = 5
+NICE = 19
 """By how much others go first where the processor is short, as the planner should."""
 SAID_AGAIN = 10.0
 """Seconds after which a fault of the page is said again."""

@@ -90,7 +90,7 @@ class Controls:
         try:
             said = act()
         except PlacementError as error:
-            said = str(error)
+            said = words.refusal(error)
         except (TypeError, ValueError) as error:
             said = f"not sent: {error}"
         self._answer.content = words.note(said)
@@ -100,6 +100,8 @@ class Controls:
         return f"run {run} has begun"
 
     def _stop(self) -> str:
+        if not self._run():
+            return "no run was started"
         best = finish(self._talk.stop(self._run()), self._talk.news)
         return f"stopped; {best.words}"
 
@@ -132,8 +134,24 @@ class Controls:
         for name, known in self._known.items():
             value = self._fields[name].value
             if name == _VOLUME:
-                value = [float(word) for word in value.replace(",", " ").split()]
+                value = _corners(value)
                 known = [float(f"{number:g}") for number in known]
             if value != known:
                 changed[name] = value
         return changed
+
+
+def _corners(text: str) -> list[float]:
+    """The numbers of a target volume, metres.
+
+    Raises:
+        ValueError: they are no boxes.
+    """
+    try:
+        numbers = [float(word) for word in text.replace(",", " ").split()]
+    except ValueError:
+        numbers = [0.0]
+    if len(numbers) % 6:  # none are none
+        remedy = "give minimum x y z and maximum x y z in metres, six numbers for each box"
+        raise ValueError(f"target volume {text!r}: {remedy}")
+    return numbers

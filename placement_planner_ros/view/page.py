@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping
 from typing import Any
@@ -34,6 +35,8 @@ IDLE, PLAYING = 0.1, 0.05
 """Seconds between looks, and between moments of a motion that plays."""
 _MOVED = 1e-4
 """rad or m by which a joint must have moved for the robot to be drawn anew."""
+CURVE_PERIOD = 0.5
+"""Seconds after which the curve of a run that goes on is drawn longer."""
 MOST_CELLS = 100_000
 """Cells of the obstacle set that are looked at."""
 HIDDEN = 0.5
@@ -207,10 +210,15 @@ class Page:
 
     def _draw_clouds(self) -> None:
         for topic, cloud in self._listener.clouds.items():
+            count = self._listener.parameters.count
+            key = (Itself(cloud), Itself(self._poses), Itself(self._view), count)
+            if self._drawn.get(f"heard {topic}") == key:
+                continue
             points, why_not = self._world.in_planning_frame(cloud, self._poses)
             self._fault(topic, why_not)
             if points is None:
                 continue
+            self._drawn[f"heard {topic}"] = key
             # Most clouds are what they were before; those of a moving sensor are not.
             if self._is_new(f"cloud {topic}", (hash(points.tobytes()), Itself(self._view))):
                 self._stage.draw_cloud(topic, self._opened(points))
@@ -314,7 +322,7 @@ class Page:
                 self._confirmed,
             ),
             stage=self._stage_words(),
-            curve=charts.objective_over_time(curve, round(record.elapsed, 1), place),
+            curve=charts.objective_over_time(curve, _told(record), place),
             bars=charts.rejections(record.rejected, record.samples),
             legend=charts.legend(
                 self._colours.ends,
@@ -346,6 +354,12 @@ class Page:
             return False
         self._drawn[name] = key
         return True
+
+
+def _told(record: RunRecord) -> float:
+    """Seconds that a run has gone on for; while it goes on in steps, each of which is sent."""
+    steps = CURVE_PERIOD if record.active else 0.1
+    return math.floor(record.elapsed / steps) * steps
 
 
 def _way(message: JointTrajectory) -> JointCurve | None:

@@ -204,8 +204,11 @@ class Stage:
         self, name: str, points: Array, colour: npt.NDArray[np.uint8], size: float
     ) -> None:
         """As one node, whose place is in the middle: coordinates go with half precision."""
-        middle = points.mean(axis=0) if len(points) else np.zeros(3)
-        self._scene.add_point_cloud(
+        if len(points) == 0:  # browsers complain of a cloud without points
+            self._clear(name)
+            return
+        middle = points.mean(axis=0)
+        self._parts[name] = self._scene.add_point_cloud(
             name,
             (points - middle).astype(np.float32),
             colour,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from html import escape
 
-from placement_planner_ros.client import Solution
+from placement_planner_ros.client import PlacementError, Solution
 from placement_planner_ros.view.record import RunRecord
 
 CONSTRAINTS = {
@@ -25,6 +25,15 @@ _OBJECTIVES = {
     "maximize_clearance": "mean distance from what stands around; more is better",
     "minimize_clearance": "close to what stands around; more is better",
 }
+_REFUSALS = {
+    "ALREADY_RUNNING": "A run is going on; stop it first.",
+    "STOPPING": "The last run has not ended yet; try again.",
+    "NOT_READY": "The node lacks something.",
+    "WRONG_RUN": "The node knows no such run; it has been started again, or another run has begun.",
+    "NO_NODE": "The node is not there.",
+    "NO_ANSWER": "The node has not answered; it may have done what was asked.",
+}
+"""What a code means for whoever pressed a button; the others' words say it by themselves."""
 _STATES = {
     "idle": "waiting for start",
     "preparing": "preparing",
@@ -107,6 +116,12 @@ def placement(
 
 def _terms(terms: Mapping[str, float]) -> str:
     return "terms: " + ", ".join(f"{escape(name)} {value:.3g}" for name, value in terms.items())
+
+
+def refusal(error: PlacementError) -> str:
+    """What the node refused, its code last."""
+    said = [_REFUSALS.get(error.code, ""), error.words.removeprefix(f"{error.code}: ")]
+    return f"{' '.join(filter(None, said))} ({error.code})"
 
 
 def note(text: str) -> str:

@@ -117,6 +117,32 @@ class Browser:
         assert self.run(f"{found} !== undefined"), self.text
         self.run(f"{found}.click()")
 
+    def unfold(self, title):
+        """Open the folder of that name."""
+        found = (
+            "[...document.querySelectorAll('*')].findLast(e => e.innerText && "
+            f"e.innerText.trim() === {json.dumps(title)})"
+        )
+        assert self.run(f"{found} !== undefined"), self.text
+        self.run(f"{found}.click()")
+
+    @property
+    def fields(self):
+        """What the fields that can be seen hold."""
+        return self.run(
+            "[...document.querySelectorAll('input')].filter(f => f.offsetParent).map(f => f.value)"
+        )
+
+    @property
+    def errors(self):
+        """Exceptions, and what the console has as an error."""
+        return [
+            message
+            for message in self.said
+            if message["method"] == "Runtime.exceptionThrown"
+            or message["params"]["type"] == "error"
+        ]
+
     def fill(self, before, after):
         """Give the field that holds one value another."""
         self.run(

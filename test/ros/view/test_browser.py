@@ -1,4 +1,5 @@
-"""The page in a headless Chromium: it loads, shows a placement, plays, and outlives the node."""
+"""The page in a headless Chromium: it loads, shows a placement, plays, takes commands and changed
+fields, and outlives the node."""
 
 import os
 import signal
@@ -70,6 +71,23 @@ def test_the_page_shows_plays_commands_and_outlives_the_node(ros, page, tmp_path
             find(b, browser, "stopped", "It can be carried out.")
             browser.press("Play")
             find(b, browser, "now: retreat")
+            browser.press("Confirm as placed")
+            find(b, browser, "The object stands there now.")
+            assert list(b.node._inputs.clouds.placed) == [1]
+            browser.unfold("Parameters of the next start")
+            volume = "0.2 -0.3 -0.1 0.6 0.3 0.2"
+            b.wait(lambda: volume in browser.fields, again=b.feed)
+            browser.fill(volume, "0.2 here")
+            browser.press("Start")
+            find(b, browser, "six numbers for each box")
+            browser.fill("0.2 here", "0.2 0 -0.1 0.6 0.3 0.2")
+            browser.press("Start")
+            b.wait(lambda: len(b.snapshots) == 2, again=b.feed)
+            assert b.snapshots[1].parameters.volume.lower.tolist() == [0.2, 0.0, -0.1]
+            find(b, browser, "run 2 has begun", "No placement so far.")
+            browser.press("Start")
+            find(b, browser, "A run is going on; stop it first.")
+            assert "It can be carried out." not in browser.text
         finally:
             b.close()
         browser.wait_for("any more; what it said last is shown")
@@ -83,7 +101,7 @@ def test_the_page_shows_plays_commands_and_outlives_the_node(ros, page, tmp_path
             find(again, browser, "Placement 1", "ξ = 0.200")
         finally:
             again.close()
-        assert not [m for m in browser.said if m["method"] == "Runtime.exceptionThrown"]
+        assert not browser.errors
 
 
 def _open(browser, address):

@@ -5,6 +5,7 @@ import re
 import pytest
 from made import solution, status
 
+from placement_planner_ros.client import PlacementError
 from placement_planner_ros.view import charts, words
 from placement_planner_ros.view.record import RunRecord
 
@@ -99,3 +100,10 @@ def test_only_the_best_is_said_to_be_ready():
     said = words.placement(best, 2, "the robot has left", "o", False)
     assert "the robot has left" in said
     assert "It can be" not in said
+
+
+def test_a_refusal_is_said_in_words_with_its_code():
+    said = words.refusal(PlacementError("ALREADY_RUNNING", "state searching"))
+    assert said == "A run is going on; stop it first. state searching (ALREADY_RUNNING)"
+    said = words.refusal(PlacementError("BAD_VOLUME", "BAD_VOLUME: target_volume: too thin"))
+    assert said == "target_volume: too thin (BAD_VOLUME)"
