@@ -64,6 +64,7 @@ class Page:
         self._playback: Playback | None = None
         self._markers = _NO_MARKERS
         self._obstacles = np.zeros((0, 3))
+        self._pieces = np.zeros((0, 4, 3))
         self._drawn: dict[str, object] = {}
         self._faults: dict[str, str] = {}
         self._poses: Mapping[str, pin.SE3] = {}
@@ -256,7 +257,10 @@ class Page:
             Itself(surface),
         )
         if self._is_new("regions", parts):
-            cut = pieces(self._markers.regions)
+            # Each placement brings the regions along, mostly those that there were.
+            if self._is_new("cut", self._markers.regions.tobytes()):
+                self._pieces = pieces(self._markers.regions)
+            cut = self._pieces
             colour = self._colours.of(
                 cut, best, surface, self._obstacles, self._volume, self._world
             )

@@ -31,6 +31,7 @@ class RegionColours:
 
     def __init__(self) -> None:
         self.ends: tuple[float, float] | None = None
+        self._inner: tuple[Array, Array] = (np.zeros((0, 3)), np.zeros((0, 3)))
 
     def of(
         self,
@@ -52,11 +53,13 @@ class RegionColours:
         if world.parameter("objective", "") not in _KNOWN:
             return None
         T = pose_of(best.solution.pose.pose)
-        points = inner_points(surface[0])
+        if self._inner[0] is not surface[0]:
+            self._inner = surface[0], inner_points(surface[0])
+        points = self._inner[1]
         beyond = CAP if world.parameter("clearance.beyond_volume", True) else 0.0
         cells = counted(obstacles, volume, beyond)
         size = float(world.parameter("cloud.cell_size", 0.01))
-        places = np.vstack([pieces.mean(axis=1), _foot(surface[0], T)])
+        places = np.vstack([pieces.mean(axis=1), _foot(surface[0], points, T)])
         values = estimated_clearance(places, T, points, cells, size)
         sign = sign_that_agrees(float(values[-1]), best.solution.objective)
         if sign == 0:
@@ -67,8 +70,8 @@ class RegionColours:
         return colours.scale((values - low) / max(high - low, 1e-6))
 
 
-def _foot(vertices: Array, T: pin.SE3) -> Array:
+def _foot(vertices: Array, points: Array, T: pin.SE3) -> Array:
     """(1, 3) below the middle of the object at T, where it stands."""
     placed = vertices @ T.rotation.T + T.translation
-    inside = inner_points(vertices) @ T.rotation.T + T.translation
+    inside = points @ T.rotation.T + T.translation
     return np.array([[*inside[:, :2].mean(axis=0), placed[:, 2].min()]])

@@ -493,7 +493,7 @@ def _check_grasp(
         step(f"comparing {arm.name}.grasps[{grasp}] with link {link}")
         T_link = data.oMi[thing.parentJoint] * thing.placement
         for j in range(first, len(overlaps.shapes)):
-            depth = overlaps.depth(i, j, T_link, T_object)
+            depth = overlaps.depth_in_words(i, j, T_link, T_object)
             if depth > 0.0:
                 depths[link] = max(depth, depths.get(link, 0.0))
     if depths:

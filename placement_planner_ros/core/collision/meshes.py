@@ -166,9 +166,7 @@ def _turned_boxes(corners: Array, leaves: Indices) -> Singles:
         mean, square = np.split(np.diff(sums[first], axis=0) / counts, [3], axis=1)
         spread = square.reshape(-1, 3, 3) - mean[:, :, None] * mean[:, None, :]
         own = np.linalg.eigh(spread)[1].transpose(0, 2, 1)
-        made = [
-            _around(points, first, axes) for axes in (own, np.broadcast_to(np.eye(3), own.shape))
-        ]
+        made = [_around(points, first, own), _along_axes(points, first)]
         surfaces = [h[:, 0] * h[:, 1] + h[:, 1] * h[:, 2] + h[:, 2] * h[:, 0] for *_, h in made]
         better = (surfaces[0] < surfaces[1])[:, None]
         axes, middle, half = (np.where(better, *pair) for pair in zip(*made, strict=True))
@@ -189,8 +187,20 @@ def _around(points: Array, first: Indices, axes: Array) -> tuple[Array, Array, A
     middle = np.einsum("nij,ni->nj", axes, 0.5 * (low + high)).astype(np.float32)
     middle = middle.astype(np.float64)
     at = np.einsum("nij,nj->ni", axes, middle)
-    half = np.maximum(high - at, at - low) * (1.0 + _SINGLE[0]) + _SINGLE[1]
-    return axes.reshape(-1, 9), middle, half
+    return axes.reshape(-1, 9), middle, _half(low, high, at)
+
+
+def _along_axes(points: Array, first: Indices) -> tuple[Array, Array, Array]:
+    """`_around` along the mesh's own axes, of which no product is needed."""
+    low, high = np.minimum.reduceat(points, first[:-1]), np.maximum.reduceat(points, first[:-1])
+    middle = (0.5 * (low + high)).astype(np.float32).astype(np.float64)
+    axes = np.broadcast_to(np.eye(3).ravel(), (len(low), 9))
+    return axes, middle, _half(low, high, middle)
+
+
+def _half(low: Array, high: Array, middle: Array) -> Array:
+    """Half extents (n, 3) about middles that reach from low to high, and beyond for rounding."""
+    return np.maximum(high - middle, middle - low) * (1.0 + _SINGLE[0]) + _SINGLE[1]
 
 
 @functools.lru_cache(maxsize=8)

@@ -335,7 +335,7 @@ class _Placed:
             for i in np.flatnonzero(away <= self._radii + overlaps.radii[j]).tolist():
                 link = self._robot.geometry_links[i]
                 if link in arm.touch_links:
-                    depth = overlaps.depth(i, j, self._places[i], T)
+                    depth = overlaps.depth_in_words(i, j, self._places[i], T)
                     if depth > _MOST_PRESSED:
                         deep[link] = max(depth, deep.get(link, 0.0))
         if not deep:
@@ -371,7 +371,7 @@ class _Placed:
                     if link in arm.touch_links:
                         continue
                     if in_hand[i]:
-                        depth = overlaps.depth(i, j, self._places[i], T)
+                        depth = overlaps.depth_in_words(i, j, self._places[i], T)
                         if depth > 0.0:
                             depths[link] = max(depth, depths.get(link, 0.0))
                     elif not met and (

@@ -47,10 +47,19 @@ class Overlaps:
     Attributes:
         shapes: in the order of their numbers.
         centers, radii: (n, 3), (n,) balls around them, each in its own frame, metres.
+
+    Args:
+        rough: the same shapes, meshes of them with fewer triangles, for `depth_in_words`; the
+            shapes themselves unless given.
     """
 
-    def __init__(self, shapes: Sequence[coal.CollisionGeometry]) -> None:
+    def __init__(
+        self,
+        shapes: Sequence[coal.CollisionGeometry],
+        rough: Sequence[coal.CollisionGeometry] | None = None,
+    ) -> None:
         self.shapes = list(shapes)
+        self._rough = self if rough is None else Overlaps(rough)
         for shape in self.shapes:
             shape.computeLocalAABB()
         self.centers = np.array([shape.aabb_center for shape in self.shapes]).reshape(-1, 3)
@@ -107,6 +116,12 @@ class Overlaps:
                 near, far = (near, middle) if apart(middle) else (middle, far)
             least = min(least, far)
         return least
+
+    def depth_in_words(self, i: int, j: int, T_i: pin.SE3, T_j: pin.SE3) -> float:
+        """`depth` of the rough shapes; whether it is more than zero is told of the shapes."""
+        if not self.meet(i, j, T_i, T_j):
+            return 0.0
+        return max(self._rough.depth(i, j, T_i, T_j), _RESOLUTION)
 
     def place(self, i: int, j: int, T_i: pin.SE3, T_j: pin.SE3) -> Array:
         """(3,) a point at which two shapes that overlap do so."""

@@ -17,6 +17,7 @@ from shape_msgs.msg import Mesh
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.body.covered_mesh import MOST_SECONDS
 from placement_planner_ros.core.body.mesh import require_few
+from placement_planner_ros.core.collision.object_solids import object_solids
 from placement_planner_ros.core.errors import ObjectError, PlacementPlannerError
 from placement_planner_ros.core.meshes.headers import check_header
 from placement_planner_ros.core.types import Array
@@ -271,7 +272,7 @@ class ObjectInput:
                     f"cover of the object ({len(triangles):,} triangles), once for each mesh",
                 )
                 try:
-                    return Body.from_mesh(
+                    body = Body.from_mesh(
                         vertices,
                         triangles,
                         center_of_mass=np.array(center) if center else None,
@@ -279,6 +280,9 @@ class ObjectInput:
                         settings=settings,
                         cover=partial(cover_in, process, began=began, seconds=MOST_SECONDS),
                     )
+                    # Takes seconds for many triangles, and start's answer is not to wait for it.
+                    object_solids(body)
+                    return body
                 finally:
                     self._tell("")
 
