@@ -77,6 +77,7 @@ class Client(Node):
         self.heard = {topic: [] for topic in PARTS}
         for topic, kind in PARTS.items():
             self.create_subscription(kind, f"{NODE}/{topic}", self.heard[topic].append, EVERY)
+        self._asked_of = {}
         self.executor_ = SingleThreadedExecutor()
         self.executor_.add_node(self)
         self._spinning = Spinning(self.executor_)
@@ -86,12 +87,17 @@ class Client(Node):
         self.destroy_node()
 
     def request(self, kind, service, request, node=NODE):
-        client = self.create_client(kind, f"{node}/{service}")
-        assert client.wait_for_service(30.0)
-        future = client.call_async(request)
+        name = f"{node}/{service}"
+        if name not in self._asked_of:
+            self._asked_of[name] = self.create_client(kind, name)
+        assert self._asked_of[name].wait_for_service(30.0)
+        future = self._asked_of[name].call_async(request)
         wait(future.done)
-        self.destroy_client(client)
         return future.result()
+
+    def drop(self, destroy, entity):
+        """Destroy it in the thread that spins, which would end where it waits for it meanwhile."""
+        wait(self.executor_.create_task(destroy, entity).done)
 
     def call(self, service, **parameters):
         if not (service.endswith("_with") or service == "remove_placed"):

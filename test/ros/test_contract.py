@@ -317,7 +317,7 @@ def test_diagnostics_come_every_second_or_so(client):
     heard = []
     subscription = client.create_subscription(DiagnosticArray, "/diagnostics", heard.append, 10)
     wait(lambda: len(heard) >= 2)
-    client.destroy_subscription(subscription)
+    client.drop(client.destroy_subscription, subscription)
     assert any(NODE in status.name for m in heard for status in m.status)
 
 
@@ -349,7 +349,7 @@ def test_the_object_given_last_wins(scene, client):
     wait(started)
     assert {answer.code for answer in answers[:-1]} <= {"NOT_READY"}
     client.call("stop")
-    client.destroy_publisher(publisher)
+    client.drop(client.destroy_publisher, publisher)
 
 
 def test_a_robot_that_leaves_its_start_ends_the_run(scene, client):
