@@ -98,8 +98,8 @@ class Reporter:
 
     def has_left_start(self, run: Run) -> bool:
         """Whether the robot is further from where the run began than its start_tolerance."""
-        left = moved(run.snapshot, self._inputs)
-        with self._lock:
+        with self._lock:  # or what another thread has seen since would be forgotten
+            left = moved(run.snapshot, self._inputs)
             news = self._run is run and self._left != left
             if news:
                 self._left = left
@@ -111,9 +111,10 @@ class Reporter:
         """Publish the status as it is now."""
         with self._saying:  # what was true last is said last
             run = self._run
+            # The state first: what ended a run is then seen in all that is read after it.
+            state = State.IDLE if run is None else run.state
             found = (0, None) if run is None else run.found
             why_not = self._why_invalid(run, found[1])
-            state = State.IDLE if run is None else run.state
             warm, read = self._warm.shown, self._read()
             values: dict[str, object] = {"run": 0, "state": state, "code": "OK", "solutions": 0}
             if run is None:

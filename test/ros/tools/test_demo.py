@@ -48,7 +48,7 @@ class Planner:
     @property
     def status(self):
         ended = self.ends_after is not None and self.clock.now - self.began >= self.ends_after
-        return SimpleNamespace(run=RUN, ended=ended)
+        return SimpleNamespace(run=RUN, ended=ended, values={"samples": "1200"})
 
     def improvement(self, run):
         if self.first_after is None or self.clock.now - self.began < self.first_after:
