@@ -175,19 +175,10 @@ def _hand(search: Search, verdict: Verdict) -> Advice:
         remedies.append(Remedy("target_volume", "choose one with more free height"))
         remedies += grasps(search, "give some with which the arm can come straight down")
     else:
-        remedies += _opening(search)
         remedies.append(Remedy("retreat_distance", "shorten it"))
         remedies += grasps(search, "give some from other sides")
         remedies.append(Remedy("require_retreat", "false, if the hand need not leave"))
     return remedies, _seen("arm and hand", met)
-
-
-def _opening(search: Search) -> list[Remedy]:
-    """Of arms whose hand does not open, as nobody says with which joints."""
-    arms = dict.fromkeys(holding.arm for holding in search.finder.holdings)
-    shut = [f"{arm.name}.gripper_open" for arm in arms if not arm.gripper_joints]
-    words = "give it with gripper_joints: until then the fingers stay around the object"
-    return [Remedy(", ".join(shut), words)] if shut else []
 
 
 def _seen(who: str, met: Met) -> list[str]:

@@ -89,16 +89,6 @@ def test_what_refuses_all_is_the_cause_and_its_remedies_exist(table, verdict, re
         assert f"face {face} (" in str(told)
 
 
-def test_hands_that_nobody_opens_are_told_where_there_is_no_way_back(table):
-    problem, objective = table
-    left, right = problem.arms
-    shut = replace(left, gripper_joints=(), gripper_open=())
-    with mock.patch.object(Holding, "placing_motion", return_value=Verdict.NO_RETREAT):
-        told = planned((replace(problem, arms=(shut, right)), objective)).explain()
-    (opening,) = [each for each in told.remedies if "gripper_open" in each.parameter]
-    assert opening.parameter == "left.gripper_open"
-
-
 def test_arms_that_cannot_stand_the_object_up_are_the_cause_before_all_else():
     scene = few_joints.table()
     leaning = few_joints.FROM_ASIDE * pin.SE3(pin.rpy.rpyToMatrix(0.02, 0.0, 0.03), np.zeros(3))
