@@ -134,7 +134,9 @@ def test_a_scan_of_200_000_triangles_is_read_while_start_answers(bench, tmp_path
         answers.append(code(b, object__mesh=str(file)))
         told.append(b.status().get("object_progress", ""))
         taken.append(memory() - before)
-        return answers[-1] != "NOT_READY"
+        if answers[-1] == "JOINTS_STALE":  # sensors share this process, which has its hands full
+            b.feed()
+        return answers[-1] not in ("NOT_READY", "JOINTS_STALE")
 
     b.wait(ready)
     assert answers[-1] == "OK"
