@@ -209,7 +209,7 @@ class Inputs:
     def retry_clouds(self, parameters: ParameterSet) -> None:
         """Take clouds whose frame was unknown when they came, where it is known now.
 
-        And anew those whose sensor is said to be elsewhere since, but for points merged with others.
+        And anew those whose sensor is said to be elsewhere since, but for what was merged.
         """
         with self._lock:
             waiting = dict(self._waiting)

@@ -168,7 +168,7 @@ def test_a_cloud_goes_where_its_sensor_is_said_to_be_since_but_not_from_among_ot
     for x in (0.4, 0.3):
         world.inputs.retry_clouds(said_at(x))
         there = x if mode == "latest" else 0.1
-        np.testing.assert_allclose(world.seen(), [POINT + [there, 0.0, 0.0]], atol=1e-6)
+        np.testing.assert_allclose(world.seen(), [POINT + np.array([there, 0.0, 0.0])], atol=1e-6)
     assert len(world.inputs.clouds.merged) == (mode == "merge")
 
 
