@@ -16,7 +16,7 @@ from placement_planner_ros.share import share_path
 from placement_planner_ros.view.camera import first_view
 from placement_planner_ros.view.itself import Itself
 from placement_planner_ros.view.objective_map import (
-    counted,
+    ObstacleLayers,
     estimated_clearance,
     inner_points,
     sign_that_agrees,
@@ -177,12 +177,13 @@ def test_the_estimate_is_the_planners_clearance_but_for_a_cell_or_two():
     volume = TargetVolume([0.05, 0.05, -0.05], [0.75, 0.75, 0.3])
     environment = Environment.from_points(np.vstack([table, wall]), volume)
     boxes = environment.obstacles
-    cells = counted((boxes.lower + boxes.upper) / 2, volume.boxes, 0.0)
+    middles = (boxes.lower + boxes.upper) / 2
+    layers = ObstacleLayers.of(middles, boxes.cell_size, volume.boxes, 0.0)
     vertices = np.array([(x, y, z) for x in (0, 0.06) for y in (0, 0.06) for z in (0, 0.15)], float)
     points = inner_points(vertices)
     places = np.array([(x, y, 0.0) for x in (0.15, 0.3, 0.52, 0.7) for y in (0.1, 0.4, 0.7)])
     T = pin.SE3.Identity()
-    estimate = estimated_clearance(places, T, points, cells, boxes.cell_size)
+    estimate = estimated_clearance(places, T, points, layers)
     poses = np.tile(np.eye(4), (len(places), 1, 1))
     poses[:, :2, 3] = places[:, :2] - points.mean(axis=0)[:2]
     poses[:, 2, 3] = 0.001
