@@ -47,7 +47,9 @@ HIDDEN = 0.5
 """Share of V that must be hidden for the cloud to be opened in front of it."""
 LEFT_IN_FRONT = 8
 """Of what is in front, every so many-th point is left."""
-_NO_MARKERS = DrawnMarkers(np.zeros((0, 2, 3)), np.zeros((0, 4, 3)), np.zeros((0, 3)))
+_NO_MARKERS = DrawnMarkers(
+    np.zeros((0, 2, 3)), np.zeros((0, 4, 3)), np.zeros((0, 3)), np.zeros((0, 3))
+)
 
 
 class Page:
@@ -264,6 +266,8 @@ class Page:
         cell_size = float(self._world.parameter("cloud.cell_size", 0.01))
         if self._is_new("cells", Itself(self._obstacles)):
             self._stage.draw_occupancy(self._obstacles, cell_size)
+        if self._is_new("standing", self._markers.standing.tobytes()):
+            self._stage.draw_standing(self._markers.standing)
         if self._is_new("volume", self._volume.tobytes()):
             self._stage.draw_volume(self._volume)
         self._draw_regions()
@@ -355,6 +359,7 @@ class Page:
             legend=charts.legend(
                 self._colours.ends,
                 len(record.improvements) > 1,
+                len(self._markers.standing) > 0,
                 self._panel.time > 0.0,
                 "occupancy" in self._panel.visible,
             ),

@@ -10,7 +10,8 @@ import pinocchio as pin
 from placement_planner_ros.core.errors import RobotError
 from placement_planner_ros.core.robot.description import read_urdf
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.view.robot_shapes import FindFile, LinkShape, link_shapes
+from placement_planner_ros.view.coarsening import coarse_enough
+from placement_planner_ros.view.robot_shapes import FindFile, link_shapes
 
 
 class ShownRobot:
@@ -20,7 +21,7 @@ class ShownRobot:
         name: of the robot.
         root: its root link.
         joints: movable joints that mimic no other.
-        shapes: of the links that can be drawn.
+        shapes: of the links that can be drawn, not too fine to be drawn quickly.
         lacking: in words, what cannot be drawn.
 
     Args:
@@ -55,9 +56,9 @@ class ShownRobot:
             for name, joint in zip(self._model.names, self._model.joints, strict=True)
         }
         self._posed: tuple[bytes, str, dict[str, pin.SE3]] | None = None
-        self.shapes: list[LinkShape]
         self.lacking: list[str]
-        self.shapes, self.lacking = link_shapes(description, find)
+        shapes, self.lacking = link_shapes(description, find)
+        self.shapes = coarse_enough(shapes)
 
     def has_link(self, name: str) -> bool:
         """Whether the robot has a link of that name."""
