@@ -24,7 +24,7 @@ LAYERS = {
     "occupancy": "obstacle set",
     "volume": "target volume V",
     "regions": "regions",
-    "earlier": "earlier placements",
+    "earlier": "other placements found",
     "standing": "objects placed before",
     "path": "way of the object",
 }
@@ -126,7 +126,7 @@ class Stage:
         )
 
     def draw_earlier(self, surface: Surface | None, poses: Sequence[pin.SE3]) -> None:
-        """Where the object would have stood by earlier solutions."""
+        """Where the object would have stood by the run's other solutions."""
         self._clear("earlier")
         if surface is None or not poses:
             return
@@ -138,7 +138,7 @@ class Stage:
             batched_wxyzs=np.array([wxyz(T) for T in poses]),
             batched_positions=np.array([T.translation for T in poses]),
             batched_colors=np.array(colours.EARLIER, np.uint8),
-            opacity=0.35,
+            opacity=0.2,
             side="double",
             cast_shadow=False,
             receive_shadow=False,
