@@ -258,7 +258,7 @@ def feasible_area(problem, points):
 
 
 def test_five_per_cent_of_flying_pixels_leave_nine_tenths_of_the_poses():
-    """Of six draws this one leaves least: 0.95, and 0.83 where floors speak for what flies."""
+    """Of this draw 0.99 are left, and 0.83 where floors speak for what flies before them."""
     name = "cabinet_low_clutter"
     scene = scene_by_name(name)
     problem, _ = make_problem(
