@@ -178,7 +178,7 @@ def test_depth_is_how_far_shapes_must_be_moved_apart(apart):
 def test_depth_in_words_is_of_rough_shapes_and_whether_there_is_any_of_the_shapes():
     def depth(height, rough_height, up):
         shapes, rough = ([coal.Box(0.1, 0.1, h)] * 2 for h in (height, rough_height))
-        overlaps = Overlaps(shapes, rough=rough)
+        overlaps = Overlaps(shapes, rough=lambda: rough)
         shift = pin.SE3(np.eye(3), np.array([0.03, 0.0, up]))
         return overlaps.depth_in_words(0, 1, pin.SE3.Identity(), shift)
 

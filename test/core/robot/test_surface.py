@@ -72,7 +72,7 @@ def test_only_what_something_comes_near_is_laid_out(both, monkeypatch):
     assert not meet(surface, still, OTHERS["ball"], far)
     assert not made
     assert meet(surface, still, OTHERS["ball"], near)
-    assert 1 <= len(made) <= 3 < len(both[0]._first, both[0].connected) - 1
+    assert 1 <= len(made) <= 3 < len(both[0]._first) - 1
     meet(surface, still, OTHERS["ball"], near)
     nearest(surface, still, OTHERS["ball"], far)
     assert len(made) <= 4
