@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 from rclpy.executors import (
     Executor,
@@ -12,38 +14,54 @@ from rclpy.executors import (
     ShutdownException,
     TimeoutException,
 )
+from rclpy.subscription import Subscription
 from rclpy.task import Task
 
 PERIOD = 0.1
 """Seconds within which a signal is noticed."""
+
+REST = 0.01
+"""Seconds from handing out a callback until it is looked what else is ready. Each look takes rclpy
+the better part of a millisecond of the interpreter, which the search waits for, and without a rest
+there are two or three for each message: as it comes, as it is taken, as its callback ends."""
 
 
 class PooledExecutor(Executor):
     """Callbacks in threads, like rclpy's `MultiThreadedExecutor`, but with an end to wait for.
 
     In Jazzy that one neither waits for callbacks when it is shut down nor says whether any is in
-    flight, so that they would fail over what is destroyed next.
+    flight, so that they would fail over what is destroyed next. This one also rests between looks,
+    so where messages come faster than it looks, callbacks take those `waiting` too.
     """
 
     def __init__(self, threads: int) -> None:
         super().__init__()
         self._pool = ThreadPoolExecutor(threads)
         self._begun: list[Task] = []
+        self._rested = 0.0
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
         """Hand one callback that is ready to a thread; raise what one that has ended raised."""
         try:
-            task, _, _ = self.wait_for_ready_callbacks(timeout_sec=timeout_sec)
+            task, _, _ = self.wait_for_ready_callbacks(
+                timeout_sec=timeout_sec, condition=self._rest
+            )
         except (ExternalShutdownException, ShutdownException, TimeoutException):
             pass
         else:
             if task not in self._begun:  # rclpy hands out a task until it has begun
                 self._begun.append(task)
                 self._pool.submit(task)
+                self._rested = time.monotonic() + REST
         for task in list(self._begun):
             if task.done():
                 self._begun.remove(task)
                 task.result()
+
+    def _rest(self) -> bool:
+        """Asked by rclpy before each look; never a reason to look no more."""
+        time.sleep(max(0.0, self._rested - time.monotonic()))
+        return False
 
     def finish(self, patience: float) -> bool:
         """Begin no more callbacks; whether those in flight have ended within `patience` seconds.
@@ -60,6 +78,13 @@ class PooledExecutor(Executor):
         for task in self._begun:
             task.cancel()  # those not begun, whose coroutines Python would else report
         return True
+
+
+def waiting(subscription: Subscription) -> Iterator[Any]:
+    """Messages that have come since, oldest first; to be taken in the subscription's callback."""
+    with subscription.handle:
+        while (taken := subscription.handle.take_message(subscription.msg_type, False)) is not None:
+            yield taken[0]
 
 
 def spin_until(

@@ -235,7 +235,7 @@ def test_after_all_that_was_set_it_plans(world):
 def test_any_joint_state(world, message, fits, stamp):
     if fits:
         message.position = [*message.position, *([0.1] * 20)][: len(message.name)]
-    world.bench.node._reception._take_joint_state(message)
+    world.bench.node._reception._take_joint_states(message)
     cloud = message_from_points(TABLE[:9], Header(frame_id="gripper_l_base", stamp=stamp))
     world.bench.node._reception._take_cloud("points", cloud)
     world.answered(world.bench.call("start").text)

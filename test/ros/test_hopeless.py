@@ -489,7 +489,7 @@ class RealBench(Bench):
         assert all(result.successful for result in results), results
         self.node._inputs.object.wait()
         values = {**HOME, **inputs.joints}
-        self.node._reception._take_joint_state(
+        self.node._reception._take_joint_states(
             JointState(name=list(values), position=[float(v) for v in values.values()])
         )
         message = message_from_points(inputs.points, Header(frame_id=inputs.frame))

@@ -1,13 +1,15 @@
 """An executor whose end can be waited for."""
 
 import threading
+import time
 
 import pytest
 from fakes import Spinning
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
+from std_msgs.msg import String
 
-from placement_planner_ros.ros.spinning import PooledExecutor, spin_until
+from placement_planner_ros.ros.spinning import REST, PooledExecutor, spin_until, waiting
 
 
 @pytest.fixture
@@ -100,3 +102,43 @@ def test_a_program_may_spin_it_like_another(node):
     spinning = Spinning(executor)
     assert called.wait(60.0)
     spinning.end()
+
+
+def test_it_rests_between_looks_and_none_of_what_comes_meanwhile_is_lost(node):
+    looks, heard, all_heard = [], [], threading.Event()
+    executor, asked = PooledExecutor(2), threading.Event()
+    several = [node.create_publisher(String, "told", 10) for _ in range(2)]
+
+    def take(message):
+        looks.append(time.monotonic())
+        for each in (message, *waiting(told)):
+            heard.append(each.data)
+        if len(heard) == 10:
+            all_heard.set()
+
+    told = node.create_subscription(String, "told", take, 10)
+    executor.add_node(node)
+    while told.get_publisher_count() < 2:
+        time.sleep(0.01)
+    for number in range(5):
+        for who, publisher in zip("ab", several, strict=True):
+            publisher.publish(String(data=f"{who}{number}"))
+    thread = threading.Thread(target=spin_until, args=(executor, asked))
+    thread.start()
+    took_all = all_heard.wait(60.0)
+    first, waited_for = len(looks), list(heard)
+    looks.clear()
+    began = time.monotonic()
+    while time.monotonic() < began + 30 * REST:
+        several[0].publish(String(data="again"))
+        time.sleep(REST / 20)
+    asked.set()
+    thread.join()
+    ended = executor.finish(60.0)
+    executor.shutdown()
+    assert took_all
+    assert ended
+    assert first < len(waited_for), "one look for each"
+    for who in "ab":
+        assert [each for each in waited_for if each[0] == who] == [f"{who}{n}" for n in range(5)]
+    assert 0 < len(looks) <= (looks[-1] - began) / REST + 2

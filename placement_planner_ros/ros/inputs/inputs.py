@@ -63,6 +63,7 @@ class Inputs:
         self._lock = threading.Lock()
         self._known: tuple[frozenset[str], frozenset[str]] = frozenset(), frozenset()
         self._waiting: dict[str, tuple[PointCloud2, float, int]] = {}
+        self._declared: dict[str, tuple[PointCloud2, float, int, pin.SE3]] = {}
         self._arrivals = 0
 
     def take_joint_state(self, message: JointState) -> None:
@@ -104,6 +105,7 @@ class Inputs:
         """
         with self._lock:
             self._waiting.pop(topic, None)
+            self._declared.pop(topic, None)
             self._arrivals += 1
             arrival = self._arrivals
         taken = time.monotonic() - self._age(message)
@@ -196,15 +198,25 @@ class Inputs:
         moved = message.header.frame_id != robot.root_link
         origin = np.array(T_planning_cloud.translation) if moved else None
         self.clouds.add(topic, StoredCloud(points, taken, origin, arrival))
+        if parameters.sensor_pose(message.header.frame_id) is not None and not merged:
+            with self._lock:  # which may be told to be elsewhere
+                self._declared[topic] = message, taken, arrival, T_planning_cloud
         if merged:
             if origin is not None:  # once among others, they cannot be told any more
                 points = points[~flying_pixels(points, origin)]
             self.clouds.merge(points, parameters["cloud.cell_size"])
 
     def retry_clouds(self, parameters: ParameterSet) -> None:
-        """Take clouds whose frame was unknown when they came, where it is known now."""
+        """Take clouds whose frame was unknown when they came, where it is known now.
+
+        And anew those whose sensor is said to be elsewhere since, but for what was merged.
+        """
         with self._lock:
             waiting = dict(self._waiting)
+            for topic, (message, taken, arrival, pose) in self._declared.items():
+                now = parameters.sensor_pose(message.header.frame_id)
+                if now is not None and now != pose and topic not in waiting:
+                    waiting[topic] = self._waiting[topic] = message, taken, arrival
         for topic, (message, taken, arrival) in waiting.items():
             error = None
             try:

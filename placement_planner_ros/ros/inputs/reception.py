@@ -21,6 +21,7 @@ from placement_planner_ros.ros.log import Log
 from placement_planner_ros.ros.parameters.server import ParameterServer
 from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.ros.qos import LATCHED
+from placement_planner_ros.ros.spinning import waiting
 
 
 class Reception:
@@ -51,10 +52,10 @@ class Reception:
         parameters.check_with(self._check)
         parameters.notify(self._changed)
         self.clouds = CloudSubscriptions(node, topics, self._take_cloud)
-        node.create_subscription(
+        self._joint_states = node.create_subscription(
             JointState,
             "joint_states",
-            self._take_joint_state,
+            self._take_joint_states,
             QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT),
             callback_group=MutuallyExclusiveCallbackGroup(),
         )
@@ -82,11 +83,13 @@ class Reception:
             self._inputs.clouds.refuse(topic, error)
             self._log.repeats(f"cloud on {topic} refused", str(error))
 
-    def _take_joint_state(self, message: JointState) -> None:
-        try:
-            self._inputs.take_joint_state(message)
-        except JointStateError as error:
-            self._log.repeats("joint state refused", str(error))
+    def _take_joint_states(self, message: JointState) -> None:
+        # Several drivers may tell of a part of the robot each: of none may all be dropped.
+        for each in (message, *waiting(self._joint_states)):
+            try:
+                self._inputs.take_joint_state(each)
+            except JointStateError as error:
+                self._log.repeats("joint state refused", str(error))
         self._on_joints()  # as some of its joints may have been taken
 
     def _take_description(self, message: String) -> None:

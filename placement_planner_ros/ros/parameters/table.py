@@ -418,7 +418,8 @@ def sensor_pose_spec(frame: str) -> Spec:
     return _own(
         f"sensor_poses.{frame}",
         [],
-        "Pose of the frame in planning_frame: x y z qx qy qz qw; empty: not given.",
+        "Pose of the frame in planning_frame: x y z qx qy qz qw; empty: not given. At a start the "
+        "newest cloud goes there too, but for points accumulated with cloud.mode merge.",
         "m",
         kind="double[]",
         check=checks.one_pose,

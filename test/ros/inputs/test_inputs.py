@@ -150,6 +150,28 @@ def test_of_a_declared_frame_it_is_told_that_its_pose_is_not_set(robot):
         world.cloud(0.0, frame="eye")
 
 
+@pytest.mark.parametrize("mode", ["latest", "merge"])
+def test_a_cloud_goes_where_its_sensor_is_said_to_be_since_but_not_from_among_others(robot, mode):
+    world = World(robot)
+    specs = SPECS | {"sensor_poses.eye": sensor_pose_spec("eye")}
+
+    def said_at(x):
+        pose = [x, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
+        values = {"cloud.mode": mode, "sensor_frames": ["eye"], "sensor_poses.eye": pose}
+        return ParameterSet(specs, values)
+
+    world.parameters = said_at(0.1)
+    world.cloud(0.0, frame="eye")
+    (first,) = world.inputs.clouds.latest_points()
+    world.inputs.retry_clouds(said_at(0.1))
+    assert world.inputs.clouds.latest_points()[0] is first
+    for x in (0.4, 0.3):
+        world.inputs.retry_clouds(said_at(x))
+        there = x if mode == "latest" else 0.1
+        np.testing.assert_allclose(world.seen(), [POINT + np.array([there, 0.0, 0.0])], atol=1e-6)
+    assert len(world.inputs.clouds.merged) == (mode == "merge")
+
+
 def test_nothing_is_merged_while_the_sensor_moves(robot):
     world = World(robot, cloud__mode="merge")
     world.sweep(100.0, 101.0, speed=0.03)
