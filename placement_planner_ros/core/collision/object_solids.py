@@ -15,7 +15,6 @@ import pinocchio as pin
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.body.convex_part import ConvexPart
 from placement_planner_ros.core.body.covered_mesh import CoveredMesh
-from placement_planner_ros.core.body.mesh_components import alike
 from placement_planner_ros.core.collision.mesh_shapes import kept_shape
 from placement_planner_ros.core.collision.meshes import tree_order
 from placement_planner_ros.core.collision.object_kernels import ObjectArrays
@@ -27,6 +26,8 @@ from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.overlap import Overlaps, outermost, triangles_of
 from placement_planner_ros.core.robot.surface import PIECE, Solid, Surface
 from placement_planner_ros.core.types import Array
+
+Indices = npt.NDArray[np.int64]
 
 _MANY = 20_000
 """Triangles up to which looking for a depth takes some tens of milliseconds."""
@@ -104,6 +105,12 @@ def object_arrays(body: Body) -> ObjectArrays:
     return ObjectArrays.of(convex, None if body.mesh is None else shapes[-1])
 
 
+def make_ready(body: Body) -> None:
+    """Make what is dear and start asks for, of many triangles."""
+    for solid in object_solids(body):
+        solid.rough  # noqa: B018 it is made here
+
+
 @remembered_with("body", most=4)
 def object_overlaps(robot: Robot, body: Body) -> Overlaps:
     """How the robot's geometries overlap the object's solids, which follow them in number."""
@@ -115,20 +122,25 @@ def object_overlaps(robot: Robot, body: Body) -> Overlaps:
     )
 
 
-def rounded_mesh(
-    vertices: Array, triangles: npt.NDArray[np.int64], most: float
-) -> tuple[Array, npt.NDArray[np.int64]]:
+def rounded_mesh(vertices: Array, triangles: Indices, most: float) -> tuple[Array, Indices]:
     """A mesh (n, 3), (t, 3) whose vertices are moved by no more than `most` metres onto a grid;
     triangles that become a line, a point or one another are left out."""
     side = 2.0 * most / np.sqrt(3.0)
-    cells = np.rint(vertices / side)
-    first, index = alike(cells)
+    cells = np.rint(vertices / side).astype(np.int64)
+    first, index = _unlike(cells - cells.min(axis=0))
     rows = index[triangles]
     rows = rows[(rows != np.roll(rows, 1, axis=1)).all(axis=1)]
     # Turned so that the least comes first: the same triangle, facing the same way, is the same row.
     least = rows.argmin(axis=1)[:, None]
     rows = np.take_along_axis(rows, (least + np.arange(3)) % 3, axis=1)
-    return cells[first] * side, rows[alike(rows)[0]]
+    return cells[first] * side, rows[_unlike(rows)[0]]
+
+
+def _unlike(rows: Indices) -> tuple[Indices, Indices]:
+    """Of rows (n, 3) of numbers from 0 to 2²⁰ the first of each kind, and the kind of each."""
+    keys = rows @ np.array([1 << 40, 1 << 20, 1])
+    _, first, kind = np.unique(keys, return_index=True, return_inverse=True)
+    return first, kind.reshape(-1)
 
 
 def object_in_hand(arm: Arm, grasp: int, depths: Mapping[str, float]) -> GraspError:

@@ -12,13 +12,12 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-from shape_msgs.msg import Mesh
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.body.body_store import body_key, keep_body, kept_body
 from placement_planner_ros.core.body.covered_mesh import MOST_SECONDS
 from placement_planner_ros.core.body.mesh import require_few
-from placement_planner_ros.core.collision.object_solids import object_solids
+from placement_planner_ros.core.collision.object_solids import make_ready
 from placement_planner_ros.core.errors import ObjectError, PlacementPlannerError
 from placement_planner_ros.core.meshes.digest import content_digest
 from placement_planner_ros.core.meshes.headers import check_header
@@ -283,7 +282,7 @@ class ObjectInput:
             if body is None:
                 body = anew(should_stop)
             # Takes seconds for many triangles, and start's answer is not to wait for it.
-            object_solids(body)
+            make_ready(body)
             return body
 
         def anew(should_stop: ShouldStop) -> Body:
@@ -367,23 +366,6 @@ class ObjectInput:
         mesh = _Mesh.of(np.array(vertices, dtype=np.float64).reshape(-1, 3), faces)
         self._listed = vertices, triangles, mesh
         return mesh
-
-
-def mesh_from_message(message: Mesh) -> tuple[Array, npt.NDArray[np.int64]]:
-    """Vertices (n, 3) and triangles (t, 3) of a message.
-
-    Raises:
-        ObjectError: there are none, too many, or indices of vertices that are not there.
-    """
-    count = len(message.vertices)
-    require_few(count, len(message.triangles))
-    vertices = np.array([[p.x, p.y, p.z] for p in message.vertices], dtype=np.float64)
-    triangles = np.array([t.vertex_indices for t in message.triangles], dtype=np.int64)
-    if len(triangles) == 0:
-        raise ObjectError("~/object", f"{count} vertices", "has no triangle")
-    if triangles.max() >= count:
-        raise ObjectError("~/object", int(triangles.max()), f"there are only {count} vertices")
-    return vertices.reshape(-1, 3), triangles.reshape(-1, 3)
 
 
 def _given(parameters: ParameterSet, names: Iterable[str], otherwise: Source) -> Source:
