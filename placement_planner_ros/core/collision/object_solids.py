@@ -105,12 +105,6 @@ def object_arrays(body: Body) -> ObjectArrays:
     return ObjectArrays.of(convex, None if body.mesh is None else shapes[-1])
 
 
-def make_ready(body: Body) -> None:
-    """Make what is dear and start asks for, of many triangles."""
-    for solid in object_solids(body):
-        solid.rough  # noqa: B018 it is made here
-
-
 @remembered_with("body", most=4)
 def object_overlaps(robot: Robot, body: Body) -> Overlaps:
     """How the robot's geometries overlap the object's solids, which follow them in number."""

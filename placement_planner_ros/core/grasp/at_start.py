@@ -337,7 +337,7 @@ class _Placed:
             for i in np.flatnonzero(away <= self._radii + overlaps.radii[j]).tolist():
                 link = self._robot.geometry_links[i]
                 if link in arm.touch_links:
-                    depth = overlaps.depth_in_words(i, j, self._places[i], T)
+                    depth = overlaps.depth_in_words(i, j, self._places[i], T, _MOST_PRESSED)
                     if depth > _MOST_PRESSED:
                         deep[link] = max(depth, deep.get(link, 0.0))
         if not deep:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import coal
@@ -117,9 +117,17 @@ class Overlaps:
             least = min(least, far)
         return least
 
-    def depth_in_words(self, i: int, j: int, T_i: pin.SE3, T_j: pin.SE3) -> float:
-        """`depth` of the rough shapes; whether it is more than zero is told of the shapes."""
+    def depth_in_words(
+        self, i: int, j: int, T_i: pin.SE3, T_j: pin.SE3, beyond: float = 0.0
+    ) -> float:
+        """`depth` of the rough shapes; whether it is more than zero is told of the shapes.
+
+        Args:
+            beyond: metres; what is no deeper counts as zero, which is found sooner.
+        """
         if not self.meet(i, j, T_i, T_j):
+            return 0.0
+        if beyond > 0.0 and any(not self.meet(i, j, T_i, moved) for moved in _moved(T_j, beyond)):
             return 0.0
         if self._rough is None:
             self._rough = self if self._make_rough is None else Overlaps(self._make_rough())
@@ -217,6 +225,11 @@ def _pieces(triangles: Array) -> tuple[Piece, ...]:
 def outermost(points: Array) -> Array:
     """Those (k, 3) of points (n, 3) that are outermost in some direction."""
     return np.asarray(points[np.unique((points @ _directions().T).argmax(axis=0))])
+
+
+def _moved(T: pin.SE3, by: float) -> Iterator[pin.SE3]:
+    """A pose moved so far, metres, in each of the directions."""
+    return (pin.SE3(T.rotation, T.translation + by * way) for way in _directions())
 
 
 def _directions() -> Array:

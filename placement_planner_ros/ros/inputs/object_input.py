@@ -17,7 +17,7 @@ from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.body.body_store import body_key, keep_body, kept_body
 from placement_planner_ros.core.body.covered_mesh import MOST_SECONDS
 from placement_planner_ros.core.body.mesh import require_few
-from placement_planner_ros.core.collision.object_solids import make_ready
+from placement_planner_ros.core.collision.object_solids import object_solids
 from placement_planner_ros.core.errors import ObjectError, PlacementPlannerError
 from placement_planner_ros.core.meshes.digest import content_digest
 from placement_planner_ros.core.meshes.headers import check_header
@@ -282,7 +282,7 @@ class ObjectInput:
             if body is None:
                 body = anew(should_stop)
             # Takes seconds for many triangles, and start's answer is not to wait for it.
-            make_ready(body)
+            object_solids(body)
             return body
 
         def anew(should_stop: ShouldStop) -> Body:
