@@ -132,6 +132,8 @@ class _Nearer:
         apart = np.maximum(np.maximum(low - points.max(axis=0), points.min(axis=0) - high), 0.0)
         bounds = np.linalg.norm(apart, axis=1)
         close = np.flatnonzero(bounds <= self._margin)
+        if not len(close):
+            return np.asarray(bounds)
         normals = self._planes[:, :3] @ T[:3, :3].T
         offsets = self._planes[:, 3] - normals @ T[:3, 3]
         middle, half = self._measured.middle[boxes[close]], self._measured.half[boxes[close]]
