@@ -12,6 +12,7 @@ from placement_planner_ros.view.colours import (
     HELD,
     OBSTACLES,
     PLACED,
+    STANDING,
     START,
     VOLUME,
     css,
@@ -109,18 +110,22 @@ def rejections(rejected: Mapping[str, int], samples: int) -> str:
     )
 
 
-def legend(heat: tuple[float, float] | None, earlier: bool, ghost: bool, obstacles: bool) -> str:
+def legend(
+    heat: tuple[float, float] | None, earlier: bool, standing: bool, ghost: bool, obstacles: bool
+) -> str:
     """What the colours in the scene mean.
 
     Args:
         heat: ξ at the ends of the scale where regions are coloured by it, else None.
-        earlier: whether earlier placements are shown.
+        earlier: whether other placements are shown.
+        standing: whether there are objects that earlier runs have placed.
         ghost: whether the start is shown as a ghost.
         obstacles: whether the obstacle set is shown.
     """
     entries = [(PLACED, "where the object will stand"), (HELD, "the object now, and its way")]
     entries += [(START, "ghost: robot and object at the start")] if ghost else []
-    entries += [(EARLIER, "earlier, worse placements")] if earlier else []
+    entries += [(EARLIER, "other placements found")] if earlier else []
+    entries += [(STANDING, "placed by earlier runs")] if standing else []
     entries += [(VOLUME, "edges of the target volume V")]
     entries += [(OBSTACLES, "what counts as obstacle")] if obstacles else []
     swatches = "".join(

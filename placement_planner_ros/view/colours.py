@@ -13,6 +13,7 @@ PLACED: Rgb = (30, 160, 60)
 HELD: Rgb = (235, 120, 20)
 START: Rgb = (120, 120, 130)
 EARLIER: Rgb = (105, 60, 170)
+STANDING: Rgb = (20, 130, 130)
 VOLUME: Rgb = (217, 38, 140)
 PATH: Rgb = (235, 120, 20)
 OBSTACLES: Rgb = (150, 75, 60)
@@ -22,6 +23,8 @@ _SCALE = np.array(
     [(0, 50, 120), (60, 80, 130), (110, 115, 125), (160, 150, 105), (215, 195, 85), (255, 232, 70)]
 )
 """From the worst to the best, readable without telling red from green."""
+_GREYS = np.linspace((125, 132, 145), (190, 196, 205), 64).round().astype(np.uint8)
+"""Of points, from below to above."""
 
 
 def css(colour: Rgb) -> str:
@@ -51,7 +54,6 @@ def by_height(heights: Array) -> npt.NDArray[np.uint8]:
     """(n, 3) greys of points at heights (n,), m: darker below, so that things stand out."""
     if len(heights) == 0:
         return np.zeros((0, 3), np.uint8)
-    low, high = np.percentile(heights, [2, 98])
-    share = np.clip((heights - low) / max(high - low, 1e-6), 0.0, 1.0)[:, None]
-    dark, light = np.array([125, 132, 145]), np.array([190, 196, 205])
-    return np.asarray((dark + share * (light - dark)).round(), np.uint8)
+    low, high = np.percentile(heights[:: max(1, len(heights) // 1000)], [2, 98])
+    share = np.clip((heights - low) / max(high - low, 1e-6), 0.0, 1.0)
+    return _GREYS[(share * (len(_GREYS) - 1)).astype(np.uint8)]

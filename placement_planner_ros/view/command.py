@@ -21,7 +21,7 @@ from placement_planner_ros.client.conversation import Conversation
 from placement_planner_ros.interrupts import catch_signals
 from placement_planner_ros.ros.inputs.transforms import Transforms
 from placement_planner_ros.ros.process import begin_ros
-from placement_planner_ros.ros.spinning import spin_until
+from placement_planner_ros.ros.spinning import hand_out
 from placement_planner_ros.view.controls import Controls
 from placement_planner_ros.view.listening import Listener
 from placement_planner_ros.view.options import own_and_ros, parser
@@ -30,6 +30,8 @@ from placement_planner_ros.view.world import World
 
 NICE = 19
 """By how much others go first where the processor is short, as the planner should."""
+HEARD = 0.1
+"""Seconds between looks at what has come. Each takes half a millisecond, however much has."""
 SAID_AGAIN = 10.0
 """Seconds after which a fault of the page is said again."""
 
@@ -72,7 +74,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     def survive(error: Exception) -> None:
         node.get_logger().warning(f"a message was dropped: {type(error).__name__}: {error}")
 
-    hearing = threading.Thread(target=spin_until, args=(executor, over, survive), name="hearing")
+    def hear() -> None:
+        while not over.wait(HEARD):
+            hand_out(executor, survive)
+
+    hearing = threading.Thread(target=hear, name="hearing")
     hearing.start()
     print(f"placement_view: http://{options.host}:{options.port}", flush=True)
     if options.control:

@@ -14,6 +14,7 @@ from placement_planner_ros.client.calls import parameter_message
 from placement_planner_ros.client.conversation import Conversation
 from placement_planner_ros.client.waiting import finish
 from placement_planner_ros.view import words
+from placement_planner_ros.view.panel import COMMANDS
 
 PATIENCE = 5.0
 """Seconds for which a start is tried again that is refused for what passes by itself."""
@@ -23,6 +24,7 @@ _NUMBERS = {
     "collision_margin": "Collision margin, m",
     "edge_margin": "Edge margin, m",
 }
+_START, _STOP, _CONFIRM = "Start", "Stop", "Confirm as placed"
 _VOLUME, _OBJECTIVE, _RETREAT = "target_volume", "objective", "require_retreat"
 
 
@@ -51,25 +53,24 @@ class Controls:
         )
         self._known: dict[str, Any] = {}
         gui = server.gui
-        with gui.add_folder("Control"):
-            start = gui.add_button("Start", color="green", icon=viser.Icon.PLAYER_PLAY)
-            stop = gui.add_button("Stop", color="red", icon=viser.Icon.PLAYER_STOP)
-            confirm = gui.add_button(
-                "Confirm as placed", hint="The placement that is shown has been carried out."
-            )
-            self._answer = gui.add_html("")
-            with gui.add_folder("Parameters of the next start", expand_by_default=False):
-                self._fields: dict[str, Any] = {
-                    _VOLUME: gui.add_text("Target volume", "", hint="x y z, x y z: m"),
-                    _OBJECTIVE: gui.add_dropdown("Objective", _OBJECTIVES),
-                    _RETREAT: gui.add_checkbox("Require a retreat", True),
-                }
-                for name, label in _NUMBERS.items():
-                    self._fields[name] = gui.add_number(label, 0.0, step=0.001)
-                keep = gui.add_button("Keep these for later starts, too")
-        start.on_click(lambda _: self._do(self._start))
-        stop.on_click(lambda _: self._do(self._stop))
-        confirm.on_click(lambda _: self._do(self._confirm))
+        acts = {_START: self._start, _STOP: self._stop, _CONFIRM: self._confirm}
+        buttons: Any = gui.add_button_group(
+            "Planner",
+            tuple(acts),
+            hint="Confirm as placed: the placement that is shown has been carried out.",
+            order=COMMANDS,
+        )
+        self._answer = gui.add_html("", order=COMMANDS)
+        with gui.add_folder("Parameters of the next start", expand_by_default=False):
+            self._fields: dict[str, Any] = {
+                _VOLUME: gui.add_text("Target volume", "", hint="x y z, x y z: m"),
+                _OBJECTIVE: gui.add_dropdown("Objective", _OBJECTIVES),
+                _RETREAT: gui.add_checkbox("Require a retreat", True),
+            }
+            for name, label in _NUMBERS.items():
+                self._fields[name] = gui.add_number(label, 0.0, step=0.001)
+            keep = gui.add_button("Keep these for later starts, too")
+        buttons.on_click(lambda event: self._do(acts[event.target.value]))
         keep.on_click(lambda _: self._do(self._keep))
 
     def know(self, parameters: dict[str, Any]) -> None:

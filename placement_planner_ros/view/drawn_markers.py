@@ -20,16 +20,19 @@ class DrawnMarkers:
         regions: (m, 4, 3) corners of the regions' rectangles, metres.
         object: (n, 3) corners of the object's triangles in its own frame; of no rows where no
             placement is drawn.
+        standing: (k, 3) points on what earlier runs have placed.
     """
 
     volume: Array
     regions: Array
     object: Array
+    standing: Array
 
     @classmethod
     def of(cls, message: MarkerArray) -> DrawnMarkers:
         """Of a message; markers that are none of the node's are left out."""
         boxes, regions, corners = [], np.zeros((0, 4, 3)), np.zeros((0, 3))
+        standing = [np.zeros((0, 3))]
         for marker in message.markers:
             if marker.action != Marker.ADD:
                 continue
@@ -41,11 +44,14 @@ class DrawnMarkers:
                 regions = rectangles(_points(marker))
             elif marker.ns == "object":
                 corners = _points(marker)
+            elif marker.ns == "standing":
+                standing.append(_points(marker))
         volume = np.array(boxes).reshape(-1, 2, 3)
-        finite = (np.isfinite(each).all() for each in (volume, regions, corners))
+        points = np.vstack(standing)
+        finite = (np.isfinite(each).all() for each in (volume, regions, corners, points))
         if not all(finite):
             raise ValueError("it holds numbers that are not finite")
-        return cls(volume, regions, corners[: len(corners) // 3 * 3])
+        return cls(volume, regions, corners[: len(corners) // 3 * 3], points)
 
 
 def _points(marker: Marker) -> Array:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import threading
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -22,14 +21,17 @@ from placement_planner_ros.client.waiting import News
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.ros.inputs.cloud_subscriptions import CloudSubscriptions
 from placement_planner_ros.ros.qos import LATCHED
+from placement_planner_ros.ros.spinning import waiting
 from placement_planner_ros.ros.timers import every
 from placement_planner_ros.view.node_parameters import NodeParameters
+from placement_planner_ros.view.paced import Paced
 from placement_planner_ros.view.thinning import ThinCloud, thinned
 
 LOOK = 0.5
 """Seconds between looks at what the node subscribes to."""
-CLOUD_PERIOD = 0.18
-"""Least seconds between two clouds of one topic that are read."""
+LARGE_PERIOD, BESIDE_A_SEARCH = 0.18, 1.0
+"""Least seconds between two large messages of one topic that are read; and while the node searches,
+which needs the processor."""
 _URDF = "<link"
 _KINDS = {
     "sensor_msgs/msg/PointCloud2": "cloud",
@@ -46,6 +48,8 @@ class Listener:
     whatever its names were mapped to.
 
     Attributes:
+        watched: set by whoever knows whether anybody looks at what is heard; where nobody does,
+            what is large waits.
         hearing: status and solutions.
         parameters: the node's.
         positions: newest value of each joint, rad or m.
@@ -70,6 +74,7 @@ class Listener:
         else:
             self.news, self.hearing = conversation.news, conversation.hearing
         self.parameters = NodeParameters(node, self.planner, self._group, self.news.tell)
+        self.watched = True
         self.positions: dict[str, float] = {}
         self.clouds: dict[str, ThinCloud] = {}
         self.markers: MarkerArray | None = None
@@ -79,15 +84,13 @@ class Listener:
         self.faults: dict[str, str] = {}
         self._present = False
         self._topics: dict[tuple[str, str], Any] = {}
-        self._read_at: dict[str, float] = {}
         self._lock = threading.Lock()
         for kind, name, take in (
             (MarkerArray, "markers", self._take_markers),
             (PointCloud2, "occupancy", self._take_occupancy),
         ):
-            node.create_subscription(
-                kind, f"{planner}/{name}", take, LATCHED, callback_group=self._group
-            )
+            group = Paced(self._large_period)
+            node.create_subscription(kind, f"{planner}/{name}", take, LATCHED, callback_group=group)
         every(node, LOOK, self.look)
 
     @property
@@ -122,12 +125,14 @@ class Listener:
 
     def _listen(self, topic: str, kind: str) -> Any:
         if kind == "cloud":
-            return CloudSubscriptions(self._node, [topic], self._take_cloud)
+            group = Paced(self._large_period)
+            return CloudSubscriptions(self._node, [topic], self._take_cloud, group)
         types: dict[str, tuple[type, Callable[[Any], None], QoSProfile]] = {
             "joints": (
                 JointState,
-                lambda message: self._take_joints(topic, message),
-                QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT),
+                lambda message: self._take_joint_states(topic, message),
+                # Several drivers may tell of a part of the robot each, between two looks.
+                QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT),
             ),
             "description": (String, self._take_description, LATCHED),
             "object": (Mesh, self._take_object, LATCHED),
@@ -135,11 +140,14 @@ class Listener:
         message, take, qos = types[kind]
         return self._node.create_subscription(message, topic, take, qos, callback_group=self._group)
 
+    def _large_period(self) -> float:
+        if not self.watched:
+            return math.inf
+        status = self.hearing.status
+        searching = status is not None and status.run > 0 and not status.ended
+        return BESIDE_A_SEARCH if searching else LARGE_PERIOD
+
     def _take_cloud(self, topic: str, message: PointCloud2) -> None:
-        now = time.monotonic()
-        if now < self._read_at.get(topic, -math.inf) + CLOUD_PERIOD:
-            return
-        self._read_at[topic] = now
         try:
             cloud = thinned(message)
         except PlacementPlannerError as error:
@@ -147,6 +155,10 @@ class Listener:
             return
         self.clouds = {**self.clouds, topic: cloud}
         self._fault(topic, "")
+
+    def _take_joint_states(self, topic: str, message: JointState) -> None:
+        for each in (message, *waiting(self._topics[topic, "joints"])):
+            self._take_joints(topic, each)
 
     def _take_joints(self, topic: str, message: JointState) -> None:
         if len(message.name) != len(message.position):

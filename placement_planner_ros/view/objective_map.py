@@ -9,11 +9,13 @@ cell or so. It is for looking at; the planner never sees it.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
-from scipy.spatial import ConvexHull, Delaunay, QhullError, cKDTree
+from scipy.ndimage import distance_transform_edt
+from scipy.spatial import ConvexHull, Delaunay, QhullError
 
 from placement_planner_ros.core.types import Array
 
@@ -22,8 +24,8 @@ CAP = 0.5
 LEVELS = 6
 """Heights of the object at which distances are taken."""
 _POINTS = 160
-_CELL = 0.02
-"""m between two places at which a distance is taken."""
+_SQUARE = 0.02
+"""m, the side of the squares for each of which one distance is taken."""
 AGREES = 0.05
 """m by which the estimate and ξ as published may differ for the estimate to be shown."""
 
@@ -39,16 +41,79 @@ def inner_points(vertices: Array) -> Array:
     return np.asarray(inside[:_POINTS] if len(inside) >= 20 else vertices)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ObstacleLayers:
+    """How far away, in the plane, what counts as obstacle is in each layer of its cells.
+
+    Made once for an obstacle set; a distance at a height is the least over the layers above it.
+
+    Attributes:
+        middles: (l,) heights of the layers' middles, metres, upwards.
+        squared: (l, x, y) squares of distances in the plane, m², for squares of `_SQUARE`.
+        corner: (2,) the first square's middle, metres.
+        cell_size: the cells' side, metres.
+    """
+
+    middles: Array
+    squared: npt.NDArray[np.float32]
+    corner: Array
+    cell_size: float
+
+    @classmethod
+    def of(cls, cells: Array, cell_size: float, boxes: Array, beyond: float) -> ObstacleLayers:
+        """Of the cells that count.
+
+        Args:
+            cells: (n, 3) middles of the obstacles' cells.
+            boxes: (k, 2, 3) V.
+            beyond: metres outside of V up to which cells count.
+        """
+        near = np.zeros(len(cells), bool)
+        for lower, upper in boxes:
+            near |= ((cells >= lower - beyond) & (cells <= upper + beyond)).all(axis=1)
+        cells = cells[near]
+        corner = boxes[:, 0, :2].min(axis=0) - CAP
+        count = np.ceil((boxes[:, 1, :2].max(axis=0) + CAP - corner) / _SQUARE).astype(int) + 1
+        layer = np.rint(cells[:, 2] / cell_size).astype(int)
+        numbers = np.unique(layer)
+        squared = np.full((len(numbers), *count), CAP**2, np.float32)
+        square = np.clip(np.rint((cells[:, :2] - corner) / _SQUARE).astype(int), 0, count - 1)
+        for k, number in enumerate(numbers):
+            free = np.ones(count, bool)
+            free[tuple(square[layer == number].T)] = False
+            away = _SQUARE * distance_transform_edt(free) - 0.5 * cell_size
+            squared[k] = np.clip(away, 0.0, CAP) ** 2
+        return cls(numbers * cell_size, squared, corner, cell_size)
+
+    def distances(self, xy: Array, height: float, support: float) -> Array:
+        """(n,) distances at xy (n, 2) and that height, of what is on a surface of that support."""
+        half = 0.5 * self.cell_size
+        first = np.searchsorted(self.middles, max(height - half, support + self.cell_size), "right")
+        # As boxes are flat to whoever is beside them, only what begins above counts upwards.
+        up = np.maximum(self.middles[first:] - half - height, 0.0)
+        up = up[up < CAP]
+        if len(up) == 0:
+            return np.full(len(xy), CAP)
+        i, j = self._square(xy, 0), self._square(xy, 1)
+        low, high = (i.min(), j.min()), (i.max() + 1, j.max() + 1)
+        window = self.squared[first : first + len(up), low[0] : high[0], low[1] : high[1]]
+        nearest = (window + (up**2).astype(np.float32)[:, None, None]).min(axis=0)
+        return np.minimum(np.sqrt(nearest), CAP)[i - low[0], j - low[1]]
+
+    def _square(self, xy: Array, axis: int) -> npt.NDArray[np.int32]:
+        """(n,) numbers of the squares that places (n, 2) are in, along one axis."""
+        number = ((xy[:, axis] - self.corner[axis]) * (1.0 / _SQUARE) + 0.5).astype(np.int32)
+        return np.clip(number, 0, self.squared.shape[1 + axis] - 1)
+
+
 def estimated_clearance(
-    places: Array, T_world_object: pin.SE3, points: Array, cells: Array, cell_size: float
+    places: Array, T_world_object: pin.SE3, points: Array, layers: ObstacleLayers
 ) -> Array:
     """(n,) C, metres, of the object moved to each of the places without turning.
 
     Args:
         places: (n, 3) on surfaces; the object's middle comes to be above them.
         points: (m, 3) spread over the object, in its frame.
-        cells: (k, 3) middles of the obstacles' cells that count.
-        cell_size: their side, metres.
     """
     turned = points @ T_world_object.rotation.T
     turned -= [*turned[:, :2].mean(axis=0), turned[:, 2].min()]
@@ -62,8 +127,9 @@ def estimated_clearance(
             if len(here) == 0:
                 continue
             height = support + 0.5 * (steps[k] + steps[k + 1])
-            distance = _distances(places[rows, :2], here, cells, height, support, cell_size)
-            total += distance
+            xy = (places[rows, None, :2] + here).reshape(-1, 2)
+            distances = layers.distances(xy, height, support)
+            total += distances.reshape(len(rows), len(here)).sum(axis=1)
         values[rows] = total / len(turned)
     return values
 
@@ -74,39 +140,6 @@ def _by_height(places: Array) -> Iterator[tuple[npt.NDArray[np.int64], float]]:
     for height in np.unique(heights):
         rows = np.flatnonzero(heights == height).astype(np.int64)
         yield rows, float(np.median(places[rows, 2]))
-
-
-def _distances(
-    xy: Array, offsets: Array, cells: Array, height: float, support: float, cell_size: float
-) -> Array:
-    """(n,) sums over the offsets (m, 2) of the distance at xy (n, 2) and that height."""
-    half = 0.5 * cell_size
-    counted = cells[cells[:, 2] > max(height - half, support + cell_size)]
-    if len(counted) == 0:
-        return np.full(len(xy), CAP * len(offsets))
-    # As boxes are flat to whoever is beside them, only what begins above counts upwards.
-    flat = np.column_stack([counted[:, :2], np.maximum(counted[:, 2] - half, height)])
-    low = xy.min(axis=0) + offsets.min(axis=0)
-    high = xy.max(axis=0) + offsets.max(axis=0)
-    count = np.ceil((high - low) / _CELL).astype(int) + 1
-    x, y = (low[i] + _CELL * np.arange(count[i]) for i in range(2))
-    places = np.column_stack([*(g.ravel() for g in np.meshgrid(x, y, indexing="ij")),
-                              np.full(count.prod(), height)])  # fmt: skip
-    found, _ = cKDTree(flat).query(places, distance_upper_bound=CAP)
-    table = np.minimum(np.maximum(found - half, 0.0), CAP).reshape(count)
-    total = np.zeros(len(xy))
-    for offset in offsets:
-        i, j = np.rint((xy + offset - low) / _CELL).astype(int).T
-        total += table[np.clip(i, 0, count[0] - 1), np.clip(j, 0, count[1] - 1)]
-    return total
-
-
-def counted(cells: Array, boxes: Array, beyond: float) -> Array:
-    """The cells (k, 3) that count: those in V, boxes (m, 2, 3), or so far outside of it, metres."""
-    near = np.zeros(len(cells), bool)
-    for lower, upper in boxes:
-        near |= ((cells >= lower - beyond) & (cells <= upper + beyond)).all(axis=1)
-    return np.asarray(cells[near])
 
 
 def sign_that_agrees(estimate: float, objective: float) -> int:

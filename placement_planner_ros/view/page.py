@@ -31,19 +31,25 @@ from placement_planner_ros.view.stage import Stage
 from placement_planner_ros.view.thinning import thinned
 from placement_planner_ros.view.world import World
 
-IDLE, PLAYING = 0.1, 0.05
-"""Seconds between looks, and between moments of a motion that plays."""
+IDLE, SEARCHING, PLAYING, UNWATCHED = 0.1, 0.2, 0.05, 0.25
+"""Seconds between looks; beside a search, which needs the processor; between moments of a motion;
+and between looks whether anybody has opened the page."""
 _MOVED = 1e-4
 """rad or m by which a joint must have moved for the robot to be drawn anew."""
-CURVE_PERIOD = 0.5
-"""Seconds after which the curve of a run that goes on is drawn longer."""
+_SAME_VOLUME = 1e-4
+"""m by which V must be another for the camera to look from elsewhere."""
+CURVE_PERIOD, COLOUR_PERIOD = 0.5, 3.0
+"""Seconds after which the curve of a run that goes on is drawn longer, and its regions are coloured
+by another placement."""
 MOST_CELLS = 100_000
 """Cells of the obstacle set that are looked at."""
 HIDDEN = 0.5
 """Share of V that must be hidden for the cloud to be opened in front of it."""
 LEFT_IN_FRONT = 8
 """Of what is in front, every so many-th point is left."""
-_NO_MARKERS = DrawnMarkers(np.zeros((0, 2, 3)), np.zeros((0, 4, 3)), np.zeros((0, 3)))
+_NO_MARKERS = DrawnMarkers(
+    np.zeros((0, 2, 3)), np.zeros((0, 4, 3)), np.zeros((0, 3)), np.zeros((0, 3))
+)
 
 
 class Page:
@@ -55,7 +61,7 @@ class Page:
     """
 
     def __init__(self, server: viser.ViserServer, listener: Listener, world: World) -> None:
-        self._listener, self._world = listener, world
+        self._server, self._listener, self._world = server, listener, world
         self._stage = Stage(server)
         self._panel = Panel(server, self._stage.show)
         self._colours = RegionColours()
@@ -69,15 +75,24 @@ class Page:
         self._faults: dict[str, str] = {}
         self._poses: Mapping[str, pin.SE3] = {}
         self._view: FirstView | None = None
+        self._coloured_at = -math.inf
         self._looked_at = time.monotonic()
 
     def refresh(self) -> float:
-        """Show what is new; seconds until that is due again."""
+        """Show what is new; seconds until that is due again.
+
+        While nobody has the page open, solutions are remembered and the robot is read, and no more.
+        """
         now = time.monotonic()
         passed, self._looked_at = now - self._looked_at, now
-        self._hear()
+        watched = self._listener.watched = bool(self._server.get_clients())
+        self._remember()
+        if watched:
+            self._hear()
         self._world.update(self._markers.object)
         self._draw_robot_anew()
+        if not watched:
+            return UNWATCHED
         self._choose()
         duration = self._playback.duration if self._playback is not None else 0.0
         self._panel.advance(passed, duration)
@@ -86,15 +101,19 @@ class Page:
         self._draw_clouds()
         self._draw_scene()
         self._write()
-        return PLAYING if self._panel.playing else IDLE
+        if self._panel.playing:
+            return PLAYING
+        return SEARCHING if self.record.active else IDLE
 
     # --- what is heard
 
+    def _remember(self) -> None:
+        heard = self._listener.hearing
+        if heard.status is not None:
+            self.record.take_status(heard.status, heard.solution, self._listener.positions)
+
     def _hear(self) -> None:
         listener = self._listener
-        status = listener.hearing.status
-        if status is not None:
-            self.record.take_status(status, listener.hearing.solution, listener.positions)
         if self._is_new("markers heard", Itself(listener.markers)) and listener.markers is not None:
             try:
                 self._markers = DrawnMarkers.of(listener.markers)
@@ -233,11 +252,10 @@ class Page:
         return points[kept]
 
     def _draw_scene(self) -> None:
-        shown, best = self.shown, self.record.best
-        surface = self._world.object
-        T = pose_of(shown.solution.pose.pose) if shown is not None else None
+        shown, surface = self.shown, self._world.object
         if self._is_new("placement", (Itself(shown), Itself(surface))):
             name = "" if shown is None else f"placement {shown.solution.number}"
+            T = pose_of(shown.solution.pose.pose) if shown is not None else None
             self._stage.draw_placement(surface, T, name)
             path = self._playback.path() if self._playback is not None else None
             self._stage.draw_path(path)
@@ -248,23 +266,31 @@ class Page:
         cell_size = float(self._world.parameter("cloud.cell_size", 0.01))
         if self._is_new("cells", Itself(self._obstacles)):
             self._stage.draw_occupancy(self._obstacles, cell_size)
+        if self._is_new("standing", self._markers.standing.tobytes()):
+            self._stage.draw_standing(self._markers.standing)
         if self._is_new("volume", self._volume.tobytes()):
             self._stage.draw_volume(self._volume)
-        parts = (
-            Itself(self._markers.regions),
-            Itself(self._obstacles),
-            Itself(best),
-            Itself(surface),
-        )
-        if self._is_new("regions", parts):
-            # Each placement brings the regions along, mostly those that there were.
-            if self._is_new("cut", self._markers.regions.tobytes()):
-                self._pieces = pieces(self._markers.regions)
-            cut = self._pieces
+        self._draw_regions()
+
+    def _draw_regions(self) -> None:
+        best, surface = self.record.best, self._world.object
+        # Each placement brings the regions along, mostly those that there were.
+        if self._is_new("regions heard", Itself(self._markers)) and self._is_new(
+            "cut", self._markers.regions.tobytes()
+        ):
+            self._pieces = pieces(self._markers.regions)
+        scene = (Itself(self._pieces), Itself(self._obstacles), Itself(surface), best is None)
+        now = time.monotonic()
+        # Another placement of the run only turns the object, which is worth no haste.
+        due = now >= self._coloured_at + COLOUR_PERIOD or not self.record.active
+        if not self._is_new("scene of regions", scene) and not due:
+            return
+        if self._is_new("regions", (*scene, Itself(best))):
+            self._coloured_at = now
             colour = self._colours.of(
-                cut, best, surface, self._obstacles, self._volume, self._world
+                self._pieces, best, surface, self._obstacles, self._volume, self._world
             )
-            self._stage.draw_regions(cut, colour)
+            self._stage.draw_regions(self._pieces, colour)
 
     @property
     def _volume(self) -> Array:
@@ -280,7 +306,9 @@ class Page:
         known = len(self._listener.clouds)
         if robot is None or len(volume) == 0 or not self._listener.positions:
             return
-        if not self._is_new("camera", (Itself(robot), volume.tobytes(), known)):
+        # As it is published V differs in the last digits from what the parameter says.
+        rounded = tuple(np.round(volume.ravel() / _SAME_VOLUME).astype(int).tolist())
+        if not self._is_new("camera", (Itself(robot), rounded, known)):
             return
         on_robot = [
             shape.vertices[:: max(1, len(shape.vertices) // 60)] @ T.rotation.T + T.translation
@@ -331,6 +359,7 @@ class Page:
             legend=charts.legend(
                 self._colours.ends,
                 len(record.improvements) > 1,
+                len(self._markers.standing) > 0,
                 self._panel.time > 0.0,
                 "occupancy" in self._panel.visible,
             ),

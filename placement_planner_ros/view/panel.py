@@ -13,6 +13,8 @@ BEST = "the best so far"
 """The choice that follows the newest."""
 WIDTH = 385.0
 """Pixels, so that the words beside bars take one line each."""
+HEADING, COMMANDS = -2.0, -1.0
+"""Places in the column of what comes before all else."""
 _HIDDEN = ("occupancy",)
 """Layers that are not shown at first."""
 
@@ -35,7 +37,7 @@ class Panel:
         self._toggled = False
         self._shown: dict[str, str] = {}
         self._numbers: tuple[int, ...] = ()
-        self._heading = gui.add_html("")
+        self._heading = gui.add_html("", order=HEADING)
         self._placement = gui.add_html("")
         self._choice: Any = gui.add_dropdown(
             "Placement", [BEST], hint="Look at an earlier solution of this run again."

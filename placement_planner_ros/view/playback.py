@@ -104,8 +104,7 @@ class Playback:
         positions = {**closed, **self.opened, **self.retreat.at(time - self._release)}
         return Moment("retreat", {**positions, **self.opened}, self.T_world_placed)
 
-    def path(self, step: float = 0.03) -> Array:
-        """(n, 3) where the object's origin is carried along, a point every `step` seconds."""
-        count = int(np.clip(round(self.carry.duration / step), 2, 200))
+    def path(self, count: int = 60) -> Array:
+        """(count, 3) where the object's origin is carried along, evenly in time."""
         times = np.linspace(0.0, self.carry.duration, count)
         return np.array([self.at(time).T_world_object.translation for time in times])

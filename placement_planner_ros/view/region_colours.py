@@ -8,9 +8,10 @@ import pinocchio as pin
 
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.view import colours
+from placement_planner_ros.view.itself import Itself
 from placement_planner_ros.view.objective_map import (
     CAP,
-    counted,
+    ObstacleLayers,
     estimated_clearance,
     inner_points,
     sign_that_agrees,
@@ -32,6 +33,7 @@ class RegionColours:
     def __init__(self) -> None:
         self.ends: tuple[float, float] | None = None
         self._inner: tuple[Array, Array] = (np.zeros((0, 3)), np.zeros((0, 3)))
+        self._layers: tuple[object, ObstacleLayers] | None = None
 
     def of(
         self,
@@ -48,7 +50,9 @@ class RegionColours:
         what the node says of it.
         """
         self.ends = None
-        if best is None or surface is None or len(pieces) == 0 or best.solution.terms:
+        if best is None or surface is None or best.solution.terms:
+            return None
+        if len(pieces) == 0 or len(volume) == 0:
             return None
         if world.parameter("objective", "") not in _KNOWN:
             return None
@@ -57,10 +61,12 @@ class RegionColours:
             self._inner = surface[0], inner_points(surface[0])
         points = self._inner[1]
         beyond = CAP if world.parameter("clearance.beyond_volume", True) else 0.0
-        cells = counted(obstacles, volume, beyond)
         size = float(world.parameter("cloud.cell_size", 0.01))
+        key = (Itself(obstacles), volume.tobytes(), size, beyond)
+        if self._layers is None or self._layers[0] != key:
+            self._layers = key, ObstacleLayers.of(obstacles, size, volume, beyond)
         places = np.vstack([pieces.mean(axis=1), _foot(surface[0], points, T)])
-        values = estimated_clearance(places, T, points, cells, size)
+        values = estimated_clearance(places, T, points, self._layers[1])
         sign = sign_that_agrees(float(values[-1]), best.solution.objective)
         if sign == 0:
             return None

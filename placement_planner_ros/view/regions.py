@@ -34,16 +34,14 @@ def pieces(of: Array) -> Array:
         longest *= 1.5
         if longest > 10.0:
             break
-    cut = []
-    for corners, counts in zip(
-        of, np.maximum(1, np.ceil(sides / longest)).astype(int), strict=True
-    ):
-        u, v = (np.linspace(0.0, 1.0, n + 1) for n in counts)
-        a, b, d = corners[0], corners[1] - corners[0], corners[3] - corners[0]
-        grid = a + u[:, None, None] * b + v[None, :, None] * d
-        cut.append(
-            np.stack([grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]], axis=2).reshape(
-                -1, 4, 3
-            )
-        )
-    return np.vstack(cut)
+    counts = np.maximum(1, np.ceil(sides / longest)).astype(int)
+    each = counts.prod(axis=1)
+    which = np.repeat(np.arange(len(of)), each)
+    number = np.arange(len(which)) - np.repeat(np.cumsum(each) - each, each)
+    place = np.column_stack(np.divmod(number, counts[which, 1]))
+    a, b, d = of[which, 0], of[which, 1] - of[which, 0], of[which, 3] - of[which, 0]
+    corners = []
+    for step in ((0, 0), (1, 0), (1, 1), (0, 1)):
+        u, v = ((place + step) / counts[which]).T
+        corners.append(a + u[:, None] * b + v[:, None] * d)
+    return np.stack(corners, axis=1)

@@ -10,7 +10,8 @@ import pinocchio as pin
 from placement_planner_ros.core.errors import RobotError
 from placement_planner_ros.core.robot.description import read_urdf
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.view.robot_shapes import FindFile, LinkShape, link_shapes
+from placement_planner_ros.view.coarsening import coarse_enough
+from placement_planner_ros.view.robot_shapes import FindFile, link_shapes
 
 
 class ShownRobot:
@@ -20,7 +21,7 @@ class ShownRobot:
         name: of the robot.
         root: its root link.
         joints: movable joints that mimic no other.
-        shapes: of the links that can be drawn.
+        shapes: of the links that can be drawn, not too fine to be drawn quickly.
         lacking: in words, what cannot be drawn.
 
     Args:
@@ -44,14 +45,24 @@ class ShownRobot:
         }
         self.name = str(self._model.name)
         self.root = str(self._model.frames[1].name)
+        self._links = {
+            str(frame.name): index
+            for index, frame in enumerate(self._model.frames)
+            if frame.type == pin.FrameType.BODY
+        }
         self.joints = tuple(n for n in self._model.names[1:] if n not in self._mimics)
-        self.shapes: list[LinkShape]
+        self._index = {
+            str(name): int(joint.idx_q)
+            for name, joint in zip(self._model.names, self._model.joints, strict=True)
+        }
+        self._posed: tuple[bytes, str, dict[str, pin.SE3]] | None = None
         self.lacking: list[str]
-        self.shapes, self.lacking = link_shapes(description, find)
+        shapes, self.lacking = link_shapes(description, find)
+        self.shapes = coarse_enough(shapes)
 
     def has_link(self, name: str) -> bool:
         """Whether the robot has a link of that name."""
-        return bool(self._model.existFrame(name, pin.FrameType.BODY))
+        return name in self._links
 
     def configuration(self, positions: Mapping[str, float]) -> Array:
         """q (nq,): joints that are not named are at zero or the limit next to it."""
@@ -59,30 +70,30 @@ class ShownRobot:
         q = np.clip(np.zeros(self._model.nq), lower, upper)
         for name in self.joints:
             if name in positions:
-                q[self._index(name)] = positions[name]
+                q[self._index[name]] = positions[name]
         for name, mimic in self._mimics.items():
-            q[self._index(name)] = mimic.multiplier * q[self._index(mimic.master)] + mimic.offset
+            q[self._index[name]] = mimic.multiplier * q[self._index[mimic.master]] + mimic.offset
         return np.asarray(q)
 
     def link_poses(
         self, positions: Mapping[str, float], planning_frame: str = ""
-    ) -> dict[str, pin.SE3]:
-        """T_planning_link of every link.
+    ) -> Mapping[str, pin.SE3]:
+        """T_planning_link of every link; the same object while they are the same.
 
         Args:
             positions: of joints, rad or m; see `configuration`.
             planning_frame: a link; where it is none, the root.
         """
-        pin.framesForwardKinematics(self._model, self._data, self.configuration(positions))
-        poses = {
-            frame.name: pin.SE3(T)
-            for frame, T in zip(self._model.frames, self._data.oMf, strict=True)
-            if frame.type == pin.FrameType.BODY
-        }
+        q = self.configuration(positions)
+        key = q.tobytes()
+        if self._posed is None or self._posed[:2] != (key, planning_frame):
+            self._posed = key, planning_frame, self._link_poses(q, planning_frame)
+        return self._posed[2]
+
+    def _link_poses(self, q: Array, planning_frame: str) -> dict[str, pin.SE3]:
+        pin.framesForwardKinematics(self._model, self._data, q)
+        poses = {name: pin.SE3(self._data.oMf[index]) for name, index in self._links.items()}
         if planning_frame in poses and planning_frame != self.root:
             T_planning_root = poses[planning_frame].inverse()
             poses = {name: T_planning_root * T for name, T in poses.items()}
         return poses
-
-    def _index(self, joint: str) -> int:
-        return int(self._model.joints[self._model.getJointId(joint)].idx_q)

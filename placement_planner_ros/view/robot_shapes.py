@@ -22,8 +22,6 @@ FindFile = Callable[[str], Path]
 
 PLAIN: Colour = (200, 202, 208)
 """Of links to which the URDF gives no colour."""
-MOST_TRIANGLES = 150_000
-"""Of one link; one with more is left to its collision shapes, as a browser has to draw it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,10 +82,7 @@ def _joined(
         vertices.append(corners @ T_link_shape.rotation.T + T_link_shape.translation)
         triangles.append(faces + count)
         count += len(corners)
-    joined = np.vstack(triangles)
-    if len(joined) > MOST_TRIANGLES:
-        raise RobotError(field, f"{len(joined)} triangles", f"at most {MOST_TRIANGLES} are drawn")
-    return np.vstack(vertices), joined
+    return np.vstack(vertices), np.vstack(triangles)
 
 
 def _shape(element: ET.Element, field: str, find: FindFile) -> tuple[Array, npt.NDArray[np.int64]]:

@@ -24,12 +24,13 @@ LAYERS = {
     "occupancy": "obstacle set",
     "volume": "target volume V",
     "regions": "regions",
-    "earlier": "earlier placements",
+    "earlier": "other placements found",
+    "standing": "objects placed before",
     "path": "way of the object",
 }
 """What can be shown and hidden, by its place in the scene, with its name for people."""
-_POINT = 0.004
-"""m, the size of a point of a cloud."""
+_POINT, _STANDING_POINT = 0.004, 0.007
+"""m, the size of a point of a cloud, and of those on an object that was placed before."""
 _EDGES = [(0, 1), (1, 3), (3, 2), (2, 0), (4, 5), (5, 7), (7, 6), (6, 4), (0, 4), (1, 5), (2, 6),
           (3, 7)]  # fmt: skip
 
@@ -125,7 +126,7 @@ class Stage:
         )
 
     def draw_earlier(self, surface: Surface | None, poses: Sequence[pin.SE3]) -> None:
-        """Where the object would have stood by earlier solutions."""
+        """Where the object would have stood by the run's other solutions."""
         self._clear("earlier")
         if surface is None or not poses:
             return
@@ -137,7 +138,7 @@ class Stage:
             batched_wxyzs=np.array([wxyz(T) for T in poses]),
             batched_positions=np.array([T.translation for T in poses]),
             batched_colors=np.array(colours.EARLIER, np.uint8),
-            opacity=0.35,
+            opacity=0.2,
             side="double",
             cast_shadow=False,
             receive_shadow=False,
@@ -199,6 +200,11 @@ class Stage:
         """The middles of the obstacle set's cells (n, 3)."""
         colour = np.tile(np.array(colours.OBSTACLES, np.uint8), (len(points), 1))
         self._draw_points("/occupancy/cells", points, colour, 0.7 * cell_size)
+
+    def draw_standing(self, points: Array) -> None:
+        """Points (n, 3) on what earlier runs have placed."""
+        colour = np.tile(np.array(colours.STANDING, np.uint8), (len(points), 1))
+        self._draw_points("/standing/points", points, colour, _STANDING_POINT)
 
     def _draw_points(
         self, name: str, points: Array, colour: npt.NDArray[np.uint8], size: float

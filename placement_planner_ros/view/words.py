@@ -100,7 +100,7 @@ def placement(
     where = f"x {p.x:.2f}, y {p.y:.2f}, z {p.z:.2f} m in {escape(solution.pose.header.frame_id)}"
     lines = [
         _strong(f"Placement {solution.number}") + f" ({which})",
-        f"{where}, by the {escape(solution.arm)} arm, grasp {solution.grasp}",
+        f"{where}, by arm {escape(solution.arm)}, grasp {solution.grasp}",
         f"ξ = {_strong(f'{solution.objective:.3f}')} after {solution.search_time:.2f} s"
         + f": {escape(_OBJECTIVES.get(str(objective), str(objective or 'your objective')))}",
     ]

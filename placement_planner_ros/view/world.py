@@ -140,7 +140,7 @@ class World:
     def _files(self) -> Files:
         return Files.below(self.parameter("package_paths", []), self.parameter("file_roots", []))
 
-    def link_poses(self, positions: Mapping[str, float]) -> dict[str, pin.SE3]:
+    def link_poses(self, positions: Mapping[str, float]) -> Mapping[str, pin.SE3]:
         """T_planning_link of every link; empty where there is no robot."""
         if self.robot is None:
             return {}
@@ -148,7 +148,7 @@ class World:
         if self.frame and not self.robot.has_link(self.frame):
             T_planning_root = self._transform(self.frame, self.robot.root)
             if T_planning_root is not None:
-                poses = {name: T_planning_root * T for name, T in poses.items()}
+                return {name: T_planning_root * T for name, T in poses.items()}
         return poses
 
     def held(self, poses: Mapping[str, pin.SE3]) -> list[pin.SE3]:

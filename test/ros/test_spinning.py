@@ -6,10 +6,11 @@ import time
 import pytest
 from fakes import Spinning
 from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_msgs.msg import String
 
-from placement_planner_ros.ros.spinning import REST, PooledExecutor, spin_until, waiting
+from placement_planner_ros.ros.spinning import REST, PooledExecutor, hand_out, spin_until, waiting
 
 
 @pytest.fixture
@@ -142,3 +143,23 @@ def test_it_rests_between_looks_and_none_of_what_comes_meanwhile_is_lost(node):
     for who in "ab":
         assert [each for each in waited_for if each[0] == who] == [f"{who}{n}" for n in range(5)]
     assert 0 < len(looks) <= (looks[-1] - began) / REST + 2
+
+
+def test_all_that_is_ready_is_handed_out_once_and_what_it_raises_is_told(node):
+    called, errors = [], []
+
+    def fail():
+        called.append("b")
+        raise ZeroDivisionError
+
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    node.create_timer(1e-9, lambda: called.append("a"))  # ready again whenever it is looked
+    node.create_timer(1e-9, fail)
+    time.sleep(0.001)
+    hand_out(executor, errors.append)
+    assert sorted(called) == ["a", "b"]
+    assert [type(error) for error in errors] == [ZeroDivisionError]
+    executor.shutdown()
+    hand_out(executor, errors.append)  # and of one that is no more, nothing
+    assert len(called) == 2

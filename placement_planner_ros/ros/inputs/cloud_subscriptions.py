@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -24,12 +24,22 @@ OnCloud = Callable[[str, PointCloud2], None]
 
 
 class CloudSubscriptions:
-    """Subscribes to each topic and calls `on_cloud(topic, message)`."""
+    """Subscribes to each topic and calls `on_cloud(topic, message)`.
 
-    def __init__(self, node: Node, topics: Sequence[str], on_cloud: OnCloud) -> None:
+    Args:
+        group: of the subscriptions; without it, one of their own.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        topics: Sequence[str],
+        on_cloud: OnCloud,
+        group: CallbackGroup | None = None,
+    ) -> None:
         self._node = node
         self._on_cloud = on_cloud
-        self._group = MutuallyExclusiveCallbackGroup()
+        self._group = group or MutuallyExclusiveCallbackGroup()
         self._subscriptions: dict[str, tuple[ReliabilityPolicy, Subscription]] = {}
         for topic in topics:
             self._subscribe(topic, ReliabilityPolicy.RELIABLE)

@@ -1,5 +1,5 @@
-"""What RViz shows of a run: target volume, what is kept out of, regions, the placed object and the
-arm's path."""
+"""What RViz shows of a run: target volume, what is kept out of, regions, what earlier runs placed,
+the placed object and the arm's path."""
 
 from __future__ import annotations
 
@@ -22,6 +22,9 @@ _KEEP_OUT = ColorRGBA(r=0.9, g=0.1, b=0.1, a=0.25)
 _REGION = ColorRGBA(r=0.2, g=0.7, b=0.3, a=0.6)
 _OBJECT = ColorRGBA(r=0.9, g=0.5, b=0.1, a=0.9)
 _PATH = ColorRGBA(r=0.8, g=0.1, b=0.5, a=1.0)
+_STANDING = ColorRGBA(r=0.1, g=0.5, b=0.5, a=1.0)
+_MOST_POINTS = 1500
+"""Of an object that stands, as all of them go along with every placement."""
 _ABOVE = 0.001
 """Metres by which regions are drawn above their surface."""
 
@@ -32,18 +35,37 @@ def no_markers() -> MarkerArray:
 
 
 def scene_markers(
-    frame: str, stamp: Time, volume: TargetVolume, keep_out: Array, regions: Iterable[Region]
+    frame: str,
+    stamp: Time,
+    volume: TargetVolume,
+    keep_out: Array,
+    regions: Iterable[Region],
+    standing: Iterable[Array],
 ) -> list[Marker]:
-    """What stays the same over a run: V, what is kept out of, and R.
+    """What stays the same over a run: V, what is kept out of, R, and what was placed before.
 
     Args:
         keep_out: (k, 2, 3) corners of boxes.
+        standing: per object that was confirmed as placed, (n, 3) points on it.
     """
     header = Header(frame_id=frame, stamp=stamp)
     return [
         *_boxes(header, "target_volume", volume.boxes, _VOLUME),
         *_boxes(header, "keep_out", keep_out, _KEEP_OUT),
         _triangles(header, "regions", _region_corners(regions), pin.SE3.Identity(), _REGION),
+        *(
+            Marker(
+                header=header,
+                ns="standing",
+                id=number,
+                type=Marker.POINTS,
+                pose=pose_message(pin.SE3.Identity()),
+                scale=Vector3(x=0.006, y=0.006, z=0.0),
+                color=_STANDING,
+                points=_points(points[:: -(-len(points) // _MOST_POINTS)]),
+            )
+            for number, points in enumerate(standing)
+        ),
     ]
 
 

@@ -116,7 +116,12 @@ class Outputs:
         if self._drawn is None or self._drawn[0] is not environment or self._drawn[1] != keep_out:
             boxes = boxes_of(keep_out)
             regions = cut(environment.regions, boxes) if keep_out else environment.regions
-            self._scene = scene_markers(snapshot.frame, stamp, volume, boxes, regions)
+            standing = [
+                points
+                for points, placed in zip(snapshot.clouds, snapshot.placed, strict=False)
+                if placed
+            ]
+            self._scene = scene_markers(snapshot.frame, stamp, volume, boxes, regions, standing)
             self._drawn = environment, keep_out
         self._markers.publish(MarkerArray(markers=self._scene))
 

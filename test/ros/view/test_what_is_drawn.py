@@ -3,6 +3,7 @@
 import numpy as np
 import pinocchio as pin
 import pytest
+import trimesh
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 
@@ -14,9 +15,10 @@ from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 from placement_planner_ros.scenes.yumi import START_CONFIGURATION, TIP_FRAMES, load_yumi
 from placement_planner_ros.share import share_path
 from placement_planner_ros.view.camera import first_view
+from placement_planner_ros.view.coarsening import coarse_enough
 from placement_planner_ros.view.itself import Itself
 from placement_planner_ros.view.objective_map import (
-    counted,
+    ObstacleLayers,
     estimated_clearance,
     inner_points,
     sign_that_agrees,
@@ -24,6 +26,7 @@ from placement_planner_ros.view.objective_map import (
 from placement_planner_ros.view.playback import Playback
 from placement_planner_ros.view.regions import pieces, rectangles
 from placement_planner_ros.view.robot import ShownRobot
+from placement_planner_ros.view.robot_shapes import LinkShape
 from placement_planner_ros.view.thinning import thinned
 
 TIP = TIP_FRAMES["left"]
@@ -114,6 +117,22 @@ def test_the_stages_follow_one_another_and_the_hand_is_open_at_the_end(playback)
     assert playback.path()[-1] == pytest.approx([0.4, 0.1, 0.2])
 
 
+# --- fewer triangles
+
+
+def test_a_fine_robot_is_drawn_coarser_and_keeps_its_shape():
+    ball = trimesh.creation.icosphere(subdivisions=5, radius=0.1)
+    box = trimesh.creation.box((0.1, 0.1, 0.1))
+    shapes = [LinkShape(n, m.vertices, m.faces, (0, 0, 0)) for n, m in (("a", ball), ("b", box))]
+    coarse = coarse_enough(shapes, 2000)
+    assert coarse[1] is shapes[1]
+    drawn = trimesh.Trimesh(coarse[0].vertices, coarse[0].triangles, process=False)
+    assert 500 < len(drawn.faces) <= 2000
+    assert np.linalg.norm(drawn.vertices, axis=1) == pytest.approx(0.1, abs=0.003)
+    assert drawn.area == pytest.approx(ball.area, rel=0.05)
+    assert coarse_enough(shapes, 30_000) == shapes
+
+
 # --- clouds
 
 
@@ -177,12 +196,13 @@ def test_the_estimate_is_the_planners_clearance_but_for_a_cell_or_two():
     volume = TargetVolume([0.05, 0.05, -0.05], [0.75, 0.75, 0.3])
     environment = Environment.from_points(np.vstack([table, wall]), volume)
     boxes = environment.obstacles
-    cells = counted((boxes.lower + boxes.upper) / 2, volume.boxes, 0.0)
+    middles = (boxes.lower + boxes.upper) / 2
+    layers = ObstacleLayers.of(middles, boxes.cell_size, volume.boxes, 0.0)
     vertices = np.array([(x, y, z) for x in (0, 0.06) for y in (0, 0.06) for z in (0, 0.15)], float)
     points = inner_points(vertices)
     places = np.array([(x, y, 0.0) for x in (0.15, 0.3, 0.52, 0.7) for y in (0.1, 0.4, 0.7)])
     T = pin.SE3.Identity()
-    estimate = estimated_clearance(places, T, points, cells, boxes.cell_size)
+    estimate = estimated_clearance(places, T, points, layers)
     poses = np.tile(np.eye(4), (len(places), 1, 1))
     poses[:, :2, 3] = places[:, :2] - points.mean(axis=0)[:2]
     poses[:, 2, 3] = 0.001
