@@ -17,6 +17,7 @@ ORDER = [
     "core.boxes",
     "core.types",
     "core.stopping",
+    "core.remembering",
     "core.kept_files",
     "core.kernel_compiler",
     "core.kernel_cache",

@@ -24,6 +24,9 @@ _config: Any = numba.config
 _PACKAGE = Path(__file__).parents[1]
 _DIGEST = hashlib.sha256().digest_size
 
+MAX_KEPT = 1_000_000_000
+"""Bytes that arrays of one kind may take on disk: an object of 200,000 triangles takes 35 MB."""
+
 
 class Troubles:
     """What keeps files from being kept, each kind once. Safe to use from several threads."""
@@ -78,10 +81,12 @@ def unsealed(data: bytes, name: str) -> bytes:
     Raises:
         ValueError: it is not as it was written there.
     """
-    digest, content = data[:_DIGEST], data[_DIGEST:]
-    if hashlib.sha256(name.encode() + content).digest() != digest:
+    content = memoryview(data)[_DIGEST:]  # as some are large
+    found = hashlib.sha256(name.encode())
+    found.update(content)
+    if found.digest() != data[:_DIGEST]:
         raise ValueError("damaged")
-    return content
+    return bytes(content)
 
 
 def write_whole(path: Path, content: bytes) -> None:
@@ -125,16 +130,32 @@ def kept_arrays(what: str, key: bytes, make: Callable[[], Arrays]) -> Arrays:
         key: all that they depend on.
         make: makes them; what it raises ends it.
     """
-    folder = kept_folder()
-    if folder is None or _AFRESH.get():
-        return make()
-    name = f"{hashlib.sha256(key).hexdigest()[:32]}.{what.split()[-1]}"
-    path = folder / what.replace(" ", "-") / name
-    found = _read_arrays(what, path)
+    found = found_arrays(what, key)
     if found is None:
         found = make()
-        _write_arrays(what, path, found)
+        keep_arrays(what, key, found)
     return found
+
+
+def found_arrays(what: str, key: bytes) -> Arrays | None:
+    """Arrays that were kept as `kept_arrays` does; None where there are none."""
+    path = _path(what, key)
+    return None if path is None else _read_arrays(what, path)
+
+
+def keep_arrays(what: str, key: bytes, arrays: Arrays) -> None:
+    """Keep arrays for `found_arrays`."""
+    path = _path(what, key)
+    if path is not None:
+        _write_arrays(what, path, arrays)
+
+
+def _path(what: str, key: bytes) -> Path | None:
+    folder = kept_folder()
+    if folder is None or _AFRESH.get():
+        return None
+    name = f"{hashlib.sha256(key).hexdigest()[:32]}.{what.split()[-1]}"
+    return folder / what.replace(" ", "-") / name
 
 
 def _read_arrays(what: str, path: Path) -> Arrays | None:
@@ -148,12 +169,15 @@ def _read_arrays(what: str, path: Path) -> Arrays | None:
         return None
     try:
         with np.load(BytesIO(unsealed(data, path.name)), allow_pickle=False) as kept:
-            return dict(kept)
+            found = dict(kept)
     except Exception:  # whatever a damaged file, or one of another make, leads to
         TROUBLES.note(f"{what} damaged", f"{path}, of {what}, is damaged and made anew")
         with contextlib.suppress(OSError):
             path.unlink()
         return None
+    with contextlib.suppress(OSError):
+        os.utime(path)  # the last to go
+    return found
 
 
 def _write_arrays(what: str, path: Path, arrays: Arrays) -> None:
@@ -162,6 +186,7 @@ def _write_arrays(what: str, path: Path, arrays: Arrays) -> None:
     np.savez(stream, **named)  # not compressed: that takes longer than it saves
     try:
         write_whole(path, sealed(stream.getvalue(), path.name))
+        _make_room(path.parent)
     except OSError as error:
         TROUBLES.note(
             f"{what} unwritten",
@@ -169,6 +194,25 @@ def _write_arrays(what: str, path: Path, arrays: Arrays) -> None:
             "makes them again until NUMBA_CACHE_DIR or XDG_CACHE_HOME names a folder that can be "
             "written",
         )
+
+
+def _make_room(folder: Path) -> None:
+    """Remove what was not read for longest, where there is more than `MAX_KEPT`.
+
+    Who is reading it goes on; who comes later makes it anew.
+    """
+    total, found = 0, []
+    for entry in os.scandir(folder):
+        with contextlib.suppress(FileNotFoundError):  # another process removed it
+            state = entry.stat()
+            total += state.st_size
+            found.append((state.st_mtime_ns, state.st_size, entry.path))
+    for _, size, path in sorted(found):
+        if total <= MAX_KEPT:
+            return
+        total -= size
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(path)
 
 
 def version_of(file: str, names: Sequence[str]) -> str:

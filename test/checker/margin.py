@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 _STRETCH = 0.04
 """m of way for which the boxes that can be met are looked up at once."""
+_PAIRS = 20_000
+"""Of states and boxes that are looked at at once."""
 _PLANES = 64
 """Of the hull of a thing that are looked at before it is held against a box."""
 
@@ -65,7 +67,8 @@ class _Measured:
 class _Nearer:
     """Which states bring one geometry nearer than the margin to a box.
 
-    A bound below the distance, or the distance, tells up to which state a box can be left out.
+    Boxes are left out where a bound below their distance is enough; a distance tells up to which
+    state a box can be left out.
     """
 
     def __init__(
@@ -81,7 +84,7 @@ class _Nearer:
         self._middles, self._radius = poses.middles[:, i], poses.radii[i]
         self._corners = corners_of(self._thing)
         self._planes = _planes(self._corners)
-        self._next = np.zeros(len(measured.middle), dtype=int)
+        self._free = np.full(len(measured.middle), -np.inf)
 
     def all(self, without: tuple[int, npt.NDArray[np.bool_]] | None) -> list[tuple[int, float]]:
         """(row, gap) of states and boxes that are nearer.
@@ -105,39 +108,50 @@ class _Nearer:
         radius = self._radius + self._measured.largest + reach
         near = self._measured.tree.query_ball_point(self._middles[begin], radius)
         boxes = np.array(near, dtype=int)
+        boxes = boxes[self._along_axes(boxes, begin, begin + 1)[0] <= reach]
         found = []
-        row = begin
-        while len(boxes):
-            row = max(row, int(self._next[boxes].min()))
-            if row >= end:
-                break
-            if without is not None and row >= without[0]:
-                boxes = boxes[~without[1][boxes]]
-            due = boxes[self._next[boxes] <= row]
-            gaps = self._bounds(due, row)
-            for k in np.flatnonzero(gaps <= self._margin).tolist():
-                gaps[k] = self._gap(int(due[k]), row)
-                if gaps[k] < self._margin:
-                    found.append((row, float(gaps[k])))
-            free = self._travel[row] + np.maximum(gaps - self._margin, 0.0)
-            self._next[due] = np.maximum(np.searchsorted(self._travel, free, side="right"), row + 1)
-            row += 1
+        some = max(1, _PAIRS // max(len(boxes), 1))
+        for first in range(begin, end, some) if len(boxes) else ():
+            last = min(first + some, end)
+            close = self._along_axes(boxes, first, last) <= self._margin
+            close &= self._travel[first:last, None] > self._free[boxes]
+            if without is not None:
+                close[max(without[0] - first, 0) :, without[1][boxes]] = False
+            rows, columns = np.nonzero(close)
+            pairs = np.column_stack([rows + first, boxes[columns]])
+            for row, box in pairs[self._to_planes(pairs) <= self._margin].tolist():
+                if self._travel[row] <= self._free[box]:
+                    continue
+                gap = self._gap(box, row)
+                if gap < self._margin:
+                    found.append((row, gap))
+                else:
+                    self._free[box] = self._travel[row] + gap - self._margin
         return found
 
-    def _bounds(self, boxes: npt.NDArray[np.int64], row: int) -> Array:
-        """(n,) no more than the distances of the boxes: along axes, and to planes of the hull."""
-        T = self._poses.of(self._index)[row]
-        points = self._corners @ T[:3, :3].T + T[:3, 3]
-        low, high = self._measured.low[boxes], self._measured.high[boxes]
-        apart = np.maximum(np.maximum(low - points.max(axis=0), points.min(axis=0) - high), 0.0)
-        bounds = np.linalg.norm(apart, axis=1)
-        close = np.flatnonzero(bounds <= self._margin)
-        normals = self._planes[:, :3] @ T[:3, :3].T
-        offsets = self._planes[:, 3] - normals @ T[:3, 3]
-        middle, half = self._measured.middle[boxes[close]], self._measured.half[boxes[close]]
-        beyond = middle @ normals.T + offsets - half @ np.abs(normals).T
-        bounds[close] = np.maximum(bounds[close], beyond.max(axis=1, initial=0.0))
-        return np.asarray(bounds)
+    def _along_axes(self, boxes: npt.NDArray[np.int64], first: int, last: int) -> Array:
+        """(k, n) no more than the distances of the boxes in states first … last - 1."""
+        T = self._poses.of(self._index)[first:last]
+        points = self._corners @ T[:, :3, :3].transpose(0, 2, 1) + T[:, None, :3, 3]
+        low, high = points.min(axis=1)[:, None], points.max(axis=1)[:, None]
+        apart = np.maximum(self._measured.low[boxes] - high, low - self._measured.high[boxes])
+        np.maximum(apart, 0.0, out=apart)
+        return np.sqrt(np.einsum("kni,kni->kn", apart, apart))
+
+    def _to_planes(self, pairs: npt.NDArray[np.int64]) -> Array:
+        """(n,) no more than the distances of pairs of state and box: to planes of the hull."""
+        if not len(self._planes) or not len(pairs):
+            return np.zeros(len(pairs))
+        rows, starts = np.unique(pairs[:, 0], return_index=True)  # they come row by row
+        T = self._poses.of(self._index)[rows]
+        normals = self._planes[:, :3] @ T[:, :3, :3].transpose(0, 2, 1)
+        offsets = self._planes[:, 3] - np.einsum("kpi,ki->kp", normals, T[:, :3, 3])
+        bounds = []
+        for k, boxes in enumerate(np.split(pairs[:, 1], starts[1:])):
+            middle, half = self._measured.middle[boxes], self._measured.half[boxes]
+            beyond = middle @ normals[k].T + offsets[k] - half @ np.abs(normals[k]).T
+            bounds.append(beyond.max(axis=1))
+        return np.concatenate(bounds)
 
     def _gap(self, box: int, row: int) -> float:
         """The distance of a box; what is inside of a solid of triangles is deep."""

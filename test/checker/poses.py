@@ -25,13 +25,11 @@ class Poses:
         things = list(geometry.geometryObjects)
         parents = [thing.parentJoint for thing in things]
         local = np.array([thing.placement.act(_middle(thing)) for thing in things])
-        self.middles = np.stack(
-            [
-                self._joints[:, parent, :3, :3] @ point + self._joints[:, parent, :3, 3]
-                for parent, point in zip(parents, local, strict=True)
-            ],
-            axis=1,
-        )
+        middles = np.empty((len(things), len(self._joints), 3))  # one thing's lie together
+        for i, (parent, point) in enumerate(zip(parents, local, strict=True)):
+            T = self._joints[:, parent]
+            middles[i] = T[:, :3, :3] @ point + T[:, :3, 3]
+        self.middles = middles.swapaxes(0, 1)
         self.radii = np.array([thing.geometry.aabb_radius for thing in things])
 
     def of(self, i: int) -> Array:

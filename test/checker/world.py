@@ -178,8 +178,9 @@ class World:
         Only states are looked at where the balls around both meet, and after each as many are left
         out as neither can come so far in, seen from the other.
         """
-        between = np.linalg.norm(poses.middles[:, i] - poses.middles[:, j], axis=1)
-        meeting = np.flatnonzero(between <= poses.radii[i] + poses.radii[j])
+        between = poses.middles[:, i] - poses.middles[:, j]
+        reach = poses.radii[i] + poses.radii[j]
+        meeting = np.flatnonzero(np.einsum("ki,ki->k", between, between) <= reach * reach)
         if len(meeting) == 0:
             return None
         travel = poses.travel_apart(i, j)

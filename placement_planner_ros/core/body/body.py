@@ -39,7 +39,7 @@ _SURE = 0.02
 the hull."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class Body:
     """The grasped object in its own frame.
 

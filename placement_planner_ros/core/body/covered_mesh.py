@@ -34,12 +34,14 @@ class CoveredMesh:
     Attributes:
         vertices: (n, 3) metres.
         triangles: (t, 3) rows of vertices.
+        pieces: (p + 1,) first vertex of each connected piece, and the number of vertices.
         cover: convex sets that together contain them; they only ever say what is free.
         parts: the same sets with their planes.
     """
 
     vertices: Array
     triangles: Triangles
+    pieces: Triangles
     cover: Cover
     parts: tuple[ConvexPart, ...]
 
@@ -53,7 +55,7 @@ class CoveredMesh:
         )
         cover = make(vertices, triangles, cover_tolerance(vertices))
         parts = tuple(polytope_of(part) for part in cover.parts)
-        return cls(frozen_array(vertices), read_only(triangles), cover, parts)
+        return cls(frozen_array(vertices), read_only(triangles), read_only(first), cover, parts)
 
 
 def make_cover(vertices: Array, triangles: Triangles, tolerance: float) -> Cover:

@@ -8,7 +8,6 @@ never true nearer than the margin.
 from __future__ import annotations
 
 import copy
-import functools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -45,9 +44,11 @@ from placement_planner_ros.core.collision.separation import COLLIDING, FREE
 from placement_planner_ros.core.collision.states import NOT_FINITE, check_states
 from placement_planner_ros.core.errors import JointStateError
 from placement_planner_ros.core.reach.kinematics import Chain, kernel_input
+from placement_planner_ros.core.remembering import remembered_with
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
+from placement_planner_ros.core.robot.surface import Solid, nearest
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.stopping import step
@@ -368,7 +369,7 @@ class ArmCollision:
         found = self._scratch.hit if answer == COLLIDING else self._scratch.undecided[0]
         return int(found[0]), int(found[1]), int(found[2])
 
-    def _part(self, s: int) -> tuple[coal.CollisionGeometry, coal.Transform3s]:
+    def _part(self, s: int) -> tuple[Solid, coal.Transform3s]:
         body = self._flat.bodies[self._flat.set_body[s]]
         part = body.parts[self._flat.set_part[s]]
         T = part.T_world_part
@@ -389,8 +390,7 @@ class ArmCollision:
 
     def _between(self, s: int, other: int) -> Array:
         """A point (3,) where two parts meet, or half-way between them."""
-        result = coal.DistanceResult()
-        coal.distance(*self._part(s), *self._part(other), coal.DistanceRequest(), result)
+        result = nearest(*self._part(s), *self._part(other))
         return np.asarray((result.getNearestPoint1() + result.getNearestPoint2()) / 2)
 
 
@@ -409,7 +409,7 @@ def arm_joint(model: pin.Model, joint_ids: list[int], joint: int) -> int:
     return joint_ids.index(joint) if joint != 0 else -1
 
 
-@functools.lru_cache(maxsize=_REMEMBERED)
+@remembered_with("body", most=_REMEMBERED)
 def _flat_arm(
     robot: Robot,
     arm: Arm,

@@ -12,7 +12,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
-import coal
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
@@ -28,6 +27,7 @@ from placement_planner_ros.core.collision.pair_tables import (
 from placement_planner_ros.core.collision.shapes import Shape
 from placement_planner_ros.core.collision.spheres import SphereTree, bounding_sphere, sphere_trees
 from placement_planner_ros.core.reach.kinematics import Chain
+from placement_planner_ros.core.robot.surface import Solid
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
 
@@ -146,7 +146,7 @@ class Part:
     """A piece of geometry of a body, in the world with all arm joints at zero."""
 
     shape: Shape
-    geometry: coal.CollisionGeometry
+    geometry: Solid
     T_world_part: pin.SE3
 
 

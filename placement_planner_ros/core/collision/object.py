@@ -18,6 +18,7 @@ from placement_planner_ros.core.collision.object_kernels import (
 from placement_planner_ros.core.collision.object_solids import object_arrays, object_solids
 from placement_planner_ros.core.collision.separation import FREE
 from placement_planner_ros.core.reach.kinematics import kernel_input
+from placement_planner_ros.core.robot.surface import meet
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import LEVEL, Array, Slope
 
@@ -118,8 +119,6 @@ class ObjectCollision:
         the boxes near.
         """
         margin = self.settings.collision_margin + self.settings.approach_stray
-        request = coal.CollisionRequest()
-        request.security_margin = margin
         hit: set[int] = set()
         for solid in self._solids:
             at_rest = solid.corners @ T_world_object[:3, :3].T + T_world_object[:3, 3]
@@ -138,7 +137,7 @@ class ObjectCollision:
                 for k in rows[:: max(1, len(rows) // _LOOKED_AT)].tolist():
                     at = coal.Transform3s(np.eye(3), (corners[k, :3] + corners[k, 3:]) / 2)
                     box = coal.Box(corners[k, 3:] - corners[k, :3])
-                    if coal.collide(solid.geometry, T, box, at, request, coal.CollisionResult()):
+                    if meet(solid.geometry, T, box, at, margin):
                         hit.add(first + k)
         return np.array(sorted(hit), dtype=np.int64)
 

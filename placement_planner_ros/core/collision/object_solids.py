@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -13,14 +14,20 @@ import pinocchio as pin
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.body.convex_part import ConvexPart
+from placement_planner_ros.core.body.covered_mesh import CoveredMesh
+from placement_planner_ros.core.collision.mesh_shapes import kept_shape
+from placement_planner_ros.core.collision.meshes import tree_order
 from placement_planner_ros.core.collision.object_kernels import ObjectArrays
-from placement_planner_ros.core.collision.shapes import ConvexSet, Shape, covered_mesh
+from placement_planner_ros.core.collision.shapes import ConvexSet, Shape
 from placement_planner_ros.core.errors import GraspError
+from placement_planner_ros.core.remembering import remembered_with
 from placement_planner_ros.core.robot.arm import Arm
-from placement_planner_ros.core.robot.geometry import triangle_geometry
 from placement_planner_ros.core.robot.model import Robot
-from placement_planner_ros.core.robot.overlap import Overlaps
+from placement_planner_ros.core.robot.overlap import Overlaps, outermost, triangles_of
+from placement_planner_ros.core.robot.surface import PIECE, Solid, Surface
 from placement_planner_ros.core.types import Array
+
+Indices = npt.NDArray[np.int64]
 
 _MANY = 20_000
 """Triangles up to which looking for a depth takes some tens of milliseconds."""
@@ -29,45 +36,66 @@ _ROUGH = 1e-3
 """Metres that a depth in words may be wrong by at either side of a mesh with more of them."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class ObjectSolid:
     """A piece of the object, in its frame.
 
     Attributes:
         shape: for the kernels.
         geometry: for coal, to which a mesh is a surface.
-        rough: `geometry`, or where that has more than `_MANY` triangles, fewer that are nowhere
-            further from it than `_ROUGH`; for depths that are only told.
         corners: (n, 3) whose hull holds it.
-        around: (t, 3, 3) triangles of a closed mesh; None where it is convex or a sheet.
+        mesh: None where it is convex.
     """
 
     shape: Shape
-    geometry: coal.CollisionGeometry
-    rough: coal.CollisionGeometry
+    geometry: Solid
     corners: Array
-    around: Array | None = None
+    mesh: CoveredMesh | None = None
+
+    @property
+    def around(self) -> Array | None:
+        """(t, 3, 3) triangles of a closed mesh; None where it is convex or a sheet."""
+        closed = self.mesh is not None and self.mesh.cover.closed
+        return triangles_of(self.geometry) if closed else None
+
+    @functools.cached_property
+    def rough(self) -> Solid:
+        """`geometry`, or where that has more than `_MANY` triangles, fewer that are nowhere further
+        from it than `_ROUGH`; for depths that are only told."""
+        if self.mesh is None or len(self.mesh.triangles) <= _MANY:
+            return self.geometry
+        vertices, rows = rounded_mesh(self.mesh.vertices, self.mesh.triangles, _ROUGH)
+        corners = vertices[rows]
+        order, first = tree_order(corners.mean(axis=1), PIECE)
+        assert isinstance(self.geometry, Surface)
+        return Surface(corners[order], first, self.geometry.connected)
 
 
-@functools.lru_cache(maxsize=4)
+@remembered_with("body")
 def object_solids(body: Body) -> tuple[ObjectSolid, ...]:
     """The convex pieces, each for itself, and all others together."""
     solids = []
     for part in body.solids:
         convex = coal_convex(part.vertices, part.triangles)
-        solids.append(ObjectSolid(Shape((part_set(part),)), convex, convex, part.vertices))
+        convex.computeLocalAABB()
+        solids.append(ObjectSolid(Shape((part_set(part),)), convex, part.vertices))
     if body.mesh is not None:
-        vertices, triangles = body.mesh.vertices, body.mesh.triangles
-        shape = covered_mesh(body.mesh.cover, vertices, triangles)
-        geometry = triangle_geometry(vertices, triangles)
-        around = vertices[triangles] if body.mesh.cover.closed else None
-        rough = geometry
-        if len(triangles) > _MANY:
-            rough = triangle_geometry(*rounded_mesh(vertices, triangles, _ROUGH))
-        solids.append(ObjectSolid(shape, geometry, rough, vertices, around))
-    for solid in solids:
-        solid.geometry.computeLocalAABB()
+        shape = kept_shape(body.mesh.cover, body.mesh.vertices, body.mesh.triangles)
+        solids.append(ObjectSolid(shape, _surface(shape, body.mesh), body.mesh.vertices, body.mesh))
     return tuple(solids)
+
+
+def _surface(shape: Shape, mesh: CoveredMesh) -> Surface:
+    """A mesh for coal, in pieces of whole leaves of its tree."""
+    assert shape.mesh is not None
+    corners, leaves = shape.mesh.corners.reshape(-1, 3, 3), shape.mesh.leaves
+    pieces = 1
+    while len(corners) > pieces * PIECE:
+        pieces *= 2
+    connected = [
+        outermost(mesh.vertices[first:end]) for first, end in itertools.pairwise(mesh.pieces)
+    ]
+    return Surface(corners, leaves[:: max(1, (len(leaves) - 1) // pieces)], connected)
 
 
 def object_arrays(body: Body) -> ObjectArrays:
@@ -77,30 +105,36 @@ def object_arrays(body: Body) -> ObjectArrays:
     return ObjectArrays.of(convex, None if body.mesh is None else shapes[-1])
 
 
-@functools.lru_cache(maxsize=4)
+@remembered_with("body", most=4)
 def object_overlaps(robot: Robot, body: Body) -> Overlaps:
     """How the robot's geometries overlap the object's solids, which follow them in number."""
     links = [thing.geometry for thing in robot.geometry.geometryObjects]
     solids = object_solids(body)
     return Overlaps(
         [*links, *(solid.geometry for solid in solids)],
-        rough=[*links, *(solid.rough for solid in solids)],
+        rough=lambda: [*links, *(solid.rough for solid in solids)],
     )
 
 
-def rounded_mesh(
-    vertices: Array, triangles: npt.NDArray[np.int64], most: float
-) -> tuple[Array, npt.NDArray[np.int64]]:
+def rounded_mesh(vertices: Array, triangles: Indices, most: float) -> tuple[Array, Indices]:
     """A mesh (n, 3), (t, 3) whose vertices are moved by no more than `most` metres onto a grid;
     triangles that become a line, a point or one another are left out."""
     side = 2.0 * most / np.sqrt(3.0)
-    cells, index = np.unique(np.rint(vertices / side), axis=0, return_inverse=True)
-    rows = index.reshape(-1)[triangles]
+    cells = np.rint(vertices / side).astype(np.int64)
+    first, index = _unlike(cells - cells.min(axis=0))
+    rows = index[triangles]
     rows = rows[(rows != np.roll(rows, 1, axis=1)).all(axis=1)]
     # Turned so that the least comes first: the same triangle, facing the same way, is the same row.
     least = rows.argmin(axis=1)[:, None]
-    rows = np.unique(np.take_along_axis(rows, (least + np.arange(3)) % 3, axis=1), axis=0)
-    return cells * side, rows
+    rows = np.take_along_axis(rows, (least + np.arange(3)) % 3, axis=1)
+    return cells[first] * side, rows[_unlike(rows)[0]]
+
+
+def _unlike(rows: Indices) -> tuple[Indices, Indices]:
+    """Of rows (n, 3) of numbers from 0 to 2²⁰ the first of each kind, and the kind of each."""
+    keys = rows @ np.array([1 << 40, 1 << 20, 1])
+    _, first, kind = np.unique(keys, return_index=True, return_inverse=True)
+    return first, kind.reshape(-1)
 
 
 def object_in_hand(arm: Arm, grasp: int, depths: Mapping[str, float]) -> GraspError:

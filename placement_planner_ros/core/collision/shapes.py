@@ -53,7 +53,7 @@ class ConvexSet:
         object.__setattr__(self, "offsets", frozen_array(self.offsets, (-1,)))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class Shape:
     """One collision geometry.
 

@@ -21,6 +21,7 @@ from placement_planner_ros.core.collision.meshes import mesh_arrays
 from placement_planner_ros.core.collision.shapes import ConvexSet, Shape
 from placement_planner_ros.core.kept_files import Arrays, kept_arrays, version_of
 from placement_planner_ros.core.kernels import kernel
+from placement_planner_ros.core.remembering import remembered_with
 from placement_planner_ros.core.types import Array, frozen_array
 
 _PAD = 1e-9
@@ -51,7 +52,7 @@ class SphereTree:
     excess: float
 
 
-@functools.lru_cache(maxsize=512)
+@remembered_with("shape", most=8)
 def sphere_trees(shape: Shape, excess: float) -> tuple[SphereTree, ...]:
     """Cover each set of a shape; what takes long is kept on disk.
 

@@ -94,6 +94,7 @@ def advice(search: Search) -> tuple[list[Remedy], list[str]]:
     remedies += [
         Remedy("require_at_least", f"lower it: {words} is asked, {reached} the most that was seen"),
         Remedy("require_terms", f"leave out {' or '.join(terms)}"),
+        *_turned_otherwise(search, terms),
     ]
     return remedies, [f"of {len(seen)} poses looked at again {reached} was the most"]
 
@@ -113,8 +114,19 @@ def too_low(search: Search) -> tuple[str, list[Remedy]]:
         [
             Remedy("require_at_least", f"lower it: no pose has more than {reached}"),
             Remedy("require_terms", f"leave out {' or '.join(low)}"),
+            *_turned_otherwise(search, low),
         ],
     )
+
+
+def _turned_otherwise(search: Search, terms: list[str]) -> list[Remedy]:
+    """Rules within which all poses are turned, where they are not turned like near_pose."""
+    turns = search.poses.turns
+    if turns is None or "turn" not in terms:
+        return []
+    given = {"object.front": turns.settings.front, "object.up": turns.settings.up}
+    words = "leave it out: poses are turned as it asks, and turn is measured of those"
+    return [Remedy(name, words) for name, direction in given.items() if direction]
 
 
 def _up_tolerance(search: Search) -> str:

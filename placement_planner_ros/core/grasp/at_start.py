@@ -31,11 +31,13 @@ from placement_planner_ros.core.collision.object_solids import (
     object_solids,
 )
 from placement_planner_ros.core.errors import GraspError, PlacementPlannerError, StartError, listed
+from placement_planner_ros.core.remembering import remembered_with
 from placement_planner_ros.core.robot.allowed_pairs import pair, srdf_line
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.robot.overlap import Overlaps, winding_number
+from placement_planner_ros.core.robot.surface import Solid, meet
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import Array
 
@@ -51,7 +53,7 @@ FILTER_ITSELF = (
 _MOST_PRESSED = 0.006
 """Metres that a link which holds the object may lie in it, as joint states, meshes and what gives
 way may have it, without a word."""
-_Thing = tuple[str, coal.CollisionGeometry, coal.Transform3s, Array | None]
+_Thing = tuple[str, Solid, coal.Transform3s, Array | None]
 """A name, a shape at its place, and what triangles enclose its inside, where it is a surface."""
 _NAMED = 3
 """Pairs of links that are named at most."""
@@ -184,7 +186,7 @@ def deep_fingers(
     return _deep_fingers(robot, arms, q.round(4).tobytes(), body)
 
 
-@lru_cache(maxsize=16)
+@remembered_with("body", most=16)
 def _deep_fingers(
     robot: Robot, arms: tuple[Arm, ...], q_bytes: bytes, body: Body
 ) -> tuple[str, ...]:
@@ -299,7 +301,7 @@ class _Placed:
         names, met = self._robot.geometry_links, []
         for a, b in pairs[near].tolist():
             (first, T_first), (second, T_second) = self._solids[a], self._solids[b]
-            if _meets(first, T_first, second, T_second, margin) or self._overlaps.nested(
+            if meet(first, T_first, second, T_second, margin) or self._overlaps.nested(
                 a, b, self._places[a], self._places[b]
             ):
                 met.append((names[a], names[b]))
@@ -335,7 +337,7 @@ class _Placed:
             for i in np.flatnonzero(away <= self._radii + overlaps.radii[j]).tolist():
                 link = self._robot.geometry_links[i]
                 if link in arm.touch_links:
-                    depth = overlaps.depth_in_words(i, j, self._places[i], T)
+                    depth = overlaps.depth_in_words(i, j, self._places[i], T, _MOST_PRESSED)
                     if depth > _MOST_PRESSED:
                         deep[link] = max(depth, deep.get(link, 0.0))
         if not deep:
@@ -375,7 +377,7 @@ class _Placed:
                         if depth > 0.0:
                             depths[link] = max(depth, depths.get(link, 0.0))
                     elif not met and (
-                        _meets(part.geometry, place, solid, T_solid, kept)
+                        meet(part.geometry, place, solid, T_solid, kept)
                         or overlaps.nested(i, j, self._places[i], T)
                     ):
                         met = link
@@ -451,25 +453,12 @@ def _first_met(
     for (low, high), (name, thing, T, around) in zip(bounds, things, strict=True):
         for box in corners[((corners[:, :3] <= high) & (corners[:, 3:] >= low)).all(axis=1)]:
             at = coal.Transform3s(np.eye(3), (box[:3] + box[3:]) / 2)
-            if _meets(thing, T, coal.Box(box[3:] - box[:3]), at, margin) or _encloses(
+            if meet(thing, T, coal.Box(box[3:] - box[:3]), at, margin) or _encloses(
                 around, T, (box[:3] + box[3:]) / 2
             ):
                 x, y, z = (box[:3] + box[3:]) / 2
                 return f"{name} meets the environment at ({x:.3f}, {y:.3f}, {z:.3f})"
     return ""
-
-
-def _meets(
-    a: coal.CollisionGeometry,
-    T_a: coal.Transform3s,
-    b: coal.CollisionGeometry,
-    T_b: coal.Transform3s,
-    margin: float,
-) -> bool:
-    """Whether two shapes are closer than `margin` metres."""
-    request = coal.CollisionRequest()
-    request.security_margin = margin
-    return bool(coal.collide(a, T_a, b, T_b, request, coal.CollisionResult()))
 
 
 def _encloses(triangles: Array | None, T: coal.Transform3s, point: Array) -> bool:

@@ -7,7 +7,6 @@ leads a link of the hand through the object.
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Iterator
 
 import numpy as np
@@ -19,6 +18,7 @@ from placement_planner_ros.core.collision.object_solids import object_overlaps
 from placement_planner_ros.core.errors import GraspError
 from placement_planner_ros.core.grasp.hand_opening import check_opening
 from placement_planner_ros.core.grasp.settings import PARTING, RetreatSettings
+from placement_planner_ros.core.remembering import remembered_with
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
@@ -70,7 +70,7 @@ def check_leaving(moving: MovingArm, held: Held, settings: RetreatSettings) -> N
     )
 
 
-@functools.lru_cache(maxsize=64)
+@remembered_with("body", most=64)
 def _hindrances(
     robot: Robot, arm: Arm, grasp: int, body: Body, q_bytes: bytes, settings: RetreatSettings
 ) -> tuple[Hindrance, ...]:

@@ -19,10 +19,11 @@ from placement_planner_ros.core.collision.object_solids import (
 from placement_planner_ros.core.errors import GraspError, RobotError
 from placement_planner_ros.core.grasp.hand_sweep import revolute
 from placement_planner_ros.core.grasp.settings import PARTING
+from placement_planner_ros.core.remembering import remembered_with
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
-from placement_planner_ros.core.robot.overlap import Overlaps
+from placement_planner_ros.core.robot.overlap import Overlaps, is_mesh
 from placement_planner_ros.core.stopping import step
 
 _TRAVEL = 1e-3
@@ -99,7 +100,7 @@ Depths = tuple[tuple[str, float], ...]
 """Links, and metres."""
 
 
-@functools.lru_cache(maxsize=64)
+@remembered_with("body", most=64)
 def _pushes(robot: Robot, arm: Arm, grasp: int, body: Body, q_bytes: bytes) -> Depths:
     """Which links get how much deeper into the object than they begin, beyond `_DEEPER`."""
     at = robot.link_pose(np.frombuffer(q_bytes), arm.tip_frame) * arm.grasps[grasp]
@@ -108,7 +109,7 @@ def _pushes(robot: Robot, arm: Arm, grasp: int, body: Body, q_bytes: bytes) -> D
     for finger in _fingers(robot, arm, q_bytes):
         for number, solid in enumerate(object_solids(body), first):
             meshes = (finger.geometry, solid.geometry)
-            if any(isinstance(each, coal.BVHModelBase) for each in meshes):
+            if any(is_mesh(each) for each in meshes):
                 depth = _mesh_deeper(finger, overlaps, number, at)
             else:
                 depth = _deeper(finger, solid.geometry, at)
@@ -117,7 +118,7 @@ def _pushes(robot: Robot, arm: Arm, grasp: int, body: Body, q_bytes: bytes) -> D
     return tuple(deepest.items())
 
 
-@functools.lru_cache(maxsize=64)
+@remembered_with("body", most=64)
 def _stuck(robot: Robot, arm: Arm, grasp: int, body: Body, q_bytes: bytes) -> Depths:
     """Which links lie how deep in the object when the hand is open, beyond `_MOST_STUCK`."""
     q = robot.with_open_hand(np.frombuffer(q_bytes), arm)
@@ -201,7 +202,7 @@ def _fingers(robot: Robot, arm: Arm, q_bytes: bytes) -> tuple[_Finger, ...]:
         travel = max(float(np.linalg.norm(way.translation)) for way in ways) + turned * reach
         if travel > _STILL:
             places = tuple(frame[thing.parentJoint] * thing.placement for frame in frames)
-            slides = turned < _STILL and not isinstance(thing.geometry, coal.BVHModelBase)
+            slides = turned < _STILL and not is_mesh(thing.geometry)
             fingers.append(_Finger(i, link, thing.geometry, places, travel, slides))
     return tuple(fingers)
 

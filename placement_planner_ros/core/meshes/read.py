@@ -37,7 +37,16 @@ def read_mesh(path: Path) -> tuple[Array, Triangles]:
         Exception: whatever else loaders raise at what they are given.
     """
     check_header(path)
-    vertices, triangles = _contents(path.suffix.lower(), path.read_bytes())
+    return mesh_of(path.suffix.lower(), path.read_bytes())
+
+
+def mesh_of(suffix: str, data: bytes) -> tuple[Array, Triangles]:
+    """`read_mesh` of a file's contents whose header was looked at.
+
+    Args:
+        suffix: of its name, in lower case, with the dot.
+    """
+    vertices, triangles = _contents(suffix, data)
     if len(triangles) == 0:
         raise ValueError("it holds no triangles")
     if triangles.min() < 0 or triangles.max() >= len(vertices):

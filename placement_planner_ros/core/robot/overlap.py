@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import coal
@@ -13,6 +13,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from placement_planner_ros.core.body.mesh_components import alike
+from placement_planner_ros.core.robot.surface import Solid, Surface, contact, meet
 from placement_planner_ros.core.types import Array
 
 _MOST_PIECES = 32
@@ -49,24 +50,22 @@ class Overlaps:
         centers, radii: (n, 3), (n,) balls around them, each in its own frame, metres.
 
     Args:
-        rough: the same shapes, meshes of them with fewer triangles, for `depth_in_words`; the
+        rough: makes the same shapes, meshes of them with fewer triangles, for `depth_in_words`; the
             shapes themselves unless given.
     """
 
     def __init__(
-        self,
-        shapes: Sequence[coal.CollisionGeometry],
-        rough: Sequence[coal.CollisionGeometry] | None = None,
+        self, shapes: Sequence[Solid], rough: Callable[[], Sequence[Solid]] | None = None
     ) -> None:
         self.shapes = list(shapes)
-        self._rough = self if rough is None else Overlaps(rough)
+        self._make_rough = rough
         for shape in self.shapes:
             shape.computeLocalAABB()
         self.centers = np.array([shape.aabb_center for shape in self.shapes]).reshape(-1, 3)
         self.radii = np.array([shape.aabb_radius for shape in self.shapes])
-        self._request = coal.CollisionRequest()
         self._pieces: dict[int, tuple[Piece, ...]] = {}
         self._triangles: dict[int, Array] = {}
+        self._rough: Overlaps | None = None
 
     def near(self, rows: npt.NDArray[np.int64], placements: list[pin.SE3]) -> Array:
         """Of which rows (n, 2 or more) the balls around both shapes meet; others cannot overlap."""
@@ -84,7 +83,8 @@ class Overlaps:
 
     def meet(self, i: int, j: int, T_i: pin.SE3, T_j: pin.SE3) -> bool:
         """Whether shapes i and j overlap where they are placed."""
-        return self._collide(i, j, T_i, T_j) or self.nested(i, j, T_i, T_j)
+        touch = meet(self.shapes[i], _at(T_i), self.shapes[j], _at(T_j))
+        return touch or self.nested(i, j, T_i, T_j)
 
     def depth(
         self, i: int, j: int, T_i: pin.SE3, T_j: pin.SE3, resolution: float = _RESOLUTION
@@ -117,36 +117,36 @@ class Overlaps:
             least = min(least, far)
         return least
 
-    def depth_in_words(self, i: int, j: int, T_i: pin.SE3, T_j: pin.SE3) -> float:
-        """`depth` of the rough shapes; whether it is more than zero is told of the shapes."""
+    def depth_in_words(
+        self, i: int, j: int, T_i: pin.SE3, T_j: pin.SE3, beyond: float = 0.0
+    ) -> float:
+        """`depth` of the rough shapes; whether it is more than zero is told of the shapes.
+
+        Args:
+            beyond: metres; what is no deeper counts as zero, which is found sooner.
+        """
         if not self.meet(i, j, T_i, T_j):
             return 0.0
+        if beyond > 0.0 and any(not self.meet(i, j, T_i, moved) for moved in _moved(T_j, beyond)):
+            return 0.0
+        if self._rough is None:
+            self._rough = self if self._make_rough is None else Overlaps(self._make_rough())
         return max(self._rough.depth(i, j, T_i, T_j), _RESOLUTION)
 
     def place(self, i: int, j: int, T_i: pin.SE3, T_j: pin.SE3) -> Array:
         """(3,) a point at which two shapes that overlap do so."""
-        request, result = coal.CollisionRequest(), coal.CollisionResult()
-        request.enable_contact = True
-        at_i = coal.Transform3s(T_i.rotation, T_i.translation)
-        at_j = coal.Transform3s(T_j.rotation, T_j.translation)
-        coal.collide(self.shapes[i], at_i, self.shapes[j], at_j, request, result)
-        if result.numContacts():
-            return np.array(result.getContact(0).pos)
+        found = contact(self.shapes[i], _at(T_i), self.shapes[j], _at(T_j))
+        if found is not None:
+            return found
         smaller, T = (i, T_i) if self.radii[i] < self.radii[j] else (j, T_j)
         return np.asarray(T.act(self.centers[smaller]))
-
-    def _collide(self, i: int, j: int, T_i: pin.SE3, T_j: pin.SE3) -> bool:
-        result = coal.CollisionResult()
-        at_i = coal.Transform3s(T_i.rotation, T_i.translation)
-        at_j = coal.Transform3s(T_j.rotation, T_j.translation)
-        return bool(coal.collide(self.shapes[i], at_i, self.shapes[j], at_j, self._request, result))
 
     def nested(self, i: int, j: int, T_i: pin.SE3, T_j: pin.SE3) -> bool:
         """Whether one holds a piece of the other, their surfaces being apart."""
         return self._holds(i, j, T_i.actInv(T_j)) or self._holds(j, i, T_j.actInv(T_i))
 
     def _holds(self, outer: int, inner: int, T_outer_inner: pin.SE3) -> bool:
-        if not isinstance(self.shapes[outer], coal.BVHModelBase):
+        if not is_mesh(self.shapes[outer]):
             return False  # a solid: coal has answered
         box = self.shapes[outer].aabb_local
         lower, upper = np.asarray(box.min_), np.asarray(box.max_)
@@ -168,19 +168,33 @@ class Overlaps:
 
     def _pieces_of(self, i: int) -> tuple[Piece, ...]:
         if i not in self._pieces:
-            mesh = isinstance(self.shapes[i], coal.BVHModelBase)
-            self._pieces[i] = (
-                _pieces(self._triangles_of(i)) if mesh else (Piece(self.centers[i : i + 1]),)
-            )
+            shape = self.shapes[i]
+            if isinstance(shape, Surface):
+                self._pieces[i] = tuple(map(Piece, shape.connected))
+            elif is_mesh(shape):
+                self._pieces[i] = _pieces(self._triangles_of(i))
+            else:
+                self._pieces[i] = (Piece(self.centers[i : i + 1]),)
         return self._pieces[i]
 
 
-def triangles_of(mesh: coal.BVHModelBase) -> Array:
+def is_mesh(shape: Solid) -> bool:
+    """Whether it is a surface, which to coal has no inside."""
+    return isinstance(shape, (coal.BVHModelBase, Surface))
+
+
+def triangles_of(mesh: coal.BVHModelBase | Surface) -> Array:
     """(t, 3, 3) corners of a mesh's triangles, metres."""
+    if isinstance(mesh, Surface):
+        return mesh.corners
     vertices = np.array(mesh.vertices()).reshape(-1, 3)
     rows = (mesh.tri_indices(k) for k in range(mesh.num_tris))
     indices = np.array([[t[0], t[1], t[2]] for t in rows], dtype=np.int64).reshape(-1, 3)
     return np.asarray(vertices[indices])
+
+
+def _at(T: pin.SE3) -> coal.Transform3s:
+    return coal.Transform3s(T.rotation, T.translation)
 
 
 def winding_number(point: Array, triangles: Array) -> float:
@@ -205,12 +219,17 @@ def _pieces(triangles: Array) -> tuple[Piece, ...]:
     order = np.argsort(label, kind="stable")
     parts = np.split(order, np.cumsum(np.bincount(label, minlength=number))[:-1])
     parts.sort(key=lambda rows: -len(rows))
-    directions = _directions()
-    found = []
-    for rows in parts[:_MOST_PIECES]:
-        outermost = np.unique((points[rows] @ directions.T).argmax(axis=0))
-        found.append(Piece(points[rows][outermost]))
-    return tuple(found)
+    return tuple(Piece(outermost(points[rows])) for rows in parts[:_MOST_PIECES])
+
+
+def outermost(points: Array) -> Array:
+    """Those (k, 3) of points (n, 3) that are outermost in some direction."""
+    return np.asarray(points[np.unique((points @ _directions().T).argmax(axis=0))])
+
+
+def _moved(T: pin.SE3, by: float) -> Iterator[pin.SE3]:
+    """A pose moved so far, metres, in each of the directions."""
+    return (pin.SE3(T.rotation, T.translation + by * way) for way in _directions())
 
 
 def _directions() -> Array:

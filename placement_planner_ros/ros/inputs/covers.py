@@ -22,6 +22,7 @@ def cover_in(
     tolerance: float,
     began: Callable[[], None] = lambda: None,
     seconds: float = MAX_TIME,
+    failed: Callable[[], None] = lambda: None,
 ) -> Cover:
     """The cover of a mesh from disk, or made in the process and kept; the hull where that takes too
     long, or too much memory.
@@ -31,6 +32,7 @@ def cover_in(
         began: called where it is not on disk.
         seconds: of processor time that making it may take. The hull is kept, too, where that is
             not enough, so as not to try again each time.
+        failed: called where the hull stands in and is not kept.
 
     Raises:
         StoppedError: nobody wants it any more.
@@ -46,4 +48,5 @@ def cover_in(
     try:
         return kept_cover(vertices, triangles, tolerance, make)
     except (ValueError, TimeoutError):
+        failed()
         return hull_cover(vertices, triangles)

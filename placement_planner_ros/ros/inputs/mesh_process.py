@@ -25,7 +25,9 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.body.convex_cover import Cover, convex_cover
 from placement_planner_ros.core.meshes.collada import Triangles
-from placement_planner_ros.core.meshes.read import read_mesh
+from placement_planner_ros.core.meshes.digest import content_digest
+from placement_planner_ros.core.meshes.headers import check_header
+from placement_planner_ros.core.meshes.read import mesh_of
 from placement_planner_ros.core.types import Array
 
 Bytes = npt.NDArray[Any]
@@ -90,10 +92,21 @@ class MeshProcess:
             ValueError: it cannot be read; the message says why.
             StoppedError: `should_stop` said so.
         """
+        vertices, triangles, _ = self.read_with_digest(path)
+        return vertices, triangles
+
+    def read_with_digest(self, path: Path) -> tuple[Array, Triangles, bytes]:
+        """`read`, and the `content_digest` of what the file held as it was read.
+
+        Raises:
+            ValueError: it cannot be read; the message says why.
+            StoppedError: `should_stop` said so.
+        """
         head, arrays = self._ask({"path": str(path)}, [], MAX_TIME)
         vertices = np.frombuffer(arrays[: 24 * head["vertices"]])
         triangles = np.frombuffer(arrays[24 * head["vertices"] :], np.int64)
-        return vertices.reshape(-1, 3), triangles.reshape(-1, 3)
+        digest = bytes.fromhex(head["digest"])
+        return vertices.reshape(-1, 3), triangles.reshape(-1, 3), digest
 
     def cover(
         self, vertices: Array, triangles: Triangles, tolerance: float, seconds: float = MAX_TIME
@@ -193,12 +206,20 @@ def _spawn() -> subprocess.Popen[bytes]:
 
 
 def _read(request: dict[str, Any]) -> tuple[dict[str, object], list[Bytes]]:
-    vertices, triangles = read_mesh(Path(request["path"]))
+    path = Path(request["path"])
+    check_header(path)
+    suffix, data = path.suffix.lower(), path.read_bytes()
+    vertices, triangles = mesh_of(suffix, data)
     arrays = [
         np.ascontiguousarray(vertices, np.float64),
         np.ascontiguousarray(triangles, np.int64),
     ]
-    return {"vertices": len(vertices), "triangles": len(triangles)}, arrays
+    head = {
+        "vertices": len(vertices),
+        "triangles": len(triangles),
+        "digest": content_digest(suffix, data).hex(),
+    }
+    return head, arrays
 
 
 def _cover(request: dict[str, Any], given: IO[bytes]) -> tuple[dict[str, object], list[Bytes]]:

@@ -12,13 +12,14 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-from shape_msgs.msg import Mesh
 
 from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.body.body_store import body_key, keep_body, kept_body
 from placement_planner_ros.core.body.covered_mesh import MOST_SECONDS
 from placement_planner_ros.core.body.mesh import require_few
 from placement_planner_ros.core.collision.object_solids import object_solids
 from placement_planner_ros.core.errors import ObjectError, PlacementPlannerError
+from placement_planner_ros.core.meshes.digest import content_digest
 from placement_planner_ros.core.meshes.headers import check_header
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.covers import cover_in
@@ -59,8 +60,13 @@ class _Mesh:
     def key(self) -> Hashable:
         return self.digest
 
-    def arrays(self, process: MeshProcess) -> tuple[Array, npt.NDArray[np.int64]]:
-        return self.vertices, self.triangles
+    def content(self) -> bytes:
+        """A digest of what it holds, as `arrays` has it."""
+        return f"arrays {self.vertices.shape} {self.triangles.shape} ".encode() + self.digest
+
+    def arrays(self, process: MeshProcess) -> tuple[Array, npt.NDArray[np.int64], bytes]:
+        """Vertices, triangles, and `content` of them."""
+        return self.vertices, self.triangles, self.content()
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,9 +85,18 @@ class _File:
     def key(self) -> Hashable:
         return self.path, self.state
 
-    def arrays(self, process: MeshProcess) -> tuple[Array, npt.NDArray[np.int64]]:
+    def content(self) -> bytes:
+        """A digest of what it holds now, by its bytes."""
         try:
-            return process.read(self.path)
+            check_header(self.path)
+            return content_digest(self.path.suffix.lower(), self.path.read_bytes())
+        except (ValueError, OSError) as error:
+            raise ObjectError("object.mesh", str(self.path), f"cannot be read: {error}") from error
+
+    def arrays(self, process: MeshProcess) -> tuple[Array, npt.NDArray[np.int64], bytes]:
+        """Vertices, triangles, and `content` as they were read, should the file have changed."""
+        try:
+            return process.read_with_digest(self.path)
         except (ValueError, OSError) as error:
             raise ObjectError("object.mesh", str(self.path), f"cannot be read: {error}") from error
 
@@ -263,13 +278,29 @@ class ObjectInput:
         settings = parameters.body_settings
 
         def make(should_stop: ShouldStop) -> Body:
+            body = kept_body(body_key(given.content(), center, scale, settings))
+            if body is None:
+                body = anew(should_stop)
+            # Takes seconds for many triangles, and start's answer is not to wait for it.
+            object_solids(body)
+            return body
+
+        def anew(should_stop: ShouldStop) -> Body:
             with MeshProcess(should_stop) as process:
-                vertices, triangles = given.arrays(process)
+                vertices, triangles, content = given.arrays(process)
                 if should_stop():
                     raise StoppedError
                 began = partial(
                     self._tell,
                     f"cover of the object ({len(triangles):,} triangles), once for each mesh",
+                )
+                failed: list[bool] = []
+                cover = partial(
+                    cover_in,
+                    process,
+                    began=began,
+                    seconds=MOST_SECONDS,
+                    failed=partial(failed.append, True),
                 )
                 try:
                     body = Body.from_mesh(
@@ -278,13 +309,13 @@ class ObjectInput:
                         center_of_mass=np.array(center) if center else None,
                         scale=scale,
                         settings=settings,
-                        cover=partial(cover_in, process, began=began, seconds=MOST_SECONDS),
+                        cover=cover,
                     )
-                    # Takes seconds for many triangles, and start's answer is not to wait for it.
-                    object_solids(body)
-                    return body
                 finally:
                     self._tell("")
+            if not failed:
+                keep_body(body_key(content, center, scale, settings), body)
+            return body
 
         return (given.key, tuple(center), scale, settings), make
 
@@ -335,23 +366,6 @@ class ObjectInput:
         mesh = _Mesh.of(np.array(vertices, dtype=np.float64).reshape(-1, 3), faces)
         self._listed = vertices, triangles, mesh
         return mesh
-
-
-def mesh_from_message(message: Mesh) -> tuple[Array, npt.NDArray[np.int64]]:
-    """Vertices (n, 3) and triangles (t, 3) of a message.
-
-    Raises:
-        ObjectError: there are none, too many, or indices of vertices that are not there.
-    """
-    count = len(message.vertices)
-    require_few(count, len(message.triangles))
-    vertices = np.array([[p.x, p.y, p.z] for p in message.vertices], dtype=np.float64)
-    triangles = np.array([t.vertex_indices for t in message.triangles], dtype=np.int64)
-    if len(triangles) == 0:
-        raise ObjectError("~/object", f"{count} vertices", "has no triangle")
-    if triangles.max() >= count:
-        raise ObjectError("~/object", int(triangles.max()), f"there are only {count} vertices")
-    return vertices.reshape(-1, 3), triangles.reshape(-1, 3)
 
 
 def _given(parameters: ParameterSet, names: Iterable[str], otherwise: Source) -> Source:

@@ -14,7 +14,8 @@ from std_msgs.msg import String
 from placement_planner_ros.core.errors import JointStateError, PlacementPlannerError, listed
 from placement_planner_ros.ros.inputs.cloud_subscriptions import CloudSubscriptions
 from placement_planner_ros.ros.inputs.inputs import Inputs
-from placement_planner_ros.ros.inputs.object_input import NoObjectError, mesh_from_message
+from placement_planner_ros.ros.inputs.mesh_message import mesh_from_message
+from placement_planner_ros.ros.inputs.object_input import NoObjectError
 from placement_planner_ros.ros.inputs.reading import NotReadyError
 from placement_planner_ros.ros.inputs.robot_input import require_known
 from placement_planner_ros.ros.log import Log
@@ -69,7 +70,9 @@ class Reception:
             latched(String, "robot_description", self._take_description)
         if robot.follows_semantic_topic:
             latched(String, "robot_description_semantic", self._take_semantic)
-        latched(Mesh, "~/object", self._take_object)
+        node.create_subscription(
+            Mesh, "~/object", self._take_object, LATCHED, callback_group=descriptions, raw=True
+        )
         robot.reading.listen(self._tell_of_robot)
         robot.follow_progress(self._log.event)
         inputs.object.reading.listen(self._tell_of_object)
@@ -127,7 +130,7 @@ class Reception:
         if cause is not None and not isinstance(cause, expected):
             self._log.fault(f"{kind} for a fault", cause)
 
-    def _take_object(self, message: Mesh) -> None:
+    def _take_object(self, message: bytes) -> None:
         try:
             mesh = mesh_from_message(message)
         except PlacementPlannerError as error:

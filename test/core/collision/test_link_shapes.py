@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from placement_planner_ros.core import kept_files
-from placement_planner_ros.core.collision import link_shapes, spheres
+from placement_planner_ros.core.collision import link_shapes, mesh_shapes, spheres
 from placement_planner_ros.core.robot.model import Robot
 
 LINK = """<link name="{0}"><collision><geometry><mesh filename="ring.stl"/></geometry></collision>
@@ -22,7 +22,7 @@ def robot(monkeypatch, tmp_path):
     trimesh.creation.annulus(0.1, 0.15, 0.04, sections=12).export(tmp_path / "ring.stl")
     monkeypatch.setattr(kept_files, "kept_folder", lambda: tmp_path / "kept")
     made = []
-    for module, name in ((link_shapes, "covered_mesh"), (spheres, "_tree")):
+    for module, name in ((mesh_shapes, "covered_mesh"), (spheres, "_tree")):
         original = getattr(module, name)
 
         def counted(*given, original=original, name=name):
@@ -62,7 +62,7 @@ def test_a_mesh_of_two_links_is_one_shape_and_made_once_for_all_processes(robot)
     assert made == ["covered_mesh"]
     same(again, first)
     cover = read().covers[0]
-    same(again, link_shapes.covered_mesh(cover, cover.mesh.vertices, cover.mesh.triangles))
+    same(again, mesh_shapes.covered_mesh(cover, cover.mesh.vertices, cover.mesh.triangles))
 
 
 def test_spheres_are_made_once_for_all_processes(robot):
@@ -84,7 +84,7 @@ def test_spheres_are_made_once_for_all_processes(robot):
 def test_a_damaged_shape_is_made_anew(robot, tmp_path):
     read, made = robot
     first = link_shapes.link_shapes(read())[0]
-    (file,) = (tmp_path / "kept" / "link-shapes").iterdir()
+    (file,) = (tmp_path / "kept" / "mesh-shapes").iterdir()
     whole = bytearray(file.read_bytes())
     whole[len(whole) // 2] ^= 1
     file.write_bytes(bytes(whole))

@@ -165,7 +165,7 @@ def test_tables_are_kept_for_the_next_process(elbow, monkeypatch, tmp_path):
     tables = []
     for _ in range(2):
         pair_tables.pair_tables.cache_clear()
-        arm._flat_arm.cache_clear()
+        arm._flat_arm.forget()
         tables.append(checker_for(*elbow)._flat.arrays.tables)
     assert len(made) == 1
     assert (tables[0].apart == tables[1].apart).all()

@@ -176,15 +176,17 @@ def test_depth_is_how_far_shapes_must_be_moved_apart(apart):
 
 
 def test_depth_in_words_is_of_rough_shapes_and_whether_there_is_any_of_the_shapes():
-    def depth(height, rough_height, up):
+    def depth(height, rough_height, up, beyond=0.0):
         shapes, rough = ([coal.Box(0.1, 0.1, h)] * 2 for h in (height, rough_height))
-        overlaps = Overlaps(shapes, rough=rough)
+        overlaps = Overlaps(shapes, rough=lambda: rough)
         shift = pin.SE3(np.eye(3), np.array([0.03, 0.0, up]))
-        return overlaps.depth_in_words(0, 1, pin.SE3.Identity(), shift)
+        return overlaps.depth_in_words(0, 1, pin.SE3.Identity(), shift, beyond)
 
     assert depth(0.02, 0.021, 0.01) == pytest.approx(0.011, abs=6e-4)
     assert depth(0.02, 0.019, 0.0195) > 0.0
     assert depth(0.02, 0.021, 0.0205) == 0.0
+    assert depth(0.02, 0.021, 0.01, beyond=0.0098) == pytest.approx(0.011, abs=6e-4)
+    assert depth(0.02, 0.021, 0.01, beyond=0.0102) == 0.0
 
 
 def test_winding_numbers_tell_inside_from_outside_and_sheets_from_solids():

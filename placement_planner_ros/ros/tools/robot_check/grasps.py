@@ -15,6 +15,7 @@ from placement_planner_ros.core.grasp.at_start import faults_at_start, tilts_at_
 from placement_planner_ros.core.grasp.hand_leaving import check_letting_go
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
+from placement_planner_ros.core.robot.surface import nearest
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.tools.robot_check.findings import Findings
 from placement_planner_ros.ros.tools.robot_check.subject import Subject
@@ -131,10 +132,8 @@ def touched(robot: Robot, arm: Arm, grasp: int, body: Body, q: Array) -> Touch:
             apart = float(np.linalg.norm(center - T.act(overlaps.centers[j])))
             if apart > overlaps.radii[i] + overlaps.radii[j] + 0.1:
                 continue
-            far = coal.distance(
-                solid, place, shape, coal.Transform3s(at.rotation, at.translation),
-                coal.DistanceRequest(), coal.DistanceResult(),
-            )  # fmt: skip
+            there = coal.Transform3s(at.rotation, at.translation)
+            far = nearest(solid, place, shape, there).min_distance
             if far > 0.0 and overlaps.nested(i, j, at, T):
                 far = 0.0
             near[link] = min(near.get(link, np.inf), max(float(far), 0.0))
