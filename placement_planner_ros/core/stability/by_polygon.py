@@ -13,10 +13,12 @@ from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.scene.spans import Footprint, spans
-from placement_planner_ros.core.stability.by_vertices import LEANS, NOISY
+from placement_planner_ros.core.stability.by_vertices import LEANS
 from placement_planner_ros.core.stability.footing import Footing
 from placement_planner_ros.core.types import Array, Slope, upright
 
+_NOISY = 1.0
+"""Times the noise of the points that heights of what carries, maybe a thin bar, may differ by."""
 TIPS = math.radians(5.0)
 """By so much, at least, an object can be tipped before it falls, from how it stands."""
 
@@ -101,7 +103,7 @@ class PolygonSupport:
                 np.ascontiguousarray(ups),
                 float(self.heights[face]),
                 self.footing.support_margin,
-                NOISY * environment.measured.noise,
+                _NOISY * environment.measured.noise,
                 added,
             )
         )

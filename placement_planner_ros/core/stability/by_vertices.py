@@ -15,12 +15,13 @@ from placement_planner_ros.core.types import LEVEL, Array, Slope
 
 LEANS = 0.025
 """Of the surface under an object against its contact plane, at most; 1.4 degrees."""
-NOISY = 1.0
-"""Times the noise of the points that heights at two ends of an object may differ by."""
+_NOISY = 0.4
+"""Times the noise of the points that heights at two ends of an object may differ by: surfaces lie
+where many points do, so that they are told much better than each of these."""
 _ROCKS = 2.0 * math.sqrt(2.0)
 """Times the spread of heights about their plane, over the width, by which an object rocks: of four
 corners of a square one that is lower by d leaves d/2 of spread, and is d over the half diagonal."""
-_SCATTER = 2.0
+_SCATTER = 0.6
 """Times the noise that heights may spread about their plane by."""
 
 
@@ -77,7 +78,7 @@ def in_one_plane(points: Array, gaps: Array, noise: float) -> npt.NDArray[np.boo
     falls = np.einsum("nki,nk->ni", xy, off)
     slope = np.linalg.solve(spread, falls[..., None])[..., 0]
     narrowest = 2.0 * np.sqrt(np.linalg.eigvalsh(spread)[:, 0] / points.shape[1])
-    even = np.linalg.norm(slope, axis=1) <= LEANS + NOISY * noise / narrowest
+    even = np.linalg.norm(slope, axis=1) <= LEANS + _NOISY * noise / narrowest
     left = np.ptp(off - np.einsum("nki,ni->nk", xy, slope), axis=1)
     return np.asarray(even & (left <= LEANS * narrowest / _ROCKS + _SCATTER * noise))
 

@@ -1,6 +1,7 @@
 """Flying pixels go, and what is really there stays, however thin."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,9 +17,11 @@ from placement_planner_ros.core.types import Verdict
 from placement_planner_ros.experiments.cases import Case, make_problem
 from placement_planner_ros.scenes.clouds import (
     CameraNoise,
+    DepthCamera,
     camera_clouds,
     complete_cloud,
 )
+from placement_planner_ros.scenes.primitives import standing_box
 from placement_planner_ros.scenes.scenes import SCENE_NAMES, scene_by_name
 
 FOCAL = 340.0
@@ -167,6 +170,74 @@ def test_among_some_points_those_are_told_that_are_among_all():
     assert told.sum() >= 0.95 * gone[rows].sum() > 50
 
 
+def boxes(*sizes_and_centres):
+    """Upright boxes: length, width, height, and where their middle is on the floor."""
+    return [
+        standing_box(f"box {i}", (length, width, height), (x, y), 0.0, 0.0, GREY)
+        for i, (length, width, height, x, y) in enumerate(sizes_and_centres)
+    ]
+
+
+GREY = (0.5, 0.5, 0.5)
+LOW = {
+    "pen along the view": boxes((0.14, 0.008, 0.008, 0.8, 0.0)),
+    "pen across the view": boxes((0.008, 0.14, 0.008, 0.8, 0.0)),
+    "cable along the view": boxes((0.2, 0.005, 0.005, 0.8, 0.0)),
+    "cable across the view": boxes((0.005, 0.2, 0.005, 0.8, 0.0)),
+    "rim of a plate": boxes(
+        *(
+            (0.003, 0.03, 0.02, 0.8 + 0.09 * np.cos(t), 0.09 * np.sin(t))
+            for t in np.arange(0, 6, 0.3)
+        )
+    ),
+    "peg": boxes((0.005, 0.005, 0.02, 0.8, 0.0)),
+    "die of 10 mm": boxes((0.01, 0.01, 0.01, 0.8, 0.0)),
+    "bars of 5 mm": boxes(*((0.005, 0.2, 0.01, 0.7 + 0.025 * i, 0.0) for i in range(8))),
+}
+
+
+def floor(things, noise):
+    """Of a floor seen at 14°, 0.8 m off: points, the camera's place, and how far each one is before
+    the floor along its ray."""
+    ground = standing_box("ground", (2.0, 1.0, 0.1), (1.0, 0.0), 0.0, -0.1, GREY)
+    camera = replace(
+        DepthCamera.looking_at("camera", (0.0, 0.0, 0.2), (0.8, 0.0, 0.0)), width=161, height=121
+    )
+    seen = []
+    for parts in ([ground, *things], [ground]):
+        exact = CameraNoise(range_deviation=0.0, flying_share=0.0)
+        for made in (exact, noise):
+            [cloud] = camera_clouds(
+                SimpleNamespace(parts=parts), np.random.default_rng(0), cameras=[camera], noise=made
+            )
+            seen.append(cloud.points.reshape(-1, 3).astype(float))
+    finite = np.isfinite(np.hstack(seen)).all(axis=1)
+    exact, noisy, bare, _ = (points[finite] for points in seen)
+    before = np.linalg.norm(bare, axis=1) - np.linalg.norm(exact, axis=1)
+    T = camera.T_world_camera
+    return noisy @ T.rotation.T + T.translation, T.translation, before
+
+
+@pytest.mark.parametrize("deviation", [0.0, 0.002])
+@pytest.mark.parametrize("name", LOW)
+def test_low_things_on_a_floor_seen_at_a_flat_angle_stay(name, deviation):
+    points, eye, before = floor(LOW[name], CameraNoise(deviation, flying_share=0.0))
+    on_it = before > 1e-6
+    assert on_it.sum() >= 4
+    gone = flying_pixels(points, eye)
+    assert gone[on_it].mean() <= 0.01
+    assert gone.mean() <= 2e-4
+
+
+def test_what_flies_close_before_a_floor_seen_at_a_flat_angle_goes():
+    noise = CameraNoise(0.001, flying_share=0.0, stray_share=0.05, stray_length=0.04)
+    points, eye, _ = floor([], noise)
+    height = points[:, 2]
+    gone = flying_pixels(points, eye)
+    assert gone[height < 0.001].mean() <= 1e-3  # of these some fly, too
+    assert gone[height > 0.004].mean() >= 0.97
+
+
 def feasible_area(problem, points):
     """Of the poses of a small box on all that was found to place it on, in m²."""
     made = problem
@@ -186,19 +257,16 @@ def feasible_area(problem, points):
     return float((verdicts == Verdict.FEASIBLE).mean() * areas.sum())
 
 
-def test_five_per_cent_of_flying_pixels_leave_most_of_the_poses():
-    """Of six draws this one leaves least: 0.80."""
+def test_five_per_cent_of_flying_pixels_leave_nine_tenths_of_the_poses():
+    """Of this draw 0.99 are left, and 0.83 where floors speak for what flies before them."""
     name = "cabinet_low_clutter"
     scene = scene_by_name(name)
     problem, _ = make_problem(
         Case(name, "small_crayons_box", "maximize_clearance"), np.random.default_rng(0)
     )
-    clean = np.vstack([points for points, _ in views_of(scene, CLEAN, 1)])
-    filtered, raw = [], []
-    for points, sensor in views_of(scene, FLYING, 1):
-        raw.append(points)
-        filtered.append(points[~flying_pixels(points, sensor)])
+    clean = np.vstack([points for points, _ in views_of(scene, CLEAN, 3)])
+    seen = views_of(scene, FLYING, 3)
+    filtered = np.vstack([points[~flying_pixels(points, sensor)] for points, sensor in seen])
     possible = feasible_area(problem, clean)
     assert possible > 0.01
-    assert feasible_area(problem, np.vstack(raw)) < 0.5 * possible
-    assert feasible_area(problem, np.vstack(filtered)) >= 0.78 * possible
+    assert feasible_area(problem, filtered) >= 0.9 * possible

@@ -34,4 +34,13 @@ def test_nothing_stands_that_could_rock_by_more_than_it_may_lean(size):
     assert lean[stands].max() <= LEANS
     assert rock[stands].max() <= LEANS
     assert stands[(lean <= LEANS) & (rock <= 0.7 * LEANS)].all()
-    assert in_one_plane(points, gaps, 0.003).mean() > 0.99, "noise of 3 mm explains all of these"
+
+
+def test_noise_excuses_errors_of_surfaces_but_no_step():
+    noise, rng = 0.001, np.random.default_rng(0)
+    points = np.column_stack([0.5 * CORNERS * (0.124, 0.036), np.zeros(4)])[None]
+    errors = rng.normal(0.0, noise / 6.0, (2000, 4))
+    assert in_one_plane(np.repeat(points, 2000, axis=0), errors, noise).mean() > 0.99
+    steps = {"a corner 3 mm higher": [3.0, 0.0, 0.0, 0.0], "twisted": [0.75, -0.75, 0.75, -0.75]}
+    for name, gaps in steps.items():
+        assert not in_one_plane(points, 1e-3 * np.array([gaps]), noise)[0], name
