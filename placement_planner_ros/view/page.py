@@ -195,9 +195,14 @@ class Page:
                 for k, T in enumerate(self._holding(self._poses)):
                     self._stage.move_held(k, T)
         if self._is_new("ghost", Itself(playback)):
-            start = playback.at(0.0) if playback is not None else None
-            poses = self._world.link_poses(start.positions) if start is not None else None
-            self._stage.place_ghost(poses)
+            self._stage.place_ghost(None if playback is None else self._start_of(playback))
+            self._stage.show_label(playback is None)  # as it would be in front of the hand
+
+    def _start_of(self, playback: Playback) -> Mapping[str, pin.SE3]:
+        """Where the links that move are at the start."""
+        poses = self._world.link_poses(playback.at(0.0).positions)
+        after = self._world.link_poses(playback.at(playback.carry.duration).positions)
+        return {name: T for name, T in poses.items() if not T.isApprox(after[name], 1e-6)}
 
     def _held_anew(self, playing: bool) -> bool:
         """Draw the objects in hands anew where there are others; whether there were."""
@@ -264,7 +269,8 @@ class Page:
             poses = [pose_of(each.solution.pose.pose) for each in others]
             self._stage.draw_earlier(surface, poses)
         cell_size = float(self._world.parameter("cloud.cell_size", 0.01))
-        if self._is_new("cells", Itself(self._obstacles)):
+        # It is large and hidden at first, so that it is sent to nobody who does not ask for it.
+        if "occupancy" in self._panel.visible and self._is_new("cells", Itself(self._obstacles)):
             self._stage.draw_occupancy(self._obstacles, cell_size)
         if self._is_new("standing", self._markers.standing.tobytes()):
             self._stage.draw_standing(self._markers.standing)

@@ -84,11 +84,18 @@ class Stage:
             _move(self._links, poses)
 
     def place_ghost(self, poses: Mapping[str, pin.SE3] | None) -> None:
-        """Show the start at T_world_link, or hide it."""
+        """Show the start of these links at T_world_link, or hide all of it."""
         self._ghost.visible = poses is not None
         if poses is not None:
             with self._server.atomic():
                 _move(self._ghosts, poses)
+                for name, handle in self._ghosts.items():
+                    handle.visible = name in poses
+
+    def show_label(self, shown: bool) -> None:
+        """Show or hide the name above the placement."""
+        if "label" in self._parts:
+            self._parts["label"].visible = shown
 
     def draw_held(self, surface: Surface | None, poses: Sequence[pin.SE3], ghost: bool) -> None:
         """The object in the hand, once for each hand that could hold it.

@@ -15,6 +15,8 @@ from placement_planner_ros.experiments.speed.rows import Entry, Line, first_seco
 _MET, _MISSED, _OTHER, _PLAIN = "#009e73", "#d55e00", "#0072b2", "#777777"
 _WIDEST = 100.0
 _LABEL = 90
+_DECADES = 3.0
+"""From this many on, numbers between powers of ten would touch each other."""
 
 
 def draw(lines: Sequence[Line], entries: Sequence[Entry]) -> bytes:
@@ -37,7 +39,8 @@ def draw(lines: Sequence[Line], entries: Sequence[Entry]) -> bytes:
             axes.set_xticks([])
             axes.set_yticks([])
         elif axes.get_legend_handles_labels()[0]:
-            axes.legend(fontsize=7, loc="best")
+            # Below the axes: curves from corner to corner leave no room in them.
+            axes.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.2), frameon=False)
     return png(figure)
 
 
@@ -163,7 +166,9 @@ def _finish_latencies(axes: Axes, title: str, unit: str) -> None:
     if not axes.has_data():
         return
     axes.set_xscale("log")
-    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
+    low, high = axes.get_xlim()
+    steps = (1.0, 3.0) if math.log10(high / low) < _DECADES else (1.0,)
+    axes.xaxis.set_major_locator(LogLocator(subs=steps))
     axes.xaxis.set_major_formatter("{x:g}")
     axes.xaxis.set_minor_formatter(NullFormatter())
     axes.set_ylim(0.0, 1.02)

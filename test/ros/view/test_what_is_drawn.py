@@ -194,7 +194,9 @@ def test_the_estimate_is_the_planners_clearance_but_for_a_cell_or_two():
     up = np.arange(0.0, 0.2, 0.005)
     wall = np.stack(np.meshgrid([0.4], np.arange(0.3, 0.5, 0.005), up), -1).reshape(-1, 3)
     volume = TargetVolume([0.05, 0.05, -0.05], [0.75, 0.75, 0.3])
-    environment = Environment.from_points(np.vstack([table, wall]), volume)
+    above = [np.arange(0.05, 0.3, 0.005), np.arange(0.55, 0.75, 0.005), [0.25]]
+    board = np.stack(np.meshgrid(*above), -1).reshape(-1, 3)
+    environment = Environment.from_points(np.vstack([table, wall, board]), volume)
     boxes = environment.obstacles
     middles = (boxes.lower + boxes.upper) / 2
     layers = ObstacleLayers.of(middles, boxes.cell_size, volume.boxes, 0.0)
