@@ -36,6 +36,7 @@ def test_it_is_made_once_for_the_same_arguments(told, made):
     told("b", one, 1)
     told("a", one, 2)  # a third one
     told("a", one, 1)
+    told("a", one, 2)
     assert made[3:] == [("b", 1), ("a", 2), ("a", 1)]
     told.forget()
     told("a", other, 1)

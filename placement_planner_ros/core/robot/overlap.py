@@ -127,11 +127,12 @@ class Overlaps:
         """
         if not self.meet(i, j, T_i, T_j):
             return 0.0
-        if beyond > 0.0 and any(not self.meet(i, j, T_i, moved) for moved in _moved(T_j, beyond)):
-            return 0.0
         if self._rough is None:
             self._rough = self if self._make_rough is None else Overlaps(self._make_rough())
-        return max(self._rough.depth(i, j, T_i, T_j), _RESOLUTION)
+        rough = self._rough
+        if beyond > 0.0 and any(not rough.meet(i, j, T_i, at) for at in _moved(T_j, beyond)):
+            return 0.0
+        return max(rough.depth(i, j, T_i, T_j), _RESOLUTION)
 
     def place(self, i: int, j: int, T_i: pin.SE3, T_j: pin.SE3) -> Array:
         """(3,) a point at which two shapes that overlap do so."""

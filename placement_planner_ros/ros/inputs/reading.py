@@ -8,6 +8,7 @@ from typing import Generic, Literal, TypeVar
 
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.ros.inputs.mesh_process import StoppedError
+from placement_planner_ros.ros.process import give_memory_back
 
 Made = TypeVar("Made")
 State = Literal["none", "reading", "ready", "bad"]
@@ -162,3 +163,4 @@ class Reading(Generic[Made]):
                     self._untold.append(key)
             if wanted and listener is not None:
                 listener(key)
+            give_memory_back()

@@ -39,7 +39,8 @@ def body(name):
         mesh = trimesh.Trimesh(mesh.vertices, mesh.faces[1:], process=False)
     elif name == "ball":
         mesh = trimesh.creation.icosphere(2, 0.03)
-    return Body.from_mesh(mesh.vertices, mesh.faces, cover=halves)
+    settings = BodySettings(allow_rolling=name == "ball")
+    return Body.from_mesh(mesh.vertices, mesh.faces, cover=halves, settings=settings)
 
 
 def halves(vertices, triangles, tolerance):

@@ -185,8 +185,8 @@ def test_depth_in_words_is_of_rough_shapes_and_whether_there_is_any_of_the_shape
     assert depth(0.02, 0.021, 0.01) == pytest.approx(0.011, abs=6e-4)
     assert depth(0.02, 0.019, 0.0195) > 0.0
     assert depth(0.02, 0.021, 0.0205) == 0.0
-    assert depth(0.02, 0.021, 0.01, beyond=0.0098) == pytest.approx(0.011, abs=6e-4)
-    assert depth(0.02, 0.021, 0.01, beyond=0.0102) == 0.0
+    assert depth(0.02, 0.021, 0.01, beyond=0.0108) == pytest.approx(0.011, abs=6e-4)
+    assert depth(0.02, 0.021, 0.01, beyond=0.0112) == 0.0
 
 
 def test_winding_numbers_tell_inside_from_outside_and_sheets_from_solids():
