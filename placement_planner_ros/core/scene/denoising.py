@@ -37,6 +37,12 @@ _OTHER = 2.5
 """... without those further from it than this times the noise."""
 _REACH = 5.0
 """Points further from every plane than this times the noise are not of it."""
+_ASIDE = 2.25
+"""Points of a cell that noise alone moves by more than this times the noise are few, ..."""
+_MANY, _SHARE = 5, 0.1
+"""... fewer than so many or than this share of the cell's, ..."""
+_AGREE = 0.8
+"""... or go different ways: their mean move is less than this share of `_ASIDE`."""
 
 
 @kernel(nogil=True)
@@ -395,7 +401,8 @@ def _project(
 ) -> tuple[Array, npt.NDArray[np.bool_]]:
     """Project each point onto its cell's plane, else the nearest plane within two cells.
 
-    Points are kept within lower..upper; (n,) says which lie on a plane.
+    Points are kept within lower..upper; (n,) says which lie on a plane. Those of a cell that
+    are many, far off and go the same way stay: they are of something that stands out of the plane.
     """
     points, start = bins.points, bins.start
     moved = points.copy()
@@ -428,7 +435,38 @@ def _project(
                 for a in range(3):
                     value = moved[p, a] - distance * planes[best, 3 + a]
                     moved[p, a] = min(max(value, lower[a]), upper[a])
+        _put_back(points, moved, start[r], start[r + 1], reach / _REACH)
     return moved, explained
+
+
+@kernel(lean=True)
+def _put_back(points: Array, moved: Array, first: int, last: int, noise: float) -> None:
+    """Undo the far moves of points[first:last] where noise cannot be the reason for them."""
+    far = (_ASIDE * noise) ** 2
+    n = 0
+    x = y = z = 0.0
+    for p in range(first, last):
+        dx, dy, dz = (
+            moved[p, 0] - points[p, 0],
+            moved[p, 1] - points[p, 1],
+            moved[p, 2] - points[p, 2],
+        )
+        if dx * dx + dy * dy + dz * dz > far:
+            n += 1
+            x += dx
+            y += dy
+            z += dz
+    agree = x * x + y * y + z * z >= far * (_AGREE * n) ** 2
+    if n < _MANY or n < _SHARE * (last - first) or not agree:
+        return
+    for p in range(first, last):
+        dx, dy, dz = (
+            moved[p, 0] - points[p, 0],
+            moved[p, 1] - points[p, 1],
+            moved[p, 2] - points[p, 2],
+        )
+        if dx * dx + dy * dy + dz * dz > far:
+            moved[p, 0], moved[p, 1], moved[p, 2] = points[p, 0], points[p, 1], points[p, 2]
 
 
 @kernel(nogil=True)
