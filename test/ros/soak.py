@@ -542,6 +542,8 @@ class Watcher(Node):
         self._best = {}
         self._heard = {part: {} for part in PARTS}
         self._manifests = collections.deque()
+        self._matching = threading.Lock()
+        self._over = False
         self._pool = ProcessPoolExecutor(
             1, multiprocessing.get_context("spawn"), initializer=be_quiet
         )
@@ -568,7 +570,13 @@ class Watcher(Node):
 
     def finish(self):
         """Wait for what is being checked."""
-        wait(lambda: not self._manifests, timeout=60.0)
+
+        def matched():
+            with self._matching:  # one that is being matched is in no queue
+                self._over = not self._manifests
+                return self._over
+
+        wait(matched, timeout=60.0)
         for name, future in self.checks:
             found = future.result()
             if found:
@@ -605,18 +613,22 @@ class Watcher(Node):
         self._best = {values["run"]: float(values["objective"])}
 
     def _match(self):
-        for _ in range(len(self._manifests)):
-            heard_at, stamp, values = self._manifests.popleft()
-            key = f"{values['run']}/{values['solution']}"
-            keys = key, key, stamp
-            parts = [heard.get(k) for heard, k in zip(self._heard.values(), keys, strict=True)]
-            known = self._runs.get(values["run"])
-            if None not in parts and known is not None:
-                self._check(key, values, parts, *known)
-            elif time.monotonic() - heard_at < 10.0:
-                self._manifests.append((heard_at, stamp, values))
-            else:
-                self.unwhole += 1  # a part gave way to the next one's before it was sent
+        with self._matching:
+            for _ in range(0 if self._over else len(self._manifests)):
+                self._match_oldest()
+
+    def _match_oldest(self):
+        heard_at, stamp, values = self._manifests.popleft()
+        key = f"{values['run']}/{values['solution']}"
+        keys = key, key, stamp
+        parts = [heard.get(k) for heard, k in zip(self._heard.values(), keys, strict=True)]
+        known = self._runs.get(values["run"])
+        if None not in parts and known is not None:
+            self._check(key, values, parts, *known)
+        elif time.monotonic() - heard_at < 10.0:
+            self._manifests.append((heard_at, stamp, values))
+        else:
+            self.unwhole += 1  # a part gave way to the next one's before it was sent
 
     def _check(self, key, values, parts, objective, placed):
         if len(self.poses) > 3:

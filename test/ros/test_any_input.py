@@ -19,6 +19,7 @@ from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.parameter import Parameter
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState, PointField
 from shape_msgs.msg import Mesh, MeshTriangle
 from std_msgs.msg import Header
@@ -322,7 +323,7 @@ def objects(draw):
 @given(objects())
 def test_any_object(world, message):
     b = world.bench
-    b.node._reception._take_object(message)
+    b.node._reception._take_object(serialize_message(message))
     b.node._inputs.object.wait(60.0)
     b.joint_state()
     world.answered(b.call("start").text)

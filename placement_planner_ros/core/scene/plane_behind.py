@@ -114,6 +114,8 @@ def plane_behind(
             behind, metres.
         plane: (3,) receives 1 / range at point p, and by how much it grows per pixel.
     """
+    if count < _FEWEST:
+        return False
     best, a, b, c = 0, 0.0, 0.0, 0.0
     draw = 12345
     for _ in range(_DRAWS):

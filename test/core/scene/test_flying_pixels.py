@@ -117,6 +117,12 @@ def test_a_few_pixels_with_nothing_around_them_stay():
     assert not gone[on_it].any()
 
 
+def test_of_a_pixel_with_nothing_around_it_nothing_is_asked():
+    points, _ = image(lambda x, y: np.zeros_like(x, dtype=bool), 0.002)
+    cloud = np.vstack([points.reshape(-1, 3), [[-2.0, -2.0, 1.0]]])
+    assert flying_pixels(cloud, np.zeros(3)).sum() < 10
+
+
 @pytest.mark.parametrize("name", SCENE_NAMES)
 def test_complete_clouds_stay_as_they_are_wherever_they_are_said_to_be_seen_from(name):
     cloud = complete_cloud(scene_by_name(name))
