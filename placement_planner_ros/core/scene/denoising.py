@@ -440,33 +440,33 @@ def _project(
 
 
 @kernel(lean=True)
+def _far_move(points: Array, moved: Array, p: int, far: float) -> bool:
+    """Whether a point was moved by more than √far, metres."""
+    squared = 0.0
+    for a in range(3):
+        squared += (moved[p, a] - points[p, a]) ** 2
+    return squared > far
+
+
+@kernel(lean=True)
 def _put_back(points: Array, moved: Array, first: int, last: int, noise: float) -> None:
     """Undo the far moves of points[first:last] where noise cannot be the reason for them."""
     far = (_ASIDE * noise) ** 2
     n = 0
     x = y = z = 0.0
     for p in range(first, last):
-        dx, dy, dz = (
-            moved[p, 0] - points[p, 0],
-            moved[p, 1] - points[p, 1],
-            moved[p, 2] - points[p, 2],
-        )
-        if dx * dx + dy * dy + dz * dz > far:
+        if _far_move(points, moved, p, far):
             n += 1
-            x += dx
-            y += dy
-            z += dz
+            x += moved[p, 0] - points[p, 0]
+            y += moved[p, 1] - points[p, 1]
+            z += moved[p, 2] - points[p, 2]
     agree = x * x + y * y + z * z >= far * (_AGREE * n) ** 2
     if n < _MANY or n < _SHARE * (last - first) or not agree:
         return
     for p in range(first, last):
-        dx, dy, dz = (
-            moved[p, 0] - points[p, 0],
-            moved[p, 1] - points[p, 1],
-            moved[p, 2] - points[p, 2],
-        )
-        if dx * dx + dy * dy + dz * dz > far:
-            moved[p, 0], moved[p, 1], moved[p, 2] = points[p, 0], points[p, 1], points[p, 2]
+        if _far_move(points, moved, p, far):
+            for a in range(3):
+                moved[p, a] = points[p, a]
 
 
 @kernel(nogil=True)
