@@ -39,8 +39,8 @@ from placement_planner_ros.core.scene.extent import cropped
 from placement_planner_ros.core.scene.flying_pixels import flying_pixels
 from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.visibility import View
-from placement_planner_ros.core.swept.space import Stretch, SweptSpace
 from placement_planner_ros.core.stability.rises import rises
+from placement_planner_ros.core.swept.space import Stretch, SweptSpace
 from placement_planner_ros.core.types import LEVEL, Array, Placement, TargetVolume
 from placement_planner_ros.core.wishes.settings import TurnSettings
 
