@@ -50,6 +50,8 @@ class PooledExecutor(Executor):
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
         """Hand one callback that is ready to a thread; raise what one that has ended raised."""
+        task: Task
+        entity: object
         try:
             task, entity, _ = self.wait_for_ready_callbacks(
                 timeout_sec=timeout_sec, condition=self._rest
