@@ -136,7 +136,7 @@ class Robot:
         warnings = [*description.warnings, *notes]
         left_out: tuple[pairs.LeftOut, ...] | None = None
         if srdf is None:
-            left_out = pairs.derive(description, model, geometry, geometry_links)
+            left_out = pairs.derive(description, model, geometry, geometry_links, covers)
             allowed = frozenset(each.links for each in left_out)
             warnings.extend(_said_of(left_out))
         else:
@@ -504,7 +504,7 @@ class Robot:
 
 @lru_cache(maxsize=4)
 def _near_pairs(robot: Robot) -> pairs.NearPairs:
-    return pairs.NearPairs(robot.model, robot.geometry, robot.geometry_links)
+    return pairs.NearPairs(robot.model, robot.geometry, robot.geometry_links, robot.covers)
 
 
 @lru_cache(maxsize=16)
