@@ -107,9 +107,9 @@ class Overlaps:
         shapes = [thing.geometry for thing in geometry.geometryObjects]
         return cls(shapes, surfaces=_surfaces_of(covers))
 
-    def meet(self, i: int, j: int, T_i: pin.SE3, T_j: pin.SE3) -> bool:
-        """Whether shapes i and j overlap where they are placed."""
-        touch = meet(self.shapes[i], _at(T_i), self.shapes[j], _at(T_j))
+    def meet(self, i: int, j: int, T_i: pin.SE3, T_j: pin.SE3, margin: float = 0.0) -> bool:
+        """Whether shapes i and j overlap where they are placed, or are nearer than `margin`, m."""
+        touch = meet(self.shapes[i], _at(T_i), self.shapes[j], _at(T_j), margin)
         return touch or self.nested(i, j, T_i, T_j)
 
     def depth(
