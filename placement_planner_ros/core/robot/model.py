@@ -137,7 +137,7 @@ class Robot:
         warnings = [*description.warnings, *notes]
         left_out: tuple[pairs.LeftOut, ...] | None = None
         if srdf is None:
-            left_out = pairs.derive(description, model, geometry, geometry_links)
+            left_out = pairs.derive(description, model, geometry, geometry_links, covers)
             allowed = frozenset(each.links for each in left_out)
             warnings.extend(_said_of(left_out))
         else:
@@ -510,7 +510,7 @@ def _shapes(robot: Robot) -> list[tuple[int, pin.SE3]]:
 
 @lru_cache(maxsize=4)
 def _near_pairs(robot: Robot) -> pairs.NearPairs:
-    return pairs.NearPairs(robot.model, robot.geometry, robot.geometry_links)
+    return pairs.NearPairs(robot.model, robot.geometry, robot.geometry_links, robot.covers)
 
 
 @lru_cache(maxsize=16)

@@ -26,6 +26,7 @@ from placement_planner_ros.core.robot.joint_limits import FIELD, JointLimit, rea
 from placement_planner_ros.core.robot.model import Arm, Robot, place_of
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.covers import cover_in
+from placement_planner_ros.ros.inputs.kept_meshes import read_kept
 from placement_planner_ros.ros.inputs.mesh_process import MeshProcess
 from placement_planner_ros.ros.inputs.reading import NotReadyError, Reading, ShouldStop, State
 from placement_planner_ros.ros.inputs.resources import Files, description_text
@@ -401,7 +402,7 @@ class _Meshes:
         """Vertices and triangles of a file."""
         if path.resolve().is_relative_to(share_path("urdf").resolve()):
             return read_mesh(path)  # the bundled robot's, known to be good
-        return self._process.read(path)
+        return read_kept(self._process, path)
 
 
 class _Covers:
