@@ -56,6 +56,7 @@ ORDER = [
 ROS_ORDER = [
     "ros.qos",
     "ros.timers",
+    "ros.calls",
     "ros.spinning",
     "ros.process",
     "ros.log",

@@ -24,6 +24,7 @@ from placement_planner_ros.core.practice.compiling import (
 from placement_planner_ros.core.stopping import StoppedError, stoppable
 from placement_planner_ros.core.warmup import warm_up
 from placement_planner_ros.interrupts import catch_signals
+from placement_planner_ros.ros.calls import Calls
 from placement_planner_ros.ros.commands import STOP_PATIENCE, Commands
 from placement_planner_ros.ros.inputs.inputs import Inputs
 from placement_planner_ros.ros.inputs.reception import Reception
@@ -70,6 +71,9 @@ class PlacementPlannerNode(ParameterNode):
         prepare: makes the planner of a run, other than the usual one.
         overrides: parameter values, as given on the command line.
 
+    Attributes:
+        calls: those that are being answered; whoever spins it tells of them.
+
     Raises:
         PlacementPlannerError: a parameter or the robot description is bad at start-up.
     """
@@ -91,13 +95,16 @@ class PlacementPlannerNode(ParameterNode):
         self._inputs = Inputs(
             robot, parameters, extra or ["points"], transforms, self.get_clock(), files
         )
+        self.calls = Calls()
         self._closed = threading.Event()
         self._warm = Warmth()
         outputs = Outputs(self)
         self._reporter = Reporter(
             self, outputs, self._inputs, self._settings, self._warm, self._watching_failed
         )
-        self._preparation = Preparation(self._newest, self._has_leisure, self._preparing_failed)
+        self._preparation = Preparation(
+            self._newest, self._has_leisure, self._preparing_failed, self.calls
+        )
         self._commands = Commands(
             self._inputs,
             self._settings,
@@ -108,7 +115,13 @@ class PlacementPlannerNode(ParameterNode):
         )
         topics = list(dict.fromkeys(["points", *extra]))
         self._reception = Reception(
-            self, self._inputs, self._settings, topics, self._end_where_robot_moved, self._log
+            self,
+            self._inputs,
+            self._settings,
+            topics,
+            self._end_where_robot_moved,
+            self._log,
+            self.calls,
         )
         # Nobody calls yet, so nobody waits; who calls first should find it read.
         robot.wait(START_UP_PATIENCE)
@@ -261,7 +274,7 @@ def main(args: list[str] | None = None) -> None:
         node = PlacementPlannerNode()
     except (PlacementPlannerError, ParameterException, NameValidationException) as error:
         sys.exit(f"placement_planner: {error}")
-    executor = PooledExecutor(THREADS)
+    executor = PooledExecutor(THREADS, node.calls)
     executor.add_node(node)
     warming = threading.Thread(target=_warm_up, args=(node,), name="warm-up", daemon=True)
     warming.start()

@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from typing import Any
 
 from rclpy.executors import (
@@ -14,8 +15,11 @@ from rclpy.executors import (
     ShutdownException,
     TimeoutException,
 )
+from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.task import Task
+
+from placement_planner_ros.ros.calls import Calls
 
 PERIOD = 0.1
 """Seconds within which a signal is noticed."""
@@ -32,18 +36,24 @@ class PooledExecutor(Executor):
     In Jazzy that one neither waits for callbacks when it is shut down nor says whether any is in
     flight, so that they would fail over what is destroyed next. This one also rests between looks,
     so where messages come faster than it looks, callbacks take those `waiting` too.
+
+    Args:
+        calls: hears of services while they are being answered.
     """
 
-    def __init__(self, threads: int) -> None:
+    def __init__(self, threads: int, calls: Calls | None = None) -> None:
         super().__init__()
+        self._calls = calls or Calls()
         self._pool = ThreadPoolExecutor(threads)
         self._begun: list[Task] = []
         self._rested = 0.0
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
         """Hand one callback that is ready to a thread; raise what one that has ended raised."""
+        task: Task
+        entity: object
         try:
-            task, _, _ = self.wait_for_ready_callbacks(
+            task, entity, _ = self.wait_for_ready_callbacks(
                 timeout_sec=timeout_sec, condition=self._rest
             )
         except (ExternalShutdownException, ShutdownException, TimeoutException):
@@ -51,12 +61,16 @@ class PooledExecutor(Executor):
         else:
             if task not in self._begun:  # rclpy hands out a task until it has begun
                 self._begun.append(task)
-                self._pool.submit(task)
+                self._pool.submit(self._work, task, isinstance(entity, Service))
                 self._rested = time.monotonic() + REST
         for task in list(self._begun):
             if task.done():
                 self._begun.remove(task)
                 task.result()
+
+    def _work(self, task: Task, is_call: bool) -> None:
+        with self._calls.answering() if is_call else nullcontext():
+            task()  # which sends the answer too
 
     def _rest(self) -> bool:
         """Asked by rclpy before each look; never a reason to look no more."""

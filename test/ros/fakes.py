@@ -158,7 +158,7 @@ class Bench:
         self._joints = self.client.create_publisher(JointState, "joint_states", 10)
         self._clouds = self.client.create_publisher(PointCloud2, "points", 1)
         self._services = {}
-        self.executor = PooledExecutor(8)
+        self.executor = PooledExecutor(8, self.node.calls)
         self.executor.add_node(self.node)
         self.executor.add_node(self.client)
         self._spinning = Spinning(self.executor)

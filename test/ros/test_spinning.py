@@ -82,7 +82,9 @@ def test_a_callback_that_waits_for_a_thread_is_handed_out_once(node):
     node.create_timer(0.001, hang, callback_group=ReentrantCallbackGroup())
     executor = PooledExecutor(1)
     submit = executor._pool.submit
-    executor._pool.submit = lambda task: handed.append(task) or submit(task)
+    executor._pool.submit = lambda work, task, *rest: (
+        handed.append(task) or submit(work, task, *rest)
+    )
     executor.add_node(node)
     while not begun.is_set():
         executor.spin_once(timeout_sec=0.01)

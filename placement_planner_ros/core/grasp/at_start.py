@@ -473,7 +473,7 @@ def _encloses(triangles: Array | None, T: coal.Transform3s, point: Array) -> boo
 
 @lru_cache(maxsize=4)
 def _overlaps(robot: Robot) -> Overlaps:
-    return Overlaps.of(robot.geometry)
+    return Overlaps.of(robot.geometry, robot.covers)
 
 
 @lru_cache(maxsize=4)

@@ -2,7 +2,7 @@
 
 Only the hand and the object are looked at, wherever these come to be. What is refused here no
 placement could have: whatever stands around, and whatever the arm does, each way of `OpenHand`
-leads a link of the hand through the object.
+leads a link of the hand through the object, or too close past it.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from placement_planner_ros.core.collision.load import Held
 from placement_planner_ros.core.collision.object_solids import object_overlaps
 from placement_planner_ros.core.errors import GraspError
 from placement_planner_ros.core.grasp.hand_opening import check_opening
-from placement_planner_ros.core.grasp.settings import PARTING, RetreatSettings
+from placement_planner_ros.core.grasp.settings import PARTING, GraspSettings, RetreatSettings
 from placement_planner_ros.core.remembering import remembered_with
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
@@ -28,59 +28,72 @@ from placement_planner_ros.core.types import Array
 _STEP = 1e-3
 """m between the places that are looked at on a way."""
 
+_ROUNDING = 2e-5
+"""m by which coal's distances may be off."""
+
 Hindrance = tuple[str, str, float]
-"""A direction in words, the link that meets the object first, and how far on, metres."""
+"""A direction in words, the link that gets too near to the object first, and how far on, metres."""
 
 
-def check_letting_go(moving: MovingArm, held: Held, settings: RetreatSettings) -> None:
+def check_letting_go(moving: MovingArm, held: Held, settings: GraspSettings) -> None:
     """Raise if the hand could not let go of the object wherever it stood: as it opens, or after.
 
     Raises:
         GraspError: names the grasp, and what opens into the object, stays in it, or meets it on
             the hand's ways off.
     """
-    check_opening(moving, held)
+    check_opening(moving, held, max(PARTING - settings.room, 0.0))
     check_leaving(moving, held, settings)
 
 
-def check_leaving(moving: MovingArm, held: Held, settings: RetreatSettings) -> None:
+def check_leaving(moving: MovingArm, held: Held, settings: GraspSettings) -> None:
     """Raise if the open hand can leave the object by none of the straight ways that are tried.
 
     Raises:
-        GraspError: names the grasp, and what meets the object on the ways off it.
+        GraspError: names the grasp, and what is too near to the object on the ways off it.
     """
     arm = moving.arm
     given = moving.robot, arm, held.grasp, held.body, moving.q_zero.tobytes()
-    found = _hindrances(*given, settings)
+    found = _hindrances(*given, settings.retreat, settings.room)
     if not found:
         return
     furthest = max(found, key=lambda each: each[2])
     words = (
         f"the open hand can leave the object in none of the {len(found)} directions that are tried"
+        f", {settings.room:g} m from it: "
     )
-    for (direction, link, way), lead in ((found[0], ": "), (furthest, ", and at the furthest ")):
-        words += f"{lead}{direction}, where {link} meets it after {way:.3f} m"
+    for (direction, link, way), lead in ((found[0], ""), (furthest, ", and at the furthest ")):
+        words += f"{lead}{direction}, where {link} is nearer after {way:.3f} m"
         if furthest == found[0]:
             break
     raise GraspError(
         f"{arm.name}.grasps[{held.grasp}]",
         pin.SE3ToXYZQUAT(arm.grasps[held.grasp]).round(4).tolist(),
         f"{words}; open the hand further (gripper_open), hold the object where the fingers do not "
-        "close around it, check object.scale, or set require_retreat to false",
+        "close around it and the hand does not lie in it, check object.scale, or set "
+        "require_retreat to false",
     )
 
 
 @remembered_with("body", most=64)
 def _hindrances(
-    robot: Robot, arm: Arm, grasp: int, body: Body, q_bytes: bytes, settings: RetreatSettings
+    robot: Robot,
+    arm: Arm,
+    grasp: int,
+    body: Body,
+    q_bytes: bytes,
+    settings: RetreatSettings,
+    room: float,
 ) -> tuple[Hindrance, ...]:
     """What stands in the hand's way in each direction; empty where one of them leads off.
 
-    A place on the way counts where a link of the hand is in the object there, not where it is
-    nearer than a margin, and none before `PARTING`: this is less than `OpenHand` asks for.
+    A place on the way counts where a link of the hand is nearer to the object than it may be, and
+    none before `PARTING`; the environment and the arm are left out. So this is less than `OpenHand`
+    asks for.
 
     Args:
         q_bytes: of (nq,), the arm's joints at zero.
+        room: as of `GraspSettings`, metres.
     """
     q = robot.with_open_hand(np.frombuffer(q_bytes), arm)
     data, geometry = robot.model.createData(), robot.geometry.createData()
@@ -92,7 +105,7 @@ def _hindrances(
     ways = np.arange(PARTING, settings.retreat_distance + _STEP, _STEP)
 
     def met(direction: Array) -> tuple[str, float] | None:
-        """The first link that meets the object on the way of the hand along a direction (3,)."""
+        """The first link that is too near to the object as the hand goes along a direction (3,)."""
         for way in ways.tolist():
             step(f"looking whether the hand of arm {arm.name} can leave the object")
             # To move the object the other way is the same.
@@ -101,9 +114,9 @@ def _hindrances(
                 middle = geometry.oMg[i].act(overlaps.centers[i])
                 for j in solids:
                     apart = np.linalg.norm(middle - at.act(overlaps.centers[j]))
-                    if apart > overlaps.radii[i] + overlaps.radii[j]:
+                    if apart > overlaps.radii[i] + overlaps.radii[j] + room:
                         continue
-                    if overlaps.meet(i, j, geometry.oMg[i], at):
+                    if overlaps.meet(i, j, geometry.oMg[i], at, max(room - _ROUNDING, 0.0)):
                         return robot.geometry_links[i], way
         return None
 

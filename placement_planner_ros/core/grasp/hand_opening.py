@@ -37,30 +37,32 @@ _DEEPER = 1e-4
 """m that a finger may get deeper into the object, for the numerics."""
 _FINE = 2e-5
 """m to which it is told how deep a mesh lies in another shape."""
-_MOST_STUCK = PARTING + 0.001
-"""m; a link of the open hand that lies deeper in the object comes off too late."""
+_COARSE = 0.001
+"""m by which a depth may be told too large."""
 
 
-def check_opening(moving: MovingArm, held: Held) -> None:
+def check_opening(moving: MovingArm, held: Held, parted_within: float = PARTING) -> None:
     """Raise if the hand, from where it is on, cannot let go of the object that it holds.
 
     A finger that lies in the object to begin with, as joint states and meshes may have it, must
-    not get deeper as the hand opens; what the open hand leaves in the object must come off within
-    the first `PARTING` of the retreat.
+    not get deeper as the hand opens; what the open hand leaves in the object must come off soon.
+
+    Args:
+        parted_within: metres of the retreat within which it must have come off.
 
     Raises:
         GraspError: names the grasp, all links at once, and how deep each gets.
     """
     arm = moving.arm
     given = moving.robot, arm, held.grasp, held.body, moving.q_zero.tobytes()
-    pushes, stuck = dict(_pushes(*given)), dict(_stuck(*given))
+    pushes, stuck = dict(_pushes(*given)), dict(_stuck(*given, parted_within + _COARSE))
     words = []
     if pushes:
         words.append(f"opening the hand pushes {_listed(pushes)} into the object")
     if stuck:
         words.append(
             f"the open hand leaves {_listed(stuck)} in the object, and the retreat must have "
-            f"brought it off within {PARTING:g} m"
+            f"brought it off within {parted_within:g} m"
         )
     if words:
         raise GraspError(
@@ -119,8 +121,8 @@ def _pushes(robot: Robot, arm: Arm, grasp: int, body: Body, q_bytes: bytes) -> D
 
 
 @remembered_with("body", most=64)
-def _stuck(robot: Robot, arm: Arm, grasp: int, body: Body, q_bytes: bytes) -> Depths:
-    """Which links lie how deep in the object when the hand is open, beyond `_MOST_STUCK`."""
+def _stuck(robot: Robot, arm: Arm, grasp: int, body: Body, q_bytes: bytes, most: float) -> Depths:
+    """Which links lie deeper in the object than `most`, metres, when the hand is open."""
     q = robot.with_open_hand(np.frombuffer(q_bytes), arm)
     places = robot.geometry_poses(q)
     at = robot.link_pose(q, arm.tip_frame) * arm.grasps[grasp]
@@ -132,7 +134,7 @@ def _stuck(robot: Robot, arm: Arm, grasp: int, body: Body, q_bytes: bytes) -> De
         step(f"looking how deep {link} of the open hand lies in the object")
         for j in range(first, len(overlaps.shapes)):
             depth = overlaps.depth(i, j, places[i], at)
-            if depth > _MOST_STUCK:
+            if depth > most:
                 found[link] = max(depth, found.get(link, 0.0))
     return tuple(found.items())
 

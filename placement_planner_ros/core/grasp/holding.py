@@ -92,7 +92,7 @@ class Holding:
             errors.append(error)
         if self.require_retreat:
             try:
-                check_letting_go(moving, held, settings.retreat)
+                check_letting_go(moving, held, settings)
             except GraspError as error:
                 errors.append(error)
         if errors:  # all that is wrong with the grasp at once

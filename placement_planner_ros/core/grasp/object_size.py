@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.remembering import remembered_with
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.types import Array
@@ -32,8 +33,9 @@ def size_doubt(robot: Robot, arms: tuple[Arm, ...], q: Array, body: Body) -> str
 
 
 def _doubt(robot: Robot, arm: Arm, q: Array, body: Body) -> str:
-    reach = stretched(robot, arm)
-    hand = max(hand_size(robot, arm, q), _HAND * reach)
+    q = q.copy()
+    q[arm.q_index] = 0.0  # wherever the arm is
+    hand, reach = _measures(robot, arm, q.round(4).tobytes())
     sides = np.sort(np.ptp(body.vertices, axis=0))
     size = " x ".join(f"{side:.4g}" for side in sides[::-1])
     if sides[-1] > _LONG * reach or sides[0] > hand:
@@ -48,6 +50,13 @@ def _doubt(robot: Robot, arm: Arm, q: Array, body: Body) -> str:
             "is in another unit, set object.scale, such as 10 or 1000 times what it is"
         )
     return ""
+
+
+@remembered_with("robot", most=16)
+def _measures(robot: Robot, arm: Arm, q_bytes: bytes) -> tuple[float, float]:
+    """How large the hand is taken to be, and how far the arm reaches; kept from start to start."""
+    reach = stretched(robot, arm)
+    return max(hand_size(robot, arm, np.frombuffer(q_bytes)), _HAND * reach), reach
 
 
 def stretched(robot: Robot, arm: Arm) -> float:

@@ -105,3 +105,10 @@ class GraspSettings:
     retreat: RetreatSettings = field(default_factory=RetreatSettings)
     require_retreat: bool = True
     tilt: TiltLimit | None = None
+
+    @property
+    def room(self) -> float:
+        """m by which a link of the open hand must be off the object after `PARTING` of its way and
+        from then on: the margin of links, and what planning keeps beyond it."""
+        keep = self.collision
+        return keep.self_margin + min(keep.planning_reserve, keep.self_reserve)

@@ -13,6 +13,7 @@ import pinocchio as pin
 
 from placement_planner_ros.core.errors import RobotError
 from placement_planner_ros.core.robot.description import Description, read_xml
+from placement_planner_ros.core.robot.geometry import LinkCover
 from placement_planner_ros.core.robot.overlap import Overlaps
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
@@ -132,6 +133,7 @@ def derive(
     model: pin.Model,
     geometry: pin.GeometryModel,
     geometry_links: tuple[str, ...],
+    covers: tuple[LinkCover | None, ...],
 ) -> tuple[LeftOut, ...]:
     """Pairs to leave out where no SRDF says so, sorted by name.
 
@@ -160,7 +162,8 @@ def derive(
         if p not in neighbours and joint[p[0]] != joint[p[1]]
     }
     poses = _Poses(description, model)
-    found += _overlapping(undecided, model, geometry, geometry_links, poses)
+    rows = _Rows(undecided, geometry, geometry_links, covers)
+    found += _overlapping(rows, undecided, model, geometry, poses)
     return tuple(sorted(found, key=lambda left_out: left_out.links))
 
 
@@ -168,7 +171,11 @@ class NearPairs:
     """The pairs of a robot that are checked and lie at most `NEARBY` joints apart."""
 
     def __init__(
-        self, model: pin.Model, geometry: pin.GeometryModel, geometry_links: tuple[str, ...]
+        self,
+        model: pin.Model,
+        geometry: pin.GeometryModel,
+        geometry_links: tuple[str, ...],
+        covers: tuple[LinkCover | None, ...],
     ) -> None:
         self._model, self._geometry = model, geometry
         carriers = [thing.parentJoint for thing in geometry.geometryObjects]
@@ -181,7 +188,7 @@ class NearPairs:
             pair(geometry_links[a], geometry_links[b]): int(n)
             for (a, b), n in zip(checked[near].tolist(), apart[near], strict=True)
         }
-        self._rows = _Rows(self._joints, geometry, geometry_links)
+        self._rows = _Rows(self._joints, geometry, geometry_links, covers)
 
     def overlapping_at(self, q: Array) -> tuple[LeftOut, ...]:
         """Those whose meshes overlap at q (nq,).
@@ -279,10 +286,14 @@ class _Rows:
     """
 
     def __init__(
-        self, pairs: dict[Pair, int], geometry: pin.GeometryModel, links: tuple[str, ...]
+        self,
+        pairs: dict[Pair, int],
+        geometry: pin.GeometryModel,
+        links: tuple[str, ...],
+        covers: tuple[LinkCover | None, ...],
     ) -> None:
         self.pairs = sorted(pairs)
-        self.overlaps = Overlaps.of(geometry)
+        self.overlaps = Overlaps.of(geometry, covers)
         of_link: dict[str, list[int]] = {}
         for i, link in enumerate(links):
             of_link.setdefault(link, []).append(i)
@@ -328,14 +339,13 @@ def _placements(model: pin.Model, geometry: pin.GeometryModel, q: Array) -> list
 
 
 def _overlapping(
+    rows: _Rows,
     undecided: dict[Pair, int],
     model: pin.Model,
     geometry: pin.GeometryModel,
-    links: tuple[str, ...],
     poses: _Poses,
 ) -> list[LeftOut]:
     """Of these pairs, with the joints between them, those whose meshes say that they never meet."""
-    rows = _Rows(undecided, geometry, links)
     apart = np.array([undecided[p] for p in rows.pairs], dtype=np.int64)
     zero = poses.zero()
     posed = poses.have_zero()

@@ -20,6 +20,7 @@ from placement_planner_ros.core.errors import (
     StartError,
     listed,
 )
+from placement_planner_ros.core.remembering import remembered_with
 from placement_planner_ros.core.robot import allowed_pairs as pairs
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.description import (
@@ -54,7 +55,7 @@ FAR_GRASP = 100.0
 """Metres from the tip frame beyond which the origin of an object in hand is a mistake."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class Robot:
     """A robot read from its URDF; never modified after construction.
 
@@ -136,7 +137,7 @@ class Robot:
         warnings = [*description.warnings, *notes]
         left_out: tuple[pairs.LeftOut, ...] | None = None
         if srdf is None:
-            left_out = pairs.derive(description, model, geometry, geometry_links)
+            left_out = pairs.derive(description, model, geometry, geometry_links, covers)
             allowed = frozenset(each.links for each in left_out)
             warnings.extend(_said_of(left_out))
         else:
@@ -317,8 +318,7 @@ class Robot:
         """
         data = self.model.createData()
         pin.forwardKinematics(self.model, data, q)
-        objects = self.geometry.geometryObjects
-        return [data.oMi[each.parentJoint] * each.placement for each in objects]
+        return [data.oMi[joint] * T_joint_shape for joint, T_joint_shape in _shapes(self)]
 
     def joints_to(self, link: str) -> tuple[str, ...]:
         """Joints whose values the pose of a link depends on; none of them mimics another.
@@ -409,7 +409,7 @@ class Robot:
         for link in touch_links:
             if not self.model.existFrame(link, pin.FrameType.BODY):
                 raise RobotError(f"{where}: touch_links", link, "name a link of the robot")
-        index = [self.index(joint) for joint in joints]
+        index, turnable = [self.index(joint) for joint in joints], self.turnable
         return Arm(
             name=name,
             tip_frame=tip_frame,
@@ -424,7 +424,7 @@ class Robot:
             velocity=self.velocity_limits[index],
             acceleration=self.acceleration_limits[index],
             continuous=tuple(joint for joint in joints if joint in self.continuous),
-            turnable=tuple(joint for joint in joints if joint in self.turnable),
+            turnable=tuple(joint for joint in joints if joint in turnable),
         )
 
     def _filled(self, q: Array, positions: Mapping[str, float]) -> Array:
@@ -502,9 +502,15 @@ class Robot:
         return tuple(float(v) for v in gripper_open)
 
 
+@remembered_with("robot")
+def _shapes(robot: Robot) -> list[tuple[int, pin.SE3]]:
+    """Of each of geometry.geometryObjects the joint that carries it, and T_joint_geometry."""
+    return [(g.parentJoint, pin.SE3(g.placement)) for g in robot.geometry.geometryObjects]
+
+
 @lru_cache(maxsize=4)
 def _near_pairs(robot: Robot) -> pairs.NearPairs:
-    return pairs.NearPairs(robot.model, robot.geometry, robot.geometry_links)
+    return pairs.NearPairs(robot.model, robot.geometry, robot.geometry_links, robot.covers)
 
 
 @lru_cache(maxsize=16)

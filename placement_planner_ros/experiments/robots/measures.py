@@ -15,6 +15,7 @@ import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -32,8 +33,10 @@ from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.problem import Problem, workspace
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.scene.flying_pixels import flying_pixels
 from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.regions import RegionSettings
+from placement_planner_ros.core.scene.visibility import View
 from placement_planner_ros.core.types import Array, Placement
 from placement_planner_ros.core.warmup import warm_up
 from placement_planner_ros.experiments.robots.agreement import (
@@ -46,10 +49,13 @@ from placement_planner_ros.experiments.robots.subject import Subject, read_subje
 from placement_planner_ros.experiments.robots.things import (
     CLOUDS,
     OBJECTS,
-    cloud_of,
+    boxes_at_start,
     object_of,
+    observe,
+    outside_boxes,
     table_for,
 )
+from placement_planner_ros.experiments.situations.observing import Observation
 from placement_planner_ros.experiments.speed.searches import _TimedSampler
 
 Entry = dict[str, Any]
@@ -71,8 +77,18 @@ _REACH = 1.5
 """m, no point of an arm moves further for one rad."""
 
 
-def problem_of(subject: Subject, name: str, points: Array) -> Problem:
-    """The problem with one of `OBJECTS`, the environment made of points (n, 3)."""
+def problem_of(subject: Subject, name: str, seen: Observation) -> Problem:
+    """The problem with one of `OBJECTS`.
+
+    What a camera does not see is occupied up to the highest that it saw (`unknown_space:
+    occupied_below`), but where the robot and its object are at the start: only so can what is
+    published be held to the true solids.
+    """
+    sights = tuple(
+        View(view.points[~flying_pixels(view.points, view.origin)], view.origin)
+        for view in seen.sights
+    )
+    points = np.vstack([view.points for view in sights]) if sights else seen.points
     body = Body.from_mesh(*object_of(subject, name))
     robot, arms, q, volume = subject.robot, subject.arms, subject.q_start, subject.volume
     # As the node has it: of the workspace, what points lie in.
@@ -84,7 +100,15 @@ def problem_of(subject: Subject, name: str, points: Array) -> Problem:
         np.minimum(upper, within.max(axis=0) + rim),
     )
     environment = Environment.from_points(
-        points, volume, GridSettings(), RegionSettings(), bounds, beyond_volume=False
+        points,
+        volume,
+        GridSettings(),
+        RegionSettings(),
+        bounds,
+        views=sights,
+        outside_robot=partial(outside_boxes, boxes_at_start(subject)),
+        unknown_below=True,
+        beyond_volume=False,
     )
     return Problem(robot, arms, q, body, volume, environment)
 
@@ -104,13 +128,13 @@ def measure_first(subject: Subject) -> Iterator[Entry]:
             for seed in range(_SEEDS):
                 rng = np.random.default_rng(seed)
                 scene = table_for(subject, np.random.default_rng(seed))
-                points = cloud_of(scene, cloud, rng)
+                seen = observe(scene, cloud, rng)
                 entry: Entry = {"row": "first", "object": name, "cloud": cloud, "seed": seed}
                 found: list[Placement] = []
                 began, first, failure = time.process_time(), _LIMIT, ""
                 problem = None
                 try:
-                    problem = problem_of(subject, name, points)
+                    problem = problem_of(subject, name, seen)
                     planner = planner_of(problem, rng)
                     until = began + _LIMIT
                     for placement in planner.run(lambda: time.process_time() > until):  # noqa: B023
@@ -250,7 +274,7 @@ def measure_samples(subject: Subject) -> Iterator[Entry]:
     """Goal samples per second of processor time spent on them."""
     rng = np.random.default_rng(0)
     scene = table_for(subject, np.random.default_rng(0))
-    problem = problem_of(subject, OBJECTS[0], cloud_of(scene, CLOUDS[0], rng))
+    problem = problem_of(subject, OBJECTS[0], observe(scene, CLOUDS[0], rng))
     planner = planner_of(problem, rng)
     timed = planner.sampler = _TimedSampler(planner.sampler)
     until = time.process_time() + _SAMPLING

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 import trimesh
 
+from placement_planner_ros.core.scene.visibility import View
 from placement_planner_ros.core.types import Array, TargetVolume
 from placement_planner_ros.experiments.robots.subject import Subject
+from placement_planner_ros.experiments.situations.observing import Observation
 from placement_planner_ros.scenes.clouds import DepthCamera, camera_clouds, complete_cloud
 from placement_planner_ros.scenes.primitives import Colour, box, frustum, standing_box
 from placement_planner_ros.scenes.scenes import Scene
@@ -18,7 +21,8 @@ _HEIGHT = 0.05
 """m above V's lower end, of the table's surface."""
 _TRIES = 1000
 _ROOM = 0.05
-"""m that things keep from the robot and its object at the start."""
+"""m that things keep from the robot and its object at the start: far above the margin of 3 mm and
+the camera's noise of 2 mm, so that a start is never refused for a thing."""
 _WOOD: Colour = (0.80, 0.68, 0.50)
 _THING: Colour = (0.55, 0.60, 0.68)
 
@@ -89,14 +93,22 @@ def table_of(
     return Scene("table", volume, tuple(parts))
 
 
-def cloud_of(scene: Scene, cloud: str, rng: np.random.Generator) -> Array:
-    """(n, 3) points of one of `CLOUDS`, world frame."""
+def observe(scene: Scene, cloud: str, rng: np.random.Generator) -> Observation:
+    """One of `CLOUDS`; what the camera saw, with its lines of sight."""
     if cloud == CLOUDS[0]:
-        return complete_cloud(scene)
+        return Observation(complete_cloud(scene))
     middle = (scene.volume.lower + scene.volume.upper) / 2.0
     eye = np.add(middle, (-0.6, 0.3, 0.7))
     camera = DepthCamera.looking_at("camera", eye, middle)
-    return camera_clouds(scene, rng, cameras=(camera,))[0].world_points()
+    seen = camera_clouds(scene, rng, cameras=(camera,))[0].world_points()
+    return Observation(seen, (View(seen, eye),))
+
+
+def outside_boxes(boxes: Array, points: Array, distance: float) -> npt.NDArray[np.bool_]:
+    """Which of (n, 3) points are in none of the boxes (k, 2, 3) grown by `distance`, metres."""
+    low, high = boxes[:, 0] - distance, boxes[:, 1] + distance
+    within = np.logical_and(points[:, None] >= low, points[:, None] <= high)
+    return np.logical_not(np.any(np.all(within, axis=2), axis=1))
 
 
 def object_of(subject: Subject, name: str) -> tuple[Array, Array]:

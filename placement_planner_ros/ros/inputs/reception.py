@@ -12,6 +12,7 @@ from shape_msgs.msg import Mesh
 from std_msgs.msg import String
 
 from placement_planner_ros.core.errors import JointStateError, PlacementPlannerError, listed
+from placement_planner_ros.ros.calls import Calls
 from placement_planner_ros.ros.inputs.cloud_subscriptions import CloudSubscriptions
 from placement_planner_ros.ros.inputs.inputs import Inputs
 from placement_planner_ros.ros.inputs.mesh_message import mesh_from_message
@@ -32,6 +33,7 @@ class Reception:
         topics: of clouds.
         on_joints: called after each joint state.
         log: hears of what is read or refused.
+        calls: clouds give way to their answers.
 
     Attributes:
         clouds: the subscriptions to clouds.
@@ -45,7 +47,9 @@ class Reception:
         topics: Sequence[str],
         on_joints: Callable[[], None],
         log: Log,
+        calls: Calls,
     ) -> None:
+        self._calls = calls
         self._log = log
         self._inputs = inputs
         self._parameters = parameters
@@ -80,6 +84,7 @@ class Reception:
         self._tell_of_fault()
 
     def _take_cloud(self, topic: str, message: PointCloud2) -> None:
+        self._calls.give_way()
         try:
             self._inputs.take_cloud(topic, message, self._parameters.current)
         except PlacementPlannerError as error:

@@ -19,12 +19,14 @@ from placement_planner_ros.core.errors import PlacementPlannerError, RobotError
 from placement_planner_ros.core.meshes.collada import Triangles
 from placement_planner_ros.core.meshes.headers import check_header
 from placement_planner_ros.core.meshes.read import read_mesh
+from placement_planner_ros.core.remembering import remembered_with
 from placement_planner_ros.core.robot.announcement import Announcement, announce
 from placement_planner_ros.core.robot.geometry import LinkMesh
 from placement_planner_ros.core.robot.joint_limits import FIELD, JointLimit, read_joint_limits
 from placement_planner_ros.core.robot.model import Arm, Robot, place_of
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.covers import cover_in
+from placement_planner_ros.ros.inputs.kept_meshes import read_kept
 from placement_planner_ros.ros.inputs.mesh_process import MeshProcess
 from placement_planner_ros.ros.inputs.reading import NotReadyError, Reading, ShouldStop, State
 from placement_planner_ros.ros.inputs.resources import Files, description_text
@@ -400,7 +402,7 @@ class _Meshes:
         """Vertices and triangles of a file."""
         if path.resolve().is_relative_to(share_path("urdf").resolve()):
             return read_mesh(path)  # the bundled robot's, known to be good
-        return self._process.read(path)
+        return read_kept(self._process, path)
 
 
 class _Covers:
@@ -473,20 +475,42 @@ def make_arm(robot: Robot, parameters: ParameterSet, name: str) -> Arm:
     tip = parameters[f"{name}.tip_frame"]
     if not tip:
         raise RobotError(f"{name}.tip_frame", tip, "name the link that the grasps refer to")
+    rest = ("joints", "grasps", "touch_links", "gripper_joints", "gripper_open")
+    return _arm(robot, name, tip, *(tuple(parameters[f"{name}.{part}"]) for part in rest))
+
+
+@remembered_with("robot", most=16)
+def _arm(
+    robot: Robot,
+    name: str,
+    tip: str,
+    joints: tuple[str, ...],
+    grasps: tuple[float, ...],
+    touch_links: tuple[str, ...],
+    gripper_joints: tuple[str, ...],
+    gripper_open: tuple[float, ...],
+) -> Arm:
+    """Kept from start to start."""
     return robot.arm(
         name,
         tip,
-        joints=parameters[f"{name}.joints"] or None,
-        grasps=poses_from_list(f"{name}.grasps", parameters[f"{name}.grasps"]),
-        also_touch=parameters[f"{name}.touch_links"],
-        gripper_joints=parameters[f"{name}.gripper_joints"],
-        gripper_open=parameters[f"{name}.gripper_open"],
+        joints=joints or None,
+        grasps=poses_from_list(f"{name}.grasps", grasps),
+        also_touch=touch_links,
+        gripper_joints=gripper_joints,
+        gripper_open=gripper_open,
     )
 
 
 def announced(robot: Robot, parameters: ParameterSet, arm: Arm) -> Announcement:
     """What was derived or assumed for an arm of these parameters."""
-    return announce(robot, arm, derived=not parameters[f"{arm.name}.joints"])
+    return _announced(robot, arm, not parameters[f"{arm.name}.joints"])
+
+
+@remembered_with("robot", most=16)
+def _announced(robot: Robot, arm: Arm, derived: bool) -> Announcement:
+    """Kept from start to start."""
+    return announce(robot, arm, derived=derived)
 
 
 def require_known(robot: Robot, parameters: ParameterSet, names: Iterable[str]) -> None:

@@ -17,6 +17,7 @@ from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.stopping import StoppedError, step, stoppable
+from placement_planner_ros.ros.calls import Calls
 from placement_planner_ros.ros.run.planning import Prepared, make_planner
 from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.run.surroundings import Surroundings
@@ -65,10 +66,16 @@ class _Build:
         assert self._environment is not None
         return self._environment
 
-    def work(self) -> None:
-        """Make it; gives up between two steps where it is unwanted."""
+    def work(self, give_way: Callable[[], None] | None = None) -> None:
+        """Make it; between two steps, gives up where it is unwanted and first calls `give_way`."""
+
+        def unwanted() -> bool:
+            if give_way is not None:
+                give_way()
+            return self.unwanted
+
         try:
-            with stoppable(lambda: self.unwanted):
+            with stoppable(unwanted):
                 environment = self.surroundings.environment()
                 step("making boxes of the obstacle set")
                 box_arrays(environment.obstacles)
@@ -122,6 +129,7 @@ class Preparation:
         inputs: what there is now.
         idle: whether there is leisure to prepare anything.
         on_error: told of what is raised while preparing ahead.
+        calls: what is prepared ahead, and a run's beginning, give way to their answers.
     """
 
     def __init__(
@@ -129,7 +137,9 @@ class Preparation:
         inputs: Inputs,
         idle: Callable[[], bool],
         on_error: Callable[[Exception], None] = lambda _: None,
+        calls: Calls | None = None,
     ) -> None:
+        self._calls = calls or Calls()
         self._inputs = inputs
         self._on_error = on_error
         self._idle = idle
@@ -168,6 +178,7 @@ class Preparation:
         """
         with self._lock:
             self._runs += 1  # from now on nothing is prepared ahead
+        self._calls.give_way()  # to the answer that there is a run
         try:
             order = self._order = _Order()
             threading.Thread(
@@ -198,12 +209,12 @@ class Preparation:
                 return
             build, new = self._build(surroundings)
         if new:
-            build.work()
+            build.work(self._calls.give_way)
         wanted = snapshot.robot, snapshot.body
         if build.made and self._rehearsed != wanted:
             self._rehearsed = wanted
             try:
-                with stoppable(lambda: self._runs > 0 or self._closed.is_set()):
+                with stoppable(self._unwanted):
                     _rehearse(snapshot, build.environment)
             except StoppedError:
                 self._rehearsed = None
@@ -225,6 +236,10 @@ class Preparation:
             order.error = error
         finally:
             order.ended.set()
+
+    def _unwanted(self) -> bool:
+        self._calls.give_way()
+        return self._runs > 0 or self._closed.is_set()
 
     def _before(self) -> Surroundings | None:
         build = self._newest

@@ -9,7 +9,7 @@ from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.load import Held
 from placement_planner_ros.core.errors import GraspError
 from placement_planner_ros.core.grasp.hand_leaving import check_letting_go
-from placement_planner_ros.core.grasp.settings import RetreatSettings
+from placement_planner_ros.core.grasp.settings import GraspSettings, RetreatSettings
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 
@@ -49,7 +49,7 @@ def let_go(robot, opened=0.02, settings=None, grasp=None):
     )
     moving = MovingArm(robot, arm, robot.configuration({"lift": 0.3, "slide": 0.0}))
     held = Held(Body.from_mesh(box.vertices, box.faces))
-    check_letting_go(moving, held, settings or RetreatSettings())
+    check_letting_go(moving, held, GraspSettings(retreat=settings or RetreatSettings()))
 
 
 def test_a_hand_around_the_object_is_refused_with_what_meets_it_where():
@@ -59,8 +59,10 @@ def test_a_hand_around_the_object_is_refused_with_what_meets_it_where():
     assert "arm.grasps[0] = [0.0, 0.0, 0.05, 0.0, 0.0, 0.0, 1.0]" in said
     assert "none of the 16 directions" in said
     # 3 mm to the plates; the finger has opened by 20 mm.
-    assert "along (0, 0, -1) in the tip frame, where hand meets it after 0.003 m" in said
-    assert "the furthest along (-1, 0, 0) in the tip frame, where finger meets it after 0.0" in said
+    assert "along (0, 0, -1) in the tip frame, where hand is nearer after 0.003 m" in said
+    assert (
+        "the furthest along (-1, 0, 0) in the tip frame, where finger is nearer after 0.0" in said
+    )
     assert "gripper_open" in said
 
 
@@ -78,3 +80,29 @@ def test_straight_up_counts_for_each_side_that_the_object_can_stand_on():
     let_go(cage("palm"), settings=upwards)
     with pytest.raises(GraspError, match="none of the 6 directions"):
         let_go(cage(), settings=upwards)
+
+
+@pytest.mark.parametrize("depth", [0.0, 0.0027, 0.0029, 0.0032])
+def test_what_the_search_could_not_bring_off_in_time_is_refused(depth):
+    """A cup that lies in the object: planning asks for 0.2 mm of room after 3 mm of the way."""
+    robot = cage("front", "left", "right", "inner")  # the palm is left, whose face is at 27 mm
+    grasp = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.047 - depth]))
+    if depth < 0.0028:
+        let_go(robot, grasp=grasp)
+    else:
+        with pytest.raises(GraspError, match="where hand is nearer after 0\\.003 m"):
+            let_go(robot, grasp=grasp)
+
+
+@pytest.mark.parametrize(("opened", "fits"), [(0.0003, False), (0.0015, True)])
+def test_fingers_that_hardly_open_are_told(opened, fits):
+    """One plate 0.1 mm beside the object, along which the hand would draw back."""
+    robot = cage("front", "left", "right")
+    grasp = pin.SE3(np.eye(3), np.array([-0.0015 if fits else -0.0029, 0.0, 0.05]))
+    if fits:
+        let_go(robot, opened, grasp=grasp)
+    else:
+        with pytest.raises(
+            GraspError, match="none of the 16 directions that are tried, 0\\.0002 m"
+        ):
+            let_go(robot, opened, grasp=grasp)

@@ -8,9 +8,10 @@ import pinocchio as pin
 import pytest
 import trimesh
 
+from placement_planner_ros.core.body.convex_cover import hull_cover
 from placement_planner_ros.core.robot.allowed_pairs import SAMPLES, srdf_line
 from placement_planner_ros.core.robot.model import Robot
-from placement_planner_ros.core.robot.overlap import Overlaps, winding_number
+from placement_planner_ros.core.robot.overlap import Overlaps, triangles_of, winding_number
 from placement_planner_ros.core.stopping import StoppedError, stoppable
 
 
@@ -161,6 +162,29 @@ def test_what_lies_inside_of_a_closed_mesh_overlaps_it(tmp_path):
     assert found.depth == pytest.approx(0.23, abs=0.02)
 
 
+def test_triangles_and_pieces_of_a_mesh_are_made_once_for_all_that_ask(tmp_path):
+    """What coal holds is not taken back from it, and what is asked of it is the same."""
+    ring = trimesh.creation.annulus(0.1, 0.15, 0.04, sections=12)
+    rings = [ring, ring.copy().apply_translation((0, 0, 1))]
+    trimesh.util.concatenate(rings).export(tmp_path / "rings.stl")
+    text = '<collision><geometry><mesh filename="rings.stl" scale="1 -1 1"/></geometry></collision>'
+
+    def hulls(meshes):
+        return [hull_cover(mesh.vertices, mesh.triangles) for mesh in meshes]
+
+    urdf = f'<robot name="r"><link name="a">{text}{text}</link></robot>'
+    robot = Robot.from_urdf(urdf, [tmp_path], cover=hulls)
+    one, other = (Overlaps.of(robot.geometry, robot.covers) for _ in range(2))
+    shapes = [thing.geometry for thing in robot.geometry.geometryObjects]
+    by_coal = Overlaps(shapes)
+    assert one._pieces_of(0) is one._pieces_of(1) is other._pieces_of(0)
+    assert np.array_equal(one._surface_of(0).triangles, triangles_of(shapes[0]))
+    found, expected = one._pieces_of(0), by_coal._pieces_of(0)
+    assert len(found) == len(expected) == 2
+    for piece, same in zip(found, expected, strict=True):
+        assert np.array_equal(piece.corners, same.corners)
+
+
 @pytest.mark.parametrize("apart", [0.001, 0.019, 0.0199])
 def test_depth_is_how_far_shapes_must_be_moved_apart(apart):
     geometry = pin.GeometryModel()
@@ -168,7 +192,7 @@ def test_depth_is_how_far_shapes_must_be_moved_apart(apart):
         box = coal.Box(0.1, 0.1, 0.02)
         geometry.addGeometryObject(pin.GeometryObject(name, 0, 0, pin.SE3.Identity(), box))
     shift = pin.SE3(np.eye(3), np.array([0.03, 0.0, apart]))
-    overlaps = Overlaps.of(geometry)
+    overlaps = Overlaps.of(geometry, (None,) * geometry.ngeoms)
     depth = overlaps.depth(0, 1, pin.SE3.Identity(), shift)
     assert depth == pytest.approx(0.02 - apart, abs=6e-4)
     away = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.021]))

@@ -8,13 +8,16 @@ import pytest
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.experiments.benchmark import main
 from placement_planner_ros.experiments.robots.command import RAW_FILE, markdown
+from placement_planner_ros.experiments.robots.measures import problem_of
 from placement_planner_ros.experiments.robots.subject import read_subject
 from placement_planner_ros.experiments.robots.things import (
     CLOUDS,
     OBJECTS,
     boxes_at_start,
-    cloud_of,
     object_of,
+    observe,
+    outside_boxes,
+    table_for,
     table_of,
 )
 from placement_planner_ros.share import share_path
@@ -116,7 +119,9 @@ def test_the_table_says_what_is_met():
 def test_clouds_show_the_table_and_what_stands_on_it(given, cloud):
     subject = read_subject(given[0], [given[1]])
     scene = table_of(subject.volume, np.random.default_rng(0))
-    points = cloud_of(scene, cloud, np.random.default_rng(0))
+    seen = observe(scene, cloud, np.random.default_rng(0))
+    points = seen.points
+    assert len(seen.sights) == (cloud == CLOUDS[1])
     assert len(scene.parts) == 7
     inside = subject.volume.contains(points)
     assert inside.sum() > 1000
@@ -148,3 +153,19 @@ def test_boxes_at_the_start_hold_links_and_object(given):
     held = [(tip * grasp).act(vertex) for grasp in arm.grasps for vertex in subject.vertices]
     assert np.allclose(boxes[shapes:, 1].max(axis=0), np.max(held, axis=0))
     assert np.allclose(boxes[shapes:, 0].min(axis=0), np.min(held, axis=0))
+
+
+def test_what_the_camera_does_not_see_is_occupied_but_not_where_the_robot_starts(given):
+    subject = read_subject(given[0], [given[1]])
+    scene = table_for(subject, np.random.default_rng(0))
+    seen = observe(scene, CLOUDS[1], np.random.default_rng(0))
+    environment = problem_of(subject, OBJECTS[0], seen).environment
+    assert len(environment.obstacles.cells) > len(environment.measured.cells) + 100
+    middles = (environment.obstacles.lower + environment.obstacles.upper) / 2
+    assert outside_boxes(boxes_at_start(subject), middles, 0.0).all()
+
+
+def test_points_outside_all_boxes_are_told():
+    boxes = np.array([[[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]], [[2.0, 0.0, 0.0], [3.0, 1.0, 1.0]]])
+    points = np.array([[0.5, 0.5, 0.5], [1.05, 0.5, 0.5], [1.2, 0.5, 0.5], [2.5, 0.5, 1.2]])
+    assert outside_boxes(boxes, points, 0.1).tolist() == [False, False, True, True]

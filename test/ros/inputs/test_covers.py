@@ -11,6 +11,7 @@ from placement_planner_ros.core import kept_files
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.ros.inputs import mesh_process
 from placement_planner_ros.ros.inputs.covers import cover_in
+from placement_planner_ros.ros.inputs.kept_meshes import read_kept
 from placement_planner_ros.ros.inputs.mesh_process import MeshProcess, ProcessorTimeError
 from placement_planner_ros.ros.inputs.robot_input import _Covers
 
@@ -79,3 +80,27 @@ def test_a_cover_that_takes_too_much_memory_is_the_hull_and_that_is_told(folder)
         assert coarse(read(folder, process))
         process.close()
         assert not coarse(read(folder, process))
+
+
+def test_a_file_of_the_same_content_is_read_once_and_any_other_anew(folder):
+    class Counting(MeshProcess):
+        reads = 0
+
+        def read_with_digest(self, path):
+            self.reads += 1
+            return super().read_with_digest(path)
+
+    path, again = folder / "ring.stl", folder / "again.stl"
+    again.write_bytes(path.read_bytes())
+    with Counting() as process:
+        first = read_kept(process, path)
+        for one, other in zip(first, read_kept(process, again), strict=True):
+            assert np.array_equal(one, other)
+            assert one.dtype == other.dtype
+        assert process.reads == 1
+        trimesh.creation.box((0.1, 0.1, 0.1)).export(again)
+        assert len(read_kept(process, again)[1]) == 12
+        (kept, *_) = (folder / "kept" / "read-meshes").iterdir()
+        kept.write_bytes(kept.read_bytes()[:-1])  # damaged
+        read_kept(process, path), read_kept(process, again)
+        assert process.reads == 3

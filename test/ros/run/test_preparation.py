@@ -9,6 +9,7 @@ import pytest
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.errors import CloudError, StartError
 from placement_planner_ros.core.stopping import StoppedError
+from placement_planner_ros.ros.calls import Calls
 from placement_planner_ros.ros.parameters.table import arm_specs, arms_spec, fixed_specs
 from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.ros.run import preparation as module
@@ -287,6 +288,21 @@ def test_preparing_ahead_goes_on_after_an_error_which_is_told(snapshot, monkeypa
     monkeypatch.undo()
     preparing.close()
     assert [str(error) for error in told] == ["one", "two"]
+
+
+def test_what_is_made_ahead_gives_way_to_calls_and_a_run_as_it_begins(snapshot):
+    ways = []
+
+    class Counted(Calls):
+        def give_way(self):
+            ways.append(1)
+
+    preparing = Preparation(None, lambda: True, calls=Counted())
+    preparing.ahead(snapshot)
+    assert len(ways) > 5  # between its steps
+    ways.clear()
+    preparing.prepare(snapshot, never)
+    assert len(ways) == 1
 
 
 def test_an_environment_ahead_is_that_of_a_run_with_the_same_inputs_only(snapshot):

@@ -94,7 +94,7 @@ def _held_fast(subject: Subject, arm: Arm, grasp: int, body: Body) -> GraspError
         return None
     try:
         moving = MovingArm(subject.robot, arm, subject.q)
-        check_letting_go(moving, Held(body, grasp), grasping.retreat)
+        check_letting_go(moving, Held(body, grasp), grasping)
     except GraspError as error:
         return error
     return None

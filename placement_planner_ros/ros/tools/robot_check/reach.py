@@ -161,6 +161,7 @@ def check_speed(subject: Subject, findings: Findings) -> None:
         findings.say(f"a planner is not made within {_PATIENCE:g} s")
         return
     except PlacementPlannerError as error:
+        findings.say("no planner can be made, for what is wrong below")
         findings.wrong(error)
         return
     findings.say(f"making a planner: {time.process_time() - began:.2f} s")
