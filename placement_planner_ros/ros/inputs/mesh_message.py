@@ -28,10 +28,15 @@ def mesh_from_message(data: bytes) -> tuple[Array, Triangles]:
     """Vertices (n, 3) and triangles (t, 3) of a serialised `shape_msgs/Mesh`.
 
     Raises:
-        ObjectError: there are none, too many, or indices of vertices that are not there.
+        ObjectError: there are none, too many, or indices of vertices that are not there, or the
+            bytes end early.
     """
     order = _ORDERS.get(data[:2])
-    vertices, triangles = _written(data) if order is None else _plain(data[_HEADER:], order)
+    try:
+        vertices, triangles = _written(data) if order is None else _plain(data[_HEADER:], order)
+    except ValueError as error:  # numpy's, of what lies beyond the end
+        remedy = "end before the mesh does; publish a shape_msgs/Mesh"
+        raise ObjectError("~/object", f"{len(data)} bytes", remedy) from error
     count = len(vertices)
     if len(triangles) == 0:
         raise ObjectError("~/object", f"{count} vertices", "has no triangle")

@@ -67,3 +67,11 @@ def test_what_is_no_mesh_is_refused(vertices, triangles, said):
         data = b"\0\1\0\0" + np.array([len(triangles), *np.ravel(triangles), 0], "<u4").tobytes()
     with pytest.raises(ObjectError, match=said):
         mesh_from_message(data)
+
+
+def test_bytes_that_end_early_are_refused():
+    ball = trimesh.creation.icosphere(0)
+    data = message(ball.vertices, ball.faces)
+    for end in range(4, len(data) - 8, 7):
+        with pytest.raises(ObjectError, match="end before the mesh does"):
+            mesh_from_message(data[:end])

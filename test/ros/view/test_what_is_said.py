@@ -107,3 +107,23 @@ def test_a_refusal_is_said_in_words_with_its_code():
     assert said == "A run is going on; stop it first. state searching (ALREADY_RUNNING)"
     said = words.refusal(PlacementError("BAD_VOLUME", "BAD_VOLUME: target_volume: too thin"))
     assert said == "target_volume: too thin (BAD_VOLUME)"
+
+
+@pytest.mark.parametrize(
+    ("given", "words_of_it"),
+    [
+        ({"earlier": True}, "other placements found"),
+        ({"standing": True}, "placed by earlier runs"),
+        ({"ghost": True}, "ghost"),
+        ({"obstacles": True}, "what counts as obstacle"),
+        ({"heat": (0.1, 0.25)}, "0.250 best"),
+    ],
+)
+def test_the_legend_names_what_is_drawn_and_nothing_else(given, words_of_it):
+    nothing = {"heat": None, "earlier": False, "standing": False, "ghost": False}
+    plain = charts.legend(**nothing, obstacles=False)
+    assert words_of_it not in plain
+    assert "plain blue" in plain
+    drawn = charts.legend(**{**nothing, "obstacles": False, **given})
+    assert words_of_it in drawn
+    assert ("plain blue" in drawn) == ("heat" not in given)
