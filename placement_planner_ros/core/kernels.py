@@ -40,7 +40,7 @@ from placement_planner_ros.core.kernel_compiler import NAMES, KernelCompiler
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 _PACKAGE = Path(__file__).parents[1]
-_IMPORT = re.compile(rf"^\s*from {_PACKAGE.name}([.\w]*) import", re.MULTILINE)
+_IMPORT = re.compile(rf"^\s*from {_PACKAGE.name}([.\w]*) import (\([^)]*|.*)", re.MULTILINE)
 _SHAPING = re.compile(r"@kernel\(|NamedTuple\)")
 UNCOUNTED: dict[str, Any] = {"_nrt": False} if hasattr(DefaultOptions, "_nrt") else {}
 """What makes a kernel lean; empty, and lean kernels like others, where numba does not know it."""
@@ -198,11 +198,17 @@ def _imported(path: Path, found: dict[Path, None]) -> dict[Path, None]:
 def _imports(path: Path) -> list[Path]:
     """The files with kernels, or with what they take, that `path` itself imports."""
     found: list[Path] = []
-    for module in _IMPORT.findall(_source(path)):
+    for module, names in _IMPORT.findall(_source(path)):
         target = _PACKAGE.joinpath(*module.split(".")[1:])
-        files = [target.with_suffix(".py")] if not target.is_dir() else sorted(target.glob("*.py"))
+        files = _modules(target, names) if target.is_dir() else [target.with_suffix(".py")]
         found += [file for file in files if _shapes_kernels(file)]
     return found
+
+
+def _modules(folder: Path, names: str) -> list[Path]:
+    """Those that are imported from a package; all of it where a name is not that of a module."""
+    files = [folder / f"{name}.py" for name in re.findall(r"\w+", names)]
+    return files if all(file.is_file() for file in files) else sorted(folder.glob("*.py"))
 
 
 @functools.cache

@@ -181,6 +181,35 @@ def test_a_change_of_a_called_file_gives_its_callers_new_folders(little_package)
     assert {name for name in before if before[name] != after[name]} == {"called", "caller", "outer"}
 
 
+def test_a_change_of_a_file_beside_what_is_imported_from_a_package_reaches_nothing(little_package):
+    """But where what is imported is no module, it may be from any."""
+    (little_package / "outer.py").write_text(
+        CALLER.format(module="called", name="amount", own="hundred").replace(
+            ".core.called import (\n    amount", ".core import (\n    called"
+        )
+    )
+    before = folders_of(little_package)
+    (little_package / "beside.py").write_text(CALLED.format(amount=6))
+    assert folders_of(little_package)["outer"] == before["outer"]
+    (little_package / "called.py").write_text(CALLED.format(amount=2))
+    assert folders_of(little_package)["outer"] != before["outer"]
+    (little_package / "outer.py").write_text(
+        (little_package / "outer.py").read_text().replace("    called", "    called, TWO")
+    )
+    before = folders_of(little_package)
+    (little_package / "beside.py").write_text(CALLED.format(amount=7))
+    assert folders_of(little_package)["outer"] != before["outer"]
+
+
+def test_how_the_obstacle_set_is_made_may_change_without_what_reads_it():
+    reached = {
+        file.stem
+        for file in WITH_KERNELS
+        if PACKAGE / "core/scene/denoising.py" in kernels._imported(file, {})
+    }
+    assert reached == {"denoising"}
+
+
 def test_callers_are_compiled_anew_where_what_they_call_has_changed(little_package, tmp_path):
     code = "from placement_planner_ros.core.outer import hundred; print(hundred())"
     where = {"PYTHONPATH": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / "cache")}
@@ -200,6 +229,6 @@ def test_what_kernels_call_is_imported_in_the_one_form_that_is_looked_for(file):
             assert not any(alias.name.startswith(PACKAGE.name) for alias in node.names)
         if isinstance(node, ast.ImportFrom) and node.module.startswith(PACKAGE.name):
             target = PACKAGE.joinpath(*node.module.split(".")[1:])
-            files = [target.with_suffix(".py")] if not target.is_dir() else target.glob("*.py")
-            for imported in files:
+            inside = [target / f"{alias.name}.py" for alias in node.names]
+            for imported in inside if target.is_dir() else [target.with_suffix(".py")]:
                 assert imported in found or imported not in WITH_KERNELS, imported

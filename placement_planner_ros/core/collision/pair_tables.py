@@ -383,7 +383,9 @@ def _motion(pair: _Pair, room: _Room, delta1: float, delta2: float) -> float:
     for v in range(pair.parts[pair.inner], len(room.points)):
         inner = delta2 * _from_axis(room, 1, v)
         most = max(most, inner + delta1 * (_from_axis(room, 0, v) + inner))
-    thick = pair.radius.max()
+    thick = 0.0
+    for part in range(len(pair.radius)):
+        thick = max(thick, pair.radius[part])
     return most + delta2 * thick + delta1 * thick * (1.0 + delta2)
 
 

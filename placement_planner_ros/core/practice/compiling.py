@@ -8,7 +8,6 @@ where the other finds it.
 from __future__ import annotations
 
 import contextlib
-import gc
 import os
 import subprocess
 import sys
@@ -21,6 +20,7 @@ from typing import IO
 
 from placement_planner_ros.core.kept_files import kept_folder, write_whole
 from placement_planner_ros.core.kernels import not_kept, version_of_kernels
+from placement_planner_ros.core.practice.hastening import hasten
 from placement_planner_ros.core.practice.passing import pass_every_stage
 from placement_planner_ros.core.practice.practice import Practice
 from placement_planner_ros.core.stopping import step
@@ -31,11 +31,21 @@ _LOOK = 0.5
 _ROOM = 30_000_000
 """Bytes that all kernels take at most."""
 
+_SPARING = {
+    "OPENBLAS_NUM_THREADS": "1",
+    "OMP_NUM_THREADS": "1",
+    "NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING": "1",
+}
+"""For each process: one core, and no colours in what numba tells itself of what did not fit."""
+
 _ORDERS = (
-    (Practice.reach, Practice.collision),
-    (Practice.distances, Practice.swept, Practice.carry),
+    (Practice.reach, Practice.carry, Practice.collision, Practice.swept),
+    (Practice.distances,),
 )
-"""The stages that each process begins with."""
+"""The stages that each process begins with: the robot's and the scene's take as long as each other.
+
+A process that came to the stages of the other would catch up with it, as it loads what is there,
+and from then on both would compile the same."""
 
 
 class CompilationError(Exception):
@@ -160,10 +170,10 @@ def _spawn(number: int, errors: IO[bytes]) -> subprocess.Popen[bytes]:
         stdout=subprocess.DEVNULL,
         stderr=errors,
         start_new_session=True,  # a terminal's Ctrl-C is the caller's to handle
-        env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
+        env={**os.environ, **_SPARING},
     )
 
 
 if __name__ == "__main__":
-    gc.set_threshold(100_000, 50, 100)  # else collecting what the compiler leaves takes a tenth
+    hasten()
     pass_every_stage(_ORDERS[int(sys.argv[1])])

@@ -37,7 +37,7 @@ from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.extent import cropped
 from placement_planner_ros.core.scene.flying_pixels import flying_pixels
-from placement_planner_ros.core.scene.grid import GridSettings
+from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.core.scene.visibility import View
 from placement_planner_ros.core.swept.space import Stretch, SweptSpace
 from placement_planner_ros.core.types import Array, Placement, TargetVolume
@@ -115,8 +115,7 @@ class Practice:
     def swept(self) -> None:
         """What a path sweeps, against a cloud."""
         arm, q = self._holding_arm(), self._q[self._arm.q_index]
-        obstacles = self._environment.obstacles
-        swept = SweptSpace([Stretch("", arm, np.array([q, q]))], obstacles, 0.01)
+        swept = SweptSpace([Stretch("", arm, np.array([q, q]))], self._obstacles, 0.01)
         near = _rng().normal([0.0, 0.0, 0.3], 0.2, (1000, 3))
         swept.news(near)
         swept.first_hit(near)
@@ -141,7 +140,12 @@ class Practice:
         return Problem(self._robot, (self._arm,), self._q, self._box, around.volume, around)
 
     def _holding_arm(self) -> ArmCollision:
-        return ArmCollision(self._moving, Held(self._box), self._environment.obstacles)
+        return ArmCollision(self._moving, Held(self._box), self._obstacles)
+
+    @functools.cached_property
+    def _obstacles(self) -> ObstacleSet:
+        """Few, for what needs nothing of the environment: another process compiles that."""
+        return ObstacleSet.from_points(_level(0.03, 0.03, 0.0))
 
     def _carefully(self) -> PlannerSettings:
         """Settings that keep the object as upright as it is held at first, and jerk it little."""

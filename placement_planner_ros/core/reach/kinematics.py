@@ -131,7 +131,9 @@ def _forward_batch(fixed: Array, prismatic: Flags, Q: Array, tips: Array) -> Non
     frames = np.zeros((len(prismatic) + 1, 4, 4))
     for k in range(len(Q)):
         chain_frames(fixed, prismatic, Q[k], frames)
-        tips[k, :3] = frames[-1, :3]
+        for a in range(3):
+            for b in range(4):
+                tips[k, a, b] = frames[-1, a, b]
         tips[k, 3, 3] = 1.0
 
 

@@ -34,14 +34,17 @@ def clearance_levels(
     Works line by line, so that besides the values it takes little room.
     """
     values = np.empty(shape, np.float32)
-    _fill(boxes, lines, rise, Envelope.for_boxes(boxes), values)
+    slabs = np.unique(boxes.slab)
+    _fill(boxes, slabs, lines, rise, Envelope.for_boxes(boxes), values)
     return values
 
 
 @kernel(nogil=True)
-def _fill(boxes: BoxesByHeight, lines: Lines, rise: float, room: Envelope, values: Field) -> None:
+def _fill(
+    boxes: BoxesByHeight, slabs: Index, lines: Lines, rise: float, room: Envelope, values: Field
+) -> None:
+    """Fill values (nx, ny, nz); slabs (s,) are those in which anything ends, lowest first."""
     nx, ny, nz = values.shape
-    slabs = np.unique(boxes.slab)
     next_box = boxes.column_start[:-1].copy()
     along, aside_along = np.empty((2, nx), np.int32), np.empty((2, nx), np.float32)
     nearest = np.empty((nx, len(slabs)), np.int32)

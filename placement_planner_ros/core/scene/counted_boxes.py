@@ -6,7 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.kernels import kernel
-from placement_planner_ros.core.scene.grid import ObstacleArrays, ObstacleSet
+from placement_planner_ros.core.scene.grid import ObstacleSet
+from placement_planner_ros.core.scene.obstacle_arrays import ObstacleArrays
 from placement_planner_ros.core.types import Array
 
 _UPRIGHT = 0.2

@@ -10,7 +10,8 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.kernels import kernel
-from placement_planner_ros.core.scene.grid import ObstacleArrays, ObstacleSet
+from placement_planner_ros.core.scene.grid import ObstacleSet
+from placement_planner_ros.core.scene.obstacle_arrays import ObstacleArrays
 from placement_planner_ros.core.types import Array
 
 Field = npt.NDArray[np.float32]

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +18,7 @@ import numpy.typing as npt
 from placement_planner_ros.core.errors import CloudError
 from placement_planner_ros.core.scene import denoising, tight_boxes
 from placement_planner_ros.core.scene.binning import Bins, sort_into_cells
+from placement_planner_ros.core.scene.obstacle_arrays import ObstacleArrays
 from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.types import LEVEL, Array, Slope, frozen_array
 
@@ -52,21 +53,6 @@ class GridSettings(Settings):
     min_points: int = setting(3, "[0, inf)")
     max_boxes_per_cell: int = setting(4, "[1, 4]")
     max_cells: int = setting(30_000_000, "[1, inf)")
-
-
-class ObstacleArrays(NamedTuple):
-    """What kernels read of an `ObstacleSet`: its fields of these names."""
-
-    origin: Array
-    cell_size: float
-    cells: npt.NDArray[np.int32]
-    lower: Array
-    upper: Array
-    first_at: npt.NDArray[np.int32]
-    """`ObstacleSet.index`"""
-    next: npt.NDArray[np.int32]
-    surface_height: Array
-    surface_extent: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)

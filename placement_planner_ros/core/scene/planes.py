@@ -13,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.kernels import kernel
-from placement_planner_ros.core.scene.grid import ObstacleArrays, ObstacleSet
+from placement_planner_ros.core.scene.grid import ObstacleSet
+from placement_planner_ros.core.scene.obstacle_arrays import ObstacleArrays
 from placement_planner_ros.core.scene.surfaces import Belongs, free_tops
 from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume, steepness
 

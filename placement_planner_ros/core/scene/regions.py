@@ -204,6 +204,15 @@ def _clip(rectangles: Array, diagonals: Array, lower: Array, upper: Array) -> tu
     return inside[:n].copy(), bounds[:n].copy()
 
 
+@kernel(inline=True)
+def _is_whole(bounds: Array, k: int) -> bool:
+    """Whether no diagonal cuts rectangle k."""
+    whole = True
+    for a in range(bounds.shape[1]):
+        whole = whole and abs(bounds[k, a]) == np.inf
+    return whole
+
+
 @kernel(nogil=True)
 def _join_strips(
     cells: npt.NDArray[np.int64], rectangles: Array, diagonals: Array
@@ -222,8 +231,8 @@ def _join_strips(
         if (
             n > 0
             and cells[k, 0] == cells[k - 1, 0]
-            and np.isinf(bounds[n]).all()
-            and np.isinf(bounds[n - 1]).all()
+            and _is_whole(bounds, n)
+            and _is_whole(bounds, n - 1)
             and joined[n, 0] == joined[n - 1, 0]
             and joined[n, 2] == joined[n - 1, 2]
             and abs(joined[n, 1] - joined[n - 1, 3]) <= _EPSILON

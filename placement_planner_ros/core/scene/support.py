@@ -17,7 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.kernels import kernel
-from placement_planner_ros.core.scene.grid import ObstacleArrays, ObstacleSet
+from placement_planner_ros.core.scene.grid import ObstacleSet
+from placement_planner_ros.core.scene.obstacle_arrays import ObstacleArrays
 from placement_planner_ros.core.scene.support_columns import (
     DEEP,
     Columns,

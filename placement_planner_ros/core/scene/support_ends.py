@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.kernels import kernel
-from placement_planner_ros.core.scene.grid import ObstacleArrays
+from placement_planner_ros.core.scene.obstacle_arrays import ObstacleArrays
 from placement_planner_ros.core.scene.support_columns import END, FARTHEST, Columns
 from placement_planner_ros.core.scene.support_points import on_surface
 

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.kernels import kernel
-from placement_planner_ros.core.scene.grid import ObstacleArrays
+from placement_planner_ros.core.scene.obstacle_arrays import ObstacleArrays
 from placement_planner_ros.core.scene.support_columns import Columns, surface_at
 from placement_planner_ros.core.scene.support_ends import thing_between
 from placement_planner_ros.core.scene.support_points import WITHIN, on_surface
@@ -230,10 +230,12 @@ def by_surface(columns: Columns, discs: Array) -> tuple[npt.NDArray[np.int64], A
                         if _pass == 0:
                             first[s + 1] += 1
                         else:
-                            holes[fill[s]] = discs[n, :3]
+                            holes[fill[s], 0], holes[fill[s], 1] = x, y
+                            holes[fill[s], 2] = radius
                             fill[s] += 1
         if _pass == 0:
-            first = first.cumsum()
+            for s in range(len(columns.height)):
+                first[s + 1] += first[s]
             holes = np.empty((first[-1], 3))
     return first, holes
 
@@ -276,7 +278,10 @@ def around_holes(
     for r in range(len(rectangles)):
         begun = 0  # of the strips alike
         for a in range(PARTS):
-            if a + 1 < PARTS and (inside[r, a] == inside[r, a + 1]).all():
+            alike = a + 1 < PARTS
+            for b in range(PARTS):
+                alike = alike and inside[r, a, b] == inside[r, a + 1, b]
+            if alike:
                 continue
             x0 = rectangles[r, 0] if begun == 0 else lower[r, 0] + begun * edge
             x1 = rectangles[r, 2] if a + 1 == PARTS else lower[r, 0] + (a + 1) * edge

@@ -127,6 +127,16 @@ def _half_sealed(bends: npt.NDArray[np.float32], room: npt.NDArray[np.float32]) 
     return float(0.5 / best)
 
 
+@kernel(inline=True)
+def _put_in_order(values: Array, count: int, value: float) -> None:
+    """One more into values[:count], smallest first."""
+    place = count
+    while place > 0 and values[place - 1] > value:
+        values[place] = values[place - 1]
+        place -= 1
+    values[place] = value
+
+
 @kernel(nogil=True)
 def narrowest_gaps(
     columns: Columns, cells: npt.NDArray[np.int32], asked: npt.NDArray[np.bool_]
@@ -161,7 +171,7 @@ def narrowest_gaps(
             discs[s, n] = _half_sealed(bends, room)
     # quantiles over the columns around
     result = np.full(len(columns.height), np.inf)
-    near = np.empty(9 * _SAMPLED)
+    near = np.empty(9 * _SAMPLED)  # smallest first
     for s in range(len(columns.height)):
         if not asked[s]:
             continue
@@ -174,11 +184,10 @@ def narrowest_gaps(
                 )
                 for n in range(_SAMPLED):
                     if t >= 0 and discs[t, n] < np.inf:
-                        near[count] = discs[t, n]
+                        _put_in_order(near, count, discs[t, n])
                         count += 1
         if count == 0:
             continue
-        near[:count].sort()
         low, middle = near[int(_LOW * count)], near[int(_MIDDLE * count)]
         result[s] = max(middle * (_WIDER + _SCATTERED * (1.0 - low / middle)), NARROWEST)
     # where density changes, the sparser side tells

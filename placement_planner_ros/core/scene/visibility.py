@@ -284,7 +284,9 @@ def _add_hidden(
     Something: the nearest point in the bin of directions that the centre lies in.
     """
     nx, ny, nz = state.shape
-    closest = np.min(nearest)
+    closest = np.inf
+    for square in nearest:
+        closest = min(closest, square)
     for i in range(nx):
         x = origin[0] + (i + 0.5) * size - sensor[0]
         for j in range(ny):

@@ -24,7 +24,7 @@ from placement_planner_ros.core.collision.arrays import (
 from placement_planner_ros.core.collision.separation import FREE, separate
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.reach.kinematics import chain_frames, to_world
-from placement_planner_ros.core.scene.grid import ObstacleArrays
+from placement_planner_ros.core.scene.obstacle_arrays import ObstacleArrays
 from placement_planner_ros.core.types import Array
 
 Marks = npt.NDArray[np.int32]
