@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 
 import coal
@@ -48,6 +49,12 @@ def wound(corners: Array, points: Array) -> npt.NDArray[np.bool_]:
     return found
 
 
+@functools.lru_cache(maxsize=16)
+def _wound(corners: bytes, points: bytes) -> npt.NDArray[np.bool_]:
+    """`wound`, remembered: one object is checked in many cases, and it takes seconds."""
+    return wound(np.frombuffer(corners).reshape(-1, 3, 3), np.frombuffer(points).reshape(-1, 3))
+
+
 def piece_voxels(pieces: Sequence[Piece], size: float = 0.005) -> Array:
     """(n, 3) centres inside of solids, and of voxels that sheets pass through, of the voxels of a
     lattice centred on the bounding box."""
@@ -65,7 +72,7 @@ def piece_voxels(pieces: Sequence[Piece], size: float = 0.005) -> Array:
             hull = ConvexHull(piece.corners.reshape(-1, 3))
             inside |= (lattice @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1) < 1e-9
         elif piece.closed:
-            inside |= wound(piece.corners, lattice)
+            inside |= _wound(piece.corners.tobytes(), lattice.tobytes())
         else:
             tree = cKDTree(lattice)
             for a, b, c in piece.corners:

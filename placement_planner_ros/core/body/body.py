@@ -221,6 +221,8 @@ def _center_of_mass(
     if len(surfaces) > 1 or not np.isfinite(center).all():
         # pieces may overlap, and so may one with itself: count what they share once
         center = center_of_union(whole, hull)
+    if not float(np.max(hull.normals @ center - hull.offsets)) <= 0.0:
+        return of_hull  # the surface crosses itself, and what it encloses cancels out
     if not fault:
         return center, "of uniform density"
     holes = together([surface.holes for surface in surfaces])

@@ -47,18 +47,23 @@ def contact_points(body: Body, face: PlacementFace) -> ContactPoints:
     They lie on the surface itself, so their hull is never larger than that of what touches. The
     outermost are among them.
     """
-    plane = float(face.vertices[0] @ face.normal)
-    depths = plane - body.vertices @ face.normal
-    near = depths[body.triangles].min(axis=1) <= body.flatness
-    found = _on_triangles(body.vertices[body.triangles[near]])
-    depth = plane - found @ face.normal
-    found = found[depth <= body.flatness]
-    T = face.T_face_object
-    points = np.unique((found @ T.rotation.T + T.translation)[:, :2], axis=0)
-    points = points[_thinned(points, SPACING, _MOST)]
+    points = touching(body, face)
+    depths = float(face.vertices[0] @ face.normal) - body.vertices @ face.normal
     flat = body.triangles[(depths[body.triangles] <= body.flatness).all(axis=1)]
+    T = face.T_face_object
     in_plane = (body.vertices @ T.rotation.T + T.translation)[:, :2]
     return ContactPoints(points, _thinned(points, SPACING, _SPREAD), _room(points, in_plane, flat))
+
+
+def touching(body: Body, face: PlacementFace) -> Array:
+    """(k, 2) `ContactPoints.points` alone."""
+    plane = float(face.vertices[0] @ face.normal)
+    near = (plane - body.vertices @ face.normal)[body.triangles].min(axis=1) <= body.flatness
+    found = _on_triangles(body.vertices[body.triangles[near]])
+    found = found[plane - found @ face.normal <= body.flatness]
+    T = face.T_face_object
+    points = np.unique((found @ T.rotation.T + T.translation)[:, :2], axis=0)
+    return np.asarray(points[_thinned(points, SPACING, _MOST)])
 
 
 def _room(points: Array, corners: Array, triangles: Index) -> Array:

@@ -149,7 +149,8 @@ def connected_pieces(points: Array, triangles: Triangles) -> list[Piece]:
     """The connected pieces of the mesh, facing outward where closed.
 
     Pieces that share no vertices are told apart even where they touch. Only what is not closed
-    that way (every triangle with vertices of its own, as in STL files) has equal vertices merged.
+    that way (every triangle with vertices of its own, as in STL files) has equal vertices merged;
+    what has a front and a back everywhere, with nothing between them, counts once.
 
     Raises:
         ObjectError: there are more than `MAX_PIECES`.
@@ -163,7 +164,10 @@ def connected_pieces(points: Array, triangles: Triangles) -> list[Piece]:
         faces = vertex.reshape(-1, 3)
         whole = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
         merged = corners.reshape(-1, 3)[first]
-        pieces += _pieces(merged, _connected(merged, faces[whole]))
+        for group in _connected(merged, faces[whole]):
+            once = _once(group)
+            same = len(once) == len(group.triangles)
+            pieces += _pieces(merged, [group] if same else _connected(merged, once))
     if len(pieces) > MAX_PIECES:
         raise ObjectError(
             "object", f"{len(pieces)} pieces", f"an object may have {MAX_PIECES} connected pieces"
@@ -212,6 +216,16 @@ def _connected(points: Array, triangles: Triangles) -> list[_Group]:
             np.split(triangles[order], first[1:]), of_triangle[order][first].tolist(), strict=True
         )
     ]
+
+
+def _once(group: _Group) -> Triangles:
+    """Of a surface that has all its triangles twice, as a front and a back or the same again, the
+    first of each; else all of them."""
+    if group.watertight:
+        return group.triangles
+    corners = np.sort(group.triangles, axis=1)
+    _, first, count = np.unique(corners, axis=0, return_index=True, return_counts=True)
+    return group.triangles[np.sort(first)] if count.min() > 1 else group.triangles
 
 
 def _pieces(points: Array, groups: list[_Group]) -> list[Piece]:

@@ -39,8 +39,9 @@ from placement_planner_ros.core.scene.extent import cropped
 from placement_planner_ros.core.scene.flying_pixels import flying_pixels
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.core.scene.visibility import View
+from placement_planner_ros.core.stability.rises import rises
 from placement_planner_ros.core.swept.space import Stretch, SweptSpace
-from placement_planner_ros.core.types import Array, Placement, TargetVolume
+from placement_planner_ros.core.types import LEVEL, Array, Placement, TargetVolume
 from placement_planner_ros.core.wishes.settings import TurnSettings
 
 SAMPLES = 4000
@@ -105,12 +106,16 @@ class Practice:
         arm.explain(q)
 
     def distances(self) -> None:
-        """Clearance and its gradient; how far surfaces go on."""
+        """Clearance and its gradient; how far surfaces go on, and what rises from them."""
         context = ObjectiveContext(self._environment, self._environment.volume, self._box)
         objective = make_objective("maximize_clearance", context)
         gradient(objective, _pose(0.05, 0.05, 0.06))
         self._environment.clearance.distance(np.zeros((1, 3)))
-        self._environment.support.roomy(0.0, 0.003, 0.05)
+        support = self._environment.support
+        support.roomy(0.0, 0.003, 0.05)
+        heights = support.origin, support.cell_size, support.columns, support.start, support.height
+        one, none = np.eye(4)[None], np.zeros(1)
+        rises(np.zeros((1, 3)), one, LEVEL, none, 0.003, *heights, support.rectangle)
 
     def swept(self) -> None:
         """What a path sweeps, against a cloud."""

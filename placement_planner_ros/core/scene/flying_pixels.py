@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.scene.plane_behind import (
+    Flags,
     before_plane,
     on_plane,
     plane_behind,
@@ -142,8 +143,12 @@ def _residuals(seen: Seen, stride: int) -> tuple[Array, float]:
         off = np.inf
         for q in first:
             for j in range(count):
-                if off == np.inf and near[j] != q:
+                if near[j] != q:
                     off = abs(_off_line(seen, p, q, near[j]))
+                if off < np.inf:
+                    break
+            if off < np.inf:
+                break
         if off < np.inf:
             found[k] = off
             k += 1
@@ -151,12 +156,14 @@ def _residuals(seen: Seen, stride: int) -> tuple[Array, float]:
 
 
 @kernel(lean=True)
-def _count(seen: Seen, p: int, cell: int, tolerance: float, alive: Mask, enough: int) -> int:
-    """How many points of a bin that stay are beside point p at its range, `enough` at most."""
+def _count(
+    seen: Seen, p: int, first: int, last: int, tolerance: float, alive: Mask, enough: int
+) -> int:
+    """How many of these points that stay are beside point p at its range, `enough` at most."""
     a, b, r = seen.at[p, 0], seen.at[p, 1], seen.range[p]
     reach = (_WINDOW * seen.pitch) ** 2
     count = 0
-    for q in range(seen.start[cell], seen.start[cell + 1]):
+    for q in range(first, last):
         if abs(seen.range[q] - r) <= tolerance and q != p and alive[q]:
             u, v = seen.at[q, 0] - a, seen.at[q, 1] - b
             if u * u + v * v <= reach:
@@ -172,38 +179,49 @@ def _stands(seen: Seen, p: int, tolerance: float, alive: Mask) -> bool:
     nx, ny = seen.shape
     row = int((seen.at[p, 0] - seen.low[0]) / seen.edge)
     column = int((seen.at[p, 1] - seen.low[1]) / seen.edge)
-    count = _count(seen, p, row * ny + column, tolerance, alive, _STAND_BY)
+    j0, j1 = max(column - 1, 0), min(column + 2, ny)
+    count = 0
     for i in range(max(row - 1, 0), min(row + 2, nx)):
-        for j in range(max(column - 1, 0), min(column + 2, ny)):
-            if count < _STAND_BY and (i != row or j != column):
-                count += _count(seen, p, i * ny + j, tolerance, alive, _STAND_BY - count)
-    return count >= _STAND_BY
+        # bins of one row lie one after the other
+        first, last = seen.start[i * ny + j0], seen.start[i * ny + j1]
+        count += _count(seen, p, first, last, tolerance, alive, _STAND_BY - count)
+        if count == _STAND_BY:
+            return True
+    return False
 
 
 @kernel(lean=True)
-def _in_line(seen: Seen, p: int, tolerance: float, alive: Mask, near: Index) -> bool:
-    """Whether a line through two points that stay, one behind the other, leads to point p."""
-    count = around(seen, p, 2.0 * _BESIDE + _ASIDE, near)
+def _in_line(seen: Seen, p: int, tolerance: float, alive: Mask, near: Index, count: int) -> bool:
+    """Whether a line through two points that stay, one behind the other, leads to point p.
+
+    Args:
+        near: the first `count` are the points around it.
+    """
     within = (_BESIDE * seen.pitch) ** 2
     for i in range(count):
-        u, v = seen.at[near[i], 0] - seen.at[p, 0], seen.at[near[i], 1] - seen.at[p, 1]
-        if u * u + v * v > within or not alive[near[i]]:
+        q = near[i]
+        u, v = seen.at[q, 0] - seen.at[p, 0], seen.at[q, 1] - seen.at[p, 1]
+        if u * u + v * v > within or not alive[q]:
             continue
         for j in range(count):
-            if j == i or not alive[near[j]]:
+            o = near[j]
+            # first what rules most of them out
+            if abs(2.0 * seen.range[q] - seen.range[o] - seen.range[p]) > tolerance:
                 continue
-            if abs(_off_line(seen, p, near[i], near[j])) <= tolerance:
+            if o != q and alive[o] and abs(_off_line(seen, p, q, o)) <= tolerance:
                 return True
     return False
 
 
 @kernel(lean=True)
-def _contradicted(seen: Seen, p: int, tolerance: float, near: Index) -> bool:
-    """Whether enough of the pixels around point p saw something else."""
-    count = around(seen, p, _WINDOW, near)
+def _contradicted(seen: Seen, p: int, tolerance: float, near: Index, count: int) -> bool:
+    """Whether enough of the pixels in the window of point p saw something else."""
+    reach = (_WINDOW * seen.pitch) ** 2
     others = 0
     for i in range(count):
-        others += abs(seen.range[near[i]] - seen.range[p]) > tolerance
+        u, v = seen.at[near[i], 0] - seen.at[p, 0], seen.at[near[i], 1] - seen.at[p, 1]
+        if u * u + v * v <= reach:
+            others += abs(seen.range[near[i]] - seen.range[p]) > tolerance
     return others >= _CONTRADICT
 
 
@@ -246,11 +264,50 @@ def _stands_before(
             continue
         for j in range(count):
             o = near[j]
+            if abs(2.0 * seen.range[q] - seen.range[o] - seen.range[p]) > tolerance:
+                continue
             if o == q or not alive[o] or before_plane(seen, p, o, plane) <= 0.5 * tolerance:
                 continue
             if abs(_off_line(seen, p, q, o)) <= tolerance:
                 return True
     return False
+
+
+@kernel(lean=True)
+def _stays(
+    seen: Seen,
+    p: int,
+    tolerance: float,
+    alive: Mask,
+    in_line: Mask,
+    behind: Flags,
+    planes: Array,
+    near: Index,
+    window: Array,
+) -> bool:
+    """Whether point p has enough that stay beside it; fills in what was found of it.
+
+    Args:
+        in_line: (n,) whether it stays for a line that leads to it.
+        behind, planes: (n,), (n, 3) what passes behind it.
+        near, window: room for the points around it.
+    """
+    count = 0
+    if not _stands(seen, p, tolerance, alive):
+        count = around(seen, p, 2.0 * _BESIDE + _ASIDE, near)
+        in_line[p] = _in_line(seen, p, tolerance, alive, near, count)
+        if not in_line[p] and _contradicted(seen, p, tolerance, near, count):
+            return False
+    if behind[p] == _NOT_ASKED:
+        behind[p] = _NOTHING
+        if not _between(seen, p, tolerance, near):
+            beside = around(seen, p, _WINDOW, near)
+            if plane_behind(seen, p, near, beside, tolerance, window, planes[p]):
+                behind[p] = _PLANE
+    if behind[p] != _PLANE:
+        return True
+    count = around(seen, p, 2.0 * _BESIDE + _ASIDE, near)
+    return _stands_before(seen, p, tolerance, alive, near, count, planes[p])
 
 
 @kernel(nogil=True)
@@ -261,49 +318,42 @@ def _unsupported(seen: Seen, noise: float, asked: Mask) -> Mask:
     fewer go where not all are asked.
     """
     n = len(seen.row)
-    alive = np.ones(n, np.bool_)
-    in_line = np.zeros(n, np.bool_)
-    near = np.empty(_ROOM, np.int64)
-    again = np.empty(_ROOM, np.int64)
-    behind = np.zeros(n, np.int8)
+    alive, in_line = np.ones(n, np.bool_), np.zeros(n, np.bool_)
+    behind, planes = np.zeros(n, np.int8), np.empty((n, 3))
+    near, again = np.empty(_ROOM, np.int64), np.empty(_ROOM, np.int64)
+    window = np.empty((_ROOM, 3))
+    gone = np.empty(n, np.int64)  # a queue, whose neighbours up to `done` were asked again
+    count = 0
     for cell in range(len(seen.start) - 1):
         on_plane(seen, cell, _NOISES * noise, behind)
-    planes = np.empty((n, 3))
-    gone = np.empty(n, np.int64)  # a queue, whose neighbours up to `done` were asked again
-    count = done = p = 0
-    while p < n or done < count:
-        if p < n:
-            among = 1
-            again[0] = p
-            p += 1
-        else:
-            lost = gone[done]
-            among = around(seen, lost, _WINDOW, again)
-            done += 1
-        for k in range(among):
-            q = again[k]
-            tolerance = max(_NOISES * noise, seen.pitch * seen.range[q])
-            if not asked[q] or not alive[q] or seen.cosine[q] < _SEEN:
+        first, last = seen.start[cell], seen.start[cell + 1]
+        for p in range(first, last):
+            tolerance = max(_NOISES * noise, seen.pitch * seen.range[p])
+            if not asked[p] or seen.cosine[p] < _SEEN:
                 continue
-            if done > 0 and not in_line[q] and behind[q] != _PLANE:
-                aside = abs(seen.range[q] - seen.range[gone[done - 1]])
-                if aside > tolerance:  # it had nothing from what has gone
-                    continue
-            stays = _stands(seen, q, tolerance, alive)
-            if not stays:
-                in_line[q] = _in_line(seen, q, tolerance, alive, near)
-                stays = in_line[q] or not _contradicted(seen, q, tolerance, near)
-            if stays and behind[q] == _NOT_ASKED:
-                behind[q] = _NOTHING
-                if not _between(seen, q, tolerance, near):
-                    beside = around(seen, q, _WINDOW, near)
-                    if plane_behind(seen, q, near, beside, tolerance, planes[q]):
-                        behind[q] = _PLANE
-            if stays and behind[q] == _PLANE:
-                beside = around(seen, q, 2.0 * _BESIDE + _ASIDE, near)
-                stays = _stands_before(seen, q, tolerance, alive, near, beside, planes[q])
-            if not stays:
-                alive[q] = False
-                gone[count] = q
+            # most points lie in a surface, of which their own bin shows enough
+            if behind[p] == _NOTHING and (
+                _count(seen, p, first, last, tolerance, alive, _STAND_BY) == _STAND_BY
+            ):
+                continue
+            if not _stays(seen, p, tolerance, alive, in_line, behind, planes, near, window):
+                alive[p] = False
+                gone[count] = p
+                count += 1
+    done = 0
+    while done < count:
+        lost = gone[done]
+        done += 1
+        for k in range(around(seen, lost, _WINDOW, again)):
+            p = again[k]
+            tolerance = max(_NOISES * noise, seen.pitch * seen.range[p])
+            if not asked[p] or not alive[p] or seen.cosine[p] < _SEEN:
+                continue
+            aside = abs(seen.range[p] - seen.range[lost])
+            if aside > tolerance and not in_line[p] and behind[p] != _PLANE:
+                continue  # it had nothing from what has gone
+            if not _stays(seen, p, tolerance, alive, in_line, behind, planes, near, window):
+                alive[p] = False
+                gone[count] = p
                 count += 1
     return ~alive

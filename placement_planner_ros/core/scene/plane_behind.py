@@ -70,16 +70,28 @@ def _through(seen: Seen, p: int, i: int, j: int, k: int, plane: Array) -> bool:
 
 
 @kernel(lean=True)
-def _refit(seen: Seen, p: int, near: Index, count: int, tolerance: float, plane: Array) -> int:
+def _look_around(seen: Seen, p: int, near: Index, count: int, window: Array) -> None:
+    """Fill in (count, 3) of points around point p: how far beside it, in pixels, and 1 / range."""
+    for i in range(count):
+        window[i, 0] = (seen.at[near[i], 0] - seen.at[p, 0]) / seen.pitch
+        window[i, 1] = (seen.at[near[i], 1] - seen.at[p, 1]) / seen.pitch
+        window[i, 2] = 1.0 / seen.range[near[i]]
+
+
+@kernel(lean=True)
+def _off_plane(window: Array, i: int, plane: Array, square: float) -> float:
+    """`before_plane` of point i around another one, whose range has that square, m²."""
+    return (window[i, 2] - plane[0] - plane[1] * window[i, 0] - plane[2] * window[i, 1]) * square
+
+
+@kernel(lean=True)
+def _refit(window: Array, count: int, tolerance: float, square: float, plane: Array) -> int:
     """Fit the plane anew to its pixels by least squares; returns how many it had."""
     n = sx = sy = sz = xx = xy = yy = xz = yz = 0.0
     for i in range(count):
-        q = near[i]
-        if abs(before_plane(seen, p, q, plane)) > tolerance:
+        if abs(_off_plane(window, i, plane, square)) > tolerance:
             continue
-        x = (seen.at[q, 0] - seen.at[p, 0]) / seen.pitch
-        y = (seen.at[q, 1] - seen.at[p, 1]) / seen.pitch
-        z = 1.0 / seen.range[q]
+        x, y, z = window[i, 0], window[i, 1], window[i, 2]
         n += 1.0
         sx += x
         sy += y
@@ -104,7 +116,7 @@ def _refit(seen: Seen, p: int, near: Index, count: int, tolerance: float, plane:
 
 @kernel(lean=True)
 def plane_behind(
-    seen: Seen, p: int, near: Index, count: int, tolerance: float, plane: Array
+    seen: Seen, p: int, near: Index, count: int, tolerance: float, window: Array, plane: Array
 ) -> bool:
     """Whether some of the pixels around point p are of one plane that passes behind it.
 
@@ -112,11 +124,14 @@ def plane_behind(
         near: the first `count` are the points around it.
         tolerance: by which points may be off the plane along their rays, and beyond which it is
             behind, metres.
+        window: (k, 3) room for the points around it.
         plane: (3,) receives 1 / range at point p, and by how much it grows per pixel.
     """
     if count < _FEWEST:
         return False
     best, a, b, c = 0, 0.0, 0.0, 0.0
+    _look_around(seen, p, near, count, window)
+    square = seen.range[p] ** 2
     draw = 12345
     for _ in range(_DRAWS):
         draw = (draw * 1103515245 + 12345) % 2147483648
@@ -129,7 +144,7 @@ def plane_behind(
             continue
         on_it = 0
         for m in range(count):
-            on_it += abs(before_plane(seen, p, near[m], plane)) <= tolerance
+            on_it += abs(_off_plane(window, m, plane, square)) <= tolerance
         if on_it > best:
             best, a, b, c = on_it, plane[0], plane[1], plane[2]
         if best > _ENOUGH * count:
@@ -138,7 +153,7 @@ def plane_behind(
         return False
     plane[0], plane[1], plane[2] = a, b, c
     for _ in range(2):
-        if _refit(seen, p, near, count, tolerance, plane) < _FEWEST:
+        if _refit(window, count, tolerance, square, plane) < _FEWEST:
             return False
     return before_plane(seen, p, p, plane) > tolerance
 

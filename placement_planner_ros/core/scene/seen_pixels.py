@@ -155,18 +155,17 @@ def around(seen: Seen, p: int, pixels: float, near: Index) -> int:
     a, b = seen.at[p, 0], seen.at[p, 1]
     reach = pixels * seen.pitch
     count = 0
+    ny = seen.shape[1]
+    j0 = max(int((b - reach - seen.low[1]) / seen.edge), 0)
+    j1 = min(int((b + reach - seen.low[1]) / seen.edge) + 1, ny)
     for i in range(
         max(int((a - reach - seen.low[0]) / seen.edge), 0),
         min(int((a + reach - seen.low[0]) / seen.edge) + 1, seen.shape[0]),
     ):
-        for j in range(
-            max(int((b - reach - seen.low[1]) / seen.edge), 0),
-            min(int((b + reach - seen.low[1]) / seen.edge) + 1, seen.shape[1]),
-        ):
-            cell = i * seen.shape[1] + j
-            for q in range(seen.start[cell], seen.start[cell + 1]):
-                u, v = seen.at[q, 0] - a, seen.at[q, 1] - b
-                if u * u + v * v <= reach * reach and q != p and count < len(near):
-                    near[count] = q
-                    count += 1
+        # bins of one row lie one after the other
+        for q in range(seen.start[i * ny + j0], seen.start[i * ny + j1]):
+            u, v = seen.at[q, 0] - a, seen.at[q, 1] - b
+            if u * u + v * v <= reach * reach and q != p and count < len(near):
+                near[count] = q
+                count += 1
     return count

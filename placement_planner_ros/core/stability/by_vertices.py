@@ -7,10 +7,12 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from placement_planner_ros.core.body.contact_points import touching
 from placement_planner_ros.core.body.rests import GRAVITY, TIPPING_ENERGY
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.stability.footing import Footing
+from placement_planner_ros.core.stability.rises import rises
 from placement_planner_ros.core.types import LEVEL, Array, Slope
 
 LEANS = 0.025
@@ -21,6 +23,10 @@ where many points do, so that they are told much better than each of these."""
 _ROCKS = 2.0 * math.sqrt(2.0)
 """Times the spread of heights about their plane, over the width, by which an object rocks: of four
 corners of a square one that is lower by d leaves d/2 of spread, and is d over the half diagonal."""
+_RISES = 1.6
+"""Times the noise by which single surfaces under an object may be above the plane under it."""
+_LEVEL = 2e-4
+"""m by which heights of one level surface may differ."""
 _SCATTER = 0.6
 """Times the noise that heights may spread about their plane by."""
 
@@ -40,6 +46,9 @@ class VertexSupport:
         self._environment = problem.environment
         self._center = problem.body.center_of_mass
         self._contacts = [face.vertices for face in self.faces]
+        self._body = problem.body
+        self._touching: dict[int, Array] = {}
+        self._heights: dict[Slope, Array] = {}
 
     def stable(self, T: Array, face: int, slope: Slope) -> npt.NDArray[np.bool_]:
         """(n,) s(x) of poses (n, 4, 4) on one face and one slope."""
@@ -52,10 +61,58 @@ class VertexSupport:
         stable = np.asarray(np.isfinite(gaps).all(axis=1))
         noise = self._environment.measured.noise
         stable[stable] = in_one_plane(points[stable], gaps[stable], noise)
+        stable[stable] = ~self._on_something(points[stable], gaps[stable], T[stable], face, slope)
         if slope != LEVEL:
             centers = T[:, :3, :3] @ self._center + T[:, :3, 3]
             stable &= stays(points - centers[:, None])
         return stable
+
+    def _on_something(
+        self, points: Array, gaps: Array, T: Array, face: int, slope: Slope
+    ) -> npt.NDArray[np.bool_]:
+        """(n,) whether something under the object between its vertices lifts it off them.
+
+        On what is higher in its middle by d an object leans by d over half its width. That may be
+        as much as in `in_one_plane`.
+
+        Args:
+            points, gaps: (n, k, 3), (n, k) as there.
+        """
+        support = self._environment.support_of(slope)
+        if slope not in self._heights:
+            self._heights[slope] = np.sort(support.height)
+        xy = points[..., :2] - points[..., :2].mean(axis=1, keepdims=True)
+        spread = np.einsum("nki,nkj->nij", xy, xy)
+        narrowest = 2.0 * np.sqrt(np.linalg.eigvalsh(spread)[:, 0] / points.shape[1])
+        low = gaps.mean(axis=1) + 0.5 * LEANS * narrowest
+        low += _RISES * self._environment.measured.noise + _LEVEL
+        high = self.footing.contact_tolerance
+        z = points[:, 0, 2] - points[:, 0, :2] @ np.array(slope)
+        between = [np.searchsorted(self._heights[slope], z + up, "right") for up in (low, high)]
+        found = np.asarray(between[1] > between[0])
+        if found.any():
+            found[found] = rises(
+                self._points(face),
+                np.ascontiguousarray(T[found]),
+                slope,
+                low[found],
+                high,
+                support.origin,
+                support.cell_size,
+                support.columns,
+                support.start,
+                support.height,
+                support.rectangle,
+            )
+        return found
+
+    def _points(self, face: int) -> Array:
+        """(k, 3) of the object that lie in the plane of that face, made when first asked for."""
+        if face not in self._touching:
+            inward = self.faces[face].T_face_object.inverse()
+            found = touching(self._body, self.faces[face])
+            self._touching[face] = found @ inward.rotation[:, :2].T + inward.translation
+        return self._touching[face]
 
 
 def in_one_plane(points: Array, gaps: Array, noise: float) -> npt.NDArray[np.bool_]:

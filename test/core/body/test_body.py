@@ -172,6 +172,36 @@ def test_inside_out_meshes_are_turned():
     assert body.warnings == ()
 
 
+@pytest.mark.parametrize("between", [True, False], ids=["by pairs", "one after the other"])
+def test_a_mesh_of_fronts_and_backs_is_the_solid_that_its_fronts_enclose(between):
+    cup = trimesh.creation.revolve(
+        [(0, 0), (0.03, 0), (0.03, 0.08), (0.027, 0.08), (0.027, 0.003), (0, 0.003)], sections=12
+    )
+    front, back = cup.faces, cup.faces[:, ::-1]
+    both = np.stack([front, back], axis=1 if between else 0).reshape(-1, 3)
+    made, right = (
+        Body.from_mesh(cup.vertices, both, cover=lambda v, t, _: hull_cover(v, t)),
+        body_of(cup, cover=lambda v, t, _: hull_cover(v, t)),
+    )
+    assert made.warnings == right.warnings
+    np.testing.assert_allclose(made.center_of_mass, right.center_of_mass, atol=1e-9)
+    np.testing.assert_array_equal(made.volume_points, right.volume_points)
+
+
+def test_a_mesh_that_crosses_itself_has_the_mass_of_its_hull_where_its_own_cancels_out():
+    across = np.array([(0, 0), (0.05, 0.05), (0.05, 0), (0, 0.0501)])  # two triangles that meet
+    vertices = np.vstack([np.column_stack([across, np.full(4, z)]) for z in (0.0, 0.04)])
+    sides = [
+        f
+        for k in range(4)
+        for f in ((k, (k + 1) % 4, k + 4), ((k + 1) % 4, (k + 1) % 4 + 4, k + 4))
+    ]
+    ends = [(2, 1, 0), (3, 2, 0), (4, 5, 6), (4, 6, 7)]
+    body = Body.from_mesh(vertices, np.array(sides + ends), cover=lambda v, t, _: hull_cover(v, t))
+    np.testing.assert_allclose(body.center_of_mass[2], 0.02, atol=1e-6)
+    assert (np.abs(body.center_of_mass[:2] - 0.025) < 0.003).all()
+
+
 def test_an_open_mesh_counts_as_a_sheet_and_says_so():
     mesh = box(0.1, 0.06, 0.04)
     body = Body.from_mesh(mesh.vertices, mesh.faces[:-2])

@@ -2,8 +2,13 @@
 
 import numpy as np
 import pytest
+import trimesh
+from footholds import pedestal, problem_on
 
-from placement_planner_ros.core.stability.by_vertices import LEANS, in_one_plane
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.planner import PlannerSettings
+from placement_planner_ros.core.stability.by_vertices import LEANS, VertexSupport, in_one_plane
+from placement_planner_ros.core.types import LEVEL
 
 CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
@@ -44,3 +49,30 @@ def test_noise_excuses_errors_of_surfaces_but_no_step():
     steps = {"a corner 3 mm higher": [3.0, 0.0, 0.0, 0.0], "twisted": [0.75, -0.75, 0.75, -0.75]}
     for name, gaps in steps.items():
         assert not in_one_plane(points, 1e-3 * np.array([gaps]), noise)[0], name
+
+
+def stands_over(thing, rise, beside=0.0):
+    """Whether a thing stands whose middle is so far beside that of a square of 20 mm that rises
+    from a table by so much, metres."""
+    body = Body.from_mesh(thing.vertices, thing.faces)
+    blocks = [pedestal(0.3, depth=0.02)]
+    blocks += [pedestal(0.02, z=rise, depth=rise, name="coin")] if rise else []
+    support = VertexSupport(problem_on(body, blocks), PlannerSettings().footing)
+    T = np.eye(4)
+    T[:3, 3] = 0.5 + beside, 0.0, -thing.vertices[:, 2].min()
+    down = int(np.argmin([face.normal[2] for face in body.faces]))
+    return bool(support.stable(T[None], down, LEVEL)[0])
+
+
+def test_nothing_stands_on_what_rises_between_its_corners():
+    whole = trimesh.creation.box((0.09, 0.05, 0.04))
+    assert stands_over(whole, 0.0)
+    assert stands_over(whole, 0.0005)  # it leans by 1.1 degrees on that
+    assert not stands_over(whole, 0.0015)
+    assert not stands_over(whole, 0.0028)
+    assert stands_over(whole, 0.0028, beside=0.06)
+    legs = [trimesh.creation.box((0.012, 0.012, 0.04)) for _ in range(4)]
+    for leg, (x, y) in zip(legs, CORNERS, strict=True):
+        leg.apply_translation((0.045 * x, 0.025 * y, -0.04))
+    on_legs = trimesh.util.concatenate([trimesh.creation.box((0.102, 0.062, 0.04)), *legs])
+    assert stands_over(on_legs, 0.0028)
