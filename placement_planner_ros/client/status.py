@@ -40,7 +40,7 @@ class Status:
         code: how it ended; `OK` while it has not.
         solutions: how many it has published.
         validity: of the last of them.
-        warm: `true`, `false` while kernels are compiled, or `failed`.
+        warm: `true`, `false` while kernels are loaded or compiled, or `failed`.
         robot, object: `none`, `reading`, `ready` or `bad`.
         message: for people.
         values: all there is, by key.
@@ -91,7 +91,8 @@ class Status:
         """What the node waits for or works on before it can begin a run, in words."""
         lacking = []
         if self.warm not in ("true", "failed"):
-            lacking.append(f"compiling kernels: {self.values.get('warm_progress', '')}")
+            progress = self.values.get("warm_progress", "")
+            lacking.append(f"compiling kernels: {progress}" if progress else "loading kernels")
         lacking += [
             f"reading the {what}: {self.values.get(f'{what}_progress', '')}"
             for what, state in (("robot", self.robot), ("object", self.object))

@@ -28,6 +28,10 @@ from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume
 MAX_CELLS = 100_000_000
 """Cells of the obstacle set that V may have with what is known around it, of 17 bytes each."""
 
+_BELOW = 0.005
+"""m that unknown space stays below a measured surface. What stands on that surface keeps the margin
+and planning's reserve (4.2 mm by default) from unknown space, which else begins anywhere within a
+cell below; and nothing that keeps 2.5 mm or more from both fits between them."""
 _AROUND = 0.3
 """m that is known around V, in x and y."""
 _BESIDE = 0.1
@@ -213,7 +217,7 @@ class Environment:
         unknown = unknown_cells(
             measured, views, volume, outside_robot, below_measured=unknown_below
         )
-        obstacles = measured.with_full_cells(unknown) if len(unknown) else measured
+        obstacles = measured.with_full_cells(unknown, _BELOW) if len(unknown) else measured
         count, extent = _extent(checked_cloud(points))
         return cls(
             obstacles,

@@ -27,6 +27,8 @@ _AnyArray = TypeVar("_AnyArray", bound=npt.NDArray)
 _ORIGIN_SHIFT = 0.03
 """Cells begin this share of a cell before the bounds, so that a surface at a round height does not
 fall onto a face between two layers, where rounding would scatter its points over both."""
+_ROUNDING = 1e-6
+"""m."""
 _LEVEL = 0.06
 """Share of a cell that the points of one level surface may fall by within it."""
 
@@ -238,7 +240,7 @@ class ObstacleSet:
             result[rows] = top[rows] + reach
         return result
 
-    def with_full_cells(self, cells: npt.NDArray[np.int32]) -> ObstacleSet:
+    def with_full_cells(self, cells: npt.NDArray[np.int32], below: float = 0.0) -> ObstacleSet:
         """A copy in which further cells, until now empty, are obstacles as a whole.
 
         Nothing was measured in them, so no surface lies on them: take regions and support from the
@@ -246,9 +248,29 @@ class ObstacleSet:
 
         Args:
             cells: (k, 3) distinct empty cells.
+            below: metres that a cell stays below what was measured in the cell above it, where
+                that covers all of it. What keeps half as much from both does not fit between.
         """
         lower = self.origin + cells * self.cell_size
-        return self._with(cells, lower, lower + self.cell_size, None)
+        upper = lower + self.cell_size
+        covered = self._covered_from(cells, lower, upper)
+        upper[:, 2] = np.maximum(np.minimum(upper[:, 2], covered - below), lower[:, 2])
+        return self._with(cells, lower, upper, None)
+
+    def _covered_from(self, cells: npt.NDArray[np.int32], lower: Array, upper: Array) -> Array:
+        """(k,) height of the lowest box that covers each cell in the cell above it; inf without."""
+        above = cells + np.array([0, 0, 1], dtype=np.int32)
+        heights = np.full(len(cells), np.inf)
+        known = np.flatnonzero(above[:, 2] < self.shape[2])
+        rows = self.index[tuple(above[known].T)]
+        while (rows >= 0).any():
+            known, rows = known[rows >= 0], rows[rows >= 0]
+            covers = (self.lower[rows, :2] <= lower[known, :2] + _ROUNDING).all(axis=1)
+            covers &= (self.upper[rows, :2] >= upper[known, :2] - _ROUNDING).all(axis=1)
+            found, low = known[covers], self.lower[rows[covers], 2]
+            heights[found] = np.minimum(heights[found], low)
+            rows = self.next[rows]
+        return heights
 
     def with_boxes(self, cells: npt.NDArray[np.int32], lower: Array, upper: Array) -> ObstacleSet:
         """A copy with further boxes, of corners (k, 3), that nothing stands on.

@@ -257,6 +257,27 @@ def test_nothing_above_the_highest_that_was_measured_is_unknown_where_so_asked()
     assert not len(unknown_cells(nothing, [view], VOLUME, below_measured=True))
 
 
+@pytest.mark.parametrize("height", [0.0512, 0.0531, 0.0545, 0.0575])
+def test_a_full_cell_stays_below_what_covers_it_in_the_cell_above(height):
+    ticks = np.arange(0.0, 0.2001, 0.002)
+    plane = np.stack(np.meshgrid(ticks, ticks, [height]), axis=-1).reshape(-1, 3)
+    bounds = np.array([-0.1, -0.1, 0.0]), np.array([0.3, 0.3, 0.2])
+    obstacles = ObstacleSet.from_points(plane, bounds=bounds)
+    beneath = obstacles.cells - np.array([0, 0, 1], dtype=np.int32)
+    joined = obstacles.with_full_cells(beneath, 0.005)
+    rows = joined.index[tuple(beneath.T)]
+    tops = np.minimum(obstacles.lower[:, 2], joined.lower[rows, 2] + 0.01)
+    assert (joined.upper[rows, 2] <= tops).all()
+    whole = (np.ptp([obstacles.lower, obstacles.upper], axis=0)[:, :2] > 0.00999).all(axis=1)
+    assert 200 < whole.sum() < len(beneath)
+    expected = np.minimum(tops, height - 0.005)
+    assert joined.upper[rows, 2][whole] == pytest.approx(expected[whole], abs=1e-6)
+    full = joined.lower[rows, 2] + 0.01
+    assert joined.upper[rows, 2][~whole] == pytest.approx(full[~whole], abs=1e-6)
+    elsewhere = obstacles.with_full_cells(beneath)
+    assert elsewhere.upper[rows, 2] == pytest.approx(full, abs=1e-6)
+
+
 def test_full_cells_join_the_boxes_of_the_set_in_order():
     view = view_of(FLOOR, WALL, CRATE, noise=0.002)
     obstacles = measured(view)

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -137,8 +138,10 @@ def test_what_the_node_lacks_is_waited_for_and_named(bench):
         with pytest.raises(PlacementError) as raised:
             planner.wait_until_ready(0.3)
         assert raised.value.code == "NOT_READY"
-        assert "compiling kernels" in raised.value.words
+        assert "loading kernels" in raised.value.words
         assert "no recent joint states, clouds" in raised.value.words
+        half = replace(planner.status, values={"warm_progress": "3 of 9 kernels compiled"})
+        assert half.lacking == "compiling kernels: 3 of 9 kernels compiled"
         waiting = Doing(lambda: planner.wait_until_ready(60.0))
         b.node._warm.set()
         b.cloud()
