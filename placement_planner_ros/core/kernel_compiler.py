@@ -142,17 +142,22 @@ class _FrozenFlags(Flags):
 
 
 _FROZEN: list[_FrozenFlags] = []
+_TELLING = "raise_with_shape_context"
+"""Numba's function that says which shapes do not fit."""
 
 
 @contextlib.contextmanager
 def _misfits_told_briefly() -> Iterator[None]:
     """While a kernel is compiled, arrays that do not fit into others raise without their shapes."""
-    telling = arrayobj.raise_with_shape_context
-    arrayobj.raise_with_shape_context = _raise_briefly
+    telling = getattr(arrayobj, _TELLING, None)
+    if telling is None:  # numba before 0.62 tells no shapes
+        yield
+        return
+    setattr(arrayobj, _TELLING, _raise_briefly)
     try:
         yield
     finally:
-        arrayobj.raise_with_shape_context = telling
+        setattr(arrayobj, _TELLING, telling)
 
 
 def _raise_briefly(source: Any, target: Any) -> None:
