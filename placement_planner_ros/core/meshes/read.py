@@ -79,7 +79,9 @@ def _contents(suffix: str, data: bytes) -> tuple[Array, Triangles]:
     elif suffix == ".off":
         data = _utf8(data)
     # By its contents alone, so that it cannot name other files, and misses none that it names.
-    mesh = trimesh.load_mesh(io.BytesIO(data), file_type=suffix[1:], process=False)
+    # Without the picture that a PLY may name, whose absence is told at length.
+    plain = {"skip_materials": True} if suffix == ".ply" else {}
+    mesh = trimesh.load_mesh(io.BytesIO(data), file_type=suffix[1:], process=False, **plain)
     if not isinstance(mesh, trimesh.Trimesh):
         raise ValueError("it holds no triangles")
     return np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)

@@ -178,3 +178,11 @@ def test_vertices_of_an_obj_that_are_counted_back_are_those_before_the_face(tmp_
     (tmp_path / "a.obj").write_text(f"{CORNERS}f -3 -2 -1\n{above}f 4 -2//-1 \\\n -1\n")
     vertices, triangles = read_mesh(tmp_path / "a.obj")
     assert sorted(vertices[triangles][:, :, 2].tolist()) == [[0.0] * 3, [1.0] * 3]
+
+
+def test_a_ply_is_read_without_a_word_of_the_picture_that_it_names(tmp_path, caplog):
+    text = BOX.export(file_type="ply", encoding="ascii").decode()
+    path = tmp_path / "box.ply"
+    path.write_text(text.replace("ply\n", "ply\ncomment TextureFile picture.png\n", 1))
+    assert trimesh.Trimesh(*read_mesh(path)).volume == pytest.approx(BOX.volume)
+    assert not caplog.records
