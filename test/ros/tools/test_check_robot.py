@@ -206,7 +206,7 @@ def test_a_hand_that_cannot_let_go_is_wrong_wherever_the_robot_stands(robot, cap
     said = capsys.readouterr().out
     assert "letting go: the open hand can leave the object in none of the" in said
     assert "arm.grasps[0] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]: the open hand" in faults(said)
-    assert "where left meets it" in faults(said)
+    assert "where left is nearer" in faults(said)
 
 
 def test_a_volume_out_of_reach_is_wrong(robot, capsys):
