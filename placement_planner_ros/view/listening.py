@@ -20,11 +20,11 @@ from placement_planner_ros.client.hearing import Hearing
 from placement_planner_ros.client.waiting import News
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.ros.inputs.cloud_subscriptions import CloudSubscriptions
+from placement_planner_ros.ros.paced import Paced
 from placement_planner_ros.ros.qos import LATCHED
 from placement_planner_ros.ros.spinning import waiting
 from placement_planner_ros.ros.timers import every
 from placement_planner_ros.view.node_parameters import NodeParameters
-from placement_planner_ros.view.paced import Paced
 from placement_planner_ros.view.thinning import ThinCloud, thinned
 
 LOOK = 0.5

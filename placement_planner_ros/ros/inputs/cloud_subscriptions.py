@@ -6,19 +6,27 @@ best-effort publisher: so ask for reliable exactly where every publisher offers 
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 
-from rclpy.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGroup
+from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import PointCloud2
 
+from placement_planner_ros.ros.paced import Paced
 from placement_planner_ros.ros.timers import every
 
 PERIOD = 0.5
 """Seconds between looks at what the publishers offer."""
+
+APART = 0.05
+"""Seconds between clouds, on average over the topics, at least: each takes the processor and the
+interpreter from the search, which three at 10 Hz slowed by a fourth."""
+_LATE = 1.0
+"""Seconds without a cloud from which on a topic does not count."""
 
 OnCloud = Callable[[str, PointCloud2], None]
 
@@ -27,7 +35,7 @@ class CloudSubscriptions:
     """Subscribes to each topic and calls `on_cloud(topic, message)`.
 
     Args:
-        group: of the subscriptions; without it, one of their own.
+        group: of the subscriptions; without it, one of their own, in which clouds are `APART`.
     """
 
     def __init__(
@@ -39,7 +47,8 @@ class CloudSubscriptions:
     ) -> None:
         self._node = node
         self._on_cloud = on_cloud
-        self._group = group or MutuallyExclusiveCallbackGroup()
+        self._group = group or Paced(self._period)
+        self._heard: dict[str, float] = {}
         self._subscriptions: dict[str, tuple[ReliabilityPolicy, Subscription]] = {}
         for topic in topics:
             self._subscribe(topic, ReliabilityPolicy.RELIABLE)
@@ -65,8 +74,14 @@ class CloudSubscriptions:
                 self._node.destroy_subscription(subscription)
                 self._subscribe(topic, wanted)
 
+    def _period(self) -> float:
+        """Seconds between two clouds of one topic."""
+        late = time.monotonic() - _LATE
+        return APART * sum(heard > late for heard in list(self._heard.values()))
+
     def _subscribe(self, topic: str, reliability: ReliabilityPolicy) -> None:
         def received(message: PointCloud2) -> None:
+            self._heard[topic] = time.monotonic()
             self._on_cloud(topic, message)
 
         profile = QoSProfile(depth=1, history=HistoryPolicy.KEEP_LAST, reliability=reliability)

@@ -1,0 +1,70 @@
+"""Clouds are taken from each topic alike, and no more of them than the search can do with."""
+
+import pytest
+from rclpy.node import Node
+from sensor_msgs.msg import PointCloud2
+
+from placement_planner_ros.ros import paced
+from placement_planner_ros.ros.inputs import cloud_subscriptions as module
+from placement_planner_ros.ros.inputs.cloud_subscriptions import APART, CloudSubscriptions
+
+TOPICS = ["front", "left", "right"]
+
+
+@pytest.fixture
+def clouds(ros, monkeypatch):
+    """Subscriptions to three topics by name, who may take from one, and a clock."""
+    now = [100.0]
+    for each in (paced, module):
+        monkeypatch.setattr(each.time, "monotonic", lambda: now[0])
+    node = Node("hears_clouds")
+    CloudSubscriptions(node, TOPICS, lambda topic, message: None)
+    found = {s.topic_name.strip("/"): s for s in node.subscriptions}
+
+    def take(topic):
+        """Whether a cloud of that topic is taken now."""
+        subscription = found[topic]
+        group = subscription.callback_group
+        if not (group.can_execute(subscription) and group.beginning_execution(subscription)):
+            return False
+        assert not any(group.can_execute(each) for each in found.values())  # one at a time
+        subscription.callback(PointCloud2())
+        group.ending_execution(subscription)
+        return True
+
+    yield take, now
+    node.destroy_node()
+
+
+def test_a_single_topic_waits_for_itself_only(clouds):
+    take, now = clouds
+    assert take("front")
+    assert not take("front")
+    now[0] += 0.9 * APART
+    assert not take("front")
+    now[0] += 0.2 * APART
+    assert take("front")
+
+
+def test_each_of_several_topics_has_its_turn(clouds):
+    take, now = clouds
+    taken = dict.fromkeys(TOPICS, 0)
+    for _ in range(100):  # each has a new one whenever somebody looks, and the first is asked first
+        now[0] += APART / 5.0
+        for topic in TOPICS:
+            if take(topic):
+                taken[topic] += 1
+                break
+    assert sum(taken.values()) <= 100 / 5 + len(TOPICS)
+    assert min(taken.values()) >= 5
+
+
+def test_a_topic_that_is_silent_does_not_slow_the_others(clouds):
+    take, now = clouds
+    assert all(take(topic) for topic in TOPICS)
+    now[0] += 2.0 * APART
+    assert not any(take(topic) for topic in TOPICS)
+    now[0] += 1.0
+    assert take("front")
+    now[0] += 1.1 * APART
+    assert take("front")
