@@ -28,12 +28,14 @@ site: install
 	@echo "wrote build/site/index.html"
 
 # Every picture of docs/ anew, which takes hours, most of it the evaluation; what was recorded before
-# under results/ is not run again. CLOUDS=folder has the real clouds, whose pictures stay without.
+# under results/ is not run again. Those of the page need Chromium. CLOUDS=folder has the real clouds
+# that docs/situations.md names, and no others; without, their pictures and concept_regions.png's stay.
 figures: install
 	$(BIN)/placement_demo --seed 1 --output build/figures
 	cp build/figures/motion.gif build/figures/placement.png docs/images
 	$(BIN)/placement_demo --tour --seed 1 --output build/figures --page docs/tour.md
 	cp build/figures/tour.png build/figures/tour.gif docs/images
+	$(BIN)/python test/draw_view.py --output docs/images
 	$(BIN)/placement_benchmark concepts $(if $(CLOUDS),--cloud $(CLOUDS)/$(REGIONS_OF))
 	$(if $(CLOUDS),$(BIN)/placement_benchmark clouds $(CLOUDS) --output docs/images && rm docs/images/clouds.md)
 	$(BIN)/python test/draw_objects.py --output docs/images
