@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import threading
 from types import TracebackType
@@ -18,6 +19,9 @@ from placement_planner_ros.client.status import Status, Validity
 from placement_planner_ros.client.waiting import finish
 from placement_planner_ros.ros.spinning import spin_until
 
+_NUMBERS = itertools.count()
+"""Of the clients in this process, whose nodes must not have the same name."""
+
 
 class OwnNode:
     """A node in a context of its own, which a thread of its own spins.
@@ -29,7 +33,8 @@ class OwnNode:
     def __init__(self) -> None:
         self._context = Context()
         rclpy.init(context=self._context)
-        self.node = Node(f"placement_client_{os.getpid()}", context=self._context)
+        name = f"placement_client_{os.getpid()}_{next(_NUMBERS)}"
+        self.node = Node(name, context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._asked = threading.Event()

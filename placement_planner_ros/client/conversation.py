@@ -70,9 +70,11 @@ class Conversation:
         self._owed: set[Future] = set()
         self._under_way = 0
         self._withdrawals = 0
+        self._closed = False
 
     def close(self) -> None:
         """Neither call nor listen any more."""
+        self._closed = True
         self._calls.close()
         self.hearing.close()
 
@@ -85,6 +87,7 @@ class Conversation:
         """See `PlacementClient.wait_until_ready`."""
         end = time.monotonic() + seconds
         while True:
+            self._require_open()
             status = self.hearing.status
             offered = self._calls.offered("start_with")
             if offered and status is not None and status.ready:
@@ -208,7 +211,7 @@ class Conversation:
         """Until the run has ended, or has found enough, or the time has come."""
         told, heard_of, gone_since = 0, False, math.inf
         while True:
-            self._heed(withdrawals)
+            self._heed(withdrawals, run)
             best = self.hearing.newest(run)
             if until is not None and best is not None and best.number > told:
                 told = best.number
@@ -226,9 +229,9 @@ class Conversation:
                 raise self._no_node("stop_with", run)
             yield end
 
-    def _heed(self, withdrawals: int) -> None:
+    def _heed(self, withdrawals: int, run: int | None = None) -> None:
         if self._withdrawals != withdrawals:
-            raise PlacementError(WITHDRAWN, "the client was told to withdraw")
+            raise PlacementError(WITHDRAWN, "the client was told to withdraw", run)
 
     def _leave(self, run: int, at_once: bool) -> Steps[None]:
         """Stop a run that nobody waits for any more."""
@@ -269,6 +272,10 @@ class Conversation:
 
     # --- asking and hearing
 
+    def _require_open(self) -> None:
+        if self._closed:
+            raise PlacementError(WITHDRAWN, "this client is closed; make another one")
+
     def _command(self, name: str, parameters: Mapping[str, Value]) -> Steps[Answer]:
         """The answer to what needs an idle planner, once it is.
 
@@ -294,6 +301,7 @@ class Conversation:
         Args:
             end: until when the node is waited for where it is not there.
         """
+        self._require_open()
         latest = time.monotonic() + ANSWER_WITHIN
         end = latest if end is None else end
         while not self._calls.offered(name):
@@ -337,8 +345,8 @@ class Conversation:
         if self._node.executor is None:
             return f"{words}: nobody spins {self._node.get_fully_qualified_name()}"
         return (
-            f"{words} within {ANSWER_WITHIN:g} s; a callback that blocks needs a "
-            "MultiThreadedExecutor"
+            f"{words} within {ANSWER_WITHIN:g} s; has the node died, or the machine too much to do? "
+            "Where a callback of this client's node calls, a MultiThreadedExecutor has to spin it"
         )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 
 from geometry_msgs.msg import PoseStamped
@@ -16,7 +16,7 @@ _TERM = "term."
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """A placement of one run.
+    """A placement of one run. Its `repr` leaves out the trajectories' hundreds of numbers.
 
     Attributes:
         run: number of the run that found it.
@@ -45,8 +45,8 @@ class Solution:
     search_time: float
     terms: Mapping[str, float]
     pose: PoseStamped
-    trajectory: JointTrajectory
-    retreat_trajectory: JointTrajectory | None
+    trajectory: JointTrajectory = field(repr=False)
+    retreat_trajectory: JointTrajectory | None = field(repr=False)
     validity: Validity
     words: str
 

@@ -138,8 +138,9 @@ class PlacementPlannerNode(ParameterNode):
 
     def _end_where_robot_moved(self) -> None:
         run = self._commands.run
-        if run is not None and self._reporter.has_left_start(run):
-            run.end(State.ROBOT_MOVED)
+        left = "" if run is None else self._reporter.left_start(run)
+        if run is not None and left:
+            run.end(State.ROBOT_MOVED, left)
 
     def _newest(self) -> tuple[object, Callable[[], Snapshot | None]]:
         """What tells the inputs of now from others, and what takes their snapshot."""

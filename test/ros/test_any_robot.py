@@ -82,9 +82,9 @@ def test_a_run_begins_from_any_number_of_turns_and_its_robot_may_wrap_them(bench
     (snapshot,) = b.snapshots
     assert snapshot.q_start[snapshot.robot.index("roll")] == 17.3
     stand(b, roll=17.3 - 6 * np.pi)
-    assert not b.node._reporter.has_left_start(b.node._commands.run)
+    assert b.node._reporter.left_start(b.node._commands.run) == ""
     stand(b, roll=17.4 - 6 * np.pi)
-    assert b.node._reporter.has_left_start(b.node._commands.run)
+    assert b.node._reporter.left_start(b.node._commands.run)
 
 
 def test_a_lift_in_the_chain_is_told_with_the_way_to_leave_it_out(bench):

@@ -216,6 +216,7 @@ def test_a_robot_that_moved_is_told_with_and_without_a_solution(bench, offers):
     b.wait(lambda: b.manifests()[-1]["solution"] == str(len(offers)))
     b.joint_state(yumi_joint_5_l=0.3)
     assert ended(b, 1, "robot_moved")["code"] == "ROBOT_MOVED"
+    assert "the robot has left q_0: yumi_joint_5_l" in b.messages("status")[-1].message
 
 
 # --- time

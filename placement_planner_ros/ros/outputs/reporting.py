@@ -96,8 +96,9 @@ class Reporter:
         self._watch.look_again()
         self.report()
 
-    def has_left_start(self, run: Run) -> bool:
-        """Whether the robot is further from where the run began than its start_tolerance."""
+    def left_start(self, run: Run) -> str:
+        """In words, where the robot is further from where the run began than its start_tolerance;
+        '' where it is not."""
         with self._lock:  # or what another thread has seen since would be forgotten
             left = moved(run.snapshot, self._inputs)
             news = self._run is run and self._left != left
@@ -105,7 +106,7 @@ class Reporter:
                 self._left = left
         if news:
             self.report()
-        return bool(left)
+        return left
 
     def report(self) -> None:
         """Publish the status as it is now."""
@@ -196,7 +197,7 @@ class Reporter:
         period = STATUS_PERIOD
         self._outputs.draw()
         if run is not None:
-            self.has_left_start(run)
+            self.left_start(run)
         why_not = self._why_invalid(run, None if run is None else run.best)
         if why_not == NOT_LOOKED_AT and self._reported is not None:
             # What was said last is of the placement before, and still so; the watch says the rest,

@@ -177,8 +177,11 @@ def moved(snapshot: Snapshot, inputs: Inputs) -> str:
     except JointStateError:
         pass
     else:
-        if snapshot.robot.apart(q, snapshot.q_start).max() > tolerance:
-            return "the robot has left q_0"
+        apart = snapshot.robot.apart(q, snapshot.q_start)
+        if apart.max() > tolerance:
+            # The first of them and no distance: words that change as it moves would be told anew.
+            joint = snapshot.robot.joint_names[int(np.argmax(apart > tolerance))]
+            return f"the robot has left q_0: {joint} by more than start_tolerance = {tolerance:g}"
     return inputs.robot.strayed(snapshot.robot, snapshot.robot_key, tolerance)
 
 

@@ -81,7 +81,7 @@ class Run:
 
     Attributes:
         state: where it is.
-        reason: in words, why it ended by itself.
+        reason: in words, why it ended, where that was not because somebody said so.
         found: how many placements were published, and the last of them; None before the first.
         poses: T_world_object of the last `MOST_POSES` of them, by their numbers.
         confirmed: whether one of them has been carried out.
@@ -154,12 +154,17 @@ class Run:
         cause = self.planner.cause if state is State.EXHAUSTED and self.planner else None
         return cause or "NO_SOLUTION"
 
-    def end(self, outcome: State) -> None:
-        """Ask the worker to end with that outcome; once this returns nothing more is published."""
+    def end(self, outcome: State, reason: str = "") -> None:
+        """Ask the worker to end with that outcome; once this returns nothing more is published.
+
+        Args:
+            reason: in words, where it is not that somebody said so.
+        """
         with self._publishing:
             if self._ending is not None or not self.active:
                 return
             self._ending = outcome
+            self.reason = reason or self.reason
             self.state = State.STOPPING
         self._observer.changed(self)
 
@@ -187,7 +192,10 @@ class Run:
         if self.reason:
             return f"no solution: {self.reason}"
         if self.planner is None:
-            return "no solution: the run ended before the search began"
+            return (
+                "no solution: the run was ended while robot, object and clouds were still being "
+                "prepared; give it more time"
+            )
         return f"no solution: {self._named(self._explanation.short) or _TOO_LATE}"
 
     @property

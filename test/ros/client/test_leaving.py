@@ -83,7 +83,7 @@ def test_withdrawing_from_another_thread_stops_the_run(fed, planner):
     placing = Doing(lambda: planner.place({}, 60.0))
     found(fed, 0.5)
     planner.withdraw()
-    assert placing.error.code == "WITHDRAWN"
+    assert (placing.error.code, placing.error.run) == ("WITHDRAWN", 1)
     assert ended(fed)
     assert was_stopped(fed)
     placing = Doing(lambda: planner.place({}, 60.0, until=lambda s: True))

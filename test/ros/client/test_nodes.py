@@ -53,6 +53,18 @@ def test_a_node_that_the_caller_spins_will_do(fed, spun):
     assert not [c for c in node.clients if "placement_planner" in c.srv_name]
 
 
+def test_clients_of_one_process_have_nodes_of_their_own_names_and_say_when_they_are_closed(fed):
+    with PlacementClient() as one, PlacementClient() as other:
+        one.wait_until_ready(60.0)
+        other.wait_until_ready(60.0)
+        names = [name for name in fed.node.get_node_names() if name.startswith("placement_client")]
+        assert len(set(names)) == len(names) >= 2
+    for call in (one.place, one.start, one.clear_environment, lambda: one.wait_until_ready(1.0)):
+        with pytest.raises(PlacementError, match="this client is closed") as raised:
+            call()
+        assert raised.value.code == "WITHDRAWN"
+
+
 def test_a_callback_may_wait_where_several_threads_spin(fed, spun):
     node = spun(MultiThreadedExecutor(4))
     with PlacementClient(node) as planner:

@@ -240,6 +240,7 @@ def test_a_run_whose_robot_moved_gives_no_solution(fed, planner):
     with pytest.raises(PlacementError) as raised:
         planner.stop(run)
     assert (raised.value.code, raised.value.run) == ("ROBOT_MOVED", run)
+    assert "ended because the robot has left q_0: yumi_joint_" in raised.value.words
 
 
 def test_a_start_waits_for_the_worker_of_the_run_before(fed, planner, answers):

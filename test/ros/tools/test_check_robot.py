@@ -124,6 +124,22 @@ def test_a_start_in_collision_is_wrong_and_said_to_be_assumed(tmp_path, capsys):
     assert "give the real one as --joints FILE" in faults(capsys.readouterr().out)
 
 
+def test_where_no_start_is_given_the_fingers_are_at_the_object_and_not_closed_in_it(robot, capsys):
+    # At zero the left finger is in the box, beyond its middle: opening would push it deeper first.
+    file = parameters(robot, **{"arm.grasps": "[0.0, 0.02, 0.08, 0.0, 0.0, 0.0, 1.0]"})
+    main(["--params-file", str(file)])
+    said = " ".join(capsys.readouterr().out.split())
+    assert "but left_finger where the fingers meet the object" in said
+    assert "as the hand stands: left open hand:" in said
+    assert "letting go: as it should" in said
+    zero = robot / "zero.yaml"
+    zero.write_text("{j0: 0.0, j1: 0.0, j2: 0.0, left_finger: 0.0}")
+    main(["--params-file", str(file), "--joints", str(zero)])
+    said = " ".join(capsys.readouterr().out.split())
+    assert "no start is given" not in said
+    assert "opening the hand pushes left" in said
+
+
 def test_meshes_joint_states_and_touch_are_told_and_drawn(robot, capsys):
     L_shape().export(robot / "link.stl")
     picture, srdf = robot / "a.png", robot / "a.srdf"
@@ -296,4 +312,4 @@ def test_a_box_wider_than_the_bundled_hand_opens_is_told_before_the_demo(tmp_pat
     for arm in ("left", "right"):
         grasp = f"{arm}.grasps[0] = [0.0, 0.0, 0.16, 0.0, 0.0, 0.0, 1.0]"
         assert f"{grasp}: the open hand leaves" in said
-    assert "assumed to be zero" not in said
+    assert "the start is assumed" not in said

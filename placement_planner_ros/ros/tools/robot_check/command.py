@@ -11,6 +11,7 @@ from typing import Any
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.experiments.drawing.robot_picture import draw_robot
 from placement_planner_ros.ros.tools.robot_check import description
+from placement_planner_ros.ros.tools.robot_check.assumed_start import holding
 from placement_planner_ros.ros.tools.robot_check.findings import Findings
 from placement_planner_ros.ros.tools.robot_check.given import read_given, start_in
 from placement_planner_ros.ros.tools.robot_check.grasps import check_grasps
@@ -51,6 +52,7 @@ def _check(options: argparse.Namespace) -> int:
         description.describe_robot(robot, bool(given.parameters["robot_description"]), findings)
         description.describe_arms(subject, findings)
         description.describe_joint_states(subject, findings)
+        subject = holding(subject, findings)
         description.describe_links(robot, findings)
         description.describe_pairs(robot, findings)
         if options.write_srdf is not None:
@@ -95,7 +97,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="FILE",
         help="the start: lines `joint: value`, or a joint state as ros2 topic echo writes it; "
         "else `start` of placement_scene in the params file, else that of "
-        "the bundled robot, for others zero or the limit next to it",
+        "the bundled robot, for others zero or the limit next to it, the fingers at the object",
     )
     parser.add_argument(
         "--write-srdf", type=Path, metavar="FILE", help="with the pairs that are left out"

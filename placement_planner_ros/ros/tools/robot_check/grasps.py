@@ -68,9 +68,9 @@ def check_grasps(subject: Subject, findings: Findings) -> bool:
             if arm.gripper_joints:
                 opened = touched(robot, arm, number, body, robot.with_open_hand(subject.q, arm))
                 findings.say(f"open hand: {opened}", 2)
-                closes = _closing(subject, arm, number, body)
-                findings.say(f"closing: {closes[0]}", 2)
-                best = min(best, closes[1], *opened.distances.values())
+                closing = close_on(subject, arm, number, body)
+                findings.say(f"closing: {closing}", 2)
+                best = min(best, closing.closest, *opened.distances.values())
             if best > _FAR:
                 findings.wrong(
                     f"{arm.name}.grasps: in grasp {number} the hand comes no closer to the object "
@@ -114,7 +114,7 @@ def _check_start(subject: Subject, body: Body, findings: Findings) -> bool:
             findings.say(f"does without {words}")
         return True
     except PlacementPlannerError as error:
-        assumed = " (the start is assumed to be zero; give the real one as --joints FILE)"
+        assumed = " (the start is assumed; give the real one as --joints FILE)"
         findings.wrong(f"{error}{assumed if subject.assumed else ''}")
         return False
 
@@ -140,8 +140,29 @@ def touched(robot: Robot, arm: Arm, grasp: int, body: Body, q: Array) -> Touch:
     return Touch({link: far for link, far in near.items() if far <= 0.1})
 
 
-def _closing(subject: Subject, arm: Arm, grasp: int, body: Body) -> tuple[str, float]:
-    """Where the fingers meet the object first, in words, and how close they come."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Closing:
+    """How an open hand closes on the object.
+
+    Attributes:
+        fingers: the links that meet it first; none where no finger does.
+        at: values of the gripper's joints where they do.
+        closest: how close fingers come, metres.
+    """
+
+    fingers: tuple[str, ...]
+    at: dict[str, float]
+    closest: float
+
+    def __str__(self) -> str:
+        if not self.fingers:
+            return "no finger meets it"
+        at = ", ".join(f"{joint} = {value:.3f}" for joint, value in self.at.items())
+        return f"{', '.join(self.fingers)} meets it at {at}"
+
+
+def close_on(subject: Subject, arm: Arm, grasp: int, body: Body) -> Closing:
+    """Close the hand from where it is open, until the first finger meets the object."""
     robot, closest = subject.robot, np.inf
     index = [robot.index(joint) for joint in arm.gripper_joints]
     opened = np.array(arm.gripper_open)
@@ -150,20 +171,14 @@ def _closing(subject: Subject, arm: Arm, grasp: int, body: Body) -> tuple[str, f
     moved = _moved(robot, arm)
     for share in np.linspace(0.0, 1.0, _STEPS + 1):
         values = opened + share * (closed - opened)
-        q = robot.with_positions(
-            subject.q, dict(zip(arm.gripper_joints, values.tolist(), strict=True))
-        )
-        touch = touched(robot, arm, grasp, body, q)
+        at = dict(zip(arm.gripper_joints, values.tolist(), strict=True))
+        touch = touched(robot, arm, grasp, body, robot.with_positions(subject.q, at))
         fingers = {link: far for link, far in touch.distances.items() if link in moved}
         closest = min(closest, *fingers.values(), np.inf)
         met = sorted(link for link, far in fingers.items() if far <= TOUCHING)
         if met:
-            at = ", ".join(
-                f"{joint} = {value:.3f}"
-                for joint, value in zip(arm.gripper_joints, values, strict=True)
-            )
-            return f"{', '.join(met)} meets it at {at}", closest
-    return "no finger meets it", closest
+            return Closing(tuple(met), at, closest)
+    return Closing((), {}, closest)
 
 
 def _moved(robot: Robot, arm: Arm) -> set[str]:
