@@ -345,8 +345,8 @@ class Conversation:
         if self._node.executor is None:
             return f"{words}: nobody spins {self._node.get_fully_qualified_name()}"
         return (
-            f"{words} within {ANSWER_WITHIN:g} s; has the node died, or the machine too much to do? "
-            "Where a callback of this client's node calls, a MultiThreadedExecutor has to spin it"
+            f"{words} within {ANSWER_WITHIN:g} s; has the node died, or the machine too much to "
+            "do? Where a callback of this client's node waits, a MultiThreadedExecutor must spin it"
         )
 
 

@@ -16,8 +16,8 @@ from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.types import Array, TargetVolume
 from placement_planner_ros.experiments.cases import start_configuration
 from placement_planner_ros.ros.tools.demo.errors import DemoError
-from placement_planner_ros.ros.tools.robot_check.findings import Findings
 from placement_planner_ros.ros.tools.robot_check.assumed_start import holding
+from placement_planner_ros.ros.tools.robot_check.findings import Findings
 from placement_planner_ros.ros.tools.robot_check.given import read_given, start_in
 from placement_planner_ros.ros.tools.robot_check.subject import read_subject
 from placement_planner_ros.ros.tools.scene_publisher import ScenePublisher

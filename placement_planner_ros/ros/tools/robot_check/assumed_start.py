@@ -1,4 +1,4 @@
-"""How the hand stands where nobody gave a start: holding the object, since that is what is asked."""
+"""How the hand stands where nobody gave a start: holding the object, as it will have to."""
 
 from __future__ import annotations
 
