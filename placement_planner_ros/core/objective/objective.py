@@ -79,6 +79,9 @@ class ObjectiveContext:
     """What an objective may look at when it is made, once per run.
 
     Attributes:
+        environment: what is known of the surroundings.
+        volume: the target volume V, with its corners `lower` and `upper`.
+        body: the object.
         wishes: what a weighted one is made of.
         support, contact_tolerance: as in the planner's settings; metres.
     """
