@@ -124,11 +124,11 @@ def of_file(file: Path, scene_name: str) -> Setting:
     if findings.faults or subject is None or subject.body is None:
         faults = "; ".join(findings.faults) or "it names no object"
         raise DemoError(f"{file}: {faults}", f"placement_check_robot --params-file {file}")
-    subject = holding(subject, findings)
+    body, subject = subject.body, holding(subject, findings)
     volume = subject.parameters.volume
     shown = table_of_things(volume) if scene is None else replace(scene, volume=volume)
     arms = {arm.name: arm for arm in subject.arms}
-    hull = trimesh.convex.convex_hull(subject.body.vertices)
+    hull = trimesh.convex.convex_hull(body.vertices)
     return Setting(
         f"{subject.robot.name}, {shown.name.replace('_', ' ')}, {file.name}",
         shown,
