@@ -103,7 +103,8 @@ class PoseConstraints:
 
     def stable(self, T_world_object: pin.SE3, face: int, slope: Slope = LEVEL) -> bool:
         """s(x): the object stands, by the rule of its footing; of many poses: `verdicts`."""
-        return bool(self.support.stable(T_world_object.homogeneous[None], face, slope)[0])
+        T = T_world_object.homogeneous[None]
+        return bool(self.support.stable(T, np.array([face]), slope)[0])
 
     def free(
         self,
@@ -223,11 +224,9 @@ class PoseConstraints:
             heights: (n,) z of their contact planes at x = y = 0, metres.
         """
         result[rows] = Verdict.UNSTABLE
-        for face in np.unique(faces[rows]):
-            on = rows[faces[rows] == face]
-            result[on[self.support.stable(T[on], int(face), slope)]] = Verdict.COLLIDING
-        stable = rows[result[rows] == Verdict.COLLIDING]
+        stable = rows[self.support.stable(T[rows], faces[rows], slope)]
         if len(stable):
+            result[stable] = Verdict.COLLIDING
             free = self._collision.free_at(T[stable], heights[stable], self._raise_height, slope)
             if len(self._keep_out):
                 free &= ~self._in_a_box(T[stable])

@@ -13,8 +13,8 @@ from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.scene.spans import Footprint, spans
-from placement_planner_ros.core.stability.by_vertices import LEANS
 from placement_planner_ros.core.stability.footing import Footing
+from placement_planner_ros.core.stability.one_plane import LEANS
 from placement_planner_ros.core.types import Array, Slope, upright
 
 _NOISY = 1.0
@@ -57,8 +57,16 @@ class PolygonSupport:
         )
         return spans(self._problem.environment, footprint, self.footing.contact_tolerance)
 
-    def stable(self, T: Array, face: int, slope: Slope) -> npt.NDArray[np.bool_]:
-        """(n,) s(x) of poses (n, 4, 4) on one face and one slope.
+    def stable(self, T: Array, faces: npt.NDArray[np.int64], slope: Slope) -> npt.NDArray[np.bool_]:
+        """(n,) s(x) of poses (n, 4, 4) on these faces (n,) and one slope."""
+        stable = np.zeros(len(T), np.bool_)
+        for face in np.unique(faces):
+            on = np.flatnonzero(faces == face)
+            stable[on] = self._stable_on(int(face), T[on], slope)
+        return stable
+
+    def _stable_on(self, face: int, T: Array, slope: Slope) -> npt.NDArray[np.bool_]:
+        """(n,) s(x) of poses (n, 4, 4) on one face.
 
         Points that are spread over what touches are looked at first; where these do not suffice,
         all are. In noisy clouds nothing is left of thin bars without what noise may have added to
@@ -179,8 +187,8 @@ def _firm(
 def _carrying(points: Array, gaps: Array, noise: float, carries: npt.NDArray[np.bool_]) -> bool:
     """Which points carry the object; whether the surface under them does not lean, at all.
 
-    As `in_one_plane`, for a varying number of points. What lies lower than so little a lean would
-    bridge is not touched.
+    As `in_one_plane`, for a varying number of points. What lies lower than so little a lean
+    would bridge is not touched.
     """
     count, mean_x, mean_y, mean = 0, 0.0, 0.0, 0.0
     for k in range(len(points)):

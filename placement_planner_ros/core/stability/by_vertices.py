@@ -2,33 +2,23 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.body.contact_points import touching
 from placement_planner_ros.core.body.rests import GRAVITY, TIPPING_ENERGY
+from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.stability.footing import Footing
+from placement_planner_ros.core.stability.one_plane import LEANS, in_one_plane
 from placement_planner_ros.core.stability.rises import rises
 from placement_planner_ros.core.types import LEVEL, Array, Slope
 
-LEANS = 0.025
-"""Of the surface under an object against its contact plane, at most; 1.4 degrees."""
-_NOISY = 0.4
-"""Times the noise of the points that heights at two ends of an object may differ by: surfaces lie
-where many points do, so that they are told much better than each of these."""
-_ROCKS = 2.0 * math.sqrt(2.0)
-"""Times the spread of heights about their plane, over the width, by which an object rocks: of four
-corners of a square one that is lower by d leaves d/2 of spread, and is d over the half diagonal."""
 _RISES = 1.6
 """Times the noise by which single surfaces under an object may be above the plane under it."""
 _LEVEL = 2e-4
 """m by which heights of one level surface may differ."""
-_SCATTER = 0.6
-"""Times the noise that heights may spread about their plane by."""
 
 
 class VertexSupport:
@@ -45,30 +35,43 @@ class VertexSupport:
         self.footing = footing
         self._environment = problem.environment
         self._center = problem.body.center_of_mass
-        self._contacts = [face.vertices for face in self.faces]
+        corners = [face.vertices for face in self.faces]
+        self._corners = np.concatenate(corners) if corners else np.empty((0, 3))
+        self._first = np.cumsum([0, *map(len, corners)])
         self._body = problem.body
         self._touching: dict[int, Array] = {}
         self._heights: dict[Slope, Array] = {}
 
-    def stable(self, T: Array, face: int, slope: Slope) -> npt.NDArray[np.bool_]:
-        """(n,) s(x) of poses (n, 4, 4) on one face and one slope."""
-        points = self._contacts[face] @ T[:, :3, :3].transpose(0, 2, 1)
-        points += T[:, None, :3, 3]
+    def stable(self, T: Array, faces: npt.NDArray[np.int64], slope: Slope) -> npt.NDArray[np.bool_]:
+        """(n,) s(x) of poses (n, 4, 4) on these faces (n,) and one slope."""
+        points, first = _placed(self._corners, self._first, faces, np.ascontiguousarray(T))
         gaps = self._environment.support_of(slope).gaps(
-            points.reshape(-1, 3), self.footing.contact_tolerance, self.footing.edge_margin
+            points, self.footing.contact_tolerance, self.footing.edge_margin
         )
-        gaps = gaps.reshape(len(T), -1)
-        stable = np.asarray(np.isfinite(gaps).all(axis=1))
-        noise = self._environment.measured.noise
-        stable[stable] = in_one_plane(points[stable], gaps[stable], noise)
-        stable[stable] = ~self._on_something(points[stable], gaps[stable], T[stable], face, slope)
+        widths, above = in_one_plane(points, gaps, first, self._environment.measured.noise)
+        stable = widths > 0.0
+        rows = np.flatnonzero(stable)
+        if len(rows):
+            stable[rows] = ~self._on_something(
+                points[first[rows]], above[rows], widths[rows], T[rows], faces[rows], slope
+            )
         if slope != LEVEL:
-            centers = T[:, :3, :3] @ self._center + T[:, :3, 3]
-            stable &= stays(points - centers[:, None])
+            rows = np.flatnonzero(stable)
+            for face in np.unique(faces[rows]):
+                on = rows[faces[rows] == face]
+                corners = points[first[on, None] + np.arange(first[on[0] + 1] - first[on[0]])]
+                centers = T[on, :3, :3] @ self._center + T[on, :3, 3]
+                stable[on] = stays(corners - centers[:, None])
         return stable
 
     def _on_something(
-        self, points: Array, gaps: Array, T: Array, face: int, slope: Slope
+        self,
+        corners: Array,
+        above: Array,
+        widths: Array,
+        T: Array,
+        faces: npt.NDArray[np.int64],
+        slope: Slope,
     ) -> npt.NDArray[np.bool_]:
         """(n,) whether something under the object between its vertices lifts it off them.
 
@@ -76,26 +79,26 @@ class VertexSupport:
         as much as in `in_one_plane`.
 
         Args:
-            points, gaps: (n, k, 3), (n, k) as there.
+            corners: (n, 3) one of each object.
+            above, widths: (n,) m, how the plane lies that carries it.
         """
         support = self._environment.support_of(slope)
         if slope not in self._heights:
             self._heights[slope] = np.sort(support.height)
-        xy = points[..., :2] - points[..., :2].mean(axis=1, keepdims=True)
-        spread = np.einsum("nki,nkj->nij", xy, xy)
-        narrowest = 2.0 * np.sqrt(np.linalg.eigvalsh(spread)[:, 0] / points.shape[1])
-        low = gaps.mean(axis=1) + 0.5 * LEANS * narrowest
+        low = above + 0.5 * LEANS * widths
         low += _RISES * self._environment.measured.noise + _LEVEL
         high = self.footing.contact_tolerance
-        z = points[:, 0, 2] - points[:, 0, :2] @ np.array(slope)
+        z = corners[:, 2] - corners[:, :2] @ np.array(slope)
         between = [np.searchsorted(self._heights[slope], z + up, "right") for up in (low, high)]
         found = np.asarray(between[1] > between[0])
-        if found.any():
-            found[found] = rises(
-                self._points(face),
-                np.ascontiguousarray(T[found]),
+        rows = np.flatnonzero(found)
+        for face in np.unique(faces[rows]):
+            on = rows[faces[rows] == face]
+            found[on] = rises(
+                self._points(int(face)),
+                np.ascontiguousarray(T[on]),
                 slope,
-                low[found],
+                low[on],
                 high,
                 support.origin,
                 support.cell_size,
@@ -115,29 +118,33 @@ class VertexSupport:
         return self._touching[face]
 
 
-def in_one_plane(points: Array, gaps: Array, noise: float) -> npt.NDArray[np.bool_]:
-    """(n,) whether what carries objects is a plane, and the one that they are to stand on.
-
-    The plane fitted to the surface under the vertices leans against it by `LEANS` at most, or by
-    what noise makes of so short a distance: on steps, and on surfaces that slope differently, the
-    object would come to stand otherwise than it was placed. What is left of the heights does not
-    let it rock by more than that either: on posts of which one is lower, and on twisted surfaces,
-    a fitted plane need not lean.
+@kernel(nogil=True)
+def _placed(
+    corners: Array, first: npt.NDArray[np.int64], faces: npt.NDArray[np.int64], T: Array
+) -> tuple[Array, npt.NDArray[np.int64]]:
+    """(k, 3) where the corners of each pose's face are, and (n + 1,) which is its first, and k.
 
     Args:
-        points: (n, k, 3) vertices.
-        gaps: (n, k) m, how far the surface is above each.
-        noise: standard deviation of the points, metres.
+        corners: (c, 3) of all faces, in the object's frame.
+        first: (f + 1,) first corner of each face, and c.
+        faces: (n,)
+        T: (n, 4, 4) T_world_object.
     """
-    xy = points[..., :2] - points[..., :2].mean(axis=1, keepdims=True)
-    off = gaps - gaps.mean(axis=1, keepdims=True)
-    spread = np.einsum("nki,nkj->nij", xy, xy)
-    falls = np.einsum("nki,nk->ni", xy, off)
-    slope = np.linalg.solve(spread, falls[..., None])[..., 0]
-    narrowest = 2.0 * np.sqrt(np.linalg.eigvalsh(spread)[:, 0] / points.shape[1])
-    even = np.linalg.norm(slope, axis=1) <= LEANS + _NOISY * noise / narrowest
-    left = np.ptp(off - np.einsum("nki,ni->nk", xy, slope), axis=1)
-    return np.asarray(even & (left <= LEANS * narrowest / _ROCKS + _SCATTER * noise))
+    begins = np.zeros(len(faces) + 1, np.int64)
+    for n in range(len(faces)):
+        begins[n + 1] = begins[n] + first[faces[n] + 1] - first[faces[n]]
+    points = np.empty((begins[-1], 3))
+    for n in range(len(faces)):
+        for k in range(begins[n + 1] - begins[n]):
+            corner = corners[first[faces[n]] + k]
+            for i in range(3):
+                points[begins[n] + k, i] = (
+                    T[n, i, 0] * corner[0]
+                    + T[n, i, 1] * corner[1]
+                    + T[n, i, 2] * corner[2]
+                    + T[n, i, 3]
+                )
+    return points, begins
 
 
 def stays(corners: Array) -> npt.NDArray[np.bool_]:

@@ -36,7 +36,11 @@ def add_robots_command(commands: Any) -> None:
         "files", type=Path, nargs="*", help="parameter files; those of config/robots unless given"
     )
     robots.add_argument(
-        "--packages", type=Path, nargs="+", default=[SHARE], help="folders that hold packages"
+        "--packages",
+        type=Path,
+        nargs="+",
+        default=[],
+        help="folders that hold packages, besides pip's share and a file's package_paths",
     )
     robots.add_argument(
         "--beside", type=Path, help=f"file of the robot to compare edges with; {_BESIDE}.yaml"
@@ -90,7 +94,7 @@ def _measure(arguments: argparse.Namespace, raw: Path) -> list[str]:
         command = [sys.executable, "-m", "placement_planner_ros.experiments.robots.measures"]
         command += [str(file), "--beside", str(beside), "--rows", *arguments.rows]
         command += ["--configurations", str(arguments.configurations), "--packages"]
-        command += map(str, arguments.packages)
+        command += map(str, (*arguments.packages, SHARE))
         process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         assert process.stdout is not None
         with process:

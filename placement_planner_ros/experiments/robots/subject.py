@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -48,6 +49,12 @@ class Subject:
 def read_subject(file: Path, package_dirs: Sequence[Path] = (SHARE,)) -> Subject:
     """The robot of a parameter file.
 
+    Its meshes are looked for where the node looks for them: in `package_paths`, and in packages
+    in folders above the URDF too.
+
+    Args:
+        package_dirs: folders that hold packages, besides these.
+
     Raises:
         ParameterError: the file does not name what it must, or a description is not there.
         PlacementPlannerError: robot or arm are unusable.
@@ -55,11 +62,12 @@ def read_subject(file: Path, package_dirs: Sequence[Path] = (SHARE,)) -> Subject
     tree = yaml.safe_load(file.read_text(encoding="utf-8"))
     try:
         values = tree["/**"]["ros__parameters"]
+        package_dirs = (*package_dirs, *map(Path, values.get("package_paths") or ()))
         urdf_file = _found(values["robot_description"], package_dirs)
         semantic = values.get("robot_description_semantic")
         srdf = _found(semantic, package_dirs).read_text(encoding="utf-8") if semantic else ""
         urdf = urdf_file.read_text(encoding="utf-8")
-        folders = (*package_dirs, urdf_file.parent)
+        folders = (*package_dirs, urdf_file.parent, *_above(urdf_file, urdf))
         robot = Robot.from_urdf(urdf, folders, srdf or None)
         arms = tuple(_arm(robot, name, values[name]) for name in values["arms"])
         start = tree.get("placement_scene", {}).get("ros__parameters", {}).get("start", {})
@@ -97,6 +105,13 @@ def _arm(robot: Robot, name: str, values: Mapping[str, Any]) -> Arm:
         gripper_joints=values.get("gripper_joints", ()),
         gripper_open=values.get("gripper_open", ()),
     )
+
+
+def _above(urdf_file: Path, urdf: str) -> list[Path]:
+    """Folders above a URDF that hold a package that it names."""
+    names = set(re.findall(r"package://([^/\"']+)/", urdf))
+    above = urdf_file.absolute().parents
+    return [folder for folder in above if any((folder / name).is_dir() for name in names)]
 
 
 def _found(name: str, package_dirs: Sequence[Path]) -> Path:

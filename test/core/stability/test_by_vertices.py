@@ -7,10 +7,13 @@ from footholds import pedestal, problem_on
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.planner import PlannerSettings
-from placement_planner_ros.core.stability.by_vertices import LEANS, VertexSupport, in_one_plane
+from placement_planner_ros.core.stability.by_vertices import VertexSupport
+from placement_planner_ros.core.stability.one_plane import LEANS, in_one_plane
 from placement_planner_ros.core.types import LEVEL
 
 CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+FIRST = np.arange(0, 4 * 4001, 4)
+"""Of four corners each, the first."""
 
 
 def rocks(corners, gaps):
@@ -31,8 +34,11 @@ def test_nothing_stands_that_could_rock_by_more_than_it_may_lean(size):
     rng = np.random.default_rng(0)
     corners = 0.5 * CORNERS * size
     gaps = rng.uniform(-0.0015, 0.0015, (4000, 4)) * rng.uniform(0.0, 1.0, (4000, 1))
-    points = np.broadcast_to(np.column_stack([corners, np.zeros(4)]), (4000, 4, 3))
-    stands = in_one_plane(points, gaps, 0.0)
+    points = np.repeat(np.column_stack([corners, np.zeros(4)])[None], 4000, axis=0)
+    widths, above = in_one_plane(points.reshape(-1, 3), gaps.ravel(), FIRST, 0.0)
+    stands = widths > 0.0
+    np.testing.assert_allclose(widths[stands], min(size))
+    np.testing.assert_allclose(above[stands], gaps[stands].mean(axis=1))
     slope = np.linalg.lstsq(np.column_stack([corners, np.ones(4)]), gaps.T, rcond=None)[0][:2]
     lean, rock = np.linalg.norm(slope, axis=0), np.array([rocks(corners, each) for each in gaps])
     assert 0.05 < stands.mean() < 0.95
@@ -45,10 +51,12 @@ def test_noise_excuses_errors_of_surfaces_but_no_step():
     noise, rng = 0.001, np.random.default_rng(0)
     points = np.column_stack([0.5 * CORNERS * (0.124, 0.036), np.zeros(4)])[None]
     errors = rng.normal(0.0, noise / 6.0, (2000, 4))
-    assert in_one_plane(np.repeat(points, 2000, axis=0), errors, noise).mean() > 0.99
+    many = np.repeat(points, 2000, axis=0).reshape(-1, 3)
+    assert (in_one_plane(many, errors.ravel(), FIRST[:2001], noise)[0] > 0.0).mean() > 0.99
     steps = {"a corner 3 mm higher": [3.0, 0.0, 0.0, 0.0], "twisted": [0.75, -0.75, 0.75, -0.75]}
     for name, gaps in steps.items():
-        assert not in_one_plane(points, 1e-3 * np.array([gaps]), noise)[0], name
+        stands = in_one_plane(points[0], 1e-3 * np.array(gaps), FIRST[:2], noise)[0][0] > 0.0
+        assert not stands, name
 
 
 def stands_over(thing, rise, beside=0.0):
@@ -61,7 +69,7 @@ def stands_over(thing, rise, beside=0.0):
     T = np.eye(4)
     T[:3, 3] = 0.5 + beside, 0.0, -thing.vertices[:, 2].min()
     down = int(np.argmin([face.normal[2] for face in body.faces]))
-    return bool(support.stable(T[None], down, LEVEL)[0])
+    return bool(support.stable(T[None], np.array([down]), LEVEL)[0])
 
 
 def test_nothing_stands_on_what_rises_between_its_corners():

@@ -1,6 +1,7 @@
 """`placement_benchmark robots` on a robot written here, and the table it writes."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -63,6 +64,19 @@ def test_what_a_file_gives_is_read(given):
     file.write_text("/**: {ros__parameters: {arms: [left]}}")
     with pytest.raises(ParameterError, match="robot_description"):
         read_subject(file, [packages])
+
+
+def test_packages_are_found_where_the_file_says_and_above_the_urdf(given):
+    file, packages = given
+    file.write_text(FILE.replace("    arms:", f"    package_paths: [{packages}]\n    arms:"))
+    assert packages in read_subject(file).package_dirs
+    own = packages.parent / "own"
+    (own / "robot").mkdir(parents=True)
+    (own / "placement_planner_ros").symlink_to(share_path("urdf").parent)
+    urdf = own / "robot" / "yumi.urdf"
+    urdf.write_text(share_path("urdf/yumi.urdf").read_text())
+    file.write_text(re.sub(r"robot_description: \S+", f"robot_description: {urdf}", FILE))
+    assert own in read_subject(file, [packages]).package_dirs
 
 
 def test_rows_are_measured_and_written(given, tmp_path, capsys):

@@ -181,7 +181,10 @@ def check_speed(subject: Subject, findings: Findings) -> None:
         planner.sampler.sample_goals(-np.inf, lambda: time.process_time() > began + SECONDS)
     samples = planner.statistics.samples
     seconds = time.process_time() - began
-    findings.say(f"{samples / seconds:,.0f} samples of goals a second of processor time")
+    findings.say(
+        f"{samples / seconds:,.0f} samples of goals a second of processor time, each followed to "
+        "its end as before the first solution; with one, most are ruled out at once"
+    )
 
 
 def _planner(subject: Subject, arms: tuple[Arm, ...], body: Body) -> PlacementPlanner:
