@@ -1,16 +1,19 @@
 """Files kept for the next process: checked as they are read, and never needed.
 
 Each is written aside and then moved into its place, so that processes that write at once do not
-meet, and holds a digest of its content, since a file may lose a block.
+meet, and holds a digest of its content, since a file may lose a block. What former versions of this
+package kept goes some time after the last of them ran.
 """
 
 from __future__ import annotations
 
 import contextlib
+import functools
 import hashlib
 import os
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextvars import ContextVar
 from io import BytesIO
@@ -26,6 +29,16 @@ _DIGEST = hashlib.sha256().digest_size
 
 MAX_KEPT = 1_000_000_000
 """Bytes that arrays of one kind may take on disk: an object of 200,000 triangles takes 35 MB."""
+
+UNUSED = 60 * 24 * 3600.0
+"""Seconds after which a folder goes that nobody used while others were: kernels of a version of
+this package are in folders of their own."""
+
+_DAY = 24 * 3600.0
+"""Seconds."""
+
+_USED: set[str] = set()
+"""Folders of kernels that this process uses."""
 
 
 class Troubles:
@@ -194,6 +207,9 @@ def _write_arrays(what: str, path: Path, arrays: Arrays) -> None:
             "makes them again until NUMBA_CACHE_DIR or XDG_CACHE_HOME names a folder that can be "
             "written",
         )
+        return
+    with contextlib.suppress(OSError):  # another process may remove the same
+        _remove_unused(path.parents[1])
 
 
 _ROOM: dict[Path, int] = {}
@@ -222,6 +238,54 @@ def _make_room(folder: Path, added: int) -> None:
                 os.unlink(path)
         left = (MAX_KEPT - total) // 10
     _ROOM[folder] = left
+
+
+def note_used(folder: Path) -> None:
+    """Somebody uses the kernels in that folder, if there is one: once a day it is made as new.
+
+    Never made older, as the clock of a robot may have been set back.
+    """
+    _USED.add(str(folder))
+    with contextlib.suppress(OSError):
+        if folder.stat().st_mtime < time.time() - _DAY:
+            os.utime(folder)
+
+
+@functools.cache
+def _remove_unused(caches: Path) -> None:
+    """Remove folders that were last used `UNUSED` before another was; once in a process.
+
+    By one another's age, not by a clock, which may be wrong; only where all in them is of ours, as
+    NUMBA_CACHE_DIR may be everybody's.
+    """
+    found = [(_last_used(entry), entry.path) for entry in os.scandir(caches) if _is_ours(entry)]
+    newest = max((used for used, _ in found), default=0.0)
+    for used, path in found:
+        if used < newest - UNUSED and path not in _USED:
+            with contextlib.suppress(OSError):  # another process removes it, or uses it again
+                for entry in os.scandir(path):
+                    os.unlink(entry.path)
+                os.rmdir(path)
+
+
+def _is_ours(folder: os.DirEntry[str]) -> bool:
+    """Whether in that folder there are kernels or arrays of one kind and nothing else."""
+    if not folder.is_dir(follow_symlinks=False):
+        return False
+    suffixes = ".nbk", f".{folder.name.split('-')[-1]}"
+    try:
+        return all(entry.name.endswith(suffixes) for entry in os.scandir(folder))
+    except OSError:  # somebody else's, or gone
+        return False
+
+
+def _last_used(folder: os.DirEntry[str]) -> float:
+    """Seconds since 1970."""
+    times = [folder.stat().st_mtime]
+    for entry in os.scandir(folder):
+        with contextlib.suppress(FileNotFoundError):
+            times.append(entry.stat().st_mtime)
+    return max(times)
 
 
 def version_of(file: str, names: Sequence[str]) -> str:

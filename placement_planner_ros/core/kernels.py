@@ -34,7 +34,7 @@ from numba.core.serialize import dumps
 from numba.core.sigutils import normalize_signature
 from numba.core.types import unliteral
 
-from placement_planner_ros.core.kept_files import TROUBLES, kept_folder
+from placement_planner_ros.core.kept_files import TROUBLES, kept_folder, note_used
 from placement_planner_ros.core.kernel_cache import KernelCache
 from placement_planner_ros.core.kernel_compiler import NAMES, KernelCompiler
 
@@ -162,7 +162,11 @@ def _cache_folder(file: str) -> str:
     Empty where there is neither a cache nor a home.
     """
     caches = _caches()
-    return str(caches / f"{Path(file).stem}-{_state(file)}") if caches else ""
+    if caches is None:
+        return ""
+    folder = caches / f"{Path(file).stem}-{_state(file)}"
+    note_used(folder)
+    return str(folder)
 
 
 @functools.cache

@@ -42,14 +42,14 @@ def in_words(
     where = ", ".join(f"{x:.4f}" for x in np.round(center, 4) + 0.0)
     whole = fault or "closed"
     rolling = sum(face.rolls for face in faces)
-    rests = f"{len(faces)} rests"
+    rests = _count(len(faces), "rest")
     if rolling:
         rests += f", from {rolling} of which it could roll"
     if left_out:
         rests += f", and {left_out} from which it could roll left out (object.allow_rolling)"
     cover = f"{_count(pieces, 'piece')} in {_count(parts, 'convex part')}"
     if excess:
-        cover += f" that reach up to {excess:.2g} m beyond it"
+        cover += f" that {'reaches' if parts == 1 else 'reach'} up to {excess:.2g} m beyond it"
     return (
         f"{size} m, {unit}",
         f"centre of mass ({where}) {whose}",

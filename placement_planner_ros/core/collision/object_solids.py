@@ -30,9 +30,9 @@ from placement_planner_ros.core.types import Array
 Indices = npt.NDArray[np.int64]
 
 _MANY = 20_000
-"""Triangles up to which looking for a depth takes some tens of milliseconds."""
+"""Triangles up to which depths are told as exactly as they are found."""
 
-_ROUGH = 1e-3
+_ROUGH = 2e-3
 """Metres that a depth in words may be wrong by at either side of a mesh with more of them."""
 
 

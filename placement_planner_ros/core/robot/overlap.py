@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import product
 
 import coal
 import numpy as np
@@ -24,11 +25,14 @@ _MOST_PIECES = 32
 _FIRST_STEP = 1e-3
 """Metres that two shapes are drawn apart by at first, to find how deep they overlap."""
 
-_DEEPEST = 1.0
-"""Metres beyond which nobody asks how deep they overlap."""
-
 _RESOLUTION = 5e-4
 """Metres that a depth is found to."""
+
+_SHARE = 0.25
+"""By which share a depth that is told of rough shapes may be more than it is."""
+
+_ROUNDING = 1e-9
+"""Metres."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,8 +75,8 @@ class Overlaps:
         centers, radii: (n, 3), (n,) balls around them, each in its own frame, metres.
 
     Args:
-        rough: makes the same shapes, meshes of them with fewer triangles, for `depth_in_words`; the
-            shapes themselves unless given.
+        rough: makes the same shapes, large meshes of them with fewer triangles, for
+            `depth_in_words`; the shapes themselves unless given.
         surfaces: of each shape, where there are any, the mesh that it was made of.
     """
 
@@ -90,6 +94,7 @@ class Overlaps:
         self.radii = np.array([shape.aabb_radius for shape in self.shapes])
         self._surfaces = dict(enumerate(surfaces))
         self._pieces: dict[int, tuple[Piece, ...]] = {}
+        self._corners: dict[int, Array] = {}
         self._rough: Overlaps | None = None
 
     def near(self, rows: npt.NDArray[np.int64], placements: list[pin.SE3]) -> Array:
@@ -124,41 +129,82 @@ class Overlaps:
         """
         if not self.meet(i, j, T_i, T_j):
             return 0.0
-        least = _DEEPEST
-        for direction in _directions():
-
-            def apart(by: float, direction: Array = direction) -> bool:
-                moved = pin.SE3(T_j.rotation, T_j.translation + by * direction)
-                return not self.meet(i, j, T_i, moved)
-
-            if not apart(least - resolution):
-                continue
-            far = _FIRST_STEP
-            while far < least and not apart(far):
-                far *= 2.0
-            near, far = (0.0 if far == _FIRST_STEP else far / 2.0), min(far, least)
-            while far - near > resolution:
-                middle = 0.5 * (near + far)
-                near, far = (near, middle) if apart(middle) else (middle, far)
-            least = min(least, far)
-        return least
+        return self._freed(i, j, T_i, T_j, resolution)[1]
 
     def depth_in_words(
         self, i: int, j: int, T_i: pin.SE3, T_j: pin.SE3, beyond: float = 0.0
     ) -> float:
-        """`depth` of the rough shapes; whether it is more than zero is told of the shapes.
+        """`depth`; where a shape has a rough one, of that, and up to a quarter more. Whether it is
+        more than zero is told of the shapes.
 
         Args:
             beyond: metres; what is no deeper counts as zero, which is found sooner.
         """
-        if not self.meet(i, j, T_i, T_j):
+        if beyond <= 0.0 and not self.meet(i, j, T_i, T_j):
             return 0.0
         if self._rough is None:
             self._rough = self if self._make_rough is None else Overlaps(self._make_rough())
         rough = self._rough
-        if beyond > 0.0 and any(not rough.meet(i, j, T_i, at) for at in _moved(T_j, beyond)):
+        share = 0.0 if all(rough.shapes[k] is self.shapes[k] for k in (i, j)) else _SHARE
+        near, far = rough._freed(i, j, T_i, T_j, _RESOLUTION, share, beyond)
+        if beyond > 0.0 and (near < beyond or not self.meet(i, j, T_i, T_j)):
             return 0.0
-        return max(rough.depth(i, j, T_i, T_j), _RESOLUTION)
+        return max(far, _RESOLUTION)
+
+    def _freed(
+        self,
+        i: int,
+        j: int,
+        T_i: pin.SE3,
+        T_j: pin.SE3,
+        resolution: float,
+        share: float = 0.0,
+        beyond: float = 0.0,
+    ) -> tuple[float, float]:
+        """How far, metres, j can be moved and still meets i in whichever of the directions it goes;
+        and how far that it does not in one of them.
+
+        All directions are tried step by step, as what is hollow may be free after a short way and
+        meet its other side after a longer one. That shapes meet is found many times as quickly as
+        that they are barely apart.
+
+        Args:
+            resolution, share: both are no further from each other than these metres, or than this
+                share of the first.
+            beyond: metres; of what is free by then nothing more is found out than that.
+        """
+        ways, bounds = self._ways_apart(i, j, T_i, T_j)
+
+        def free(by: float) -> bool:
+            moved = _moved(T_j, by * ways)
+            return bounds[0] <= by or any(not self.meet(i, j, T_i, at) for at in moved)
+
+        near, far = 0.0, beyond or _FIRST_STEP
+        while not free(far):
+            near, far = far, 1.5 * far
+        if near == 0.0 and beyond > 0.0:
+            return near, far
+        far = max(min(far, float(bounds[0])), _ROUNDING)
+        while far - near > max(resolution, share * near):
+            middle = 0.5 * (near + far)
+            near, far = (near, middle) if free(middle) else (middle, far)
+        return near, far
+
+    def _ways_apart(self, i: int, j: int, T_i: pin.SE3, T_j: pin.SE3) -> tuple[Array, Array]:
+        """The directions (26, 3) and how far j must be moved in each for their hulls to be apart,
+        metres, which is no less than how far the shapes must; the shortest way first."""
+        ways = _directions()
+        reach_i = (self._outermost(i) @ (ways @ T_i.rotation).T).max(axis=0)
+        reach_j = (self._outermost(j) @ (ways @ T_j.rotation).T).min(axis=0)
+        bounds = reach_i - reach_j + ways @ (T_i.translation - T_j.translation)
+        order = np.argsort(bounds, kind="stable")
+        return ways[order], bounds[order] + _ROUNDING
+
+    def _outermost(self, i: int) -> Array:
+        """(n, 3) points whose hull holds a shape."""
+        if i not in self._corners:
+            self._corners[i] = corners_of(self.shapes[i])
+        return self._corners[i]
 
     def place(self, i: int, j: int, T_i: pin.SE3, T_j: pin.SE3) -> Array:
         """(3,) a point at which two shapes that overlap do so."""
@@ -222,6 +268,18 @@ def is_mesh(shape: Solid) -> bool:
     return isinstance(shape, (coal.BVHModelBase, Surface))
 
 
+def corners_of(shape: Solid) -> Array:
+    """(n, 3) points whose hull holds a shape, metres."""
+    if isinstance(shape, Surface):
+        return shape.boxes.reshape(-1, 3)
+    if isinstance(shape, coal.BVHModelBase):
+        return np.array(shape.vertices()).reshape(-1, 3)
+    if isinstance(shape, coal.ConvexBase):
+        return np.array(shape.points()).reshape(-1, 3)
+    box = shape.aabb_local
+    return np.array(list(product(*zip(box.min_, box.max_, strict=True))))
+
+
 def triangles_of(mesh: coal.BVHModelBase | Surface) -> Array:
     """(t, 3, 3) corners of a mesh's triangles, metres."""
     if isinstance(mesh, Surface):
@@ -239,12 +297,17 @@ def _at(T: pin.SE3) -> coal.Transform3s:
 def winding_number(point: Array, triangles: Array) -> float:
     """How often a surface (t, 3, 3) goes around a point (3,): 0 outside, 1 inside of a closed one,
     of an open one the share of the view that it covers; without its sign."""
-    a, b, c = np.moveaxis(triangles - point, 1, 0)
-    la, lb, lc = (np.sqrt((v * v).sum(axis=1)) for v in (a, b, c))
-    triple = (a * np.cross(b, c)).sum(axis=1)
-    dots = la * lb * lc
-    dots = dots + (a * b).sum(axis=1) * lc + (b * c).sum(axis=1) * la + (c * a).sum(axis=1) * lb
+    a, b, c = (triangles[:, k].T - point[:, None] for k in range(3))
+    la, lb, lc = (np.sqrt(_dot(v, v)) for v in (a, b, c))
+    triple = a[0] * (b[1] * c[2] - b[2] * c[1])
+    triple += a[1] * (b[2] * c[0] - b[0] * c[2]) + a[2] * (b[0] * c[1] - b[1] * c[0])
+    dots = la * lb * lc + _dot(a, b) * lc + _dot(b, c) * la + _dot(c, a) * lb
     return abs(float(np.arctan2(triple, dots).sum())) / (2.0 * np.pi)
+
+
+def _dot(u: Array, v: Array) -> Array:
+    """(n,) products of vectors (3, n)."""
+    return np.asarray(u[0] * v[0] + u[1] * v[1] + u[2] * v[2])
 
 
 def _pieces(triangles: Array) -> tuple[Piece, ...]:
@@ -266,9 +329,9 @@ def outermost(points: Array) -> Array:
     return np.asarray(points[np.unique((points @ _directions().T).argmax(axis=0))])
 
 
-def _moved(T: pin.SE3, by: float) -> Iterator[pin.SE3]:
-    """A pose moved so far, metres, in each of the directions."""
-    return (pin.SE3(T.rotation, T.translation + by * way) for way in _directions())
+def _moved(T: pin.SE3, ways: Array) -> Iterator[pin.SE3]:
+    """A pose moved along each of some ways (n, 3), metres."""
+    return (pin.SE3(T.rotation, T.translation + way) for way in ways)
 
 
 def _directions() -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import product
 from typing import TypeAlias
 
 import coal
@@ -56,6 +57,12 @@ class Surface:
 
     def computeLocalAABB(self) -> None:
         """Nothing is left to do."""
+
+    @property
+    def boxes(self) -> Array:
+        """(p, 8, 3) corners of a box around each piece, metres."""
+        ends = np.stack([self._lower, self._upper])
+        return np.stack([ends[list(c), :, range(3)].T for c in product((0, 1), repeat=3)], axis=1)
 
     def near(self, lower: Array, upper: Array) -> Iterator[coal.BVHModelOBBRSS]:
         """The pieces that may have a point in a box of these corners (3,)."""
