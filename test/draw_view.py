@@ -32,7 +32,7 @@ from placement_planner_ros.ros.tools.demo.setting import bundled
 from placement_planner_ros.ros.tools.demo.view_process import page_served
 
 SECONDS = 8.0
-SIZE = (1280, 800)
+SIZE = (1280, 830)
 FRAMES = 14
 """That a browser without a graphics card draws until all has faded in."""
 PLAYED = 0.9
