@@ -78,3 +78,24 @@ def test_a_front_that_keeps_the_object_from_turning_as_near_pose_is_named():
     assert "object.front" in [remedy.parameter for remedy in planner.explanation.remedies]
     freed = against.freed.planner(0)
     assert next(freed.run(lambda: freed.statistics.samples >= 3000))
+
+
+def test_boxes_that_keep_the_object_from_where_it_is_required_are_named():
+    """Without them it is the request as the page has it."""
+    request = by_words("within 10 cm of my plate")
+    more = {"keep_out": [0.25, -0.4, -0.05, 0.55, -0.05, 0.3]}
+    planner = replace(request, values={**request.values, **more}).planner(0)
+    assert not list(planner.run(lambda: planner.statistics.samples >= 300))
+    named = [remedy.parameter for remedy in planner.explain().remedies]
+    assert "keep_out" in named
+    assert "object.up" not in named  # it is as far away lying down
+
+
+def test_boxes_over_the_surface_on_which_the_object_had_room_are_named():
+    """The glass upright in the cabinet has none under the shelves."""
+    request = by_words("upright in the cabinet")
+    beside_and_before = [0.2, -0.6, 0.16, 0.9, 0.13, 0.3, 0.2, 0.0, 0.16, 0.5, 0.6, 0.23]
+    values = {**request.values, "keep_out": beside_and_before}
+    planner = replace(request, values=values).planner(0)
+    assert not list(planner.run(lambda: planner.statistics.samples >= 300))
+    assert "keep_out" in [remedy.parameter for remedy in planner.explain().remedies]

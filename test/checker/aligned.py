@@ -15,8 +15,12 @@ from .task import Array, Task, Tolerances, world_vertices
 
 _FARTHER, _FARTHEST, _APART = 0.01, 0.05, 0.018
 _PLAIN = 0.5
-_SHOWN_OTHERWISE = 0.3
-"""Share of the outlines around, by weight, that a cloud may show elsewhere."""
+_NOISE, _PER_DISAGREEMENT, _MOST = 0.03, 0.6, 0.4
+"""Share of the outlines around, by weight, that a cloud may show otherwise: where all run in one
+direction, what comes to it as they do not, and at most. What is shown elsewhere, or not, changes
+little where the others say the same."""
+_LEAST_LEFT = 0.45
+"""What may be left of |F|, as squares of a grid make outlines ragged, the one way as the other."""
 _SLACK = 0.005
 """rad."""
 _ROUND = 12
@@ -26,16 +30,20 @@ _ROUND = 12
 def aligned_bounds(task: Task, T: Array, tolerances: Tolerances) -> tuple[float, float]:
     """Least and greatest value of `aligned` of a pose (4, 4), by the true solids' outlines.
 
-    For each longest side of the foot, and outlines of which a share was seen elsewhere.
+    For each longest side of the foot, and outlines of which a share was seen otherwise, or all of
+    which are ragged.
     """
     feet = feet_of(world_vertices(task, T), standing_along(task, T, tolerances), tolerances)
     ring = feet[ConvexHull(feet[:, :2]).vertices, :2]
     ways, most = _ways(task, ring.mean(axis=0), float(feet[:, 2].mean()))
     if not most:
         return 0.0, 0.0
-    shares = np.linspace(0.0, _SHOWN_OTHERWISE, 4)[:, None]
+    mean = ways / most
+    share = min(_NOISE + _PER_DISAGREEMENT * (1.0 - abs(mean)), _MOST)
     turns = np.exp(2j * np.pi * np.arange(48) / 48)
-    disturbed = (ways / most + shares * turns).ravel()
+    seen_otherwise = mean + np.linspace(0.0, share, 4)[:, None] * turns
+    ragged = mean * np.linspace(_LEAST_LEFT, 1.0, 5)[:, None] + _NOISE * turns
+    disturbed = np.concatenate([seen_otherwise, ragged]).ravel()
     values = [
         -0.25 * np.arccos(np.clip(cosines, -1.0, 1.0))
         for angle in _longest(ring)

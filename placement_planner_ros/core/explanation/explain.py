@@ -18,6 +18,8 @@ _FEW = 500
 """Samples below which more time is the first thing to try."""
 _LITTLE = 0.1
 """A constraint that lets less than this share pass is named beside the main one."""
+_OF_POSES = {Verdict.UNSTABLE, Verdict.COLLIDING, Verdict.BREAKS_RULE}
+"""Of the constraints, those on poses alone, which rules of users can make hard to meet."""
 
 
 def explain(search: Search, progress: Progress) -> Explanation:
@@ -93,6 +95,8 @@ def _ruled_out(search: Search, rulings: frozenset[Ruling]) -> Explanation:
         tries, seen = support(search)
         remedies += tries
         details += seen
+    if rulings & {Ruling.BREAKS_RULE, Ruling.UNSUPPORTED}:
+        remedies = [*rules.others(search), *remedies]
     every = f"every pose on the placement regions is {', or '.join(words)}"
     return Explanation(f"no placement is possible: {every}", tuple(remedies), tuple(details))
 
@@ -155,13 +159,12 @@ def _refused(search: Search, count: SampleCount) -> Explanation:
             stages[verdict] = refused, left, passed
             left -= refused
     ranked = sorted(stages, key=lambda verdict: stages[verdict][2])
+    named = [verdict for verdict in ranked if verdict is ranked[0] or stages[verdict][2] <= _LITTLE]
     causes: list[str] = []
-    remedies: list[Remedy] = []
+    remedies = rules.others(search) if _OF_POSES & set(named) else []
     details: list[str] = []
-    for verdict in ranked:
-        refused, entered, passed = stages[verdict]
-        if verdict is not ranked[0] and passed > _LITTLE:
-            continue
+    for verdict in named:
+        refused, entered, _ = stages[verdict]
         before = " that passed what is checked before" if entered < count.samples else ""
         causes.append(f"{refused:,} of {entered:,}{before} {tables.what(search, verdict)}")
         more, seen = advice(search, verdict)

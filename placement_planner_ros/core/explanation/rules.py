@@ -8,6 +8,7 @@ from dataclasses import replace
 
 from placement_planner_ros.core.constraints import REQUIRED
 from placement_planner_ros.core.explanation.explanation import Explanation, Remedy
+from placement_planner_ros.core.explanation.other_rules import in_the_way
 from placement_planner_ros.core.explanation.search import Search
 from placement_planner_ros.core.sample_goals.placed_cells import PlacedCells
 from placement_planner_ros.core.search.cell_layout import whole_cells
@@ -94,7 +95,6 @@ def advice(search: Search) -> tuple[list[Remedy], list[str]]:
     remedies += [
         Remedy("require_at_least", f"lower it: {words} is asked, {reached} the most that was seen"),
         Remedy("require_terms", f"leave out {' or '.join(terms)}"),
-        *_turned_otherwise(search, terms),
     ]
     return remedies, [f"of {len(seen)} poses looked at again {reached} was the most"]
 
@@ -102,31 +102,36 @@ def advice(search: Search) -> tuple[list[Remedy], list[str]]:
 def too_low(search: Search) -> tuple[str, list[Remedy]]:
     """Required terms that nothing reaches, which is proven."""
     known = search.bounds.required
-    most = known.most(PlacedCells(whole_cells(search.hierarchy)))
-    found = {name: float(values.max()) for name, values in most.items()}
+    bounds = known.most(PlacedCells(whole_cells(search.hierarchy)))
+    found = {name: float(values.max()) for name, values in bounds.items()}
     alone = [name for name, value in found.items() if value < known.at_least[name]]
     low = alone or [name for name, value in found.items() if math.isfinite(value)]
     words = ", ".join(f"{name} {known.at_least[name]:g}" for name in low)
     reached = ", ".join(f"{name} {found[name]:.3g}" for name in low)
-    together = "" if alone else ", never all at once"
+    most, lower = f", {reached} at most", f"no pose has more than {reached}"
+    if not alone:  # bounds of large cells say little; those of the small ones were too low
+        all_ = "all of it at once" if len(low) > 1 else "it"
+        most, lower = f", and no pose reaches {all_}", f"no pose reaches {all_}"
     return (
-        f"below what require_terms asks ({words}), {reached} at most{together}",
+        f"below what require_terms asks ({words}){most}",
         [
-            Remedy("require_at_least", f"lower it: no pose has more than {reached}"),
+            Remedy("require_at_least", f"lower it: {lower}"),
             Remedy("require_terms", f"leave out {' or '.join(low)}"),
-            *_turned_otherwise(search, low),
         ],
     )
 
 
-def _turned_otherwise(search: Search, terms: list[str]) -> list[Remedy]:
-    """Rules within which all poses are turned, where they are not turned like near_pose."""
-    turns = search.poses.turns
-    if turns is None or "turn" not in terms:
-        return []
-    given = {"object.front": turns.settings.front, "object.up": turns.settings.up}
-    words = "leave it out: poses are turned as it asks, and turn is measured of those"
-    return [Remedy(name, words) for name, direction in given.items() if direction]
+def others(search: Search) -> list[Remedy]:
+    """Rules without any one of which poses are seen to stand free and keep the others."""
+    seen = "without it poses are seen to keep all else that is asked"
+    words = {
+        "keep_out": f"{SMALLER_BOXES.words}: {seen}",
+        "object.front": f"leave it out, or choose another direction: {seen}",
+        "object.up": f"leave it out, or choose another direction: {seen}",
+    }
+    if search.settings.tilt is not None:
+        words["object.up"] = f"leave it out, and carry.max_tilt with it: {seen}"
+    return [Remedy(name, words[name]) for name in in_the_way(search)]
 
 
 def _up_tolerance(search: Search) -> str:

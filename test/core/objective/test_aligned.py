@@ -23,6 +23,8 @@ FLOOR = box("floor", (-0.4, -0.4, -0.02), (0.4, 0.4, 0.0), GREY)
 HALF = 0.5 * np.ptp(object_by_name("small_crayons_box").vertices, axis=0)
 STRAIGHT = 0.07
 """rad: beside a straight outline."""
+STRAIGHT_ONES = ("bin", "two at equal distance")
+"""Scenes with places where outlines run in one direction, or square to it."""
 
 
 def wall(name, size, centre, yaw):
@@ -113,7 +115,7 @@ def test_planner_and_checker_agree_beside_outlines_of_any_form(beside, name):
         low, high = scene.bounds(T)
         assert low <= scene.value(T) <= high
         widths.append(high - low)
-    assert min(widths) < 0.45  # of 0.79
+    assert min(widths) < (0.06 if name in STRAIGHT_ONES else 0.55)  # of 0.79
 
 
 def test_in_a_bin_under_a_board_it_is_the_angle_from_its_walls(beside):
