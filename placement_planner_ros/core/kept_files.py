@@ -199,7 +199,7 @@ def _write_arrays(what: str, path: Path, arrays: Arrays) -> None:
     np.savez(stream, **named)  # not compressed: that takes longer than it saves
     try:
         write_whole(path, sealed(stream.getvalue(), path.name))
-        _make_room(path.parent)
+        _make_room(path.parent, stream.tell())
     except OSError as error:
         TROUBLES.note(
             f"{what} unwritten",
@@ -212,23 +212,32 @@ def _write_arrays(what: str, path: Path, arrays: Arrays) -> None:
         _remove_unused(path.parents[1])
 
 
-def _make_room(folder: Path) -> None:
+_ROOM: dict[Path, int] = {}
+"""Bytes that this process may still add to a folder before it looks what is there."""
+
+
+def _make_room(folder: Path, added: int) -> None:
     """Remove what was not read for longest, where there is more than `MAX_KEPT`.
 
-    Who is reading it goes on; who comes later makes it anew.
+    Who is reading it goes on; who comes later makes it anew. As other processes may write there,
+    too, the folder is looked at again after a tenth of what there was room for.
     """
-    total, found = 0, []
-    for entry in os.scandir(folder):
-        with contextlib.suppress(FileNotFoundError):  # another process removed it
-            state = entry.stat()
-            total += state.st_size
-            found.append((state.st_mtime_ns, state.st_size, entry.path))
-    for _, size, path in sorted(found):
-        if total <= MAX_KEPT:
-            return
-        total -= size
-        with contextlib.suppress(FileNotFoundError):
-            os.unlink(path)
+    left = _ROOM.get(folder, 0) - added
+    if left <= 0:
+        total, found = 0, []
+        for entry in os.scandir(folder):
+            with contextlib.suppress(FileNotFoundError):  # another process removed it
+                state = entry.stat()
+                total += state.st_size
+                found.append((state.st_mtime_ns, state.st_size, entry.path))
+        for _, size, path in sorted(found):
+            if total <= MAX_KEPT:
+                break
+            total -= size
+            with contextlib.suppress(FileNotFoundError):
+                os.unlink(path)
+        left = (MAX_KEPT - total) // 10
+    _ROOM[folder] = left
 
 
 def note_used(folder: Path) -> None:

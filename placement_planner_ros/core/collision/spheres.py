@@ -19,7 +19,7 @@ from scipy.spatial import ConvexHull
 from placement_planner_ros.core.collision.against_mesh import inside_of_mesh
 from placement_planner_ros.core.collision.meshes import mesh_arrays
 from placement_planner_ros.core.collision.shapes import ConvexSet, Shape
-from placement_planner_ros.core.kept_files import Arrays, kept_arrays, version_of
+from placement_planner_ros.core.kept_files import Arrays, found_arrays, keep_arrays, version_of
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.remembering import remembered_with
 from placement_planner_ros.core.types import Array, frozen_array
@@ -27,7 +27,9 @@ from placement_planner_ros.core.types import Array, frozen_array
 _PAD = 1e-9
 _MAX_DEPTH = 10
 _FEW = 32
-"""Vertices of a shape whose spheres are made as quickly as they are read."""
+"""Vertices of a shape whose spheres are made as quickly as they are read ..."""
+_SOME = 64
+"""... and spheres that are: those of what a hand sweeps would be written for each opening."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,7 +70,12 @@ def sphere_trees(shape: Shape, excess: float) -> tuple[SphereTree, ...]:
         inside = convex.radius, convex.inner_scale, *convex.inner_center
         digest.update(f"{len(convex.vertices)} {len(convex.offsets)} {inside}".encode())
         digest.update(convex.vertices.tobytes())
-    kept = kept_arrays("sphere trees", digest.digest(), lambda: _arrays(shape, excess))
+    key = digest.digest()
+    kept = found_arrays("sphere trees", key)
+    if kept is None:
+        kept = _arrays(shape, excess)
+        if len(kept["spheres"]) > _SOME:
+            keep_arrays("sphere trees", key, kept)
     columns = zip(
         *(np.split(kept[name], kept["first"]) for name in ("spheres", "skip", "leaf")), strict=True
     )

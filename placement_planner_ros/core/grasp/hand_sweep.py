@@ -13,6 +13,7 @@ import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
 from placement_planner_ros.core.collision.shapes import shape_of
+from placement_planner_ros.core.grasp.few_corners import few_corners
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.geometry import LinkCover, convex
 from placement_planner_ros.core.robot.model import Robot
@@ -20,29 +21,22 @@ from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
 
 _TURN = 0.05
-"""rad that all revolute gripper joints together turn between two copies of a finger, at most."""
+"""rad that all joints that turn a part together turn between two copies of it, at most."""
 _STILL = 1e-9
 """Joint frames as equal as this do not move as the hand opens."""
 _THICKNESS = 1e-4
 """m that flat geometry is given, which has no hull."""
-
-
-def openings(robot: Robot, arm: Arm, q: Array) -> Array:
-    """(k, nq), k ≥ 2, from q (nq,) to the hand open, all gripper joints at the same pace."""
-    return _stages(robot, q, robot.with_open_hand(q, arm) - q)
-
-
-def _stages(robot: Robot, q: Array, change: Array) -> Array:
-    turned = float(np.abs(change[revolute(robot)]).sum())
-    steps = max(1, int(np.ceil(turned / _TURN)))
-    return np.asarray(q + np.linspace(0.0, 1.0, steps + 1)[:, None] * change)
+_ROUNDED = 2e-4
+"""m that corners of rounded fingers may lie outside what these are taken for: they have hundreds,
+and each of the hulls that they sweep has those of two copies."""
 
 
 def with_opening_hand(robot: Robot, arm: Arm, q: Array) -> Robot:
     """The robot, each part of its fingers as large as what it sweeps by opening from q (nq,) on.
 
     Between two openings that is the hull of both copies, enlarged by as much as the way from one
-    to the other may be curved: exact where fingers slide, and enclosing always.
+    to the other may be curved, and by what rounded fingers lose of their corners: exact where
+    fingers of few corners slide, and enclosing always.
     """
     change = robot.with_open_hand(q, arm) - q
     hand = np.where(change != 0.0, q, 0.0)
@@ -52,14 +46,17 @@ def with_opening_hand(robot: Robot, arm: Arm, q: Array) -> Robot:
 @functools.lru_cache(maxsize=8)
 def _swept(robot: Robot, hand_bytes: bytes, change_bytes: bytes) -> Robot:
     """`with_opening_hand` from q (nq,) on by that change (nq,)."""
-    stages = _stages(robot, np.frombuffer(hand_bytes), np.frombuffer(change_bytes))
-    change = np.abs(stages[1] - stages[0])
-    turning = revolute(robot) & (change > 0.0)
-    turn, slide = float(change[turning].sum()), float(change[~turning].sum())
+    hand, change = np.frombuffer(hand_bytes), np.frombuffer(change_bytes)
+    turns = revolute(robot)
+    joints = {thing.parentJoint for thing in robot.geometry.geometryObjects}
+    movers = {joint: _movers(robot, joint) & (change != 0.0) for joint in joints}
+    turned = max((np.abs(change[each & turns]).sum() for each in movers.values()), default=0.0)
+    steps = max(1, int(np.ceil(turned / _TURN)))
     frames = []
-    for stage in stages:
+    for share in np.linspace(0.0, 1.0, steps + 1):
         step("opening the hand")
-        frames.append(_joint_frames(robot, stage))
+        frames.append(_joint_frames(robot, hand + share * change))
+    change = np.abs(change) / steps
     swept = pin.GeometryModel()
     links: list[str] = []
     covers: list[LinkCover | None] = []
@@ -72,21 +69,24 @@ def _swept(robot: Robot, hand_bytes: bytes, change_bytes: bytes) -> Robot:
             links.append(link)
             covers.append(cover)
             continue
-        local = _solid_vertices(thing.geometry, link)
+        local, lost = few_corners(_solid_vertices(thing.geometry, link), _ROUNDED)
+        turning = movers[joint] & turns
+        turn, slide = float(change[turning].sum()), float(change[movers[joint] & ~turns].sum())
         copies = [_act(frame[joint] * thing.placement, local) for frame in frames]
         axes = np.array([[T.translation for T in frame[1:]] for frame in frames])[:, turning]
         away = [
             np.linalg.norm(copy[:, None] - axis, axis=2).max(initial=0.0)
             for copy, axis in zip(copies, axes, strict=True)
         ]
-        # With W and V the turns and slides of a step, a point R from every axis stays within
-        # (2 W² R + 2 W V) / 8 of the chord; within the step R grows by less than W R + V.
+        # With W and V the turns and slides that a step moves it by, a point R from every axis
+        # stays within (2 W² R + 2 W V) / 8 of the chord; within the step R grows by less than
+        # W R + V.
         reach = max(away) * (1.0 + turn) + slide
         strays = 0.25 * turn * (turn * reach + slide)
         for k, (before, after) in enumerate(itertools.pairwise(copies)):
             step(f"making what {link} sweeps as the hand opens")
             hull = convex(ConvexHull(np.vstack([before, after])))
-            hull.setSweptSphereRadius(strays)
+            hull.setSweptSphereRadius(strays + lost)
             swept.addGeometryObject(
                 pin.GeometryObject(
                     f"{thing.name}_{k}", joint, thing.parentFrame, frames[0][joint].inverse(), hull
@@ -95,6 +95,13 @@ def _swept(robot: Robot, hand_bytes: bytes, change_bytes: bytes) -> Robot:
             links.append(link)
             covers.append(None)
     return replace(robot, geometry=swept, geometry_links=tuple(links), covers=tuple(covers))
+
+
+def _movers(robot: Robot, joint: int) -> npt.NDArray[np.bool_]:
+    """(nq,) which coordinates move that joint's frame."""
+    result = np.zeros(robot.model.nq, np.bool_)
+    result[[k - 1 for k in robot.model.supports[joint] if k > 0]] = True
+    return result
 
 
 def revolute(robot: Robot) -> npt.NDArray[np.bool_]:

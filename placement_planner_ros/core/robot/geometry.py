@@ -175,8 +175,7 @@ def build_geometry(
         what users should know of the meshes.
 
     Raises:
-        RobotError: a geometry is empty, not finite, of no size, in millimetres, too large or not
-            found.
+        RobotError: a geometry is empty, not finite, flat, in millimetres, too large or not found.
     """
     count = sum(1 for _ in root.iterfind("link/collision"))
     if count > MAX_SHAPES:
@@ -190,6 +189,7 @@ def build_geometry(
     links: list[str] = []
     keys: list[_Key | None] = []
     faults: list[RobotError] = []
+    points: list[str] = []
     for link in root.findall("link"):
         name = str(link.get("name"))
         frame_id = model.getFrameId(name, pin.FrameType.BODY)
@@ -197,11 +197,15 @@ def build_geometry(
         for index, element in enumerate(link.findall("collision")):
             field = f"link {name}, collision {index}"
             try:
-                shape, key = _read_shape(element, name, field, meshes)
+                read = _read_shape(element, name, field, meshes)
                 T_link_shape = read_origin(element, field)
             except RobotError as error:
                 faults.append(error)
                 continue
+            if read is None:
+                points.append(f"{field}: a shape of no size is left out")
+                continue
+            shape, key = read
             geometry.addGeometryObject(
                 pin.GeometryObject(
                     f"{name}_{index}",
@@ -222,7 +226,7 @@ def build_geometry(
     ]
     by_key = dict(zip(meshes.soups, made, strict=True))
     covers = tuple(None if key is None else by_key.get(key) for key in keys)
-    return geometry, tuple(links), covers, _notes(soups, made)
+    return geometry, tuple(links), covers, points + _notes(soups, made)
 
 
 _Key = tuple[Path, tuple[float, ...]]
@@ -231,7 +235,9 @@ _Key = tuple[Path, tuple[float, ...]]
 
 def _read_shape(
     collision: ET.Element, link: str, field: str, meshes: _Meshes
-) -> tuple[coal.CollisionGeometry, _Key | None]:
+) -> tuple[coal.CollisionGeometry, _Key | None] | None:
+    """The shape and, of a mesh, its key; None of a primitive all of whose sizes are 0, which
+    some robots have where nothing is."""
     geometry = collision.find("geometry")
     shapes = [] if geometry is None else list(geometry)
     if len(shapes) != 1:
@@ -245,6 +251,8 @@ def _read_shape(
     make, counts = PRIMITIVES[shape.tag]
     sizes = [read_floats(shape.get(a, ""), n, f"{field}: {a}") for a, n in counts.items()]
     values = np.concatenate(sizes)
+    if not values.any():
+        return None
     if not (values > 0.0).all():
         raise RobotError(f"{field}: {shape.tag}", values.tolist(), "every size must be positive")
     primitive = make(*values.tolist())

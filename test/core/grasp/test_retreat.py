@@ -25,7 +25,7 @@ from placement_planner_ros.core.collision.arm import (
 from placement_planner_ros.core.collision.load import Held, Standing
 from placement_planner_ros.core.errors import GraspError, ParameterError
 from placement_planner_ros.core.grasp.hand_opening import check_opening
-from placement_planner_ros.core.grasp.hand_sweep import openings, with_opening_hand
+from placement_planner_ros.core.grasp.hand_sweep import with_opening_hand
 from placement_planner_ros.core.grasp.open_hand import OpenHand
 from placement_planner_ros.core.grasp.settings import GraspSettings, RetreatSettings
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
@@ -144,14 +144,16 @@ def outside(points, pieces):
     return float(least.max())
 
 
-@pytest.mark.parametrize("which", ["sliding", "turning"])
-def test_the_opening_hand_holds_every_stage_of_its_opening_and_little_more(which, problem):
+@pytest.mark.parametrize(("which", "count"), [("sliding", 1), ("turning", 48), ("beside", 24)])
+def test_the_opening_hand_holds_every_stage_of_its_opening_and_little_more(which, count, problem):
     if which == "sliding":
         robot, arm, q = problem.robot, problem.arms[0], problem.q_start
         fingers = [link for link in arm.touch_links if "finger" in link]
         thickness = 1e-9
     else:
-        robot = Robot.from_urdf(CLAW, srdf="<robot name='claw'/>")
+        whose = "finger" if which == "turning" else "hand"
+        claw = CLAW.replace('"finger"/><child link="thumb', f'"{whose}"/><child link="thumb')
+        robot = Robot.from_urdf(claw, srdf="<robot name='claw'/>")
         arm = robot.arm("claw", "hand", gripper_joints=("grip",), gripper_open=(1.2,))
         q = robot.configuration({"lift": 0.1, "grip": 0.0})
         fingers = ["finger", "thumb"]
@@ -173,7 +175,7 @@ def test_the_opening_hand_holds_every_stage_of_its_opening_and_little_more(which
             for points, _ in hulls(robot, stage, link):
                 assert outside(points, pieces) <= 1e-9
         assert all(radius <= thickness for _, radius in pieces)
-    assert len(openings(robot, arm, q)) == (2 if which == "sliding" else 1 + 48)
+        assert len(pieces) == count * len(list(hulls(robot, q, link)))
 
 
 def test_a_hand_without_gripper_joints_sweeps_nothing(problem):

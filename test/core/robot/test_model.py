@@ -504,6 +504,13 @@ def test_bad_primitives_are_refused(shape, message):
         Robot.from_urdf(with_geometry(shape))
 
 
+@pytest.mark.parametrize("shape", ['<box size="0 0 0"/>', '<sphere radius="0.0"/>'])
+def test_shapes_of_no_size_are_left_out_and_told(shape):
+    robot = Robot.from_urdf(with_geometry(shape))
+    assert not robot.geometry.geometryObjects
+    assert "link thing, collision 0: a shape of no size is left out" in robot.warnings
+
+
 # --- whole robots -------------------------------------------------------------------------------
 
 
