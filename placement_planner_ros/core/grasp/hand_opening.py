@@ -36,7 +36,7 @@ _STILL = 1e-9
 _DEEPER = 1e-4
 """m that a finger may get deeper into the object, for the numerics."""
 _FINE = 2e-5
-"""m to which it is told how deep a mesh lies in another shape."""
+"""m to which it is told how deep a mesh lies in another shape to begin with."""
 _COARSE = 0.001
 """m by which a depth may be told too large."""
 
@@ -133,7 +133,7 @@ def _stuck(robot: Robot, arm: Arm, grasp: int, body: Body, q_bytes: bytes, most:
             continue
         step(f"looking how deep {link} of the open hand lies in the object")
         for j in range(first, len(overlaps.shapes)):
-            depth = overlaps.depth(i, j, places[i], at)
+            depth = overlaps.depth(i, j, places[i], at, beyond=most)
             if depth > most:
                 found[link] = max(depth, found.get(link, 0.0))
     return tuple(found.items())
@@ -167,8 +167,8 @@ def _mesh_deeper(finger: _Finger, overlaps: Overlaps, number: int, at: pin.SE3) 
     most = begun
     for place in places[1:]:
         step(f"looking whether {finger.link} opens into the object")
-        if overlaps.meet(i, number, place, at):
-            most = max(most, overlaps.depth(i, number, place, at, _FINE))
+        told = max(begun + _DEEPER, most)
+        most = max(most, overlaps.depth(i, number, place, at, beyond=told))
     return most - begun
 
 

@@ -118,7 +118,13 @@ class Overlaps:
         return touch or self.nested(i, j, T_i, T_j)
 
     def depth(
-        self, i: int, j: int, T_i: pin.SE3, T_j: pin.SE3, resolution: float = _RESOLUTION
+        self,
+        i: int,
+        j: int,
+        T_i: pin.SE3,
+        T_j: pin.SE3,
+        resolution: float = _RESOLUTION,
+        beyond: float = 0.0,
     ) -> float:
         """Metres by which one must be moved that they do not overlap any more.
 
@@ -126,10 +132,12 @@ class Overlaps:
 
         Args:
             resolution: metres that it is found to.
+            beyond: metres; what is no deeper counts as zero, which is found sooner.
         """
         if not self.meet(i, j, T_i, T_j):
             return 0.0
-        return self._freed(i, j, T_i, T_j, resolution)[1]
+        near, far = self._freed(i, j, T_i, T_j, resolution, beyond=beyond)
+        return 0.0 if near < beyond else far
 
     def depth_in_words(
         self, i: int, j: int, T_i: pin.SE3, T_j: pin.SE3, beyond: float = 0.0

@@ -196,6 +196,9 @@ def test_depth_is_how_far_shapes_must_be_moved_apart(apart):
     overlaps = Overlaps.of(geometry, (None,) * geometry.ngeoms)
     depth = overlaps.depth(0, 1, pin.SE3.Identity(), shift)
     assert depth == pytest.approx(0.02 - apart, abs=6e-4)
+    for beyond, found in ((0.8 * (0.02 - apart), depth), (1.2 * (0.02 - apart), 0.0)):
+        again = overlaps.depth(0, 1, pin.SE3.Identity(), shift, beyond=beyond)
+        assert again == pytest.approx(found, abs=6e-4 if found else 0.0)
     away = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.021]))
     assert overlaps.depth(0, 1, pin.SE3.Identity(), away) == 0.0
 
