@@ -218,6 +218,18 @@ def test_refuses_the_other_arm_in_the_way() -> None:
     assert any("_l" in v and "_r" in v for v in found if v.startswith("collision"))
 
 
+@pytest.mark.parametrize("size", [0.0, 0.01])
+def test_a_shape_of_no_size_on_the_hand_is_no_thing_in_the_object(size: float) -> None:
+    mark = (
+        f'<link name="mark"><collision><geometry><box size="{size} {size} {size}"/></geometry>'
+        '</collision></link><joint name="mark_joint" type="fixed"><parent link="gripper_l_base"/>'
+        '<child link="mark"/><origin xyz="0 0 0.125"/></joint></robot>'
+    )
+    found = check(replace(TASK, urdf=TASK.urdf.replace("</robot>", mark)))
+    assert any("mark with object" in v for v in found) == (size > 0.0)
+    assert size > 0.0 or not found
+
+
 def test_refuses_a_thin_wall_in_the_way() -> None:
     """1 mm thick, across the hand's way from the start to the place above the table."""
     q_start = CHECKER.robot.configuration(Q_START)

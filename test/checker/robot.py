@@ -47,6 +47,10 @@ class RobotModel:
             if mimic is not None:
                 factor = float(mimic.get("multiplier", "1"))
                 mimics[name] = (str(mimic.get("joint")), factor, float(mimic.get("offset", "0")))
+        for link in root.iter("link"):
+            for collision in link.findall("collision"):
+                if _is_point(collision):
+                    link.remove(collision)
         for mesh in root.iter("mesh"):
             file = str(mesh.get("filename"))
             for package, folder in package_dirs.items():
@@ -107,3 +111,14 @@ class RobotModel:
             offset = float(np.linalg.norm(self.model.jointPlacements[joint].translation))
             extent[parent] = max(extent[parent], offset + far)
         return result
+
+
+def _is_point(collision: ElementTree.Element) -> bool:
+    """Whether a shape is a box, ball or cylinder all of whose sizes are 0: a mark, not a thing."""
+    sizes = [
+        float(size)
+        for shape in collision.findall("geometry/*")
+        for name in ("size", "radius", "length")
+        for size in shape.get(name, "").split()
+    ]
+    return bool(sizes) and not any(sizes)
