@@ -11,6 +11,7 @@ import contextlib
 import functools
 import hashlib
 import os
+import re
 import tempfile
 import threading
 import time
@@ -36,6 +37,11 @@ this package are in folders of their own."""
 
 _DAY = 24 * 3600.0
 """Seconds."""
+
+_VERSION = re.compile(r"-[0-9a-f]{16}$")
+_KERNELS = re.compile(r".+\.nbk")
+_ARRAYS = re.compile(r"[0-9a-f]{32}\.[a-z]+")
+"""How folders of kernels end, and how what is kept is named."""
 
 _USED: set[str] = set()
 """Folders of kernels that this process uses."""
@@ -269,14 +275,16 @@ def _remove_unused(caches: Path) -> None:
 
 
 def _is_ours(folder: os.DirEntry[str]) -> bool:
-    """Whether in that folder there are kernels or arrays of one kind and nothing else."""
+    """Whether in that folder there are kernels or arrays of one kind, by their names, and nothing
+    else."""
     if not folder.is_dir(follow_symlinks=False):
         return False
-    suffixes = ".nbk", f".{folder.name.split('-')[-1]}"
+    name = _KERNELS if _VERSION.search(folder.name) else _ARRAYS
     try:
-        return all(entry.name.endswith(suffixes) for entry in os.scandir(folder))
+        names = [entry.name for entry in os.scandir(folder)]
     except OSError:  # somebody else's, or gone
         return False
+    return bool(names) and all(name.fullmatch(each) for each in names)
 
 
 def _last_used(folder: os.DirEntry[str]) -> float:

@@ -35,16 +35,19 @@ def test_folders_that_nobody_used_for_long_go_and_all_others_stay(cache):
     long_ago = UNUSED + DAY
     gone = [
         used(cache / "old-0123456789abcdef", long_ago, "f-1.a.nbk", "g-2.b.nbk"),
-        used(cache / "link-shapes", long_ago, "a.shapes"),
+        used(cache / "link-shapes", long_ago, f"{8 * 'abc1'}.shapes"),
     ]
     stay = [
         used(cache / "new-0123456789abcdef", UNUSED - DAY, "f-1.a.nbk"),
         used(cache / "mine-0123456789abcdef", long_ago, "f-1.a.nbk"),
         used(cache / "module_0123", long_ago, "f-1.nbi", "f-1.1.nbc"),
         used(cache / "notes", long_ago, "a.txt", "b.nbk"),
-        used(cache / "sphere-trees", long_ago, "a.trees"),
+        used(cache / "my-txt", long_ago, "a.txt"),
+        used(cache / "nbk", long_ago, "b.nbk"),
+        used(cache / "nothing-0123456789abcdef", long_ago),
+        used(cache / "sphere-trees", long_ago, f"{8 * 'abc1'}.trees"),
     ]
-    os.utime(cache / "sphere-trees" / "a.trees")  # read since
+    os.utime(next((cache / "sphere-trees").iterdir()))  # read since
     note_used(stay[1])
     for path in [*stay[1].iterdir(), stay[1]]:
         os.utime(path, (time.time() - long_ago,) * 2)  # as where the clock was set back
