@@ -29,7 +29,8 @@ _MAX_DEPTH = 10
 _FEW = 32
 """Vertices of a shape whose spheres are made as quickly as they are read ..."""
 _SOME = 64
-"""... and spheres that are: those of what a hand sweeps would be written for each opening."""
+"""... and spheres of one without a mesh that are: those of what a hand sweeps would be written for
+each opening."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,7 +75,7 @@ def sphere_trees(shape: Shape, excess: float) -> tuple[SphereTree, ...]:
     kept = found_arrays("sphere trees", key)
     if kept is None:
         kept = _arrays(shape, excess)
-        if len(kept["spheres"]) > _SOME:
+        if shape.mesh is not None or len(kept["spheres"]) > _SOME:
             keep_arrays("sphere trees", key, kept)
     columns = zip(
         *(np.split(kept[name], kept["first"]) for name in ("spheres", "skip", "leaf")), strict=True
