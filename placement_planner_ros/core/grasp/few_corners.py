@@ -13,7 +13,8 @@ from placement_planner_ros.core.types import Array
 _ENOUGH = 32
 """Hulls of so many corners are left as they are."""
 _AROUND = np.array([d for d in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
-"""(26, 3) directions whose furthest corners are taken first."""
+"""(26, 3) directions, by the principal axes, whose furthest corners are taken first: by other axes
+those of a thin lens may all lie on its rim, in one plane."""
 
 
 def few_corners(corners: Array, tolerance: float) -> tuple[Array, float]:
@@ -34,7 +35,8 @@ def few_corners(corners: Array, tolerance: float) -> tuple[Array, float]:
     """
     if len(corners) <= _ENOUGH:
         return corners, 0.0
-    taken = np.unique((corners @ _AROUND.T).argmax(axis=0))
+    axes = np.linalg.svd(corners - corners.mean(axis=0), full_matrices=False)[2]
+    taken = np.unique((corners @ (_AROUND @ axes).T).argmax(axis=0))
     while True:
         hull = ConvexHull(corners[taken])
         beyond = corners @ hull.equations[:, :3].T + hull.equations[:, 3]
@@ -44,7 +46,8 @@ def few_corners(corners: Array, tolerance: float) -> tuple[Array, float]:
         nearest = trimesh.triangles.closest_point(triangles, corners[point])
         away = np.full(len(corners), np.inf)
         away[beyond.max(axis=1) <= 0.0] = 0.0
-        np.minimum.at(away, point, np.linalg.norm(nearest - corners[point], axis=1))
+        # fmin: next to a triangle of no area is NaN, which tells nothing
+        np.fmin.at(away, point, np.linalg.norm(nearest - corners[point], axis=1))
         away[taken] = 0.0
         lacking = np.flatnonzero(away > tolerance)
         if not len(lacking):

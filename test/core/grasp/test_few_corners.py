@@ -29,3 +29,13 @@ def test_hulls_of_few_corners_stay_as_they_are():
     few, lost = few_corners(corners, TOLERANCE)
     assert few is corners
     assert lost == 0.0
+
+
+def test_a_tilted_lens_of_which_only_the_rim_reaches_far():
+    turns = np.linspace(0.0, 2.0 * np.pi, 60, endpoint=False)
+    rim = np.column_stack([np.cos(turns), np.sin(turns), 0.0 * turns]) * 0.02
+    across = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    corners = np.vstack([rim, [[0.0, 0.0, 0.0015], [0.0, 0.0, -0.0015]]]) @ across
+    few, lost = few_corners(corners, TOLERANCE)
+    assert len(few) < len(corners)
+    assert lost <= TOLERANCE
