@@ -70,6 +70,10 @@ from placement_planner_ros.share import share_path
 FRAME = "yumi_body"
 PATIENCE = 30.0
 """Seconds after which a call counts as never answered."""
+TICK = 0.05
+"""Seconds between joint states."""
+SLOWEST = 5
+"""Answers that are told one by one."""
 LEAST_CALLS = 10_000
 """In an hour."""
 STANDING = 2
@@ -187,9 +191,26 @@ class World(Node):
         self._ticks = 0
         self._until = time.monotonic() + 20.0
         self._mood = "good"
-        self.create_timer(0.05, self._tick)
+        self._ticked_at = time.monotonic()
+        self._late = collections.deque(maxlen=2000)
+        self.create_timer(TICK, self._tick)
+
+    @property
+    def mood(self):
+        return self._mood
+
+    def late_since(self, began):
+        """The longest that what spins this process' nodes was held up since then, in seconds.
+
+        As long of a call's time may be the client's own.
+        """
+        held = [late for at, late in list(self._late) if at >= began]
+        return max([0.0, time.monotonic() - self._ticked_at - TICK, *held])
 
     def _tick(self):
+        now = time.monotonic()
+        self._late.append((now, now - self._ticked_at - TICK))
+        self._ticked_at = now
         self._ticks += 1
         if time.monotonic() > self._until:
             self._mend()
@@ -290,16 +311,17 @@ SENSELESS = [
 class Caller(Node):
     """A client that calls anything at any time; one call after the other."""
 
-    def __init__(self, number, watcher, rng):
+    def __init__(self, number, watcher, world, rng):
         super().__init__(f"caller_{number}")
         self._watcher = watcher
+        self._world = world
         self._rng = rng
         self._asked_of = {}
         self.asked = threading.Event()
         self.calls = collections.Counter()
         self.codes = collections.Counter()
         self.unanswered = []
-        self.slowest = 0.0
+        self.slowest = []
         self._thread = threading.Thread(target=self._work, daemon=True)
 
     def start(self):
@@ -321,7 +343,8 @@ class Caller(Node):
             self._asked_of[service] = self.create_client(kind, f"{NODE}/{service}")
             self._asked_of[service].wait_for_service(PATIENCE)
         client, done = self._asked_of[service], threading.Event()
-        began = time.monotonic()
+        turn = "" if self.calls[service] else ", the first of this client"
+        state, mood, began = self._watcher.state, self._world.mood, time.monotonic()
         future = client.call_async(request)
         future.add_done_callback(lambda _: done.set())
         self.calls[service] += 1
@@ -329,7 +352,10 @@ class Caller(Node):
             client.remove_pending_request(future)
             self.unanswered.append(service)
             return None
-        self.slowest = max(self.slowest, time.monotonic() - began)
+        took = time.monotonic() - began
+        own = self._world.late_since(began)
+        told = f"{took:.2f} s, {own:.2f} of them perhaps here: {service}{turn}, {state}, {mood}"
+        self.slowest = sorted([*self.slowest, (took, told)], reverse=True)[:SLOWEST]
         return future.result()
 
     def _trigger(self, service):
@@ -748,7 +774,7 @@ def tell(elapsed, meter, watcher, callers):
 def _soak(process, seconds, clients, seeds):
     own = [np.random.default_rng(seed) for seed in seeds.spawn(clients + 1)]
     watcher, world = Watcher(), World(own[0])
-    callers = [Caller(i, watcher, own[i + 1]) for i in range(clients)]
+    callers = [Caller(i, watcher, world, own[i + 1]) for i in range(clients)]
     executor = SingleThreadedExecutor()
     for node in (watcher, world, *callers):
         executor.add_node(node)
@@ -772,12 +798,13 @@ def _soak(process, seconds, clients, seeds):
     watcher.finish()
     spinning.end()
     codes = sum((caller.codes for caller in callers), collections.Counter())
+    slowest = sorted((each for caller in callers for each in caller.slowest), reverse=True)
     return {
         "minutes": round(lasted / 60.0, 2),
         "calls": sum(caller.calls.total() for caller in callers),
         "codes": dict(sorted(codes.items())),
         "unanswered": [service for caller in callers for service in caller.unanswered],
-        "slowest_answer": round(max(caller.slowest for caller in callers), 3),
+        "slowest_answers": [told for _, told in slowest[:SLOWEST]],
         "runs": len(watcher._runs),
         "solutions": watcher.published,
         "checked": watcher.checked,
