@@ -10,8 +10,9 @@ REGIONS_OF := table_scene_mug_stereo_textured.pcd
 
 .PHONY: demo test lint site figures install clean
 .DELETE_ON_ERROR:
+.NOTPARALLEL:
 
-demo: install
+demo: $(VENV)/.installed
 	@$(BIN)/placement_demo --seconds $(DEMO_SECONDS) --output demo_output
 
 test: install
@@ -55,7 +56,7 @@ figures: install
 	cp results/samplers/figures/overall.png docs/images/evaluation_optimistic_mcts.png
 	@echo "docs/images is of this commit"
 
-install: $(VENV)/.installed
+install: $(VENV)/.all_dependencies $(VENV)/.installed
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -66,11 +67,20 @@ $(BIN)/python:
 	@$(PYTHON) -m venv $(VENV)
 
 # setuptools is pinned first: colcon needs one older than pip would take.
-$(VENV)/.dependencies: constraints.txt setup.py pyproject.toml | $(BIN)/python
+$(VENV)/.setuptools: constraints.txt | $(BIN)/python
 	@$(INSTALL) "installing setuptools" $(PIP) install --constraint constraints.txt setuptools
-	@$(INSTALL) "installing ROS 2 as wheels, the libraries and all for the tests: some 1.5 GB into \
-	$(VENV), which takes minutes" $(PIP) install --constraint constraints.txt ".[test]"
 	@touch $@
+
+$(VENV)/.dependencies: constraints.txt setup.py pyproject.toml $(VENV)/.setuptools
+	@$(INSTALL) "installing ROS 2 as wheels, the libraries, the page and physics for the tour: 1.3 GB into $(VENV), \
+	which takes a minute or two" $(PIP) install --constraint constraints.txt ".[tour,view]"
+	@touch $@
+
+# All of the above and more, so that one look at what is there does.
+$(VENV)/.all_dependencies: constraints.txt setup.py pyproject.toml $(VENV)/.setuptools
+	@$(INSTALL) "installing ROS 2 as wheels, the libraries and all for the tests: 2 GB into $(VENV), \
+	which takes minutes" $(PIP) install --constraint constraints.txt ".[test]"
+	@touch $(VENV)/.dependencies $@
 
 $(VENV)/.installed: $(VENV)/.dependencies package.xml setup.cfg $(SOURCES)
 	@rm -rf build/lib build/bdist.*

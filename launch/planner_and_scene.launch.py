@@ -29,9 +29,7 @@ def generate_launch_description():
             ),
             IncludeLaunchDescription(scene),
             OpaqueFunction(function=_planner),
-            LogInfo(
-                msg="to begin: ros2 service call /placement_planner/start std_srvs/srv/Trigger"
-            ),
+            LogInfo(msg=f"to begin: {START}"),
         ]
     )
 
