@@ -101,23 +101,22 @@ def _hindrances(
     T_tip, links = robot.link_pose(q, arm.tip_frame), _hand(robot, arm)
     T_object = T_tip * arm.grasps[grasp]
     overlaps, first = object_overlaps(robot, body), len(robot.geometry_links)
-    solids = range(first, len(overlaps.shapes))
     ways = np.arange(PARTING, settings.retreat_distance + _STEP, _STEP)
+    middles = np.array([geometry.oMg[i].act(overlaps.centers[i]) for i in links]).reshape(-1, 3)
+    solids = np.array([T_object.act(center) for center in overlaps.centers[first:]]).reshape(-1, 3)
+    reach = overlaps.radii[list(links)][:, None] + overlaps.radii[first:] + room
 
     def met(direction: Array) -> tuple[str, float] | None:
         """The first link that is too near to the object as the hand goes along a direction (3,)."""
-        for way in ways.tolist():
+        # To move the object the other way is the same.
+        moved = solids - ways[:, None, None] * direction
+        apart = np.linalg.norm(middles[:, None] - moved[:, None], axis=3)
+        for row, link, solid in np.argwhere(apart <= reach).tolist():
             step(f"looking whether the hand of arm {arm.name} can leave the object")
-            # To move the object the other way is the same.
+            i, j, way = links[link], first + solid, float(ways[row])
             at = pin.SE3(T_object.rotation, T_object.translation - way * direction)
-            for i in links:
-                middle = geometry.oMg[i].act(overlaps.centers[i])
-                for j in solids:
-                    apart = np.linalg.norm(middle - at.act(overlaps.centers[j]))
-                    if apart > overlaps.radii[i] + overlaps.radii[j] + room:
-                        continue
-                    if overlaps.meet(i, j, geometry.oMg[i], at, max(room - _ROUNDING, 0.0)):
-                        return robot.geometry_links[i], way
+            if overlaps.meet(i, j, geometry.oMg[i], at, max(room - _ROUNDING, 0.0)):
+                return robot.geometry_links[i], way
         return None
 
     found: list[Hindrance] = []

@@ -25,6 +25,7 @@ from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.robot.overlap import Overlaps, is_mesh
 from placement_planner_ros.core.stopping import step
+from placement_planner_ros.core.types import Array
 
 _TRAVEL = 1e-3
 _TURN = 0.01
@@ -191,10 +192,12 @@ def _fingers(robot: Robot, arm: Arm, q_bytes: bytes) -> tuple[_Finger, ...]:
         step(f"opening the hand of arm {arm.name}")
         pin.forwardKinematics(robot.model, data, q + share * change)
         frames.append([pin.SE3(T) for T in data.oMi])
-    fingers = []
+    fingers, moved = [], _moved(robot, change)
     for i, (link, thing) in enumerate(
         zip(robot.geometry_links, robot.geometry.geometryObjects, strict=True)
     ):
+        if thing.parentJoint not in moved:
+            continue
         step(f"opening the hand of arm {arm.name}, at {link}")
         ways = [frames[0][thing.parentJoint].actInv(f[thing.parentJoint]) for f in frames]
         turned = max(float(np.linalg.norm(pin.log3(way.rotation))) for way in ways)
@@ -207,6 +210,17 @@ def _fingers(robot: Robot, arm: Arm, q_bytes: bytes) -> tuple[_Finger, ...]:
             slides = turned < _STILL and not is_mesh(thing.geometry)
             fingers.append(_Finger(i, link, thing.geometry, places, travel, slides))
     return tuple(fingers)
+
+
+def _moved(robot: Robot, change: Array) -> set[int]:
+    """Joints that a change (nq,) of configuration moves, themselves or by one they hang on."""
+    moved: set[int] = set()
+    for joint in range(1, robot.model.njoints):
+        first = robot.model.idx_qs[joint]
+        own = change[first : first + robot.model.nqs[joint]]
+        if own.any() or robot.model.parents[joint] in moved:
+            moved.add(joint)
+    return moved
 
 
 def _gap(finger: _Finger, stage: int, part: coal.CollisionGeometry, at: coal.Transform3s) -> float:
