@@ -12,7 +12,7 @@ from functools import partial
 from importlib import import_module
 from typing import Any
 
-from placement_planner_ros.interrupts import catch_signals
+from placement_planner_ros.interrupts import catch_signals, ended_while_loading
 
 PACKAGE = "placement_planner_ros"
 ROS_REMEDY = f"run pip install '{PACKAGE}[ros]', or source a ROS 2 Jazzy"
@@ -51,15 +51,21 @@ and in another terminal, with the files of this package's config:
 For the joint states alone, beside a cloud of your own: --ros-args -r points:=unused"""
 
 
-def _start(program: str, module: str, remedy: str, catching: bool = False) -> Any:
-    if catching:
+def _start(program: str, module: str, remedy: str, until_signal: bool = False) -> Any:
+    """Run a program's main.
+
+    Args:
+        until_signal: whether it runs until a signal ends it, which is no fault then.
+    """
+    if until_signal:
         catch_signals()
-    try:
-        main = import_module(f"{PACKAGE}.{module}").main
-    except ModuleNotFoundError as error:
-        if error.name is None or error.name.split(".")[0] == PACKAGE:
-            raise
-        sys.exit(f"{program}: {error.name} is missing; {remedy}")
+    with ended_while_loading(0 if until_signal else None):
+        try:
+            main = import_module(f"{PACKAGE}.{module}").main
+        except ModuleNotFoundError as error:
+            if error.name is None or error.name.split(".")[0] == PACKAGE:
+                raise
+            sys.exit(f"{program}: {error.name} is missing; {remedy}")
     return main()
 
 
@@ -69,21 +75,21 @@ def placement_planner() -> Any:
         return import_module(f"{PACKAGE}.compile").main()
     if _asks_for_help():
         return print(_NODE_HELP)
-    return _start("placement_planner", "ros.node", ROS_REMEDY, catching=True)
+    return _start("placement_planner", "ros.node", ROS_REMEDY, until_signal=True)
 
 
 def placement_scene() -> Any:
     """A bundled scene as cameras and a robot would publish it."""
     if _asks_for_help():
         return print(_SCENE_HELP)
-    return _start("placement_scene", "ros.tools.scene_publisher", ROS_REMEDY)
+    return _start("placement_scene", "ros.tools.scene_publisher", ROS_REMEDY, until_signal=True)
 
 
 def placement_view() -> Any:
     """A page in the browser that shows what the node does."""
     if _asks_for_help():
         return print(import_module(f"{PACKAGE}.view.options").parser().format_help(), end="")
-    return _start("placement_view", "view.command", VIEW_REMEDY, catching=True)
+    return _start("placement_view", "view.command", VIEW_REMEDY, until_signal=True)
 
 
 def _asks_for_help() -> bool:

@@ -20,11 +20,11 @@ class Interrupt:
         if name == sys.argv[1]:
             sys.meta_path.remove(self)
             os.kill(os.getpid(), int(sys.argv[2]))
+            print("went on loading")
 
 sys.meta_path.insert(0, Interrupt())
-from placement_planner_ros.__main__ import placement_planner
-sys.argv = ["placement_planner"] + sys.argv[1:]
-placement_planner()
+from placement_planner_ros import __main__ as programs
+getattr(programs, sys.argv[3])()
 """
 
 
@@ -97,11 +97,21 @@ def run(program, *arguments):
     )
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("module", ["placement_planner_ros.ros.node", "numba", "rclpy.node"])
-def test_a_signal_that_comes_while_modules_are_loaded_ends_the_node(module, number):
-    ended = run(LOADING, module, str(int(number)))
-    assert (ended.returncode, ended.stderr) == (0, "")
+@pytest.mark.parametrize(
+    ("program", "module", "number"),
+    [
+        ("placement_planner", "placement_planner_ros.core", signal.SIGINT),
+        ("placement_planner", "numba", signal.SIGINT),
+        ("placement_planner", "numba", signal.SIGTERM),
+        ("placement_planner", "rclpy.node", signal.SIGTERM),
+        ("placement_scene", "numba", signal.SIGINT),
+        ("placement_demo", "numba", signal.SIGINT),
+    ],
+)
+def test_a_signal_that_comes_while_modules_are_loaded_ends_it(program, module, number):
+    ended = run(LOADING, module, str(int(number)), program)
+    code = 128 + number if program == "placement_demo" else 0
+    assert (ended.returncode, ended.stdout, ended.stderr) == (code, "", "")
 
 
 @pytest.mark.parametrize(
