@@ -51,8 +51,9 @@ _MAX_CELLS = 20_000
 """Cells of one scale that are remembered; beyond, the worse half is forgotten. Of those with a goal
 as many are, and the worst is."""
 
+_UNREACHED = 1
 _CLASS = np.array(
-    [3 if v <= Verdict.UNSTABLE else 2 if v is Verdict.COLLIDING else 1 for v in Verdict]
+    [3 if v <= Verdict.UNSTABLE else 2 if v is Verdict.COLLIDING else _UNREACHED for v in Verdict]
 )  # of a cell by its sample's verdict: what is free comes first, what cannot be reached after it
 _CLASS[[Verdict.BREAKS_RULE, Verdict.NOT_BETTER, Verdict.FEASIBLE]] = 0
 
@@ -69,12 +70,16 @@ class OptimisticSettings(SamplerSettings):
         even_share: of all uniform samples: drawn from all regions alike instead of by area, since
             what is best may stand on a small one.
         prune: whether parts of cells that provably hold nothing are left out.
+        unreached: whether cells whose sample was better than ξ_best but not reached by any arm are
+            split, too, in each round one of one scale, instead of after all whose sample was free.
+            `PlacementPlanner` asks for it with weighted objectives.
     """
 
     uniform_first: int = setting(2000, "[0, inf)")
     uniform_share: float = setting(0.5, "[0, 1)")
     even_share: float = setting(0.5, "[0, 1]")
     prune: bool = True
+    unreached: bool = False
 
 
 class OptimisticSampler(BatchSampler):
@@ -105,6 +110,9 @@ class OptimisticSampler(BatchSampler):
         self._min_area = hierarchy.settings.min_area
         # per depth, a heap of (class, rank, number, cell): the least is split next
         self._levels: list[list[tuple[int, float, int, Array]]] = [[]]
+        # per depth, a heap of (rank, number, ξ, cell) of those that were better but not reached
+        self._unreached: list[list[tuple[float, int, float, Array]]] = [[]]
+        self._turns = itertools.count()
         self._numbers = itertools.count()
         self._split: set[bytes] = set()
         self._lacking = False  # whether a rule has refused poses: what lacks least shows where
@@ -128,7 +136,7 @@ class OptimisticSampler(BatchSampler):
         """The next poses of the round, at most so many; of a new round where it is over."""
         if len(self._depths) == 0:
             graded = self.count.samples >= self._settings.uniform_first
-            self._begin_round(refine=graded and (best > -np.inf or self._lacking))
+            self._begin_round(graded and (best > -np.inf or self._lacking), best)
         cells, poses = self._cells[:most], self._poses[:most]
         undecided = np.full(len(cells), -1)
         return Draws(
@@ -151,10 +159,10 @@ class OptimisticSampler(BatchSampler):
         self._cells, self._depths = self._cells[rows], self._depths[rows]
         self._poses = self._poses[rows]
 
-    def _begin_round(self, refine: bool) -> None:
+    def _begin_round(self, refine: bool, best: float = -np.inf) -> None:
         """Draw poses to be checked; each grades the cell it was drawn from."""
         share = self._settings.uniform_share
-        parts = [self._open_parts()] if refine else []
+        parts = [self._open_parts(best)] if refine else []
         finer = sum(len(cells) for cells, _ in parts)
         count = round(finer * share / (1.0 - share)) if finer else self._budget.batch
         coarse, drawn = self._graded(max(1, count))
@@ -206,6 +214,12 @@ class OptimisticSampler(BatchSampler):
             strict=True,
         ):
             self._push(depth, kind, rank, cells[k].copy())
+            if kind == _UNREACHED and self._settings.unreached:
+                unreached = self._unreached[depth]
+                better = rank, next(self._numbers), float(worth[k]), cells[k].copy()
+                heapq.heappush(unreached, better)
+                if len(unreached) > _MAX_CELLS:
+                    self._unreached[depth] = heapq.nsmallest(_MAX_CELLS // 2, unreached)
 
     def _push(self, depth: int, kind: int, rank: float, cell: Array) -> None:
         level = self._levels[depth]
@@ -213,12 +227,12 @@ class OptimisticSampler(BatchSampler):
         if len(level) > _MAX_CELLS:
             self._levels[depth] = heapq.nsmallest(_MAX_CELLS // 2, level)
 
-    def _open_parts(self) -> tuple[Array, Index]:
+    def _open_parts(self, best: float) -> tuple[Array, Index]:
         """The parts of the best cell of each depth that may hold a goal, and their depths.
 
         Where the cell's sample was free of collision nothing is known to rule parts out.
         """
-        cells, depths, kinds = self._split_best()
+        cells, depths, kinds = self._split_best(best)
         parts, depths = halved(cells), np.repeat(depths + 1, PARTS)
         doubtful = np.repeat(kinds > 0, PARTS)
         if self._bounds is None or not doubtful.any():
@@ -227,10 +241,18 @@ class OptimisticSampler(BatchSampler):
         is_open[doubtful] = self._bounds.rulings(parts[doubtful]) == Ruling.OPEN
         return parts[is_open], depths[is_open]
 
-    def _split_best(self) -> tuple[Array, Index, Index]:
-        """Take the best cell of each depth: (n, 10), their depths (n,) and classes (n,)."""
+    def _split_best(self, best: float = -np.inf) -> tuple[Array, Index, Index]:
+        """Take the best cell of each depth: (n, 10), their depths (n,) and classes (n,); at the
+        depth whose turn it is, one whose sample was better but not reached, if there is any."""
         cells, depths, kinds = [], [], []
+        turn = next(self._turns) % len(self._levels)
         for depth, level in enumerate(self._levels):
+            unreached = self._next_unreached(depth, best) if depth == turn else None
+            if unreached is not None:
+                cells.append(unreached)
+                depths.append(depth)
+                kinds.append(_UNREACHED)
+                continue
             while level:
                 kind, _, _, cell = heapq.heappop(level)
                 if depth == 0:
@@ -244,8 +266,24 @@ class OptimisticSampler(BatchSampler):
                 break
         if depths and depths[-1] == len(self._levels) - 1:
             self._levels.append([])
+            self._unreached.append([])
         return (
             np.array(cells).reshape(-1, COLUMNS),
             np.array(depths, dtype=np.int64),
             np.array(kinds, dtype=np.int64),
         )
+
+    def _next_unreached(self, depth: int, best: float) -> Array | None:
+        """A cell of that depth whose sample was better than ξ_best but not reached."""
+        unreached = self._unreached[depth]
+        while unreached:
+            _, _, value, cell = heapq.heappop(unreached)
+            if value <= best:
+                continue
+            if depth == 0:
+                name = cell.tobytes()
+                if name in self._split:
+                    continue
+                self._split.add(name)
+            return cell
+        return None

@@ -356,8 +356,8 @@ def searched(**settings):
     split = []
     choose = made._split_best
 
-    def split_best():
-        split.append(choose())
+    def split_best(best):
+        split.append(choose(best))
         return split[-1]
 
     made._split_best = split_best
@@ -511,6 +511,30 @@ def test_what_is_free_is_split_before_what_collides_and_the_unstable_last():
     assert free == sorted(free, reverse=True)
 
 
+@pytest.mark.parametrize("asked", [False, True])
+def test_what_was_better_but_not_reached_has_its_turn_where_that_is_asked_for(asked):
+    """Besides what is free, of one depth in each round, and while it still is better."""
+    made, _ = sampler(OptimisticSampler, unreached=asked)
+    verdicts = np.array([Verdict.NOT_BETTER] * 4 + [Verdict.NO_IK, Verdict.ARM_COLLIDING] * 2)
+    values = np.array([0.1, 0.2, 0.3, 0.4, 0.6, 0.7, 0.8, 0.9])
+    cells = np.tile([0.0, 0.0, 0.0, 0.1, 0.0, 0.1, 0.0, 1.0, 0.0, 0.0], (8, 1))
+    cells[:, 1] = np.arange(8)
+    made._remember(Outcome(verdicts, values, []), cells, np.zeros(8, dtype=np.int64))
+    first, _, kinds = made._split_best(0.5)
+    order = [int(first[0, 1])]
+    assert (order[0] >= 4) == (kinds[0] == 1) == asked
+    assert len(made._levels) == 2  # so that every other turn is that of the coarse cells
+    for best in (0.5, 0.5, 1.0, 1.0):
+        order += made._split_best(best)[0][:, 1].astype(int).tolist()
+    unreached = [k for k in order if k >= 4]
+    if asked:
+        assert len(unreached) == 2  # the third turn comes when nothing is better any more
+        assert [k for k in order if k < 4] == [3, 2, 1]
+    else:
+        assert order == [3, 2, 1, 0, *unreached]
+    assert len(set(order)) == len(order)
+
+
 def test_cells_too_small_to_be_split_are_not_remembered():
     made, _ = sampler(OptimisticSampler)
     small = hierarchy().settings.min_area
@@ -561,8 +585,8 @@ def rounds_of(bests):
     made, _ = sampler(OptimisticSampler, samples_per_call=16, uniform_first=64, goals_per_call=99)
     begin, rounds = made._begin_round, []
 
-    def begun(refine):
-        begin(refine)
+    def begun(refine, best):
+        begin(refine, best)
         rounds.append((made.count.samples, refine, len(made._depths), {*made._depths.tolist()}))
 
     made._begin_round = begun
