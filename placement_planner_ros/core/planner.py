@@ -278,7 +278,15 @@ class PlacementPlanner:
         )
         self._goals: deque[Goal] = deque(maxlen=_GOALS)
         self._search = Search(
-            problem, before, settings.grasp, poses, finder, hierarchy, self._bounds, self.unusable
+            problem,
+            before,
+            settings.grasp,
+            poses,
+            finder,
+            hierarchy,
+            self._bounds,
+            self.unusable,
+            settings.turns.up_tolerance,
         )
         self.explanation = Explanation("")
         self.exhausted = self.explain().short if self.cause else ""

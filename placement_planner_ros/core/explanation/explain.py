@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from placement_planner_ros.core.errors import listed
@@ -20,6 +21,8 @@ _LITTLE = 0.1
 """A constraint that lets less than this share pass is named beside the main one."""
 _OF_POSES = {Verdict.UNSTABLE, Verdict.COLLIDING, Verdict.BREAKS_RULE}
 """Of the constraints, those on poses alone, which rules of users can make hard to meet."""
+_OF_ARMS = {verdict for verdict in Verdict if Verdict.NOT_BETTER < verdict < Verdict.FEASIBLE}
+"""Those on arms: rules of users can leave only poses that fail them."""
 
 
 def explain(search: Search, progress: Progress) -> Explanation:
@@ -95,8 +98,12 @@ def _ruled_out(search: Search, rulings: frozenset[Ruling]) -> Explanation:
         tries, seen = support(search)
         remedies += tries
         details += seen
+    blamed: list[Remedy] = []
+    if Ruling.OUT_OF_REACH in rulings:
+        blamed += rules.for_arms(search)
     if rulings & {Ruling.BREAKS_RULE, Ruling.UNSUPPORTED}:
-        remedies = [*rules.others(search), *remedies]
+        blamed += _but_for(blamed, rules.others(search))
+    remedies = [*blamed, *_but_for(blamed, remedies)]
     every = f"every pose on the placement regions is {', or '.join(words)}"
     return Explanation(f"no placement is possible: {every}", tuple(remedies), tuple(details))
 
@@ -161,18 +168,25 @@ def _refused(search: Search, count: SampleCount) -> Explanation:
     ranked = sorted(stages, key=lambda verdict: stages[verdict][2])
     named = [verdict for verdict in ranked if verdict is ranked[0] or stages[verdict][2] <= _LITTLE]
     causes: list[str] = []
-    remedies = rules.others(search) if _OF_POSES & set(named) else []
+    remedies = rules.for_arms(search) if _OF_ARMS & set(named) else []
+    if _OF_POSES & set(named):
+        remedies += _but_for(remedies, rules.others(search))
     details: list[str] = []
     for verdict in named:
         refused, entered, _ = stages[verdict]
         before = " that passed what is checked before" if entered < count.samples else ""
         causes.append(f"{refused:,} of {entered:,}{before} {tables.what(search, verdict)}")
         more, seen = advice(search, verdict)
-        known = {each.parameter for each in remedies}
-        remedies += [each for each in more if each.parameter not in known]
+        remedies += _but_for(remedies, more)
         details += seen
     if count.samples < _FEW:
         more_time = Remedy("time_limit", f"allow more than it takes for {count.samples:,} samples")
         remedies.insert(0, more_time)
     cause = f"in {count.samples:,} samples no placement was found: {'; '.join(causes)}"
     return Explanation(cause, tuple(remedies), tuple(details))
+
+
+def _but_for(known: Sequence[Remedy], more: Sequence[Remedy]) -> list[Remedy]:
+    """Of more remedies, those for other parameters than the known ones."""
+    parameters = {each.parameter for each in known}
+    return [each for each in more if each.parameter not in parameters]

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 
 from placement_planner_ros.core.constraints import REQUIRED
+from placement_planner_ros.core.explanation.arms_without import reached_without
 from placement_planner_ros.core.explanation.explanation import Explanation, Remedy
 from placement_planner_ros.core.explanation.other_rules import in_the_way
 from placement_planner_ros.core.explanation.search import Search
@@ -123,15 +125,32 @@ def too_low(search: Search) -> tuple[str, list[Remedy]]:
 
 def others(search: Search) -> list[Remedy]:
     """Rules without any one of which poses are seen to stand free and keep the others."""
-    seen = "without it poses are seen to keep all else that is asked"
+    return _left_out(
+        search, in_the_way(search), "without it poses are seen to keep all else that is asked"
+    )
+
+
+def for_arms(search: Search) -> list[Remedy]:
+    """Rules without any one of which an arm is seen to reach poses that keep the others."""
+    return _left_out(
+        search,
+        reached_without(search),
+        "without it an arm is seen to reach poses that keep all else that is asked",
+    )
+
+
+def _left_out(search: Search, names: Sequence[str], seen: str) -> list[Remedy]:
+    """To leave out any one of the rules of these names, for what is seen without it."""
     words = {
-        "keep_out": f"{SMALLER_BOXES.words}: {seen}",
-        "object.front": f"leave it out, or choose another direction: {seen}",
-        "object.up": f"leave it out, or choose another direction: {seen}",
+        "keep_out": SMALLER_BOXES.words,
+        "object.front": "leave it out, or choose another direction",
+        "object.up": "leave it out, or choose another direction",
+        "carry.max_tilt": "raise it, or leave it out",
+        "require_terms": "leave some out, or lower require_at_least",
     }
     if search.settings.tilt is not None:
-        words["object.up"] = f"leave it out, and carry.max_tilt with it: {seen}"
-    return [Remedy(name, words[name]) for name in in_the_way(search)]
+        words["object.up"] = "leave it out, and carry.max_tilt with it"
+    return [Remedy(name, f"{words[name]}: {seen}") for name in names]
 
 
 def _up_tolerance(search: Search) -> str:

@@ -17,7 +17,7 @@ from placement_planner_ros.core.search.sampler import SampleCount
 from placement_planner_ros.core.types import Goal
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, weakref_slot=True, eq=False)
 class Search:
     """A search, as it was set up.
 
@@ -27,6 +27,8 @@ class Search:
         finder: holds the arms, and what became of the tries to reach poses.
         bounds: how far the arms reach.
         unusable: arms and grasps that were left out, in words.
+        up_tolerance: how far from the vertical `object.up` might be at rest but for the limit on
+            the tilt, rad.
     """
 
     problem: Problem
@@ -37,6 +39,7 @@ class Search:
     hierarchy: AfrHierarchy
     bounds: BranchBounds
     unusable: tuple[str, ...]
+    up_tolerance: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
