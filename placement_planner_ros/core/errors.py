@@ -15,6 +15,29 @@ def listed(things: Sequence[str], separator: str = ", ", most: int = NAMED) -> s
     return f"{separator.join(things[:most])} and {len(things) - most} more"
 
 
+def sayable(words: str) -> str:
+    """The words as text that can be sent and logged.
+
+    ROS raises at what UTF-8 has no bytes for, as in names of files that are not UTF-8.
+    """
+    return words.encode(errors="replace").decode().replace("\0", "?")
+
+
+def forget_where(error: BaseException) -> None:
+    """Forget where an error that is to be kept was raised, and those it came from.
+
+    Its traceback would keep all that was at hand there, as the arrays of a cloud that was refused.
+    """
+    known: set[int] = set()
+    following: list[BaseException | None] = [error]
+    while following:
+        each = following.pop()
+        if each is not None and id(each) not in known:
+            known.add(id(each))
+            each.__traceback__ = None
+            following += [each.__cause__, each.__context__]
+
+
 class PlacementPlannerError(Exception):
     """Root of every error this package raises for bad input.
 

@@ -10,6 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
+from placement_planner_ros.core.errors import sayable
+
 PERIOD = 1.0
 """Least seconds between two lines of one kind."""
 
@@ -78,15 +80,15 @@ class Log:
 
     def event(self, words: str) -> None:
         """Something that a person wants to know each time."""
-        self._logger.info(_short(words))
+        self._logger.info(sayable(_short(words)))
 
     def warn(self, words: str) -> None:
         """The same, of what may be a mistake."""
-        self._logger.warning(_short(words))
+        self._logger.warning(sayable(_short(words)))
 
     def failure(self, words: str) -> None:
         """The same, of what went wrong."""
-        self._logger.error(_short(words))
+        self._logger.error(sayable(_short(words)))
 
     def refusal(self, kind: str, words: str) -> None:
         """A person's request was refused: told each time, but for those in quick succession."""
@@ -149,7 +151,7 @@ class Log:
         return line, f"{line.words} ({others} more were left out)" if others > 0 else line.words
 
     def _write(self, line: _Line, words: str) -> None:
-        words = words.encode(errors="replace").decode().replace("\0", "?")  # or rclpy raises
+        words = sayable(words)
         # rclpy wants each level at a place of its own.
         if line.is_fault:
             self._logger.error(words)

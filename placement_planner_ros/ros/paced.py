@@ -17,6 +17,10 @@ class Paced(MutuallyExclusiveCallbackGroup):
     A message that is not taken costs next to nothing: the middleware keeps the newest as it is,
     and nobody makes a Python message of it.
 
+    Where one subscription's callback takes so long that its next turn would come at once, the
+    others have theirs first: the executor, which goes by the order in which they were made, would
+    never come to them.
+
     Args:
         period: least seconds between two messages of one of them, asked for at each look.
     """
@@ -25,11 +29,19 @@ class Paced(MutuallyExclusiveCallbackGroup):
         super().__init__()
         self._period = period
         self._taken_at: weakref.WeakKeyDictionary[Subscription, float] = weakref.WeakKeyDictionary()
+        self._took: weakref.WeakKeyDictionary[Subscription, float] = weakref.WeakKeyDictionary()
+
+    def add_entity(self, entity: Subscription) -> None:
+        """Told of each subscription as it is made."""
+        gone = [known for known in self.entities if known() is None]  # rclpy keeps them for ever
+        self.entities.difference_update(gone)
+        super().add_entity(entity)
 
     def can_execute(self, entity: Subscription) -> bool:
         """Asked by the executor whether to look for a message."""
         taken_at = self._taken_at.get(entity, -math.inf)
-        due = time.monotonic() >= taken_at + self._period()
+        turn = len(self.entities) * self._took.get(entity, 0.0)
+        due = time.monotonic() >= taken_at + max(self._period(), turn)
         return due and bool(super().can_execute(entity))
 
     def beginning_execution(self, entity: Subscription) -> bool:
@@ -38,3 +50,8 @@ class Paced(MutuallyExclusiveCallbackGroup):
         if begins:
             self._taken_at[entity] = time.monotonic()
         return begins
+
+    def ending_execution(self, entity: Subscription) -> None:
+        """Told by the executor that its callback has ended."""
+        self._took[entity] = time.monotonic() - self._taken_at[entity]
+        super().ending_execution(entity)

@@ -94,10 +94,17 @@ class PooledExecutor(Executor):
         return True
 
 
-def waiting(subscription: Subscription) -> Iterator[Any]:
-    """Messages that have come since, oldest first; to be taken in the subscription's callback."""
+def waiting(subscription: Subscription, most: int) -> Iterator[Any]:
+    """Messages that have come since, oldest first; to be taken in the subscription's callback.
+
+    Args:
+        most: of them, as who sends without a rest would be listened to for ever.
+    """
     with subscription.handle:
-        while (taken := subscription.handle.take_message(subscription.msg_type, False)) is not None:
+        for _ in range(most):
+            taken = subscription.handle.take_message(subscription.msg_type, False)
+            if taken is None:
+                return
             yield taken[0]
 
 

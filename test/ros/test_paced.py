@@ -21,14 +21,15 @@ def clouds(ros, monkeypatch):
     CloudSubscriptions(node, TOPICS, lambda topic, message: None)
     found = {s.topic_name.strip("/"): s for s in node.subscriptions}
 
-    def take(topic):
-        """Whether a cloud of that topic is taken now."""
+    def take(topic, seconds=0.0):
+        """Whether a cloud of that topic is taken now, and what that takes."""
         subscription = found[topic]
         group = subscription.callback_group
         if not (group.can_execute(subscription) and group.beginning_execution(subscription)):
             return False
         assert not any(group.can_execute(each) for each in found.values())  # one at a time
         subscription.callback(PointCloud2())
+        now[0] += seconds
         group.ending_execution(subscription)
         return True
 
@@ -57,6 +58,20 @@ def test_each_of_several_topics_has_its_turn(clouds):
                 break
     assert sum(taken.values()) <= 100 / 5 + len(TOPICS)
     assert min(taken.values()) >= 5
+
+
+@pytest.mark.parametrize("seconds", [0.5 * APART, 1.6 * APART, 4.0 * APART, 60.0 * APART])
+def test_each_has_its_turn_however_long_a_cloud_takes(clouds, seconds):
+    take, now = clouds
+    taken = dict.fromkeys(TOPICS, 0)
+    for _ in range(60):
+        topic = next((each for each in TOPICS if take(each, seconds)), None)
+        if topic is None:
+            now[0] += APART / 50.0
+        else:
+            taken[topic] += 1
+    assert min(taken.values()) >= 1
+    assert max(taken.values()) <= min(taken.values()) + 1
 
 
 def test_a_topic_that_is_silent_does_not_slow_the_others(clouds):

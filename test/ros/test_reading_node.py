@@ -1,9 +1,11 @@
 """What the node says while it reads robot and object, and of those that cannot be read."""
 
 import contextlib
+import gc
 import os
 import threading
 import time
+import types
 from pathlib import Path
 
 import numpy as np
@@ -191,6 +193,27 @@ def _resident(process):
         pages = int((process / "statm").read_text().split()[1])
         return pages * os.sysconf("SC_PAGE_SIZE")
     return 0
+
+
+def test_starts_that_are_refused_leave_nothing_behind(bench):
+    b = bench(**PAIRS)
+    b.feed()
+    described = b.client.create_publisher(String, "robot_description", LATCHED)
+    objects = b.client.create_publisher(Mesh, "placement_planner/object", LATCHED)
+    described.publish(String(data="<robot/>"))
+    objects.publish(Mesh())
+    b.wait(lambda: b.status()["robot"] == b.status()["object"] == "bad")
+    b.cloud(frame="nowhere")
+
+    def traced():
+        gc.collect()
+        return sum(isinstance(each, types.TracebackType) for each in gc.get_objects())
+
+    answers = [b.call("start").words for _ in range(5)]
+    before = traced()
+    answers += [b.call("start").words for _ in range(40)]
+    assert all("BAD_ROBOT" in each and "BAD_OBJECT" in each for each in answers)
+    assert traced() <= before + 20
 
 
 @pytest.mark.parametrize(

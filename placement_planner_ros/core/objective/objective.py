@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.errors import ParameterError, sayable
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume, upright
@@ -118,7 +118,7 @@ def _words(error: BaseException) -> str:
         words = str(error)
     except Exception as unsaid:
         return f"its words raise {type(unsaid).__name__}"
-    return words.encode(errors="replace").decode().replace("\0", "?")
+    return sayable(words)
 
 
 def evaluate(objective: Objective, T_world_object: pin.SE3) -> float:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from placement_planner_ros.core.errors import CloudError, PlacementPlannerError
+from placement_planner_ros.core.errors import CloudError, PlacementPlannerError, forget_where
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.merged_points import MergedPoints
 from placement_planner_ros.ros.inputs.standing_object import StandingObject
@@ -141,6 +141,7 @@ class CloudStore:
 
     def refuse(self, topic: str, error: PlacementPlannerError) -> None:
         """Note that a topic's newest cloud was unusable."""
+        forget_where(error)
         with self._lock:
             self._refused[topic] = error
 
@@ -219,7 +220,7 @@ class CloudStore:
         """
         with self._lock:
             for fault in self._faults(mode, max_age, now):
-                raise fault
+                raise fault.with_traceback(None)  # which would grow each time
             sets = [PointSet(cloud.points, cloud.origin) for cloud in self._latest.values()]
             if mode == "merge":
                 sets.append(PointSet(self._merged.points))

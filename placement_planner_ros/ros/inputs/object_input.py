@@ -18,7 +18,7 @@ from placement_planner_ros.core.body.body_store import body_key, keep_body, kept
 from placement_planner_ros.core.body.covered_mesh import MOST_SECONDS
 from placement_planner_ros.core.body.mesh import require_few
 from placement_planner_ros.core.collision.object_solids import object_solids
-from placement_planner_ros.core.errors import ObjectError, PlacementPlannerError
+from placement_planner_ros.core.errors import ObjectError, PlacementPlannerError, forget_where
 from placement_planner_ros.core.meshes.digest import content_digest
 from placement_planner_ros.core.meshes.headers import check_header
 from placement_planner_ros.core.types import Array
@@ -184,6 +184,7 @@ class ObjectInput:
 
     def refuse_mesh(self, error: PlacementPlannerError) -> None:
         """The topic's newest mesh is not one; until another comes there is no object."""
+        forget_where(error)
         self._take(error)
 
     def parameters_changed(self, names: Iterable[str], parameters: ParameterSet) -> None:
@@ -273,7 +274,7 @@ class ObjectInput:
                 "object", "not given", "publish ~/object, or set object.mesh or object.vertices"
             )
         if isinstance(given, PlacementPlannerError):
-            raise given
+            raise given.with_traceback(None)  # which would grow each time
         center, scale = parameters["object.center_of_mass"], parameters["object.scale"]
         settings = parameters.body_settings
 

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable, Hashable
 from typing import Generic, Literal, TypeVar
 
-from placement_planner_ros.core.errors import PlacementPlannerError
+from placement_planner_ros.core.errors import PlacementPlannerError, forget_where
 from placement_planner_ros.ros.inputs.mesh_process import StoppedError
 from placement_planner_ros.ros.process import give_memory_back
 
@@ -64,7 +64,7 @@ class Reading(Generic[Made]):
             self._listener = listener
             untold, self._untold = self._untold, []
         for key in untold:
-            listener(key)
+            self._tell(listener, key)
 
     def want(self, key: Hashable, read: Read[Made], *, lasting: bool = False) -> None:
         """Have that content read, unless it is, or is being, or could not be.
@@ -122,7 +122,7 @@ class Reading(Generic[Made]):
                 f"start again when ~/status says {self._field}: ready",
             )
         if job.error is not None:
-            raise job.error
+            raise job.error.with_traceback(None)  # which would grow each time
         assert job.made is not None
         return job.made
 
@@ -162,5 +162,13 @@ class Reading(Generic[Made]):
                 if wanted and listener is None:
                     self._untold.append(key)
             if wanted and listener is not None:
-                listener(key)
+                self._tell(listener, key)
             give_memory_back()
+
+    def _tell(self, listener: Callable[[Hashable], None], key: Hashable) -> None:
+        """Tell who listens of a content, where its error was raised too, for the last time."""
+        listener(key)
+        with self._lock:
+            job = self._jobs.get(key)
+        if job is not None and job.error is not None:
+            forget_where(job.error)

@@ -25,6 +25,9 @@ from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.ros.qos import LATCHED
 from placement_planner_ros.ros.spinning import waiting
 
+_KEPT = 10
+"""Joint states that the middleware keeps until they are looked at."""
+
 
 class Reception:
     """Hands what arrives to the inputs, and logs what they refuse.
@@ -61,7 +64,7 @@ class Reception:
             JointState,
             "joint_states",
             self._take_joint_states,
-            QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT),
+            QoSProfile(depth=_KEPT, reliability=ReliabilityPolicy.BEST_EFFORT),
             callback_group=MutuallyExclusiveCallbackGroup(),
         )
         descriptions = MutuallyExclusiveCallbackGroup()
@@ -93,7 +96,7 @@ class Reception:
 
     def _take_joint_states(self, message: JointState) -> None:
         # Several drivers may tell of a part of the robot each: of none may all be dropped.
-        for each in (message, *waiting(self._joint_states)):
+        for each in (message, *waiting(self._joint_states, _KEPT)):
             try:
                 self._inputs.take_joint_state(each)
             except JointStateError as error:

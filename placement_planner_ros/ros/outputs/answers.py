@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from placement_planner_ros.core.errors import PlacementPlannerError, listed
+from placement_planner_ros.core.errors import PlacementPlannerError, listed, sayable
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +25,8 @@ def answer(code: str, words: str = "", *, success: bool | None = None, **values:
     """An answer; it is a success where the code is OK unless said otherwise."""
     first = " ".join([f"code={code}", *(f"{k}={shown(v)}" for k, v in values.items())])
     return Answer(
-        code == "OK" if success is None else success, f"{first}\n{words}" if words else first
+        code == "OK" if success is None else success,
+        sayable(f"{first}\n{words}" if words else first),
     )
 
 

@@ -21,6 +21,7 @@ from std_msgs.msg import Float64, Header
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray
 
+from placement_planner_ros.core.errors import sayable
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.keep_out import boxes_of, cut
 from placement_planner_ros.core.types import Array, Placement, Trajectory
@@ -184,7 +185,10 @@ class Outputs:
         """What the node is doing."""
         self._status.publish(
             DiagnosticStatus(
-                level=level, name=self._node.get_name(), message=message, values=_pairs(values)
+                level=level,
+                name=self._node.get_name(),
+                message=sayable(message),
+                values=_pairs(values),
             )
         )
 
@@ -244,4 +248,4 @@ def tip_path(placement: Placement, snapshot: Snapshot) -> Array:
 
 
 def _pairs(values: Mapping[str, object]) -> list[KeyValue]:
-    return [KeyValue(key=k, value=shown(v)) for k, v in values.items()]
+    return [KeyValue(key=k, value=sayable(shown(v))) for k, v in values.items()]

@@ -16,7 +16,7 @@ from rclpy.exceptions import ParameterException, ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError
+from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError, sayable
 from placement_planner_ros.core.robot.joint_limits import FIELD
 from placement_planner_ros.ros.parameters.spec import Spec
 from placement_planner_ros.ros.parameters.table import (
@@ -157,7 +157,7 @@ class ParameterServer:
             if self._check is not None:
                 self._check([p.name for p in mine], changed)
         except PlacementPlannerError as error:
-            return SetParametersResult(successful=False, reason=str(error))
+            return SetParametersResult(successful=False, reason=sayable(str(error)))
         return SetParametersResult(successful=True)
 
     def _store(self, parameters: list[Parameter]) -> None:

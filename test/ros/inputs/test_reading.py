@@ -1,7 +1,10 @@
 """Reading in the background: once per content, the newest first, never in the caller's thread."""
 
+import gc
 import threading
 import time
+import traceback
+import weakref
 
 import pytest
 
@@ -110,6 +113,7 @@ def test_few_are_kept_and_lasting_ones_always(reading):
         reading.want(number, gate)
         reading.wait(number)
     assert [n for n in range(2 * KEPT) if reading.state(n) == "ready"] == list(range(KEPT, 8))
+    reading.wait("mine")  # the newest are read first
     assert reading.get("mine") == "mine"
 
 
@@ -124,3 +128,42 @@ def test_who_listens_late_hears_of_what_was_read_before(reading):
     gate.open.set()
     reading.want("b", gate)
     until(lambda: heard == ["a", "b"])
+
+
+class Scan:
+    """What takes memory."""
+
+
+@pytest.mark.parametrize("expected", [True, False])
+def test_nothing_of_what_could_not_be_read_is_kept_however_often_it_is_asked_for(reading, expected):
+    scans = []
+
+    def read(_):
+        scan = Scan()
+        scans.append(weakref.ref(scan))
+        try:
+            raise KeyError(id(scan))
+        except KeyError as error:
+            if not expected:
+                raise
+            raise ObjectError("object", "it", "no mesh") from error
+
+    told = []
+    reading.listen(lambda key: told.append(traced(key)))
+
+    def traced(key):
+        with pytest.raises(ObjectError) as error:
+            reading.get(key)
+        return error.value.__cause__.__traceback__ is not None
+
+    reading.want("a", read)
+    until(lambda: told and not reading.busy)
+    assert told == [True]  # who listens can say where it was raised
+    gc.collect()
+    assert scans[0]() is None
+    lengths = set()
+    for _ in range(20):
+        with pytest.raises(ObjectError) as error:
+            reading.get("a")
+        lengths.add(len(list(traceback.walk_tb(error.value.__traceback__))))
+    assert len(lengths) == 1
