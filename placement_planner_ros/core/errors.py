@@ -7,6 +7,9 @@ from collections.abc import Mapping, Sequence
 NAMED = 12
 """Things that are named at most where any number may be meant."""
 
+LONGEST = 2000
+"""Characters of a remedy, which may name what somebody else has named."""
+
 
 def listed(things: Sequence[str], separator: str = ", ", most: int = NAMED) -> str:
     """All of few things; of many the first, and how many more there are."""
@@ -53,7 +56,8 @@ class PlacementPlannerError(Exception):
         self.field = field
         self.value = value
         self.remedy = remedy
-        super().__init__(f"{_short(field, 200)} = {_short(_shown(value), 600)}: {remedy}")
+        shown = _short(_shown(value), 600)
+        super().__init__(f"{_short(field, 200)} = {shown}: {_short(remedy, LONGEST)}")
 
 
 def _shown(value: object) -> str:

@@ -29,6 +29,8 @@ from placement_planner_ros.view.thinning import ThinCloud, thinned
 
 LOOK = 0.5
 """Seconds between looks at what the node subscribes to."""
+_KEPT = 20
+"""Joint states that the middleware keeps between two looks at what has come."""
 LARGE_PERIOD, BESIDE_A_SEARCH = 0.18, 1.0
 """Least seconds between two large messages of one topic that are read; and while the node searches,
 which needs the processor."""
@@ -132,7 +134,7 @@ class Listener:
                 JointState,
                 lambda message: self._take_joint_states(topic, message),
                 # Several drivers may tell of a part of the robot each, between two looks.
-                QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT),
+                QoSProfile(depth=_KEPT, reliability=ReliabilityPolicy.BEST_EFFORT),
             ),
             "description": (String, self._take_description, LATCHED),
             "object": (Mesh, self._take_object, LATCHED),
@@ -157,7 +159,7 @@ class Listener:
         self._fault(topic, "")
 
     def _take_joint_states(self, topic: str, message: JointState) -> None:
-        for each in (message, *waiting(self._topics[topic, "joints"])):
+        for each in (message, *waiting(self._topics[topic, "joints"], _KEPT)):
             self._take_joints(topic, each)
 
     def _take_joints(self, topic: str, message: JointState) -> None:

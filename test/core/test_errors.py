@@ -2,7 +2,7 @@
 
 import pytest
 
-from placement_planner_ros.core.errors import PlacementPlannerError, RobotError, listed
+from placement_planner_ros.core.errors import PlacementPlannerError, RobotError, listed, sayable
 
 NAMES = [f"link_{i}" for i in range(300)]
 
@@ -27,3 +27,9 @@ def test_a_value_of_many_is_cut_and_kept_whole(many):
 
 def test_a_long_word_is_cut_too():
     assert len(str(PlacementPlannerError("x" * 5000, "y" * 5000, "z"))) < 900
+    assert len(str(PlacementPlannerError("x", "y", "z" * 1_000_000))) < 2100
+
+
+def test_words_can_be_sent_whatever_is_in_them():
+    assert sayable("wine glass: 5 µm, 杯") == "wine glass: 5 µm, 杯"
+    assert sayable("caf\udce9 \0\n").encode() == b"caf? ?\n"

@@ -175,6 +175,13 @@ def test_a_long_line_is_cut(log, lines):
     assert len(lines.words[0]) == LONGEST
 
 
+def test_words_that_rclpy_would_not_take_are_said_all_the_same(log, lines):
+    for say in (log.event, log.warn, log.failure):
+        say("caf\udce9 \0")
+    log.repeats("cloud refused", "caf\udce9")
+    assert lines.words == ["caf? ?"] * 3 + ["cloud refused: caf?"]
+
+
 def test_nothing_is_kept_for_ever(log, lines):
     for tick in range(3 * KNOWN_FAULTS):
         lines.now = 2.0 * tick

@@ -195,6 +195,21 @@ def _resident(process):
     return 0
 
 
+def test_a_cloud_that_came_while_the_robot_was_bad_waits_for_a_good_one(bench):
+    b = bench(**PAIRS)
+    b.feed()
+    described = b.client.create_publisher(String, "robot_description", LATCHED)
+    described.publish(String(data="<robot/>"))
+    b.wait(lambda: b.status()["robot"] == "bad")
+    b.cloud(2.0 * TABLE)  # once, as of a scene that does not change
+    b.wait(lambda: b.node._inputs._waiting)
+    assert code(b) == "BAD_ROBOT"
+    described.publish(String(data=YUMI))
+    b.wait(lambda: b.status()["robot"] == "ready")
+    assert code(b) == "OK"
+    np.testing.assert_allclose(b.snapshots[-1].clouds[0], 2.0 * TABLE, atol=1e-6)
+
+
 def test_starts_that_are_refused_leave_nothing_behind(bench):
     b = bench(**PAIRS)
     b.feed()

@@ -59,7 +59,7 @@ def _stl(head: bytes, size: int) -> None:
             f"its header says {count} triangles, which take {84 + 50 * count} bytes; the file has "
             f"{size}"
         )
-    _few("triangles", count)
+    require_few("triangles", count)
 
 
 def _ply(head: bytes, size: int) -> None:
@@ -73,7 +73,7 @@ def _ply(head: bytes, size: int) -> None:
             count = _integers(words[2:3], line)[0]
             least += count
             if words[1:2] in ([b"vertex"], [b"face"]):
-                _few({b"vertex": "vertices", b"face": "faces"}[words[1]], count)
+                require_few({b"vertex": "vertices", b"face": "faces"}[words[1]], count)
     if least > size - end:
         raise ValueError(f"its header says {least} elements; the file has {size} bytes")
 
@@ -84,8 +84,8 @@ def _off(head: bytes, size: int) -> None:
     if not words or words[0].upper() not in (b"OFF", b"COFF", b"NOFF"):
         raise ValueError("it has no OFF header")
     vertices, faces = _integers(words[1:3], b" ".join(words))
-    _few("vertices", vertices)
-    _few("faces", faces)
+    require_few("vertices", vertices)
+    require_few("faces", faces)
     if 2 * (vertices + faces) > size:
         raise ValueError(
             f"its header says {vertices} vertices and {faces} faces; the file has {size} bytes"
@@ -125,10 +125,15 @@ _HEADERS: dict[str, Callable[[bytes, int], None]] = {
 FORMATS = ", ".join(_HEADERS)
 
 
-def _few(what: str, count: int) -> None:
+def require_few(what: str, count: int) -> None:
+    """Refuse more vertices or triangles than a mesh may have, as the file or its header says.
+
+    Raises:
+        ValueError: there are.
+    """
     most = MAX_VERTICES if what == "vertices" else MAX_TRIANGLES
     if count > most:
-        raise ValueError(f"its header says {count} {what}; a mesh may have {most}")
+        raise ValueError(f"it has {count} {what}; a mesh may have {most}")
 
 
 def _integers(words: list[bytes], line: bytes) -> list[int]:

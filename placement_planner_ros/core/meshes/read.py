@@ -15,6 +15,7 @@ from placement_planner_ros.core.meshes.headers import (
     check_archive,
     check_header,
     check_xml,
+    require_few,
 )
 from placement_planner_ros.core.meshes.threemf import read_3mf
 from placement_planner_ros.core.meshes.wavefront import absolute_faces
@@ -49,6 +50,7 @@ def mesh_of(suffix: str, data: bytes) -> tuple[Array, Triangles]:
     vertices, triangles = _contents(suffix, data)
     if len(triangles) == 0:
         raise ValueError("it holds no triangles")
+    require_few("triangles", len(triangles))  # before anybody takes memory for more
     if triangles.min() < 0 or triangles.max() >= len(vertices):
         raise ValueError(f"a face has a vertex that is none of the file's {len(vertices)}")
     bad = int((~np.isfinite(vertices).all(axis=1)).sum())

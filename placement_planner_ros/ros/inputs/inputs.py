@@ -26,7 +26,7 @@ from placement_planner_ros.ros.inputs.object_input import ObjectInput
 from placement_planner_ros.ros.inputs.point_cloud import points_from_message
 from placement_planner_ros.ros.inputs.reading import NotReadyError
 from placement_planner_ros.ros.inputs.resources import Files
-from placement_planner_ros.ros.inputs.robot_input import RobotInput, UnplacedError
+from placement_planner_ros.ros.inputs.robot_input import DescriptionError, RobotInput
 from placement_planner_ros.ros.inputs.standing_object import StandingObject
 from placement_planner_ros.ros.inputs.transforms import Transforms
 from placement_planner_ros.ros.parameters.values import ParameterSet
@@ -99,9 +99,9 @@ class Inputs:
 
         Raises:
             PlacementPlannerError: it is malformed, or nobody knows its frame, or the robot yet. A
-                cloud whose frame is unknown is tried again at the next snapshot. One that is not
-                merged as its sensor was moving is left out without a word where the topic has
-                delivered before.
+                cloud whose frame or robot is unknown is tried again at the next snapshot. One that
+                is not merged as its sensor was moving is left out without a word where the topic
+                has delivered before.
         """
         with self._lock:
             self._waiting.pop(topic, None)
@@ -114,7 +114,7 @@ class Inputs:
         except ChainMovingError:
             if topic not in self.clouds.ages(0.0):
                 raise
-        except (CloudFrameError, NotReadyError, UnplacedError) as error:
+        except (CloudFrameError, NotReadyError, DescriptionError) as error:
             # Once the joints are at rest again, nobody knows where they were without a stamp.
             moved = isinstance(error.__cause__, RobotMovingError)
             if not (moved and _seconds(message.header.stamp) is None):

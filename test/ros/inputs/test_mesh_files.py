@@ -89,6 +89,7 @@ def bad():
         "claim.glb": glb(10**11),
         "nan.stl": BOX.export(file_type="stl")[:84] + b"\xff" * 600,
         "index.obj": b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 99\n",
+        "fan.obj": b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf" + b" 1 2 3" * 100_001 + b"\n",
         "deep.dae": b"<COLLADA>" + b"<node>" * 100_000 + b"</node>" * 100_000 + b"</COLLADA>",
         "entity.dae": b'<!DOCTYPE a [<!ENTITY x SYSTEM "file:///etc/passwd">]><COLLADA>&x;</COLLADA>',
         "laughs.dae": b'<!DOCTYPE a [<!ENTITY a "ha"><!ENTITY b "&a;&a;">]><COLLADA>&b;</COLLADA>',
@@ -188,6 +189,7 @@ def test_files_cut_or_changed_are_read_or_refused_in_words(tmp_path, process):
         ("bomb.3mf", r"300000000 bytes; it may to 256000000"),
         ("a.zip", r"\.zip is not read; use \.stl"),
         ("entity.dae", "entity, x"),
+        ("fan.obj", "300001 triangles; a mesh may have 300000"),
     ],
 )
 def test_the_reason_is_told(tmp_path, process, name, words):

@@ -17,3 +17,8 @@ def test_of_many_faults_the_first_are_told_and_the_others_counted():
     assert lines[1] == "BAD_PARAMETER: name_0 = 0: is bad"
     assert lines[-1].endswith(" and 388 more")
     assert len(lines) == 13
+
+
+def test_an_answer_can_be_sent_whatever_files_are_called():
+    fault = RobotError("robot_description", "x", "there is no file /home/caf\udce9/robot.urdf")
+    assert b"/home/caf?/robot.urdf" in refusal([fault]).text.encode()
