@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -43,9 +44,11 @@ from placement_planner_ros.core.types import LEVEL, Array, Slope, frozen_array
 
 _NOISY = 1.3
 """Times as wide must gaps be in noisy clouds: those of cameras have holes of their own."""
+_UNASKED = np.zeros(0, np.bool_)
+"""For `ends` where nothing is to be kept from them."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class SupportMap:
     """Every surface of one slope of the obstacle set, in V or not: what a face may rest on.
 
@@ -61,7 +64,6 @@ class SupportMap:
         radius: (s,) m, how far apart the points may be that surround what they support.
         first: (s + 1,) first of each surface's points, and their number.
         points: (k, 2) x and y of what was measured on the surfaces.
-        ends: (k,) bool, beyond which of these a surface that ends drops, or was not seen.
         trim: m, the outermost of many noisy points lies beyond the true edge by about so much.
         step: heights of one surface differ by no more from one column to the next, m.
         alone: (s,) m, what lies further than that from all points of a surface that ends is a gap.
@@ -82,7 +84,6 @@ class SupportMap:
     radius: Array
     first: npt.NDArray[np.int64]
     points: npt.NDArray[np.float32]
-    ends: npt.NDArray[np.bool_]
     trim: float
     step: float
     alone: Array
@@ -134,7 +135,6 @@ class SupportMap:
             radius,
             first,
             points,
-            np.zeros(len(points), np.bool_),
             2.0 * obstacles.noise,
             step,
             np.full(len(height), np.inf),
@@ -153,12 +153,19 @@ class SupportMap:
         )
         first_hole, holes = by_surface(view, discs)
         holed = np.diff(first_hole) > 0
-        made = replace(
+        return replace(
             closed, kind=kind(holed), alone=narrowest, first_hole=first_hole, holes=holes
         )
-        return replace(made, ends=find_ends(made._view, obstacles.arrays, step))
 
-    @property
+    @cached_property
+    def ends(self) -> npt.NDArray[np.bool_]:
+        """(k,) beyond which of the points a surface that ends drops, or was not seen.
+
+        Asked for where more than a cell is to be kept from them, or they are weighed.
+        """
+        return np.asarray(find_ends(self._view, self.obstacles, self.step))
+
+    @cached_property
     def _view(self) -> Columns:
         return Columns(
             self.origin,
@@ -181,7 +188,7 @@ class SupportMap:
         """(k,) surfaces with gaps."""
         return np.flatnonzero(np.diff(self.first_hole))
 
-    @property
+    @cached_property
     def parts_in_holes(self) -> npt.NDArray[np.bool_]:
         """(k, 8, 8) which parts of the columns of `holed` surfaces surely carry nothing, by x, y.
 
@@ -234,13 +241,14 @@ class SupportMap:
         Args:
             margin: None for surfaces as they were measured, up to `trim` beyond their true ends.
         """
+        beside = 0.0 if margin is None else margin + self.trim
         return np.asarray(
             _gaps(
                 np.ascontiguousarray(self.above(points), dtype=np.float64),
                 tolerance,
-                0.0 if margin is None else margin + self.trim,
+                beside,
                 self._view,
-                self.ends,
+                self.ends if beside > self.cell_size else _UNASKED,
                 self.obstacles,
             )
         )
