@@ -27,6 +27,7 @@ from placement_planner_ros.interrupts import catch_signals
 from placement_planner_ros.ros.calls import Calls
 from placement_planner_ros.ros.commands import STOP_PATIENCE, Commands
 from placement_planner_ros.ros.inputs.inputs import Inputs
+from placement_planner_ros.ros.inputs.object_input import ObjectInput
 from placement_planner_ros.ros.inputs.reception import Reception
 from placement_planner_ros.ros.inputs.resources import Files
 from placement_planner_ros.ros.inputs.robot_input import RobotInput, announced, make_arms
@@ -52,6 +53,7 @@ from placement_planner_ros.ros.run.start_checks import take_snapshot
 from placement_planner_ros.ros.run.warmth import Warmth
 from placement_planner_ros.ros.run.worker import State
 from placement_planner_ros.ros.services import answer_always, serve
+from placement_planner_ros.ros.spinning import PERIOD as SIGNAL_PERIOD
 from placement_planner_ros.ros.spinning import PooledExecutor, spin_until
 
 THREADS = 6
@@ -70,6 +72,7 @@ class PlacementPlannerNode(ParameterNode):
     Args:
         prepare: makes the planner of a run, other than the usual one.
         overrides: parameter values, as given on the command line.
+        asked: set once it is to end, be it before it is made.
 
     Attributes:
         calls: those that are being answered; whoever spins it tells of them.
@@ -78,7 +81,12 @@ class PlacementPlannerNode(ParameterNode):
         PlacementPlannerError: a parameter or the robot description is bad at start-up.
     """
 
-    def __init__(self, prepare: Prepare | None = None, overrides: Sequence[Parameter] = ()) -> None:
+    def __init__(
+        self,
+        prepare: Prepare | None = None,
+        overrides: Sequence[Parameter] = (),
+        asked: threading.Event | None = None,
+    ) -> None:
         super().__init__("placement_planner", overrides)
         self._log = Log(self.get_logger())
         self.create_timer(PERIOD, self._log.flush, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -124,8 +132,8 @@ class PlacementPlannerNode(ParameterNode):
             self.calls,
         )
         # Nobody calls yet, so nobody waits; who calls first should find it read.
-        robot.wait(START_UP_PATIENCE)
-        self._inputs.object.wait(START_UP_PATIENCE)
+        for each in (robot, self._inputs.object):
+            _wait_for(each, asked or self._closed)
         serve(self, self._commands)
         answer_always(self, self._log)
         self._log.event("ready: start and the other services are offered")
@@ -255,6 +263,13 @@ class PlacementPlannerNode(ParameterNode):
         self._reporter.close()
 
 
+def _wait_for(given: RobotInput | ObjectInput, asked: threading.Event) -> None:
+    """Until it is read, cannot be, or takes too long."""
+    latest = time.monotonic() + START_UP_PATIENCE
+    while given.state == "reading" and time.monotonic() < latest and not asked.is_set():
+        given.wait(SIGNAL_PERIOD)
+
+
 def _warm_up(node: PlacementPlannerNode) -> None:
     node.warm_up()
     spare_what_is_loaded()
@@ -272,7 +287,7 @@ def main(args: list[str] | None = None) -> None:
     except RuntimeError as error:  # arguments or a params file that rcl cannot read
         sys.exit(f"placement_planner: {error}")
     try:
-        node = PlacementPlannerNode()
+        node = PlacementPlannerNode(asked=asked)
     except (PlacementPlannerError, ParameterException, NameValidationException) as error:
         sys.exit(f"placement_planner: {error}")
     executor = PooledExecutor(THREADS, node.calls)
@@ -281,7 +296,9 @@ def main(args: list[str] | None = None) -> None:
     warming.start()
     spin_until(executor, asked, node.survive)
     node.close()
-    working = not executor.finish(STOP_PATIENCE) or warming.is_alive() or node.working
+    finished = executor.finish(STOP_PATIENCE)
+    warming.join(STOP_PATIENCE)  # for the processes that compile to be ended, too
+    working = not finished or warming.is_alive() or node.working
     executor.shutdown()
     node.destroy_node()
     rclpy.shutdown()

@@ -1,5 +1,6 @@
 """A signal ends the node, whenever it comes."""
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -7,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from system import wait
 
 import placement_planner_ros
 from placement_planner_ros.share import share_path
@@ -61,8 +63,8 @@ def interrupted(*given):
         os.kill(os.getpid(), number)
     return act(*given)
 
-def made(node):
-    make(node)
+def made(node, **options):
+    make(node, **options)
     threading.Thread(target=use, args=(node,), daemon=True).start()
 
 def use(node):
@@ -130,6 +132,42 @@ def test_a_signal_that_comes_while_the_node_works_ends_it(stage, number):
     assert ended.returncode == 0, ended.stderr
     assert "Traceback" not in ended.stderr
     assert "Error" not in ended.stderr
+
+
+def test_no_process_that_compiles_or_reads_outlives_the_node(tmp_path, monkeypatch):
+    """A signal comes while kernels are compiled, and a robot of a large mesh is read."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    mesh, urdf = tmp_path / "lines.obj", tmp_path / "robot.urdf"
+    mesh.write_bytes(b"\n" * 60_000_000)  # read for half a minute
+    shape = f'<mesh filename="{mesh.as_uri()}"/>'
+    urdf.write_text(
+        f'<robot name="r"><link name="l"><collision><geometry>{shape}</geometry></collision></link>'
+        "</robot>"
+    )
+    command = [sys.executable, "-m", "placement_planner_ros.ros.node", "--ros-args"]
+    root = str(Path(placement_planner_ros.__file__).parent.parent)
+    path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
+    node = subprocess.Popen(
+        [*command, "-p", f"robot_description:={urdf}"], env={**os.environ, "PYTHONPATH": path}
+    )
+
+    def others():
+        """What was begun with this cache, but for the node."""
+        found = []
+        for process in Path("/proc").glob("[0-9]*"):
+            with contextlib.suppress(OSError):
+                if bytes(tmp_path) in (process / "environ").read_bytes():
+                    words = (process / "cmdline").read_bytes().decode()
+                    found += [word for word in words.split("\0") if word.startswith("placement_")]
+        return sorted(set(found) - {"placement_planner_ros.ros.node"})
+
+    try:
+        wait(lambda: len(others()) == 2 or node.poll() is not None)
+        node.send_signal(signal.SIGINT)
+        assert node.wait(30.0) == 0
+        assert others() == []
+    finally:
+        node.kill()
 
 
 def test_a_crash_in_compiled_code_says_what_each_thread_did():

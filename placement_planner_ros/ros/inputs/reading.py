@@ -22,6 +22,9 @@ after it is told to stop; whatever else it raises is made a PlacementPlannerErro
 KEPT = 4
 """Contents that are known at a time besides lasting ones: those of single calls."""
 
+_CLOSING = 0.5
+"""Seconds that closing waits at most."""
+
 
 class NotReadyError(PlacementPlannerError):
     """An input is still being read."""
@@ -92,9 +95,15 @@ class Reading(Generic[Made]):
             job.stop.set()
 
     def close(self) -> None:
-        """Forget all contents."""
+        """Forget all contents, and wait a little for what is being read to be given up.
+
+        The process that reads would else outlive this one.
+        """
         for key in list(self._jobs):
             self.forget(key)
+        thread = self._thread
+        if thread is not None:
+            thread.join(_CLOSING)
 
     def state(self, key: Hashable) -> State:
         """How far reading that content is."""

@@ -103,6 +103,15 @@ def test_what_is_replaced_is_stopped_and_the_newest_is_read_next(reading):
     assert reading.get("new") == reading.get("middle") == "made"
 
 
+def test_closing_ends_what_is_being_read(reading):
+    gate = Gate()
+    reading.want("a", gate, lasting=True)
+    until(lambda: gate.reads)
+    reading.close()
+    assert gate.stopped
+    assert not reading.busy
+
+
 def test_few_are_kept_and_lasting_ones_always(reading):
     mine = Gate("mine")
     mine.open.set()
