@@ -68,6 +68,16 @@ def test_clouds_that_went_stale_are_told_until_they_come_again(bench):
     until(b, "true")
 
 
+def test_clouds_that_are_refused_are_no_newer_ones(bench):
+    b = placed(bench, cloud__max_age=2.0)
+    end = time.monotonic() + 60.0
+    while why_not(b) != "clouds on points are older than cloud.max_age = 2 s":
+        assert time.monotonic() < end, "waited in vain"
+        b.joint_state()
+        b.cloud(frame="nowhere")
+        time.sleep(0.05)
+
+
 def test_another_object_is_told_and_the_same_once_more_is_not(bench):
     b = placed(bench)
     again = [b.node.get_parameter(n) for n in ("object.vertices", "object.triangles")]

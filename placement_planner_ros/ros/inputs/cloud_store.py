@@ -199,6 +199,14 @@ class CloudStore:
         with self._lock:
             return self._merged.points
 
+    def stale(self, max_age: float, now: float) -> dict[str, float]:
+        """Seconds since the newest usable cloud was taken, of topics where that is too long ago.
+
+        Args:
+            max_age: seconds; 0 for any age.
+        """
+        return {t: age for t, age in self.ages(now).items() if 0.0 < max_age < age}
+
     def faults(self, mode: str, max_age: float, now: float) -> list[PlacementPlannerError]:
         """Everything that keeps `snapshot` from being taken."""
         with self._lock:

@@ -178,6 +178,9 @@ class JointStates:
             raise JointStateError(error.field, error.value, remedy) from None
         needed = [name for name in robot.joint_names if name not in robot.mimics]
         with self._lock:
+            gone = [name for name in needed if name not in self._newest]
+            if gone:  # meanwhile, as another robot has come
+                raise JointStateError("joint_states: missing", gone, "publish these joints too")
             self._require_fresh(needed, now, timeout)
             moving = [
                 name

@@ -19,7 +19,6 @@ from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.swept.space import Stretch, SweptSpace, evenly
 from placement_planner_ros.core.timing.quintic import positions_at
 from placement_planner_ros.core.types import Array, Placement, Trajectory
-from placement_planner_ros.ros.inputs.cloud_store import CloudStaleError
 from placement_planner_ros.ros.inputs.inputs import Inputs
 from placement_planner_ros.ros.inputs.joint_states import JointsStaleError
 from placement_planner_ros.ros.inputs.self_filter import Outline
@@ -162,9 +161,10 @@ def outdated(snapshot: Snapshot, inputs: Inputs) -> str:
         named = listed(stale, most=_NAMED)
         return f"joint values of {named} are older than joint_state_timeout = {timeout:g} s"
     max_age = parameters["cloud.max_age"]
-    for fault in inputs.clouds.faults(parameters["cloud.mode"], max_age, now):
-        if isinstance(fault, CloudStaleError):
-            topics = listed(_named(fault), most=_NAMED)
+    if parameters["cloud.mode"] == "latest":
+        old = list(inputs.clouds.stale(max_age, now))
+        if old:  # be it that newer ones are refused
+            topics = listed(old, most=_NAMED)
             return f"clouds on {topics} are older than cloud.max_age = {max_age:g} s"
     return ""
 

@@ -176,6 +176,15 @@ def test_joints_that_no_robot_has_any_more_are_forgotten(yumi):
     assert joints.age(1.0) == 0.0
 
 
+def test_joints_that_go_while_they_are_asked_for_are_told_as_missing(yumi, monkeypatch):
+    joints = JointStates()
+    full(joints, 1.0)
+    known = joints.positions()
+    monkeypatch.setattr(joints, "positions", lambda: joints.keep(["yumi_joint_1_l"]) or known)
+    with pytest.raises(JointStateError, match="yumi_joint_2_l"):
+        joints.resting(yumi, 1.0, 1.0, 0.02)
+
+
 def test_a_joint_without_end_stops_rests_where_its_values_wrap(yumi):
     joints = JointStates()
     joints.keep(list(HOME), continuous=["yumi_joint_6_l"])
