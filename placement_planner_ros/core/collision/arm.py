@@ -214,9 +214,21 @@ class ArmCollision:
 
         `separation.FREE`, `COLLIDING` or `UNDECIDED`, or `states.NOT_FINITE`.
         """
+        return self._classified(Q, *self._margins(reserve), contact)
+
+    def can_be_left(self, q: Array, reserve: float = 0.0) -> bool:
+        """Whether q (dof,) is free by so much that an edge which begins there can be certified: by
+        what `edge_free` resolves, beyond the margins."""
+        margin, self_margin = self._margins(reserve)
+        margin += self.settings.edge_resolution
+        self_margin += self.settings.self_resolution
+        return bool(self._classified(q, margin, self_margin, contact=False)[0] == FREE)
+
+    def _classified(
+        self, Q: Array, margin: float, self_margin: float, contact: bool
+    ) -> npt.NDArray[np.int64]:
         Q = kernel_input(Q).reshape(-1, self._dof)
         answers = np.empty(len(Q), dtype=np.int64)
-        margin, self_margin = self._margins(reserve)
         check_states(
             self._flat.arrays,
             self._boxes,

@@ -224,6 +224,11 @@ class Holding:
         """`transit_free`, the tilt aside."""
         return self.collision.edge_free(a, b, reserve=self._reserve)
 
+    def can_be_left(self, q: Array) -> bool:
+        """Whether q (dof,) keeps what planning keeps in reserve, and by so much that edges which
+        begin there can be certified with it."""
+        return self.collision.can_be_left(q, self._reserve)
+
     def _keeps_tilt(self, a: Array, b: Array) -> bool:
         return self.upright is None or self.upright.keeps(a, b)
 

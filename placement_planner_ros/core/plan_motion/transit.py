@@ -108,8 +108,8 @@ class _Trees:
         self._active: dict[int, _Candidate] = {}
         self._waiting: list[_Candidate] = []
         self._next_key = 0
-        # A start that keeps the margin, but nothing in reserve, can be left all the same.
-        tight = not holding.edge_free(holding.q_start, holding.q_start)
+        # A start that keeps the margin, but hardly anything in reserve, can be left all the same.
+        tight = not holding.can_be_left(holding.q_start)
         self.rrt = GoalSetRRT(
             holding.arm.lower,
             holding.arm.upper,

@@ -6,10 +6,15 @@ from types import SimpleNamespace
 import numpy as np
 import pinocchio as pin
 import pytest
+from problems import problem_of
+from scipy.optimize import bisect
 
 from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.grasp.usable import usable_holdings
 from placement_planner_ros.core.plan_motion.transit import MotionPlanner, TransitSettings
+from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.types import Goal
+from placement_planner_ros.experiments.cases import Case
 
 OPEN = np.array([9.0, 1.0])
 SEALED = np.array([8.5, 8.5])
@@ -36,6 +41,7 @@ def holding(arm, grasp=0, free=sealed_corner):
         grasp=grasp,
         q_start=np.ones(2),
         edge_free=free,
+        can_be_left=lambda q: free(q, q),
         upright=None,
     )
 
@@ -171,3 +177,31 @@ def test_of_too_many_goals_the_best_are_kept():
     assert found.objective == 4999.0
     one.retire_up_to(4998.0)
     assert one.goals == 1
+
+
+def test_a_start_with_hardly_any_reserve_is_left_all_the_same():
+    """It has what planning keeps more, but not so much that edges from there are certified."""
+    problem, _ = problem_of(Case("table", "wine_glass", "maximize_clearance"))
+    usable, _ = usable_holdings(problem, PlannerSettings().grasp)
+    held = usable[0][0]
+    free, rng = held.q_start, np.random.default_rng(0)
+    drawn = (rng.uniform(held.arm.lower, held.arm.upper) for _ in range(100))
+    q = next(q for q in drawn if not held.collision.free(q, held._reserve))
+    share = bisect(
+        lambda s: 1.0 if held.collision.free(free + s * (q - free), held._reserve) else -1.0,
+        0.0,
+        1.0,
+        xtol=1e-12,
+    )
+    edge = free + (share - 1e-9) * (q - free)
+    assert held.collision.free(edge, held._reserve)
+    assert held.edge_free(edge, edge)
+    assert not held.can_be_left(edge)
+    assert held.can_be_left(free)
+    back = edge + 0.05 * (free - edge)
+    assert not held.edge_free(edge, back)
+    # as q_0 it is left all the same
+    held.q_start = edge
+    motion = MotionPlanner([held], TransitSettings(withdrawal=False), np.random.default_rng(0))
+    motion.add(goal(held.arm.name, free, grasp=held.grasp))
+    assert motion.plan(200, lambda: False) is not None

@@ -43,6 +43,7 @@ def holding(free, limit=2.0):
         follow=follow,
         transit_free=transit_free,
         edge_free=transit_free,
+        can_be_left=lambda q: True,
         upright=None,
     )
 
