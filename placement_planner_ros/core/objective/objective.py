@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol, TypeVar, runtime_checkable
+from typing import Protocol, TypeGuard, TypeVar, runtime_checkable
 
 import numpy as np
 import pinocchio as pin
@@ -28,7 +28,6 @@ class Objective(Protocol):
         ...
 
 
-@runtime_checkable
 class BatchObjective(Objective, Protocol):
     """An objective that judges many poses at once."""
 
@@ -142,14 +141,18 @@ def evaluate_batch(objective: Objective, T_world_object: Array) -> Array:
         ParameterError: the objective raises, or is not a finite number somewhere.
         StoppedError: nobody wants them any more.
     """
-    if not isinstance(objective, BatchObjective):
+    if not _takes_batches(objective):
         values = []
         for T in T_world_object:
             step("asking the objective")  # one that takes long is asked no more once that is over
             values.append(evaluate(objective, pin.SE3(T)))
         return np.array(values)
-    batch = objective
-    return _finite(objective, lambda: batch.values(T_world_object), (len(T_world_object),))
+    return _finite(objective, lambda: objective.values(T_world_object), (len(T_world_object),))
+
+
+def _takes_batches(objective: Objective) -> TypeGuard[BatchObjective]:
+    """What `isinstance` says, which takes Python 3.11 as long as a batch of values."""
+    return hasattr(objective, "values")
 
 
 def values_above(objective: BoundedObjective, T_world_object: Array, best: float) -> Array:

@@ -67,6 +67,8 @@ class GoalFinder:
         ends = np.cumsum([len(of_arm) for of_arm in holdings])
         self._first = (ends - [len(of_arm) for of_arm in holdings]).tolist()
         self._objective = objective
+        # asked once: to tell takes as long as a batch of values
+        self._bounded = objective if isinstance(objective, BoundedObjective) else None
         self._ik_seeds = ik_seeds
         self._estimates = None
         if isinstance(objective, EstimatedObjective):
@@ -117,8 +119,8 @@ class GoalFinder:
 
     def _values(self, T: Array, best: float) -> Array:
         """(n,) ξ of the poses (n, 4, 4); only estimated where that shows it is not above `best`."""
-        if isinstance(self._objective, BoundedObjective):
-            return values_above(self._objective, T, best)
+        if self._bounded is not None:
+            return values_above(self._bounded, T, best)
         if self._estimates is None:
             return evaluate_batch(self._objective, T)
         values, off = self._estimates.about(T)
