@@ -47,6 +47,7 @@ class _Line:
     words: str
     rest: float
     is_fault: bool = False
+    is_news: bool = False
 
 
 @dataclass(slots=True)
@@ -89,6 +90,11 @@ class Log:
     def failure(self, words: str) -> None:
         """The same, of what went wrong."""
         self._logger.error(sayable(_short(words)))
+
+    def news(self, kind: str, words: str) -> None:
+        """An event that somebody else brings about, as often as they like: told each time, but for
+        those in quick succession."""
+        self._offer(kind, _Line(words, _short(words), 0.0, is_news=True))
 
     def refusal(self, kind: str, words: str) -> None:
         """A person's request was refused: told each time, but for those in quick succession."""
@@ -155,6 +161,8 @@ class Log:
         # rclpy wants each level at a place of its own.
         if line.is_fault:
             self._logger.error(words)
+        elif line.is_news:
+            self._logger.info(words)
         else:
             self._logger.warning(words)
 

@@ -134,6 +134,19 @@ def test_a_refusal_is_said_each_time_but_for_many_at_once(log, lines):
     ]
 
 
+def test_news_are_said_each_time_but_for_many_at_once(log, lines):
+    for number in range(50):
+        lines.now = number / 10
+        log.news("object read", f"object read: {number % 2}")
+        log.flush()
+    assert len(lines.said) == 5
+    assert {level for level, _ in lines.said} == {"info"}
+    for number in range(5):
+        lines.now = 10.0 + 2.0 * number
+        log.news("object read", "object read: 7")
+    assert lines.words[5:] == ["object read: 7 (9 more were left out)", *["object read: 7"] * 4]
+
+
 def test_a_traceback_is_said_once(log, lines):
     for tick in range(100):
         lines.now = tick / 10

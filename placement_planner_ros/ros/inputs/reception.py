@@ -118,7 +118,7 @@ class Reception:
             self._tell_of_refusal("robot description refused", error)
             return
         words = f"robot {robot.name!r} read, planning frame {robot.root_link!r}"
-        self._log.event(listed([words, *robot.warnings], "; "))
+        self._log.news("robot read", listed([words, *robot.warnings], "; "))
 
     def _tell_of_object(self, key: object) -> None:
         try:
@@ -129,7 +129,7 @@ class Reception:
             self._tell_of_refusal("object refused", error)
             return
         words = [f"{len(body.triangles)} triangles", *body.assumed, *body.warnings]
-        self._log.event(f"object read: {'; '.join(words)}")
+        self._log.news("object read", f"object read: {'; '.join(words)}")
 
     def _tell_of_refusal(self, kind: str, error: PlacementPlannerError) -> None:
         """That something could not be read, and where in the code if nobody expected that."""
