@@ -71,6 +71,8 @@ def names(name: str, value: Sequence[str]) -> None:
     for each in value:
         if not each or any(character.isspace() for character in each):
             raise ParameterError(name, list(value), "give names that are not empty, without spaces")
+    if len(set(value)) < len(value):
+        raise ParameterError(name, list(value), "name each once")
 
 
 def terms(name: str, value: Sequence[str]) -> None:

@@ -187,8 +187,6 @@ class ParameterSet:
                 raise ParameterError(
                     "arms", arm, "this arm was not among arms at start-up, so it has no parameters"
                 )
-        if len(set(self["arms"])) != len(self["arms"]):
-            raise ParameterError("arms", self["arms"], "name each arm once")
         if not self["arms"]:
             raise ParameterError("arms", self["arms"], "name at least one arm")
 

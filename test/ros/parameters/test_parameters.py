@@ -19,6 +19,7 @@ from placement_planner_ros.core.scene.regions import RegionSettings
 from placement_planner_ros.core.settings import meaning_of
 from placement_planner_ros.ros.parameters.checks import poses_from_list
 from placement_planner_ros.ros.parameters.page import page
+from placement_planner_ros.ros.parameters.parameter_node import ParameterNode
 from placement_planner_ros.ros.parameters.server import ParameterServer
 from placement_planner_ros.ros.parameters.table import (
     GONE,
@@ -381,3 +382,9 @@ def test_the_page_lists_every_parameter_with_its_default():
         n for n in shown if f"| `{n}` |" in at_start
     }
     assert not rows.keys() & set(GONE)
+
+
+@pytest.mark.parametrize("name", ["arms", "sensor_frames"])
+def test_what_is_named_twice_at_start_up_is_refused_in_words(ros, name):
+    with pytest.raises(ParameterError, match="name each once"):
+        ParameterServer(ParameterNode("twice", [Parameter(name, value=["left", "left"])]))
