@@ -372,7 +372,8 @@ def test_the_log_and_the_status_tell_what_is_assumed_of_the_object(bench, capfd)
     assert "centre of mass (0.0000, 0.0000, 0.0000) of uniform density" in said
     assert "closed" in said
     assert "6 rests" in said
-    assert said in capfd.readouterr().err
+    logged = []
+    b.wait(lambda: said in "".join(logged) or logged.append(capfd.readouterr().err))
 
 
 @pytest.mark.parametrize("name", ["cut.stl", "a.dae", "a.3mf", "none.stl", "a.zip", "pipe.stl"])
