@@ -115,7 +115,7 @@ def test_planner_and_checker_agree_beside_outlines_of_any_form(beside, name):
         low, high = scene.bounds(T)
         assert low <= scene.value(T) <= high
         widths.append(high - low)
-    assert min(widths) < (0.06 if name in STRAIGHT_ONES else 0.55)  # of 0.79
+    assert min(widths) < (0.09 if name in STRAIGHT_ONES else 0.55)  # of 0.79
 
 
 def test_in_a_bin_under_a_board_it_is_the_angle_from_its_walls(beside):
