@@ -32,7 +32,7 @@ getattr(programs, sys.argv[3])()
 
 # The node as it is, with inputs; the signal comes as it is about to do what the stage names.
 WORKING = """
-import os, sys, threading, time
+import contextlib, os, sys, threading, time
 
 stage, number, parameters = sys.argv[1], int(sys.argv[2]), sys.argv[3]
 asked = threading.Event()
@@ -43,6 +43,7 @@ from std_msgs.msg import Header
 from placement_planner_ros.experiments.cases import start_configuration
 from placement_planner_ros.ros import node as module
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
+from placement_planner_ros.ros.inputs.reading import NotReadyError
 from placement_planner_ros.ros.inputs.robot_input import RobotInput
 from placement_planner_ros.ros.outputs.publishing import Outputs
 from placement_planner_ros.ros.run import preparation
@@ -73,7 +74,8 @@ def use(node):
     points = complete_cloud(scene_by_name("cabinet_high_clutter"))
     cloud = message_from_points(points, Header(frame_id="yumi_body"))
     node._inputs.robot.wait()
-    node._inputs.take_cloud("points", cloud, node._settings.current)
+    with contextlib.suppress(NotReadyError):  # it ended before the robot was read
+        node._inputs.take_cloud("points", cloud, node._settings.current)
     while not asked.is_set():
         node._inputs.take_joint_state(joints)
         node._commands.start()

@@ -285,9 +285,12 @@ def _body_at(
 ) -> int:
     """The first body that a point is nearer to than the margin anywhere on a stretch, or -1."""
     arm, frames = path.arm, path.frames
-    i = int((x - cubes.origin[0]) / cubes.size)
-    j = int((y - cubes.origin[1]) / cubes.size)
-    h = int((z - cubes.origin[2]) / cubes.size)
+    nx, ny, nz = cubes.end.shape
+    i = int(np.floor((x - cubes.origin[0]) / cubes.size))
+    j = int(np.floor((y - cubes.origin[1]) / cubes.size))
+    h = int(np.floor((z - cubes.origin[2]) / cubes.size))
+    if not (0 <= i < nx and 0 <= j < ny and 0 <= h < nz):
+        return -1
     above = z - path.slope_x * x - path.slope_y * y - path.contact
     blocks = (frames.shape[0] + BLOCK - 1) // BLOCK
     begin = max(cubes.begin[i, j, h] - path.first, 0)

@@ -198,6 +198,7 @@ def test_what_is_no_number_and_far_away_is_passed_over(holding, obstacles):
     odd = np.array([[np.nan, 0, 0], [np.inf, 0, 0], [-np.inf] * 3, [1e300] * 3, [-1e9, 0, 0]])
     assert len(space.news(odd)) == 0
     assert len(space.news(np.zeros((0, 3)))) == 0
+    assert space.first_hit(odd) is None
     assert space.first_hit(np.zeros((0, 3))) is None
 
 
