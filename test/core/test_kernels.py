@@ -181,6 +181,14 @@ def test_a_change_of_a_called_file_gives_its_callers_new_folders(little_package)
     assert {name for name in before if before[name] != after[name]} == {"called", "caller", "outer"}
 
 
+def test_kernels_that_look_whether_each_index_is_within_have_folders_of_their_own(
+    little_package, monkeypatch
+):
+    before = folders_of(little_package)
+    monkeypatch.setattr(numba.config, "BOUNDSCHECK", 1)
+    assert not set(folders_of(little_package).values()) & set(before.values())
+
+
 def test_a_change_of_a_file_beside_what_is_imported_from_a_package_reaches_nothing(little_package):
     """But where what is imported is no module, it may be from any."""
     (little_package / "outer.py").write_text(
