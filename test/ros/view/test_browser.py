@@ -90,7 +90,10 @@ def test_the_page_shows_plays_commands_and_outlives_the_node(ros, page, tmp_path
 
             b.wait(lambda: len(b.snapshots) == 2, again=start)
             assert b.snapshots[1].parameters.volume.lower.tolist() == [0.2, 0.0, -0.1]
-            find(b, browser, "run 2 has begun", "No placement so far.")
+            # Pressed twice, the button's second answer takes the place of "run 2 has begun".
+            told = ("run 2 has begun", "A run is going on; stop it first.")
+            b.wait(lambda: any(text in browser.text for text in told), timeout=60.0, again=b.feed)
+            find(b, browser, "No placement so far.")
             browser.press("Start")
             find(b, browser, "A run is going on; stop it first.")
             assert "It can be carried out." not in browser.text
