@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.errors import VolumeError
 from placement_planner_ros.core.scene.distance import CAP, ClearanceField
+from placement_planner_ros.core.scene.extent import finite_extent
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet, checked_cloud
 from placement_planner_ros.core.scene.keep_out import cut, kept_out
 from placement_planner_ros.core.scene.planes import Plane, Planes
@@ -195,10 +196,9 @@ class Environment:
             VolumeError: see `require_room`.
         """
         require_room(volume, (grid or GridSettings()).cell_size)
+        count, extent = finite_extent(checked_cloud(points))
         if bounds is None:  # around the points alone, a level surface had no room above
-            corners = np.vstack([checked_cloud(points), volume.lower, volume.upper])
-            corners = corners[np.isfinite(corners).all(axis=1)]
-            bounds = corners.min(axis=0), corners.max(axis=0)
+            bounds = np.fmin(extent[0], volume.lower), np.fmax(extent[1], volume.upper)
         step("making the obstacle set of the clouds")
         measured = ObstacleSet.from_points(points, grid, bounds)
         step("finding placement regions")
@@ -218,7 +218,6 @@ class Environment:
             measured, views, volume, outside_robot, below_measured=unknown_below
         )
         obstacles = measured.with_full_cells(unknown, _BELOW) if len(unknown) else measured
-        count, extent = _extent(checked_cloud(points))
         return cls(
             obstacles,
             found,
@@ -246,11 +245,3 @@ def _sheared(
     middle = np.array([0.0, 0.0, float(rises.mean(axis=0).sum())])
     around = TargetVolume(volume.boxes[:, 0] - middle, volume.boxes[:, 1] - middle)
     return measured.sheared(slope, float(low), float(high), height), around
-
-
-def _extent(cloud: Array) -> tuple[int, Array]:
-    """How many of the points (n, 3) are finite, and their corners (2, 3)."""
-    finite = cloud if np.isfinite(cloud.sum()) else cloud[np.isfinite(cloud).all(axis=1)]
-    if len(finite) == 0:
-        return 0, np.full((2, 3), np.nan)
-    return len(finite), np.array([finite.min(axis=0), finite.max(axis=0)])

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from placement_planner_ros.core.errors import CloudError
 from placement_planner_ros.core.scene import denoising, tight_boxes
 from placement_planner_ros.core.scene.binning import Bins, sort_into_cells
+from placement_planner_ros.core.scene.extent import finite_extent
 from placement_planner_ros.core.scene.obstacle_arrays import ObstacleArrays
 from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.types import LEVEL, Array, Slope, frozen_array
@@ -374,10 +375,10 @@ def _checked_bounds(
     cloud: Array, bounds: tuple[npt.ArrayLike, npt.ArrayLike] | None
 ) -> tuple[Array, Array]:
     if bounds is None:
-        finite = cloud[np.isfinite(cloud).all(axis=1)]
-        if len(finite) == 0:
+        count, corners = finite_extent(cloud)
+        if count == 0:
             raise CloudError("points", "0 points", "give points, or the bounds of the workspace")
-        return finite.min(axis=0), finite.max(axis=0)
+        return corners[0], corners[1]
     corners = np.array(bounds, dtype=np.float64)
     if corners.shape != (2, 3) or not np.isfinite(corners).all():
         raise CloudError("bounds", corners.tolist(), "give two corners of three finite numbers")

@@ -235,16 +235,25 @@ class SupportMap:
         """
         return np.isfinite(self.gaps(points, tolerance, margin))
 
-    def gaps(self, points: Array, tolerance: float, margin: float | None = 0.0) -> Array:
+    def gaps(
+        self,
+        points: Array,
+        tolerance: float,
+        margin: float | None = 0.0,
+        first: npt.NDArray[np.int64] | None = None,
+    ) -> Array:
         """(n,) m that surface is above each point; NaN where `supported` does not hold.
 
         Args:
             margin: None for surfaces as they were measured, up to `trim` beyond their true ends.
+            first: (m + 1,) where groups of points begin, and n. Of a group of which one point is
+                not supported, others may be NaN, too. Each point is one unless given.
         """
         beside = 0.0 if margin is None else margin + self.trim
         return np.asarray(
             _gaps(
                 np.ascontiguousarray(self.above(points), dtype=np.float64),
+                np.arange(len(points) + 1) if first is None else first,
                 tolerance,
                 beside,
                 self._view,
@@ -274,6 +283,7 @@ class SupportMap:
 @kernel(nogil=True)
 def _gaps(
     points: Array,
+    first: npt.NDArray[np.int64],
     tolerance: float,
     margin: float,
     columns: Columns,
@@ -282,17 +292,28 @@ def _gaps(
 ) -> Array:
     """`SupportMap.gaps`."""
     result = np.full(len(points), np.nan)
+    surface = np.full(len(points), -1)
     beside = min(margin, columns.cell_size)
-    for p in range(len(points)):
-        x, y, z = points[p, 0], points[p, 1], points[p, 2]
-        s = on_surface(columns, x, y, z, tolerance)
-        if s < 0:
+    for group in range(len(first) - 1):
+        begin, end = first[group], first[group + 1]
+        # To ask for the margin takes far longer than whether there is surface.
+        carried = True
+        for p in range(begin, end):
+            surface[p] = on_surface(columns, points[p, 0], points[p, 1], points[p, 2], tolerance)
+            if surface[p] < 0:
+                carried = False
+                break
+        if not carried:
             continue
-        if margin <= 0.0:
-            result[p] = columns.height[s] - z
-            continue
-        if columns.kind[s] != DEEP and not keeps(columns, boxes, s, x, y, z, tolerance, beside):
-            continue
-        if margin <= columns.cell_size or not end_within(columns, ends, x, y, z, tolerance, margin):
+        for p in range(begin, end):
+            x, y, z, s = points[p, 0], points[p, 1], points[p, 2], surface[p]
+            if margin > 0.0:
+                kind = columns.kind[s]
+                if kind != DEEP and not keeps(columns, boxes, s, x, y, z, tolerance, beside):
+                    break
+                if margin > columns.cell_size and end_within(
+                    columns, ends, x, y, z, tolerance, margin
+                ):
+                    break
             result[p] = columns.height[s] - z
     return result

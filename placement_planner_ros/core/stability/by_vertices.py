@@ -46,7 +46,7 @@ class VertexSupport:
         """(n,) s(x) of poses (n, 4, 4) on these faces (n,) and one slope."""
         points, first = _placed(self._corners, self._first, faces, np.ascontiguousarray(T))
         gaps = self._environment.support_of(slope).gaps(
-            points, self.footing.contact_tolerance, self.footing.edge_margin
+            points, self.footing.contact_tolerance, self.footing.edge_margin, first
         )
         widths, above = in_one_plane(points, gaps, first, self._environment.measured.noise)
         stable = widths > 0.0
