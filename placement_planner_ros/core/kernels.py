@@ -173,7 +173,8 @@ def _cache_folder(file: str) -> str:
 def _state(file: str) -> str:
     """Of that file, of all it calls and of what compiles and keeps it."""
     # Kernels that look whether each index is within its array are others.
-    digest = hashlib.sha256(repr((numba.__version__, numba.config.BOUNDSCHECK)).encode())
+    looks = getattr(numba.config, "BOUNDSCHECK", None)
+    digest = hashlib.sha256(repr((numba.__version__, looks)).encode())
     for path in (*_COMPILER, *sorted(_imported(Path(file), {}))):
         digest.update(path.name.encode() + path.read_bytes())
     return digest.hexdigest()[:16]
