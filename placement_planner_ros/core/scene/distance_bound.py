@@ -22,6 +22,8 @@ _LEVELS = 255
 """Steps to the cap."""
 _EXACT = 2.5
 """Cells up to which distances are exact."""
+_TILE = 4
+"""Cells along each side of a tile."""
 _ROUNDING = 1e-6
 """Relative: more than what float32 loses."""
 
@@ -80,9 +82,14 @@ def _distance_bound(
     cap: float,
     per_metre: float,
 ) -> Levels:
-    """The levels of the field: in z, then along y, then along x, then exact near the boxes."""
-    nx, ny, nz = boxes.first_at.shape
+    """The levels of the field: in z, then along y, then along x, then exact near the boxes.
+
+    Made around the boxes only; further than the cap from all of them everything is at the cap.
+    """
     cells, size = boxes.cells, boxes.cell_size
+    steps = int(cap / size + 0.5) + 1
+    first_cell, shape = _reached(boxes, steps)
+    nx, ny, nz = shape
     values = np.full((nx, ny, nz), np.float32(cap * cap), np.float32)
     column_used = np.zeros((nx, ny), np.bool_)
     plane_used = np.zeros(nx, np.bool_)
@@ -90,14 +97,15 @@ def _distance_bound(
     m = len(cells)
     first = 0
     while first < m:
-        i, j = cells[first, 0], cells[first, 1]
         last = first
-        while last < m and cells[last, 0] == i and cells[last, 1] == j:
+        while (
+            last < m and cells[last, 0] == cells[first, 0] and cells[last, 1] == cells[first, 1]
+        ):
             last += 1
+        i, j = cells[first, 0] - first_cell[0], cells[first, 1] - first_cell[1]
         column_used[i, j] = plane_used[i] = True
-        _within_column(boxes, first, last, cap, values[i, j])
+        _within_column(boxes, first, last, cap, first_cell[2], values[i, j])
         first = last
-    steps = int(cap / size + 0.5) + 1
     slab = np.empty((max(nx, ny), nz), np.float32)
     for i in range(nx):
         if plane_used[i]:
@@ -109,17 +117,38 @@ def _distance_bound(
             slab[i] = values[i, j]
         for i in range(nx):
             _lower_by_others(values[i, j], slab, plane_used, i, steps, size)
-    return _levels(boxes, values, per_metre)
+    return _levels(boxes, values, first_cell, np.float32(cap * cap), per_metre)
+
+
+@kernel()
+def _reached(
+    boxes: ObstacleArrays, steps: int
+) -> tuple[tuple[int, int, int], tuple[int, int, int]]:
+    """First cell, of whole tiles, and number of the cells no more than `steps` from any box."""
+    lowest, highest = boxes.cells[0].copy(), boxes.cells[0].copy()
+    for r in range(len(boxes.cells)):
+        for a in range(3):
+            lowest[a] = min(lowest[a], boxes.cells[r, a])
+            highest[a] = max(highest[a], boxes.cells[r, a])
+    nx, ny, nz = boxes.first_at.shape
+    i = max(lowest[0] - steps, 0) // _TILE * _TILE
+    j = max(lowest[1] - steps, 0) // _TILE * _TILE
+    k = max(lowest[2] - steps, 0) // _TILE * _TILE
+    return (i, j, k), (
+        min(highest[0] + steps + 1, nx) - i,
+        min(highest[1] + steps + 1, ny) - j,
+        min(highest[2] + steps + 1, nz) - k,
+    )
 
 
 @kernel(lean=True)
 def _within_column(
-    boxes: ObstacleArrays, first: int, last: int, cap: float, squared: Field
+    boxes: ObstacleArrays, first: int, last: int, cap: float, layer: int, squared: Field
 ) -> None:
-    """Squared distance in z from each cell of a column (nz,) to its boxes first..last."""
+    """Squared distance in z from cells of a column (nz,), from `layer` on, to boxes first..last."""
     cells, lower, upper = boxes.cells, boxes.lower, boxes.upper
     near = first
-    for k in range(len(squared)):
+    for k in range(layer, layer + len(squared)):
         z = boxes.origin[2] + (k + 0.5) * boxes.cell_size
         while near < last and cells[near, 2] < k:
             near += 1
@@ -136,7 +165,7 @@ def _within_column(
                     break
                 above = cells[r, 2]
             best = min(best, max(0.0, lower[r, 2] - z, z - upper[r, 2]))
-        squared[k] = best * best
+        squared[k - layer] = best * best
 
 
 @kernel(lean=True)
@@ -173,33 +202,63 @@ def _lower_by(target: Field, source: Field, gap: np.float32) -> None:
 def _levels(
     boxes: ObstacleArrays,
     squared: Field,
+    first_cell: tuple[int, int, int],
+    farthest: np.float32,
     per_metre: float,
 ) -> Levels:
     """The root of each squared distance in tiled levels, exact where all near boxes are known.
 
     Boxes of cells more than two away are at least 2.5 cells from the centre.
+
+    Args:
+        squared: (nx, ny, nz) of the cells from `first_cell` on; `farthest` of all others.
     """
     nx, ny, nz = squared.shape
+    i, j, k = first_cell
     beyond = np.float32((_EXACT * boxes.cell_size) ** 2)
     exact = np.full((5, ny, nz), beyond, np.float32)  # planes i - 2 .. i + 2, cyclic
-    levels = np.zeros(((nx + 3) // 4, (ny + 3) // 4, (nz + 3) // 4, 64), np.uint8)
-    line = np.zeros(4 * levels.shape[2], np.uint8)
+    levels = _all_at(boxes.first_at.shape, _level(farthest, np.float32(per_metre)))
+    tile_i, tile_j, tile_k = i // _TILE, j // _TILE, k // _TILE
+    tiles = (nz + _TILE - 1) // _TILE
+    line = np.zeros(_TILE * tiles, np.uint8)
     fours, line_fours = levels.view(np.uint32), line.view(np.uint32)
+    whole = (boxes.first_at.shape[2] - k) // _TILE  # tiles that no cell of a line is missing in
     row = 0
     m = len(boxes.cells)
     for plane in range(nx + 2):
-        while row < m and boxes.cells[row, 0] == plane:
-            _scatter(boxes, row, exact, nx)
+        while row < m and boxes.cells[row, 0] - i == plane:
+            _scatter(boxes, row, first_cell, exact, nx)
             row += 1
         done = plane - 2
         if done >= 0:
             near = exact[done % 5]
-            for j in range(ny):
-                _finish(squared[done, j], near[j], np.float32(per_metre), line)
-                tiles = fours[done // 4, j // 4]
-                for tile in range(len(tiles)):
-                    tiles[tile, 4 * (done % 4) + j % 4] = line_fours[tile]
+            for y in range(ny):
+                line[:] = _level(farthest, np.float32(per_metre))
+                if whole < tiles:
+                    line[nz:] = 0
+                _finish(squared[done, y], near[y], np.float32(per_metre), line)
+                column = fours[tile_i + done // _TILE, tile_j + y // _TILE]
+                for tile in range(tiles):
+                    column[tile_k + tile, 4 * (done % 4) + y % 4] = line_fours[tile]
             near[:] = beyond
+    return levels
+
+
+@kernel()
+def _all_at(shape: tuple[int, int, int], level: np.uint8) -> Levels:
+    """The tiles of a grid of that shape, all cells at one level; 0 outside of the shape."""
+    nx, ny, nz = shape
+    levels = np.full(
+        ((nx + 3) // _TILE, (ny + 3) // _TILE, (nz + 3) // _TILE, _TILE**3), level, np.uint8
+    )
+    last = (-nx) % _TILE, (-ny) % _TILE, (-nz) % _TILE  # cells missing in the last tiles
+    for n in range(_TILE**3):
+        if n // 16 >= _TILE - last[0]:
+            levels[-1, :, :, n] = 0
+        if n // 4 % 4 >= _TILE - last[1]:
+            levels[:, -1, :, n] = 0
+        if n % 4 >= _TILE - last[2]:
+            levels[:, :, -1, n] = 0
     return levels
 
 
@@ -208,30 +267,37 @@ def _finish(squared: Field, least: Field, per_metre: np.float32, levels: Levels)
     """The root of each squared distance, which is at least `least`, rounded down to a level."""
     for k in range(len(squared)):
         value = least[k] if squared[k] < least[k] else squared[k]
-        level = math.sqrt(value) * per_metre
-        levels[k] = np.uint8(min(level, np.float32(_LEVELS)))
+        levels[k] = _level(value, per_metre)
+
+
+@kernel(inline=True)
+def _level(squared: np.float32, per_metre: np.float32) -> np.uint8:
+    """The root, rounded down to a level."""
+    return np.uint8(min(math.sqrt(squared) * per_metre, np.float32(_LEVELS)))
 
 
 @kernel(lean=True)
 def _scatter(
     boxes: ObstacleArrays,
     row: int,
+    first_cell: tuple[int, int, int],
     exact: Field,
     nx: int,
 ) -> None:
     """Lower the exact squared distances of the cells up to two away from the box's."""
     _, ny, nz = exact.shape
+    i0, j0, k0 = first_cell
     lower, upper, cells = boxes.lower, boxes.upper, boxes.cells
     origin, size = boxes.origin, boxes.cell_size
-    ci, cj, ck = cells[row, 0], cells[row, 1], cells[row, 2]
+    ci, cj, ck = cells[row, 0] - i0, cells[row, 1] - j0, cells[row, 2] - k0
     for i in range(max(ci - 2, 0), min(ci + 3, nx)):
-        x = origin[0] + (i + 0.5) * size
+        x = origin[0] + (i0 + i + 0.5) * size
         dx = max(lower[row, 0] - x, 0.0, x - upper[row, 0])
         for j in range(max(cj - 2, 0), min(cj + 3, ny)):
-            y = origin[1] + (j + 0.5) * size
+            y = origin[1] + (j0 + j + 0.5) * size
             dy = max(lower[row, 1] - y, 0.0, y - upper[row, 1])
             for k in range(max(ck - 2, 0), min(ck + 3, nz)):
-                z = origin[2] + (k + 0.5) * size
+                z = origin[2] + (k0 + k + 0.5) * size
                 dz = max(lower[row, 2] - z, 0.0, z - upper[row, 2])
                 d = np.float32(dx * dx + dy * dy + dz * dz)
                 if d < exact[i % 5, j, k]:
