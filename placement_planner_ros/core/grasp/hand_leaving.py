@@ -111,13 +111,21 @@ def _hindrances(
         # To move the object the other way is the same.
         moved = solids - ways[:, None, None] * direction
         apart = np.linalg.norm(middles[:, None] - moved[:, None], axis=3)
-        for row, link, solid in np.argwhere(apart <= reach).tolist():
+        near, first_met, by = apart <= reach, len(ways), ""
+        for link, solid in np.argwhere(near.any(axis=0)).tolist():
             step(f"looking whether the hand of arm {arm.name} can leave the object")
-            i, j, way = links[link], first + solid, float(ways[row])
-            at = pin.SE3(T_object.rotation, T_object.translation - way * direction)
-            if overlaps.meet(i, j, geometry.oMg[i], at, max(room - _ROUNDING, 0.0)):
-                return robot.geometry_links[i], way
-        return None
+            i, j, clear = links[link], first + solid, 0.0
+            for row in np.flatnonzero(near[:first_met, link, solid]).tolist():
+                if ways[row] < clear:
+                    continue
+                at = pin.SE3(T_object.rotation, T_object.translation - ways[row] * direction)
+                if overlaps.meet(i, j, geometry.oMg[i], at, max(room - _ROUNDING, 0.0)):
+                    first_met, by = row, robot.geometry_links[i]
+                    break
+                # Nothing comes nearer to the object by more than its way.
+                clear = ways[row] + overlaps.solids_apart(i, j, geometry.oMg[i], at)
+                clear -= room + _ROUNDING
+        return (by, float(ways[first_met])) if by else None
 
     found: list[Hindrance] = []
     for words, direction in _directions(settings, T_tip, T_object, body):
