@@ -98,9 +98,7 @@ def _distance_bound(
     first = 0
     while first < m:
         last = first
-        while (
-            last < m and cells[last, 0] == cells[first, 0] and cells[last, 1] == cells[first, 1]
-        ):
+        while last < m and cells[last, 0] == cells[first, 0] and cells[last, 1] == cells[first, 1]:
             last += 1
         i, j = cells[first, 0] - first_cell[0], cells[first, 1] - first_cell[1]
         column_used[i, j] = plane_used[i] = True
@@ -125,6 +123,8 @@ def _reached(
     boxes: ObstacleArrays, steps: int
 ) -> tuple[tuple[int, int, int], tuple[int, int, int]]:
     """First cell, of whole tiles, and number of the cells no more than `steps` from any box."""
+    if len(boxes.cells) == 0:
+        return (0, 0, 0), (0, 0, 0)
     lowest, highest = boxes.cells[0].copy(), boxes.cells[0].copy()
     for r in range(len(boxes.cells)):
         for a in range(3):
