@@ -14,6 +14,7 @@ all of them without first calling what needs them.
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import functools
 import hashlib
 import pickle
@@ -21,7 +22,7 @@ import sys
 import weakref
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
@@ -37,6 +38,9 @@ _MAKERS: weakref.WeakValueDictionary[_Maker, Any] = weakref.WeakValueDictionary(
 
 _MADE: dict[str, tuple[_Maker, object]] = {}
 """For the symbol of each version in this process: what makes it, for which arguments."""
+
+_CLAIMED: dict[Path, IO[bytes]] | None = None
+"""The versions that this process compiles while others wait for them; None where none does."""
 
 
 class KernelCache:
@@ -100,6 +104,14 @@ class KernelCache:
         if not self._enabled:
             return None
         path = self._path(signature, target_context.codegen())
+        found = self._load(path, signature, target_context)
+        if found is None and _claim(path):
+            found = self._load(path, signature, target_context)  # made by another meanwhile
+            if found is not None:
+                _give_back(path)
+        return found
+
+    def _load(self, path: Path, signature: object, target_context: Any) -> Any:
         try:
             content = path.read_bytes()
         except (FileNotFoundError, NotADirectoryError):
@@ -139,6 +151,8 @@ class KernelCache:
                 "compiles them again until NUMBA_CACHE_DIR or XDG_CACHE_HOME names a folder that "
                 "can be written",
             )
+        finally:
+            _give_back(path)
 
     def _note(self, signature: object, compiled: Any, long: bool) -> None:
         _MADE[compiled.fndesc.llvm_func_name] = (self._maker, signature)
@@ -149,6 +163,37 @@ class KernelCache:
         state = (self._kind, str(signature), codegen.magic_tuple(), sys.implementation.cache_tag)
         digest = hashlib.sha256(repr(state).encode() + self._code.co_code + dumps(self._cells))
         return Path(self._folder) / f"{self._name}.{digest.hexdigest()[:24]}.nbk"
+
+
+def claim_versions() -> None:
+    """From now on, wait where another process that does so compiles the same version."""
+    global _CLAIMED
+    _CLAIMED = {}
+
+
+def _claim(path: Path) -> bool:
+    """Have others wait until `_give_back`, after those that came first; False where none waits.
+
+    No two processes wait for each other: who has claimed a kernel waits for what that calls only,
+    and no kernel calls itself through others.
+    """
+    if _CLAIMED is None or path in _CLAIMED:
+        return False
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        claim = path.with_suffix(".claim").open("wb")
+        fcntl.flock(claim, fcntl.LOCK_EX)
+    except OSError:  # then both compile it
+        return False
+    _CLAIMED[path] = claim
+    return True
+
+
+def _give_back(path: Path) -> None:
+    claim = None if _CLAIMED is None else _CLAIMED.pop(path, None)
+    if claim is not None:
+        path.with_suffix(".claim").unlink(missing_ok=True)
+        claim.close()
 
 
 class _Kernels:

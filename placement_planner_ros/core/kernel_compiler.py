@@ -27,6 +27,9 @@ _WRITTEN_IN = 500
 """Instructions beside its arguments from which on a kernel is too long to be written into others.
 LLVM does so up to some 50, or 260 where it is called in a loop."""
 
+_WRAPPER = "_ZN7cpython"
+"""How the names of wrappers for Python begin."""
+
 _NOT_TO_BE_KEPT = "@numba.dynamic.globals.of.kernels = weak_odr global i8 0"
 """What numba does not keep functions with on disk: those of users that call kernels, which in
 another process may not be there."""
@@ -80,6 +83,11 @@ class KernelLibrary(JITCodeLibrary):
         symbols = (*module.functions, *module.global_variables)
         defined = [symbol.name for symbol in symbols if not symbol.is_declaration]
         return name, kind, (code, bitcode, defined)
+
+    def _optimize_functions(self, module: Any) -> None:
+        """Each by itself, but for the wrapper for Python, which calls one and no more."""
+        if not any(f.name.startswith(_WRAPPER) and not f.is_declaration for f in module.functions):
+            super()._optimize_functions(module)
 
     def add_linking_library(self, library: Any) -> None:
         """What the kernel calls."""

@@ -1,10 +1,12 @@
 """Kernels on disk: what is damaged is made anew, what cannot be kept is done without."""
 
+import fcntl
 import os
 import pickle
 import resource
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import numba
@@ -288,3 +290,38 @@ def test_what_a_kernel_calls_is_there_before_it(tmp_path):
     (called,) = tmp_path.rglob("turned-*.nbk")
     called.unlink()
     assert said() == ["True", "1", "0"]
+
+
+def test_a_version_that_another_process_compiles_is_waited_for(cache, monkeypatch):
+    call()
+    (kept,) = cache.files
+    elsewhere = kept.replace(kept.with_suffix(".elsewhere"))
+    monkeypatch.setattr(kernel_cache, "_CLAIMED", {})
+    with kept.with_suffix(".claim").open("wb") as claim:
+        fcntl.flock(claim, fcntl.LOCK_EX)  # as if that process had begun
+
+        def finish():
+            elsewhere.replace(kept)
+            fcntl.flock(claim, fcntl.LOCK_UN)
+
+        ended = threading.Timer(0.3, finish)
+        ended.start()
+        assert call()
+        ended.join()
+    assert kernel_cache._CLAIMED == {}
+    assert not kept.with_suffix(".claim").exists()
+
+
+def test_a_version_that_nobody_compiles_is_claimed_while_it_is_compiled(cache, monkeypatch):
+    monkeypatch.setattr(kernel_cache, "_CLAIMED", {})
+    claimed = []
+    save = kernel_cache.write_whole
+    monkeypatch.setattr(
+        kernel_cache,
+        "write_whole",
+        lambda path, content: claimed.extend(kernel_cache._CLAIMED) or save(path, content),
+    )
+    assert not call()
+    assert claimed == cache.files
+    assert kernel_cache._CLAIMED == {}
+    assert list(cache.folder.rglob("*.claim")) == []

@@ -9,16 +9,18 @@ from __future__ import annotations
 
 import contextlib
 import os
+import signal
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
 from placement_planner_ros.core.kept_files import kept_folder, write_whole
+from placement_planner_ros.core.kernel_cache import claim_versions
 from placement_planner_ros.core.kernels import not_kept, version_of_kernels
 from placement_planner_ros.core.practice.hastening import hasten
 from placement_planner_ros.core.practice.passing import pass_every_stage
@@ -102,9 +104,7 @@ def compile_kernels(told: Callable[[Progress], None]) -> None:
             said = done
             told(Progress(done, kernels, time.monotonic() - began, before))
 
-    with contextlib.ExitStack() as opened:
-        # Files, since a pipe that nobody reads would fill.
-        errors = [opened.enter_context(tempfile.TemporaryFile()) for _ in _ORDERS]
+    with tempfile.TemporaryFile() as errors:  # a file, since a pipe that nobody reads would fill
         _run(errors, lambda: tell(kernels - len(not_kept()[0])))
     tell(kernels)
     if mark is not None:
@@ -112,28 +112,27 @@ def compile_kernels(told: Callable[[Progress], None]) -> None:
             write_whole(mark, b"")
 
 
-def _run(errors: Sequence[IO[bytes]], look: Callable[[], None]) -> None:
-    """Have a process for each order work to its end, and look at them meanwhile.
+def _run(errors: IO[bytes], look: Callable[[], None]) -> None:
+    """Have the processes work to their end, and look at them meanwhile.
 
     Raises:
         CompilationError: one failed.
         StoppedError: nobody wants them any more.
     """
-    processes = [_spawn(number, file) for number, file in enumerate(errors)]
+    process = _spawn(errors)
     try:
-        while any(process.poll() is None for process in processes):
+        while process.poll() is None:
             step("compiling kernels")
             look()
             time.sleep(_LOOK)
     finally:
-        for process in processes:
-            process.kill()
-            process.wait()
-    for process, file in zip(processes, errors, strict=True):
-        if process.returncode != 0:
-            file.seek(0)
-            last = " ".join(file.read().decode(errors="replace").split())[-300:]
-            raise CompilationError(f"a process that compiled ended by {process.returncode}: {last}")
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)  # the other too
+        process.wait()
+    if process.returncode != 0:
+        errors.seek(0)
+        last = " ".join(errors.read().decode(errors="replace").split())[-300:]
+        raise CompilationError(f"a process that compiled ended by {process.returncode}: {last}")
 
 
 def _mark() -> Path | None:
@@ -163,9 +162,9 @@ def _made(folder: Path) -> Path:
     return folder
 
 
-def _spawn(number: int, errors: IO[bytes]) -> subprocess.Popen[bytes]:
+def _spawn(errors: IO[bytes]) -> subprocess.Popen[bytes]:
     return subprocess.Popen(
-        [sys.executable, "-m", __name__, str(number)],
+        [sys.executable, "-m", __name__],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=errors,
@@ -174,6 +173,18 @@ def _spawn(number: int, errors: IO[bytes]) -> subprocess.Popen[bytes]:
     )
 
 
-if __name__ == "__main__":
+def _work() -> int:
+    """Compile in two processes, of which the second is a copy of what the first has imported.
+
+    Returns:
+        0 where neither failed.
+    """
     hasten()
-    pass_every_stage(_ORDERS[int(sys.argv[1])])
+    claim_versions()
+    other = os.fork()
+    pass_every_stage(_ORDERS[0 if other else 1])
+    return os.waitstatus_to_exitcode(os.waitpid(other, 0)[1]) if other else 0
+
+
+if __name__ == "__main__":
+    sys.exit(_work())
