@@ -84,10 +84,11 @@ def _remember_bodies() -> None:
     read = worker.run_untyped_passes
     known: dict[Any, Any] = {}
 
-    def body(self: Any, function: Any, *args: Any, **kws: Any) -> Any:
-        asked = (function, args, tuple(kws.items()))
+    def body(self: Any, function: Any, enable_ssa: bool = False) -> Any:
+        asked = (function, enable_ssa)
         if asked not in known:
-            known[asked] = read(self, function, *args, **kws)
+            known[asked] = read(self, function, enable_ssa)
+        self.flags.enable_ssa = enable_ssa  # as what reads it leaves them
         return known[asked]
 
     _replace(worker, run_untyped_passes=body)
