@@ -58,6 +58,8 @@ def _sort_into_cells(
     flat = index.reshape(-1)
     occupied = 0
     kept = 0
+    first_x, first_y, first_z = nx, ny, nz  # of the occupied cells
+    last_x, last_y, last_z = -1, -1, -1
     for i in range(n):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         inside = (
@@ -80,15 +82,18 @@ def _sort_into_cells(
         if flat[cell] < 0:
             flat[cell] = 0
             occupied += 1
+            first_x, last_x = min(first_x, ix), max(last_x, ix)
+            first_y, last_y = min(first_y, iy), max(last_y, iy)
+            first_z, last_z = min(first_z, iz), max(last_z, iz)
         flat[cell] += 1
     # Number the occupied cells in their order; each begins where the one before ends.
     cells = np.empty((occupied, 3), np.int32)
     start = np.empty(occupied + 1, np.int64)
     row = 0
     total = 0
-    for ix in range(nx):
-        for iy in range(ny):
-            for iz in range(nz):
+    for ix in range(first_x, last_x + 1):
+        for iy in range(first_y, last_y + 1):
+            for iz in range(first_z, last_z + 1):
                 count = index[ix, iy, iz]
                 if count < 0:
                     continue
