@@ -1,7 +1,7 @@
 """What numba may do without in a process that does nothing but compile.
 
-For the rest of that process; the code it makes is the same. Where numba is built otherwise than
-here is told, nothing but time is lost.
+For the rest of that process; the code it makes is the same. What stands in the place of numba's own
+functions is as those of one version are: with another one nothing but time is lost.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from collections.abc import Callable
 from typing import Any
 
 import llvmlite.binding as llvm
+import numba
 from llvmlite.ir import IRBuilder, instructions
 from numba.core import cgutils, inline_closurecall, ir, postproc, types, utils
 from numba.core.annotations.type_annotations import TypeAnnotation
@@ -22,6 +23,8 @@ from numba.core.registry import cpu_target
 from numba.core.runtime.context import NRTContext
 from numba.np import arrayobj
 
+_WRITTEN_FOR = "0.68."
+"""How the versions of numba begin whose functions `SHORTCUTS` stand for."""
 _OPERATORS = frozenset(f for f in vars(operator).values() if callable(f))
 _PLAIN = (types.Number, types.Boolean, types.Array, types.UniTuple)
 """Kinds of operands that decide alone which of numba's functions an operator is."""
@@ -33,8 +36,8 @@ def hasten() -> None:
     with contextlib.suppress(AttributeError):
         # What it notes, for those who watch it, around each call of LLVM: a twentieth.
         llvm.ffi.lib._lock._cblist.clear()
-    for shortcut in SHORTCUTS:
-        with contextlib.suppress(AttributeError):
+    if numba.__version__.startswith(_WRITTEN_FOR):
+        for shortcut in SHORTCUTS:
             shortcut()
 
 
@@ -289,4 +292,4 @@ SHORTCUTS = (
     _take_what_was_put_in,
     _index_values,
 )
-"""What is left out one by one, each for itself where numba is built otherwise."""
+"""What is left out, one by one."""
