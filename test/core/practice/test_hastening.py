@@ -4,7 +4,6 @@ import os
 import subprocess
 import sys
 
-
 TYPED_ALIKE = """
 import numba, numpy as np
 from placement_planner_ros.core.practice.hastening import hasten
