@@ -220,9 +220,9 @@ def _levels(
     levels = _all_at(boxes.first_at.shape, _level(farthest, np.float32(per_metre)))
     tile_i, tile_j, tile_k = i // _TILE, j // _TILE, k // _TILE
     tiles = (nz + _TILE - 1) // _TILE
-    line = np.zeros(_TILE * tiles, np.uint8)
+    line = np.full(_TILE * tiles, _level(farthest, np.float32(per_metre)), np.uint8)
+    line[boxes.first_at.shape[2] - k :] = 0  # outside of the grid
     fours, line_fours = levels.view(np.uint32), line.view(np.uint32)
-    whole = (boxes.first_at.shape[2] - k) // _TILE  # tiles that no cell of a line is missing in
     row = 0
     m = len(boxes.cells)
     for plane in range(nx + 2):
@@ -233,9 +233,6 @@ def _levels(
         if done >= 0:
             near = exact[done % 5]
             for y in range(ny):
-                line[:] = _level(farthest, np.float32(per_metre))
-                if whole < tiles:
-                    line[nz:] = 0
                 _finish(squared[done, y], near[y], np.float32(per_metre), line)
                 column = fours[tile_i + done // _TILE, tile_j + y // _TILE]
                 for tile in range(tiles):
