@@ -8,7 +8,7 @@ never true nearer than the margin.
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import coal
@@ -22,13 +22,12 @@ from placement_planner_ros.core.collision.arrays import (
     PART_SET,
     SET_JOINT,
     ArmArrays,
-    CollisionBody,
     FlatArm,
-    Part,
     flatten,
     scratch_for,
     with_own_object,
 )
+from placement_planner_ros.core.collision.body_rows import CollisionBody, Part
 from placement_planner_ros.core.collision.boxes import box_arrays
 from placement_planner_ros.core.collision.edges import OVERFLOW, check_edge
 from placement_planner_ros.core.collision.hand import WristTurns, hand_collides
@@ -414,7 +413,7 @@ def _not_finite(*configurations: Array) -> JointStateError:
     )
 
 
-def arm_joint(model: pin.Model, joint_ids: list[int], joint: int) -> int:
+def arm_joint(model: pin.Model, joint_ids: Sequence[int], joint: int) -> int:
     """Index of the last arm joint that moves what hangs on `joint`, or -1."""
     while joint != 0 and joint not in joint_ids:
         joint = model.parents[joint]
@@ -442,7 +441,7 @@ def _flat_arm(
     model, data = robot.model, robot.model.createData()
     pin.framesForwardKinematics(model, data, q)
     joint_ids = [model.getJointId(name) for name in arm.joints]
-    bodies = _links(robot, data, joint_ids)
+    bodies = list(_links(robot, tuple(joint_ids), q_zero))
     pairs = _pairs(robot, [link.name for link in bodies])
     if body is not None:
         tip = robot.frame_id(arm.tip_frame)
@@ -461,7 +460,11 @@ def _flat_arm(
     return flatten(Chain.from_robot(robot, arm, q), bodies, held, pairs, excess, clear)
 
 
-def _links(robot: Robot, data: pin.Data, joint_ids: list[int]) -> list[CollisionBody]:
+@remembered_with("robot", most=_REMEMBERED)
+def _links(robot: Robot, joint_ids: tuple[int, ...], q_zero: bytes) -> tuple[CollisionBody, ...]:
+    """The links of an arm with those joints, remembered for each grasp and object."""
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, np.frombuffer(q_zero))
     parts: dict[str, list[Part]] = {}
     joints: dict[str, int] = {}
     rigid: dict[str, bool] = {}
@@ -473,7 +476,9 @@ def _links(robot: Robot, data: pin.Data, joint_ids: list[int]) -> list[Collision
         rigid[link] = thing.parentJoint in (mount, *joint_ids)
         T = data.oMi[thing.parentJoint] * thing.placement
         parts.setdefault(link, []).append(Part(shape, thing.geometry, T))
-    return [CollisionBody(link, joints[link], tuple(parts[link]), rigid[link]) for link in parts]
+    return tuple(
+        CollisionBody(link, joints[link], tuple(parts[link]), rigid[link]) for link in parts
+    )
 
 
 def _pairs(robot: Robot, links: list[str]) -> list[tuple[str, str]]:

@@ -8,7 +8,7 @@ frame, turned so that the joint's axis is z.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -16,6 +16,11 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from placement_planner_ros.core.collision.body_rows import (
+    BodyRows,
+    CollisionBody,
+    body_rows,
+)
 from placement_planner_ros.core.collision.meshes import MeshArrays, MeshTree, shared_arrays
 from placement_planner_ros.core.collision.pair_tables import (
     CELL,
@@ -24,11 +29,7 @@ from placement_planner_ros.core.collision.pair_tables import (
     TableShape,
     pair_tables,
 )
-from placement_planner_ros.core.collision.shapes import Shape
-from placement_planner_ros.core.collision.spheres import SphereTree, bounding_sphere, sphere_trees
 from placement_planner_ros.core.reach.kinematics import Chain
-from placement_planner_ros.core.robot.surface import Solid
-from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
 
 Indices = npt.NDArray[np.int64]
@@ -142,33 +143,6 @@ class ArmScratch(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Part:
-    """A piece of geometry of a body, in the world with all arm joints at zero."""
-
-    shape: Shape
-    geometry: Solid
-    T_world_part: pin.SE3
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CollisionBody:
-    """A link or the held object.
-
-    Attributes:
-        name: of the link.
-        joint: index of the last arm joint above it, -1 where none is.
-        parts: its geometry.
-        rigid: whether nothing but the arm's joints moves it against that joint (against the
-            arm's mount where there is none).
-    """
-
-    name: str
-    joint: int
-    parts: tuple[Part, ...]
-    rigid: bool = False
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class FlatArm:
     """The arrays, and what each of their rows is.
 
@@ -207,21 +181,19 @@ def flatten(
         clear: what tables of pairs certify, metres.
     """
     joint_frames = [pin.SE3(T) for T in itertools.accumulate(chain.fixed[:-1], np.matmul)]
+    laid_out = [
+        (body, body_rows(body, _at_zero(body, joint_frames).homogeneous.tobytes(), excess))
+        for body in bodies
+    ]
     # The outer and the larger collide most often.
-    ordered = sorted(
-        bodies, key=lambda b: (b.joint < 0, b.name != held, -b.joint, -_extent(b), b.name)
+    laid_out.sort(
+        key=lambda b: (b[0].joint < 0, b[0].name != held, -b[0].joint, -b[1].extent, b[0].name)
     )
+    ordered = [body for body, _ in laid_out]
     number = {body.name: i for i, body in enumerate(ordered)}
-    flat = _Rows()
-    for i, body in enumerate(ordered):
-        T_joint_world = (
-            joint_frames[body.joint].inverse() if body.joint >= 0 else pin.SE3.Identity()
-        )
-        for j, part in enumerate(body.parts):
-            step(f"covering {body.name} with spheres")
-            spheres = sphere_trees(part.shape, excess if body.joint >= 0 else 10 * excess)
-            flat.add(part.shape, spheres, T_joint_world * part.T_world_part, i, j)
-        flat.end_body()
+    world = chain.dof + 1
+    joints = [body.joint if body.joint >= 0 else world for body in ordered]
+    rows = [of_body for _, of_body in laid_out]
     between = []
     for a, b in pairs:
         first, second = number[a], number[b]
@@ -231,10 +203,8 @@ def flatten(
             between.append((first, second))
     # Outer links first: they collide most often.
     between.sort(key=lambda p: (-ordered[p[1]].joint, ordered[p[0]].joint))
-    parts = np.diff(flat.first_part)
-    sizes = [int(parts[a] * parts[b]) for a, b in between]
-    world = chain.dof + 1
-    rows, tables = _tables(chain, ordered, joint_frames, between, clear)
+    sizes = [len(rows[a].radius) * len(rows[b].radius) for a, b in between]
+    table_of, tables = _tables(chain, ordered, joint_frames, between, clear)
     arrays = ArmArrays(
         fixed=chain.fixed,
         prismatic=chain.prismatic,
@@ -244,34 +214,27 @@ def flatten(
             [
                 (a, b, slot, ordered[a].joint + 1, row)
                 for (a, b), slot, row in zip(
-                    between, itertools.accumulate(sizes, initial=0), rows, strict=False
+                    between, itertools.accumulate(sizes, initial=0), table_of, strict=False
                 )
             ],
             dtype=np.int64,
         ).reshape(-1, 5),
         tables=tables,
-        **flat.arrays([body.joint if body.joint >= 0 else world for body in ordered]),
+        **_stacked(rows, joints),
     )
     return FlatArm(
         arrays,
         sum(sizes),
         tuple(ordered),
-        np.array(flat.set_body, dtype=np.int64),
-        np.array(flat.set_part, dtype=np.int64),
+        np.repeat(np.arange(len(rows)), [len(each.radius) for each in rows]),
+        np.concatenate([each.set_part for each in rows]),
         tuple(joint_frames),
     )
 
 
-def _extent(body: CollisionBody) -> float:
-    """Metres along the three axes of the body's parts, added up."""
-    corners = np.vstack(
-        [
-            convex.vertices @ part.T_world_part.rotation.T + part.T_world_part.translation
-            for part in body.parts
-            for convex in part.shape.sets
-        ]
-    )
-    return float(np.ptp(corners, axis=0).sum())
+def _at_zero(body: CollisionBody, joint_frames: list[pin.SE3]) -> pin.SE3:
+    """T_joint_world of the joint that a body belongs to, with all joints at zero."""
+    return joint_frames[body.joint].inverse() if body.joint >= 0 else pin.SE3.Identity()
 
 
 def _tables(
@@ -316,8 +279,8 @@ def _tables(
 
 
 def _table_shapes(body: CollisionBody, joint_frames: list[pin.SE3]) -> tuple[TableShape, ...]:
-    zero = joint_frames[body.joint].inverse() if body.joint >= 0 else pin.SE3.Identity()
-    return tuple(TableShape.of(part.shape, zero * part.T_world_part) for part in body.parts)
+    T_joint_world = _at_zero(body, joint_frames)
+    return tuple(TableShape.of(p.shape, T_joint_world * p.T_world_part) for p in body.parts)
 
 
 def with_own_object(flat: FlatArm, name: str, T_world_object: pin.SE3) -> FlatArm:
@@ -382,97 +345,49 @@ def scratch_for(flat: FlatArm, boxes: int) -> ArmScratch:
     )
 
 
-class _Rows:
-    """Rows of the tables as they grow."""
-
-    def __init__(self) -> None:
-        self.first_part = [0]
-        self.parts: list[tuple[int, int]] = []
-        self.part_spheres: list[Array] = []
-        self.body_spheres: list[tuple[float, float, float, float]] = []
-        self.nodes: list[Indices] = []
-        self.node_spheres: list[Array] = []
-        self.node_inner: list[Array] = []
-        self.sets: list[tuple[int, int, int, int, int]] = []
-        self.excess: list[float] = []
-        self.inner: list[tuple[float, float, float, float]] = []
-        self.meshes: list[tuple[MeshTree, int]] = []
-        self.mesh_frames: list[Array] = []
-        self.set_body: list[int] = []
-        self.set_part: list[int] = []
-        self.radius: list[float] = []
-        self.vertices: list[Array] = []
-        self.planes: list[Array] = []
-        self.ends = np.zeros(4, dtype=np.int64)
-        """Nodes, sets, vertices, planes so far."""
-
-    def add(
-        self, shape: Shape, trees: Sequence[SphereTree], T: pin.SE3, body: int, part: int
-    ) -> None:
-        """Add a shape with the spheres around each of its sets, at T in the body's joint."""
-        mesh = -1
-        if shape.mesh is not None:
-            mesh = len(self.meshes)
-            self.meshes.append((shape.mesh, body))
-            self.mesh_frames.append(T.homogeneous)
-        for convex, tree in zip(shape.sets, trees, strict=True):
-            nodes, sets, _, _ = self.ends.tolist()
-            spheres = np.column_stack([tree.centers @ T.rotation.T + T.translation, tree.radii])
-            self.parts.append((nodes, sets))
-            self.part_spheres.append(spheres[0])
-            self.nodes.append(np.column_stack([tree.skip + nodes, np.where(tree.leaf, sets, -1)]))
-            self.node_spheres.append(spheres)
-            self.node_inner.append(tree.inner)
-            exact = int(convex.inner_scale == 1.0) - int(convex.inner_scale == 0.0)
-            self.sets.append((int(self.ends[2]), int(self.ends[3]), body, exact, mesh))
-            center = T.act(np.array(convex.inner_center))
-            self.inner.append((*center.tolist(), convex.inner_scale))
-            normals = convex.normals @ T.rotation.T
-            self.vertices.append(convex.vertices @ T.rotation.T + T.translation)
-            self.planes.append(np.column_stack([normals, convex.offsets + normals @ T.translation]))
-            self.radius.append(convex.radius)
-            self.excess.append(shape.excess)
-            self.set_body.append(body)
-            self.set_part.append(part)
-            self.ends += (len(spheres), 1, len(convex.vertices), len(convex.offsets))
-
-    def end_body(self) -> None:
-        first = self.parts[self.first_part[-1]][1]
-        self.first_part.append(len(self.parts))
-        corners = np.ascontiguousarray(np.vstack(self.vertices[first:]))
-        center, radius = bounding_sphere(corners)
-        radius += max(self.radius[first:]) + 1e-9
-        self.body_spheres.append((*center.tolist(), radius))
-
-    def arrays(self, joints: list[int]) -> dict[str, Any]:
-        """The tables, given the joint of each body."""
-        nodes, sets, vertices, planes = self.ends.tolist()
-        rows = [(*ends, joints[body], exact, mesh) for *ends, body, exact, mesh in self.sets]
-        # In the same order for each arm of a robot, so that they share the arrays.
-        trees = list(dict.fromkeys(tree for tree, _ in sorted(self.meshes, key=_content)))
-        number = {tree: i for i, tree in enumerate(trees)}
-        meshes = [(number[tree], joints[body]) for tree, body in self.meshes]
-        return {
-            "bodies": np.column_stack([[*joints, 0], self.first_part]).astype(np.int64),
-            "body_spheres": np.array(self.body_spheres),
-            "parts": np.array([*self.parts, (nodes, sets)], dtype=np.int64),
-            "part_spheres": np.array(self.part_spheres),
-            "nodes": np.vstack(self.nodes),
-            "node_spheres": np.vstack(self.node_spheres),
-            "node_inner": np.concatenate(self.node_inner),
-            "sets": np.array([*rows, (vertices, planes, 0, 0, -1)], dtype=np.int64),
-            "radius": np.array(self.radius),
-            "excess": np.array(self.excess),
-            "inner": np.array(self.inner),
-            "meshes": np.array(meshes, dtype=np.int64).reshape(-1, 2),
-            "mesh_frames": np.array(self.mesh_frames).reshape(-1, 4, 4),
-            "trees": shared_arrays(tuple(trees)),
-            "vertices": np.vstack(self.vertices),
-            "planes": np.vstack(self.planes),
-        }
+def _stacked(bodies: list[BodyRows], joints: list[int]) -> dict[str, Any]:
+    """The rows of bodies (b), of joints (b), one below the other."""
+    ends = np.array([each.ends for each in bodies])
+    begins = np.vstack([np.zeros((1, ends.shape[1]), dtype=np.int64), ends.cumsum(axis=0)])
+    # In the same order for each arm of a robot, so that they share the arrays.
+    carried = [tree for each in bodies for tree in each.meshes]
+    trees = list(dict.fromkeys(sorted(carried, key=_content)))
+    number = {tree: i for i, tree in enumerate(trees)}
+    of = [joint for joint, each in zip(joints, bodies, strict=True) for _ in each.meshes]
+    parts, nodes, sets = [], [], []
+    for i, each in enumerate(bodies):
+        node, part, vertex, plane, mesh = begins[i].tolist()
+        parts.append(np.add(each.parts, (node, part)))
+        skip, leaf = each.nodes.T
+        nodes.append(np.column_stack([skip + node, np.where(leaf >= 0, leaf + part, -1)]))
+        first_vertex, first_plane, exact, covers = each.sets.T
+        on = np.where(covers >= 0, covers + mesh, -1)
+        joint = np.full(len(covers), joints[i])
+        sets.append(np.column_stack([first_vertex + vertex, first_plane + plane, joint, exact, on]))
+    node, part, vertex, plane, _ = begins[-1].tolist()
+    return {
+        "bodies": np.column_stack([[*joints, 0], begins[:, 1]]).astype(np.int64),
+        "body_spheres": np.array([each.sphere for each in bodies]),
+        "parts": np.vstack([*parts, (node, part)]),
+        "part_spheres": np.vstack([each.part_spheres for each in bodies]),
+        "nodes": np.vstack(nodes),
+        "node_spheres": np.vstack([each.node_spheres for each in bodies]),
+        "node_inner": np.concatenate([each.node_inner for each in bodies]),
+        "sets": np.vstack([*sets, (vertex, plane, 0, 0, -1)]),
+        "radius": np.concatenate([each.radius for each in bodies]),
+        "excess": np.concatenate([each.excess for each in bodies]),
+        "inner": np.vstack([each.inner for each in bodies]),
+        "meshes": np.array(
+            [(number[tree], joint) for tree, joint in zip(carried, of, strict=True)],
+            dtype=np.int64,
+        ).reshape(-1, 2),
+        "mesh_frames": np.vstack([each.mesh_frames for each in bodies]),
+        "trees": shared_arrays(tuple(trees)),
+        "vertices": np.vstack([each.vertices for each in bodies]),
+        "planes": np.vstack([each.planes for each in bodies]),
+    }
 
 
-def _content(mesh: tuple[MeshTree, int]) -> tuple[int, float]:
+def _content(tree: MeshTree) -> tuple[int, float]:
     """What orders the meshes of a robot."""
-    tree, _ = mesh
     return len(tree.corners), float(tree.corners.sum())
