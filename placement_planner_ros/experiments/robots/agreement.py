@@ -16,7 +16,7 @@ from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.experiments.robots.triangles import TriangleRobot
+from placement_planner_ros.experiments.robots.triangles import Boxes, TriangleRobot
 
 TOLERANCE = 0.002
 """m beyond the margin from which on an answer has to be `free`: `mesh_tolerance`."""
@@ -103,26 +103,26 @@ def compare(
     settings = settings or CollisionSettings()
     collision = ArmCollision(MovingArm(robot, arm, q_rest), None, obstacles, settings)
     judge = judge_of(robot, arm, files)
-    margin, lower, upper = settings.collision_margin, obstacles.lower, obstacles.upper
+    margin, boxes = settings.collision_margin, Boxes(obstacles.lower, obstacles.upper)
     called_free = wrongly_free = clear = clear_called_free = 0
     wrong: list[str] = []
     for begin in range(0, count, _BLOCK):
         Q = _drawn(collision, arm, min(_BLOCK, count - begin), rng)
         for q, free in zip(Q, collision.free_batch(Q), strict=True):
             judge.place(_positions(robot, arm, q_rest, q))
-            if free:
-                called_free += 1
-                met = judge.near_itself(0.0) or judge.near_boxes(lower, upper, margin - _TIES)
-                if met:
-                    wrongly_free += 1
-                    wrong += [f"{met} at {q.tolist()}"] if len(wrong) < _SHOWN else []
-                    continue
+            called_free += bool(free)
+            # What is clear keeps the margin, too: asked first, as it spares the second question.
             if not (
                 judge.near_itself(TOLERANCE + _TIES)
-                or judge.near_boxes(lower, upper, margin + TOLERANCE + _TIES)
+                or judge.near_boxes(boxes, margin + TOLERANCE + _TIES)
             ):
                 clear += 1
                 clear_called_free += bool(free)
+            elif free:
+                met = judge.near_itself(0.0) or judge.near_boxes(boxes, margin - _TIES)
+                if met:
+                    wrongly_free += 1
+                    wrong += [f"{met} at {q.tolist()}"] if len(wrong) < _SHOWN else []
     return Agreement(count, called_free, wrongly_free, clear, clear_called_free, tuple(wrong))
 
 

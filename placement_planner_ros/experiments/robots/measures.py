@@ -24,6 +24,7 @@ import numpy as np
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
+from placement_planner_ros.core.collision.boxes import box_arrays
 from placement_planner_ros.core.collision.load import Held
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.kept_files import kept_folder
@@ -260,6 +261,7 @@ def measure_collision(subject: Subject) -> Iterator[Entry]:
     rng = np.random.default_rng(0)
     arm = subject.arms[0]
     obstacles = clutter(subject.robot, arm, subject.q_start, 20, rng)
+    box_arrays(obstacles)  # of the environment, like a node's
     bodies = [Body.from_mesh(*object_of(subject, name)) for name in OBJECTS]
     seconds = []
     for k in range(1 + _REPEATS):

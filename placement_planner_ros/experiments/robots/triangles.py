@@ -18,6 +18,7 @@ import numpy.typing as npt
 import pinocchio as pin
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 Array = npt.NDArray[np.float64]
 Triangles = npt.NDArray[np.int64]
@@ -51,11 +52,14 @@ class Component:
 
 def winding_number(corners: Array, point: Array) -> float:
     """How often triangles (t, 3, 3) wind around a point (3,)."""
-    a, b, c = np.moveaxis(corners - point, 1, 0)
-    la, lb, lc = (np.linalg.norm(each, axis=1) for each in (a, b, c))
-    volume = np.einsum("ij,ij->i", a, np.cross(b, c))
-    dots = [np.einsum("ij,ij->i", u, v) for u, v in ((a, b), (b, c), (c, a))]
-    whole = la * lb * lc + dots[0] * lc + dots[1] * la + dots[2] * lb
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = (corners - point).transpose(1, 2, 0)
+    la, lb, lc = (
+        np.sqrt(x * x + y * y + z * z) for x, y, z in ((ax, ay, az), (bx, by, bz), (cx, cy, cz))
+    )
+    volume = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)
+    ab, bc = ax * bx + ay * by + az * bz, bx * cx + by * cy + bz * cz
+    ca = cx * ax + cy * ay + cz * az
+    whole = la * lb * lc + ab * lc + bc * la + ca * lb
     return float(np.arctan2(volume, whole).sum() / (2.0 * np.pi))
 
 
@@ -85,6 +89,8 @@ class Thing:
         shape: triangles, or a primitive.
         components: of a mesh; none of a primitive, which is solid.
         center, half: (3,) of the box around it, in its own frame.
+        points: (k, 3) one of each component, in its own frame; its centre where it has none.
+        closed: components that may hold something; `low`, `high` (c, 3) the boxes around them.
     """
 
     link: str
@@ -93,10 +99,43 @@ class Thing:
     components: tuple[Component, ...]
     center: Array
     half: Array
+    points: Array = field(init=False)
+    closed: tuple[Component, ...] = field(init=False)
+    low: Array = field(init=False)
+    high: Array = field(init=False)
 
-    def encloses(self, point: Array) -> bool:
-        """Whether a point (3,), in its own frame, is inside of a closed component."""
-        return any(each.encloses(point) for each in self.components)
+    def __post_init__(self) -> None:
+        points = [each.corners[0, 0] for each in self.components] or [self.center]
+        closed = tuple(each for each in self.components if each.closed)
+        object.__setattr__(self, "points", np.array(points))
+        object.__setattr__(self, "closed", closed)
+        object.__setattr__(self, "low", np.array([each.low for each in closed]).reshape(-1, 3))
+        object.__setattr__(self, "high", np.array([each.high for each in closed]).reshape(-1, 3))
+
+    def encloses_any(self, points: Array) -> bool:
+        """Whether one of points (n, 3), in its own frame, is inside of a closed component."""
+        at = points[:, None]
+        rows, columns = np.nonzero(((at > self.low) & (at < self.high)).all(axis=2))
+        pairs = zip(rows.tolist(), columns.tolist(), strict=True)
+        return any(self.closed[column].encloses(points[row]) for row, column in pairs)
+
+
+class Boxes:
+    """What an arm may be near: boxes along the axes, and a tree of their middles.
+
+    Args:
+        lower, upper: (n, 3) corners.
+    """
+
+    def __init__(self, lower: Array, upper: Array) -> None:
+        self.middle, self.half = (lower + upper) / 2.0, (upper - lower) / 2.0
+        self.radius = np.linalg.norm(self.half, axis=1)
+        self._tree = cKDTree(self.middle)
+
+    def within(self, points: Array, away: Array) -> list[npt.NDArray[np.int64]]:
+        """Of each of points (k, 3): boxes of which some point may be within `away` (k,) of it."""
+        found = self._tree.query_ball_point(points, away + self.radius.max(initial=0.0))
+        return [np.array(rows, dtype=np.int64) for rows in found]
 
 
 class TriangleRobot:
@@ -149,24 +188,28 @@ class TriangleRobot:
         """Where a thing is now."""
         return self._shapes.oMg[thing]
 
-    def near_boxes(self, lower: Array, upper: Array, limit: float) -> str:
-        """What of the arm is nearer than `limit` metres to boxes (n, 3), or around one of them.
+    def near_boxes(self, boxes: Boxes, limit: float) -> str:
+        """What of the arm is nearer than `limit` metres to boxes, or around one of them.
 
         '' where nothing is.
         """
-        middle, half = (lower + upper) / 2.0, (upper - lower) / 2.0
-        around = np.linalg.norm(half, axis=1)
-        for i in self._moving:
-            thing, T = self.things[i], self._shapes.oMg[i]
-            away = np.abs((middle - T.translation) @ T.rotation - thing.center) - thing.half
-            rows = np.flatnonzero((away <= (around + limit)[:, None]).all(axis=1))
+        places = [self._shapes.oMg[i] for i in self._moving]
+        at = [T.act(self.things[i].center) for i, T in zip(self._moving, places, strict=True)]
+        near = boxes.within(np.array(at), self._radii[self._moving] + limit)
+        for i, T, rows in zip(self._moving, places, near, strict=True):
+            if not len(rows):
+                continue
+            thing, middles = self.things[i], (boxes.middle[rows] - T.translation) @ T.rotation
+            away = np.abs(middles - thing.center) - thing.half
+            some = (away <= (boxes.radius[rows] + limit)[:, None]).all(axis=1)
             place = coal.Transform3s(T.rotation, T.translation)
-            for row in rows[np.argsort(away[rows].max(axis=1))].tolist():
-                box = coal.Box(2.0 * np.maximum(half[row], 1e-9))
-                there = coal.Transform3s(np.eye(3), middle[row])
-                gap = _distance(thing.shape, place, box, there)
-                if gap < limit or thing.encloses(T.actInv(middle[row])):
-                    return f"{thing.link} is {gap:.6f} m from box {row}"
+            for row in rows[some][np.argsort(away[some].max(axis=1))].tolist():
+                box = coal.Box(2.0 * np.maximum(boxes.half[row], 1e-9))
+                there = coal.Transform3s(_UPRIGHT, boxes.middle[row])
+                if _nearer(thing.shape, place, box, there, limit):
+                    return f"{thing.link} is nearer than {limit:.6f} m to box {row}"
+            if some.any() and thing.encloses_any(middles[some]):
+                return f"{thing.link} is around a box"
         return ""
 
     def near_itself(self, limit: float) -> str:
@@ -183,7 +226,7 @@ class TriangleRobot:
             places = [coal.Transform3s(T.rotation, T.translation) for T in (T_one, T_other)]
             shapes = one.shape, places[0], other.shape, places[1]
             if limit > 0.0:
-                near = _distance(*shapes) < limit
+                near = _nearer(*shapes, limit)
             else:
                 near = bool(coal.collide(*shapes, coal.CollisionRequest(), coal.CollisionResult()))
             if near or _within(one, T_one, other, T_other) or _within(other, T_other, one, T_one):
@@ -193,17 +236,23 @@ class TriangleRobot:
 
 def _within(inner: Thing, T_inner: pin.SE3, outer: Thing, T_outer: pin.SE3) -> bool:
     """Whether a component of one, which meets nothing of the other, is inside of it."""
-    points = [each.corners[0, 0] for each in inner.components] or [inner.center]
-    return any(outer.encloses(T_outer.actInv(T_inner.act(point))) for point in points)
+    if not outer.closed:
+        return False
+    points = inner.points @ T_inner.rotation.T + T_inner.translation
+    return outer.encloses_any((points - T_outer.translation) @ T_outer.rotation)
 
 
-def _distance(
+def _nearer(
     a: coal.CollisionGeometry,
     T_a: coal.Transform3s,
     b: coal.CollisionGeometry,
     T_b: coal.Transform3s,
-) -> float:
-    return float(coal.distance(a, T_a, b, T_b, coal.DistanceRequest(), coal.DistanceResult()))
+    limit: float,
+) -> bool:
+    """Whether the surfaces are nearer than `limit` metres; trees end where nothing can be."""
+    result = coal.DistanceResult()
+    result.min_distance = limit
+    return bool(coal.distance(a, T_a, b, T_b, coal.DistanceRequest(), result) < limit)
 
 
 def _thing(thing: pin.GeometryObject, model: pin.Model, arm: set[int]) -> Thing:
@@ -239,4 +288,5 @@ def _with_one_coordinate_each(urdf: str) -> tuple[str, dict[str, tuple[str, floa
     return ET.tostring(root, encoding="unicode"), mimics
 
 
+_UPRIGHT = np.eye(3)
 _MIMIC = (("multiplier", "1"), ("offset", "0"))

@@ -14,6 +14,7 @@ from placement_planner_ros.experiments.robots.agreement import (
     small_boxes_inside,
 )
 from placement_planner_ros.experiments.robots.triangles import (
+    Boxes,
     TriangleRobot,
     components,
     winding_number,
@@ -157,9 +158,9 @@ def test_the_judge_is_right_about_boxes(files, planner):
         middle = rng.normal((0.0, 0.0, 0.4), 0.3, (3, 3))
         lower, upper = middle - 0.02, middle + 0.02
         about = brute_force(judge, lower, upper)
-        assert judge.near_boxes(lower, upper, about + 1e-6)
+        assert judge.near_boxes(Boxes(lower, upper), about + 1e-6)
         if about > 0.02:  # so that the samples are dense enough, and no box lies inside
-            assert not judge.near_boxes(lower, upper, about - 0.012)
+            assert not judge.near_boxes(Boxes(lower, upper), about - 0.012)
         seen.add(about > 0.02)
     assert seen == {True, False}
 
@@ -189,8 +190,8 @@ def test_links_within_links_meet(tmp_path):
     assert not judge.near_itself(0.002)
     # A box that is wholly inside of a link, and one beside it.
     at = np.array([[0.35, 0.0, 0.0]])
-    assert judge.near_boxes(at - 0.001, at + 0.001, 0.0)
-    assert not judge.near_boxes(at + 0.2, at + 0.21, 0.003)
+    assert judge.near_boxes(Boxes(at - 0.001, at + 0.001), 0.0)
+    assert not judge.near_boxes(Boxes(at + 0.2, at + 0.21), 0.003)
 
 
 def test_the_planner_agrees_with_the_triangles(files, planner):
