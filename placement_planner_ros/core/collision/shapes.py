@@ -19,6 +19,7 @@ import trimesh
 from scipy.spatial import ConvexHull, QhullError
 
 from placement_planner_ros.core.body.convex_cover import Cover
+from placement_planner_ros.core.body.polytope import hull_around
 from placement_planner_ros.core.collision.meshes import MeshTree
 from placement_planner_ros.core.errors import RobotError
 from placement_planner_ros.core.types import Array, frozen_array
@@ -188,7 +189,8 @@ def _mesh_shape(geometry: coal.BVHModelBase, name: str, cover: Cover | None) -> 
             "the mesh is empty or has vertices that are not finite: repair the file",
         )
     if cover is None:
-        cover = Cover((vertices,), np.inf, closed=False)
+        # A sheet in one plane has no hull of its own: thickened, it has.
+        cover = Cover((hull_around(vertices).vertices,), np.inf, closed=False)
     return covered_mesh(cover, vertices, triangles)
 
 

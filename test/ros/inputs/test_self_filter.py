@@ -1,6 +1,7 @@
 import numpy as np
 import pinocchio as pin
 import pytest
+import trimesh
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.robot.model import Robot
@@ -71,3 +72,12 @@ def test_the_whole_surface_of_the_robot_is_left_out():
     ]
     assert len(points) > 500
     assert not any(kept(yumi, q, points, padding=1e-6))
+
+
+def test_points_on_a_flat_mesh_go_and_those_above_it_stay(tmp_path):
+    corners = [[-0.1, -0.1, 0.0], [0.1, -0.1, 0.0], [0.1, 0.1, 0.0], [-0.1, 0.1, 0.0]]
+    trimesh.Trimesh(corners, [[0, 1, 2], [0, 2, 3]]).export(tmp_path / "sheet.stl")
+    mesh = f'<mesh filename="{tmp_path}/sheet.stl"/>'
+    sheet = Robot.from_urdf(URDF.replace('<box size="0.2 0.2 0.2"/>', mesh))
+    points = [[0.05, 0.02, 0.0], [0.05, 0.02, 0.01], [0.11, 0.0, 0.0]]
+    assert kept(sheet, np.zeros(1), points) == [False, True, True]
