@@ -487,3 +487,17 @@ def test_a_held_ring_meets_what_its_triangles_meet(at, meets, measured):
     world = World.build(robot, task, pieces, solution, 0.003)
     found = world.sweep(np.repeat(q[None], 3, axis=0), np.zeros(3), np.inf, set(), TOLERANCES)
     assert any("object" in each for each in found) == meets
+
+
+def test_capsules_of_a_robot_count():
+    capsule = """<robot name="r"><link name="base"><collision><origin xyz="1 0 0" rpy="0 1.5708 0"/>
+      <geometry><capsule radius="0.1" length="0.4"/></geometry></collision></link></robot>"""
+    robot = RobotModel.read(capsule, "", {})
+    shapes = robot.geometry.geometryObjects
+    assert sorted(type(shape.geometry).__name__ for shape in shapes) == [
+        "Cylinder",
+        "Sphere",
+        "Sphere",
+    ]
+    ends = sorted(shape.placement.translation[0] for shape in shapes)
+    np.testing.assert_allclose(ends, (0.8, 1.0, 1.2), atol=1e-5)

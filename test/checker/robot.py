@@ -51,6 +51,10 @@ class RobotModel:
             for collision in link.findall("collision"):
                 if _is_point(collision):
                     link.remove(collision)
+            for collision in link.findall("collision"):
+                if collision.find("geometry/capsule") is not None:
+                    link.remove(collision)
+                    link.extend(_capsule(collision))
         for mesh in root.iter("mesh"):
             file = str(mesh.get("filename"))
             for package, folder in package_dirs.items():
@@ -122,3 +126,28 @@ def _is_point(collision: ElementTree.Element) -> bool:
         for size in shape.get(name, "").split()
     ]
     return bool(sizes) and not any(sizes)
+
+
+def _capsule(collision: ElementTree.Element) -> list[ElementTree.Element]:
+    """A cylinder and two balls: what reads a URDF's text leaves capsules out, with a line."""
+    shape = collision.find("geometry/capsule")
+    assert shape is not None
+    radius, length = str(shape.get("radius")), float(str(shape.get("length")))
+    origin = collision.find("origin")
+    at = {} if origin is None else origin.attrib
+    xyz, rpy = (np.array(at.get(key, "0 0 0").split(), dtype=float) for key in ("xyz", "rpy"))
+    axis = pin.rpy.rpyToMatrix(*rpy)[:, 2]
+    made = []
+    for along, solid in (
+        (0.0, {"cylinder": {"radius": radius, "length": str(length)}}),
+        (0.5, {"sphere": {"radius": radius}}),
+        (-0.5, {"sphere": {"radius": radius}}),
+    ):
+        part = ElementTree.Element("collision")
+        place = " ".join(map(str, xyz + along * length * axis))
+        ElementTree.SubElement(part, "origin", xyz=place, rpy=" ".join(map(str, rpy)))
+        geometry = ElementTree.SubElement(part, "geometry")
+        for name, sizes in solid.items():
+            ElementTree.SubElement(geometry, name, sizes)
+        made.append(part)
+    return made

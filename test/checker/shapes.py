@@ -50,7 +50,10 @@ def as_convex(shape: coal.CollisionGeometry) -> coal.CollisionGeometry:
         return shape
     hull = ConvexHull(vertices)
     middles = vertices[corners].mean(axis=1)
-    for some in (middles[:: 1 + len(middles) // 500], middles):  # most tell by a few
+    few = 1 + len(middles) // 500  # most tell by a few
+    room = 1 + 10_000_000 // len(hull.equations)
+    parts = [middles[i : i + room] for i in range(0, len(middles), room)]
+    for some in (middles[::few][:room], *parts):
         inside = -(some @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1)
         if inside.max() >= 1e-5:
             return shape
