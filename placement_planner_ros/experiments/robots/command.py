@@ -50,7 +50,7 @@ def add_robots_command(commands: Any) -> None:
         "--configurations",
         type=int,
         default=10_000,
-        help="of each robot put to the check of its triangles; 1000000 takes hours",
+        help="of each robot put to the check of its triangles; 1000000 takes up to 40 minutes",
     )
     robots.add_argument("--output", type=Path, default=Path("results/robots"))
     robots.add_argument("--page", type=Path, help="a page: replace the table between its marks")
