@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,7 +36,10 @@ class ThinCloud:
 
 
 def thinned(message: PointCloud2, most: int = MOST_POINTS) -> ThinCloud:
-    """Every k-th point of a cloud, k as small as leaves at most `most`.
+    """Every k-th point of a cloud, of an organised one every so many-th row and column.
+
+    Every k-th pixel along the rows would be stripes with gaps where the width is about a multiple
+    of k. At most `most` points are left.
 
     The node reads clouds by itself, all of their points; this is for looking only, and loads
     nothing that has to be compiled.
@@ -52,8 +56,14 @@ def thinned(message: PointCloud2, most: int = MOST_POINTS) -> ThinCloud:
         words = f"do not fit {height} rows of {width} points of {message.point_step} bytes"
         raise CloudError("cloud data", f"{len(message.data)} bytes", words)
     kind = _point(message)
-    row, column = np.divmod(np.arange(0, count, -(-count // most)), width)
-    first = row * row_step + column * message.point_step
+    every = -(-count // most)
+    down = min(math.isqrt(every), height)
+    along = min(-(-every // down), width)
+    down = max(down, -(-every // along))  # a cloud may be narrow
+    while -(-height // down) * -(-width // along) > most:  # the last steps count as whole ones
+        along, down = (along + 1, down) if along < width else (along, down + 1)
+    row, column = np.arange(0, height, down), np.arange(0, width, along)
+    first = (row[:, None] * row_step + column * message.point_step).ravel()
     data = np.frombuffer(message.data, np.uint8)
     few = data[first[:, None] + np.arange(message.point_step)].view(kind)[:, 0]
     points = np.column_stack([few[name].astype(np.float64) for name in "xyz"])

@@ -4,6 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import trimesh
+from scipy.spatial import cKDTree
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 
@@ -134,6 +135,26 @@ def test_a_fine_robot_is_drawn_coarser_and_keeps_its_shape():
 
 
 # --- clouds
+
+
+@pytest.mark.parametrize("size", [(360, 640), (480, 640), (480, 848), (720, 1280), (1080, 1920)])
+def test_of_an_organised_cloud_what_is_left_has_no_gaps(size):
+    """Every eighth point of rows of 640 would be the same 80 columns: stripes with gaps."""
+    pixels = np.stack(np.meshgrid(*map(np.arange, size), indexing="ij"), axis=-1)
+    grid = np.zeros((*size, 3), np.float32)
+    grid[..., :2] = 1e-3 * pixels
+    left = 1e3 * thinned(message_from_points(grid, Header())).points[:, :2]
+    assert 0.7 * 30_000 < len(left) <= 30_000
+    farthest = cKDTree(left).query(pixels[60:180, 60:180].reshape(-1, 2))[0].max()
+    apart = np.sqrt(pixels[..., 0].size / len(left))
+    assert farthest < 0.9 * apart  # 0.71 were they a grid of squares
+
+
+@pytest.mark.parametrize("size", [(1, 100), (100, 1), (3, 40), (41, 3), (7, 9), (2, 5)])
+@pytest.mark.parametrize("most", [1, 2, 7, 100])
+def test_a_cloud_of_any_shape_is_thinned_to_what_is_asked(size, most):
+    cloud = thinned(message_from_points(np.zeros((*size, 3)), Header()), most)
+    assert min(most, size[0] * size[1]) / 3 <= len(cloud.points) <= most
 
 
 def test_a_large_cloud_is_thinned_and_keeps_its_shape():
