@@ -29,7 +29,7 @@ _VOLUME, _OBJECTIVE, _RETREAT = "target_volume", "objective", "require_retreat"
 
 
 class Controls:
-    """Buttons and fields, each of which asks the node; its answer is written below.
+    """Buttons and fields, each of which asks the node; its answer stands below what was pressed.
 
     Args:
         conversation: with the planning node.
@@ -70,8 +70,10 @@ class Controls:
             for name, label in _NUMBERS.items():
                 self._fields[name] = gui.add_number(label, 0.0, step=0.001)
             keep = gui.add_button("Keep these for later starts, too")
-        buttons.on_click(lambda event: self._do(acts[event.target.value]))
-        keep.on_click(lambda _: self._do(self._keep))
+            # Here, as the answer to the buttons at the top may be scrolled away.
+            self._kept = gui.add_html("")
+        buttons.on_click(lambda event: self._do(acts[event.target.value], self._answer))
+        keep.on_click(lambda _: self._do(self._keep, self._kept))
 
     def know(self, parameters: dict[str, Any]) -> None:
         """The node's parameters, which the fields then show."""
@@ -86,15 +88,16 @@ class Controls:
             else:
                 field.value = value
 
-    def _do(self, act: Callable[[], str]) -> None:
-        self._answer.content = words.note("asking the node …")
+    def _do(self, act: Callable[[], str], answer: Any) -> None:
+        self._answer.content = self._kept.content = ""
+        answer.content = words.note("asking the node …")
         try:
             said = act()
         except PlacementError as error:
             said = words.refusal(error)
         except (TypeError, ValueError) as error:
             said = f"not sent: {error}"
-        self._answer.content = words.note(said)
+        answer.content = words.note(said)
 
     def _start(self) -> str:
         run = finish(self._talk.start(self._changed(), PATIENCE), self._talk.news)
