@@ -9,10 +9,14 @@ from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 import yaml
+from builtin_interfaces.msg import Time
 from rclpy.parameter import Parameter
 
+from placement_planner_ros.core.types import TargetVolume
+from placement_planner_ros.ros.outputs.markers import placement_markers, scene_markers
 from placement_planner_ros.ros.outputs.publishing import Outputs
 from placement_planner_ros.ros.tools import scene_publisher
 from placement_planner_ros.ros.tools.scene_publisher import FRAME, ScenePublisher
@@ -202,3 +206,18 @@ def test_rviz_asks_for_what_was_published_before_where_it_is_latched():
             latched = topic["Value"].startswith(("/placement_planner", "/robot_description"))
             expected = "Transient Local" if latched else "Volatile"
             assert topic["Durability Policy"] == expected, topic["Value"]
+
+
+def test_rviz_lists_every_namespace_of_the_markers():
+    """One that is not listed is shown, too, but nobody who reads the file knows of it."""
+    box = np.array([[0.0, 0.0, 0.0], [0.1, 0.1, 0.1]])
+    volume = TargetVolume(*box)
+    body = SimpleNamespace(vertices=np.eye(3), triangles=np.array([[0, 1, 2]]))
+    drawn = scene_markers(FRAME, Time(), volume, box[None], [], [np.eye(3)])
+    drawn += placement_markers(FRAME, Time(), body, pin.SE3.Identity(), box)
+    (display,) = (
+        each
+        for each in RVIZ["Visualization Manager"]["Displays"]
+        if each["Class"] == SHOWN_AS["MarkerArray"]
+    )
+    assert display["Namespaces"] == {marker.ns: True for marker in drawn}
