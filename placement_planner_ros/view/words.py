@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from html import escape
 
@@ -34,6 +35,8 @@ _REFUSALS = {
     "NO_ANSWER": "The node has not answered; it may have done what was asked.",
 }
 """What a code means for whoever pressed a button; the others' words say it by themselves."""
+_FAULT = re.compile(r"([A-Z][A-Z_]+): (.*)")
+"""A line of the node's about one fault."""
 _STATES = {
     "idle": "waiting for start",
     "preparing": "preparing",
@@ -42,6 +45,7 @@ _STATES = {
     "stopped": "stopped",
     "time_limit": "its time is over",
     "exhausted": "nothing better is left",
+    "exhausted without one": "nothing is left to try",
     "robot_moved": "ended: the robot moved",
     "failed": "failed",
 }
@@ -60,7 +64,9 @@ def heading(record: RunRecord, absent: str) -> str:
         return _block("the node is there; its status has not come yet", "#666")
     if record.run == 0:
         return _block(_strong("No run yet.") + " " + escape(status.message), "#666")
-    state = _STATES.get(status.state, status.state)
+    empty = status.ended and not record.improvements
+    alone = f"{status.state} without one" if empty else status.state
+    state = _STATES.get(alone, _STATES.get(status.state, status.state))
     colour = {"searching": "#1668c8", "failed": "#b00020", "robot_moved": "#b00020"}.get(
         status.state, "#444"
     )
@@ -68,16 +74,16 @@ def heading(record: RunRecord, absent: str) -> str:
         f'<span style="background:{colour};color:#fff;border-radius:4px;padding:1px 7px">'
         f"{escape(state)}</span>"
     )
-    count = _count(record.samples, status.solutions)
+    count = _count(record.samples, status.solutions, status.ended)
     parts = [f"Run …{str(record.run)[-6:]} {badge}", count]
-    if status.ended and not record.improvements:
+    if empty:
         parts.append(escape(status.message))
     return _block("<br>".join(parts), "#222")
 
 
-def _count(samples: int, solutions: int) -> str:
+def _count(samples: int, solutions: int, ended: bool) -> str:
     if solutions == 0:
-        return f"{samples:,} samples tried, no placement found yet"
+        return f"{samples:,} samples tried, no placement found{'' if ended else ' yet'}"
     found = "1 placement found" if solutions == 1 else f"{solutions} found, each better than before"
     return f"{samples:,} samples tried, {found}"
 
@@ -91,7 +97,7 @@ def placement(
         last: number of the run's best.
         reason: why the best cannot be carried out; empty where it can.
         objective: the parameter of that name.
-        placed: whether this run's object stands there already.
+        placed: whether this run's object stands already, by whichever of its solutions.
     """
     if solution is None:
         return _block("No placement so far.", "#666")
@@ -106,10 +112,12 @@ def placement(
     ]
     lines += [_terms(solution.terms)] if solution.terms else []
     if placed:
-        lines.append("The object stands there now.")
-    elif solution.number == last and reason:
+        lines.append("This run's object has been put down already.")
+    elif solution.number != last:
+        lines.append("Whether an older one can still be carried out is not checked.")
+    elif reason:
         lines.append(f'<span style="color:#b00020">Not to be carried out: {escape(reason)}</span>')
-    elif solution.number == last:
+    else:
         lines.append('<span style="color:#14752f">It can be carried out.</span>')
     return _block("<br>".join(lines), "#222")
 
@@ -119,14 +127,19 @@ def _terms(terms: Mapping[str, float]) -> str:
 
 
 def refusal(error: PlacementError) -> str:
-    """What the node refused, its code last."""
-    said = [_REFUSALS.get(error.code, ""), error.words.removeprefix(f"{error.code}: ")]
-    return f"{' '.join(filter(None, said))} ({error.code})"
+    """What the node refused, a line for each fault, its code last."""
+    said = []
+    for line in error.words.splitlines() or [""]:
+        named = _FAULT.fullmatch(line)
+        code, fault = named.groups() if named else (error.code, line)
+        said.append(" ".join(filter(None, [_REFUSALS.get(code, ""), fault, f"({code})"])))
+    return "\n".join(said)
 
 
 def note(text: str) -> str:
-    """HTML: a remark in small grey letters."""
-    return f'<div style="{_BOX};color:#666;font-size:11px">{escape(text)}</div>' if text else ""
+    """HTML: a remark in small grey letters, in lines as it is."""
+    inside = escape(text).replace("\n", "<br>")
+    return f'<div style="{_BOX};color:#666;font-size:11px">{inside}</div>' if text else ""
 
 
 _BOX = "padding:2px 14px;font-size:12.5px;line-height:1.45;overflow-wrap:anywhere"

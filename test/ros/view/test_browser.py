@@ -72,12 +72,16 @@ def test_the_page_shows_plays_commands_and_outlives_the_node(ros, page, tmp_path
             browser.press("Play")
             find(b, browser, "now: retreat")
             browser.press("Confirm as placed")
-            find(b, browser, "The object stands there now.")
+            find(b, browser, "put down already")
             assert list(b.node._inputs.clouds.placed) == [1]
             browser.unfold("Parameters of the next start")
             volume = "0.2 -0.3 -0.1 0.6 0.3 0.2"
             b.wait(lambda: volume in browser.fields, again=b.feed)
             browser.fill(volume, "0.2 here")
+            keep = "Keep these for later starts, too"
+            browser.press(keep)
+            find(b, browser, "six numbers for each box")
+            assert "six numbers" in browser.text.split(keep)[1]  # not at the top, out of sight
             browser.press("Start")
             find(b, browser, "six numbers for each box")
             browser.fill("0.2 here", "0.2 0 -0.1 0.6 0.3 0.2")

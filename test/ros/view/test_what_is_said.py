@@ -109,6 +109,36 @@ def test_a_refusal_is_said_in_words_with_its_code():
     assert said == "target_volume: too thin (BAD_VOLUME)"
 
 
+def test_every_fault_of_a_refusal_has_its_own_line_and_code():
+    error = PlacementError("NO_CLOUD", "NO_CLOUD: none has come\nJOINTS_MISSING: give j, too")
+    said = words.refusal(error)
+    assert said.split("\n") == ["none has come (NO_CLOUD)", "give j, too (JOINTS_MISSING)"]
+    assert "(NO_CLOUD)<br>give j" in words.note(said)
+
+
+def test_a_search_that_ends_with_nothing_is_not_told_as_if_there_was_a_best():
+    empty = words.heading(record_of(state="exhausted"), "")
+    assert "nothing is left to try" in empty
+    assert "better" not in empty
+    assert "yet" not in empty
+    assert "nothing better is left" in words.heading(record_of(solution(), state="exhausted"), "")
+    assert "found yet" in words.heading(record_of(state="searching"), "")
+
+
+def test_of_an_older_placement_nobody_knows_whether_it_can_still_be_carried_out():
+    said = words.placement(solution(1), 2, "the robot has left", "o", False)
+    assert "not checked" in said
+    assert "the robot has left" not in said
+
+
+def test_that_the_object_stands_is_not_said_of_one_placement_as_the_node_names_the_run_only():
+    for number in (1, 2):
+        said = words.placement(solution(number), 2, "", "o", True)
+        assert "put down already" in said
+        assert "carried out" not in said
+        assert "there now" not in said
+
+
 @pytest.mark.parametrize(
     ("given", "words_of_it"),
     [
