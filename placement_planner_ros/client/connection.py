@@ -85,10 +85,15 @@ class Connection:
         """
         return self._conversation.hearing.validity(solution.run, solution.number)
 
-    def improvement(self, run: int) -> Solution | None:
+    def improvement(self, run: int, number: int | None = None) -> Solution | None:
         """The best that the run has found so far, as far as it has come; for runs that `start`
-        began."""
-        return self._conversation.hearing.newest(run)
+        began.
+
+        Args:
+            number: that of an earlier one, counted from 1; it may have come and not be kept.
+        """
+        hearing = self._conversation.hearing
+        return hearing.newest(run) if number is None else hearing.solution(run, number)
 
     def withdraw(self) -> None:
         """End every `place` that is under way, whose run is stopped: it raises `WITHDRAWN`.

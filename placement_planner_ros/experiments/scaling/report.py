@@ -44,6 +44,9 @@ def draw_scaling(found: Sequence[Growth]) -> bytes:
         panel.set_xscale("log", base=2)
         panel.set_yscale("log")
         panel.xaxis.set_major_formatter("×{x:g}")
+        # As plain numbers: times are of 0.2 to 10 s, and powers of ten hard to read there.
+        panel.yaxis.set_major_formatter("{x:g}")
+        panel.yaxis.set_minor_formatter("{x:g}")
         panel.set_xlabel(AXES[axis])
         panel.grid(alpha=0.3, which="both")
         panel.legend(fontsize=8, loc="upper left")

@@ -33,7 +33,8 @@ def alive():
 class Planner:
     """A client whose run finds something after so many looks."""
 
-    def __init__(self, clock, first_after=None, ends_after=None, refusal=None):
+    def __init__(self, clock, first_after=None, ends_after=None, refusal=None, count=1):
+        self.count = count
         self.clock, self.first_after, self.ends_after = clock, first_after, ends_after
         self.refusal = refusal
         self.stopped_at = None
@@ -50,11 +51,16 @@ class Planner:
         ended = self.ends_after is not None and self.clock.now - self.began >= self.ends_after
         return SimpleNamespace(run=RUN, ended=ended, values={"samples": "1200"})
 
-    def improvement(self, run):
+    def improvement(self, run, number=None):
         if self.first_after is None or self.clock.now - self.began < self.first_after:
             return None
+        number = number or self.count
         return SimpleNamespace(
-            number=1, search_time=self.first_after, arm="left", objective=0.25, words="at 0 0 0"
+            number=number,
+            search_time=self.first_after + 0.01 * (number - 1),
+            arm="left",
+            objective=0.25,
+            words="at 0 0 0",
         )
 
     def stop(self, run):
@@ -94,6 +100,12 @@ def test_seconds_count_from_the_first_placement_on(clock, capsys):
     said = capsys.readouterr().out
     assert "the first placement came 50.00 s after the start" in said
     assert "objective 0.2500" in said
+
+
+def test_none_of_those_that_come_between_two_looks_is_left_out(clock, capsys):
+    found = search.search(Planner(clock, 0.1, count=3), 1.0, alive, ProgressLine())
+    assert [solution.number for solution in found.improvements] == [1, 2, 3]
+    assert "the first placement came 0.10 s after the start" in capsys.readouterr().out
 
 
 def test_a_search_that_ends_by_itself_is_not_waited_for(clock):

@@ -100,12 +100,12 @@ def search(
     try:
         while not _ended(planner, run):
             now = time.monotonic()
-            solution = planner.improvement(run)
-            if solution is not None and first is None:
-                first = now
-                line.say(f"the first placement came {solution.search_time:.2f} s after the start")
-                line.say(f"searching for a better one for {seconds:g} s more")
-            _take(found, solution, line)
+            for solution in _news(planner, run, found):
+                if first is None:
+                    first, came = now, f"{solution.search_time:.2f} s after the start"
+                    line.say(f"the first placement came {came}")
+                    line.say(f"searching for a better one for {seconds:g} s more")
+                _take(found, solution, line)
             if now > (began + FIRST_WITHIN if first is None else first + seconds):
                 break
             shown = (
@@ -128,7 +128,8 @@ def search(
             f"no placement was found in {time.monotonic() - began:.0f} s: {error}",
             f"the message says what stood in the way; {PAGE}",
         ) from error
-    _take(found, best, line)
+    for solution in [*_news(planner, run, found), best]:
+        _take(found, solution, line)
     line.say(f"stopped after {time.monotonic() - began:.1f} s: {best.words}")
     return Found(found.improvements, time.monotonic() - began)
 
@@ -138,10 +139,18 @@ def _ended(planner: PlacementClient, run: int) -> bool:
     return status is not None and status.run == run and status.ended
 
 
-def _take(found: Found, solution: Solution | None, line: ProgressLine) -> None:
+def _news(planner: PlacementClient, run: int, found: Found) -> list[Solution]:
+    """Solutions that are not in `found`, in order: several may come between two looks."""
+    newest = planner.improvement(run)
+    if newest is None:
+        return []
+    last = found.improvements[-1].number if found.improvements else 0
+    between = (planner.improvement(run, number) for number in range(last + 1, newest.number))
+    return [*(each for each in between if each is not None), newest]
+
+
+def _take(found: Found, solution: Solution, line: ProgressLine) -> None:
     """Keep and print a solution that is news."""
-    if solution is None:
-        return
     if found.improvements and found.improvements[-1].number >= solution.number:
         return
     found.improvements.append(solution)
