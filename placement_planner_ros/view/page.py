@@ -375,7 +375,7 @@ class Page:
     def _stage_words(self) -> str:
         if self._playback is None:
             return ""
-        marks = ", ".join(f"{name} {at:.1f} s" for at, name in self._playback.marks)
+        marks = ", ".join(f"{name} from {at:.1f} s" for at, name in self._playback.marks)
         if self._panel.time <= 0.0:
             return words.note(f"the robot as it is now; {marks}")
         return words.note(f"now: {self._playback.at(self._panel.time).stage}; {marks}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from placement_planner_ros.experiments.cases import OBJECTIVE_WORDS
 from placement_planner_ros.experiments.drawing.plots import new_figure, png
@@ -44,9 +45,10 @@ def draw_scaling(found: Sequence[Growth]) -> bytes:
         panel.set_xscale("log", base=2)
         panel.set_yscale("log")
         panel.xaxis.set_major_formatter("×{x:g}")
-        # As plain numbers: times are of 0.2 to 10 s, and powers of ten hard to read there.
+        # Plain numbers, few enough to be read: powers of ten say little of 0.2 to 10 s.
+        panel.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         panel.yaxis.set_major_formatter("{x:g}")
-        panel.yaxis.set_minor_formatter("{x:g}")
+        panel.yaxis.set_minor_formatter(NullFormatter())
         panel.set_xlabel(AXES[axis])
         panel.grid(alpha=0.3, which="both")
         panel.legend(fontsize=8, loc="upper left")
