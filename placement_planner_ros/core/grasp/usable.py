@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.load import Held
-from placement_planner_ros.core.errors import GraspError
+from placement_planner_ros.core.errors import GraspError, PlacementPlannerError
 from placement_planner_ros.core.grasp.at_start import (
     Fault,
     beyond_limits,
@@ -23,6 +26,7 @@ from placement_planner_ros.core.grasp.open_hand import OpenHand
 from placement_planner_ros.core.grasp.settings import GraspSettings
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.robot.arm import Arm
+from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.stopping import step
@@ -77,6 +81,28 @@ def usable_holdings(
     if not any(holdings):
         raise none_usable(faults, bad_grasps)
     return holdings, (*map(str, bad_grasps), *map(str, faults))
+
+
+def lay_out_holdings(
+    robot: Robot, arms: Sequence[Arm], q_start: Array, body: Body, settings: GraspSettings
+) -> None:
+    """Make what `usable_holdings` remembers of robot, object and grasps, without an environment.
+
+    What cannot be used is left out: `usable_holdings` says why.
+
+    Args:
+        q_start: (nq,) q_0, which need not be within one turn.
+    """
+    nothing = ObstacleSet.from_points(np.zeros((1, 3)))
+    q_start = robot.unwound(q_start)
+    for arm in arms:
+        with contextlib.suppress(PlacementPlannerError):
+            moving = MovingArm(robot, _within_limits(arm, q_start[arm.q_index]), q_start)
+            open_hand = OpenHand(moving, body, nothing, settings)
+            for grasp in range(len(arm.grasps)):
+                step(f"laying out arm {arm.name} with grasp {grasp}")
+                with contextlib.suppress(GraspError):
+                    Holding(moving, Held(body, grasp), nothing, open_hand, settings)
 
 
 def _why_not_free(holding: Holding, obstacles: ObstacleSet, margin: float) -> Fault | None:

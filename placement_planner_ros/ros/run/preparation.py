@@ -12,6 +12,7 @@ import numpy as np
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.boxes import box_arrays
 from placement_planner_ros.core.errors import PlacementPlannerError
+from placement_planner_ros.core.grasp.usable import lay_out_holdings
 from placement_planner_ros.core.planner import PlacementPlanner
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.robot.model import Robot
@@ -184,15 +185,28 @@ class Preparation:
             threading.Thread(
                 target=self._fulfil, args=(snapshot, order), name="environment", daemon=True
             ).start()
-            while not order.ended.wait(_PATIENCE):
-                if should_stop():
-                    order.unwanted = True
-                    raise StoppedError("making the environment of the clouds")
             with stoppable(should_stop):
+                try:
+                    self._wait(order, snapshot)
+                except StoppedError:
+                    order.unwanted = True
+                    raise
                 return replace(make_planner(snapshot, order.environment), flying=order.flying)
         finally:
             with self._lock:
                 self._runs -= 1
+
+    def _wait(self, order: _Order, snapshot: Snapshot) -> None:
+        """Until the environment is made; meanwhile make what depends on robot and object alone."""
+        wanted = snapshot.robot, snapshot.body
+        if not order.ended.wait(_PATIENCE) and self._rehearsed != wanted:
+            settings = snapshot.parameters.planner_settings.grasp
+            lay_out_holdings(
+                snapshot.robot, snapshot.arms, snapshot.q_start, snapshot.body, settings
+            )
+            self._rehearsed = wanted
+        while not order.ended.wait(_PATIENCE):
+            step("making the environment of the clouds")
 
     def ready(self, snapshot: Snapshot) -> Environment | None:
         """The environment of that run where it is there already, without a look at its points."""

@@ -233,7 +233,7 @@ def test_a_run_is_stopped_at_once_and_leaves_its_environment_to_the_next(snapsho
 
     monkeypatch.setattr(Surroundings, "environment", slow)
     preparing = preparation()
-    with pytest.raises(StoppedError, match="environment"):
+    with pytest.raises(StoppedError, match="environment|arm"):
         preparing.prepare(snapshot, lambda: True)
     assert preparing.busy
     go_on.set()
@@ -253,6 +253,47 @@ def test_what_fails_ahead_fails_the_run_and_is_tried_again(snapshot, monkeypatch
         with pytest.raises(CloudError):
             preparing.prepare(snapshot, never)
     assert preparing.prepare(snapshot, never) is not None
+
+
+def test_robot_and_object_are_laid_out_while_the_environment_is_made(snapshot, monkeypatch):
+    laid_out, times = threading.Event(), []
+    environment, lay_out = Surroundings.environment, module.lay_out_holdings
+
+    def laid(*given):
+        lay_out(*given)
+        times.append(1)
+        laid_out.set()
+
+    def late(surroundings):
+        assert laid_out.wait(60.0)
+        return environment(surroundings)
+
+    monkeypatch.setattr(module, "lay_out_holdings", laid)
+    monkeypatch.setattr(Surroundings, "environment", late)
+    preparing = preparation()
+    assert preparing.prepare(snapshot, never) is not None
+    other = snapshot.parameters.changed({"target_volume": [0.2, -0.3, -0.1, 0.5, 0.3, 0.2]})
+    assert preparing.prepare(again(snapshot, parameters=other), never) is not None
+    assert len(times) == 1
+
+
+def test_a_run_that_is_stopped_lays_nothing_out_any_more(snapshot, monkeypatch):
+    stopped = threading.Event()
+    environment, lay_out = Surroundings.environment, module.lay_out_holdings
+
+    def laid(*given):
+        stopped.set()
+        lay_out(*given)
+        raise AssertionError("laid out to its end")
+
+    def late(surroundings):
+        assert stopped.wait(60.0)
+        return environment(surroundings)
+
+    monkeypatch.setattr(module, "lay_out_holdings", laid)
+    monkeypatch.setattr(Surroundings, "environment", late)
+    with pytest.raises(StoppedError):
+        preparation().prepare(snapshot, stopped.is_set)
 
 
 def test_nothing_is_done_while_nothing_changes(snapshot):
