@@ -233,7 +233,7 @@ def test_a_run_is_stopped_at_once_and_leaves_its_environment_to_the_next(snapsho
 
     monkeypatch.setattr(Surroundings, "environment", slow)
     preparing = preparation()
-    with pytest.raises(StoppedError, match="environment|arm"):
+    with pytest.raises(StoppedError, match=r"environment|arm"):
         preparing.prepare(snapshot, lambda: True)
     assert preparing.busy
     go_on.set()
