@@ -60,6 +60,12 @@ THREADS = 6
 _COMPILING_SAID = 10.0
 """Seconds between lines of how far compiling is."""
 
+_FIRST_INPUTS = 0.7
+"""Seconds for which the first inputs are waited for before it is said that all is warm ..."""
+_PERIOD = 0.02
+"""... and between looks at whether they have come."""
+_PREPARING = 2.0
+"""Seconds for which preparing for them may hold that back."""
 _LOOK = 0.5
 """Seconds between looks at whether there are robot and arms to warm up with."""
 START_UP_PATIENCE = 5.0
@@ -214,7 +220,20 @@ class PlacementPlannerNode(ParameterNode):
                 known.limits(not parameters.planner_settings.timing.chosen),
             )
             self._log.event("; ".join(filter(None, words)))
+        first = threading.Thread(target=self._prepare_first, name="first inputs", daemon=True)
+        first.start()
         warm_up(robot, arms, q)
+        first.join(_PREPARING)
+
+    def _prepare_first(self) -> None:
+        """Prepare for the first inputs, so that a run told to start once all is warm finds it done.
+
+        They are waited for, as clouds and joint states come a moment after the node does.
+        """
+        latest = time.monotonic() + _FIRST_INPUTS
+        while not self._preparation.look():
+            if time.monotonic() > latest or self._closed.wait(_PERIOD):
+                return
 
     def _compile(self) -> None:
         """In other processes, where kernels have not been compiled yet."""

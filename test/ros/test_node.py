@@ -1,5 +1,6 @@
 """The node with a planner that does as it is told."""
 
+import threading
 import time
 from dataclasses import replace
 from types import SimpleNamespace
@@ -16,6 +17,8 @@ from std_msgs.msg import Header, String
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.explanation.explanation import SENSOR, Explanation, Remedy
+from placement_planner_ros.core.warmup import load_kernels
+from placement_planner_ros.ros import node as node_module
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 from placement_planner_ros.ros.inputs.self_filter import outside_robot
 from placement_planner_ros.ros.qos import LATCHED
@@ -611,6 +614,29 @@ def test_the_status_says_when_everything_is_compiled(bench):
     b.wait(lambda: b.status().get("warm") == "false")
     b.node.warm_up()
     b.wait(lambda: b.status().get("warm") == "true")
+
+
+def test_all_is_warm_once_the_first_inputs_are_prepared(bench, monkeypatch):
+    monkeypatch.setattr(node_module, "_FIRST_INPUTS", 60.0)
+    b = bench(warm=False)
+    warming = threading.Thread(target=b.node.warm_up)
+    warming.start()
+    b.wait(lambda: load_kernels.cache_info().currsize == 1)
+    assert b.status().get("warm") == "false"
+    b.wait(lambda: not warming.is_alive(), again=b.feed)
+    b.wait(lambda: b.status().get("warm") == "true")
+    assert b.node._preparation._newest.made
+
+
+def test_what_takes_long_to_prepare_does_not_hold_up_that_all_is_warm(bench, monkeypatch):
+    go_on = threading.Event()
+    monkeypatch.setattr(node_module, "_PREPARING", 0.01)
+    b = bench(warm=False)
+    monkeypatch.setattr(b.node._preparation, "look", lambda: go_on.wait(60.0))
+    b.node.warm_up()
+    b.wait(lambda: b.status().get("warm") == "true")
+    assert not go_on.is_set()
+    go_on.set()
 
 
 def test_a_run_waits_for_compilation_and_its_time_does_not_count(bench):

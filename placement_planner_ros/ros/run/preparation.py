@@ -215,6 +215,27 @@ class Preparation:
             return None
         return build.environment
 
+    def look(self) -> bool:
+        """Prepare for the inputs of now, in this thread, where they are others than last time.
+
+        Returns:
+            Whether none are missing.
+        """
+        try:
+            state, take_snapshot = self._inputs()
+            if state == self._seen:
+                return True
+            snapshot = take_snapshot()
+            if snapshot is None:
+                return False
+            self._seen = state
+            self.ahead(snapshot)
+        except Exception as error:
+            # Whatever is raised: a run that comes meets the same, and tells it; what comes after
+            # that run must find its environment ready again.
+            self._on_error(error)
+        return True
+
     def ahead(self, snapshot: Snapshot) -> None:
         """Prepare for a run that may come, in this thread; its errors are left to that run."""
         surroundings = Surroundings.of(snapshot, self._before())
@@ -273,23 +294,9 @@ class Preparation:
         rest = LOOK
         while not self._closed.wait(rest):
             began = time.thread_time()
-            try:
-                if self._idle():
-                    self._look()
-            except Exception as error:
-                # The thread's outermost frame: a run that comes meets the same, and tells it; what
-                # comes after that run must find its environment ready again.
-                self._on_error(error)
+            if self._idle():
+                self.look()
             rest = max(LOOK, (time.thread_time() - began) * (1.0 / SHARE - 1.0))
-
-    def _look(self) -> None:
-        state, take_snapshot = self._inputs()
-        if state == self._seen:
-            return
-        snapshot = take_snapshot()
-        if snapshot is not None:
-            self._seen = state
-            self.ahead(snapshot)
 
 
 def _rehearse(snapshot: Snapshot, environment: Environment) -> None:

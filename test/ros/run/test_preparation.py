@@ -303,11 +303,11 @@ def test_nothing_is_done_while_nothing_changes(snapshot):
         return tuple(state), lambda: taken.append(1) or snapshot
 
     preparing = preparation(inputs)
-    preparing._look()
-    preparing._look()
+    preparing.look()
+    preparing.look()
     assert len(taken) == 1
     state.append(2)
-    preparing._look()
+    preparing.look()
     assert len(taken) == 2
 
 
