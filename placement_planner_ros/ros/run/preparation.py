@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
 
-import numpy as np
-
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.boxes import box_arrays
-from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.grasp.usable import lay_out_holdings
-from placement_planner_ros.core.planner import PlacementPlanner
-from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.stopping import StoppedError, step, stoppable
@@ -149,7 +145,7 @@ class Preparation:
         self._order: _Order | None = None
         self._runs = 0
         self._seen: object = None
-        self._rehearsed: tuple[Robot, Body] | None = None
+        self._laid_out: tuple[Robot, Body] | None = None
         self._closed = threading.Event()
         self._ahead = threading.Thread(target=self._look_ahead, name="preparation", daemon=True)
 
@@ -198,13 +194,8 @@ class Preparation:
 
     def _wait(self, order: _Order, snapshot: Snapshot) -> None:
         """Until the environment is made; meanwhile make what depends on robot and object alone."""
-        wanted = snapshot.robot, snapshot.body
-        if not order.ended.wait(_PATIENCE) and self._rehearsed != wanted:
-            settings = snapshot.parameters.planner_settings.grasp
-            lay_out_holdings(
-                snapshot.robot, snapshot.arms, snapshot.q_start, snapshot.body, settings
-            )
-            self._rehearsed = wanted
+        if not order.ended.wait(_PATIENCE):
+            self._lay_out(snapshot)
         while not order.ended.wait(_PATIENCE):
             step("making the environment of the clouds")
 
@@ -245,14 +236,18 @@ class Preparation:
             build, new = self._build(surroundings)
         if new:
             build.work(self._calls.give_way)
+        with contextlib.suppress(StoppedError), stoppable(self._unwanted):
+            self._lay_out(snapshot)
+
+    def _lay_out(self, snapshot: Snapshot) -> None:
+        """Make what depends on robot and object alone, where they are others than last time."""
         wanted = snapshot.robot, snapshot.body
-        if build.made and self._rehearsed != wanted:
-            self._rehearsed = wanted
-            try:
-                with stoppable(self._unwanted):
-                    _rehearse(snapshot, build.environment)
-            except StoppedError:
-                self._rehearsed = None
+        if self._laid_out != wanted:
+            settings = snapshot.parameters.planner_settings.grasp
+            lay_out_holdings(
+                snapshot.robot, snapshot.arms, snapshot.q_start, snapshot.body, settings
+            )
+            self._laid_out = wanted
 
     def _fulfil(self, snapshot: Snapshot, order: _Order) -> None:
         """Make a run's environment, or wait for it where it is being made."""
@@ -297,20 +292,3 @@ class Preparation:
             if self._idle():
                 self.look()
             rest = max(LOOK, (time.thread_time() - began) * (1.0 / SHARE - 1.0))
-
-
-def _rehearse(snapshot: Snapshot, environment: Environment) -> None:
-    """Make a planner once: fills the caches that depend on robot and object alone."""
-    problem = Problem(
-        snapshot.robot,
-        snapshot.arms,
-        snapshot.q_start,
-        snapshot.body,
-        environment.volume,
-        environment,
-    )
-    settings = snapshot.parameters.planner_settings
-    try:
-        PlacementPlanner(problem, lambda _: 0.0, settings, np.random.default_rng(0))
-    except PlacementPlannerError:
-        return
