@@ -1,6 +1,7 @@
 """The checker accepts a right solution, made by hand, and refuses each kind of wrong one."""
 
 import ast
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -435,6 +436,13 @@ def test_a_mesh_that_is_not_convex_is_what_its_triangles_show(ell, at, half, wor
     found = world.sweep(np.zeros((3, 1)), np.zeros(3), np.inf, set(), TOLERANCES)
     assert bool(found) is bool(words)
     assert all(each.startswith("margin: ell is") for each in found)
+
+
+def test_meshes_beside_the_urdf_are_found(ell):
+    (file,) = re.findall('filename="(.*)"', ell)
+    beside = ell.replace(file, Path(file).name)
+    (pieces,) = RobotModel.read(beside, "", {"": Path(file).parent}).pieces.values()
+    assert len(pieces) == 1
 
 
 def test_the_object_is_what_its_triangles_are():

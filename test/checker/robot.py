@@ -31,6 +31,7 @@ class RobotModel:
 
     @classmethod
     def read(cls, urdf: str, srdf: str, package_dirs: Mapping[str, str | Path]) -> RobotModel:
+        """Meshes are in packages by name, or relative to the folder that `""` names."""
         root = ElementTree.fromstring(urdf)
         mimics = {}
         for joint in root.iter("joint"):
@@ -59,6 +60,8 @@ class RobotModel:
             file = str(mesh.get("filename"))
             for package, folder in package_dirs.items():
                 file = file.replace(f"package://{package}/", f"{folder}/")
+            if "://" not in file:
+                file = str(Path(package_dirs.get("", "")) / file)
             mesh.set("filename", file)
         text = ElementTree.tostring(root, encoding="unicode")
         model = pin.buildModelFromXML(text)

@@ -67,7 +67,8 @@ class Task:
         volume_lower, volume_upper: (3,) corners of V, or (k, 3) of the boxes whose union it is.
         object_vertices, object_triangles, center_of_mass: the object in its own frame: each of its
             connected components the solid that its triangles close, or a sheet.
-        urdf, srdf: texts; `package://<name>/` leads to package_dirs[name].
+        urdf, srdf: texts; `package://<name>/` leads to package_dirs[name], a file's name without
+            a folder to begin from to package_dirs[""], the URDF's own.
         q_start: joint name -> value of every joint that mimics no other.
         objective: `maximize_clearance`, `minimize_clearance`, or anything else for "do not check".
         measured: (2, n, 3) lower and upper corners of the boxes that hold what was measured; None

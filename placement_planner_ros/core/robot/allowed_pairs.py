@@ -12,6 +12,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from placement_planner_ros.core.errors import RobotError
+from placement_planner_ros.core.nearest import nearest
 from placement_planner_ros.core.robot.description import Description, read_xml
 from placement_planner_ros.core.robot.geometry import LinkCover
 from placement_planner_ros.core.robot.overlap import Overlaps
@@ -120,12 +121,16 @@ def read_srdf(text: str, links: tuple[str, ...]) -> tuple[frozenset[Pair], tuple
     unknown = sorted((silent | {link for p in given for link in p}) - set(links))
     disabled = {pair(a, b) for a in silent.intersection(links) for b in links}
     disabled = (disabled - pairs("enable_collisions")) | given
-    warnings = [
-        f"the SRDF names link {link!r}, which the URDF has not" for link in unknown[:_NAMED]
-    ]
+    warnings = [_unknown(link, links) for link in unknown[:_NAMED]]
     if len(unknown) > _NAMED:
         warnings.append(f"the SRDF names {len(unknown) - _NAMED} more that the URDF has not")
     return frozenset(p for p in disabled if set(p) <= set(links)), tuple(warnings)
+
+
+def _unknown(link: str, links: tuple[str, ...]) -> str:
+    meant = nearest(link, links)
+    words = "" if meant is None else f"; the nearest is {meant}"
+    return f"the SRDF names link {link!r}, which the URDF has not{words}"
 
 
 def derive(

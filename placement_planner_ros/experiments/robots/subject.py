@@ -12,7 +12,8 @@ import numpy as np
 import pinocchio as pin
 import yaml
 
-from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.errors import ObjectError, ParameterError
+from placement_planner_ros.core.meshes.read import read_mesh
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.types import Array, TargetVolume
 
@@ -56,23 +57,24 @@ def read_subject(file: Path, package_dirs: Sequence[Path] = (SHARE,)) -> Subject
         package_dirs: folders that hold packages, besides these.
 
     Raises:
-        ParameterError: the file does not name what it must, or a description is not there.
+        ParameterError: the file does not name what it must, or what it names is not there.
+        ObjectError: the object's file is no mesh.
         PlacementPlannerError: robot or arm are unusable.
     """
     tree = yaml.safe_load(file.read_text(encoding="utf-8"))
     try:
         values = tree["/**"]["ros__parameters"]
         package_dirs = (*package_dirs, *map(Path, values.get("package_paths") or ()))
-        urdf_file = _found(values["robot_description"], package_dirs)
+        urdf_file = _found("robot_description", values["robot_description"], package_dirs)
         semantic = values.get("robot_description_semantic")
-        srdf = _found(semantic, package_dirs).read_text(encoding="utf-8") if semantic else ""
+        srdf_file = semantic and _found("robot_description_semantic", semantic, package_dirs)
+        srdf = srdf_file.read_text(encoding="utf-8") if srdf_file else ""
         urdf = urdf_file.read_text(encoding="utf-8")
         folders = (*package_dirs, urdf_file.parent, *_above(urdf_file, urdf))
         robot = Robot.from_urdf(urdf, folders, srdf or None)
         arms = tuple(_arm(robot, name, values[name]) for name in values["arms"])
         start = tree.get("placement_scene", {}).get("ros__parameters", {}).get("start", {})
-        vertices = np.array(values["object"]["vertices"], dtype=np.float64).reshape(-1, 3)
-        triangles = np.array(values["object"]["triangles"], dtype=np.int64).reshape(-1, 3)
+        vertices, triangles = _object(values["object"], package_dirs)
     except (KeyError, TypeError) as error:
         raise ParameterError("file", str(file), f"it does not give {error}") from error
     at_rest = np.clip(np.zeros(len(robot.joint_names)), robot.lower, robot.upper)
@@ -114,7 +116,21 @@ def _above(urdf_file: Path, urdf: str) -> list[Path]:
     return [folder for folder in above if any((folder / name).is_dir() for name in names)]
 
 
-def _found(name: str, package_dirs: Sequence[Path]) -> Path:
+def _object(values: Mapping[str, Any], package_dirs: Sequence[Path]) -> tuple[Array, Any]:
+    """Vertices (n, 3) in metres and triangles (t, 3) of the object, as the node reads them."""
+    scale = float(values.get("scale", 1.0))
+    if "mesh" not in values:
+        vertices = np.array(values["vertices"], dtype=np.float64).reshape(-1, 3)
+        return scale * vertices, np.array(values["triangles"], dtype=np.int64).reshape(-1, 3)
+    file = _found("object.mesh", values["mesh"], package_dirs)
+    try:
+        vertices, triangles = read_mesh(file)
+    except Exception as error:  # whatever loaders raise at what they are given
+        raise ObjectError("object.mesh", str(file), f"it cannot be read: {error}") from error
+    return scale * vertices, triangles
+
+
+def _found(field: str, name: str, package_dirs: Sequence[Path]) -> Path:
     """The file of a path or a `package://` URI."""
     inside = name.removeprefix("package://")
     for path in [folder / inside for folder in package_dirs] if inside != name else [Path(name)]:
@@ -122,4 +138,4 @@ def _found(name: str, package_dirs: Sequence[Path]) -> Path:
             return path
     where = ", ".join(map(str, package_dirs))
     words = f"is in none of {where}: pip install example-robot-data, or give --packages"
-    raise ParameterError("robot_description", name, words)
+    raise ParameterError(field, name, words)

@@ -12,13 +12,13 @@ import pinocchio as pin
 
 from placement_planner_ros.core.body.settings import BodySettings
 from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError
+from placement_planner_ros.core.nearest import nearest
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.regions import RegionSettings
 from placement_planner_ros.core.settings import Settings
 from placement_planner_ros.core.types import TargetVolume
 from placement_planner_ros.ros.parameters.checks import poses_from_list
-from placement_planner_ros.ros.parameters.nearest import nearest
 from placement_planner_ros.ros.parameters.spec import Spec
 from placement_planner_ros.ros.parameters.table import (
     BODY,

@@ -303,6 +303,16 @@ def test_an_srdf_has_the_last_word():
     assert len(robot.geometry.collisionPairs) == 1
 
 
+def test_a_link_that_an_srdf_misspells_is_named_with_the_nearest():
+    parts = link("lift", STICK), link("base", STICK), joint("j", "base", "lift")
+    lines = srdf_line(("base", "lfit")) + srdf_line(("base", "zzz"))
+    robot = robot_of(*parts, srdf=f'<robot name="t">{lines}</robot>')
+    assert [words for words in robot.warnings if "SRDF names" in words] == [
+        "the SRDF names link 'lfit', which the URDF has not; the nearest is lift",
+        "the SRDF names link 'zzz', which the URDF has not",
+    ]
+
+
 def test_a_line_of_an_srdf_says_the_same():
     parts = [link("a", ("0.1 0.1 0.4", "0 0 0.1")), link("b", ("0.1 0.1 0.1", "0 0 0"))]
     robot = robot_of(*parts, joint("j", "a", "b"))

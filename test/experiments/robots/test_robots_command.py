@@ -5,8 +5,9 @@ import re
 
 import numpy as np
 import pytest
+import trimesh
 
-from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.errors import ObjectError, ParameterError
 from placement_planner_ros.experiments.benchmark import main
 from placement_planner_ros.experiments.robots.command import RAW_FILE, markdown
 from placement_planner_ros.experiments.robots.measures import problem_of
@@ -63,6 +64,24 @@ def test_what_a_file_gives_is_read(given):
         read_subject(file, [packages / "elsewhere"])
     file.write_text("/**: {ros__parameters: {arms: [left]}}")
     with pytest.raises(ParameterError, match="robot_description"):
+        read_subject(file, [packages])
+
+
+def test_the_object_is_read_from_its_file(given):
+    file, packages = given
+    mesh = packages.parent / "box.stl"
+    trimesh.creation.box((60.0, 80.0, 100.0)).export(mesh)
+    listed = FILE.index("      vertices:"), FILE.index("placement_scene:")
+    lines = f"      mesh: {mesh}\n      scale: 0.001\n"
+    file.write_text(FILE[: listed[0]] + lines + FILE[listed[1] :])
+    subject = read_subject(file, [packages])
+    assert subject.triangles.shape == (12, 3)
+    np.testing.assert_allclose(np.ptp(subject.vertices, axis=0), (0.06, 0.08, 0.1), rtol=1e-5)
+    mesh.write_text("nothing")
+    with pytest.raises(ObjectError, match=r"box\.stl"):
+        read_subject(file, [packages])
+    mesh.unlink()
+    with pytest.raises(ParameterError, match=r"object\.mesh"):
         read_subject(file, [packages])
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import yaml
 
 from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError
-from placement_planner_ros.ros.parameters.nearest import nearest
+from placement_planner_ros.core.nearest import nearest
 from placement_planner_ros.ros.parameters.spec import Spec
 from placement_planner_ros.ros.parameters.table import (
     arm_specs,

@@ -13,12 +13,12 @@ import pinocchio as pin
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError
+from placement_planner_ros.core.nearest import nearest
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.object_input import ObjectInput
 from placement_planner_ros.ros.inputs.resources import Files
 from placement_planner_ros.ros.inputs.robot_input import RobotInput, UnplacedError, make_arm
-from placement_planner_ros.ros.parameters.nearest import nearest
 from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.ros.run.start_checks import require_face, require_grasp, require_limits
 from placement_planner_ros.ros.tools.robot_check.findings import Findings

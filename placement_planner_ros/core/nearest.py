@@ -1,4 +1,4 @@
-"""What somebody may have meant by a name that no parameter has."""
+"""What somebody may have meant by a name that nothing has."""
 
 from __future__ import annotations
 

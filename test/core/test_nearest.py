@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from placement_planner_ros.ros.parameters.nearest import nearest
+from placement_planner_ros.core.nearest import nearest
 from placement_planner_ros.ros.parameters.table import arm_specs, fixed_specs
 
 NAMES = [spec.name for spec in [*fixed_specs(), *arm_specs("left", yumi=True)]]
