@@ -13,6 +13,7 @@ PACKAGE = "placement_planner_ros"
 # The rooms and loose files of core, each importing only from those before it.
 ORDER = [
     "core.errors",
+    "core.nearest",
     "core.settings",
     "core.boxes",
     "core.types",
