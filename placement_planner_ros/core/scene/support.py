@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.scene.grid import ObstacleSet
+from placement_planner_ros.core.scene.height_noise import height_noise
 from placement_planner_ros.core.scene.obstacle_arrays import ObstacleArrays
 from placement_planner_ros.core.scene.support_columns import (
     DEEP,
@@ -64,6 +65,7 @@ class SupportMap:
         radius: (s,) m, how far apart the points may be that surround what they support.
         first: (s + 1,) first of each surface's points, and their number.
         points: (k, 2) x and y of what was measured on the surfaces.
+        noise: of the points, standard deviation, m.
         trim: m, the outermost of many noisy points lies beyond the true edge by about so much.
         step: heights of one surface differ by no more from one column to the next, m.
         alone: (s,) m, what lies further than that from all points of a surface that ends is a gap.
@@ -84,6 +86,7 @@ class SupportMap:
     radius: Array
     first: npt.NDArray[np.int64]
     points: npt.NDArray[np.float32]
+    noise: float
     trim: float
     step: float
     alone: Array
@@ -135,6 +138,7 @@ class SupportMap:
             radius,
             first,
             points,
+            obstacles.noise,
             2.0 * obstacles.noise,
             step,
             np.full(len(height), np.inf),
@@ -164,6 +168,11 @@ class SupportMap:
         Asked for where more than a cell is to be kept from them, or they are weighed.
         """
         return np.asarray(find_ends(self._view, self.obstacles, self.step))
+
+    @cached_property
+    def height_noise(self) -> float:
+        """m by which noise makes heights of one surface differ."""
+        return height_noise(self.columns, self.start, self.height, self.noise)
 
     @cached_property
     def _view(self) -> Columns:

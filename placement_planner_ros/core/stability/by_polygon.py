@@ -17,8 +17,8 @@ from placement_planner_ros.core.stability.footing import Footing
 from placement_planner_ros.core.stability.one_plane import LEANS
 from placement_planner_ros.core.types import Array, Slope, upright
 
-_NOISY = 1.0
-"""Times the noise of the points that heights of what carries, maybe a thin bar, may differ by."""
+_FILLED = 0.5
+"""Share of the contact points below which what carries them in a noisy cloud may be thin bars."""
 TIPS = math.radians(5.0)
 """By so much, at least, an object can be tipped before it falls, from how it stands."""
 
@@ -100,18 +100,22 @@ class PolygonSupport:
         inward = self.faces[face].T_face_object.inverse()
         in_object = points @ inward.rotation[:, :2].T + inward.translation
         placed = in_object @ T[:, :3, :3].transpose(0, 2, 1) + T[:, None, :3, 3]
-        gaps = environment.support_of(slope).gaps(
+        support = environment.support_of(slope)
+        gaps = support.gaps(
             placed.reshape(-1, 3), self.footing.contact_tolerance, None if added else 0.0
-        )
+        ).reshape(len(T), -1)
+        noise = np.full(len(T), support.height_noise)
+        if added:  # thin bars are told by few points each
+            noise[np.isfinite(gaps).mean(axis=1) < _FILLED] = environment.measured.noise
         ups = T[:, 2, :3] @ inward.rotation
         return np.asarray(
             _firm(
                 points,
-                gaps.reshape(len(T), -1),
+                gaps,
                 np.ascontiguousarray(ups),
                 float(self.heights[face]),
                 self.footing.support_margin,
-                _NOISY * environment.measured.noise,
+                noise,
                 added,
             )
         )
@@ -141,7 +145,7 @@ def _firm(
     ups: Array,
     height: float,
     margin: float,
-    noise: float,
+    noise: Array,
     added: float,
 ) -> npt.NDArray[np.bool_]:
     """(n,) whether the supported points carry the object so that it stays.
@@ -152,14 +156,14 @@ def _firm(
         ups: (n, 3) against gravity, in the frame of the points.
         height: of the centre of mass above them, metres.
         margin: from the foot along gravity to the end of the hull, at least, metres.
-        noise: m that heights may be off by.
+        noise: (n,) m that heights may be off by.
         added: m that the hull may reach beyond what carries.
     """
     result = np.zeros(len(gaps), np.bool_)
     hull = np.empty(2 * len(points) + 2, np.int64)
     carries = np.empty(len(points), np.bool_)
     for n in range(len(gaps)):
-        if not _carrying(points, gaps[n], noise, carries):
+        if not _carrying(points, gaps[n], noise[n], carries):
             continue
         corners = _hull(points, carries, hull)
         if corners < 3:

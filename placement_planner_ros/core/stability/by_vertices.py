@@ -16,7 +16,7 @@ from placement_planner_ros.core.stability.rises import rises
 from placement_planner_ros.core.types import LEVEL, Array, Slope
 
 _RISES = 1.6
-"""Times the noise by which single surfaces under an object may be above the plane under it."""
+"""Times the noise of heights by which single surfaces under an object may be above their plane."""
 _LEVEL = 2e-4
 """m by which heights of one level surface may differ."""
 
@@ -45,10 +45,9 @@ class VertexSupport:
     def stable(self, T: Array, faces: npt.NDArray[np.int64], slope: Slope) -> npt.NDArray[np.bool_]:
         """(n,) s(x) of poses (n, 4, 4) on these faces (n,) and one slope."""
         points, first = _placed(self._corners, self._first, faces, np.ascontiguousarray(T))
-        gaps = self._environment.support_of(slope).gaps(
-            points, self.footing.contact_tolerance, self.footing.edge_margin, first
-        )
-        widths, above = in_one_plane(points, gaps, first, self._environment.measured.noise)
+        support = self._environment.support_of(slope)
+        gaps = support.gaps(points, self.footing.contact_tolerance, self.footing.edge_margin, first)
+        widths, above = in_one_plane(points, gaps, first, support.height_noise)
         stable = widths > 0.0
         rows = np.flatnonzero(stable)
         if len(rows):
@@ -86,7 +85,7 @@ class VertexSupport:
         if slope not in self._heights:
             self._heights[slope] = np.sort(support.height)
         low = above + 0.5 * LEANS * widths
-        low += _RISES * self._environment.measured.noise + _LEVEL
+        low += _RISES * support.height_noise + _LEVEL
         high = self.footing.contact_tolerance
         z = corners[:, 2] - corners[:, :2] @ np.array(slope)
         between = [np.searchsorted(self._heights[slope], z + up, "right") for up in (low, high)]

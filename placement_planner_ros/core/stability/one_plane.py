@@ -13,8 +13,7 @@ from placement_planner_ros.core.types import Array
 LEANS = 0.025
 """Of the surface under an object against its contact plane, at most; 1.4 degrees."""
 _NOISY = 0.4
-"""Times the noise of the points that heights at two ends of an object may differ by: surfaces lie
-where many points do, so that they are told much better than each of these."""
+"""Times the noise of heights that these may differ by at two ends of an object."""
 _ROCKS = 2.0 * math.sqrt(2.0)
 """Times the spread of heights about their plane, over the width, by which an object rocks: of four
 corners of a square one that is lower by d leaves d/2 of spread, and is d over the half diagonal."""
@@ -38,7 +37,7 @@ def in_one_plane(
         points: (k, 3) corners of all objects.
         gaps: (k,) m, how far the surface is above each; NaN where there is none.
         first: (n + 1,) first corner of each object, and k.
-        noise: standard deviation of the points, metres.
+        noise: m by which noise makes heights differ (`SupportMap.height_noise`).
 
     Returns:
         (n,) m across the corners where these are narrowest; 0 where no one plane carries them
