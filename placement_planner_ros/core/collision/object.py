@@ -174,6 +174,7 @@ class ObjectCollision:
             raised,
             self.settings.collision_margin + self.settings.approach_stray,
             self._beneath,
+            self._beneath if slope == LEVEL else math.inf,
             self.settings.contact_tolerance,
             answers,
         )

@@ -165,6 +165,7 @@ def _part_meets_boxes(
     closed: bool,
     margin: float,
     beneath: float,
+    under: float,
     tolerance: float,
 ) -> int:
     """A swept part, placed, against the boxes of all cells that the box around it touches.
@@ -199,7 +200,8 @@ def _part_meets_boxes(
                     scratch.bounds, part, corners, b, margin
                 ):
                     continue
-                if box[2] - corners[b, 5] >= beneath:
+                # parts of a cover may reach below the contact plane, the object does not
+                if box[2] - corners[b, 5] >= beneath or contact - tops[b] >= under:
                     continue
                 if part >= thing.solids and scratch.seen[b] == scratch.seen[-1]:
                     continue
@@ -236,6 +238,7 @@ def check_pose(
     raised: float,
     margin: float,
     beneath: float,
+    under: float,
     tolerance: float,
 ) -> int:
     """Whether the object keeps the margin from `raised` above the pose T (4, 4) down to it.
@@ -248,6 +251,7 @@ def check_pose(
             contact plane.
         margin: to be kept from what stands beside or above, metres.
         beneath: from what lies beneath it; infinite where that is as from all else.
+        under: the same from a level contact plane; infinite where it slopes.
         contact: boxes whose top is within `tolerance` of this height are support.
     """
     parts = thing.part_vertices.shape[0] - 1
@@ -271,6 +275,7 @@ def check_pose(
             raised == 0.0,
             margin,
             beneath,
+            under,
             tolerance,
         )
         if answer != FREE:
@@ -289,11 +294,22 @@ def check_poses(
     raised: Array,
     margin: float,
     beneath: float,
+    under: float,
     tolerance: float,
     answers: npt.NDArray[np.int64],
 ) -> None:
     """Poses (n, 4, 4) with contact planes of one slope and heights (n,) each; answers (n,)."""
     for i in range(poses.shape[0]):
         answers[i] = check_pose(
-            thing, boxes, tops, scratch, poses[i], contact[i], raised[i], margin, beneath, tolerance
+            thing,
+            boxes,
+            tops,
+            scratch,
+            poses[i],
+            contact[i],
+            raised[i],
+            margin,
+            beneath,
+            under,
+            tolerance,
         )

@@ -158,6 +158,19 @@ def test_what_lies_beneath_need_not_be_farther_by_what_is_strayed_sideways(cube)
         assert plain.free(standing(), 0.0, 0.05) == (free and below != 0.0031)
 
 
+def test_a_ring_overhangs_as_a_block_does():
+    """What covers a mesh reaches a little below the plane that it stands on; it itself does not."""
+    ring = trimesh.creation.annulus(r_min=0.035, r_max=0.05, height=0.015, sections=32)
+    body = Body.from_mesh(ring.vertices, ring.faces)
+    T = np.eye(4)
+    T[2, 3] = 0.0075
+    for below, free in ((0.003, True), (0.0029, False)):
+        obstacles = obstacles_of(TABLE - [0.0, 0.0, below])
+        settings = CollisionSettings(contact_tolerance=0.001)
+        overhanging = ObjectCollision(body, obstacles, settings, overhangs=True)
+        assert overhanging.free(T, 0.0, 0.05) == free
+
+
 def test_checks_the_way_down(cube):
     shelf = block((-0.1, -0.1, 0.15), (0.1, 0.1, 0.16))
     obstacles = obstacles_of(TABLE, shelf)
