@@ -13,7 +13,7 @@ from placement_planner_ros.core.types import Array
 
 _APART = 3
 """Columns between heights that share no points: these are moved to the plane of 27 cells."""
-_TIMES = 2.5
+_TIMES = 4.0
 """Standard deviations of heights that noise may make."""
 _NEAR = 6.0
 """Times the noise of the points by which heights of one surface differ at most."""
