@@ -16,18 +16,19 @@ from typing import Any
 
 import llvmlite.binding as llvm
 import numba
-from llvmlite.ir import IRBuilder, instructions
-from numba.core import cgutils, inline_closurecall, ir, postproc, types, utils
+from numba.core import inline_closurecall, ir, ir_utils, postproc, typed_passes, types, utils
 from numba.core.annotations.type_annotations import TypeAnnotation
 from numba.core.registry import cpu_target
-from numba.core.runtime.context import NRTContext
-from numba.np import arrayobj
+
+from placement_planner_ros.core.practice.less_code import LESS_CODE, replace
 
 _WRITTEN_FOR = "0.68."
 """How the versions of numba begin whose functions `SHORTCUTS` stand for."""
 _OPERATORS = frozenset(f for f in vars(operator).values() if callable(f))
 _PLAIN = (types.Number, types.Boolean, types.Array, types.UniTuple)
-"""Kinds of operands that decide alone which of numba's functions an operator is."""
+"""Kinds of operands that decide alone what one of numba's functions gives for them."""
+_NUMBER = "_hash_for_kernels"
+"""Where a type keeps its own."""
 
 
 def hasten() -> None:
@@ -41,29 +42,44 @@ def hasten() -> None:
             shortcut()
 
 
-def _replace(owner: Any, **by: Any) -> None:
-    """Put these in the place of numba's own of those names."""
-    for name, made in by.items():
-        setattr(owner, name, made)
-
-
-def _remember_operators() -> None:
-    """Look up once which function an operator is for operands of these types: a twentieth."""
-    context = cpu_target.typing_context
-    resolve = context.resolve_function_type
+def _remember_calls() -> None:
+    """Look up once what numba's own functions give for operands of these types: an eighth."""
+    owner = types.functions.BaseFunction
+    resolve = owner.get_call_type
     known: dict[tuple[Any, ...], Any] = {}
 
-    def resolved(function: Any, args: Any, kws: Any) -> Any:
-        plain = all(isinstance(given, _PLAIN) for given in args)
-        if not plain or kws or getattr(function, "typing_key", None) not in _OPERATORS:
-            return resolve(function, args, kws)
-        asked = (function.typing_key, *args)
-        found = known.get(asked) or resolve(function, args, kws)
-        if found is not None:
-            known[asked] = found
-        return found
+    def resolved(self: Any, context: Any, args: Any, kws: Any) -> Any:
+        if kws or not all(isinstance(given, _PLAIN) for given in args):
+            return resolve(self, context, args, kws)
+        asked = (self, *args)
+        if asked not in known:
+            known[asked] = resolve(self, context, args, kws)
+        return known[asked]
 
-    context.resolve_function_type = resolved
+    replace(owner, get_call_type=resolved)
+
+
+def _remember_types() -> None:
+    """Number each type once, and strip tuples of what they are known to hold once."""
+    number, strip = types.Type.__hash__, types.containers.BaseAnonymousTuple.__unliteral__
+    known: dict[Any, Any] = {}
+
+    def numbered(self: Any) -> int:
+        own: dict[str, Any] = vars(self)
+        if _NUMBER not in own:
+            own[_NUMBER] = number(self)
+        return int(own[_NUMBER])
+
+    def same(self: Any, other: Any) -> bool:
+        return self is other or (self.__class__ is other.__class__ and self.key == other.key)
+
+    def stripped(self: Any) -> Any:
+        if self not in known:
+            known[self] = strip(self)
+        return known[self]
+
+    replace(types.Type, __hash__=numbered, __eq__=same)
+    replace(types.containers.BaseAnonymousTuple, __unliteral__=stripped)
 
 
 def _remember_orders() -> None:
@@ -78,7 +94,7 @@ def _remember_orders() -> None:
             known[asked] = order(target, candidates, fnkey)
         return known[asked]
 
-    _replace(utils, order_by_target_specificity=ordered)
+    replace(utils, order_by_target_specificity=ordered)
 
 
 def _remember_bodies() -> None:
@@ -94,14 +110,14 @@ def _remember_bodies() -> None:
         self.flags.enable_ssa = enable_ssa  # as what reads it leaves them
         return known[asked]
 
-    _replace(worker, run_untyped_passes=body)
+    replace(worker, run_untyped_passes=body)
 
 
 def _refresh_seldom() -> None:
     """Look for new functions of numba's where modules were imported or something was registered,
     not before each function that is compiled and after each that is not found: a thirtieth."""
     for context in (cpu_target.typing_context, cpu_target.target_context):
-        _replace(context, refresh=_only_then(context))
+        replace(context, refresh=_only_then(context))
 
 
 def _only_then(context: Any) -> Callable[[], None]:
@@ -147,7 +163,22 @@ def _skip_what_lives() -> None:
         if emit_dels:
             self._insert_var_dels(extend_lifetimes=extend_lifetimes)
 
-    _replace(processor, run=run_briefly)
+    replace(processor, run=run_briefly)
+
+
+def _give_nothing_back() -> None:
+    """Leave out where each variable ends in kernels that count no references: a fiftieth."""
+    check = typed_passes.check_and_legalize_ir
+
+    def checked(func_ir: Any, flags: Any) -> None:
+        if flags.nrt or func_ir.is_generator:
+            check(func_ir, flags)
+            return
+        ir_utils.enforce_no_phis(func_ir)
+        ir_utils.enforce_no_dels(func_ir)
+        postproc.PostProcessor(func_ir).run()
+
+    replace(typed_passes, check_and_legalize_ir=checked)
 
 
 def _list_variables() -> None:
@@ -172,124 +203,30 @@ def _list_variables() -> None:
                 found += listed(self, part)
         return found
 
-    _replace(ir.Inst, _rec_list_vars=listed)
+    replace(ir.Inst, _rec_list_vars=listed)
 
 
 def _copy_no_places() -> None:
     """Leave places in files, which nobody changes, as they are where code is copied."""
-    _replace(ir.Loc, __deepcopy__=lambda self, _: self)
+    replace(ir.Loc, __deepcopy__=lambda self, _: self)
 
 
 def _tell_no_types() -> None:
     """Keep no listing of each kernel's lines with the types of what is in them."""
-    _replace(TypeAnnotation, __str__=lambda _: "")
-
-
-def _look_for_what_is_counted() -> None:
-    """Take those parts out of arrays and tuples that can hold a reference.
-
-    Numba takes out each number of each array in a tuple to find that it holds none, wherever one is
-    counted: an eighth of all it writes for LLVM.
-    """
-    known: dict[Any, bool] = {}
-
-    def is_counted(model: Any, models: Any, builder: Any) -> bool:
-        kind = model.fe_type
-        if kind not in known:
-            known[kind] = model.has_nrt_meminfo() or any(
-                is_counted(models[part], models, builder) for part, _ in model.traverse(builder)
-            )
-        return known[kind]
-
-    def counted(self: Any, builder: Any, kind: Any, value: Any) -> list[Any]:
-        models = self._context.data_model_manager
-        model = models[kind]
-        found = []
-        if model.has_nrt_meminfo():
-            found.append((kind, model.get_nrt_meminfo(builder, value)))
-        for part, taken_from in model.traverse(builder):
-            if is_counted(models[part], models, builder):
-                found += self.get_meminfos(builder, part, taken_from(value))
-        return found
-
-    _replace(NRTContext, get_meminfos=counted)
-
-
-def _take_what_was_put_in() -> None:
-    """Have LLVM not take a part out of a tuple that has just been put into it."""
-    take = IRBuilder.extract_value
-
-    def taken(self: Any, tuple_: Any, index: Any, name: str = "") -> Any:
-        if isinstance(index, int):
-            while type(tuple_) is instructions.InsertValue and len(tuple_.indices) == 1:
-                if tuple_.indices[0] == index:
-                    return tuple_.operands[1]
-                tuple_ = tuple_.operands[0]
-        return take(self, tuple_, index, name)
-
-    _replace(IRBuilder, extract_value=taken)
-
-
-def _index_values() -> None:
-    """Take shape and data for an index out of the array as it is, once.
-
-    Numba writes the array to memory and reads each number from there, twice.
-    """
-    make, put, index = (
-        cgutils._StructProxy.__init__,
-        cgutils._StructProxy.__setitem__,
-        arrayobj.basic_indexing,
-    )
-
-    def made(self: Any, context: Any, builder: Any, value: Any = None, ref: Any = None) -> None:
-        given = value if ref is None else None
-        if given is not None:  # nobody reads what is there before it
-            with builder.goto_entry_block():
-                ref = builder.alloca(given.type)
-        make(self, context, builder, value, ref)
-        self._given = given if self._value is self._outer_ref else None
-
-    def put_in(self: Any, position: Any, value: Any) -> None:
-        self._given = None
-        put(self, position, value)
-
-    @functools.wraps(index)
-    def indexed(context: Any, builder: Any, kind: Any, array: Any, *args: Any, **kws: Any) -> Any:
-        return index(context, builder, kind, _Read(array, builder), *args, **kws)
-
-    _replace(cgutils._StructProxy, __init__=made, __setitem__=put_in)
-    _replace(arrayobj, basic_indexing=indexed)
-
-
-class _Read:
-    """An array that is only read, while nobody writes to it."""
-
-    def __init__(self, array: Any, builder: Any) -> None:
-        self._array = array
-        self._builder = builder
-
-    def __getattr__(self, name: str) -> Any:
-        given = vars(self._array).get("_given")
-        if given is None or not isinstance(self._array, cgutils.ValueStructProxy):
-            found = getattr(self._array, name)
-        else:
-            position = self._array._datamodel.get_field_position(name)
-            found = self._builder.extract_value(given, position)
-        setattr(self, name, found)
-        return found
+    replace(TypeAnnotation, __str__=lambda _: "")
 
 
 SHORTCUTS = (
-    _remember_operators,
+    _remember_calls,
+    _remember_types,
     _remember_orders,
     _remember_bodies,
     _refresh_seldom,
     _skip_what_lives,
+    _give_nothing_back,
     _list_variables,
     _copy_no_places,
     _tell_no_types,
-    _look_for_what_is_counted,
-    _take_what_was_put_in,
-    _index_values,
+    *LESS_CODE,
 )
 """What is left out, one by one."""
