@@ -153,7 +153,7 @@ def test_what_the_node_lacks_is_waited_for_and_named(bench):
         assert "loading kernels" in raised.value.words
         assert "no recent joint states, clouds" in raised.value.words
         half = replace(planner.status, values={"warm_progress": "3 of 9 kernels compiled"})
-        assert half.lacking == "compiling kernels: 3 of 9 kernels compiled"
+        assert half.lacking == "3 of 9 kernels compiled"
         waiting = Doing(lambda: planner.wait_until_ready(60.0))
         b.node._warm.set()
         b.cloud()
