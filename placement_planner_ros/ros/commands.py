@@ -179,7 +179,8 @@ class Commands:
             return None
         if run.state is State.STOPPING:
             return answer("STOPPING", "the last run has not ended yet", run=run.number)
-        return answer("ALREADY_RUNNING", f"state {run.state}", run=run.number)
+        words = f"run {run.number} is {run.state}: wait for its end, or stop it (~/stop_with)"
+        return answer("ALREADY_RUNNING", words, run=run.number)
 
     def _confirm(self, run: Run, solution: int, measured: pin.SE3 | None) -> Answer:
         """With the lock held."""
