@@ -10,6 +10,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 ENDED = frozenset({"stopped", "time_limit", "exhausted", "robot_moved", "failed"})
 """States of a run that is over."""
+SEARCHING = "searching"
 STOPPING = "stopping"
 ROBOT_MOVED = "robot_moved"
 

@@ -207,7 +207,11 @@ def _stop(run: Run | None) -> Answer:
 
 
 def _wrong(run: Run | None, wanted: int) -> Answer:
-    known = "no run was started" if run is None else f"the last run is {run.number}"
+    known = (
+        "this node has begun no run; was it restarted since that run was?"
+        if run is None
+        else f"the last run is {run.number}"
+    )
     return answer("WRONG_RUN", known, run=wanted)
 
 
