@@ -92,7 +92,7 @@ class Conversation:
         end = time.monotonic() + seconds
         while True:
             self._require_open()
-            status = self.hearing.status
+            status = None if self._silent() else self.hearing.status
             offered = self._calls.offered("start_with")
             if offered and status is not None and status.ready:
                 return status
@@ -233,8 +233,7 @@ class Conversation:
             gone_since = math.inf if self._calls.offered("stop_with") else min(gone_since, now)
             if now >= gone_since + GONE_AFTER:
                 raise self._no_node("stop_with", run)
-            searching = status is not None and of_run and status.state == SEARCHING
-            if searching and self.hearing.silent_for >= SILENT_FOR:
+            if of_run and self._silent():
                 words = self._unheard(f"no status of run {run} has come", SILENT_FOR)
                 raise PlacementError(NO_ANSWER, words, run)
             yield end
@@ -333,6 +332,12 @@ class Conversation:
                 yield from self._leave_beginning(future, isinstance(error, GeneratorExit))
             raise
         return Answer.of(future.result())
+
+    def _silent(self) -> bool:
+        """Whether a node that was searching has said nothing for so long that it is dead."""
+        status = self.hearing.status
+        searching = status is not None and status.state == SEARCHING
+        return searching and self.hearing.silent_for >= SILENT_FOR
 
     def _hear(self, what: Callable[[], T | None], lacking: str) -> Steps[T]:
         """What is published beside an answer, once it has come."""

@@ -163,6 +163,8 @@ def test_a_node_that_falls_silent_while_it_searches_is_said(fed, planner, monkey
     fed.node._reporter._closed = True
     assert placing.error.code == "NO_ANSWER"
     assert "no status of run" in placing.error.words
+    with pytest.raises(PlacementError, match="status has not come"):
+        planner.wait_until_ready(0.1)
 
 
 @pytest.mark.parametrize("deadline", ["5", -1.0, math.nan, True])
