@@ -64,7 +64,11 @@ $(BIN)/python:
 	@$(PYTHON) -c 'import ensurepip, venv' || \
 	  { echo "The venv module is missing: apt install python3-venv" >&2; exit 1; }
 	@echo "making the virtual environment $(VENV)"
-	@$(PYTHON) -m venv $(VENV)
+	@trap 'echo "interrupted; run make again to go on" >&2; exit 130' INT; \
+	  $(PYTHON) -c 'import runpy, signal; signal.signal(signal.SIGINT, signal.SIG_DFL); \
+	  runpy.run_module("venv", run_name="__main__", alter_sys=True)' $(VENV) || \
+	  { echo "$(VENV) cannot be made. What to try: make room on the disk (some 2 GB are needed), or name a" \
+	  "folder that can be written: make VENV=... demo" >&2; exit 1; }
 
 # setuptools is pinned first: colcon needs one older than pip would take.
 $(VENV)/.setuptools: constraints.txt | $(BIN)/python

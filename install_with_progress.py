@@ -52,6 +52,7 @@ class Pip:
         self._log = log
         self._collected: set[str] = set()
         self._wanted: list[str] = []
+        self._unpacked = 0
         self._doing = "looks what there is to do"
 
     def hear(self, line: str) -> None:
@@ -74,8 +75,10 @@ class Pip:
     def progress(self, installed: int) -> str:
         """How far it is, where `installed` packages are there that were not before."""
         if self._wanted:
-            return f"unpacks: {min(installed, len(self._wanted))} of {len(self._wanted)} packages"
-        count = f"; {len(self._collected)} packages so far" if self._collected else ""
+            # One that takes the place of another is not one more in the end.
+            self._unpacked = max(self._unpacked, min(installed, len(self._wanted)))
+            return f"unpacks: {self._unpacked} of {_packages(len(self._wanted))}"
+        count = f"; {_packages(len(self._collected))} so far" if self._collected else ""
         return f"{self._doing}{count}"
 
     def remedy(self) -> str:
@@ -150,6 +153,10 @@ def _read(process: subprocess.Popen[str], pip: Pip, file) -> None:
             file.write(line)
             file.flush()
         pip.hear(line)
+
+
+def _packages(number: int) -> str:
+    return "1 package" if number == 1 else f"{number} packages"
 
 
 def _installed(python: str) -> int:

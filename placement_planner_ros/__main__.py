@@ -72,7 +72,9 @@ def _start(program: str, module: str, remedy: str, until_signal: bool = False) -
 def placement_planner() -> Any:
     """The node; or, with `--compile`, what makes it start quickly."""
     if "--compile" in sys.argv[1:]:
-        return import_module(f"{PACKAGE}.compile").main()
+        with ended_while_loading():
+            compile_all = import_module(f"{PACKAGE}.compile").main
+        return compile_all()
     if _asks_for_help():
         return print(_NODE_HELP)
     return _start("placement_planner", "ros.node", ROS_REMEDY, until_signal=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import signal
 import sys
 import time
 from importlib import import_module
@@ -16,6 +17,12 @@ from placement_planner_ros.progress import ProgressLine
 
 _WIDTH = 30
 """Characters of the bar."""
+_INTERRUPTED = 130
+_REMEDY = (
+    "  what to try: make room there, or name a folder that can be written in XDG_CACHE_HOME, and "
+    "run placement_planner --compile again; until then each start of the node compiles what is "
+    "missing"
+)
 
 
 class _Bar:
@@ -37,15 +44,33 @@ class _Bar:
 
 def main() -> int:
     """Compile; 0 where all kernels are on disk."""
-    began = time.monotonic()
+    # As an exception, so that the processes that compile are ended too.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     bar = _Bar()
-    print("compiling the planner's kernels, once per installation and machine", flush=True)
     try:
-        compile_kernels(bar.show)
+        return _compile(bar)
     except CompilationError as error:
         bar.end()
-        print(f"they are compiled as they are needed, for: {error}", file=sys.stderr)
+        print(f"not all kernels are compiled and kept: {error}\n{_REMEDY}", file=sys.stderr)
         return 1
+    except KeyboardInterrupt:
+        bar.end()
+        print(
+            "interrupted; what is compiled is kept, placement_planner --compile goes on from there",
+            file=sys.stderr,
+        )
+        return _INTERRUPTED
+
+
+def _compile(bar: _Bar) -> int:
+    """Compile with that bar; 0.
+
+    Raises:
+        CompilationError: it failed, or nothing can be kept.
+    """
+    began = time.monotonic()
+    print("compiling the planner's kernels, once per installation and machine", flush=True)
+    compile_kernels(bar.show)
     bar.end()
     with contextlib.suppress(ModuleNotFoundError):  # no ROS here
         import_module(f"{__package__}.ros.run.loading").load_input_kernels()

@@ -28,11 +28,12 @@ def pip(module, tmp_path):
 def test_it_says_what_pip_does(pip):
     pip.hear("Collecting numba<0.70,>=0.60\n")
     pip.hear("  Downloading numba-0.62.1-cp311-manylinux.whl (3.8 MB)\n".strip())
-    assert pip.progress(0) == "fetches numba, 3.8 MB; 1 packages so far"
+    assert pip.progress(0) == "fetches numba, 3.8 MB; 1 package so far"
     pip.hear("Installing collected packages: pytz, numpy, numba\n")
     assert pip.progress(2) == "unpacks: 2 of 3 packages"
     pip.hear("\n")
     assert pip.progress(7) == "unpacks: 3 of 3 packages"
+    assert pip.progress(1) == "unpacks: 3 of 3 packages"  # it never goes back
 
 
 @pytest.mark.parametrize(

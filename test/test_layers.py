@@ -62,6 +62,7 @@ ROS_ORDER = [
     "ros.spinning",
     "ros.process",
     "ros.log",
+    "ros.namesakes",
     "ros.parameters",
     "ros.inputs",
     "ros.run",

@@ -60,6 +60,7 @@ class PlacementClient(Connection):
         Raises:
             PlacementError: there is none, with the node's code and words, such as NO_CLOUD and
                 BAD_VOLUME of a refused start, NO_SOLUTION and OUT_OF_REACH of a search.
+            ValueError: the deadline is no time to come.
         """
         return self._finish(self._conversation.place(parameters or {}, deadline, until))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import itertools
 import os
 import threading
@@ -71,6 +72,9 @@ class Connection:
         used = self._own.node if self._own is not None else node
         assert used is not None
         self._conversation = Conversation(used, planner)
+        self._closed = False
+        if self._own is not None:  # whose thread, spinning as Python ends, would end it by a signal
+            atexit.register(self.close)
 
     @property
     def status(self) -> Status | None:
@@ -103,7 +107,13 @@ class Connection:
         self._conversation.withdraw()
 
     def close(self) -> None:
-        """Withdraw, and let go of the node."""
+        """Withdraw, and let go of the node. Where the client has a node of its own this is done as
+        Python ends, too.
+        """
+        atexit.unregister(self.close)
+        if self._closed:
+            return
+        self._closed = True
         self.withdraw()
         finish(self._conversation.settle(), self._conversation.news)
         self._conversation.close()

@@ -22,7 +22,7 @@ from placement_planner_ros.client.calls import Calls, Value
 from placement_planner_ros.client.errors import NO_ANSWER, NO_NODE, WITHDRAWN, PlacementError
 from placement_planner_ros.client.hearing import Hearing
 from placement_planner_ros.client.solution import Solution
-from placement_planner_ros.client.status import ROBOT_MOVED, STOPPING, Status
+from placement_planner_ros.client.status import ROBOT_MOVED, SEARCHING, STOPPING, Status
 from placement_planner_ros.client.waiting import News, Steps, T
 
 Enough = Callable[[Solution], bool | None]
@@ -41,6 +41,10 @@ RETRIED_AFTER = 0.1
 
 GONE_AFTER = 2.0
 """Seconds without the node's services after which it counts as gone."""
+
+SILENT_FOR = 10.0
+"""Seconds without a status, of which a node that searches sends two a second, after which it
+counts as dead: its services are seen for longer than that where it was killed."""
 
 LEFT_WITHIN = ANSWER_WITHIN
 """Seconds within which a run that is left must be known to be stopped; after that it is stopped as
@@ -88,7 +92,7 @@ class Conversation:
         end = time.monotonic() + seconds
         while True:
             self._require_open()
-            status = self.hearing.status
+            status = None if self._silent() else self.hearing.status
             offered = self._calls.offered("start_with")
             if offered and status is not None and status.ready:
                 return status
@@ -178,6 +182,7 @@ class Conversation:
     def _place(
         self, parameters: Mapping[str, Value], deadline: float, until: Enough | None
     ) -> Steps[Solution]:
+        _require_seconds(deadline)
         end, withdrawals = time.monotonic() + deadline, self._withdrawals
         limit = deadline if math.isfinite(deadline) else 0.0
         while True:
@@ -186,7 +191,8 @@ class Conversation:
             try:
                 yield from self._search(run, end, until, withdrawals)
             except BaseException as error:
-                yield from self._leave(run, isinstance(error, GeneratorExit))
+                dead = isinstance(error, PlacementError) and error.code == NO_ANSWER
+                yield from self._leave(run, dead or isinstance(error, GeneratorExit))
                 raise
             try:
                 return (yield from self.stop(run))
@@ -227,6 +233,9 @@ class Conversation:
             gone_since = math.inf if self._calls.offered("stop_with") else min(gone_since, now)
             if now >= gone_since + GONE_AFTER:
                 raise self._no_node("stop_with", run)
+            if of_run and self._silent():
+                words = self._unheard(f"no status of run {run} has come", SILENT_FOR)
+                raise PlacementError(NO_ANSWER, words, run)
             yield end
 
     def _heed(self, withdrawals: int, run: int | None = None) -> None:
@@ -324,6 +333,12 @@ class Conversation:
             raise
         return Answer.of(future.result())
 
+    def _silent(self) -> bool:
+        """Whether a node that was searching has said nothing for so long that it is dead."""
+        status = self.hearing.status
+        searching = status is not None and status.state == SEARCHING
+        return searching and self.hearing.silent_for >= SILENT_FOR
+
     def _hear(self, what: Callable[[], T | None], lacking: str) -> Steps[T]:
         """What is published beside an answer, once it has come."""
         end = time.monotonic() + ANSWER_WITHIN
@@ -340,14 +355,23 @@ class Conversation:
         )
         return PlacementError(NO_NODE, words, run)
 
-    def _unheard(self, words: str) -> str:
+    def _unheard(self, words: str, within: float = ANSWER_WITHIN) -> str:
         """The words, and what may be the reason."""
         if self._node.executor is None:
             return f"{words}: nobody spins {self._node.get_fully_qualified_name()}"
         return (
-            f"{words} within {ANSWER_WITHIN:g} s; has the node died, or the machine too much to "
+            f"{words} within {within:g} s; has the node died, or the machine too much to "
             "do? Where a callback of this client's node waits, a MultiThreadedExecutor must spin it"
         )
+
+
+def _require_seconds(deadline: float) -> None:
+    """
+    Raises:
+        ValueError: it is no time to come.
+    """
+    if isinstance(deadline, str | bool) or not deadline >= 0.0:
+        raise ValueError(f"deadline = {deadline!r}: give seconds from now on, or math.inf for none")
 
 
 def _begun(started: Future) -> int | None:

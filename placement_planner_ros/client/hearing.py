@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import threading
+import time
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
@@ -41,6 +43,7 @@ class Hearing:
         self._lock = threading.Lock()
         self._news = news
         self._status: Status | None = None
+        self._status_at = -math.inf
         self._manifests: dict[tuple[int, int], tuple[Mapping[str, str], str, object]] = {}
         self._trajectories: dict[str, JointTrajectory] = {}
         self._retreats: dict[str, JointTrajectory] = {}
@@ -69,6 +72,11 @@ class Hearing:
     def status(self) -> Status | None:
         """The newest; None before the first."""
         return self._status
+
+    @property
+    def silent_for(self) -> float:
+        """Seconds since a status has come."""
+        return time.monotonic() - self._status_at
 
     def status_of(self, run: int) -> Status | None:
         """The newest where it is of that run, else None."""
@@ -132,6 +140,7 @@ class Hearing:
             self._keep(self._manifests, (run, number), manifest)
 
     def _take_status(self, message: DiagnosticStatus) -> None:
+        self._status_at = time.monotonic()
         self._status = Status.of(message)
         self._news.tell()
 

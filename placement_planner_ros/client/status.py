@@ -10,6 +10,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 ENDED = frozenset({"stopped", "time_limit", "exhausted", "robot_moved", "failed"})
 """States of a run that is over."""
+SEARCHING = "searching"
 STOPPING = "stopping"
 ROBOT_MOVED = "robot_moved"
 
@@ -91,8 +92,7 @@ class Status:
         """What the node waits for or works on before it can begin a run, in words."""
         lacking = []
         if self.warm not in ("true", "failed"):
-            progress = self.values.get("warm_progress", "")
-            lacking.append(f"compiling kernels: {progress}" if progress else "loading kernels")
+            lacking.append(self.values.get("warm_progress") or "loading kernels")
         lacking += [
             f"reading the {what}: {self.values.get(f'{what}_progress', '')}"
             for what, state in (("robot", self.robot), ("object", self.object))

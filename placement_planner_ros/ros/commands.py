@@ -179,7 +179,8 @@ class Commands:
             return None
         if run.state is State.STOPPING:
             return answer("STOPPING", "the last run has not ended yet", run=run.number)
-        return answer("ALREADY_RUNNING", f"state {run.state}", run=run.number)
+        words = f"run {run.number} is {run.state}: wait for its end, or stop it (~/stop_with)"
+        return answer("ALREADY_RUNNING", words, run=run.number)
 
     def _confirm(self, run: Run, solution: int, measured: pin.SE3 | None) -> Answer:
         """With the lock held."""
@@ -206,7 +207,11 @@ def _stop(run: Run | None) -> Answer:
 
 
 def _wrong(run: Run | None, wanted: int) -> Answer:
-    known = "no run was started" if run is None else f"the last run is {run.number}"
+    known = (
+        "this node has begun no run; was it restarted since that run was?"
+        if run is None
+        else f"the last run is {run.number}"
+    )
     return answer("WRONG_RUN", known, run=wanted)
 
 

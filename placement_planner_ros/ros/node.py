@@ -33,6 +33,7 @@ from placement_planner_ros.ros.inputs.resources import Files
 from placement_planner_ros.ros.inputs.robot_input import RobotInput, announced, make_arms
 from placement_planner_ros.ros.inputs.transforms import Transforms
 from placement_planner_ros.ros.log import PERIOD, Log
+from placement_planner_ros.ros.namesakes import Namesakes
 from placement_planner_ros.ros.outputs.announcer import Announcer
 from placement_planner_ros.ros.outputs.publishing import Outputs
 from placement_planner_ros.ros.outputs.reporting import Reporter
@@ -142,6 +143,7 @@ class PlacementPlannerNode(ParameterNode):
             _wait_for(each, asked or self._closed)
         serve(self, self._commands)
         answer_always(self, self._log)
+        Namesakes(self, self._log)
         self._log.event("ready: start and the other services are offered")
 
     def _preparing_failed(self, error: Exception) -> None:

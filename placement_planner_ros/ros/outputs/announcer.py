@@ -44,10 +44,11 @@ class Announcer:
 
     def placed(self, run: Run, placement: Placement) -> None:
         """A better placement."""
-        self._outputs.solution(run.number, run.solutions, placement, run.elapsed, run.snapshot)
+        elapsed = run.elapsed
+        self._outputs.solution(run.number, run.solutions, placement, elapsed, run.snapshot)
         self._reporter.placed(run, placement)
         self._log.event(
-            f"run {run.number}: solution {run.solutions} after {run.elapsed:.2f} s, objective "
+            f"run {run.number}: solution {run.solutions} after {elapsed:.2f} s, objective "
             f"{placement.objective:.4g}, arm {placement.goal.arm}"
         )
 

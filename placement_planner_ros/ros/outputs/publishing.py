@@ -166,9 +166,9 @@ class Outputs:
             } | {f"term.{name}": value for name, value in placement.terms}
             where = "{:.3f} {:.3f} {:.3f}".format(*placement.T_world_object.translation)
             words = (
-                f"solution {number}, found after {search_time:.2f} s: by arm {goal.arm} to "
-                f"{where} in {snapshot.frame}, objective {placement.objective:.4g}, "
-                f"{trajectory.duration:.1f} s of motion{_retreating(retreat)}{_terms(placement)}"
+                f"solution {number} after {search_time:.2f} s: arm {goal.arm}, to {where} in "
+                f"{snapshot.frame}, objective {placement.objective:.4g}, "
+                f"motion {trajectory.duration:.1f} s{_retreating(retreat)}{_terms(placement)}"
             )
             self._solution.publish(self._manifest(stamp, snapshot.frame, words, values))
             self._draw()
@@ -227,7 +227,7 @@ def _terms(placement: Placement) -> str:
 
 
 def _retreating(retreat: Trajectory | None) -> str:
-    return "" if retreat is None else f" and {retreat.duration:.1f} s of retreat"
+    return "" if retreat is None else f", retreat {retreat.duration:.1f} s"
 
 
 def tip_path(placement: Placement, snapshot: Snapshot) -> Array:

@@ -157,8 +157,15 @@ class ParameterServer:
             if self._check is not None:
                 self._check([p.name for p in mine], changed)
         except PlacementPlannerError as error:
+            self._keep_types(mine)
             return SetParametersResult(successful=False, reason=sayable(str(error)))
         return SetParametersResult(successful=True)
+
+    def _keep_types(self, refused: Sequence[Parameter]) -> None:
+        """Describe them by their own types again: rclpy takes that of any value, before it asks."""
+        for each in refused:
+            kind = self.current.specs[each.name].kind
+            self._node.describe_parameter(each.name).type = _TYPES[kind].value
 
     def _store(self, parameters: list[Parameter]) -> None:
         mine = [p for p in parameters if p.name in self.current.specs]

@@ -210,8 +210,9 @@ def _runs() -> list[Spec]:
         _own(
             "objective",
             "maximize_clearance",
-            "What to maximise: maximize_clearance, minimize_clearance, or the name of an entry "
-            "point in the group placement_planner_ros.objectives.",
+            "What to maximise: maximize_clearance, minimize_clearance, weighted (the sum of "
+            "objective_terms), or the name of an entry point in the group "
+            "placement_planner_ros.objectives.",
             choices=tuple(objective_names()),
         ),
         _own(

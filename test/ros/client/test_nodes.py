@@ -110,6 +110,22 @@ def test_asyncio_is_asked_for_where_it_is_missing(ros):
             begun.send(None)
 
 
+@pytest.mark.parametrize("closing", ["", "planner.close(); planner.close()"])
+def test_python_ends_well_whether_a_client_was_closed_or_not(closing):
+    lines = (
+        "from placement_planner_ros.client import PlacementClient, PlacementError",
+        "planner = PlacementClient()",
+        "try:",
+        "    planner.wait_until_ready(0.2)",
+        "except PlacementError as error:",
+        "    print(error.code)",
+        closing,
+    )
+    command = [sys.executable, "-c", "\n".join(lines)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "NO_NODE\n", "")
+
+
 def test_nothing_of_the_planner_is_loaded():
     told = (
         "import sys, placement_planner_ros.client; "
@@ -153,7 +169,7 @@ def test_what_the_node_lacks_is_waited_for_and_named(bench):
         assert "loading kernels" in raised.value.words
         assert "no recent joint states, clouds" in raised.value.words
         half = replace(planner.status, values={"warm_progress": "3 of 9 kernels compiled"})
-        assert half.lacking == "compiling kernels: 3 of 9 kernels compiled"
+        assert half.lacking == "3 of 9 kernels compiled"
         waiting = Doing(lambda: planner.wait_until_ready(60.0))
         b.node._warm.set()
         b.cloud()

@@ -10,7 +10,7 @@ import trimesh
 from fakes import FRAME
 from searches import Doing, ended, found, searching
 
-from placement_planner_ros.client import PlacementClient, PlacementError
+from placement_planner_ros.client import PlacementClient, PlacementError, conversation
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.errors import RobotError
 from placement_planner_ros.ros.run import worker
@@ -152,6 +152,25 @@ def test_a_node_that_goes_away_is_said(fed, planner):
     fed.sensors.close()
     fed.close()
     assert placing.error.code == "NO_NODE"
+
+
+def test_a_node_that_falls_silent_while_it_searches_is_said(fed, planner, monkeypatch):
+    """Killed, its services are seen for 20 s more."""
+    monkeypatch.setattr(conversation, "SILENT_FOR", 1.0)
+    placing = Doing(lambda: planner.place({}, math.inf))
+    searching(fed)
+    fed.wait(lambda: planner.status.state == "searching")
+    fed.node._reporter._closed = True
+    assert placing.error.code == "NO_ANSWER"
+    assert "no status of run" in placing.error.words
+    with pytest.raises(PlacementError, match="status has not come"):
+        planner.wait_until_ready(0.1)
+
+
+@pytest.mark.parametrize("deadline", ["5", -1.0, math.nan, True])
+def test_a_deadline_that_is_no_time_to_come_is_named(planner, deadline):
+    with pytest.raises(ValueError, match=f"deadline = {deadline!r}: give seconds"):
+        planner.place({}, deadline)
 
 
 def test_an_end_by_another_client_is_an_end(fed, planner):

@@ -4,6 +4,8 @@ import re
 
 from test_runs import ended, started
 
+SHOWN = 128
+"""Characters of a text that `ros2 topic echo` shows."""
 FOUND = 0.1 + 0.2
 """Whose shortest exact form has 17 digits."""
 
@@ -35,10 +37,11 @@ def test_a_solution_is_said_in_a_line(bench):
     b.wait(lambda: b.manifests() and b.manifests()[-1]["solution"] == "1")
     said = b.messages("solution")[-1].status[0].message
     assert re.fullmatch(
-        r"solution 1, found after \d+\.\d\d s: by arm left to (-?\d\.\d{3} ){3}in \w+, "
-        r"objective 0\.3, \d+\.\d s of motion",
+        r"solution 1 after \d+\.\d\d s: arm left, to (-?\d\.\d{3} ){3}in \w+, objective 0\.3, "
+        r"motion \d+\.\d s",
         said,
     )
+    assert len(f"{said}, retreat 10.5 s") < SHOWN - 5  # room for two digits more here and there
 
 
 def test_a_status_says_where_the_run_is_and_what_it_has_found(bench):

@@ -342,6 +342,16 @@ def test_descriptors_carry_text_unit_and_range(node):
     assert made.describe_parameter("seed").integer_range[0].to_value == 2**63 - 1
 
 
+def test_a_refused_value_leaves_the_type_that_is_described(node):
+    made = node()
+    ParameterServer(made)
+    # what `ros2 param set` makes of [0.5, 0, 0.1]
+    given = Parameter("target_volume", value="[0.5, 0, 0, 0.1, 1, 1]")
+    assert not made.set_parameters([given])[0].successful
+    kind = made.describe_parameter("target_volume").type
+    assert kind == ParameterType.PARAMETER_DOUBLE_ARRAY
+
+
 def test_listeners_hear_of_what_was_set(node):
     made = node()
     server = ParameterServer(made)

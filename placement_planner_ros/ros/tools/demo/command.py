@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import shlex
 import signal
 import sys
 import threading
@@ -28,6 +27,7 @@ from placement_planner_ros.client import PlacementClient
 from placement_planner_ros.progress import ProgressLine
 from placement_planner_ros.ros.process import begin_ros
 from placement_planner_ros.ros.spinning import spin_until
+from placement_planner_ros.ros.tools.demo.by_hand import by_hand
 from placement_planner_ros.ros.tools.demo.errors import DemoError
 from placement_planner_ros.ros.tools.demo.node_process import NodeProcess, node_arguments
 from placement_planner_ros.ros.tools.demo.results import (
@@ -176,10 +176,11 @@ def _demonstrate(options: argparse.Namespace, line: ProgressLine) -> None:
         print("look at:")
         for path, words in [*written, (log, "what the node said")]:
             print(f"  {path}   {words}")
-        if setting.scene_command and not options.tour:
-            print("the same by hand, in two terminals; docs/jazzy.md says what to call in a third:")
-            print(f"  {setting.scene_command}")
-            print(f"  placement_planner --ros-args {shlex.join(arguments)}", flush=True)
+        if setting.scene_arguments and not options.tour:
+            print(
+                "the same by hand, in three terminals; docs/jazzy.md has it in ROS's own commands:"
+            )
+            print("\n".join(f"  {each}" for each in by_hand(setting, arguments)), flush=True)
         if address:
             print(f"the page is there until Ctrl-C: {address}", flush=True)
             wait_until_interrupted()

@@ -77,12 +77,12 @@ def write_results(
         folder / name for name in ("placement.png", "motion.gif", "objective.png")
     )
     try:
-        line.show("  drawing the picture")
+        line.show("  drawing the picture", always=True)
         shown = StageSet(_motion(setting, best), setting.scene, setting.vertices, setting.triangles)
         draw_before_and_after(
             placement, shown, f"{setting.title}: {objective} {best.objective:.4f}"
         )
-        line.show("  drawing the animation")
+        line.show("  drawing the animation", always=True)
         draw_animation(motion, shown)
         draw_objective(
             plot,

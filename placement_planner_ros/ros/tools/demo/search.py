@@ -113,7 +113,7 @@ def search(
                 if first is None
                 else (
                     f"{now - first:4.0f} of {seconds:g} s  searching; "
-                    f"{len(found.improvements)} placements so far"
+                    f"{_placements(len(found.improvements))} so far"
                 )
             )
             line.show(f"  {shown}")
@@ -132,6 +132,10 @@ def search(
         _take(found, solution, line)
     line.say(f"stopped after {time.monotonic() - began:.1f} s: {best.words}")
     return Found(found.improvements, time.monotonic() - began)
+
+
+def _placements(number: int) -> str:
+    return "1 placement" if number == 1 else f"{number} placements"
 
 
 def _ended(planner: PlacementClient, run: int) -> bool:

@@ -49,7 +49,7 @@ class Setting:
         vertices, triangles: (n, 3) and (t, 3) of the object.
         file: of parameters, for the node.
         parameters: for the node, besides.
-        scene_command: what publishes the same for others; empty where nothing does.
+        scene_arguments: with which placement_scene publishes the same; empty where it cannot.
     """
 
     title: str
@@ -62,7 +62,7 @@ class Setting:
     triangles: npt.NDArray[np.int64]
     file: Path
     parameters: Mapping[str, object]
-    scene_command: str
+    scene_arguments: str
 
 
 def bundled(scene_name: str, object_name: str) -> Setting:
@@ -91,7 +91,7 @@ def bundled(scene_name: str, object_name: str) -> Setting:
         held.triangles,
         share_path("config", f"{object_name}.yaml"),
         parameters,
-        f"placement_scene --ros-args -p name:={scene_name} -p object:={object_name}",
+        f"--ros-args -p name:={scene_name} -p object:={object_name}",
     )
 
 

@@ -135,12 +135,15 @@ def describe_pairs(robot: Robot, findings: Findings) -> None:
         findings.say(f"{len(robot.allowed_pairs)}, as the SRDF says")
         return
     hidden = [each for each in robot.left_out if each.can_hide]
-    findings.say(f"{len(robot.left_out) - len(hidden)} of neighbours, and {len(hidden)} more, "
-                 "whose true collisions would not be noticed:")  # fmt: skip
+    neighbours = f"{len(robot.left_out) - len(hidden)} of neighbours"
+    if not hidden:
+        findings.say(f"{neighbours}, and no others")
+        return
+    findings.say(f"{neighbours}, and {len(hidden)} more, whose true collisions would not be "
+                 "noticed:")  # fmt: skip
     for each in hidden:
         findings.say(str(each), 2)
-    if hidden:
-        findings.say("an SRDF (--write-srdf FILE) says which of these to leave out")
+    findings.say("an SRDF (--write-srdf FILE) says which of these to leave out")
 
 
 def srdf_of(robot: Robot) -> str:
