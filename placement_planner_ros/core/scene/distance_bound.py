@@ -130,7 +130,7 @@ def _reached(
         for a in range(3):
             lowest[a] = min(lowest[a], boxes.cells[r, a])
             highest[a] = max(highest[a], boxes.cells[r, a])
-    nx, ny, nz = boxes.first_at.shape
+    nx, ny, nz = boxes.number_at.shape
     i = max(lowest[0] - steps, 0) // _TILE * _TILE
     j = max(lowest[1] - steps, 0) // _TILE * _TILE
     k = max(lowest[2] - steps, 0) // _TILE * _TILE
@@ -217,11 +217,11 @@ def _levels(
     i, j, k = first_cell
     beyond = np.float32((_EXACT * boxes.cell_size) ** 2)
     exact = np.full((5, ny, nz), beyond, np.float32)  # planes i - 2 .. i + 2, cyclic
-    levels = _all_at(boxes.first_at.shape, _level(farthest, np.float32(per_metre)))
+    levels = _all_at(boxes.number_at.shape, _level(farthest, np.float32(per_metre)))
     tile_i, tile_j, tile_k = i // _TILE, j // _TILE, k // _TILE
     tiles = (nz + _TILE - 1) // _TILE
     line = np.full(_TILE * tiles, _level(farthest, np.float32(per_metre)), np.uint8)
-    line[boxes.first_at.shape[2] - k :] = 0  # outside of the grid
+    line[boxes.number_at.shape[2] - k :] = 0  # outside of the grid
     fours, line_fours = levels.view(np.uint32), line.view(np.uint32)
     row = 0
     m = len(boxes.cells)
