@@ -53,7 +53,7 @@ def _sort_into_cells(
     upper: Array,
     number_at: npt.NDArray[np.int32],
 ) -> tuple[Array, npt.NDArray[np.int64], npt.NDArray[np.int32]]:
-    """A counting sort: the fields of `Bins`, of which `number_at` (nx, ny, nz), all 0, is filled."""
+    """A counting sort: the fields of `Bins`; `number_at` (nx, ny, nz), all 0, is filled."""
     nx, ny, nz = number_at.shape
     # How many points each cell holds; `cell_of` remembers which.
     n = len(points)
