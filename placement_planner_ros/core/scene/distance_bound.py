@@ -74,7 +74,13 @@ def distance_bound_field(obstacles: ObstacleSet, cap: float = 0.3) -> DistanceBo
     if not (math.isfinite(cap) and cap > 0.0):
         raise ParameterError("cap", cap, "give a finite length above 0 m")
     step = cap / _LEVELS
-    levels = _distance_bound(obstacles.arrays, cap, (1.0 - _ROUNDING) / step)
+    tiles = [-(-cells // _TILE) for cells in obstacles.shape]
+    steps = int(cap / obstacles.cell_size + 0.5) + 1
+    first_cell, reached = _reached(obstacles, steps)
+    # memory of numpy's takes less time to get than that of kernels
+    levels, values = np.empty((*tiles, _TILE**3), np.uint8), np.empty(reached, np.float32)
+    per_metre = (1.0 - _ROUNDING) / step
+    _distance_bound(obstacles.arrays, cap, per_metre, steps, first_cell, values, levels)
     levels.setflags(write=False)
     exact = int(min(_EXACT * obstacles.cell_size / step * (1.0 - 10.0 * _ROUNDING), _LEVELS - 1))
     return DistanceBound(
@@ -82,21 +88,39 @@ def distance_bound_field(obstacles: ObstacleSet, cap: float = 0.3) -> DistanceBo
     )
 
 
+def _reached(
+    obstacles: ObstacleSet, steps: int
+) -> tuple[tuple[int, int, int], tuple[int, int, int]]:
+    """First cell, of whole tiles, and number of the cells no more than `steps` from any box."""
+    if not len(obstacles):
+        return (0, 0, 0), (0, 0, 0)
+    along = obstacles.cells.T
+    first = [max(int(line.min()) - steps, 0) // _TILE * _TILE for line in along]
+    last = [
+        min(int(line.max()) + steps + 1, n) for line, n in zip(along, obstacles.shape, strict=True)
+    ]
+    size = [b - a for a, b in zip(first, last, strict=True)]
+    return (first[0], first[1], first[2]), (size[0], size[1], size[2])
+
+
 @kernel(nogil=True)
 def _distance_bound(
     boxes: ObstacleArrays,
     cap: float,
     per_metre: float,
-) -> Levels:
-    """The levels of the field: in z, then along y, then along x, then exact near the boxes.
+    steps: int,
+    first_cell: tuple[int, int, int],
+    values: Field,
+    levels: Levels,
+) -> None:
+    """Fill the levels of the field: in z, then along y, then along x, then exact near the boxes.
 
-    Made around the boxes only; further than the cap from all of them everything is at the cap.
+    Made around the boxes only, for the cells from the first on that `values` (nx, ny, nz) are room
+    for; further than the cap, `steps` cells, from all of them everything is at the cap.
     """
     cells, size = boxes.cells, boxes.cell_size
-    steps = int(cap / size + 0.5) + 1
-    first_cell, shape = _reached(boxes, steps)
-    nx, ny, nz = shape
-    values = np.full((nx, ny, nz), np.float32(cap * cap), np.float32)
+    nx, ny, nz = values.shape
+    values[:] = np.float32(cap * cap)
     column_used = np.zeros((nx, ny), np.bool_)
     plane_used = np.zeros(nx, np.bool_)
     # boxes of one column follow each other
@@ -122,30 +146,7 @@ def _distance_bound(
         for i in range(nx):
             slab[i] = values[i, j]
         _lower_lines(values[:, j], slab, plane_used, gaps, cap * cap)
-    return _levels(boxes, values, first_cell, np.float32(cap * cap), per_metre)
-
-
-@kernel()
-def _reached(
-    boxes: ObstacleArrays, steps: int
-) -> tuple[tuple[int, int, int], tuple[int, int, int]]:
-    """First cell, of whole tiles, and number of the cells no more than `steps` from any box."""
-    if len(boxes.cells) == 0:
-        return (0, 0, 0), (0, 0, 0)
-    lowest, highest = boxes.cells[0].copy(), boxes.cells[0].copy()
-    for r in range(len(boxes.cells)):
-        for a in range(3):
-            lowest[a] = min(lowest[a], boxes.cells[r, a])
-            highest[a] = max(highest[a], boxes.cells[r, a])
-    nx, ny, nz = boxes.number_at.shape
-    i = max(lowest[0] - steps, 0) // _TILE * _TILE
-    j = max(lowest[1] - steps, 0) // _TILE * _TILE
-    k = max(lowest[2] - steps, 0) // _TILE * _TILE
-    return (i, j, k), (
-        min(highest[0] + steps + 1, nx) - i,
-        min(highest[1] + steps + 1, ny) - j,
-        min(highest[2] + steps + 1, nz) - k,
-    )
+    _put_levels(boxes, values, first_cell, np.float32(cap * cap), per_metre, levels)
 
 
 @kernel(lean=True)
@@ -228,13 +229,14 @@ def _lower_by(target: Field, source: Field, gap: np.float32) -> None:
 
 
 @kernel(nogil=True)
-def _levels(
+def _put_levels(
     boxes: ObstacleArrays,
     squared: Field,
     first_cell: tuple[int, int, int],
     farthest: np.float32,
     per_metre: float,
-) -> Levels:
+    levels: Levels,
+) -> None:
     """The root of each squared distance in tiled levels, exact where all near boxes are known.
 
     Boxes of cells more than two away are at least 2.5 cells from the centre.
@@ -247,7 +249,7 @@ def _levels(
     beyond = np.float32((_EXACT * boxes.cell_size) ** 2)
     # planes i - 2 .. i + 2, cyclic, with two cells before each column and room for `_SCATTERED`
     exact = np.full((5, ny, nz + 2 + _SCATTERED), beyond, np.float32)
-    levels = _all_at(boxes.number_at.shape, _level(farthest, np.float32(per_metre)))
+    _fill_all(levels, boxes.number_at.shape, _level(farthest, np.float32(per_metre)))
     tile_i, tile_j, tile_k = i // _TILE, j // _TILE, k // _TILE
     tiles = (nz + _TILE - 1) // _TILE
     line = np.full(_TILE * tiles, _level(farthest, np.float32(per_metre)), np.uint8)
@@ -269,16 +271,13 @@ def _levels(
                 for tile in range(tiles):
                     column[tile_k + tile, 4 * (done % 4) + y % 4] = line_fours[tile]
             near[:] = beyond
-    return levels
 
 
-@kernel()
-def _all_at(shape: tuple[int, int, int], level: np.uint8) -> Levels:
+@kernel(lean=True)
+def _fill_all(levels: Levels, shape: tuple[int, int, int], level: np.uint8) -> None:
     """The tiles of a grid of that shape, all cells at one level; 0 outside of the shape."""
     nx, ny, nz = shape
-    levels = np.full(
-        ((nx + 3) // _TILE, (ny + 3) // _TILE, (nz + 3) // _TILE, _TILE**3), level, np.uint8
-    )
+    levels[:] = level
     last = (-nx) % _TILE, (-ny) % _TILE, (-nz) % _TILE  # cells missing in the last tiles
     for n in range(_TILE**3):
         if n // 16 >= _TILE - last[0]:
@@ -287,7 +286,6 @@ def _all_at(shape: tuple[int, int, int], level: np.uint8) -> Levels:
             levels[:, -1, :, n] = 0
         if n % 4 >= _TILE - last[2]:
             levels[:, :, -1, n] = 0
-    return levels
 
 
 @kernel(lean=True)
