@@ -129,8 +129,11 @@ class ClearanceField:
         values, gradients = self.mean_clearance_batch(np.asarray(T_world_object)[None], points)
         return float(values[0]), np.asarray(gradients[0])
 
-    def mean_clearance_batch(self, T_world_object: Array, points: Array) -> tuple[Array, Array]:
-        """(m,) and (m, 3): `mean_clearance` of the (m, 4, 4) poses.
+    def mean_clearance_batch(
+        self, T_world_object: Array, points: Array, slopes: bool = True
+    ) -> tuple[Array, Array]:
+        """(m,) and (m, 3): `mean_clearance` of the (m, 4, 4) poses; without `slopes` the latter are
+        0, which takes less time.
 
         A body is judged by the part of V that its middle is nearest to.
         """
@@ -143,12 +146,14 @@ class ClearanceField:
         reach = np.abs(T[:, :2, :3]) @ half
         if len(self._tables) == 1:
             table = self._tables[0].around((at - reach).min(axis=0), (at + reach).max(axis=0))
-            return mean_clearance(table, T, points)
+            return mean_clearance(table, T, points, slopes)
         values, gradients = np.empty(len(T)), np.empty((len(T), 3))
         for part, rows in self._shares(T[:, :3, :3] @ points.mean(axis=0) + T[:, :3, 3]):
             low, high = at[rows] - reach[rows], at[rows] + reach[rows]
             table = part.around(low.min(axis=0), high.max(axis=0))
-            values[rows], gradients[rows] = mean_clearance(table, _contiguous(T[rows]), points)
+            values[rows], gradients[rows] = mean_clearance(
+                table, _contiguous(T[rows]), points, slopes
+            )
         return values, gradients
 
     def _extent(self, points: Array) -> tuple[Array, Array]:
