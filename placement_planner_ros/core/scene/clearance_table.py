@@ -11,6 +11,8 @@ from placement_planner_ros.core.types import Array
 
 _BESIDE = 8
 """Lines further than what is asked for that are made with it."""
+_ROUNDING = 1e-6
+"""m."""
 
 Rectangle = tuple[int, int, int, int]
 """First line along x, first along y, and the lines behind the last."""
@@ -44,10 +46,16 @@ class ClearanceTable:
         self._values = np.empty((*shape, levels), np.float32)
         self._boxes, self._lines = boxes, lines
         self._filled: Rectangle = (0, 0, 0, 0)
+        self._surely = (np.inf, np.inf, -np.inf, -np.inf)
         seen = self._values.view()
         seen.setflags(write=False)
         origin.setflags(write=False)
         self._table = Table(seen, origin, lines.size, rise, lines.cap, lift)
+
+    def within(self, low_x: float, low_y: float, high_x: float, high_y: float) -> Table | None:
+        """The table where it surely is filled between those corners, told at once; else None."""
+        a, b, c, d = self._surely
+        return self._table if a <= low_x and b <= low_y and high_x <= c and high_y <= d else None
 
     def around(self, low: Array, high: Array) -> Table:
         """The table, filled for all points between corners (2,) or (3,), in x and y."""
@@ -89,3 +97,12 @@ class ClearanceTable:
             if part[0] < part[2] and part[1] < part[3]:
                 fill_levels(self._boxes, self._lines, self._table.rise, part, self._values)
         self._filled = (i0, j0, i1, j1)
+        x, y = (self._table.origin[:2] + _ROUNDING).tolist()
+        nx, ny, _ = self._values.shape
+        size = self._table.size
+        self._surely = (
+            x + i0 * size if i0 > 0 else -np.inf,
+            y + j0 * size if j0 > 0 else -np.inf,
+            x + (i1 - 1) * size - 2.0 * _ROUNDING if i1 < nx else np.inf,
+            y + (j1 - 1) * size - 2.0 * _ROUNDING if j1 < ny else np.inf,
+        )

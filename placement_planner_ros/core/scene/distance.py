@@ -93,7 +93,7 @@ class ClearanceField:
         aside = np.array([max(padding - _AT_ONCE, 0.0)] * 2)
         for table, part in zip(self._tables, parts, strict=True):
             table.around(part[0, :2] + aside, part[1, :2] - aside)
-        self._extents: dict[int, tuple[Array, Array, Array]] = {}
+        self._extents: dict[int, tuple[Array, Array, Array, float]] = {}
 
     @property
     def tables(self) -> tuple[Table, ...]:
@@ -140,8 +140,15 @@ class ClearanceField:
         T = _contiguous(T_world_object)
         if len(T) == 0 or len(points) == 0:
             return np.zeros(len(T)), np.zeros((len(T), 3))
-        middle, half = self._extent(points)
+        middle, half, radius = self._extent(points)
         points = _contiguous(points)
+        if len(self._tables) == 1:
+            x, y = T[:, 0, 3], T[:, 1, 3]
+            known = self._tables[0].within(
+                x.min() - radius, y.min() - radius, x.max() + radius, y.max() + radius
+            )
+            if known is not None:
+                return mean_clearance(known, T, points, slopes)
         at = T[:, :2, :3] @ middle + T[:, :2, 3]
         reach = np.abs(T[:, :2, :3]) @ half
         if len(self._tables) == 1:
@@ -156,16 +163,18 @@ class ClearanceField:
             )
         return values, gradients
 
-    def _extent(self, points: Array) -> tuple[Array, Array]:
-        """Middle (3,) of the box around points (n, 3), and half of its sides, a little more."""
+    def _extent(self, points: Array) -> tuple[Array, Array, float]:
+        """Middle (3,) of the box around points (n, 3), half of its sides, and how far they are from
+        the origin; a little more."""
         known = self._extents.get(id(points))
         if known is None or known[0] is not points:
             low, high = points.min(axis=0), points.max(axis=0)
-            known = points, 0.5 * (low + high), 0.5 * (high - low) + _ROUNDING
+            radius = float(np.linalg.norm(points, axis=1).max()) + _ROUNDING
+            known = points, 0.5 * (low + high), 0.5 * (high - low) + _ROUNDING, radius
             if len(self._extents) >= _BODIES:
                 self._extents.clear()
             self._extents[id(points)] = known
-        return known[1], known[2]
+        return known[1:]
 
     def _shares(self, points: Array) -> list[tuple[ClearanceTable, npt.NDArray[np.int64]]]:
         """Each table with those of the (n, 3) points that are nearest to it."""

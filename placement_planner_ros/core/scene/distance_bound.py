@@ -217,7 +217,7 @@ def _most_above(line: Field, other: Field, unit: np.float32) -> int:
     for k in range(len(line)):
         units = np.int32((other[k] - line[k]) / unit)
         most = units if units > most else most
-    return most
+    return int(most)
 
 
 @kernel(lean=True)
