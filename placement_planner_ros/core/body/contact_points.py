@@ -62,8 +62,16 @@ def touching(body: Body, face: PlacementFace) -> Array:
     found = _on_triangles(body.vertices[body.triangles[near]])
     found = found[plane - found @ face.normal <= body.flatness]
     T = face.T_face_object
-    points = np.unique((found @ T.rotation.T + T.translation)[:, :2], axis=0)
+    points = _distinct((found @ T.rotation.T + T.translation)[:, :2])
     return np.asarray(points[_thinned(points, SPACING, _MOST)])
+
+
+def _distinct(points: Array) -> Array:
+    """The rows of (n, 2) in order, each once: numpy's own takes several times as long."""
+    points = points[np.lexsort((points[:, 1], points[:, 0]))]
+    first = np.ones(len(points), np.bool_)
+    first[1:] = (points[1:] != points[:-1]).any(axis=1)
+    return np.asarray(points[first])
 
 
 def _room(points: Array, corners: Array, triangles: Index) -> Array:
@@ -119,7 +127,8 @@ def _thinned(points: Array, side: float, most: int) -> Index:
     outermost = (points @ np.stack([np.cos(angles), np.sin(angles)])).argmax(axis=0)
     while True:
         squares = np.floor((points - points.min(axis=0)) / side).astype(np.int64)
-        first = np.unique(squares, axis=0, return_index=True)[1]
+        number = squares[:, 0] * (squares[:, 1].max() + 1) + squares[:, 1]
+        first = np.unique(number, return_index=True)[1]
         if len(first) <= most:
             return np.unique(np.concatenate([first, outermost]))
         side *= _WIDER

@@ -189,7 +189,7 @@ def is_unseen(environment: Environment, box: int) -> bool:
     shift = np.round((obstacles.origin - measured.origin) / obstacles.cell_size).astype(np.int64)
     at = obstacles.cells[box] + shift  # its grid may reach farther than what was measured
     within = (at >= 0).all() and (at < measured.shape).all()
-    return not within or bool(measured.index[tuple(at)] < 0)
+    return not within or bool(measured.number_at[tuple(at)] == 0)
 
 
 def is_kept_out(environment: Environment, box: int) -> bool:

@@ -331,8 +331,8 @@ def column(obstacles: ObstacleSet, i: int, j: int) -> list[int]:
     nx, ny, _ = obstacles.shape
     rows: list[int] = []
     if 0 <= i < nx and 0 <= j < ny:
-        for first in obstacles.index[i, j].tolist():
-            box = first
+        for number in obstacles.number_at[i, j].tolist():
+            box = number - 1
             while box >= 0:
                 rows.append(box)
                 box = int(obstacles.next[box])

@@ -96,13 +96,15 @@ def _hindrances(
         room: as of `GraspSettings`, metres.
     """
     q = robot.with_open_hand(np.frombuffer(q_bytes), arm)
-    data, geometry = robot.model.createData(), robot.geometry.createData()
-    pin.updateGeometryPlacements(robot.model, data, robot.geometry, geometry, q)
+    data, things = robot.model.createData(), robot.geometry.geometryObjects
+    pin.forwardKinematics(robot.model, data, q)
     T_tip, links = robot.link_pose(q, arm.tip_frame), _hand(robot, arm)
+    # pinocchio's own data of the geometry would be of all links and pairs of them
+    placed = {i: data.oMi[things[i].parentJoint] * things[i].placement for i in links}
     T_object = T_tip * arm.grasps[grasp]
     overlaps, first = object_overlaps(robot, body), len(robot.geometry_links)
     ways = np.arange(PARTING, settings.retreat_distance + _STEP, _STEP)
-    middles = np.array([geometry.oMg[i].act(overlaps.centers[i]) for i in links]).reshape(-1, 3)
+    middles = np.array([placed[i].act(overlaps.centers[i]) for i in links]).reshape(-1, 3)
     solids = np.array([T_object.act(center) for center in overlaps.centers[first:]]).reshape(-1, 3)
     reach = overlaps.radii[list(links)][:, None] + overlaps.radii[first:] + room
 
@@ -119,11 +121,11 @@ def _hindrances(
                 if ways[row] < clear:
                     continue
                 at = pin.SE3(T_object.rotation, T_object.translation - ways[row] * direction)
-                if overlaps.meet(i, j, geometry.oMg[i], at, max(room - _ROUNDING, 0.0)):
+                if overlaps.meet(i, j, placed[i], at, max(room - _ROUNDING, 0.0)):
                     first_met, by = row, robot.geometry_links[i]
                     break
                 # Nothing comes nearer to the object by more than its way.
-                clear = ways[row] + overlaps.solids_apart(i, j, geometry.oMg[i], at)
+                clear = ways[row] + overlaps.solids_apart(i, j, placed[i], at)
                 clear -= room + _ROUNDING
         return (by, float(ways[first_met])) if by else None
 

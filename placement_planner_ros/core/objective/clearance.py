@@ -31,35 +31,36 @@ class Clearance:
 
     def __call__(self, T_world_object: pin.SE3) -> float:
         """±C(x), metres."""
-        values, _ = self._clearance(T_world_object.homogeneous[None], self._points)
+        values, _ = self._clearance(T_world_object.homogeneous[None], self._points, False)
         return self._sign * float(values[0])
 
     def values(self, T_world_object: Array) -> Array:
         """(n,) ±C of the (n, 4, 4) poses, metres."""
-        values, _ = self._clearance(T_world_object, self._points)
+        values, _ = self._clearance(T_world_object, self._points, False)
         return self._sign * values
 
     def estimates(self, T_world_object: Array) -> Array:
         """(n,) ±C over a few hundred of B_o, metres."""
-        values, _ = self._clearance(T_world_object, self._some_points)
+        values, _ = self._clearance(T_world_object, self._some_points, False)
         return self._sign * values
 
     def gradient(self, T_world_object: pin.SE3) -> Array:
         """±∂C/∂(x, y, e_z)."""
-        _, gradients = self._clearance(T_world_object.homogeneous[None], self._points)
+        _, gradients = self._clearance(T_world_object.homogeneous[None], self._points, True)
         return np.asarray(self._sign * gradients[0])
 
-    def _clearance(self, T: Array, points: Array) -> tuple[Array, Array]:
-        """C (n,) and its gradient (n, 3) at poses (n, 4, 4), each with what it stands on."""
+    def _clearance(self, T: Array, points: Array, slopes: bool) -> tuple[Array, Array]:
+        """C (n,), and with `slopes` its gradient (n, 3), at poses (n, 4, 4), each with what it
+        stands on."""
         if not self._inclines:
-            return self._field.mean_clearance_batch(T, points)
+            return self._field.mean_clearance_batch(T, points, slopes)
         stands_on = self._stands_on(T)
         values, gradients = np.empty(len(T)), np.empty((len(T), 3))
         for k in np.unique(stands_on):
             rows, field, poses = stands_on == k, self._field, T
             if k > 0:
                 field, poses = self._inclines[k - 1].clearance, self._inclines[k - 1].sheared(T)
-            values[rows], gradients[rows] = field.mean_clearance_batch(poses[rows], points)
+            values[rows], gradients[rows] = field.mean_clearance_batch(poses[rows], points, slopes)
         return values, gradients
 
     def _stands_on(self, T: Array) -> npt.NDArray[np.int64]:

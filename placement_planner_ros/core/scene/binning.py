@@ -18,13 +18,14 @@ class Bins(NamedTuple):
         points: (n, 3), those of one cell next to each other.
         start: (m + 1,) first point of each occupied cell, and n.
         cells: (m, 3) int32 occupied cells in lexicographic order.
-        row_of: (nx, ny, nz) int32, cell to its row in `cells`, or -1.
+        number_at: (nx, ny, nz) int32, one more than the cell's row in `cells`, or 0. Most of it is
+            memory that nobody has touched, and so takes neither time nor room.
     """
 
     points: Array
     start: npt.NDArray[np.int64]
     cells: npt.NDArray[np.int32]
-    row_of: npt.NDArray[np.int32]
+    number_at: npt.NDArray[np.int32]
 
 
 def sort_into_cells(
@@ -36,7 +37,11 @@ def sort_into_cells(
     upper: Array,
 ) -> Bins:
     """Sort the (n, 3) points that are finite and within the bounds (both ends included)."""
-    return Bins(*_sort_into_cells(points, origin, cell_size, *shape, lower, upper))
+    number_at = np.zeros(shape, np.int32)
+    sorted_points, start, cells = _sort_into_cells(
+        points, origin, cell_size, lower, upper, number_at
+    )
+    return Bins(sorted_points, start, cells, number_at)
 
 
 @kernel(nogil=True)
@@ -44,18 +49,16 @@ def _sort_into_cells(
     points: Array,
     origin: Array,
     cell_size: float,
-    nx: int,
-    ny: int,
-    nz: int,
     lower: Array,
     upper: Array,
-) -> tuple[Array, npt.NDArray[np.int64], npt.NDArray[np.int32], npt.NDArray[np.int32]]:
-    """A counting sort: the fields of `Bins`."""
+    number_at: npt.NDArray[np.int32],
+) -> tuple[Array, npt.NDArray[np.int64], npt.NDArray[np.int32]]:
+    """A counting sort: the fields of `Bins`; `number_at` (nx, ny, nz), all 0, is filled."""
+    nx, ny, nz = number_at.shape
     # How many points each cell holds; `cell_of` remembers which.
     n = len(points)
     cell_of = np.empty(n, np.int32)
-    index = np.full((nx, ny, nz), -1, np.int32)
-    flat = index.reshape(-1)
+    flat = number_at.reshape(-1)
     occupied = 0
     kept = 0
     first_x, first_y, first_z = nx, ny, nz  # of the occupied cells
@@ -79,8 +82,7 @@ def _sort_into_cells(
         cell = (ix * ny + iy) * nz + iz
         cell_of[i] = cell
         kept += 1
-        if flat[cell] < 0:
-            flat[cell] = 0
+        if flat[cell] == 0:
             occupied += 1
             first_x, last_x = min(first_x, ix), max(last_x, ix)
             first_y, last_y = min(first_y, iy), max(last_y, iy)
@@ -94,16 +96,16 @@ def _sort_into_cells(
     for ix in range(first_x, last_x + 1):
         for iy in range(first_y, last_y + 1):
             for iz in range(first_z, last_z + 1):
-                count = index[ix, iy, iz]
-                if count < 0:
+                count = number_at[ix, iy, iz]
+                if count == 0:
                     continue
                 cells[row, 0] = ix
                 cells[row, 1] = iy
                 cells[row, 2] = iz
                 start[row] = total
-                index[ix, iy, iz] = row
                 total += count
                 row += 1
+                number_at[ix, iy, iz] = row
     start[occupied] = total
     # Put every point behind those of its cell that are already there.
     fill = start[:-1].copy()
@@ -111,9 +113,9 @@ def _sort_into_cells(
     for i in range(n):
         if cell_of[i] < 0:
             continue
-        row = flat[cell_of[i]]
+        row = flat[cell_of[i]] - 1
         at = fill[row]
         fill[row] = at + 1
         for a in range(3):
             kept_points[at, a] = points[i, a]
-    return kept_points, start, cells, index
+    return kept_points, start, cells

@@ -23,28 +23,41 @@ AROUND = 2
 """Levels from the middle of a voxel to its upper face."""
 
 
-def clearance_levels(
-    boxes: BoxesByHeight, lines: Lines, shape: tuple[int, int, int], rise: float
-) -> Field:
-    """(nx, ny, nz) mean of the capped distance over `AROUND` slabs below and above each level.
+def fill_levels(
+    boxes: BoxesByHeight,
+    lines: Lines,
+    rise: float,
+    part: tuple[int, int, int, int],
+    values: Field,
+) -> None:
+    """Put into values (nx, ny, nz) those of a part of the lines.
+
+    They are the mean of the capped distance over `AROUND` slabs below and above each level.
 
     A slab is what lies between two levels. What ends in one counts below it with its whole height,
     and within it by its share; of all that ends in one slab, the nearest box in x and y.
 
     Works line by line, so that besides the values it takes little room.
+
+    Args:
+        part: first line along x, first along y, and the lines behind the last.
     """
-    values = np.empty(shape, np.float32)
     slabs = np.unique(boxes.slab)
-    _fill(boxes, slabs, lines, rise, Envelope.for_boxes(boxes), values)
-    return values
+    _fill(boxes, slabs, lines, rise, Envelope.for_boxes(boxes), part, values)
 
 
 @kernel(nogil=True)
 def _fill(
-    boxes: BoxesByHeight, slabs: Index, lines: Lines, rise: float, room: Envelope, values: Field
+    boxes: BoxesByHeight,
+    slabs: Index,
+    lines: Lines,
+    rise: float,
+    room: Envelope,
+    part: tuple[int, int, int, int],
+    values: Field,
 ) -> None:
-    """Fill values (nx, ny, nz); slabs (s,) are those in which anything ends, lowest first."""
-    nx, ny, nz = values.shape
+    """`fill_levels`; slabs (s,) are those in which anything ends, lowest first."""
+    begin, nx, nz = part[0], part[2] - part[0], values.shape[2]
     next_box = boxes.column_start[:-1].copy()
     along, aside_along = np.empty((2, nx), np.int32), np.empty((2, nx), np.float32)
     nearest = np.empty((nx, len(slabs)), np.int32)
@@ -53,10 +66,10 @@ def _fill(
     under, means = np.empty(nz + 1, np.float32), np.empty(nz, np.float32)
     front, born = np.empty((len(slabs), 2)), np.empty(len(slabs), np.int32)
     counting = np.empty(len(slabs), np.int32)
-    for j in range(ny):
+    for j in range(part[1], part[3]):
         s = -1
         for group in range(len(boxes.slab)):
-            nearest_on_line(boxes, group, j, lines, next_box, room, along[0], aside_along[0])
+            nearest_on_line(boxes, group, j, lines, next_box, room, begin, along[0], aside_along[0])
             if group > 0 and boxes.slab[group] == boxes.slab[group - 1]:
                 _take_nearer(along, aside_along)
             else:
@@ -90,7 +103,7 @@ def _fill(
                 under,
                 means,
             )
-            _means_around_levels(means, values[i, j])
+            _means_around_levels(means, values[begin + i, j])
 
 
 @kernel(lean=True)

@@ -35,14 +35,17 @@ def distances(table: Table, points: Array) -> Array:
     """(n, 3) d_S, ∂d_S/∂x, ∂d_S/∂y."""
     result = np.empty((len(points), 3))
     for p in range(len(points)):
-        d, gx, gy = _interpolate(table, points[p, 0], points[p, 1], points[p, 2])
+        d, gx, gy = _interpolate(table, points[p, 0], points[p, 1], points[p, 2], True)
         result[p, 0], result[p, 1], result[p, 2] = d, gx, gy
     return result
 
 
 @kernel(inline=True)
-def _interpolate(table: Table, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """d_S around a point, and its change along x and y: trilinear between levels and lines."""
+def _interpolate(
+    table: Table, x: float, y: float, z: float, slopes: bool
+) -> tuple[float, float, float]:
+    """d_S around a point, and its change along x and y, 0 unless `slopes`: trilinear between levels
+    and lines."""
     values, origin, size = table.values, table.origin, table.size
     nx, ny, nz = values.shape
     w = max((z - origin[2]) / table.rise, 0.0)
@@ -66,14 +69,17 @@ def _interpolate(table: Table, x: float, y: float, z: float) -> tuple[float, flo
     d = values[i + 1, j + 1, k] + (values[i + 1, j + 1, k + 1] - values[i + 1, j + 1, k]) * w
     near = a + (b - a) * v
     far = c + (d - c) * v
-    gx = (far - near) / size if in_x else 0.0
-    gy = ((b - a) * (1.0 - u) + (d - c) * u) / size if in_y else 0.0
+    gx = (far - near) / size if slopes and in_x else 0.0
+    gy = ((b - a) * (1.0 - u) + (d - c) * u) / size if slopes and in_y else 0.0
     return near + (far - near) * u, gx, gy
 
 
 @kernel()
-def mean_clearance(table: Table, T_world_object: Array, points: Array) -> tuple[Array, Array]:
-    """(m,) mean of d_S over the (n, 3) points at each of the (m, 4, 4) poses; (m, 3) gradients.
+def mean_clearance(
+    table: Table, T_world_object: Array, points: Array, slopes: bool
+) -> tuple[Array, Array]:
+    """(m,) mean of d_S over the (n, 3) points at each of the (m, 4, 4) poses; (m, 3) gradients, 0
+    unless `slopes`.
 
     A turn by e_z about the object's origin moves a point at (rx, ry) from it along (-ry, rx).
     """
@@ -94,11 +100,12 @@ def mean_clearance(table: Table, T_world_object: Array, points: Array) -> tuple[
             ry = T[1, 0] * a + T[1, 1] * b + T[1, 2] * c
             rz = T[2, 0] * a + T[2, 1] * b + T[2, 2] * c
             up = max(rz, least) + T[2, 3]
-            d, gx, gy = _interpolate(table, rx + T[0, 3], ry + T[1, 3], up)
+            d, gx, gy = _interpolate(table, rx + T[0, 3], ry + T[1, 3], up, slopes)
             total += d
-            along_x += gx
-            along_y += gy
-            turn += gy * rx - gx * ry
+            if slopes:
+                along_x += gx
+                along_y += gy
+                turn += gy * rx - gx * ry
         if n > 0:
             means[t] = total / n
             gradients[t, 0] = along_x / n

@@ -45,9 +45,9 @@ def _ends(boxes: ObstacleArrays, rows: npt.NDArray[np.int64]) -> Array:
         p = rows[n]
         ends[n] = upper[p, 2]
         i, j, k = boxes.cells[p, 0], boxes.cells[p, 1], boxes.cells[p, 2] + 1
-        if k >= boxes.first_at.shape[2] or upper[p, 2] - lower[p, 2] < _UPRIGHT * boxes.cell_size:
+        if k >= boxes.number_at.shape[2] or upper[p, 2] - lower[p, 2] < _UPRIGHT * boxes.cell_size:
             continue
-        q = boxes.first_at[i, j, k]
+        q = boxes.number_at[i, j, k] - 1
         while q >= 0:
             apart = max(
                 lower[q, 0] - upper[p, 0],

@@ -51,9 +51,9 @@ def connected(bins: Bins, counts: npt.NDArray[np.int64], min_points: int) -> npt
 
     A cell is in such a piece where it has no neighbour, or one that has no other.
     """
-    cells, index = bins.cells, bins.row_of
+    cells, number_at = bins.cells, bins.number_at
     m = len(cells)
-    nx, ny, nz = index.shape
+    nx, ny, nz = number_at.shape
     keep = np.ones(m, np.bool_)
     for r in range(m):
         if counts[r] >= min_points:
@@ -66,7 +66,7 @@ def connected(bins: Bins, counts: npt.NDArray[np.int64], min_points: int) -> npt
             for i in range(max(cells[center, 0] - 1, 0), min(cells[center, 0] + 2, nx)):
                 for j in range(max(cells[center, 1] - 1, 0), min(cells[center, 1] + 2, ny)):
                     for k in range(max(cells[center, 2] - 1, 0), min(cells[center, 2] + 2, nz)):
-                        other = index[i, j, k]
+                        other = number_at[i, j, k] - 1
                         if other >= 0 and other != r and other != neighbour:
                             neighbour = other if _pass == 0 else neighbour
                             neighbours += 1
@@ -111,15 +111,15 @@ def _moments_around(
     Moved by o, a cell's n points with sum s have the sum s + n o and the second moments
     Σ (x + o)(x + o)ᵀ = Σ x xᵀ + s oᵀ + o sᵀ + n o oᵀ.
     """
-    cells, index = bins.cells, bins.row_of
-    nx, ny, nz = index.shape
+    cells, number_at = bins.cells, bins.number_at
+    nx, ny, nz = number_at.shape
     n = sx = sy = sz = xx = yy = zz = xy = xz = yz = 0.0
     for i in range(max(cells[r, 0] - reach, 0), min(cells[r, 0] + reach + 1, nx)):
         ox = (i - cells[r, 0]) * size
         for j in range(max(cells[r, 1] - reach, 0), min(cells[r, 1] + reach + 1, ny)):
             oy = (j - cells[r, 1]) * size
             for k in range(max(cells[r, 2] - reach, 0), min(cells[r, 2] + reach + 1, nz)):
-                q = index[i, j, k]
+                q = number_at[i, j, k] - 1
                 if q < 0:
                     continue
                 oz = (k - cells[r, 2]) * size
@@ -251,13 +251,13 @@ def _trim(bins: Bins, r: int, center: Array, reach: float, plane: Array) -> floa
     Returns:
         Their number; the plane stays as it is where they are few.
     """
-    points, start, cells, index = bins.points, bins.start, bins.cells, bins.row_of
-    nx, ny, nz = index.shape
+    points, start, cells, number_at = bins.points, bins.start, bins.cells, bins.number_at
+    nx, ny, nz = number_at.shape
     n = sx = sy = sz = xx = yy = zz = xy = xz = yz = 0.0
     for i in range(max(cells[r, 0] - 1, 0), min(cells[r, 0] + 2, nx)):
         for j in range(max(cells[r, 1] - 1, 0), min(cells[r, 1] + 2, ny)):
             for k in range(max(cells[r, 2] - 1, 0), min(cells[r, 2] + 2, nz)):
-                q = index[i, j, k]
+                q = number_at[i, j, k] - 1
                 if q < 0:
                     continue
                 for p in range(start[q], start[q + 1]):
@@ -296,9 +296,9 @@ def _fit_planes(
     another surface, as at the foot of a wall, and would turn the plane towards it: it is fitted
     anew without the farthest.
     """
-    cells, index = bins.cells, bins.row_of
+    cells, number_at = bins.cells, bins.number_at
     m = len(cells)
-    nx, ny, nz = index.shape
+    nx, ny, nz = number_at.shape
     planes = np.empty((m, 6))
     scatter = np.full(m, np.inf)
     plane, center = np.empty(8), np.empty(3)
@@ -328,8 +328,8 @@ def _fit_planes(
         for i in range(cells[r, 0] - 2, cells[r, 0] + 3, 2):
             for j in range(cells[r, 1] - 2, cells[r, 1] + 3, 2):
                 for k in range(cells[r, 2] - 2, cells[r, 2] + 3, 2):
-                    if 0 <= i < nx and 0 <= j < ny and 0 <= k < nz and index[i, j, k] >= 0:
-                        least = min(least, scatter[index[i, j, k]])
+                    if 0 <= i < nx and 0 <= j < ny and 0 <= k < nz and number_at[i, j, k] > 0:
+                        least = min(least, scatter[number_at[i, j, k] - 1])
         flat[r] = scatter[r] <= max(_MORE_SCATTER * least, 0.5 * noise)
     return planes, flat
 
@@ -375,15 +375,15 @@ def _gather(
     count: int,
 ) -> int:
     """Append the plane cells at Chebyshev distance `ring` of cell r; returns the new count."""
-    cells, index = bins.cells, bins.row_of
-    nx, ny, nz = index.shape
+    cells, number_at = bins.cells, bins.number_at
+    nx, ny, nz = number_at.shape
     for i in range(-ring, ring + 1):
         for j in range(-ring, ring + 1):
             step = 1 if abs(i) == ring or abs(j) == ring else 2 * ring
             for k in range(-ring, ring + 1, step):
                 x, y, z = cells[r, 0] + i, cells[r, 1] + j, cells[r, 2] + k
                 if 0 <= x < nx and 0 <= y < ny and 0 <= z < nz:
-                    q = index[x, y, z]
+                    q = number_at[x, y, z] - 1
                     if q >= 0 and flat[q]:
                         candidates[count] = q
                         count += 1
@@ -476,9 +476,9 @@ def _strays(
     min_points: int,
 ) -> npt.NDArray[np.bool_]:
     """Points of no plane, with fewer than `min_points` such points in the cells around."""
-    start, cells, index = bins.start, bins.cells, bins.row_of
+    start, cells, number_at = bins.start, bins.cells, bins.number_at
     m = len(cells)
-    nx, ny, nz = index.shape
+    nx, ny, nz = number_at.shape
     left = np.zeros(m, np.int64)
     for r in range(m):
         for p in range(start[r], start[r + 1]):
@@ -492,7 +492,7 @@ def _strays(
         for i in range(max(cells[r, 0] - 1, 0), min(cells[r, 0] + 2, nx)):
             for j in range(max(cells[r, 1] - 1, 0), min(cells[r, 1] + 2, ny)):
                 for k in range(max(cells[r, 2] - 1, 0), min(cells[r, 2] + 2, nz)):
-                    q = index[i, j, k]
+                    q = number_at[i, j, k] - 1
                     if q >= 0:
                         total += left[q]
         if total < min_points:

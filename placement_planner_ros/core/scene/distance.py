@@ -8,8 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.scene.clearance_levels import AROUND, clearance_levels
+from placement_planner_ros.core.scene.clearance_levels import AROUND
 from placement_planner_ros.core.scene.clearance_lookup import Table, distances, mean_clearance
+from placement_planner_ros.core.scene.clearance_table import ClearanceTable
 from placement_planner_ros.core.scene.counted_boxes import counted_boxes
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.nearest_boxes import Lines, boxes_by_height
@@ -21,6 +22,12 @@ _LEVEL = 0.00125
 """m between two levels, where there is room for so many."""
 MAX_VALUES = 8_000_000
 """Values that a field has at most, of 4 bytes each."""
+_AT_ONCE = 0.05
+"""m around V in which values are made before anybody asks for them."""
+_BODIES = 8
+"""Sets of points whose extent is remembered."""
+_ROUNDING = 1e-9
+"""m."""
 
 
 class ClearanceField:
@@ -35,13 +42,13 @@ class ClearanceField:
     where several boxes that end at one height compete, and interpolated linearly between them; in
     z on levels 1.25 mm apart, with what ends between two of them counted by its share, up to where
     the last thing ends. Boxes of V that lie far from each other have a table each. Where V is so
-    large that all would take more than `MAX_VALUES`, lines and levels are further apart.
+    large that all would take more than `MAX_VALUES`, lines and levels are further apart. Values in
+    and beside V are made at once, those further out when they are first asked for.
 
     What a body stands on does not count, and may rise by the contact tolerance above its lowest
     point: what of the body is lower than `lift` above that point is judged at that height.
 
     Attributes:
-        tables: the values, one table for each part of V that lies apart.
         lift: see above, metres.
 
     Args:
@@ -78,11 +85,20 @@ class ClearanceField:
             part[1, 2] = np.max(ends[at], initial=part[0, 2])
         step, rise = _spacing(parts[:, 1] - parts[:, 0], obstacles.cell_size)
         self.lift = contact_tolerance + (AROUND + 1) * rise
-        self.tables = tuple(
+        self._tables = [
             _table(obstacles, rows[at], ends[at], part, step, rise, float(cap), self.lift)
             for part, at in zip(parts, near, strict=True)
-        )
+        ]
         self._parts = parts
+        aside = np.array([max(padding - _AT_ONCE, 0.0)] * 2)
+        for table, part in zip(self._tables, parts, strict=True):
+            table.around(part[0, :2] + aside, part[1, :2] - aside)
+        self._extents: dict[int, tuple[Array, Array, Array, float]] = {}
+
+    @property
+    def tables(self) -> tuple[Table, ...]:
+        """All values, one table for each part of V that lies apart."""
+        return tuple(table.whole() for table in self._tables)
 
     def distance(self, points: Array) -> Array:
         """(n,) d_S around the (n, 3) points, whatever they may stand on, metres."""
@@ -94,11 +110,10 @@ class ClearanceField:
 
     def _evaluate(self, points: Array) -> Array:
         points = _contiguous(points)
-        if len(self.tables) == 1:
-            return np.asarray(distances(self.tables[0], points))
         found = np.empty((len(points), 3))
         for table, at in self._shares(points):
-            found[at] = distances(table, _contiguous(points[at]))
+            here = _contiguous(points[at])
+            found[at] = distances(table.around(here.min(axis=0), here.max(axis=0)), here)
         return found
 
     def mean_clearance(self, T_world_object: Array, points: Array) -> tuple[float, Array]:
@@ -114,25 +129,61 @@ class ClearanceField:
         values, gradients = self.mean_clearance_batch(np.asarray(T_world_object)[None], points)
         return float(values[0]), np.asarray(gradients[0])
 
-    def mean_clearance_batch(self, T_world_object: Array, points: Array) -> tuple[Array, Array]:
-        """(m,) and (m, 3): `mean_clearance` of the (m, 4, 4) poses.
+    def mean_clearance_batch(
+        self, T_world_object: Array, points: Array, slopes: bool = True
+    ) -> tuple[Array, Array]:
+        """(m,) and (m, 3): `mean_clearance` of the (m, 4, 4) poses; without `slopes` the latter are
+        0, which takes less time.
 
         A body is judged by the part of V that its middle is nearest to.
         """
-        T, points = _contiguous(T_world_object), _contiguous(points)
-        if len(self.tables) == 1 or len(points) == 0:
-            return mean_clearance(self.tables[0], T, points)
+        T = _contiguous(T_world_object)
+        if len(T) == 0 or len(points) == 0:
+            return np.zeros(len(T)), np.zeros((len(T), 3))
+        middle, half, radius = self._extent(points)
+        points = _contiguous(points)
+        if len(self._tables) == 1:
+            x, y = T[:, 0, 3], T[:, 1, 3]
+            known = self._tables[0].within(
+                x.min() - radius, y.min() - radius, x.max() + radius, y.max() + radius
+            )
+            if known is not None:
+                return mean_clearance(known, T, points, slopes)
+        at = T[:, :2, :3] @ middle + T[:, :2, 3]
+        reach = np.abs(T[:, :2, :3]) @ half
+        if len(self._tables) == 1:
+            table = self._tables[0].around((at - reach).min(axis=0), (at + reach).max(axis=0))
+            return mean_clearance(table, T, points, slopes)
         values, gradients = np.empty(len(T)), np.empty((len(T), 3))
-        for table, at in self._shares(T[:, :3, :3] @ points.mean(axis=0) + T[:, :3, 3]):
-            values[at], gradients[at] = mean_clearance(table, _contiguous(T[at]), points)
+        for part, rows in self._shares(T[:, :3, :3] @ points.mean(axis=0) + T[:, :3, 3]):
+            low, high = at[rows] - reach[rows], at[rows] + reach[rows]
+            table = part.around(low.min(axis=0), high.max(axis=0))
+            values[rows], gradients[rows] = mean_clearance(
+                table, _contiguous(T[rows]), points, slopes
+            )
         return values, gradients
 
-    def _shares(self, points: Array) -> list[tuple[Table, npt.NDArray[np.int64]]]:
+    def _extent(self, points: Array) -> tuple[Array, Array, float]:
+        """Middle (3,) of the box around points (n, 3), half of its sides, and how far they are from
+        the origin; a little more."""
+        known = self._extents.get(id(points))
+        if known is None or known[0] is not points:
+            low, high = points.min(axis=0), points.max(axis=0)
+            radius = float(np.linalg.norm(points, axis=1).max()) + _ROUNDING
+            known = points, 0.5 * (low + high), 0.5 * (high - low) + _ROUNDING, radius
+            if len(self._extents) >= _BODIES:
+                self._extents.clear()
+            self._extents[id(points)] = known
+        return known[1:]
+
+    def _shares(self, points: Array) -> list[tuple[ClearanceTable, npt.NDArray[np.int64]]]:
         """Each table with those of the (n, 3) points that are nearest to it."""
+        if len(self._tables) == 1:
+            return [(self._tables[0], np.arange(len(points)))] if len(points) else []
         away = [np.maximum(np.maximum(low - points, points - high), 0.0)
                 for low, high in self._parts]  # fmt: skip
         nearest = np.argmin((np.array(away)[..., :2] ** 2).sum(axis=2), axis=0)
-        shares = [(table, np.flatnonzero(nearest == n)) for n, table in enumerate(self.tables)]
+        shares = [(table, np.flatnonzero(nearest == n)) for n, table in enumerate(self._tables)]
         return [(table, at) for table, at in shares if len(at)]
 
 
@@ -185,7 +236,7 @@ def _table(
     rise: float,
     cap: float,
     lift: float,
-) -> Table:
+) -> ClearanceTable:
     """The table of one part of V (2, 3), padding included, over the boxes that count."""
     size = obstacles.cell_size * step
     first, last = np.floor((part - obstacles.origin) / size).astype(np.int64)
@@ -201,12 +252,8 @@ def _table(
         rise,
     )
     nx, ny = (last - first + 2)[:2].tolist()
-    nz = int(np.max(boxes.slab, initial=0)) + AROUND + 2
     lines = Lines(float(origin[0]), float(origin[1]), size, cap)
-    values = clearance_levels(boxes, lines, (nx, ny, nz), rise)
-    values.setflags(write=False)
-    origin.setflags(write=False)
-    return Table(values, origin, size, rise, cap, lift)
+    return ClearanceTable(boxes, lines, (nx, ny), origin, rise, lift)
 
 
 def _contiguous(values: Array) -> Array:

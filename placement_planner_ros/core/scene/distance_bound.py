@@ -22,8 +22,14 @@ _LEVELS = 255
 """Steps to the cap."""
 _EXACT = 2.5
 """Cells up to which distances are exact."""
+_SCATTERED = 8
+"""Cells of a column that are looked at around a box, all at once: five, and three for nothing."""
 _TILE = 4
 """Cells along each side of a tile."""
+_UNITS = 2.0**30
+"""The greatest squared distance, in units in which lines are compared ..."""
+_UNSURE = 512.0
+"""... which rounding makes wrong by less than this: three float32 operations, 2^-24 each."""
 _ROUNDING = 1e-6
 """Relative: more than what float32 loses."""
 
@@ -68,7 +74,13 @@ def distance_bound_field(obstacles: ObstacleSet, cap: float = 0.3) -> DistanceBo
     if not (math.isfinite(cap) and cap > 0.0):
         raise ParameterError("cap", cap, "give a finite length above 0 m")
     step = cap / _LEVELS
-    levels = _distance_bound(obstacles.arrays, cap, (1.0 - _ROUNDING) / step)
+    tiles = [-(-cells // _TILE) for cells in obstacles.shape]
+    steps = int(cap / obstacles.cell_size + 0.5) + 1
+    first_cell, reached = _reached(obstacles, steps)
+    # memory of numpy's takes less time to get than that of kernels
+    levels, values = np.empty((*tiles, _TILE**3), np.uint8), np.empty(reached, np.float32)
+    per_metre = (1.0 - _ROUNDING) / step
+    _distance_bound(obstacles.arrays, cap, per_metre, steps, first_cell, values, levels)
     levels.setflags(write=False)
     exact = int(min(_EXACT * obstacles.cell_size / step * (1.0 - 10.0 * _ROUNDING), _LEVELS - 1))
     return DistanceBound(
@@ -76,21 +88,39 @@ def distance_bound_field(obstacles: ObstacleSet, cap: float = 0.3) -> DistanceBo
     )
 
 
+def _reached(
+    obstacles: ObstacleSet, steps: int
+) -> tuple[tuple[int, int, int], tuple[int, int, int]]:
+    """First cell, of whole tiles, and number of the cells no more than `steps` from any box."""
+    if not len(obstacles):
+        return (0, 0, 0), (0, 0, 0)
+    along = obstacles.cells.T
+    first = [max(int(line.min()) - steps, 0) // _TILE * _TILE for line in along]
+    last = [
+        min(int(line.max()) + steps + 1, n) for line, n in zip(along, obstacles.shape, strict=True)
+    ]
+    size = [b - a for a, b in zip(first, last, strict=True)]
+    return (first[0], first[1], first[2]), (size[0], size[1], size[2])
+
+
 @kernel(nogil=True)
 def _distance_bound(
     boxes: ObstacleArrays,
     cap: float,
     per_metre: float,
-) -> Levels:
-    """The levels of the field: in z, then along y, then along x, then exact near the boxes.
+    steps: int,
+    first_cell: tuple[int, int, int],
+    values: Field,
+    levels: Levels,
+) -> None:
+    """Fill the levels of the field: in z, then along y, then along x, then exact near the boxes.
 
-    Made around the boxes only; further than the cap from all of them everything is at the cap.
+    Made around the boxes only, for the cells from the first on that `values` (nx, ny, nz) are room
+    for; further than the cap, `steps` cells, from all of them everything is at the cap.
     """
     cells, size = boxes.cells, boxes.cell_size
-    steps = int(cap / size + 0.5) + 1
-    first_cell, shape = _reached(boxes, steps)
-    nx, ny, nz = shape
-    values = np.full((nx, ny, nz), np.float32(cap * cap), np.float32)
+    nx, ny, nz = values.shape
+    values[:] = np.float32(cap * cap)
     column_used = np.zeros((nx, ny), np.bool_)
     plane_used = np.zeros(nx, np.bool_)
     # boxes of one column follow each other
@@ -104,41 +134,19 @@ def _distance_bound(
         column_used[i, j] = plane_used[i] = True
         _within_column(boxes, first, last, cap, first_cell[2], values[i, j])
         first = last
+    # counted is up to the near face of a line's cells
+    gaps = (((np.arange(steps + 1) - 0.5) * size) ** 2).astype(np.float32)
+    gaps[0] = 0.0
     slab = np.empty((max(nx, ny), nz), np.float32)
     for i in range(nx):
         if plane_used[i]:
             slab[:ny] = values[i]
-            for j in range(ny):
-                _lower_by_others(values[i, j], slab, column_used[i], j, steps, size)
+            _lower_lines(values[i], slab, column_used[i], gaps, cap * cap)
     for j in range(ny):
         for i in range(nx):
             slab[i] = values[i, j]
-        for i in range(nx):
-            _lower_by_others(values[i, j], slab, plane_used, i, steps, size)
-    return _levels(boxes, values, first_cell, np.float32(cap * cap), per_metre)
-
-
-@kernel()
-def _reached(
-    boxes: ObstacleArrays, steps: int
-) -> tuple[tuple[int, int, int], tuple[int, int, int]]:
-    """First cell, of whole tiles, and number of the cells no more than `steps` from any box."""
-    if len(boxes.cells) == 0:
-        return (0, 0, 0), (0, 0, 0)
-    lowest, highest = boxes.cells[0].copy(), boxes.cells[0].copy()
-    for r in range(len(boxes.cells)):
-        for a in range(3):
-            lowest[a] = min(lowest[a], boxes.cells[r, a])
-            highest[a] = max(highest[a], boxes.cells[r, a])
-    nx, ny, nz = boxes.first_at.shape
-    i = max(lowest[0] - steps, 0) // _TILE * _TILE
-    j = max(lowest[1] - steps, 0) // _TILE * _TILE
-    k = max(lowest[2] - steps, 0) // _TILE * _TILE
-    return (i, j, k), (
-        min(highest[0] + steps + 1, nx) - i,
-        min(highest[1] + steps + 1, ny) - j,
-        min(highest[2] + steps + 1, nz) - k,
-    )
+        _lower_lines(values[:, j], slab, plane_used, gaps, cap * cap)
+    _put_levels(boxes, values, first_cell, np.float32(cap * cap), per_metre, levels)
 
 
 @kernel(lean=True)
@@ -169,25 +177,47 @@ def _within_column(
 
 
 @kernel(lean=True)
-def _lower_by_others(
-    target: Field,
-    slab: Field,
-    used: npt.NDArray[np.bool_],
-    place: int,
-    steps: int,
-    size: float,
+def _lower_lines(
+    targets: Field, slab: Field, used: npt.NDArray[np.bool_], gaps: Field, greatest: float
 ) -> None:
-    """Lower squared distances (nz,) by those to what lies up to `steps` lines away in the slab.
+    """Lower the squared distances (l, nz) of lines beside each other by those of the others.
 
-    (l, nz) of which `target` is at `place`, and `used` (l,) says which hold anything. Counted is up
-    to the near face of their cells, `step` - 1/2 cells away.
+    A line counts for those beyond its neighbour only where it is lower than that by more than the
+    neighbour is nearer. On surfaces that go on, which most lines are in, it never is.
+
+    Args:
+        slab: (l, nz) the same before, none above `greatest`; `used` (l,) says which hold anything.
+        gaps: (steps + 1,) squared distance to the line so many lines away, 0 first.
     """
-    for step in range(1, steps + 1):
-        gap = np.float32(((step - 0.5) * size) ** 2)
-        if place - step >= 0 and used[place - step]:
-            _lower_by(target, slab[place - step], gap)
-        if place + step < len(used) and used[place + step]:
-            _lower_by(target, slab[place + step], gap)
+    steps, lines = len(gaps) - 1, len(used)
+    unit = np.float32(greatest / _UNITS)
+    for source in range(lines):
+        if not used[source]:
+            continue
+        for side in range(-1, 2, 2):
+            reach = min(steps, lines - 1 - source if side > 0 else source)
+            if reach > 0:
+                highest = _most_above(slab[source], slab[source + side], unit)
+                above = (float(highest) + _UNSURE) * float(unit)
+                for step in range(1, reach + 1):
+                    if float(gaps[step]) - float(gaps[step - 1]) >= above:
+                        reach = step - 1
+                        break
+            for step in range(1, reach + 1):
+                _lower_by(targets[source + side * step], slab[source], gaps[step])
+
+
+@kernel(lean=True)
+def _most_above(line: Field, other: Field, unit: np.float32) -> int:
+    """By how many units, rounded down, another line is above one at most, `_UNSURE` of them off.
+
+    In whole numbers, as these are compared many at once.
+    """
+    most = np.int32(0)
+    for k in range(len(line)):
+        units = np.int32((other[k] - line[k]) / unit)
+        most = units if units > most else most
+    return int(most)
 
 
 @kernel(lean=True)
@@ -199,13 +229,14 @@ def _lower_by(target: Field, source: Field, gap: np.float32) -> None:
 
 
 @kernel(nogil=True)
-def _levels(
+def _put_levels(
     boxes: ObstacleArrays,
     squared: Field,
     first_cell: tuple[int, int, int],
     farthest: np.float32,
     per_metre: float,
-) -> Levels:
+    levels: Levels,
+) -> None:
     """The root of each squared distance in tiled levels, exact where all near boxes are known.
 
     Boxes of cells more than two away are at least 2.5 cells from the centre.
@@ -216,38 +247,37 @@ def _levels(
     nx, ny, nz = squared.shape
     i, j, k = first_cell
     beyond = np.float32((_EXACT * boxes.cell_size) ** 2)
-    exact = np.full((5, ny, nz), beyond, np.float32)  # planes i - 2 .. i + 2, cyclic
-    levels = _all_at(boxes.first_at.shape, _level(farthest, np.float32(per_metre)))
+    # planes i - 2 .. i + 2, cyclic, with two cells before each column and room for `_SCATTERED`
+    exact = np.full((5, ny, nz + 2 + _SCATTERED), beyond, np.float32)
+    _fill_all(levels, boxes.number_at.shape, _level(farthest, np.float32(per_metre)))
     tile_i, tile_j, tile_k = i // _TILE, j // _TILE, k // _TILE
     tiles = (nz + _TILE - 1) // _TILE
     line = np.full(_TILE * tiles, _level(farthest, np.float32(per_metre)), np.uint8)
-    line[boxes.first_at.shape[2] - k :] = 0  # outside of the grid
+    line[boxes.number_at.shape[2] - k :] = 0  # outside of the grid
     fours, line_fours = levels.view(np.uint32), line.view(np.uint32)
+    apart = np.full((3, _SCATTERED), np.inf)
     row = 0
     m = len(boxes.cells)
     for plane in range(nx + 2):
         while row < m and boxes.cells[row, 0] - i == plane:
-            _scatter(boxes, row, first_cell, exact, nx)
+            _scatter(boxes, row, first_cell, apart, exact, nx)
             row += 1
         done = plane - 2
         if done >= 0:
             near = exact[done % 5]
             for y in range(ny):
-                _finish(squared[done, y], near[y], np.float32(per_metre), line)
+                _finish(squared[done, y], near[y, 2:], np.float32(per_metre), line)
                 column = fours[tile_i + done // _TILE, tile_j + y // _TILE]
                 for tile in range(tiles):
                     column[tile_k + tile, 4 * (done % 4) + y % 4] = line_fours[tile]
             near[:] = beyond
-    return levels
 
 
-@kernel()
-def _all_at(shape: tuple[int, int, int], level: np.uint8) -> Levels:
+@kernel(lean=True)
+def _fill_all(levels: Levels, shape: tuple[int, int, int], level: np.uint8) -> None:
     """The tiles of a grid of that shape, all cells at one level; 0 outside of the shape."""
     nx, ny, nz = shape
-    levels = np.full(
-        ((nx + 3) // _TILE, (ny + 3) // _TILE, (nz + 3) // _TILE, _TILE**3), level, np.uint8
-    )
+    levels[:] = level
     last = (-nx) % _TILE, (-ny) % _TILE, (-nz) % _TILE  # cells missing in the last tiles
     for n in range(_TILE**3):
         if n // 16 >= _TILE - last[0]:
@@ -256,7 +286,6 @@ def _all_at(shape: tuple[int, int, int], level: np.uint8) -> Levels:
             levels[:, -1, :, n] = 0
         if n % 4 >= _TILE - last[2]:
             levels[:, :, -1, n] = 0
-    return levels
 
 
 @kernel(lean=True)
@@ -278,24 +307,31 @@ def _scatter(
     boxes: ObstacleArrays,
     row: int,
     first_cell: tuple[int, int, int],
+    apart: Array,
     exact: Field,
     nx: int,
 ) -> None:
-    """Lower the exact squared distances of the cells up to two away from the box's."""
-    _, ny, nz = exact.shape
-    i0, j0, k0 = first_cell
-    lower, upper, cells = boxes.lower, boxes.upper, boxes.cells
-    origin, size = boxes.origin, boxes.cell_size
-    ci, cj, ck = cells[row, 0] - i0, cells[row, 1] - j0, cells[row, 2] - k0
-    for i in range(max(ci - 2, 0), min(ci + 3, nx)):
-        x = origin[0] + (i0 + i + 0.5) * size
-        dx = max(lower[row, 0] - x, 0.0, x - upper[row, 0])
-        for j in range(max(cj - 2, 0), min(cj + 3, ny)):
-            y = origin[1] + (j0 + j + 0.5) * size
-            dy = max(lower[row, 1] - y, 0.0, y - upper[row, 1])
-            for k in range(max(ck - 2, 0), min(ck + 3, nz)):
-                z = origin[2] + (k0 + k + 0.5) * size
-                dz = max(lower[row, 2] - z, 0.0, z - upper[row, 2])
-                d = np.float32(dx * dx + dy * dy + dz * dz)
-                if d < exact[i % 5, j, k]:
-                    exact[i % 5, j, k] = d
+    """Lower the exact squared distances of the cells up to two away from the box's.
+
+    Args:
+        apart: (3, `_SCATTERED`) room for squared distances along each axis, infinite in the end.
+    """
+    ny = exact.shape[1]
+    size = boxes.cell_size
+    for axis in range(3):
+        low, high, cell = boxes.lower[row, axis], boxes.upper[row, axis], boxes.cells[row, axis]
+        for n in range(5):
+            middle = boxes.origin[axis] + (cell - 2 + n + 0.5) * size
+            gap = max(low - middle, 0.0, middle - high)
+            apart[axis, n] = gap * gap
+    ci = boxes.cells[row, 0] - first_cell[0] - 2
+    cj = boxes.cells[row, 1] - first_cell[1] - 2
+    ck = boxes.cells[row, 2] - first_cell[2]
+    along = apart[2]
+    for i in range(max(ci, 0), min(ci + 5, nx)):
+        for j in range(max(cj, 0), min(cj + 5, ny)):
+            beside = apart[0, i - ci] + apart[1, j - cj]
+            near = exact[i % 5, j, ck : ck + _SCATTERED]
+            for k in range(_SCATTERED):
+                d = np.float32(beside + along[k])
+                near[k] = d if d < near[k] else near[k]

@@ -67,7 +67,8 @@ class ObstacleSet:
         cells: (m, 3) int32, the cell each box lies in, in lexicographic order; boxes of the same
             cell are consecutive.
         lower, upper: (m, 3) corners of the boxes.
-        index: (nx, ny, nz) int32, cell to its first box, or -1.
+        number_at: (nx, ny, nz) int32, one more than the number of the first box of a cell, or 0.
+            Where nothing was measured it is memory that nobody has touched, which costs nothing.
         next: (m,) int32, another box of the same cell, or -1.
         surface_height: (m,) z of the surface on top of each box, the mean over its points.
         surface_extent: (m, 8) where that surface was measured: minimum and maximum of x, y,
@@ -89,7 +90,7 @@ class ObstacleSet:
     cells: npt.NDArray[np.int32]
     lower: Array
     upper: Array
-    index: npt.NDArray[np.int32]
+    number_at: npt.NDArray[np.int32]
     next: npt.NDArray[np.int32]
     surface_height: Array
     surface_extent: Array
@@ -113,11 +114,16 @@ class ObstacleSet:
             self.cells,
             self.lower,
             self.upper,
-            self.index,
+            self.number_at,
             self.next,
             self.surface_height,
             self.surface_extent,
         )
+
+    @property
+    def index(self) -> npt.NDArray[np.int32]:
+        """(nx, ny, nz) cell to its first box, or -1, made anew: for a look, not for searches."""
+        return self.number_at - np.int32(1)
 
     @property
     def bounds(self) -> tuple[Array, Array]:
@@ -180,7 +186,7 @@ class ObstacleSet:
             settings.cell_size,
         )
         box_lower, box_upper = tight_boxes.close_gaps(
-            boxes, bins.row_of, origin, settings.cell_size, skin
+            boxes, bins.number_at, origin, settings.cell_size, skin
         )
         return cls(
             origin=frozen_array(origin, (3,)),
@@ -189,7 +195,7 @@ class ObstacleSet:
             cells=_read_only(boxes.cells),
             lower=_read_only(box_lower),
             upper=_read_only(box_upper),
-            index=_read_only(bins.row_of),
+            number_at=_read_only(bins.number_at),
             next=_read_only(boxes.next),
             surface_height=_read_only(boxes.surface_height),
             surface_extent=_read_only(boxes.surface_extent),
@@ -263,7 +269,7 @@ class ObstacleSet:
         above = cells + np.array([0, 0, 1], dtype=np.int32)
         heights = np.full(len(cells), np.inf)
         known = np.flatnonzero(above[:, 2] < self.shape[2])
-        rows = self.index[tuple(above[known].T)]
+        rows = self.number_at[tuple(above[known].T)] - 1
         while (rows >= 0).any():
             known, rows = known[rows >= 0], rows[rows >= 0]
             covers = (self.lower[rows, :2] <= lower[known, :2] + _ROUNDING).all(axis=1)
@@ -295,13 +301,15 @@ class ObstacleSet:
             return self
         origin = low - before * size
         _grid_shape(origin, high + after * size, GridSettings(cell_size=size))
-        index = np.pad(self.index, np.column_stack([before, after]), constant_values=-1)
+        number_at = np.zeros(np.array(self.shape) + before + after, np.int32)
+        cells = self.cells + before.astype(np.int32)
+        number_at[tuple(cells.T)] = self.number_at[tuple(self.cells.T)]
         return replace(
             self,
             origin=frozen_array(origin),
-            shape=index.shape,
-            cells=_read_only(self.cells + before.astype(np.int32)),
-            index=_read_only(index),
+            shape=number_at.shape,
+            cells=_read_only(cells),
+            number_at=_read_only(number_at),
         )
 
     def _with(
@@ -317,20 +325,20 @@ class ObstacleSet:
         outline = np.column_stack([np.ones(len(cells)), np.zeros(len(cells)), *sides])
         together = np.vstack([self.cells, cells]).astype(np.int32)
         order = np.lexsort(together.T[::-1])  # stable: boxes of one cell stay next to each other
-        index = np.full(self.shape, -1, np.int32)
+        number_at = np.zeros(self.shape, np.int32)
         ordered = together[order]
         held = np.concatenate([np.diff(self.first_point), np.zeros(len(cells), np.int64)])
         first = np.ones(len(order), np.bool_)
         first[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
         following = np.arange(1, len(order) + 1, dtype=np.int32)
         following[np.append(first[1:], True)] = -1
-        index[tuple(ordered[first].T)] = np.flatnonzero(first)
+        number_at[tuple(ordered[first].T)] = np.flatnonzero(first) + 1
         return replace(
             self,
             cells=_read_only(ordered),
             lower=_read_only(np.vstack([self.lower, lower])[order]),
             upper=_read_only(np.vstack([self.upper, upper])[order]),
-            index=_read_only(index),
+            number_at=_read_only(number_at),
             next=_read_only(following),
             surface_height=_read_only(np.concatenate([self.surface_height, upper[:, 2]])[order]),
             surface_extent=_read_only(np.vstack([self.surface_extent, extent])[order]),

@@ -233,10 +233,11 @@ def nearest_on_line(
     lines: Lines,
     next_box: Index,
     room: Envelope,
+    begin: int,
     nearest: Index,
     squared: Field,
 ) -> None:
-    """Box of a group nearest to each of the points of a line, and the squared distance to it.
+    """Box of a group nearest to each of some points of a line, and the squared distance to it.
 
     Per column of cells along y, the nearest box before and after the line; then, along x, the
     lower envelope of the squared distances to these boxes (P. Felzenszwalb and D. Huttenlocher,
@@ -246,8 +247,9 @@ def nearest_on_line(
     Args:
         line: its number; lines are to be asked for in ascending order.
         next_box: (c,) the first box of each column that lies behind the line before; kept up here.
-        nearest: (nx,), -1 where there is none within the cap of the line.
-        squared: (nx,), m², infinite where there is none within the cap of the line.
+        begin: the first of these points; they follow each other.
+        nearest: (n,), -1 where there is none within the cap of the line.
+        squared: (n,), m², infinite where there is none within the cap of the line.
     """
     y = lines.y + line * lines.size
     n = 0
@@ -260,7 +262,7 @@ def nearest_on_line(
         after = boxes.after[at] if at < last else -1
         n = _add_column(boxes, c, before, after, y, lines, room, n)
     n = _lower_envelope(room.foot, room.base, room.box, room.begin, n)
-    _along_line(room, n, lines, nearest, squared)
+    _along_line(room, n, lines, begin, nearest, squared)
     first, last = (
         boxes.column_start[boxes.group_start[group]],
         boxes.column_start[boxes.group_start[group + 1]],
@@ -270,22 +272,24 @@ def nearest_on_line(
         for i in range(len(nearest)):
             r = nearest[i]
             if squared[i] < cap and boxes.near_start[r + 1] > boxes.near_start[r]:
-                x = lines.x + i * lines.size
+                x = lines.x + (begin + i) * lines.size
                 nearest[i], squared[i] = _nearest_outline(boxes, r, x, y)
 
 
 @kernel(lean=True)
-def _along_line(room: Envelope, count: int, lines: Lines, nearest: Index, squared: Field) -> None:
-    """The least of the first parabolas of an envelope at each point of a line, and its box."""
+def _along_line(
+    room: Envelope, count: int, lines: Lines, begin: int, nearest: Index, squared: Field
+) -> None:
+    """The least of the first parabolas of an envelope at points of a line, and its box."""
     i, nx = 0, len(nearest)
     for at in range(count):
         last = nx
         if at + 1 < count:
             end = math.ceil((room.begin[at + 1] - lines.x) / lines.size)
-            last = int(min(max(end, i), nx))
+            last = int(min(max(end - begin, i), nx))
         foot, base, box = lines.x - room.foot[at], room.base[at], room.box[at]
         for k in range(i, last):
-            off = foot + k * lines.size
+            off = foot + (begin + k) * lines.size
             squared[k] = off * off + base
             nearest[k] = box
         i = last

@@ -18,8 +18,7 @@ class ObstacleArrays(NamedTuple):
     cells: npt.NDArray[np.int32]
     lower: Array
     upper: Array
-    first_at: npt.NDArray[np.int32]
-    """`ObstacleSet.index`"""
+    number_at: npt.NDArray[np.int32]
     next: npt.NDArray[np.int32]
     surface_height: Array
     surface_extent: Array

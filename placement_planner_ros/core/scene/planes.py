@@ -273,7 +273,7 @@ def _local_fits(
     boxes: ObstacleArrays, means: Array, used: npt.NDArray[np.bool_], tolerance: float
 ) -> Array:
     """(m, 4) height, slope and scatter of the plane around each box; inf where there is none."""
-    nx, ny, nz = boxes.first_at.shape
+    nx, ny, nz = boxes.number_at.shape
     fits = np.full((len(means), 4), np.inf)
     moments = np.empty(10)
     layers = math.ceil(_STEEPEST * math.sqrt(2.0) * _REACH)
@@ -286,7 +286,7 @@ def _local_fits(
         for i in range(max(ci - _REACH, 0), min(ci + _REACH + 1, nx)):
             for j in range(max(cj - _REACH, 0), min(cj + _REACH + 1, ny)):
                 for k in range(max(ck - layers, 0), min(ck + layers + 1, nz)):
-                    q = boxes.first_at[i, j, k]
+                    q = boxes.number_at[i, j, k] - 1
                     while q >= 0:
                         dx, dy, dz = means[q, 0] - x, means[q, 1] - y, means[q, 2] - z
                         far = _STEEPEST * math.sqrt(dx * dx + dy * dy) + tolerance
@@ -316,7 +316,7 @@ def _grow(
     A plane begins with what was fitted around a box, and grows to neighbouring columns by the boxes
     within the tolerance of it; it is fitted anew each time that a quarter has come to it.
     """
-    nx, ny, nz = boxes.first_at.shape
+    nx, ny, nz = boxes.number_at.shape
     size = boxes.cell_size
     label = np.full(len(means), -1, np.int64)
     queue = np.empty(len(means), np.int64)
@@ -343,7 +343,7 @@ def _grow(
                     y = boxes.origin[1] + (j + 0.5) * size
                     layer = math.floor((height + gx * x + gy * y - boxes.origin[2]) / size)
                     for k in range(max(layer - 1, 0), min(layer + 2, nz)):
-                        q = boxes.first_at[i, j, k]
+                        q = boxes.number_at[i, j, k] - 1
                         while q >= 0:
                             off = means[q, 2] - height - gx * means[q, 0] - gy * means[q, 1]
                             if used[q] and label[q] < 0 and abs(off) <= tolerance:
@@ -380,7 +380,7 @@ def _owners(
     tolerance: float,
 ) -> Index:
     """`Planes.owners`: of the boxes of planes in a column, that of the nearest in height."""
-    nz = boxes.first_at.shape[2]
+    nz = boxes.number_at.shape[2]
     size = boxes.cell_size
     result = np.full(len(cells), UNOWNED, np.int64)
     for s in range(len(cells)):
@@ -390,7 +390,7 @@ def _owners(
         layer = math.floor((height[s] + slope_x * x + slope_y * y - boxes.origin[2]) / size)
         nearest = tolerance
         for k in range(max(layer - 1, 0), min(layer + 2, nz)):
-            q = boxes.first_at[i, j, k]
+            q = boxes.number_at[i, j, k] - 1
             while q >= 0:
                 off = means[q, 2] - slope_x * means[q, 0] - slope_y * means[q, 1] - height[s]
                 if owner[q] != UNOWNED and abs(off) <= nearest:

@@ -114,7 +114,7 @@ def points_on(
 
     Points of a box that is as near to two surfaces of its column are of both.
     """
-    nz = boxes.first_at.shape[2]
+    nz = boxes.number_at.shape[2]
     first = np.zeros(len(height) + 1, np.int64)
     points = np.empty_like(measured)
     filled = np.zeros(len(height), np.bool_)
@@ -125,7 +125,7 @@ def points_on(
         y = boxes.origin[1] + (j + 0.5) * boxes.cell_size
         quarters = 0
         for k in range(max(layer - 1, 0), min(layer + 2, nz)):
-            p = boxes.first_at[i, j, k]
+            p = boxes.number_at[i, j, k] - 1
             while p >= 0:
                 if abs(boxes.surface_height[p] - height[s]) <= step:
                     while n + measured_first[p + 1] - measured_first[p] > len(points):

@@ -42,7 +42,7 @@ def thing_between(
 ) -> bool:
     """Whether something rises from height z on the way from a point by dx, dy."""
     size = columns.cell_size
-    nz = boxes.first_at.shape[2]
+    nz = boxes.number_at.shape[2]
     i0 = max(math.floor((min(x, x + dx) - _BESIDE - columns.origin[0]) / size), 0)
     i1 = min(math.floor((max(x, x + dx) + _BESIDE - columns.origin[0]) / size), columns.nx - 1)
     j0 = max(math.floor((min(y, y + dy) - _BESIDE - columns.origin[1]) / size), 0)
@@ -52,7 +52,7 @@ def thing_between(
     for i in range(i0, i1 + 1):
         for j in range(j0, j1 + 1):
             for k in range(k0, k1 + 1):
-                p = boxes.first_at[i, j, k]
+                p = boxes.number_at[i, j, k] - 1
                 while p >= 0:
                     if boxes.upper[p, 2] > z + _RISE and boxes.lower[p, 2] < z + _BEGIN:
                         low, high = 0.0, 1.0

@@ -133,7 +133,7 @@ def free_tops(
     cells, lower, upper = boxes.cells, boxes.lower, boxes.upper
     extent = boxes.surface_extent
     m = len(cells)
-    nz = boxes.first_at.shape[2]
+    nz = boxes.number_at.shape[2]
     free = np.zeros(m, np.bool_)
     top = np.zeros(m, np.bool_)
     layers = int(headroom / boxes.cell_size) + 1
@@ -143,7 +143,7 @@ def free_tops(
             continue  # what lies above was cropped away
         blocked = False
         for k in range(cells[p, 2], min(cells[p, 2] + layers + 1, nz)):
-            q = boxes.first_at[cells[p, 0], cells[p, 1], k]
+            q = boxes.number_at[cells[p, 0], cells[p, 1], k] - 1
             while q >= 0 and not blocked:
                 blocked = q != p and _covers(boxes, q, p, headroom, tolerance)
                 q = boxes.next[q]
@@ -166,12 +166,12 @@ def _step_to(
     boxes: ObstacleArrays, free: npt.NDArray[np.bool_], p: int, i: int, j: int, reach: float
 ) -> float:
     """From the top of box p to the free top nearest in height in column i, j; inf beyond reach."""
-    nx, ny, nz = boxes.first_at.shape
+    nx, ny, nz = boxes.number_at.shape
     best = np.inf
     if i < 0 or i >= nx or j < 0 or j >= ny:
         return best
     for k in range(max(boxes.cells[p, 2] - 2, 0), min(boxes.cells[p, 2] + 3, nz)):
-        q = boxes.first_at[i, j, k]
+        q = boxes.number_at[i, j, k] - 1
         while q >= 0:
             step = boxes.surface_height[q] - boxes.surface_height[p]
             if free[q] and abs(step) <= reach and abs(step) < abs(best):
@@ -284,7 +284,7 @@ def _holes(
     Returns:
         Per column the cell, the height and the extent of the surface that it is taken for.
     """
-    nx, ny, nz = boxes.first_at.shape
+    nx, ny, nz = boxes.number_at.shape
     size = boxes.cell_size
     layers = int(headroom / size) + 1
     holes: list[tuple[float, ...]] = []
@@ -300,7 +300,7 @@ def _holes(
                 continue
             empty = True
             for k in range(max(layer - layers, 0), min(layer + layers + 1, nz)):
-                empty = empty and boxes.first_at[i, j, k] < 0
+                empty = empty and boxes.number_at[i, j, k] == 0
             if not empty:
                 continue
             x0, y0 = boxes.origin[0] + i * size, boxes.origin[1] + j * size

@@ -49,7 +49,7 @@ def tight_boxes(
     wall become two boxes, a slope or a blob stays one.
 
     Args:
-        bins: `row_of` is rewritten to the first box of each cell.
+        bins: `number_at` is rewritten to one more than the first box of each cell.
         skin: thickness of one level surface, metres.
         band: points so far below the top of a box are of the surface on it, metres.
     """
@@ -328,7 +328,7 @@ def _tight_boxes(
             number = 1
             boxes[0] = whole
             ends[0], ends[1] = 0, count
-        bins.row_of[cells[r, 0], cells[r, 1], cells[r, 2]] = m
+        bins.number_at[cells[r, 0], cells[r, 1], cells[r, 2]] = m + 1
         for part in range(number):
             box_cells[m] = cells[r]
             lower[m] = boxes[part, 0]
@@ -408,7 +408,7 @@ def _one_surface(
 
 @kernel(nogil=True)
 def close_gaps(
-    boxes: TightBoxes, index: Index, origin: Array, cell_size: float, skin: float
+    boxes: TightBoxes, number_at: Index, origin: Array, cell_size: float, skin: float
 ) -> tuple[Array, Array]:
     """Extend boxes of one surface in neighbouring cells to the face between these cells.
 
@@ -417,7 +417,7 @@ def close_gaps(
     """
     cells, lower, upper = boxes.cells, boxes.lower, boxes.upper
     m = len(cells)
-    shape = index.shape
+    shape = number_at.shape
     new_lower = lower.copy()
     new_upper = upper.copy()
     cell = np.empty(3, np.int64)
@@ -435,7 +435,7 @@ def close_gaps(
                     cell[c] = cells[p, c] + (0, 1, -1)[turn // 3]
                     if cell[b] < 0 or cell[b] >= shape[b] or cell[c] < 0 or cell[c] >= shape[c]:
                         continue
-                    q = index[cell[0], cell[1], cell[2]]
+                    q = number_at[cell[0], cell[1], cell[2]] - 1
                     while q >= 0 and not closed:
                         closed = _one_surface(lower, upper, p, q, axis, skin, cell_size)
                         q = boxes.next[q]

@@ -166,8 +166,8 @@ def find_news(
     origin, end = cubes.origin, cubes.end
     nx, ny, nz = end.shape
     per_metre = 1.0 / cubes.size
-    lower, upper, following, index = known.lower, known.upper, known.next, known.first_at
-    mx, my, mz = index.shape
+    lower, upper, following, number_at = known.lower, known.upper, known.next, known.number_at
+    mx, my, mz = number_at.shape
     cells = 1.0 / known.cell_size
     count = 0
     for row in range(len(points)):
@@ -193,7 +193,7 @@ def find_news(
                     max(int(np.floor((gz - within) * cells)), 0),
                     min(int(np.floor((gz + within) * cells)) + 1, mz),
                 ):
-                    box = index[i, j, k]
+                    box = number_at[i, j, k] - 1
                     while new and box >= 0:
                         dx = max(lower[box, 0] - x, 0.0, x - upper[box, 0])
                         dy = max(lower[box, 1] - y, 0.0, y - upper[box, 1])

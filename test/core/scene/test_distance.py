@@ -450,3 +450,24 @@ def test_bad_lengths_are_refused(obstacles):
         ClearanceField(obstacles, VOLUME, padding=-1.0)
     with pytest.raises(ParameterError, match="beyond"):
         ClearanceField(obstacles, VOLUME, beyond=-0.1)
+
+
+def test_values_are_the_same_in_whatever_order_they_are_asked_for(obstacles):
+    """Those beside V are made at once, further ones as they are asked for."""
+    rng = np.random.default_rng(4)
+    whole, grown = (ClearanceField(obstacles, VOLUME, 0.2) for _ in range(2))
+    (table,) = whole.tables
+    made = []
+    for reach in (0.0, 0.1, 0.2, 0.9):
+        for _ in range(4):
+            corner = rng.uniform(VOLUME.lower - reach, VOLUME.upper + reach)
+            points = corner + rng.uniform(-0.04, 0.04, (50, 3))
+            np.testing.assert_array_equal(grown.distance(points), whole.distance(points))
+            made.append(grown._tables[0]._filled)
+            body, pose = rng.uniform(-0.05, 0.05, (200, 3)), np.eye(4)
+            pose[:3, 3] = rng.uniform(VOLUME.lower - reach, VOLUME.upper + reach)
+            one, two = (field.mean_clearance(pose, body) for field in (whole, grown))
+            assert one[0] == two[0]
+            np.testing.assert_array_equal(one[1], two[1])
+    assert len(set(made)) > 2
+    np.testing.assert_array_equal(grown.tables[0].values, table.values)
