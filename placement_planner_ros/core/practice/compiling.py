@@ -77,7 +77,8 @@ class Progress:
         return None if made < 10 else self.seconds * (self.kernels - self.done) / made
 
     def __str__(self) -> str:
-        left = "" if self.left is None else f", some {max(self.left, 1.0):.0f} s left"
+        told = self.left is not None and self.done < self.kernels
+        left = f", some {max(self.left or 0.0, 1.0):.0f} s left" if told else ""
         return f"{self.done} of {self.kernels} kernels compiled{left}"
 
 

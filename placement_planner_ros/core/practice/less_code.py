@@ -134,9 +134,7 @@ def _keep_variables_as_values() -> None:
         if is_counted(self, name):
             delete(self, name)
 
-    replace(
-        lowering.Lower, _find_singly_assigned_variable=found, storevar=stored, delvar=deleted
-    )
+    replace(lowering.Lower, _find_singly_assigned_variable=found, storevar=stored, delvar=deleted)
 
 
 def _assigned_once(blocks: dict[int, Any]) -> set[str]:

@@ -76,6 +76,115 @@ assert run() == before, (run(), before)
 print("alike")
 """
 
+SAID_IN_BRIEF = """
+import numba, numpy as np
+from llvmlite.ir import IRBuilder
+from typing import NamedTuple
+from placement_planner_ros.core.kernels import UNCOUNTED
+from placement_planner_ros.core.practice.hastening import hasten
+
+class Rows(NamedTuple):
+    values: np.ndarray
+    wide: np.ndarray
+    count: int
+
+def picked(rows, k):
+    if k >= rows.count:
+        raise ValueError("too far")
+    return rows.values[k, -1] + rows.wide[-k, 0], k * 2
+
+def ranges(rows, n):
+    total = 0.0
+    for k in range(n):
+        if k == 3:
+            continue
+        for m in range(k, n - 1):
+            total += rows.values[m % rows.count, 0] * m
+            if m > 4:
+                break
+    for k in range(n, -n, -3):
+        total = total * 1.01 + k
+    for k in range(2, 2):
+        total += 1e9
+    for step in range(1, 3):
+        for k in range(0, n, step):
+            total += k
+    return total
+
+def ways(rows, n):
+    first, second = rows, Rows(rows.wide, rows.values, rows.count)
+    line = rows.values[0]
+    total, last = 0.0, -1
+    while last < n:
+        last += 1
+        if last % 2:
+            line = second.values[last % rows.count]
+            first, second = second, first
+        elif last > 4:
+            line = line[::-1]
+        total += line[0] * len(line) + first.values[0, 1]
+    return total, last, line[-1], second.wide.shape
+
+def fails(rows, n):
+    total = 0.0
+    for k in range(n):
+        value, twice = inner(rows, k)
+        total += value * twice
+    return total
+
+def mends(rows, n):
+    try:
+        return fails_inner(rows, n)
+    except Exception:
+        return -1.0
+
+def writes(rows, n):
+    for k in range(1, n):
+        rows.values[k % rows.count, k % 2] += rows.wide[k % rows.count, -1] / k
+        rows.values[-1, 0] = max(rows.values[-1, 0], rows.wide[0, 0]) - min(k, 2)
+    rows.values[0, :2] = rows.wide[1, ::-1][:2]
+
+LEAN = {ranges: UNCOUNTED, ways: UNCOUNTED}
+told = []
+insert = IRBuilder._insert
+
+def counting(self, instruction):
+    told.append(1)
+    return insert(self, instruction)
+
+IRBuilder._insert = counting
+
+def flat(result):
+    return np.hstack(result) if isinstance(result, tuple) else result
+
+def run():
+    global inner, fails_inner
+    inner, fails_inner = numba.njit(picked), numba.njit(fails)
+    told.clear()
+    rng = np.random.default_rng(0)
+    rows = Rows(rng.random((4, 3)), rng.random((4, 3)), 4)
+    results = []
+    for function in (ranges, ways, fails, mends, writes):
+        options = LEAN.get(function, {})
+        made = numba.njit(function, **options)
+        for n in (0, 1, 4, 7):
+            try:
+                results.append(made(rows, n))
+            except ValueError as error:
+                results.append(str(error))
+            if function in (ranges, ways):
+                assert np.allclose(flat(results[-1]), flat(function(rows, n)))
+    return results + [rows.values.tolist()], len(told)
+
+before, long = run()
+hasten()
+after, brief = run()
+assert repr(after) == repr(before), (before, after)
+assert before.count("too far") == 1 and -1.0 in before, before
+assert brief < 0.75 * long, (brief, long)
+print("alike")
+"""
+
 
 def test_operators_that_were_looked_up_once_are_those_that_numba_finds():
     assert _told(TYPED_ALIKE) == "3"
@@ -83,6 +192,10 @@ def test_operators_that_were_looked_up_once_are_those_that_numba_finds():
 
 def test_what_it_compiles_does_the_same_and_gives_back_what_it_takes():
     assert _told(RUN_ALIKE) == "alike"
+
+
+def test_what_it_says_in_brief_is_the_same():
+    assert _told(SAID_IN_BRIEF) == "alike"
 
 
 def test_another_numba_is_left_as_it_is():
