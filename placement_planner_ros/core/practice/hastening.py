@@ -20,7 +20,8 @@ from numba.core import inline_closurecall, ir, ir_utils, postproc, typed_passes,
 from numba.core.annotations.type_annotations import TypeAnnotation
 from numba.core.registry import cpu_target
 
-from placement_planner_ros.core.practice.less_code import LESS_CODE, replace
+from placement_planner_ros.core.practice.less_code import LESS_CODE
+from placement_planner_ros.core.practice.replacing import replace
 
 _WRITTEN_FOR = "0.68."
 """How the versions of numba begin whose functions `SHORTCUTS` stand for."""
