@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.scene.binning import Bins
+from placement_planner_ros.core.scene.curved import scatter_about_curved
 from placement_planner_ros.core.types import Array
 
 Index = npt.NDArray[np.int32]
@@ -25,6 +26,8 @@ _MIN_SURFACE_POINTS = 20
 """Neighbourhoods with fewer points say nothing about the noise: sparse is not noisy, ..."""
 _MIN_SURFACES = 0.2
 """... and at least this share of all must be such surfaces."""
+_CURVED = 0.0003
+"""m about planes, up to which surfaces that curve pass for noisy ones."""
 _PLANE_SCATTER = 2.0
 """A neighbourhood is a plane if its points scatter by less than this times the noise."""
 _MORE_SCATTER = 1.4
@@ -225,19 +228,30 @@ def estimate_noise(bins: Bins, origin: Array, size: float) -> float:
 
     The median over neighbourhoods that look like surfaces. Two checks keep curved and thin things
     from passing for noise: where a quarter of the single cells with enough points are flat, or a
-    quarter of the neighbourhoods (to a tenth of the median), it is that quarter that counts.
+    quarter of the neighbourhoods (to a tenth of the median), it is that quarter that counts. Where
+    points scatter by as little as what is slightly curved, they are held against curved surfaces.
     """
     stride = max(1, len(bins.cells) // _SAMPLED_CELLS)
     moments = _cell_moments(bins, origin, size)
     around = _scatter(moments, bins, size, 1, stride, _MIN_SURFACE_POINTS)
     if len(around) < _MIN_SURFACES * len(bins.cells) / stride:
         return 0.0
-    quartile, median = np.quantile(around, (0.25, 0.5))
+    noise = _typical(around)
     alone = _scatter(moments, bins, size, 0, stride, _MIN_PLANE_POINTS)
     if len(alone) >= 0.25 * len(around):
         within = float(np.quantile(alone, 0.25))
-        if within < 0.1 * median:
-            return within
+        if within < 0.1 * float(np.median(around)):
+            noise = within
+    if 0.0 < noise <= _CURVED:
+        noise = min(noise, _typical(scatter_about_curved(bins, 1)))
+    return noise
+
+
+def _typical(scatter: Array) -> float:
+    """Median, or the first quartile where that is less than a tenth of it; 0 of nothing."""
+    if len(scatter) == 0:
+        return 0.0
+    quartile, median = np.quantile(scatter, (0.25, 0.5))
     return float(quartile if quartile < 0.1 * median else median)
 
 

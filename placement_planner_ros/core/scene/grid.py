@@ -50,7 +50,7 @@ class GridSettings(Settings):
     """
 
     cell_size: float = setting(0.01, "[0.002, 0.1]", "m", "Edge of the obstacle set's cells.")
-    noise_floor: float = setting(0.0003, "[0, inf)", "m")
+    noise_floor: float = setting(0.00005, "[0, inf)", "m")
     min_points: int = setting(3, "[0, inf)")
     max_boxes_per_cell: int = setting(4, "[1, 4]")
     max_cells: int = setting(30_000_000, "[1, inf)")

@@ -135,6 +135,18 @@ def test_denoising_leaves_clean_curved_and_thin_things_alone():
     assert inside_some_box(obstacles, points).all()
 
 
+@pytest.mark.parametrize(("spacing", "noise"), [(0.003, 0.0002), (0.005, 0.00029)])
+def test_little_noise_is_told(spacing, noise):
+    """A glass of 57 mm found no place on a table whose noise was taken for its shape."""
+    rng = np.random.default_rng(4)
+    points = plane((-0.25, -0.25, 0.0), (0.25, 0.25, 0.0), spacing)
+    noisy = points + rng.normal(0.0, noise, points.shape)
+    obstacles = ObstacleSet.from_points(noisy, bounds=BOUNDS)
+    assert obstacles.noise == pytest.approx(noise, rel=0.2)
+    middle = (np.abs(0.5 * (obstacles.lower + obstacles.upper)[:, :2]) < 0.22).all(axis=1)
+    assert obstacles.upper[middle, 2].std() < 0.5 * noise
+
+
 def test_a_thin_stem_survives_noise():
     rng = np.random.default_rng(5)
     angle = rng.uniform(0.0, 2.0 * np.pi, 900)
