@@ -206,7 +206,24 @@ def read_urdf(text: str, limits: Mapping[str, JointLimit] | None = None) -> Desc
             f"{len(joints)} movable joints",
             f"is more than a robot may have, {MAX_JOINTS}; fix those that planning can do without",
         )
+    warnings += _only_drawn(root)
     return Description(root, joints, tuple(warnings))
+
+
+def _only_drawn(root: ET.Element) -> list[str]:
+    """A sentence on links that are to be seen but nothing to collision checks, if any."""
+    drawn = [
+        _name(link)
+        for link in root.findall("link")
+        if link.find("visual") is not None and link.find("collision") is None
+    ]
+    if not drawn:
+        return []
+    names = ", ".join(drawn[:_NAMED]) + (
+        f" and {len(drawn) - _NAMED} more" if drawn[_NAMED:] else ""
+    )
+    what = "links with <visual> but no <collision>, which nothing is kept away from"
+    return [f"{names}: {what}; give them one where they are solid"]
 
 
 def read_floats(text: str, count: int, field: str) -> Array:

@@ -511,6 +511,14 @@ def test_shapes_of_no_size_are_left_out_and_told(shape):
     assert "link thing, collision 0: a shape of no size is left out" in robot.warnings
 
 
+def test_links_that_are_only_drawn_are_told():
+    solid = with_geometry('<box size="1 1 1"/>')
+    drawn = solid.replace("collision>", "visual>")
+    told = [[w for w in Robot.from_urdf(u).warnings if "<visual>" in w] for u in (solid, drawn)]
+    assert told[0] == []
+    assert told[1][0].startswith("thing: links with <visual> but no <collision>")
+
+
 # --- whole robots -------------------------------------------------------------------------------
 
 
