@@ -135,7 +135,7 @@ def test_an_executive_puts_down_three_boxes(planner, example):
     process = example("executive.py")
     said, _ = process.communicate(timeout=120.0)
     assert process.returncode == 0, said
-    boxes = re.findall(r"^box (\d): solution \d+, .* to (\S+) (\S+) (\S+) in yumi_body", said, re.M)
+    boxes = re.findall(r"^box (\d): solution \d+ .* to (\S+) (\S+) (\S+) in yumi_body", said, re.M)
     assert [number for number, *_ in boxes] == ["1", "2", "3"], said
     wait(lambda: len(planner.status.values["placed"].split()) == 3)
     places = np.array([[float(each) for each in place] for _, *place in boxes])
