@@ -36,6 +36,7 @@ from placement_planner_ros.core.scene.support_holes import (
     empty_discs,
     parts_in_holes,
 )
+from placement_planner_ros.core.scene.support_meshes import gaps_of_meshes
 from placement_planner_ros.core.scene.support_points import on_surface
 from placement_planner_ros.core.scene.support_sights import seen_through
 from placement_planner_ros.core.scene.support_spacing import narrowest_gaps
@@ -148,7 +149,9 @@ class SupportMap:
             slope,
         )
         view = closed._view
-        narrowest = narrowest_gaps(view, cells, asked) * (_NOISY if obstacles.noise > 0.0 else 1.0)
+        narrowest, beside = narrowest_gaps(view, cells, asked)
+        narrowest *= _NOISY if obstacles.noise > 0.0 else 1.0
+        narrowest = np.minimum(narrowest, gaps_of_meshes(view, cells, beside))
         discs = np.vstack(
             [
                 empty_discs(view, obstacles.arrays, cells, narrowest),

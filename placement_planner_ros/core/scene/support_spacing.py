@@ -45,6 +45,8 @@ _LOW, _MIDDLE = 0.1, 0.4
 shows a single row of points discs are wide, so they are no higher."""
 NARROWEST = 0.0025
 """m, radius of the smallest discs that are gaps without a line of sight through them."""
+_WIDE = 0.85
+"""Times what a point is from the nearest one is a wide disc; those of a lattice have 0.7 of it."""
 
 
 @kernel(lean=True)
@@ -140,15 +142,20 @@ def _put_in_order(values: Array, count: int, value: float) -> None:
 @kernel(nogil=True)
 def narrowest_gaps(
     columns: Columns, cells: npt.NDArray[np.int32], asked: npt.NDArray[np.bool_]
-) -> Array:
-    """(s,) m, radius of the smallest disc without points that is a gap; inf where none can be told.
+) -> tuple[Array, Array]:
+    """How wide discs without points are gaps, judged by the spacing of the points around.
 
     Args:
         cells: (s, 3) of the surfaces.
         asked: (s,) whether it is asked for.
+
+    Returns:
+        (s,) m, radius of the smallest disc that is a gap; inf where none can be told. (s,) share
+        of the points around that have a wide disc beside them.
     """
     first = columns.first
     discs = np.full((len(columns.height), _SAMPLED), np.inf)
+    wide = np.zeros((len(columns.height), _SAMPLED))
     bends, room = np.empty(TURNS, np.float32), np.empty(_ROOM, np.float32)
     # some points of each surface, evenly
     for s in range(len(columns.height)):
@@ -169,8 +176,11 @@ def narrowest_gaps(
             row = first[s] + n * held // min(held, _SAMPLED)
             bends_around(columns, s, row, rings, bends)
             discs[s, n] = _half_sealed(bends, room)
+            if 0.5 / least(bends) >= max(_WIDE / float(np.max(bends)), NARROWEST):
+                wide[s, n] = 1.0
     # quantiles over the columns around
     result = np.full(len(columns.height), np.inf)
+    beside = np.zeros(len(columns.height))
     near = np.empty(9 * _SAMPLED)  # smallest first
     for s in range(len(columns.height)):
         if not asked[s]:
@@ -186,8 +196,10 @@ def narrowest_gaps(
                     if t >= 0 and discs[t, n] < np.inf:
                         _put_in_order(near, count, discs[t, n])
                         count += 1
+                        beside[s] += wide[t, n]
         if count == 0:
             continue
+        beside[s] /= count
         low, middle = near[int(_LOW * count)], near[int(_MIDDLE * count)]
         result[s] = max(middle * (_WIDER + _SCATTERED * (1.0 - low / middle)), NARROWEST)
     # where density changes, the sparser side tells
@@ -203,4 +215,4 @@ def narrowest_gaps(
                 )
                 if t >= 0 and result[t] < np.inf:
                     widest[s] = max(widest[s], result[t])
-    return widest
+    return widest, beside

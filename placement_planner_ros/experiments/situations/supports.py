@@ -238,6 +238,26 @@ def toy_table_on_wide_grating_polygon(rng: Rng) -> Situation:
     )
 
 
+def toy_table_on_mesh(rng: Rng) -> Situation:
+    """Wires both ways; the complete cloud shows two rows on each, 5 mm apart along it."""
+    (x, y), pitch, width = place(rng), rng.uniform(0.0125, 0.0145), rng.uniform(0.0024, 0.003)
+    z = rng.uniform(0.05, 0.07)
+    offsets = pitch * np.arange(-8, 9)
+    end = offsets[-1] + width / 2
+    solids = [
+        standing_box("mesh/wire", (2 * end, width, width), at, yaw, z - width, THING)
+        for offset in offsets
+        for at, yaw in (((x, y + offset), 0.0), ((x + offset, y), np.pi / 2))
+    ] + [
+        standing_box("mesh/post", (width, width, z - width), (x + i, y + j), 0.0, 0.0, THING)
+        for i in (-offsets[-1], offsets[-1])
+        for j in (-offsets[-1], offsets[-1])
+    ]
+    why = f"wires of {1e3 * width:.1f} mm, the edge margin of 3 mm leaves nothing of them"
+    return _on("toy_table_on_mesh", "racks", "toy_table", solids, (end - _AROUND,) * 2, (x, y),
+               z, why, None)  # fmt: skip
+
+
 def _top(rng: Rng, name: str, thing: str, radius: float, height: float, why: str,
          rest: Rest | None, support: Support = "vertices") -> Situation:  # fmt: skip
     """On a can or bottle."""
@@ -292,8 +312,8 @@ def tray_on_box(rng: Rng) -> Situation:
 
 
 def _ledge(rng: Rng, name: str, support: Support) -> Situation:
-    centre, depth = place(rng), rng.uniform(0.062, 0.067)
-    why = f"a ledge {1e3 * depth:.0f} mm deep, 0.3 m long, under a foot 72 mm wide: "
+    centre, depth = place(rng), rng.uniform(0.058, 0.062)
+    why = f"a ledge {1e3 * depth:.0f} mm deep, 0.3 m long, under a foot 64 mm wide: "
     why += "some of it hangs over" if support == "vertices" else "the middle is well within"
     rest = None if support == "vertices" else UPRIGHT
     solid = standing_box("ledge", (depth, 0.30, 0.09), centre, 0.0, 0.0, THING)
@@ -335,7 +355,7 @@ def beside_step(rng: Rng) -> Situation:
 SITUATIONS = (
     box_on_pedestal, small_pedestal, small_pedestal_polygon, post_polygon, box_on_bridge,
     inner_bridge, inner_bridge_polygon, plank, plank_too_narrow, plank_polygon, lath_polygon,
-    box_on_slats, toy_table_on_slats, toy_table_on_grating_15, toy_table_on_grating_20,
+    box_on_slats, toy_table_on_slats, toy_table_on_grating_15, toy_table_on_grating_20, toy_table_on_mesh,
     glass_on_grating, box_on_grating_polygon, glass_on_grating_polygon,
     toy_table_on_wide_grating_polygon, glass_on_can, glass_on_small_can,
     glass_on_small_can_polygon, box_on_bottle, box_on_box, tray_on_box, ledge, ledge_polygon,

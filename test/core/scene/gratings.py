@@ -70,6 +70,21 @@ def sampled(inside, spacing, rng, angle=0.0, kind="lattice", along=1.0):
     return xy[(inside(xy) >= 0.0) & (outline(xy) >= 0.0)]
 
 
+def along_wires(width, gap, spacing, rng, angle=0.0):
+    """(n, 2) points of `wires` that show two rows on each, so far apart; and how deep inside."""
+    pitch = width + gap
+    steps = np.arange(-2.0 * HALF, 2.0 * HALF, spacing)
+    rows = [
+        np.column_stack([steps + rng.uniform(0.0, spacing), np.full(len(steps), middle + side)])
+        for middle in pitch * np.arange(-20, 21)
+        for side in (-0.5 * width, 0.5 * width)
+        for _ in range(2)
+    ]
+    rows[::2] = [row[:, ::-1] for row in rows[::2]]
+    xy = turned(np.vstack(rows), -angle)
+    return xy[outline(xy) >= 0.0], wires(width, gap, angle)
+
+
 def at(xy, z=Z):
     return np.column_stack([xy, np.full(len(xy), z)])
 

@@ -5,6 +5,7 @@ import pytest
 from gratings import (
     HALF,
     Z,
+    along_wires,
     at,
     bars,
     outline,
@@ -15,6 +16,7 @@ from gratings import (
     wires,
 )
 
+from placement_planner_ros.core.scene.support_meshes import gaps_of_meshes
 from placement_planner_ros.core.types import upright
 
 TOLERANCE = 0.003
@@ -26,6 +28,11 @@ def room_of(support, probes, **asked):
     i, j = np.floor((probes - support.origin[:2]) / support.cell_size).astype(int).T
     column = i * support.columns[1] + j
     return np.array([roomy[support.start[c] : support.start[c + 1]].any() for c in column])
+
+
+def meshes_of(support):
+    """(s,) `gaps_of_meshes` wherever it could be asked."""
+    return gaps_of_meshes(support._view, support.cells, np.ones(len(support.height)))
 
 
 @pytest.mark.parametrize("cell", [0.01, 0.02])
@@ -73,6 +80,48 @@ def test_holes_are_gaps_up_to_their_rounded_corners(inside, spacing, hole):
     assert depth[stands].min() > -0.3 * hole
     assert stands[well & (depth > 0.6 * spacing)].mean() > 0.8
     assert not stands[depth < -0.4 * hole].any()
+
+
+@pytest.mark.parametrize("cell", [0.01, 0.02])
+@pytest.mark.parametrize(
+    ("width", "gap", "spacing"),
+    [(0.0026, 0.0102, 0.005), (0.003, 0.015, 0.005), (0.002, 0.008, 0.003), (0.004, 0.03, 0.006)],
+)
+@pytest.mark.parametrize("seed", [0, 1])
+def test_holes_of_meshes_that_are_two_spacings_wide(width, gap, spacing, seed, cell):
+    """All that holds for each point of a wire holds for one of a table with points so sparse."""
+    rng = np.random.default_rng(seed)
+    xy, inside = along_wires(width, gap, spacing, rng, seed * rng.uniform(0.0, np.pi))
+    _, support = support_of(at(xy), cell)
+    probes = rng.uniform(-HALF, HALF, (8000, 2))
+    probes = probes[outline(probes) > 0.02]
+    stands = support.supported(at(probes), TOLERANCE)
+    depth = inside(probes)
+    assert stands[depth < -0.0015].mean() < 0.05
+    assert not stands[depth < -0.35 * gap].any()
+    assert room_of(support, probes)[stands].all()
+
+
+@pytest.mark.parametrize("cell", [0.01, 0.02])
+@pytest.mark.parametrize("kept", [0.95, 0.89, 0.8])
+def test_points_missing_from_a_lattice_here_and_there_are_no_mesh(kept, cell):
+    rng = np.random.default_rng(8)
+    xy = sampled(solid, 0.003, rng, 0.4)
+    _, support = support_of(at(xy[rng.random(len(xy)) < kept]), cell)
+    assert not np.isfinite(meshes_of(support)).any()
+
+
+@pytest.mark.parametrize("cell", [0.01, 0.02])
+@pytest.mark.parametrize("kind", ["lattice", "random", "rows", "noise"])
+def test_no_solid_surface_is_a_mesh(kind, cell):
+    rng = np.random.default_rng(9)
+    for spacing in (0.002, 0.004):
+        along = 4.0 if kind == "rows" else 1.0
+        points = at(sampled(solid, spacing / np.sqrt(along), rng, 0.4, kind, along))
+        if kind == "noise":
+            points = points + rng.normal(0.0, 0.003, points.shape)
+        _, support = support_of(points, cell)
+        assert not np.isfinite(meshes_of(support)).any()
 
 
 @pytest.mark.parametrize("cell", [0.01, 0.02])
