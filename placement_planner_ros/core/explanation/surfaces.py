@@ -129,6 +129,9 @@ def why_no_region(environment: Environment) -> Explanation:
             (span,),
         )
     holes = holes_in(environment)
+    if holes > _LONELY and (hidden := shown(environment)):
+        bare = f"over {bare_in(environment):.0%} of target_volume nothing was measured"
+        return Explanation(f"{head}: {bare}", (*hidden, aligned), (span,))
     if holes > _LONELY:
         return Explanation(
             f"{head}: the points in target_volume lie too far apart to show a surface: "
@@ -258,7 +261,7 @@ def _degrees(slope: Array) -> float:
 
 
 def bare_in(environment: Environment) -> float:
-    """Share of V's columns in which nothing was measured, at whatever height."""
+    """Share of V's columns in which nothing was measured, at whatever height, nor around them."""
     measured = environment.measured
     whole, filled = np.zeros((2, *measured.shape[:2]), dtype=np.bool_)
     for box in environment.volume.joined:
@@ -267,7 +270,9 @@ def bare_in(environment: Environment) -> float:
         whole[low[0] : end[0], low[1] : end[1]] = True
     cells = measured.cells[_inside(environment)]
     filled[cells[:, 0], cells[:, 1]] = True
-    return 1.0 - float(filled.sum() / max(whole.sum(), 1))
+    between = binary_closing(np.pad(filled, _ACROSS), np.ones((2 * _ACROSS + 1, 2 * _ACROSS + 1)))
+    around = between[_ACROSS:-_ACROSS, _ACROSS:-_ACROSS]  # points may be sparse
+    return 1.0 - float((around & whole).sum() / max(whole.sum(), 1))
 
 
 def shown(environment: Environment) -> tuple[Remedy, ...]:

@@ -56,3 +56,22 @@ def test_what_hides_most_of_the_volume_is_told():
     assert f"{hidden.seen:.0%} of target_volume" in surfaces.seen_in_words(hidden)[0]
     free = Environment.from_points(cloud, volume, bounds=BOUNDS, sights=[View(cloud, eye)])
     assert surfaces.seen_in_words(free) == ()
+
+
+def test_sparse_points_are_not_taken_for_a_hidden_surface():
+    volume = TargetVolume([-0.1, -0.2, -0.02], [0.2, 0.2, 0.05])
+    sparse = plane((-0.4, 0.4), (-0.4, 0.4), spacing=0.03)
+    environment = Environment.from_points(sparse, volume, bounds=BOUNDS)
+    assert surfaces.shown(environment) == ()
+    assert "too far apart" in surfaces.why_no_region(environment).cause
+
+
+def test_a_wall_before_the_volume_is_not_told_as_sparse_points():
+    """All that the camera sees of V's ground is the side of the wall, above V."""
+    volume = TargetVolume([0.0, -0.2, -0.02], [0.3, 0.2, 0.05])
+    side = plane((0.1, 0.2), (-0.3, 0.3))
+    wall = side[:, [2, 1, 0]] + [0.005, 0.0, 0.0]
+    environment = Environment.from_points(wall, volume, bounds=BOUNDS)
+    told = surfaces.why_no_region(environment)
+    assert "of target_volume nothing was measured" in told.cause
+    assert told.remedies[0] == surfaces.shown(environment)[0]
