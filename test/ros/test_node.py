@@ -22,7 +22,7 @@ from placement_planner_ros.ros import node as node_module
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 from placement_planner_ros.ros.inputs.self_filter import outside_robot
 from placement_planner_ros.ros.qos import LATCHED
-from placement_planner_ros.ros.run.surroundings import Surroundings
+from placement_planner_ros.ros.run.surroundings import Surroundings, sight_notes
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.share import share_path
 
@@ -461,6 +461,9 @@ def test_unknown_space_is_obstacle_where_asked_for_and_the_sensor_is_known(bench
     snapshot = b.snapshots[1]
     assert snapshot.origins[0].tolist() == [0.0, 0.0, 0.8]
     careful = Surroundings.of(snapshot).environment()
+    (note,) = sight_notes(snapshot, careful)
+    assert 0.0 < careful.seen < 1.0
+    assert f"seen {careful.seen:.0%} of target_volume" in note
     free = snapshot.parameters.changed({"unknown_space": "free"})
     plain = Surroundings.of(replace(snapshot, parameters=free)).environment()
     assert len(plain.obstacles) == len(careful.measured) < len(careful.obstacles)

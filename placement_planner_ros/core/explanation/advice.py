@@ -48,6 +48,7 @@ def support(search: Search) -> Advice:
     if slope is not None:
         remedies += surfaces.level(slope)
         seen.append(surfaces.sloping(slope, environment.max_slope))
+    remedies += surfaces.shown(environment)
     holes = surfaces.holes_in(environment)
     if holes > _HOLES:
         remedies += [surfaces.coarser(environment), surfaces.MERGED]

@@ -37,7 +37,8 @@ def explain(search: Search, progress: Progress) -> Explanation:
                 "something could stand on",
                 (rules.SMALLER_BOXES, Remedy("target_volume", "choose one with further surfaces")),
             )
-        return Explanation(told.cause, told.remedies, (*told.details, *left_out))
+        seen = surfaces.seen_in_words(environment)
+        return Explanation(told.cause, told.remedies, (*told.details, *seen, *left_out))
     if search.hierarchy.faces and not search.hierarchy.usable:
         return rules.no_rest_as_asked(search)
     if search.hierarchy.faces == 0:
@@ -66,6 +67,7 @@ def explain(search: Search, progress: Progress) -> Explanation:
         told = _hindered(search, _refused(search, progress.count))
     numbers = (
         surfaces.in_words(environment),
+        *surfaces.seen_in_words(environment),
         *tables.reach_in_words(search),
         *tables.few_directions(search),
         *tables.by_face(search, progress.count),

@@ -31,6 +31,8 @@ _PAIRS = 10
 """Pairs of columns, at least, that show a slope."""
 _LONELY = 0.5
 """Share of holes from which on no surface shows."""
+_BARE = 0.5
+"""Share of V's ground over which nothing was measured, to be named."""
 _ACROSS = 3
 """Cells from what was measured to the middle of a hole, at most."""
 _LARGEST_CELL = 0.1
@@ -127,6 +129,9 @@ def why_no_region(environment: Environment) -> Explanation:
             (span,),
         )
     holes = holes_in(environment)
+    if holes > _LONELY and (hidden := shown(environment)):
+        bare = f"over {bare_in(environment):.0%} of target_volume nothing was measured"
+        return Explanation(f"{head}: {bare}", (*hidden, aligned), (span,))
     if holes > _LONELY:
         return Explanation(
             f"{head}: the points in target_volume lie too far apart to show a surface: "
@@ -186,6 +191,8 @@ def steep_in(environment: Environment) -> Array | None:
     area = sum(plane.area for plane in steep)
     if steep and area >= _COVERED * (area + sum(r.area for r in environment.regions)):
         return np.array(steep[0].slope)
+    if sum(region.area for region in environment.regions) > (1.0 - _COVERED) * _ground(environment):
+        return None  # to what fits one plane, a step between level surfaces is a slope
     slope = slope_in(environment)  # planes are sought up to 20 degrees
     return slope if steepness(slope) > environment.max_slope + _MEASURED else None
 
@@ -251,6 +258,41 @@ def _points_on_top(environment: Environment) -> tuple[Array, Array]:
 
 def _degrees(slope: Array) -> float:
     return math.degrees(math.atan(float(np.hypot(*slope))))
+
+
+def bare_in(environment: Environment) -> float:
+    """Share of V's columns in which nothing was measured, at whatever height, nor around them."""
+    measured = environment.measured
+    whole, filled = np.zeros((2, *measured.shape[:2]), dtype=np.bool_)
+    for box in environment.volume.joined:
+        low, high = np.floor((box[:, :2] - measured.origin[:2]) / measured.cell_size).astype(int)
+        low, end = low.clip(min=0), (high + 1).clip(min=0)
+        whole[low[0] : end[0], low[1] : end[1]] = True
+    cells = measured.cells[_inside(environment)]
+    filled[cells[:, 0], cells[:, 1]] = True
+    between = binary_closing(np.pad(filled, _ACROSS), np.ones((2 * _ACROSS + 1, 2 * _ACROSS + 1)))
+    around = between[_ACROSS:-_ACROSS, _ACROSS:-_ACROSS]  # points may be sparse
+    return 1.0 - float((around & whole).sum() / max(whole.sum(), 1))
+
+
+def shown(environment: Environment) -> tuple[Remedy, ...]:
+    """What to try where nothing was measured over most of V; () where something was."""
+    bare = bare_in(environment)
+    if bare < _BARE:
+        return ()
+    words = (
+        f"move it over what was measured: over {bare:.0%} of it nothing was, neither above nor "
+        "below; or, where a surface there is hidden, show it: clouds from further sides, with "
+        "cloud.mode: merge"
+    )
+    return (Remedy("target_volume", words),)
+
+
+def seen_in_words(environment: Environment) -> tuple[str, ...]:
+    """How much of V the sensors saw; () where that does not matter, or nobody knows."""
+    if environment.seen is None:
+        return ()
+    return (f"the sensors have seen {environment.seen:.0%} of target_volume",)
 
 
 def holes_in(environment: Environment) -> float:
@@ -359,6 +401,13 @@ def _columns(environment: Environment) -> Mask:
     result = np.zeros(shape, dtype=np.bool_)
     result[cells[:, 0] - low[0], cells[:, 1] - low[1]] = True
     return result
+
+
+def _ground(environment: Environment) -> float:
+    """m² of V's ground over which something was measured, at most."""
+    of_columns = float(_columns(environment).sum()) * environment.measured.cell_size**2
+    boxes = environment.volume.joined
+    return min(of_columns, float((boxes[:, 1, :2] - boxes[:, 0, :2]).prod(axis=1).sum()))
 
 
 def _tops(environment: Environment) -> Array:

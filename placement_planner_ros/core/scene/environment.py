@@ -22,7 +22,13 @@ from placement_planner_ros.core.scene.regions import (
     largest,
 )
 from placement_planner_ros.core.scene.support import SupportMap
-from placement_planner_ros.core.scene.visibility import OutsideRobot, View, unknown_cells
+from placement_planner_ros.core.scene.visibility import (
+    OutsideRobot,
+    View,
+    seen_free,
+    share_seen,
+    unknown_cells,
+)
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import LEVEL, Array, Slope, TargetVolume
 
@@ -120,6 +126,7 @@ class Environment:
     steep: tuple[Plane, ...] = ()
     max_slope: float = field(default_factory=lambda: RegionSettings().max_slope)
     keep_out: Array = field(default_factory=lambda: np.zeros((0, 2, 3)))
+    seen: float | None = None
 
     def keeping_out(self, boxes: Array, lower: Array, upper: Array) -> Environment:
         """The same with boxes (k, 2, 3) as obstacles, see `keep_out`.
@@ -214,8 +221,10 @@ class Environment:
             inclines.append(Incline(slope, sloping, sheared, around, beyond))
             found = largest((*found, *more), regions)
         step("finding unknown space")
+        free = seen_free(measured, views) if views else None
+        seen_of_volume = None if free is None else share_seen(measured, free, volume)
         unknown = unknown_cells(
-            measured, views, volume, outside_robot, below_measured=unknown_below
+            measured, views, volume, outside_robot, below_measured=unknown_below, free=free
         )
         obstacles = measured.with_full_cells(unknown, _BELOW) if len(unknown) else measured
         return cls(
@@ -230,6 +239,7 @@ class Environment:
             tuple(inclines),
             planes.steep,
             regions.max_slope,
+            seen=seen_of_volume,
         )
 
 

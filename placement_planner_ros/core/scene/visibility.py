@@ -74,6 +74,7 @@ def unknown_cells(
     outside_robot: OutsideRobot | None = None,
     *,
     below_measured: bool = False,
+    free: Mask | None = None,
 ) -> npt.NDArray[np.int32]:
     """The cells that unknown space begins with: those with a face towards any other space.
 
@@ -85,13 +86,15 @@ def unknown_cells(
         volume: V.
         outside_robot: cells not wholly outside the robot, where it is, are taken to be free.
         below_measured: cells above the highest that holds something measured are taken to be free.
+        free: what `seen_free` says of the views, where that is known already.
 
     Returns:
         (k, 3) cells of the obstacle set's grid, in lexicographic order.
     """
     if not views:
         return np.zeros((0, 3), np.int32)
-    state = seen_free(obstacles, views).view(np.uint8)
+    free = seen_free(obstacles, views) if free is None else free.copy()
+    state = free.view(np.uint8)
     state[tuple(obstacles.cells.T)] = _OCCUPIED
     unknown = _in_volume(obstacles, volume, state)
     for view in views:
@@ -111,6 +114,23 @@ def seen_free(obstacles: ObstacleSet, views: Sequence[View]) -> Mask:
     for view in views:
         _carve(view.points, view.origin, obstacles.origin, obstacles.cell_size, free)
     return free
+
+
+def share_seen(obstacles: ObstacleSet, free: Mask, volume: TargetVolume) -> float:
+    """Of the cells that V reaches into, how many were seen free or hold something measured.
+
+    Args:
+        free: what `seen_free` says.
+    """
+    of_volume = np.zeros(obstacles.shape, np.bool_)
+    for lower, upper in volume.joined:
+        first = np.floor((lower - obstacles.origin) / obstacles.cell_size).astype(int).clip(min=0)
+        last = np.ceil((upper - obstacles.origin) / obstacles.cell_size).astype(int).clip(min=0)
+        of_volume[tuple(slice(a, b) for a, b in zip(first, last, strict=True))] = True
+    known = int((of_volume & free).sum())
+    held = tuple(obstacles.cells.T)
+    known += int((of_volume[held] & ~free[held]).sum())
+    return known / max(int(of_volume.sum()), 1)
 
 
 def _in_volume(obstacles: ObstacleSet, volume: TargetVolume, state: Flags) -> Mask:

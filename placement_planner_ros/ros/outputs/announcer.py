@@ -8,6 +8,7 @@ from placement_planner_ros.ros.log import Log
 from placement_planner_ros.ros.outputs.publishing import Outputs
 from placement_planner_ros.ros.outputs.reporting import Reporter
 from placement_planner_ros.ros.run.planning import Prepared
+from placement_planner_ros.ros.run.surroundings import sight_notes
 from placement_planner_ros.ros.run.worker import Run, State
 
 
@@ -39,6 +40,8 @@ class Announcer:
                 f"run {run.number}: {prepared.flying:,} of {points:,} points are left out as "
                 "flying pixels"
             )
+        for note in sight_notes(run.snapshot, prepared.environment):
+            self._log.event(f"run {run.number}: {note}")
         self._outputs.environment(run.snapshot, prepared.environment)
         self._reporter.prepared(run, prepared.environment)
 

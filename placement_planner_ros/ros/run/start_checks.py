@@ -164,7 +164,8 @@ def start_notes(snapshot: Snapshot, environment: Environment | None) -> list[str
         tilts = tilts_at_start(robot, snapshot.arms, snapshot.q_start, settings.tilt)
     deep = deep_fingers(snapshot.robot, snapshot.arms, snapshot.q_start, snapshot.body)
     of_object = [*snapshot.body.warnings, *([doubt] if doubt else deep)]
-    return [*of_object, *beyond, *of_arms, *left_out, *without, *tilts, *sight_notes(snapshot)]
+    sights = sight_notes(snapshot, environment)
+    return [*of_object, *beyond, *of_arms, *left_out, *without, *tilts, *sights]
 
 
 def require_face(body: Body) -> None:

@@ -301,12 +301,24 @@ def _is_unknown_occupied(snapshot: Snapshot) -> bool:
     )
 
 
-def sight_notes(snapshot: Snapshot) -> list[str]:
-    """What to tell of `unknown_space` where it cannot be told what was seen."""
+def sight_notes(snapshot: Snapshot, environment: Environment | None) -> list[str]:
+    """What to tell of `unknown_space`: how much of V was seen, or that nobody can tell.
+
+    Args:
+        environment: the run's; None where it is yet to be made.
+    """
     asked = snapshot.parameters["unknown_space"]
-    if asked == "free" or any(origin is not None for origin in snapshot.origins):
+    if asked == "free":
         return []
+    if all(origin is None for origin in snapshot.origins):
+        return [
+            f"unknown_space: {asked} has no effect, for every cloud is in the planning frame and "
+            "nobody knows where it was seen from; publish clouds in their sensor's frame"
+        ]
+    if environment is None or environment.seen is None:
+        return []
+    upto = " up to the highest thing measured" if asked == "occupied_below" else ""
     return [
-        f"unknown_space: {asked} has no effect, for every cloud is in the planning frame and "
-        "nobody knows where it was seen from; publish clouds in their sensor's frame"
+        f"the sensors have seen {environment.seen:.0%} of target_volume; with unknown_space: "
+        f"{asked} the rest counts as occupied{upto}"
     ]

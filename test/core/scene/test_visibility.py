@@ -375,3 +375,18 @@ def test_an_arm_may_start_but_not_enter_hidden_space():
     assert (free & ~allowed).any()
     assert allowed.any()
     assert not (allowed & ~free).any()
+
+
+def test_the_share_of_the_volume_that_was_seen_is_known():
+    floor = np.stack(np.meshgrid(*[np.arange(-0.6, 0.6, 0.008)] * 2, 0.0), -1).reshape(-1, 3)
+    above = np.array([0.0, 0.0, 1.0])
+    volume = TargetVolume([-0.3, -0.3, 0.0], [0.3, 0.3, 0.3])
+    seen = Environment.from_points(floor, volume, views=[View(floor, above)]).seen
+    assert seen == 1.0
+    # a board over half of V, as wide as V's shadow needs
+    board = floor[floor[:, 0] < 0.0] + [0.0, 0.0, 0.5]
+    left = floor[floor[:, 0] >= 0.0]
+    both = np.vstack([board, left])
+    seen = Environment.from_points(both, volume, views=[View(both, above)]).seen
+    assert 0.45 < seen < 0.6
+    assert Environment.from_points(both, volume, sights=[View(both, above)]).seen is None
