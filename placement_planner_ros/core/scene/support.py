@@ -21,6 +21,11 @@ from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.height_noise import height_noise
 from placement_planner_ros.core.scene.obstacle_arrays import ObstacleArrays
+from placement_planner_ros.core.scene.support_bars import (
+    gaps_of_bars,
+    nothing_below,
+    points_below,
+)
 from placement_planner_ros.core.scene.support_columns import (
     DEEP,
     Columns,
@@ -152,9 +157,16 @@ class SupportMap:
         narrowest, beside = narrowest_gaps(view, cells, asked)
         narrowest *= _NOISY if obstacles.noise > 0.0 else 1.0
         narrowest = np.minimum(narrowest, gaps_of_meshes(view, cells, beside))
+        of_all = obstacles.points, obstacles.first_point
+        clean = asked & (obstacles.noise == 0.0)  # noise is below and beside a surface, too
+        below = points_below(view, clean, obstacles.arrays, *of_all)
+        bars = gaps_of_bars(view, cells, clean, below)
+        bars[bars >= narrowest] = np.inf
+        of_bars = empty_discs(view, obstacles.arrays, cells, bars)
         discs = np.vstack(
             [
                 empty_discs(view, obstacles.arrays, cells, narrowest),
+                of_bars[nothing_below(view, below, of_bars)],
                 seen_through(view, asked, sights, slope, obstacles.noise),
             ]
         )

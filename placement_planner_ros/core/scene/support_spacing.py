@@ -31,7 +31,7 @@ SPIRAL = np.array(
 SPIRAL.setflags(write=False)
 """Columns (25, 2) within two of one, the nearest first."""
 _ROOM = 48
-_SAMPLED = 3
+SAMPLED = 3
 """Points of each column that are looked at."""
 _FEW = 3
 """Where columns hold fewer points on average, columns two further are looked at too."""
@@ -130,7 +130,7 @@ def _half_sealed(bends: npt.NDArray[np.float32], room: npt.NDArray[np.float32]) 
 
 
 @kernel(inline=True)
-def _put_in_order(values: Array, count: int, value: float) -> None:
+def put_in_order(values: Array, count: int, value: float) -> None:
     """One more into values[:count], smallest first."""
     place = count
     while place > 0 and values[place - 1] > value:
@@ -154,8 +154,8 @@ def narrowest_gaps(
         of the points around that have a wide disc beside them.
     """
     first = columns.first
-    discs = np.full((len(columns.height), _SAMPLED), np.inf)
-    wide = np.zeros((len(columns.height), _SAMPLED))
+    discs = np.full((len(columns.height), SAMPLED), np.inf)
+    wide = np.zeros((len(columns.height), SAMPLED))
     bends, room = np.empty(TURNS, np.float32), np.empty(_ROOM, np.float32)
     # some points of each surface, evenly
     for s in range(len(columns.height)):
@@ -172,8 +172,8 @@ def narrowest_gaps(
                     around += first[t + 1] - first[t]
         rings = 1 if around >= 9 * _FEW else 2
         held = first[s + 1] - first[s]
-        for n in range(min(held, _SAMPLED)):
-            row = first[s] + n * held // min(held, _SAMPLED)
+        for n in range(min(held, SAMPLED)):
+            row = first[s] + n * held // min(held, SAMPLED)
             bends_around(columns, s, row, rings, bends)
             discs[s, n] = _half_sealed(bends, room)
             if 0.5 / least(bends) >= max(_WIDE / float(np.max(bends)), NARROWEST):
@@ -181,7 +181,7 @@ def narrowest_gaps(
     # quantiles over the columns around
     result = np.full(len(columns.height), np.inf)
     beside = np.zeros(len(columns.height))
-    near = np.empty(9 * _SAMPLED)  # smallest first
+    near = np.empty(9 * SAMPLED)  # smallest first
     for s in range(len(columns.height)):
         if not asked[s]:
             continue
@@ -192,9 +192,9 @@ def narrowest_gaps(
                 t = surface_at(
                     columns.start, columns.height, column, columns.height[s], columns.step
                 )
-                for n in range(_SAMPLED):
+                for n in range(SAMPLED):
                     if t >= 0 and discs[t, n] < np.inf:
-                        _put_in_order(near, count, discs[t, n])
+                        put_in_order(near, count, discs[t, n])
                         count += 1
                         beside[s] += wide[t, n]
         if count == 0:

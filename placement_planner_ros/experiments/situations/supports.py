@@ -355,8 +355,8 @@ def beside_step(rng: Rng) -> Situation:
 SITUATIONS = (
     box_on_pedestal, small_pedestal, small_pedestal_polygon, post_polygon, box_on_bridge,
     inner_bridge, inner_bridge_polygon, plank, plank_too_narrow, plank_polygon, lath_polygon,
-    box_on_slats, toy_table_on_slats, toy_table_on_grating_15, toy_table_on_grating_20, toy_table_on_mesh,
-    glass_on_grating, box_on_grating_polygon, glass_on_grating_polygon,
+    box_on_slats, toy_table_on_slats, toy_table_on_grating_15, toy_table_on_grating_20,
+    toy_table_on_mesh, glass_on_grating, box_on_grating_polygon, glass_on_grating_polygon,
     toy_table_on_wide_grating_polygon, glass_on_can, glass_on_small_can,
     glass_on_small_can_polygon, box_on_bottle, box_on_box, tray_on_box, ledge, ledge_polygon,
     on_step, beside_step,

@@ -85,6 +85,21 @@ def along_wires(width, gap, spacing, rng, angle=0.0):
     return xy[outline(xy) >= 0.0], wires(width, gap, angle)
 
 
+def rods(diameter, pitch, spacing, rng, angle=0.0):
+    """(n, 3) points all over parallel rods, so far apart; how deep inside, from above."""
+    turns = np.arange(count := max(3, round(np.pi * diameter / spacing))) * 2.0 * np.pi / count
+    found = []
+    for middle in pitch * np.arange(-20, 21):
+        steps = np.arange(-2.0 * HALF, 2.0 * HALF, spacing) + rng.uniform(0.0, spacing)
+        along, turn = (each.ravel() for each in np.meshgrid(steps, turns + 0.5 * np.pi))
+        across = middle + 0.5 * diameter * np.cos(turn)
+        found.append(np.column_stack([across, along, 0.5 * diameter * (np.sin(turn) - 1.0)]))
+    points = np.vstack(found)
+    points[:, :2] = turned(points[:, :2], -angle)
+    points[:, 2] += Z
+    return points[outline(points[:, :2]) >= 0.0], bars(diameter, pitch - diameter, angle)
+
+
 def at(xy, z=Z):
     return np.column_stack([xy, np.full(len(xy), z)])
 

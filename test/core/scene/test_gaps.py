@@ -10,6 +10,7 @@ from gratings import (
     bars,
     outline,
     perforated,
+    rods,
     sampled,
     solid,
     support_of,
@@ -100,6 +101,37 @@ def test_holes_of_meshes_that_are_two_spacings_wide(width, gap, spacing, seed, c
     assert stands[depth < -0.0015].mean() < 0.05
     assert not stands[depth < -0.35 * gap].any()
     assert room_of(support, probes)[stands].all()
+
+
+@pytest.mark.parametrize("cell", [0.01, 0.02])
+@pytest.mark.parametrize(
+    ("diameter", "pitch", "spacing"),
+    [(0.004, 0.015, 0.003), (0.005, 0.02, 0.005), (0.008, 0.025, 0.005)],
+)
+@pytest.mark.parametrize("seed", [0, 1])
+def test_gaps_of_rods_that_show_a_row_of_points_each(diameter, pitch, spacing, seed, cell):
+    """From above like a table of which a line scanner saw rows; but that has no flanks."""
+    rng = np.random.default_rng(seed)
+    points, inside = rods(diameter, pitch, spacing, rng, seed * rng.uniform(0.0, np.pi))
+    points = np.vstack([points, at(sampled(solid, 0.004, rng), Z - 0.06)])
+    _, support = support_of(points, cell)
+    probes = rng.uniform(-HALF, HALF, (8000, 2))
+    probes = probes[outline(probes) > 0.025]
+    stands = support.supported(at(probes), TOLERANCE)
+    assert stands[inside(probes) < -0.0015].mean() < 0.1
+    assert room_of(support, probes)[stands].all()
+
+
+@pytest.mark.parametrize("cell", [0.01, 0.02])
+def test_rows_without_flanks_and_sheets_with_an_underside_are_solid(cell):
+    rng = np.random.default_rng(10)
+    rows = at(sampled(solid, 0.0025, rng, 0.4, "rows", 4.0))
+    top, bottom = (at(sampled(solid, 0.004, rng, rng.uniform(0.0, 1.0)), z) for z in (Z, Z - 0.004))
+    probes = rng.uniform(-0.07, 0.07, (5000, 2))
+    scattered = [at(sampled(solid, 0.003, rng, kind="random"), z) for z in (Z, Z - 0.004)]
+    for points in (rows, np.vstack([top, bottom]), np.vstack(scattered)):
+        _, support = support_of(points, cell)
+        assert support.supported(at(probes), TOLERANCE).mean() > 0.98
 
 
 @pytest.mark.parametrize("cell", [0.01, 0.02])
