@@ -113,10 +113,9 @@ class Practice:
         self._environment.clearance.distance(np.zeros((1, 3)))
         support = self._environment.support
         support.roomy(0.0, 0.003, 0.05)
-        touching, far_below, none = np.zeros((1, 2)), np.array([[-10.0, 0.0, 0.0]]), np.zeros(1)
-        one = _pose(0.05, 0.05, 0.06).homogeneous[None]
-        rises = Rises(self._environment, 0.003)
-        rises.lift(touching, self._box.faces[0], one, LEVEL, far_below, none, none)
+        one, far_below = _pose(0.05, 0.05, 0.06).homogeneous[None], np.array([[-10.0, 0.0, 0.0]])
+        rises = Rises(self._environment, self._box.faces, lambda _: np.zeros((1, 2)), 0.003)
+        rises.lift(one, np.zeros(1, np.int64), LEVEL, far_below, np.zeros(1), 0.0)
 
     def swept(self) -> None:
         """What a path sweeps, against a cloud."""

@@ -43,9 +43,19 @@ class PolygonSupport:
         centers = [face.T_face_object.act(body.center_of_mass) for face in self.faces]
         self.heights = np.array([center[2] for center in centers])
         self._contacts = [contact_points(body, face) for face in self.faces]
+        self._spread = [each.points[each.spread] for each in self._contacts]
+        self._others = [  # none, where the former are all
+            each.points[: len(each.points) if len(each.spread) < len(each.points) else 0]
+            for each in self._contacts
+        ]
         far = [np.linalg.norm(each.points, axis=1) for each in self._contacts]
         self.radii = np.array([np.max(each, initial=0.0) for each in far])
-        self._rises = Rises(problem.environment, footing.contact_tolerance)
+        self._rises = Rises(
+            problem.environment,
+            self.faces,
+            lambda face: self._contacts[face].points,
+            footing.contact_tolerance,
+        )
 
     @functools.cached_property
     def regions(self) -> tuple[Region, ...]:
@@ -60,15 +70,7 @@ class PolygonSupport:
         return spans(self._problem.environment, footprint, self.footing.contact_tolerance)
 
     def stable(self, T: Array, faces: npt.NDArray[np.int64], slope: Slope) -> npt.NDArray[np.bool_]:
-        """(n,) s(x) of poses (n, 4, 4) on these faces (n,) and one slope."""
-        stable = np.zeros(len(T), np.bool_)
-        for face in np.unique(faces):
-            on = np.flatnonzero(faces == face)
-            stable[on] = self._stable_on(int(face), T[on], slope)
-        return stable
-
-    def _stable_on(self, face: int, T: Array, slope: Slope) -> npt.NDArray[np.bool_]:
-        """(n,) s(x) of poses (n, 4, 4) on one face.
+        """(n,) s(x) of poses (n, 4, 4) on these faces (n,) and one slope.
 
         Points that are spread over what touches are looked at first; where these do not suffice,
         all are. In noisy clouds nothing is left of thin bars without what noise may have added to
@@ -76,31 +78,52 @@ class PolygonSupport:
         truly carries lies within so much of each, where the object touches, too, and the hull is
         shrunk by as much more.
         """
-        contacts = self._contacts[face]
-        points, spread = contacts.points, contacts.spread
-        stable = self._firm(points[spread], T, face, slope)
-        rest = ~stable
-        if rest.any() and len(spread) < len(points):
-            stable[rest] = self._firm(points, T[rest], face, slope)
-        rest = ~stable
         added = self._problem.environment.support_of(slope).trim
-        if added > 0.0 and rest.any():
-            inner = points[contacts.room >= added]
-            if len(inner):
-                stable[rest] = self._firm(inner, T[rest], face, slope, added)
+        looks = [(self._spread, 0.0), (self._others, 0.0)]
+        if added > 0.0:
+            looks.append(([each.points[each.room >= added] for each in self._contacts], added))
+        stable = np.zeros(len(T), np.bool_)
+        for points, beyond in looks:
+            rest = np.flatnonzero(~stable)
+            if len(rest):
+                stable[rest] = self._firm(points, T[rest], faces[rest], slope, beyond)
         return stable
 
     def _firm(
-        self, points: Array, T: Array, face: int, slope: Slope, added: float = 0.0
+        self,
+        points: list[Array],
+        T: Array,
+        faces: npt.NDArray[np.int64],
+        slope: Slope,
+        added: float,
     ) -> npt.NDArray[np.bool_]:
-        """(n,) whether those of the contact points (k, 2) that are supported carry the object.
+        """(n,) whether those of the contact points that are supported carry the object.
 
         Nothing rises above these anywhere under what touches, either: of what is narrower than
         contact points are apart, these may tell nothing.
 
         Args:
+            points: (k, 2) of each face.
             added: m that surfaces may reach beyond their true ends, and are taken to.
         """
+        widths, planes, noise = np.zeros(len(T)), np.zeros((len(T), 3)), np.zeros(len(T))
+        for face in np.unique(faces):
+            if len(points[face]):
+                on = np.flatnonzero(faces == face)
+                found = self._carried(points[face], T[on], int(face), slope, added)
+                widths[on], planes[on], noise[on] = found
+        firm = np.asarray(widths > 0.0)
+        rows = np.flatnonzero(firm)
+        if len(rows):
+            firm[rows] = ~self._rises.lift(
+                T[rows], faces[rows], slope, planes[rows], widths[rows], noise[rows]
+            )
+        return firm
+
+    def _carried(
+        self, points: Array, T: Array, face: int, slope: Slope, added: float
+    ) -> tuple[Array, Array, Array]:
+        """What `_firm` below says of poses on one face; (n,) m that heights may be off by."""
         environment = self._problem.environment
         inward = self.faces[face].T_face_object.inverse()
         in_object = points @ inward.rotation[:, :2].T + inward.translation
@@ -112,24 +135,10 @@ class PolygonSupport:
         noise = np.full(len(T), support.height_noise)
         if added:  # thin bars are told by few points each
             noise[np.isfinite(gaps).mean(axis=1) < _FILLED] = environment.measured.noise
-        ups = T[:, 2, :3] @ inward.rotation
-        widths, planes = _firm(
-            points,
-            gaps,
-            np.ascontiguousarray(ups),
-            float(self.heights[face]),
-            self.footing.support_margin,
-            noise,
-            added,
-        )
-        firm = np.asarray(widths > 0.0)
-        rows = np.flatnonzero(firm)
-        if len(rows):
-            touching, on = self._contacts[face].points, self.faces[face]
-            firm[rows] = ~self._rises.lift(
-                touching, on, T[rows], slope, planes[rows], widths[rows], noise[rows]
-            )
-        return firm
+        ups = np.ascontiguousarray(T[:, 2, :3] @ inward.rotation)
+        margin, height = self.footing.support_margin, float(self.heights[face])
+        widths, planes = _firm(points, gaps, ups, height, margin, noise, added)
+        return widths, planes, noise
 
     def least_inside(self, face: npt.NDArray[np.int64], slope: Array) -> tuple[Array, Array]:
         """How far the centre of mass is shifted, and what it keeps from the end of its support.

@@ -33,9 +33,13 @@ class VertexSupport:
         corners = [face.vertices for face in self.faces]
         self._corners = np.concatenate(corners) if corners else np.empty((0, 3))
         self._first = np.cumsum([0, *map(len, corners)])
-        self._body = problem.body
-        self._touching: dict[int, Array] = {}
-        self._rises = Rises(problem.environment, footing.contact_tolerance)
+        body, faces = problem.body, problem.body.faces
+        self._rises = Rises(
+            problem.environment,
+            faces,
+            lambda face: touching(body, faces[face]),
+            footing.contact_tolerance,
+        )
 
     def stable(self, T: Array, faces: npt.NDArray[np.int64], slope: Slope) -> npt.NDArray[np.bool_]:
         """(n,) s(x) of poses (n, 4, 4) on these faces (n,) and one slope."""
@@ -46,7 +50,11 @@ class VertexSupport:
         stable = widths > 0.0
         rows = np.flatnonzero(stable)
         if len(rows):
-            stable[rows] = ~self._lifted(above[rows], widths[rows], T[rows], faces[rows], slope)
+            planes = np.zeros((len(rows), 3))
+            planes[:, 0] = above[rows]
+            stable[rows] = ~self._rises.lift(
+                T[rows], faces[rows], slope, planes, widths[rows], support.height_noise
+            )
         if slope != LEVEL:
             rows = np.flatnonzero(stable)
             for face in np.unique(faces[rows]):
@@ -55,37 +63,6 @@ class VertexSupport:
                 centers = T[on, :3, :3] @ self._center + T[on, :3, 3]
                 stable[on] = stays(corners - centers[:, None])
         return stable
-
-    def _lifted(
-        self, above: Array, widths: Array, T: Array, faces: npt.NDArray[np.int64], slope: Slope
-    ) -> npt.NDArray[np.bool_]:
-        """(n,) whether something under the object between its vertices lifts it off them.
-
-        Args:
-            above, widths: (n,) m, how the plane lies that carries it.
-        """
-        noise = np.full(len(T), self._environment.support_of(slope).height_noise)
-        planes = np.zeros((len(T), 3))
-        planes[:, 0] = above
-        found = np.zeros(len(T), np.bool_)
-        for face in np.unique(faces):
-            on = np.flatnonzero(faces == face)
-            found[on] = self._rises.lift(
-                self._points(int(face)),
-                self.faces[face],
-                T[on],
-                slope,
-                planes[on],
-                widths[on],
-                noise[on],
-            )
-        return found
-
-    def _points(self, face: int) -> Array:
-        """(k, 2) of the object that lie in the plane of that face, made when first asked for."""
-        if face not in self._touching:
-            self._touching[face] = touching(self._body, self.faces[face])
-        return self._touching[face]
 
 
 @kernel(nogil=True)

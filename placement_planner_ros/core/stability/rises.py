@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import math
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -29,58 +31,68 @@ class Rises:
 
     Args:
         environment: its surfaces.
-        tolerance: m above the contact plane up to which they count; with what is higher the object
-            collides.
+        faces: on which the object may stand.
+        touching: (k, 2) points of the object that lie in the plane of one of these, in its frame;
+            asked for once where something is in the way.
+        tolerance: m above the contact plane up to which surfaces count; with what is higher the
+            object collides.
     """
 
-    def __init__(self, environment: Environment, tolerance: float) -> None:
+    def __init__(
+        self,
+        environment: Environment,
+        faces: Sequence[PlacementFace],
+        touching: Callable[[int], Array],
+        tolerance: float,
+    ) -> None:
         self._environment = environment
+        inward = [face.T_face_object.inverse() for face in faces]
+        self._inward = np.array([T.homogeneous for T in inward]).reshape(-1, 4, 4)
+        corners = [face.vertices - T.translation for face, T in zip(faces, inward, strict=True)]
+        self._reach = np.array([np.linalg.norm(each, axis=1).max() for each in corners])
+        self._touching = functools.cache(touching)
         self._tolerance = tolerance
         self._heights: dict[Slope, Array] = {}
 
     def lift(
         self,
-        touching: Array,
-        face: PlacementFace,
         T: Array,
+        faces: npt.NDArray[np.int64],
         slope: Slope,
         planes: Array,
         widths: Array,
-        noise: Array,
+        noise: Array | float,
     ) -> npt.NDArray[np.bool_]:
-        """(n,) whether something lifts the object on one of its faces, at poses (n, 4, 4).
+        """(n,) whether something lifts the object at poses (n, 4, 4) on these faces (n,).
 
         On what is higher in its middle by d an object leans by d over half its width. That may be
         as much as in `in_one_plane`.
 
         Args:
-            touching: (k, 2) of the object that lie in the plane of that face, in its frame.
-            planes: (n, 3) the plane of what carries it: m above the contact plane at the origin of
-                that frame, and by how much it rises along its axes.
-            widths: (n,) m across what carries it, where that is narrowest.
-            noise: (n,) m, of heights.
+            slope: of the contact planes.
+            planes: (n, 3) of what carries: m above the contact plane at the origin of the frame of
+                each face, and by how much more along its axes.
+            widths: (n,) m across what carries, where that is narrowest.
+            noise: m, of heights; (n,) or one for all.
         """
         support = self._environment.support_of(slope)
         if slope not in self._heights:
             self._heights[slope] = np.sort(support.height)
-        low = planes.copy()
-        excused = _RISES * noise
-        low[:, 0] += 0.5 * LEANS * widths + excused + _LEVEL
-        placed = T @ face.T_face_object.inverse().homogeneous
-        z = placed[:, 2, 3] - placed[:, :2, 3] @ np.array(slope)
-        far = np.linalg.norm(touching, axis=1).max(initial=0.0)
-        least = z + low[:, 0] - far * np.hypot(low[:, 1], low[:, 2])
+        low = 0.5 * LEANS * widths + planes[:, 0] + _RISES * noise + _LEVEL
+        placed = (T @ self._inward[faces, :, 3:])[..., 0]
+        z = placed[:, 2] - slope[0] * placed[:, 0] - slope[1] * placed[:, 1]
+        least = z + low - self._reach[faces] * (np.abs(planes[:, 1]) + np.abs(planes[:, 2]))
         heights = self._heights[slope]
-        between = [np.searchsorted(heights, at, "right") for at in (least, z + self._tolerance)]
-        found = np.asarray(between[1] > between[0])
+        found = heights.searchsorted(z + self._tolerance, "right") > heights.searchsorted(least)
         rows = np.flatnonzero(found)
-        if len(rows):
-            found[rows] = _rise(
-                touching,
-                np.ascontiguousarray(placed[rows]),
+        for face in np.unique(faces[rows]):
+            on = rows[faces[rows] == face]
+            found[on] = _rise(
+                self._touching(int(face)),
+                T[on] @ self._inward[face],
                 slope,
-                low[rows],
-                excused[rows],
+                np.column_stack([low[on], planes[on, 1:]]),
+                np.broadcast_to(_RISES * noise, len(T))[on],
                 _ALONE * support.noise,
                 self._tolerance,
                 support.origin,
@@ -91,7 +103,7 @@ class Rises:
                 support.rectangle,
                 support.first,
             )
-        return found
+        return np.asarray(found)
 
 
 @kernel(nogil=True)
