@@ -115,7 +115,8 @@ class Practice:
         support.roomy(0.0, 0.003, 0.05)
         one, far_below = _pose(0.05, 0.05, 0.06).homogeneous[None], np.array([[-10.0, 0.0, 0.0]])
         rises = Rises(self._environment, self._box.faces, lambda _: np.zeros((1, 2)), 0.003)
-        rises.lift(one, np.zeros(1, np.int64), LEVEL, far_below, np.zeros(1), 0.0)
+        none = np.zeros(1)
+        rises.lift(one, np.zeros(1, np.int64), LEVEL, far_below, none, none)
 
     def swept(self) -> None:
         """What a path sweeps, against a cloud."""

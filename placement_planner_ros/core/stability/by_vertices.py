@@ -52,8 +52,9 @@ class VertexSupport:
         if len(rows):
             planes = np.zeros((len(rows), 3))
             planes[:, 0] = above[rows]
+            noise = np.full(len(rows), support.height_noise)
             stable[rows] = ~self._rises.lift(
-                T[rows], faces[rows], slope, planes, widths[rows], support.height_noise
+                T[rows], faces[rows], slope, planes, widths[rows], noise
             )
         if slope != LEVEL:
             rows = np.flatnonzero(stable)

@@ -61,7 +61,7 @@ class Rises:
         slope: Slope,
         planes: Array,
         widths: Array,
-        noise: Array | float,
+        noise: Array,
     ) -> npt.NDArray[np.bool_]:
         """(n,) whether something lifts the object at poses (n, 4, 4) on these faces (n,).
 
@@ -73,14 +73,15 @@ class Rises:
             planes: (n, 3) of what carries: m above the contact plane at the origin of the frame of
                 each face, and by how much more along its axes.
             widths: (n,) m across what carries, where that is narrowest.
-            noise: m, of heights; (n,) or one for all.
+            noise: (n,) m, of heights.
         """
         support = self._environment.support_of(slope)
         if slope not in self._heights:
             self._heights[slope] = np.sort(support.height)
-        low = 0.5 * LEANS * widths + planes[:, 0] + _RISES * noise + _LEVEL
-        placed = (T @ self._inward[faces, :, 3:])[..., 0]
-        z = placed[:, 2] - slope[0] * placed[:, 0] - slope[1] * placed[:, 1]
+        excused = _RISES * noise
+        low = 0.5 * LEANS * widths + planes[:, 0] + excused + _LEVEL
+        frames = T @ self._inward[faces]
+        z = frames[:, 2, 3] - slope[0] * frames[:, 0, 3] - slope[1] * frames[:, 1, 3]
         least = z + low - self._reach[faces] * (np.abs(planes[:, 1]) + np.abs(planes[:, 2]))
         heights = self._heights[slope]
         found = heights.searchsorted(z + self._tolerance, "right") > heights.searchsorted(least)
@@ -89,10 +90,12 @@ class Rises:
             on = rows[faces[rows] == face]
             found[on] = _rise(
                 self._touching(int(face)),
-                T[on] @ self._inward[face],
+                on,
+                frames,
                 slope,
-                np.column_stack([low[on], planes[on, 1:]]),
-                np.broadcast_to(_RISES * noise, len(T))[on],
+                low,
+                planes,
+                excused,
                 _ALONE * support.noise,
                 self._tolerance,
                 support.origin,
@@ -109,9 +112,11 @@ class Rises:
 @kernel(nogil=True)
 def _rise(
     touching: Array,
-    placed: Array,
+    on: npt.NDArray[np.int64],
+    frames: Array,
     slope: tuple[float, float],
     low: Array,
+    planes: Array,
     excused: Array,
     alone: float,
     high: float,
@@ -123,22 +128,24 @@ def _rise(
     rectangle: Array,
     first: npt.NDArray[np.int64],
 ) -> npt.NDArray[np.bool_]:
-    """(n,) whether some surface lies above the plane that an object stands on, and under it.
+    """(m,) whether some surface lies above the plane that an object stands on, and under it.
 
     Args:
         touching: (k, 2) points of the object that lie in its contact plane, in a frame there.
-        placed: (n, 4, 4) of that frame in the world.
-        slope: of the contact plane.
-        low: (n, 3) from which on a surface counts: m above the contact plane at the origin of that
-            frame, and by how much more along its axes.
+        on: (m,) which of n objects are asked about.
+        frames: (n, 4, 4) those of the contact planes, in the world.
+        slope: of the contact planes.
+        low: (n,) m above each, at the origin of its frame, from which on a surface counts.
+        planes: (n, 3) of which the last two are by how much more that is along the axes.
         high: m above the contact plane up to which it does.
         excused: (n,) m of that for noise.
         alone: m that it is for a surface of one point, where that is more.
         origin, size, shape, start, height, rectangle, first: of the `SupportMap` for that slope.
     """
-    result = np.zeros(len(placed), np.bool_)
-    for n in range(len(placed)):
-        T = placed[n]
+    result = np.zeros(len(on), np.bool_)
+    for row in range(len(on)):
+        n = on[row]
+        T = frames[n]
         for k in range(len(touching)):
             a, b = touching[k, 0], touching[k, 1]
             x = T[0, 0] * a + T[0, 1] * b + T[0, 3]
@@ -147,7 +154,7 @@ def _rise(
             if not (0 <= i < shape[0] and 0 <= j < shape[1]):
                 continue
             z = T[2, 0] * a + T[2, 1] * b + T[2, 3] - slope[0] * x - slope[1] * y
-            from_there = low[n, 0] + low[n, 1] * a + low[n, 2] * b
+            from_there = low[n] + planes[n, 1] * a + planes[n, 2] * b
             column = i * shape[1] + j
             for s in range(start[column], start[column + 1]):
                 above = height[s] - z
@@ -159,8 +166,8 @@ def _rise(
                     and rectangle[s, 0] - _BESIDE <= x <= rectangle[s, 2] + _BESIDE
                     and rectangle[s, 1] - _BESIDE <= y <= rectangle[s, 3] + _BESIDE
                 ):
-                    result[n] = True
+                    result[row] = True
                     break
-            if result[n]:
+            if result[row]:
                 break
     return result
