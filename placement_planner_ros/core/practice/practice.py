@@ -39,7 +39,7 @@ from placement_planner_ros.core.scene.extent import cropped
 from placement_planner_ros.core.scene.flying_pixels import flying_pixels
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.core.scene.visibility import View
-from placement_planner_ros.core.stability.rises import rises
+from placement_planner_ros.core.stability.rises import Rises
 from placement_planner_ros.core.swept.space import Stretch, SweptSpace
 from placement_planner_ros.core.types import LEVEL, Array, Placement, TargetVolume
 from placement_planner_ros.core.wishes.settings import TurnSettings
@@ -113,9 +113,10 @@ class Practice:
         self._environment.clearance.distance(np.zeros((1, 3)))
         support = self._environment.support
         support.roomy(0.0, 0.003, 0.05)
-        heights = support.origin, support.cell_size, support.columns, support.start, support.height
-        one, none = np.eye(4)[None], np.zeros(1)
-        rises(np.zeros((1, 3)), one, LEVEL, none, 0.003, *heights, support.rectangle)
+        one, far_below = _pose(0.05, 0.05, 0.06).homogeneous[None], np.array([[-10.0, 0.0, 0.0]])
+        rises = Rises(self._environment, self._box.faces, lambda _: np.zeros((1, 2)), 0.003)
+        none = np.zeros(1)
+        rises.lift(one, np.zeros(1, np.int64), LEVEL, far_below, none, none)
 
     def swept(self) -> None:
         """What a path sweeps, against a cloud."""

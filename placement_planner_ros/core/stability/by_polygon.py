@@ -15,6 +15,7 @@ from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.scene.spans import Footprint, spans
 from placement_planner_ros.core.stability.footing import Footing
 from placement_planner_ros.core.stability.one_plane import LEANS
+from placement_planner_ros.core.stability.rises import Rises
 from placement_planner_ros.core.types import Array, Slope, upright
 
 _FILLED = 0.5
@@ -42,8 +43,19 @@ class PolygonSupport:
         centers = [face.T_face_object.act(body.center_of_mass) for face in self.faces]
         self.heights = np.array([center[2] for center in centers])
         self._contacts = [contact_points(body, face) for face in self.faces]
+        self._spread = [each.points[each.spread] for each in self._contacts]
+        self._others = [  # none, where the former are all
+            each.points[: len(each.points) if len(each.spread) < len(each.points) else 0]
+            for each in self._contacts
+        ]
         far = [np.linalg.norm(each.points, axis=1) for each in self._contacts]
         self.radii = np.array([np.max(each, initial=0.0) for each in far])
+        self._rises = Rises(
+            problem.environment,
+            self.faces,
+            lambda face: self._contacts[face].points,
+            footing.contact_tolerance,
+        )
 
     @functools.cached_property
     def regions(self) -> tuple[Region, ...]:
@@ -58,15 +70,7 @@ class PolygonSupport:
         return spans(self._problem.environment, footprint, self.footing.contact_tolerance)
 
     def stable(self, T: Array, faces: npt.NDArray[np.int64], slope: Slope) -> npt.NDArray[np.bool_]:
-        """(n,) s(x) of poses (n, 4, 4) on these faces (n,) and one slope."""
-        stable = np.zeros(len(T), np.bool_)
-        for face in np.unique(faces):
-            on = np.flatnonzero(faces == face)
-            stable[on] = self._stable_on(int(face), T[on], slope)
-        return stable
-
-    def _stable_on(self, face: int, T: Array, slope: Slope) -> npt.NDArray[np.bool_]:
-        """(n,) s(x) of poses (n, 4, 4) on one face.
+        """(n,) s(x) of poses (n, 4, 4) on these faces (n,) and one slope.
 
         Points that are spread over what touches are looked at first; where these do not suffice,
         all are. In noisy clouds nothing is left of thin bars without what noise may have added to
@@ -74,28 +78,52 @@ class PolygonSupport:
         truly carries lies within so much of each, where the object touches, too, and the hull is
         shrunk by as much more.
         """
-        contacts = self._contacts[face]
-        points, spread = contacts.points, contacts.spread
-        stable = self._firm(points[spread], T, face, slope)
-        rest = ~stable
-        if rest.any() and len(spread) < len(points):
-            stable[rest] = self._firm(points, T[rest], face, slope)
-        rest = ~stable
         added = self._problem.environment.support_of(slope).trim
-        if added > 0.0 and rest.any():
-            inner = points[contacts.room >= added]
-            if len(inner):
-                stable[rest] = self._firm(inner, T[rest], face, slope, added)
+        looks = [(self._spread, 0.0), (self._others, 0.0)]
+        if added > 0.0:
+            looks.append(([each.points[each.room >= added] for each in self._contacts], added))
+        stable = np.zeros(len(T), np.bool_)
+        for points, beyond in looks:
+            rest = np.flatnonzero(~stable)
+            if len(rest):
+                stable[rest] = self._firm(points, T[rest], faces[rest], slope, beyond)
         return stable
 
     def _firm(
-        self, points: Array, T: Array, face: int, slope: Slope, added: float = 0.0
+        self,
+        points: list[Array],
+        T: Array,
+        faces: npt.NDArray[np.int64],
+        slope: Slope,
+        added: float,
     ) -> npt.NDArray[np.bool_]:
-        """(n,) whether those of the contact points (k, 2) that are supported carry the object.
+        """(n,) whether those of the contact points that are supported carry the object.
+
+        Nothing rises above these anywhere under what touches, either: of what is narrower than
+        contact points are apart, these may tell nothing.
 
         Args:
+            points: (k, 2) of each face.
             added: m that surfaces may reach beyond their true ends, and are taken to.
         """
+        widths, planes, noise = np.zeros(len(T)), np.zeros((len(T), 3)), np.zeros(len(T))
+        for face in np.unique(faces):
+            if len(points[face]):
+                on = np.flatnonzero(faces == face)
+                found = self._carried(points[face], T[on], int(face), slope, added)
+                widths[on], planes[on], noise[on] = found
+        firm = np.asarray(widths > 0.0)
+        rows = np.flatnonzero(firm)
+        if len(rows):
+            firm[rows] = ~self._rises.lift(
+                T[rows], faces[rows], slope, planes[rows], widths[rows], noise[rows]
+            )
+        return firm
+
+    def _carried(
+        self, points: Array, T: Array, face: int, slope: Slope, added: float
+    ) -> tuple[Array, Array, Array]:
+        """What `_firm` below says of poses on one face; (n,) m that heights may be off by."""
         environment = self._problem.environment
         inward = self.faces[face].T_face_object.inverse()
         in_object = points @ inward.rotation[:, :2].T + inward.translation
@@ -107,18 +135,10 @@ class PolygonSupport:
         noise = np.full(len(T), support.height_noise)
         if added:  # thin bars are told by few points each
             noise[np.isfinite(gaps).mean(axis=1) < _FILLED] = environment.measured.noise
-        ups = T[:, 2, :3] @ inward.rotation
-        return np.asarray(
-            _firm(
-                points,
-                gaps,
-                np.ascontiguousarray(ups),
-                float(self.heights[face]),
-                self.footing.support_margin,
-                noise,
-                added,
-            )
-        )
+        ups = np.ascontiguousarray(T[:, 2, :3] @ inward.rotation)
+        margin, height = self.footing.support_margin, float(self.heights[face])
+        widths, planes = _firm(points, gaps, ups, height, margin, noise, added)
+        return widths, planes, noise
 
     def least_inside(self, face: npt.NDArray[np.int64], slope: Array) -> tuple[Array, Array]:
         """How far the centre of mass is shifted, and what it keeps from the end of its support.
@@ -147,8 +167,8 @@ def _firm(
     margin: float,
     noise: Array,
     added: float,
-) -> npt.NDArray[np.bool_]:
-    """(n,) whether the supported points carry the object so that it stays.
+) -> tuple[Array, Array]:
+    """Whether the supported points carry the object so that it stays, and how their plane lies.
 
     Args:
         points: (k, 2) contact points in lexicographic order, about the foot of the centre of mass.
@@ -158,12 +178,16 @@ def _firm(
         margin: from the foot along gravity to the end of the hull, at least, metres.
         noise: (n,) m that heights may be off by.
         added: m that the hull may reach beyond what carries.
+
+    Returns:
+        (n,) m across the hull, where it is narrowest; 0 where the object does not stay. (n, 3) the
+        plane of what carries: how far above the foot, and by how much it rises along the axes.
     """
-    result = np.zeros(len(gaps), np.bool_)
+    widths, planes, plane = np.zeros(len(gaps)), np.zeros((len(gaps), 3)), np.zeros(3)
     hull = np.empty(2 * len(points) + 2, np.int64)
     carries = np.empty(len(points), np.bool_)
     for n in range(len(gaps)):
-        if not _carrying(points, gaps[n], noise[n], carries):
+        if not _carrying(points, gaps[n], noise[n], carries, plane):
             continue
         corners = _hull(points, carries, hull)
         if corners < 3:
@@ -183,31 +207,64 @@ def _firm(
             if inside + in_x * under_x + in_y * under_y < margin or net < TIPS:
                 firm = False
                 break
-        result[n] = firm
-    return result
+        if firm:
+            widths[n], planes[n] = _across(points, hull[:corners]), plane
+    return widths, planes
 
 
 @kernel(lean=True)
-def _carrying(points: Array, gaps: Array, noise: float, carries: npt.NDArray[np.bool_]) -> bool:
+def _carrying(
+    points: Array, gaps: Array, noise: float, carries: npt.NDArray[np.bool_], plane: Array
+) -> bool:
     """Which points carry the object; whether the surface under them does not lean, at all.
 
     As `in_one_plane`, for a varying number of points. What lies lower than so little a lean
     would bridge is not touched.
+
+    Args:
+        plane: (3,) receives that of those which carry.
+    """
+    for k in range(len(points)):
+        carries[k] = not math.isnan(gaps[k])
+    width = _fit(points, gaps, carries, plane)
+    if width == 0.0:
+        return False
+    allowed = LEANS + noise / width
+    if math.sqrt(plane[1] * plane[1] + plane[2] * plane[2]) > allowed:
+        return False
+    highest = -np.inf
+    for k in range(len(points)):
+        if carries[k]:
+            above = gaps[k] - plane[1] * points[k, 0] - plane[2] * points[k, 1]
+            highest = max(highest, above)
+    lowest = highest - 0.5 * allowed * width - 0.5 * noise
+    for k in range(len(points)):
+        if carries[k]:
+            above = gaps[k] - plane[1] * points[k, 0] - plane[2] * points[k, 1]
+            carries[k] = above >= lowest
+    return _fit(points, gaps, carries, plane) > 0.0
+
+
+@kernel(lean=True)
+def _fit(points: Array, gaps: Array, of: npt.NDArray[np.bool_], plane: Array) -> float:
+    """m across some of the points, where they are narrowest; 0 where they are in line.
+
+    Args:
+        plane: (3,) receives what is fitted to their gaps: how much at the origin, along x and y.
     """
     count, mean_x, mean_y, mean = 0, 0.0, 0.0, 0.0
     for k in range(len(points)):
-        carries[k] = not math.isnan(gaps[k])
-        if carries[k]:
+        if of[k]:
             count += 1
             mean_x += points[k, 0]
             mean_y += points[k, 1]
             mean += gaps[k]
     if count < 3:
-        return False
+        return 0.0
     mean_x, mean_y, mean = mean_x / count, mean_y / count, mean / count
     xx, xy, yy, fall_x, fall_y = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(len(points)):
-        if carries[k]:
+        if of[k]:
             x, y, z = points[k, 0] - mean_x, points[k, 1] - mean_y, gaps[k] - mean
             xx += x * x
             xy += x * y
@@ -216,24 +273,32 @@ def _carrying(points: Array, gaps: Array, noise: float, carries: npt.NDArray[np.
             fall_y += y * z
     determinant = xx * yy - xy * xy
     if determinant <= 1e-9 * (xx + yy) ** 2:
-        return False  # in line
-    lean_x = (yy * fall_x - xy * fall_y) / determinant
-    lean_y = (xx * fall_y - xy * fall_x) / determinant
+        return 0.0
+    plane[1] = (yy * fall_x - xy * fall_y) / determinant
+    plane[2] = (xx * fall_y - xy * fall_x) / determinant
+    plane[0] = mean - plane[1] * mean_x - plane[2] * mean_y
     least = 0.5 * (xx + yy - math.sqrt((xx - yy) ** 2 + 4.0 * xy * xy))
-    narrowest = 2.0 * math.sqrt(least / count)
-    allowed = LEANS + noise / narrowest
-    if math.sqrt(lean_x * lean_x + lean_y * lean_y) > allowed:
-        return False
-    highest = -np.inf
-    for k in range(len(points)):
-        if carries[k]:
-            above = gaps[k] - lean_x * points[k, 0] - lean_y * points[k, 1]
-            highest = max(highest, above)
-    for k in range(len(points)):
-        if carries[k]:
-            above = gaps[k] - lean_x * points[k, 0] - lean_y * points[k, 1]
-            carries[k] = above >= highest - 0.5 * allowed * narrowest - 0.5 * noise
-    return True
+    return 2.0 * math.sqrt(least / count)
+
+
+@kernel(lean=True)
+def _across(points: Array, corners: npt.NDArray[np.int64]) -> float:
+    """m between the two parallel lines, closest together, that hold a convex polygon.
+
+    Args:
+        corners: rows of the points (k, 2), in boundary order.
+    """
+    narrowest = np.inf
+    for c in range(len(corners)):
+        a, b = corners[c], corners[(c + 1) % len(corners)]
+        along_x, along_y = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
+        length = math.sqrt(along_x * along_x + along_y * along_y)
+        farthest = 0.0
+        for k in corners:
+            off = along_x * (points[k, 1] - points[a, 1]) - along_y * (points[k, 0] - points[a, 0])
+            farthest = max(farthest, off / length)
+        narrowest = min(narrowest, farthest)
+    return narrowest
 
 
 @kernel(lean=True)

@@ -11,14 +11,9 @@ from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.stability.footing import Footing
-from placement_planner_ros.core.stability.one_plane import LEANS, in_one_plane
-from placement_planner_ros.core.stability.rises import rises
+from placement_planner_ros.core.stability.one_plane import in_one_plane
+from placement_planner_ros.core.stability.rises import Rises
 from placement_planner_ros.core.types import LEVEL, Array, Slope
-
-_RISES = 1.6
-"""Times the noise of heights by which single surfaces under an object may be above their plane."""
-_LEVEL = 2e-4
-"""m by which heights of one level surface may differ."""
 
 
 class VertexSupport:
@@ -38,9 +33,13 @@ class VertexSupport:
         corners = [face.vertices for face in self.faces]
         self._corners = np.concatenate(corners) if corners else np.empty((0, 3))
         self._first = np.cumsum([0, *map(len, corners)])
-        self._body = problem.body
-        self._touching: dict[int, Array] = {}
-        self._heights: dict[Slope, Array] = {}
+        body, faces = problem.body, problem.body.faces
+        self._rises = Rises(
+            problem.environment,
+            faces,
+            lambda face: touching(body, faces[face]),
+            footing.contact_tolerance,
+        )
 
     def stable(self, T: Array, faces: npt.NDArray[np.int64], slope: Slope) -> npt.NDArray[np.bool_]:
         """(n,) s(x) of poses (n, 4, 4) on these faces (n,) and one slope."""
@@ -51,8 +50,11 @@ class VertexSupport:
         stable = widths > 0.0
         rows = np.flatnonzero(stable)
         if len(rows):
-            stable[rows] = ~self._on_something(
-                points[first[rows]], above[rows], widths[rows], T[rows], faces[rows], slope
+            planes = np.zeros((len(rows), 3))
+            planes[:, 0] = above[rows]
+            noise = np.full(len(rows), support.height_noise)
+            stable[rows] = ~self._rises.lift(
+                T[rows], faces[rows], slope, planes, widths[rows], noise
             )
         if slope != LEVEL:
             rows = np.flatnonzero(stable)
@@ -62,59 +64,6 @@ class VertexSupport:
                 centers = T[on, :3, :3] @ self._center + T[on, :3, 3]
                 stable[on] = stays(corners - centers[:, None])
         return stable
-
-    def _on_something(
-        self,
-        corners: Array,
-        above: Array,
-        widths: Array,
-        T: Array,
-        faces: npt.NDArray[np.int64],
-        slope: Slope,
-    ) -> npt.NDArray[np.bool_]:
-        """(n,) whether something under the object between its vertices lifts it off them.
-
-        On what is higher in its middle by d an object leans by d over half its width. That may be
-        as much as in `in_one_plane`.
-
-        Args:
-            corners: (n, 3) one of each object.
-            above, widths: (n,) m, how the plane lies that carries it.
-        """
-        support = self._environment.support_of(slope)
-        if slope not in self._heights:
-            self._heights[slope] = np.sort(support.height)
-        low = above + 0.5 * LEANS * widths
-        low += _RISES * support.height_noise + _LEVEL
-        high = self.footing.contact_tolerance
-        z = corners[:, 2] - corners[:, :2] @ np.array(slope)
-        between = [np.searchsorted(self._heights[slope], z + up, "right") for up in (low, high)]
-        found = np.asarray(between[1] > between[0])
-        rows = np.flatnonzero(found)
-        for face in np.unique(faces[rows]):
-            on = rows[faces[rows] == face]
-            found[on] = rises(
-                self._points(int(face)),
-                np.ascontiguousarray(T[on]),
-                slope,
-                low[on],
-                high,
-                support.origin,
-                support.cell_size,
-                support.columns,
-                support.start,
-                support.height,
-                support.rectangle,
-            )
-        return found
-
-    def _points(self, face: int) -> Array:
-        """(k, 3) of the object that lie in the plane of that face, made when first asked for."""
-        if face not in self._touching:
-            inward = self.faces[face].T_face_object.inverse()
-            found = touching(self._body, self.faces[face])
-            self._touching[face] = found @ inward.rotation[:, :2].T + inward.translation
-        return self._touching[face]
 
 
 @kernel(nogil=True)

@@ -231,6 +231,25 @@ def test_bars_that_are_lower_than_others_carry_nothing(low, stands):
     assert set(found) == {stands}
 
 
+@pytest.mark.parametrize(("rise", "beside", "stands"), [
+    (0.0003, 0.0, True), (0.0025, 0.0, False), (0.0025, 0.07, True),
+])  # fmt: skip
+def test_nothing_stands_on_a_rib_that_no_contact_point_meets(rise, beside, stands):
+    """Contact points are 5 mm apart, the rib is thinner, wherever it lies between them."""
+    body = box((0.12, 0.08, 0.05))
+    face = next(k for k, f in enumerate(body.faces) if f.normal[2] < -0.99)
+    blocks = [
+        pedestal(0.3, depth=0.02),
+        Block("rib", (0.499, 0.501), (-0.15, 0.15), rise, depth=rise),
+    ]
+    problem = problem_on(body, blocks, spacing=0.002)
+    poses = PoseConstraints(problem, POLYGON.collision, POLYGON.footing, 0.0)
+    for off in np.arange(0.0, 0.005, 0.0005):
+        contact = np.array([0.5 + beside + off, 0.0, 0.0])
+        T = placement_pose(poses.problem.body.faces[face], contact, 0.0)
+        assert poses.stable(T, face) == stands
+
+
 def test_noise_moves_what_carries_inwards():
     body, blocks = BODIES["box"], SCENES["bridge"]
     shares = []
