@@ -226,7 +226,7 @@ def _scatter(
 
 
 def estimate_noise(bins: Bins, origin: Array, size: float) -> float | None:
-    """Standard deviation of the points about their surfaces, metres; None where these are too few.
+    """Standard deviation of the points about their surfaces, metres; None where they are too few.
 
     The median over neighbourhoods that look like surfaces. Two checks keep curved and thin things
     from passing for noise: where a quarter of the single cells with enough points are flat, or a

@@ -71,7 +71,7 @@ _LOW = 0.002
 _OWN, _BESIDE = 4.0, 2.2
 """Times the noise that points are off their cell's plane, or else off one beside, and of it."""
 _RELIEF = 0.01
-"""m, what rises no more above a plane beside it, with nothing on top, leaves all around in doubt."""
+"""m: what rises no more than that above a plane beside it leaves all around in doubt."""
 _LEVEL = 0.9
 """z of such a plane's normal, at least."""
 
@@ -176,7 +176,7 @@ def _look(bins: Bins, moments: Array, origin: Array, size: float) -> tuple[Array
 
 @kernel(lean=True)
 def _alongside(bins: Bins, planes: Array, r: int, near: npt.NDArray[np.int64]) -> int:
-    """Fill `near` with the cells around r whose neighbourhoods lie as its own does; their number."""
+    """Fill `near` with the cells around r that lie as it does; returns their number."""
     cells, number_at = bins.cells, bins.number_at
     nx, ny, nz = number_at.shape
     count = 0
