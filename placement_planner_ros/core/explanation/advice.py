@@ -53,7 +53,8 @@ def support(search: Search) -> Advice:
         remedies += [surfaces.coarser(environment), surfaces.MERGED]
         seen.append(f"{holes:.0%} of the surface in target_volume are holes that show no point")
     tries, told = surfaces.too_sparse(environment)
-    remedies += tries
+    known = {each.parameter for each in remedies}
+    remedies += [each for each in tries if each.parameter not in known]
     remedies += _other_footing(search)
     if holes <= _HOLES and not tries:
         remedies += surfaces.smoother(environment)

@@ -235,17 +235,17 @@ def _judge(bins: Bins, planes: Array, told: Array, sums: Array) -> tuple[Mask, A
         if not white[r]:
             continue
         along[:] = 0.0
-        skewed = count = 0.0
+        skewed = white_around = 0.0
         for n in range(_alongside(bins, planes, r, near)):
             q = near[n]
             if not white[q]:
                 continue
             skewed += told[q, 3] if planes[q, 5] >= 0.0 else -told[q, 3]
-            count += 1.0
+            white_around += 1.0
             for turn in range(_TURNS):
                 along[turn, 0] += sums[q, turn, 0]
                 along[turn, 1] += sums[q, turn, 1]
-        plain[r] = skewed <= _SKEWED * count
+        plain[r] = skewed <= _SKEWED * white_around
         for turn in range(_TURNS):
             if along[turn, 1] >= _PAIRS and along[turn, 0] > _ALIKE_ALONG * along[turn, 1]:
                 plain[r] = False
