@@ -41,6 +41,8 @@ _SURFACES = 0.2
 """Share of the neighbourhoods that must be surfaces, to say anything."""
 _PLANES = 0.1
 """... and of planes among them."""
+_LEAST = 0.0002
+"""m: less noise costs fewer poses as it is than what is in doubt around things would."""
 _CURVED = 0.5
 """What curved surfaces leave less of than so many times the noise is curved, not noisy."""
 _NEIGHBOUR = 1.5
@@ -66,7 +68,7 @@ _HEAPED = 3.2
 """... and times the noise that three points or more within a disc are off by, over their root."""
 _DISC = 1.2
 """Cells, the radius of that disc: a coin's."""
-_LOW = 0.002
+_LOW = 0.0017
 """m: what rises by that over such a disc must show, or nothing is smoothed."""
 _OWN, _BESIDE = 4.0, 2.2
 """Times the noise that points are off their cell's plane, or else off one beside, and of it."""
@@ -345,7 +347,7 @@ def smoothed(
         return None
     noise = float(np.median(local[plain]))
     curved = scatter_about_curved(bins, _REACH)
-    if noise <= floor or (len(curved) and float(np.median(curved)) < _CURVED * noise):
+    if noise <= max(floor, _LEAST) or (len(curved) and float(np.median(curved)) < _CURVED * noise):
         return None
     moved, explained = _move(bins, planes, plain, local)
     moved = np.clip(moved, lower, upper)
