@@ -53,10 +53,13 @@ def support(search: Search) -> Advice:
     if holes > _HOLES:
         remedies += [surfaces.coarser(environment), surfaces.MERGED]
         seen.append(f"{holes:.0%} of the surface in target_volume are holes that show no point")
+    tries, told = surfaces.too_sparse(environment)
+    known = {each.parameter for each in remedies}
+    remedies += [each for each in tries if each.parameter not in known]
     remedies += _other_footing(search)
-    if holes <= _HOLES:
+    if holes <= _HOLES and not tries:
         remedies += surfaces.smoother(environment)
-    seen += surfaces.uneven_in_words(environment)
+    seen += told or surfaces.uneven_in_words(environment)
     body, footing = search.problem.body, search.poses.footing
     if footing.support == "polygon":
         words = "choose one with surfaces that reach farther around the object's centre of mass"
@@ -151,7 +154,8 @@ def _room(search: Search) -> Advice:
         words += " at least" if math.isinf(free) else f" at least; at most {free:.3f} m are free"
     else:
         words = "choose one with more free surface, or clear some space"
-    return [*remedies, Remedy("target_volume", words)], _seen("the object", met)
+    tries, told = surfaces.too_sparse(search.problem.environment)
+    return [*remedies, *tries, Remedy("target_volume", words)], [*_seen("the object", met), *told]
 
 
 def _hand(search: Search, verdict: Verdict) -> Advice:

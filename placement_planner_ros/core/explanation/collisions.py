@@ -21,10 +21,13 @@ from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.sample_goals.rejections import RejectedPose
 from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.scene.keep_out import inside
 from placement_planner_ros.core.scene.region_points import RegionPoints
 from placement_planner_ros.core.stability.footing import Footing
 from placement_planner_ros.core.types import Array, Verdict
 
+_IN_DOUBT = "what too few noisy points show"
+"""Said of surfaces that nothing stands on for that."""
 _GAP = 0.01
 """m of height, at least, under what hangs over something."""
 _POSES = 32
@@ -144,6 +147,7 @@ def met_by_object(
         what = what if seen else "space that no sensor has seen"
         kept_out += (barred := all(is_kept_out(environment, box) for box in boxes.tolist()))
         what = "a box of keep_out" if barred else what
+        what = _IN_DOUBT if all(_in_doubt(environment, box) for box in boxes.tolist()) else what
         meetings.append(Meeting(HELD_OBJECT, what, middle))
     return replace(
         _counted(meetings, unseen),
@@ -194,8 +198,17 @@ def is_unseen(environment: Environment, box: int) -> bool:
 
 def is_kept_out(environment: Environment, box: int) -> bool:
     """Whether a box of the obstacle set belongs to one to keep out of."""
+    obstacles = environment.obstacles
+    if not len(environment.keep_out) or obstacles.barred is None or not obstacles.barred[box]:
+        return False
+    middle = 0.5 * (obstacles.lower[box] + obstacles.upper[box])
+    return bool(inside(middle, environment.keep_out))
+
+
+def _in_doubt(environment: Environment, box: int) -> bool:
+    """Whether too few noisy points show a box to stand on it."""
     barred = environment.obstacles.barred
-    return barred is not None and bool(barred[box])
+    return barred is not None and bool(barred[box]) and not is_kept_out(environment, box)
 
 
 def _overhangs(environment: Environment, box: int, pose: RejectedPose) -> bool:

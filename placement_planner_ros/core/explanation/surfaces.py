@@ -41,6 +41,12 @@ _LOOKED_AT = 200
 """Tops whose free height is looked at."""
 _THICK = 0.005
 """m: what is no higher than this above a surface is part of it."""
+_SPARSE = 0.62
+"""Cells that points are apart, from which on too few lie around a cell to tell noise ..."""
+_NOISY = 0.0003
+"""... of so many metres from relief."""
+_FINE = 0.5
+"""Times as far apart do points tell them."""
 _UNEVEN = 0.001
 """m of standard deviation of the surface's height, to be named."""
 _SMOOTH = 4.0
@@ -139,6 +145,7 @@ def why_no_region(environment: Environment) -> Explanation:
             (coarser(environment), MERGED),
             (span,),
         )
+    tries, told = too_sparse(environment)
     smallest, headroom = RegionSettings().min_area, RegionSettings().headroom
     sides = (volume.joined[:, 1] - volume.joined[:, 0])[:, :2]
     width, depth = sides[np.argmax(sides.prod(axis=1))]
@@ -154,11 +161,11 @@ def why_no_region(environment: Environment) -> Explanation:
         f"{head}: nothing in target_volume is level, larger than {1e4 * smallest:g} cm² and free "
         f"for {headroom:g} m above it",
         (
-            *smoother(environment),
+            *(tries or smoother(environment)),
             Remedy("target_volume", "choose one with a level surface in it"),
             aligned,
         ),
-        (*uneven_in_words(environment), span),
+        (*(told or uneven_in_words(environment)), span),
     )
 
 
@@ -181,6 +188,36 @@ def uneven_in_words(environment: Environment) -> tuple[str, ...]:
         f"the surface in target_volume is uneven: its heights scatter by {scatter:.4f} m about a "
         "plane",
     )
+
+
+def too_sparse(environment: Environment) -> tuple[tuple[Remedy, ...], tuple[str, ...]]:
+    """What to try, and what is seen, where points are noisy and too few to tell that from relief;
+    nothing where they are dense or even."""
+    measured, rows = environment.measured, _within(environment)
+    columns = int(np.isfinite(_tops(environment)).sum())
+    points = int(np.diff(measured.surface_first)[rows].sum())
+    scatter = max(scatter_in(environment), measured.noise)
+    spacing = measured.cell_size / math.sqrt(max(points, 1) / max(columns, 1))
+    if points == 0 or spacing < _SPARSE * measured.cell_size or scatter < _NOISY:
+        return (), ()
+    size = min(2.0 * spacing, _LARGEST_CELL)
+    tries = (
+        Remedy(
+            "cloud_topics",
+            f"name a finer cloud: one that no filter has thinned, or by voxels of "
+            f"{_FINE * spacing:.3f} m at most",
+        ),
+        Remedy(
+            "cloud.cell_size",
+            f"set it to about {size:.3f}, if nothing low lies there: what is as low as the noise "
+            "goes unseen then",
+        ),
+    )
+    seen = (
+        f"the points in target_volume are {spacing:.4f} m apart and scatter by {scatter:.4f} m: "
+        "that many do not tell noise from what is low",
+    )
+    return tries, seen
 
 
 def steep_in(environment: Environment) -> Array | None:

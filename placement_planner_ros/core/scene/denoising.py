@@ -81,7 +81,7 @@ def connected(bins: Bins, counts: npt.NDArray[np.int64], min_points: int) -> npt
 
 
 @kernel(nogil=True)
-def _cell_moments(bins: Bins, origin: Array, size: float) -> Array:
+def cell_moments(bins: Bins, origin: Array, size: float) -> Array:
     """(m, 10) number, sum and second moments (xx, yy, zz, xy, xz, yz) about each cell's centre."""
     points, start, cells = bins.points, bins.start, bins.cells
     m = len(cells)
@@ -141,7 +141,9 @@ def _moments_around(
 
 
 @kernel(lean=True)
-def _plane(moments: Array, bins: Bins, size: float, r: int, reach: int, plane: Array) -> float:
+def plane_around(
+    moments: Array, bins: Bins, size: float, r: int, reach: int, plane: Array
+) -> float:
     """Fit cell r and those within `reach` cells of it; returns the number of points.
 
     `plane` (8,) is filled as by `_fit`, about the cell's centre.
@@ -215,7 +217,7 @@ def _scatter(
     plane = np.empty(8)
     n = 0
     for r in range(0, len(bins.cells), stride):
-        if _plane(moments, bins, size, r, reach, plane) < min_points:
+        if plane_around(moments, bins, size, r, reach, plane) < min_points:
             continue
         if plane[7] > 0.15 * (1 + reach) * size and plane[6] < 0.6 * plane[7]:
             found[n] = plane[6]
@@ -223,8 +225,8 @@ def _scatter(
     return found[:n]
 
 
-def estimate_noise(bins: Bins, origin: Array, size: float) -> float:
-    """Standard deviation of the points about their surfaces, metres; 0 where it cannot be told.
+def estimate_noise(bins: Bins, origin: Array, size: float) -> float | None:
+    """Standard deviation of the points about their surfaces, metres; None where they are too few.
 
     The median over neighbourhoods that look like surfaces. Two checks keep curved and thin things
     from passing for noise: where a quarter of the single cells with enough points are flat, or a
@@ -232,10 +234,10 @@ def estimate_noise(bins: Bins, origin: Array, size: float) -> float:
     points scatter by as little as what is slightly curved, they are held against curved surfaces.
     """
     stride = max(1, len(bins.cells) // _SAMPLED_CELLS)
-    moments = _cell_moments(bins, origin, size)
+    moments = cell_moments(bins, origin, size)
     around = _scatter(moments, bins, size, 1, stride, _MIN_SURFACE_POINTS)
     if len(around) < _MIN_SURFACES * len(bins.cells) / stride:
-        return 0.0
+        return None
     noise = _typical(around)
     alone = _scatter(moments, bins, size, 0, stride, _MIN_PLANE_POINTS)
     if len(alone) >= 0.25 * len(around):
@@ -317,7 +319,7 @@ def _fit_planes(
     scatter = np.full(m, np.inf)
     plane, center = np.empty(8), np.empty(3)
     for r in range(m):
-        n = _plane(moments, bins, size, r, 1, plane)
+        n = plane_around(moments, bins, size, r, 1, plane)
         for a in range(3):
             center[a] = origin[a] + (cells[r, a] + 0.5) * size
         if n >= _MIN_PLANE_POINTS and _TRIMMED * noise < plane[6] <= _PLANE_SCATTER * noise:
@@ -349,7 +351,7 @@ def _fit_planes(
 
 
 @kernel(lean=True)
-def _residual(planes: Array, q: int, x: float, y: float, z: float) -> float:
+def residual(planes: Array, q: int, x: float, y: float, z: float) -> float:
     """Distance of a point beyond plane q, metres."""
     return (
         planes[q, 3] * (x - planes[q, 0])
@@ -372,7 +374,7 @@ def _nearer(
 ) -> tuple[int, float]:
     """The nearest plane among candidates[first:last] where nearer than `best`, and its distance."""
     for c in range(first, last):
-        d = _residual(planes, candidates[c], x, y, z)
+        d = residual(planes, candidates[c], x, y, z)
         if abs(d) < abs(distance):
             best = candidates[c]
             distance = d
@@ -380,7 +382,7 @@ def _nearer(
 
 
 @kernel(lean=True)
-def _gather(
+def gather(
     bins: Bins,
     flat: npt.NDArray[np.bool_],
     r: int,
@@ -430,19 +432,19 @@ def _project(
             best = -1
             distance = reach
             if flat[r]:
-                d = _residual(planes, r, x, y, z)
+                d = residual(planes, r, x, y, z)
                 if abs(d) <= reach:
                     best = r
                     distance = d
             # ... or the nearest beside it, ...
             if near < 0 and (best < 0 or abs(distance) > 0.4 * reach):
-                near = _gather(bins, flat, r, 1, candidates, 0)
+                near = gather(bins, flat, r, 1, candidates, 0)
             if best < 0:
                 best, distance = _nearer(planes, candidates, 0, near, x, y, z, best, distance)
             # ... or, where none is close, one cell further
             if best < 0 or abs(distance) > 0.4 * reach:
                 if far < 0:
-                    far = _gather(bins, flat, r, 2, candidates, near)
+                    far = gather(bins, flat, r, 2, candidates, near)
                 best, distance = _nearer(planes, candidates, near, far, x, y, z, best, distance)
             if best >= 0:
                 explained[p] = True
@@ -484,7 +486,7 @@ def _put_back(points: Array, moved: Array, first: int, last: int, noise: float) 
 
 
 @kernel(nogil=True)
-def _strays(
+def strays(
     bins: Bins,
     explained: npt.NDArray[np.bool_],
     min_points: int,
@@ -530,8 +532,8 @@ def project(
         (n, 3), NaN for lone points off every surface. Points of no plane (thin or strongly curved
         things) stay where they are.
     """
-    moments = _cell_moments(bins, origin, size)
+    moments = cell_moments(bins, origin, size)
     planes, flat = _fit_planes(moments, bins, size, origin, noise)
     moved, explained = _project(bins, planes, flat, _REACH * noise, lower, upper)
-    moved[_strays(bins, explained, min_points)] = np.nan
+    moved[strays(bins, explained, min_points)] = np.nan
     return moved

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.errors import CloudError
-from placement_planner_ros.core.scene import denoising, tight_boxes
+from placement_planner_ros.core.scene import denoising, sparse, tight_boxes
 from placement_planner_ros.core.scene.binning import Bins, sort_into_cells
 from placement_planner_ros.core.scene.extent import finite_extent
 from placement_planner_ros.core.scene.obstacle_arrays import ObstacleArrays
@@ -164,7 +164,9 @@ class ObstacleSet:
         bins = sort_into_cells(cloud, origin, settings.cell_size, shape, lower, upper)
         noise = 0.0
         if len(bins.cells):
-            bins, noise = _cleaned(bins, origin, settings, shape, lower, upper)
+            bins, noise, doubtful = _cleaned(bins, origin, settings, shape, lower, upper)
+            made = cls._of(bins, origin, shape, settings, noise)
+            return made._without_footing(doubtful) if len(doubtful) else made
         return cls._of(bins, origin, shape, settings, noise)
 
     @classmethod
@@ -206,6 +208,15 @@ class ObstacleSet:
             points=_read_only(boxes.points),
             noise=noise,
         )
+
+    def _without_footing(self, cells: npt.NDArray[np.int32]) -> ObstacleSet:
+        """The same, but nothing stands on the boxes in those cells (k, 3)."""
+        sizes = np.array(self.shape)[1:]
+        keys = [
+            (c[:, 0].astype(np.int64) * sizes[0] + c[:, 1]) * sizes[1] + c[:, 2]
+            for c in (self.cells, cells)
+        ]
+        return replace(self, barred=_read_only(np.isin(keys[0], keys[1])))
 
     def sheared(self, slope: Slope, lower: float, upper: float, through: float) -> ObstacleSet:
         """The same points with z - slope · (x, y) in place of z.
@@ -262,7 +273,8 @@ class ObstacleSet:
         upper = lower + self.cell_size
         covered = self._covered_from(cells, lower, upper)
         upper[:, 2] = np.maximum(np.minimum(upper[:, 2], covered - below), lower[:, 2])
-        return self._with(cells, lower, upper, None)
+        barred = None if self.barred is None else np.append(self.barred, np.zeros(len(cells), bool))
+        return self._with(cells, lower, upper, barred)
 
     def _covered_from(self, cells: npt.NDArray[np.int32], lower: Array, upper: Array) -> Array:
         """(k,) height of the lowest box that covers each cell in the cell above it; inf without."""
@@ -415,8 +427,12 @@ def _cleaned(
     shape: tuple[int, int, int],
     lower: Array,
     upper: Array,
-) -> tuple[Bins, float]:
-    """Drop flying pixels and, in a noisy cloud, project the points; return the noise too."""
+) -> tuple[Bins, float, npt.NDArray[np.int32]]:
+    """Drop flying pixels and, in a noisy cloud, project the points.
+
+    Returns:
+        The points; the noise, metres; cells (k, 3) on which nothing is to stand.
+    """
     size = settings.cell_size
     counts = np.diff(bins.start)
     min_points = settings.min_points if np.median(counts) >= 4 else 0
@@ -426,9 +442,14 @@ def _cleaned(
             points = bins.points[np.repeat(keep, counts)]
             bins = sort_into_cells(points, origin, size, shape, lower, upper)
     noise = denoising.estimate_noise(bins, origin, size)
+    if noise is None:  # few points in 27 cells
+        smooth = sparse.smoothed(bins, origin, size, settings.noise_floor, min_points, lower, upper)
+        if smooth is None:
+            return bins, 0.0, bins.cells[:0]
+        return sort_into_cells(smooth[0], origin, size, shape, lower, upper), *smooth[1:]
     if noise <= settings.noise_floor:
-        return bins, 0.0
+        return bins, 0.0, bins.cells[:0]
     for _ in range(2):  # the second time from planes that the first has made sharper
         points = denoising.project(bins, origin, size, noise, min_points, lower, upper)
         bins = sort_into_cells(points, origin, size, shape, lower, upper)
-    return bins, noise
+    return bins, noise, bins.cells[:0]

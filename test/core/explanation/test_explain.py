@@ -18,13 +18,20 @@ from placement_planner_ros.core.explanation.explanation import Explanation, Reme
 from placement_planner_ros.core.explanation.search import Progress
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.motion.birrt import GoalSetRRT
+from placement_planner_ros.core.objective.by_name import make_objective
+from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
+from placement_planner_ros.core.problem import Problem, workspace
+from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.search.pruning import Cause, Ruling
 from placement_planner_ros.core.search.sampler import SampleCount
 from placement_planner_ros.core.types import LEVEL, Verdict, steepness
-from placement_planner_ros.experiments.cases import Case
+from placement_planner_ros.experiments.cases import Case, read_inputs
 from placement_planner_ros.ros.parameters.table import arm_specs, arms_spec, fixed_specs
+from placement_planner_ros.scenes.clouds import complete_cloud
+from placement_planner_ros.scenes.scenes import scene_by_name
 
+SCENE = scene_by_name("table")
 TABLE = Case("table", "small_crayons_box", "maximize_clearance")
 NAMES = {
     spec.name
@@ -241,6 +248,36 @@ def test_a_table_that_is_too_steep_is_named_with_its_angle_and_the_remedy_helps(
     planner = PlacementPlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
     found = next(planner.run(lambda: planner.statistics.samples >= 5000))
     assert steepness(found.goal.slope) == pytest.approx(np.radians(degrees), abs=0.002)
+
+
+def test_a_cloud_too_sparse_to_tell_its_noise_is_named_with_spacing_and_noise():
+    """One noisy point in each voxel of 10 mm; all of them show the table."""
+    made = read_inputs(TABLE, np.random.default_rng(0))
+    rng = np.random.default_rng(1)
+    dense = complete_cloud(replace(SCENE, parts=SCENE.parts[:1]), spacing=0.0025)
+    noisy = dense + rng.normal(0.0, 0.0015, dense.shape)
+    noisy = noisy[rng.permutation(len(noisy))]
+    points = noisy[np.unique(np.floor(noisy / 0.01 + 0.4), axis=0, return_index=True)[1]]
+    bounds = workspace(made.robot, made.arms, made.q_start, made.body, made.volume)
+
+    def explained(cloud):
+        environment = Environment.from_points(cloud, made.volume, bounds=bounds)
+        problem = Problem(made.robot, made.arms, made.q_start, made.body, made.volume, environment)
+        context = ObjectiveContext(environment, made.volume, made.body)
+        objective = make_objective(TABLE.objective, context)
+        planner = PlacementPlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
+        found = next(planner.run(lambda: planner.statistics.samples >= 600), None)
+        return found, planner.explain()
+
+    found, told = explained(points)
+    assert found is None
+    assert (
+        {"cloud_topics", "cloud.cell_size"} <= {each.parameter for each in told.remedies} <= NAMES
+    )
+    seen = re.search(r"are ([\d.]+) m apart and scatter by ([\d.]+) m", " ".join(told.details))
+    assert 0.007 < float(seen.group(1)) < 0.011
+    assert 0.001 < float(seen.group(2)) < 0.003
+    assert explained(noisy)[0] is not None
 
 
 def test_no_remedy_is_named_where_no_slope_may_be_so_steep():
