@@ -27,15 +27,15 @@ from placement_planner_ros.core.scene.support_spacing import (
 )
 from placement_planner_ros.core.types import Array
 
-_BESIDE = 0.006
+_BESIDE = 0.008
 """m from a point on top of a bar to its flanks, at most."""
 _DEPTH, _BELOW = 0.001, 0.012
 """m below a surface, at least and at most, are flanks and undersides."""
 _INNER = 0.5
 """Share of a disc's radius within which nothing lies closely below a gap."""
-_OPPOSITE = 3
-"""Directions, of 32, that flanks on either side may be off from being opposite."""
-_BARS = 0.4
+_OPEN = 14
+"""Directions without flanks, of 32, next to each other, at most: at an edge there are 16."""
+_BARS = 0.25
 """Share of the points around that are on bars, from which on gaps are judged by these."""
 _LOW, _HIGH = 0.1, 0.8
 """Quantiles of how far the next point on a bar is."""
@@ -112,7 +112,7 @@ def _has_flanks(
     below: Below,
     seen: npt.NDArray[np.bool_],
 ) -> bool:
-    """Whether flanks lie on opposite sides of point n of surface s.
+    """Whether flanks lie on both sides of point n of surface s, ahead and behind.
 
     Args:
         seen: (32,) for the directions.
@@ -130,11 +130,12 @@ def _has_flanks(
             beside = 0.0 < dx * dx + dy * dy < _BESIDE * _BESIDE
             if beside and _DEPTH < lower < _BELOW:
                 seen[math.floor(math.atan2(dy, dx) * (0.5 * TURNS / math.pi)) % TURNS] = True
-    for k in range(TURNS // 2):
-        for off in range(-_OPPOSITE, _OPPOSITE + 1):
-            if seen[k] and seen[(k + TURNS // 2 + off) % TURNS]:
-                return True
-    return False
+    unseen = 0
+    for k in range(TURNS + _OPEN + 1):
+        unseen = 0 if seen[k % TURNS] else unseen + 1
+        if unseen > _OPEN:
+            return False
+    return True
 
 
 @kernel(lean=True)
