@@ -112,6 +112,7 @@ class Environment:
         points: how many finite points it was made of, in the workspace or not.
         extent: (2, 3) lower and upper corner of these, NaN where there are none.
         beyond_volume: things up to the cap outside V count for the clearance, not only those in it.
+        seen: share of V that the views saw, free or what was measured; None without views.
     """
 
     obstacles: ObstacleSet
