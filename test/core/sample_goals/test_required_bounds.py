@@ -64,7 +64,7 @@ def test_no_pose_of_a_cell_has_more(ground, request):
         cells = halved(cells[rng.permutation(len(cells))[:6]])
         some.append(cells)
     cells = np.concatenate(some)
-    cells = cells[rng.permutation(len(cells))[:120]]
+    cells = cells[rng.permutation(len(cells))[:400]]
     most = planner._bounds.required.most(PlacedCells(cells))
     close = dict.fromkeys(SLOW, 0)
     for k, cell in enumerate(cells):

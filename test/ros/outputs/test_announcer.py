@@ -35,7 +35,8 @@ def test_the_log_says_how_many_points_were_left_out_as_flying_pixels(flying, sai
     reporter = SimpleNamespace(prepared=lambda *_: None)
     announcer = Announcer(outputs, reporter, SimpleNamespace(event=lines.append))
     clouds = np.zeros((4000, 3)), np.zeros((1000, 3))
-    run = SimpleNamespace(number=7, snapshot=SimpleNamespace(clouds=clouds))
+    parameters = {"unknown_space": "free"}
+    run = SimpleNamespace(number=7, snapshot=SimpleNamespace(clouds=clouds, parameters=parameters))
     planner = SimpleNamespace(unusable=())
     announcer.prepared(run, SimpleNamespace(planner=planner, flying=flying, environment=None))
     assert shown == [(run.snapshot, None)]
