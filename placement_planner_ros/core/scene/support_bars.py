@@ -1,4 +1,4 @@
-"""Thin bars and rods: what is on top of them has points below it on either side.
+"""Thin bars and rods: around what is on top of them there are points closely below.
 
 A rod shows a row of points or two on top. Rods some way apart then look from above like a table of
 which a line scanner saw rows; but below such a table nothing was measured, and beside the rows of
