@@ -13,6 +13,7 @@ from placement_planner_ros.core.scene.clearance_lookup import Table, distances, 
 from placement_planner_ros.core.scene.clearance_table import ClearanceTable
 from placement_planner_ros.core.scene.counted_boxes import counted_boxes
 from placement_planner_ros.core.scene.grid import ObstacleSet
+from placement_planner_ros.core.scene.leaning_boxes import sliced
 from placement_planner_ros.core.scene.nearest_boxes import Lines, boxes_by_height
 from placement_planner_ros.core.types import Array, TargetVolume
 
@@ -242,12 +243,13 @@ def _table(
     first, last = np.floor((part - obstacles.origin) / size).astype(np.int64)
     origin = obstacles.origin + first * size
     origin[2] = (math.floor(part[0, 2] / rise) - AROUND) * rise
+    counted = sliced(obstacles, rows, ends, float(origin[2]), rise)
     boxes = boxes_by_height(
-        obstacles.lower[rows],
-        obstacles.upper[rows],
-        obstacles.outline[rows],
-        (obstacles.cells[rows, :2] // step - first[:2]).astype(np.int32),
-        ends,
+        counted.lower,
+        counted.upper,
+        counted.outline,
+        (counted.cells[:, :2] // step - first[:2]).astype(np.int32),
+        counted.ends,
         float(origin[2]),
         rise,
     )

@@ -37,7 +37,9 @@ class BoxesByHeight(NamedTuple):
     height: Array
     """(k,) z of their lower faces, from the lowest level on."""
     end: Array
-    """(k,) how far above the lower level of their slab they end."""
+    """(k,) how far above the lower level of their slab they end, or, where nothing goes on above,
+    those in the cells around: the middle of a dome reaches higher than its rim in the same slab,
+    which is nearer."""
     place: Index
     """(k,) number of their cell along y."""
     column: Index
@@ -120,6 +122,7 @@ def boxes_by_height(
     low, high = _around_outlines(outline[order])
     low, high = np.maximum(low, lower[order, :2]), np.minimum(high, upper[order, :2])
     place, column = cells[order, 1].astype(np.int32), cells[first_in_column, 0].astype(np.int32)
+    end = _highest_around((ends - origin_z - slab * rise)[order], slab[order], x[order], y[order])
     before, after = _first_and_last(low[:, 1].copy(), high[:, 1].copy(), column_start)
     turned = (group[first_in_column[group_start[:-1]]] % 2).astype(np.bool_)
     near_start, near = _boxes_around(
@@ -130,7 +133,7 @@ def boxes_by_height(
         high,
         np.ascontiguousarray(outline[order]),
         lower[order, 2] - origin_z,
-        (ends - origin_z - slab * rise)[order],
+        end,
         place,
         column,
         column_start,
@@ -159,6 +162,51 @@ def _starts(sorted_keys: npt.NDArray[np.int64]) -> Index:
     """Where each of the sorted keys begins, and how many they are."""
     first = np.flatnonzero(np.append(True, np.diff(sorted_keys) != 0)[: len(sorted_keys)])
     return np.append(first, len(sorted_keys)).astype(np.int32)
+
+
+@kernel(nogil=True)
+def _highest_around(
+    end: Array, slab: npt.NDArray[np.int64], x: npt.NDArray[np.int64], y: npt.NDArray[np.int64]
+) -> Array:
+    """(k,) the greatest end in the cell of each box, and the eight around, among those of its slab;
+    its own where something there ends in the next slab.
+
+    Args:
+        slab: ascending.
+        x, y: of the boxes' cells, from 0 on.
+    """
+    k = len(end)
+    width, depth = 0, 0
+    for e in range(k):
+        width, depth = max(width, x[e] + 1), max(depth, y[e] + 1)
+    greatest = np.empty((width + 2, depth + 2))
+    of_slab = np.full((width + 2, depth + 2), -2, np.int64)
+    goes_on = np.empty(k, np.bool_)
+    highest = end.copy()
+    last = k
+    while last > 0:
+        first = last - 1
+        while first > 0 and slab[first - 1] == slab[last - 1]:
+            first -= 1
+        now = slab[first]
+        for e in range(first, last):
+            goes_on[e] = False
+            for i in range(x[e], x[e] + 3):
+                for j in range(y[e], y[e] + 3):
+                    goes_on[e] = goes_on[e] or of_slab[i, j] == now + 1
+        for e in range(first, last):
+            i, j = x[e] + 1, y[e] + 1
+            if of_slab[i, j] != now or greatest[i, j] < end[e]:
+                of_slab[i, j], greatest[i, j] = now, end[e]
+        for e in range(first, last):
+            if goes_on[e]:
+                continue
+            for i in range(x[e], x[e] + 3):
+                for j in range(y[e], y[e] + 3):
+                    if of_slab[i, j] == now:
+                        highest[e] = max(highest[e], greatest[i, j])
+        last = first
+    return highest
 
 
 @kernel(nogil=True)

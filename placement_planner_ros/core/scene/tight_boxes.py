@@ -151,7 +151,7 @@ def _measure_surface(
 
 
 @kernel(lean=True)
-def _measure_outline(
+def measure_outline(
     points: Array,
     rows: npt.NDArray[np.int64],
     count: int,
@@ -347,7 +347,7 @@ def _tight_boxes(
                     top_points[tops, 0] = points[ordered[i], 0]
                     top_points[tops, 1] = points[ordered[i], 1]
                     tops += 1
-            _measure_outline(points, ordered[first:], last - first, boxes[part], corner, outline[m])
+            measure_outline(points, ordered[first:], last - first, boxes[part], corner, outline[m])
             m += 1
             top_first[m] = tops
             first_point[m] = placed

@@ -188,6 +188,99 @@ def test_clearance_is_the_same_whatever_the_origin_of_the_grid():
     assert np.max(off) < 3e-3
 
 
+def ball(centre, radius, spacing):
+    """Points of a ball, about `spacing` apart, and its d_S."""
+    n = int(4.0 * np.pi * radius**2 / spacing**2)
+    turn, up = np.pi * (1.0 + 5.0**0.5) * np.arange(n), 1.0 - (2.0 * np.arange(n) + 1.0) / n
+    around = np.sqrt(1.0 - up**2)
+    points = centre + radius * np.c_[around * np.cos(turn), around * np.sin(turn), up]
+
+    def distance(p):
+        off = p - centre
+        beside = np.linalg.norm(off[:, :2], axis=1)
+        level = beside - np.sqrt(np.maximum(radius**2 - off[:, 2] ** 2, 0.0))
+        nearest = np.where(off[:, 2] < 0.0, np.linalg.norm(off, axis=1) - radius, level)
+        return np.where(off[:, 2] <= radius, nearest, 0.5)
+
+    return points, distance
+
+
+def cone(foot, radius, height, spacing):
+    """Points of a cone's side, about `spacing` apart, and its d_S."""
+    slant = np.hypot(radius, height)
+    rings = []
+    for share in np.linspace(0.0, 1.0, int(slant / spacing) + 1):
+        r = radius * (1.0 - share)
+        angle = np.arange(max(int(2.0 * np.pi * r / spacing), 1))
+        angle = angle * 2.0 * np.pi / len(angle) + 7.0 * share
+        rings.append(
+            np.c_[r * np.cos(angle), r * np.sin(angle), np.full(len(angle), share * height)]
+        )
+
+    def distance(p):
+        beside = np.linalg.norm(p[:, :2] - foot[:2], axis=1)
+        up = p[:, 2] - foot[2]
+        return np.where(up <= height, beside - radius * (1.0 - np.maximum(up, 0.0) / height), 0.5)
+
+    return np.vstack(rings) + foot, distance
+
+
+@pytest.mark.parametrize(("spacing", "apart"), [(0.002, 2e-3), (0.003, 2.5e-3)])
+@pytest.mark.parametrize("kind", ["ball", "cone"])
+def test_clearance_beside_what_is_round_or_leans_hardly_depends_on_the_origin(kind, spacing, apart):
+    rng = np.random.default_rng(7)
+    spread, off = [], []
+    for _ in range(5):
+        foot = np.append(rng.uniform(-0.05, 0.05, 2), rng.uniform(0.0, 0.01))
+        radius = rng.uniform(0.015, 0.08)
+        if kind == "ball":
+            points, true = ball(foot + np.array([0.0, 0.0, radius]), radius, spacing)
+        else:
+            points, true = cone(foot, radius, rng.uniform(0.8, 2.0) * radius, spacing)
+        floor = plane((-0.3, -0.3, foot[2]), (0.3, 0.3, foot[2]), 0.004)
+        cloud = np.vstack([floor, points])
+        line = np.arange(0.0025, 0.06, 0.005)
+        bodies, poses = [], []
+        for height in (0.02, 0.06, 0.11):
+            up = np.arange(0.0025, height, 0.005)
+            bodies.append(np.stack(np.meshgrid(line, line, up), axis=-1).reshape(-1, 3))
+            way, turn = rng.uniform(0.0, 2.0 * np.pi, 2)
+            away = radius + rng.uniform(0.1, 0.15)
+            pose = pin.SE3(pin.utils.rotate("z", turn), foot.copy())
+            pose.translation[:2] += away * np.array([np.cos(way), np.sin(way)])
+            poses.append(pose)
+        found, wanted = [], []
+        for _ in range(6):
+            low = np.array([-0.45, -0.45, -0.1]) - rng.uniform(0.0, 0.01, 3)
+            obstacles = ObstacleSet.from_points(cloud, bounds=(low, np.add(low, (0.9, 0.9, 0.6))))
+            field = ClearanceField(obstacles, VOLUME)
+            found.append([field.mean_clearance(p.homogeneous, b)[0]
+                          for p, b in zip(poses, bodies, strict=True)])  # fmt: skip
+        for pose, body in zip(poses, bodies, strict=True):
+            world = body @ pose.rotation.T + pose.translation
+            world[:, 2] = np.maximum(world[:, 2], world[:, 2].min() + field.lift)
+            layers = 0.005 * ((np.arange(10) + 0.5) / 10 - 0.5)
+            wanted.append(np.mean([true(world + np.array([0.0, 0.0, z])) for z in layers]))
+        spread.append(np.ptp(found, axis=0))
+        off.append(np.abs(np.array(found) - wanted))
+    assert np.max(spread) < apart
+    assert np.max(off) < 3e-3
+
+
+@pytest.mark.parametrize("beyond", [0.0, 0.5])
+def test_what_leans_counts_where_it_goes_through_the_floor_and_the_top_of_the_volume(beyond):
+    """A ramp that rises along x through all of V and past it."""
+    along, across = np.meshgrid(np.arange(-0.35, 0.35, 0.002), np.arange(-0.3, 0.3, 0.002))
+    ramp = np.c_[along.ravel(), across.ravel(), along.ravel() + 0.15]
+    obstacles = ObstacleSet.from_points(ramp, bounds=BOUNDS)
+    field = ClearanceField(obstacles, VOLUME, beyond)
+    z = np.arange(-0.04, 0.34, 0.01)
+    for gap in (0.03, 0.1):
+        points = np.c_[z - 0.15 - gap, np.zeros(len(z)), z]
+        inside = (points[:, 0] > -0.3) & (z < 0.34)
+        np.testing.assert_allclose(field.distance(points[inside]), gap, atol=2e-3)
+
+
 def size_of(field):
     return sum(table.values.size for table in field.tables)
 
