@@ -14,7 +14,7 @@ from placement_planner_ros.core.types import Array
 
 Index = npt.NDArray[np.int32]
 
-_CORNER = 0.4
+CORNER = 0.1
 """Where points stay further than so many cells from a corner of their box, it is turned: x + y."""
 _TURNS = 16
 """Directions, over a quarter turn, of the rectangles around what runs obliquely."""
@@ -55,7 +55,7 @@ def tight_boxes(
     """
     thick = _count_thick(bins.points, bins.start, skin)
     return TightBoxes(
-        *_tight_boxes(bins, skin, max_boxes, thick * (max_boxes - 1), band, _CORNER * cell_size)
+        *_tight_boxes(bins, skin, max_boxes, thick * (max_boxes - 1), band, CORNER * cell_size)
     )
 
 
