@@ -111,8 +111,11 @@ def boxes_by_height(
         rise: height of a slab.
     """
     slab = np.floor((ends - origin_z) / rise).astype(np.int64)
-    group = 2 * slab + (outline[:, 1] != 0.0)
     x, y = (cells - cells.min(axis=0, initial=0)).T.astype(np.int64)
+    covered = _covered(slab, ends - lower[:, 2] <= rise, x, y)
+    ends = np.where(covered, origin_z + slab * rise, ends)
+    slab -= covered
+    group = 2 * slab + (outline[:, 1] != 0.0)
     width, depth = (int(np.max(number, initial=0)) + 1 for number in (x, y))
     # in one cell, first what reaches furthest up and down
     order = np.lexsort((lower[:, 2], -ends, (group * width + x) * depth + y))
@@ -162,6 +165,42 @@ def _starts(sorted_keys: npt.NDArray[np.int64]) -> Index:
     """Where each of the sorted keys begins, and how many they are."""
     first = np.flatnonzero(np.append(True, np.diff(sorted_keys) != 0)[: len(sorted_keys)])
     return np.append(first, len(sorted_keys)).astype(np.int32)
+
+
+@kernel(nogil=True)
+def _covered(
+    slab: npt.NDArray[np.int64],
+    flat: npt.NDArray[np.bool_],
+    x: npt.NDArray[np.int64],
+    y: npt.NDArray[np.int64],
+) -> npt.NDArray[np.bool_]:
+    """(k,) of the boxes that are not flat, those with a flat one that ends in their slab in their
+    cell or the eight around; none in slab 0."""
+    k = len(slab)
+    width, depth, high = 0, 0, np.int64(0)
+    for e in range(k):
+        width, depth, high = max(width, x[e] + 1), max(depth, y[e] + 1), max(high, slab[e] + 1)
+    start = np.zeros(high + 1, np.int64)
+    for e in range(k):
+        start[slab[e] + 1] += 1
+    for s in range(high):
+        start[s + 1] += start[s]
+    order, place = np.empty(k, np.int64), start.copy()
+    for e in range(k):
+        order[place[slab[e]]] = e
+        place[slab[e]] += 1
+    of_slab = np.full((width + 2, depth + 2), -1, np.int64)
+    covered = np.zeros(k, np.bool_)
+    for s in range(1, high):
+        for n in range(start[s], start[s + 1]):
+            if flat[order[n]]:
+                of_slab[x[order[n]] + 1, y[order[n]] + 1] = s
+        for n in range(start[s], start[s + 1]):
+            e = order[n]
+            for i in range(x[e], x[e] + 3):
+                for j in range(y[e], y[e] + 3):
+                    covered[e] = covered[e] or (not flat[e] and of_slab[i, j] == s)
+    return covered
 
 
 @kernel(nogil=True)
@@ -448,11 +487,11 @@ def _lower_envelope(foot: Array, base: Array, box: Index, begin: Array, count: i
 def _nearest_outline(boxes: BoxesByHeight, r: int, x: float, y: float) -> tuple[int, float]:
     """From box r on to those in the cells around, as long as their outlines are nearer to a point;
     with the squared distance."""
-    least = _aside(boxes.outline, r, x, y)
+    least = _aside(boxes, r, x, y)
     for _step in range(_STEPS):
         best = r
         for at in range(boxes.near_start[r], boxes.near_start[r + 1]):
-            squared = _aside(boxes.outline, boxes.near[at], x, y)
+            squared = _aside(boxes, boxes.near[at], x, y)
             if squared < least:
                 best, least = boxes.near[at], squared
         if best == r:
@@ -462,10 +501,14 @@ def _nearest_outline(boxes: BoxesByHeight, r: int, x: float, y: float) -> tuple[
 
 
 @kernel(inline=True)
-def _aside(outline: Field, r: int, x: float, y: float) -> float:
-    """Squared distance in x and y from a point to the rectangle around the points of box r."""
+def _aside(boxes: BoxesByHeight, r: int, x: float, y: float) -> float:
+    """Squared distance in x and y from a point to box r and to the outline of its points,
+    whichever is further."""
+    outline = boxes.outline
     c, s = outline[r, 0], outline[r, 1]
     u, v = c * x + s * y, c * y - s * x
     du = max(outline[r, 2] - u, 0.0, u - outline[r, 3])
     dv = max(outline[r, 4] - v, 0.0, v - outline[r, 5])
-    return du * du + dv * dv
+    dx = max(boxes.lower[r, 0] - x, 0.0, x - boxes.upper[r, 0])
+    dy = max(boxes.lower[r, 1] - y, 0.0, y - boxes.upper[r, 1])
+    return max(du * du + dv * dv, dx * dx + dy * dy)

@@ -177,7 +177,7 @@ def measure_outline(
     cut = max(plus_low, width + depth - plus_high, minus_low + depth, width - minus_high)
     if cut <= corner:
         return
-    best = width * depth
+    most = 0.0
     for turn in range(1, _TURNS):
         angle = 0.5 * math.pi * turn / _TURNS
         c, s = math.cos(angle), math.sin(angle)
@@ -187,9 +187,13 @@ def measure_outline(
             v = c * points[rows[i], 1] - s * points[rows[i], 0]
             low_u, high_u = min(low_u, u), max(high_u, u)
             low_v, high_v = min(low_v, v), max(high_v, v)
-        area = (high_u - low_u) * (high_v - low_v)
-        if area < best:
-            best = area
+        # how far each side passes the corner of the box that it cuts off
+        off = (low_u - c * box[0, 0] - s * box[0, 1]) ** 2
+        off += (c * box[1, 0] + s * box[1, 1] - high_u) ** 2
+        off += (low_v - c * box[0, 1] + s * box[1, 0]) ** 2
+        off += (c * box[1, 1] - s * box[0, 0] - high_v) ** 2
+        if off > 2.0 * c * s * most:
+            most = off / (2.0 * c * s)
             outline[0], outline[1] = c, s
             outline[2], outline[3] = low_u, high_u
             outline[4], outline[5] = low_v, high_v
