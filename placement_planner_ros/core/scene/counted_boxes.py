@@ -17,12 +17,14 @@ _UPRIGHT = 0.2
 def counted_boxes(obstacles: ObstacleSet, within: Array) -> tuple[npt.NDArray[np.int64], Array]:
     """Rows (k,) of the boxes that touch any of `within` (n, 2, 3), and (k,) z up to which they
     count: where the last of these that they touch ends, their top, or where a wall goes on above.
+
+    Those in which nothing was measured do not count.
     """
     around = (
         (obstacles.upper >= within[:, 0].min(axis=0))
         & (obstacles.lower <= within[:, 1].max(axis=0))
     ).all(axis=1)
-    rows = np.flatnonzero(around)
+    rows = np.flatnonzero(around & (np.diff(obstacles.first_point) > 0))
     lower, upper = obstacles.lower[rows], obstacles.upper[rows]
     ends = _ends(obstacles.arrays, rows)
     touching = np.zeros(len(rows), np.bool_)

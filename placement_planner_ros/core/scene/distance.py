@@ -245,10 +245,9 @@ def _table(
     origin[2] = (math.floor(part[0, 2] / rise) - AROUND) * rise
     counted = sliced(obstacles, rows, ends, float(origin[2]), rise)
     boxes = boxes_by_height(
-        counted.lower,
-        counted.upper,
-        counted.outline,
+        counted.outlines,
         (counted.cells[:, :2] // step - first[:2]).astype(np.int32),
+        counted.bottoms,
         counted.ends,
         float(origin[2]),
         rise,

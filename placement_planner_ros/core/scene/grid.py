@@ -75,9 +75,6 @@ class ObstacleSet:
             x + y and x - y over its points.
         surface_first: (m + 1,) the first point of that surface, and their number.
         surface_points: (k, 2) x and y of these points.
-        outline: (m, 6) a rectangle around the points of each box, turned so that it is small:
-            cosine and sine of its turn about z, then its least and greatest x and y in the frame
-            that is turned by so much about the origin. What runs obliquely fills no upright box.
         first_point: (m + 1,) the first of all points of each box, and their number.
         points: (n, 3) of all boxes, box by box, as they were taken.
         noise: standard deviation of the points about their surfaces, estimated, metres.
@@ -96,7 +93,6 @@ class ObstacleSet:
     surface_extent: Array
     surface_first: npt.NDArray[np.int64]
     surface_points: npt.NDArray[np.float32]
-    outline: npt.NDArray[np.float32]
     first_point: npt.NDArray[np.int64]
     points: npt.NDArray[np.float32]
     noise: float
@@ -185,7 +181,6 @@ class ObstacleSet:
             skin,
             settings.max_boxes_per_cell,
             skin + _LEVEL * settings.cell_size + noise,
-            settings.cell_size,
         )
         box_lower, box_upper = tight_boxes.close_gaps(
             boxes, bins.number_at, origin, settings.cell_size, skin
@@ -203,7 +198,6 @@ class ObstacleSet:
             surface_extent=_read_only(boxes.surface_extent),
             surface_first=_read_only(boxes.surface_first),
             surface_points=_read_only(boxes.surface_points),
-            outline=_read_only(boxes.outline),
             first_point=_read_only(boxes.first_point),
             points=_read_only(boxes.points),
             noise=noise,
@@ -333,8 +327,6 @@ class ObstacleSet:
     ) -> ObstacleSet:
         """A copy with further boxes in those cells (k, 3); the points of surfaces are left out."""
         extent = np.tile([np.inf, -np.inf], (len(cells), 4))
-        sides = lower[:, 0], upper[:, 0], lower[:, 1], upper[:, 1]
-        outline = np.column_stack([np.ones(len(cells)), np.zeros(len(cells)), *sides])
         together = np.vstack([self.cells, cells]).astype(np.int32)
         order = np.lexsort(together.T[::-1])  # stable: boxes of one cell stay next to each other
         number_at = np.zeros(self.shape, np.int32)
@@ -356,7 +348,6 @@ class ObstacleSet:
             surface_extent=_read_only(np.vstack([self.surface_extent, extent])[order]),
             surface_first=np.zeros(len(order) + 1, np.int64),
             surface_points=np.zeros((0, 2), np.float32),
-            outline=_read_only(np.vstack([self.outline, outline.astype(np.float32)])[order]),
             first_point=_read_only(np.concatenate([[0], held[order].cumsum()])),
             barred=None if barred is None else _read_only(barred[order]),
         )

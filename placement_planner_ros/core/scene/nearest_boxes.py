@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.kernels import kernel
+from placement_planner_ros.core.scene.outlines import Outlines, aside
 from placement_planner_ros.core.types import Array
 
 Field = npt.NDArray[np.float32]
@@ -29,11 +30,7 @@ class BoxesByHeight(NamedTuple):
     their outlines first.
     """
 
-    lower: Array
-    """(k, 2) corner in x and y."""
-    upper: Array
-    outline: Field
-    """(k, 6) `ObstacleSet.outline`."""
+    outlines: Outlines
     height: Array
     """(k,) z of their lower faces, from the lowest level on."""
     end: Array
@@ -58,7 +55,7 @@ class BoxesByHeight(NamedTuple):
     """(k + 1,) where the boxes around begin, in `near`."""
     near: Index
     """Boxes of the same group that may be nearer where one is taken for the nearest: of a turned
-    one, itself and those in its cell and the eight around; of a straight one, those in its cell
+    one, those in its cell and the eight around; of a straight one, those in its cell
     and the two beside it along y that reach further to a side."""
 
 
@@ -92,50 +89,47 @@ class Envelope(NamedTuple):
 
 
 def boxes_by_height(
-    lower: Array,
-    upper: Array,
-    outline: Field,
-    cells: Index,
-    ends: Array,
-    origin_z: float,
-    rise: float,
+    outlines: Outlines, cells: Index, bottoms: Array, ends: Array, origin_z: float, rise: float
 ) -> BoxesByHeight:
     """Sort boxes for `nearest_on_line`.
 
     Args:
-        lower, upper: (k, 3) corners.
-        outline: (k, 6) `ObstacleSet.outline`.
-        cells: (k, 2) number of the boxes' cells along x and y.
+        outlines: of k boxes.
+        cells: (k, 2) number of their cells along x and y.
+        bottoms: (k,) z of their lower faces.
         ends: (k,) z up to which each of them counts, none below `origin_z`.
         origin_z: of the lowest level.
         rise: height of a slab.
     """
     slab = np.floor((ends - origin_z) / rise).astype(np.int64)
     x, y = (cells - cells.min(axis=0, initial=0)).T.astype(np.int64)
-    covered = _covered(slab, ends - lower[:, 2] <= rise, x, y)
+    covered = _covered(slab, ends - bottoms <= rise, x, y)
     ends = np.where(covered, origin_z + slab * rise, ends)
     slab -= covered
-    group = 2 * slab + (outline[:, 1] != 0.0)
+    group = 2 * slab + (outlines.counts > 0)
     width, depth = (int(np.max(number, initial=0)) + 1 for number in (x, y))
     # in one cell, first what reaches furthest up and down
-    order = np.lexsort((lower[:, 2], -ends, (group * width + x) * depth + y))
+    order = np.lexsort((bottoms, -ends, (group * width + x) * depth + y))
     column_start = _starts((group * width + x)[order])
     first_in_column = order[column_start[:-1]]
     group_start = _starts(group[first_in_column])
-    low, high = _around_outlines(outline[order])
-    low, high = np.maximum(low, lower[order, :2]), np.minimum(high, upper[order, :2])
+    outlines = outlines.of_rows(order)
+    low, high = outlines.lower, outlines.upper
     place, column = cells[order, 1].astype(np.int32), cells[first_in_column, 0].astype(np.int32)
     end = _highest_around((ends - origin_z - slab * rise)[order], slab[order], x[order], y[order])
     before, after = _first_and_last(low[:, 1].copy(), high[:, 1].copy(), column_start)
-    turned = (group[first_in_column[group_start[:-1]]] % 2).astype(np.bool_)
     near_start, near = _boxes_around(
-        turned, low[:, 0].copy(), high[:, 0].copy(), place, column, column_start, group_start
+        outlines.counts[column_start[group_start[:-1]]] > 0,
+        low[:, 0].copy(),
+        high[:, 0].copy(),
+        place,
+        column,
+        column_start,
+        group_start,
     )
     return BoxesByHeight(
-        low,
-        high,
-        np.ascontiguousarray(outline[order]),
-        lower[order, 2] - origin_z,
+        outlines,
+        bottoms[order] - origin_z,
         end,
         place,
         column,
@@ -147,18 +141,6 @@ def boxes_by_height(
         near_start,
         near,
     )
-
-
-def _around_outlines(outline: Field) -> tuple[Array, Array]:
-    """(k, 2) and (k, 2) corners of the straight rectangles around the turned ones."""
-    c, s, *sides = outline.T.astype(np.float64)
-    u, v = sides[0] + sides[1], sides[2] + sides[3]
-    width, depth = sides[1] - sides[0], sides[3] - sides[2]
-    middle = 0.5 * np.column_stack([c * u - s * v, s * u + c * v])
-    half = 0.5 * np.column_stack(
-        [np.abs(c) * width + np.abs(s) * depth, np.abs(s) * width + np.abs(c) * depth]
-    )
-    return middle - half, middle + half
 
 
 def _starts(sorted_keys: npt.NDArray[np.int64]) -> Index:
@@ -289,7 +271,7 @@ def _boxes_around(
                         end = _bisected(place, begin, end, place[e] + 2)
                         for q in range(begin, end):
                             further = low[q] < low[e] - _APART or high[q] > high[e] + _APART
-                            if not turned[s] and (q == e or not further):
+                            if q == e or not (turned[s] or further):
                                 continue
                             if counted:
                                 near[found] = q
@@ -350,15 +332,15 @@ def nearest_on_line(
         n = _add_column(boxes, c, before, after, y, lines, room, n)
     n = _lower_envelope(room.foot, room.base, room.box, room.begin, n)
     _along_line(room, n, lines, begin, nearest, squared)
-    first, last = (
-        boxes.column_start[boxes.group_start[group]],
-        boxes.column_start[boxes.group_start[group + 1]],
-    )
-    if boxes.near_start[last] > boxes.near_start[first]:
-        cap = lines.cap * lines.cap
+    start, cap = boxes.outlines.start, lines.cap * lines.cap
+    first = boxes.column_start[boxes.group_start[group]]
+    last = boxes.column_start[boxes.group_start[group + 1]]
+    if boxes.near_start[last] > boxes.near_start[first] or start[last] > start[first]:
         for i in range(len(nearest)):
             r = nearest[i]
-            if squared[i] < cap and boxes.near_start[r + 1] > boxes.near_start[r]:
+            if squared[i] < cap and (
+                boxes.near_start[r + 1] > boxes.near_start[r] or start[r + 1] > start[r]
+            ):
                 x = lines.x + (begin + i) * lines.size
                 nearest[i], squared[i] = _nearest_outline(boxes, r, x, y)
 
@@ -408,9 +390,9 @@ def _add_column(
     foot, base, box = room.foot, room.base, room.box
     a = b = np.inf
     if before >= 0:
-        a = max(boxes.lower[before, 1] - y, 0.0, y - boxes.upper[before, 1])
+        a = max(boxes.outlines.lower[before, 1] - y, 0.0, y - boxes.outlines.upper[before, 1])
     if after >= 0:
-        b = max(boxes.lower[after, 1] - y, 0.0, y - boxes.upper[after, 1])
+        b = max(boxes.outlines.lower[after, 1] - y, 0.0, y - boxes.outlines.upper[after, 1])
     left = lines.x + boxes.column[column] * lines.size
     first = n
     for side in range(2):
@@ -419,10 +401,10 @@ def _add_column(
             continue
         for end in range(2):
             if end == 0:
-                at, of_other = boxes.lower[r, 0], boxes.lower[q, 0]
+                at, of_other = boxes.outlines.lower[r, 0], boxes.outlines.lower[q, 0]
                 off, off_other = at - left, of_other - left
             else:
-                at, of_other = boxes.upper[r, 0], boxes.upper[q, 0]
+                at, of_other = boxes.outlines.upper[r, 0], boxes.outlines.upper[q, 0]
                 off, off_other = left + lines.size - at, left + lines.size - of_other
             if other < lines.cap and _is_beaten(off, gap, off_other, other, side, lines.cap):
                 continue
@@ -487,11 +469,11 @@ def _lower_envelope(foot: Array, base: Array, box: Index, begin: Array, count: i
 def _nearest_outline(boxes: BoxesByHeight, r: int, x: float, y: float) -> tuple[int, float]:
     """From box r on to those in the cells around, as long as their outlines are nearer to a point;
     with the squared distance."""
-    least = _aside(boxes, r, x, y)
+    least = _aside(boxes, r, x, y, np.inf)
     for _step in range(_STEPS):
         best = r
         for at in range(boxes.near_start[r], boxes.near_start[r + 1]):
-            squared = _aside(boxes, boxes.near[at], x, y)
+            squared = _aside(boxes, boxes.near[at], x, y, least)
             if squared < least:
                 best, least = boxes.near[at], squared
         if best == r:
@@ -501,14 +483,13 @@ def _nearest_outline(boxes: BoxesByHeight, r: int, x: float, y: float) -> tuple[
 
 
 @kernel(inline=True)
-def _aside(boxes: BoxesByHeight, r: int, x: float, y: float) -> float:
-    """Squared distance in x and y from a point to box r and to the outline of its points,
-    whichever is further."""
-    outline = boxes.outline
-    c, s = outline[r, 0], outline[r, 1]
-    u, v = c * x + s * y, c * y - s * x
-    du = max(outline[r, 2] - u, 0.0, u - outline[r, 3])
-    dv = max(outline[r, 4] - v, 0.0, v - outline[r, 5])
-    dx = max(boxes.lower[r, 0] - x, 0.0, x - boxes.upper[r, 0])
-    dy = max(boxes.lower[r, 1] - y, 0.0, y - boxes.upper[r, 1])
-    return max(du * du + dv * dv, dx * dx + dy * dy)
+def _aside(boxes: BoxesByHeight, r: int, x: float, y: float, least: float) -> float:
+    """Squared distance in x and y from a point to box r, or to the outline of its points where the
+    box alone is nearer than `least`."""
+    dx = max(boxes.outlines.lower[r, 0] - x, 0.0, x - boxes.outlines.upper[r, 0])
+    dy = max(boxes.outlines.lower[r, 1] - y, 0.0, y - boxes.outlines.upper[r, 1])
+    squared = dx * dx + dy * dy
+    outlines = boxes.outlines
+    if squared >= least or outlines.start[r] == outlines.start[r + 1]:
+        return squared
+    return aside(outlines.start, outlines.corners, r, x, y)

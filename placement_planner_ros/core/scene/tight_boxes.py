@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -14,10 +13,6 @@ from placement_planner_ros.core.types import Array
 
 Index = npt.NDArray[np.int32]
 
-CORNER = 0.1
-"""Where points stay further than so many cells from a corner of their box, it is turned: x + y."""
-_TURNS = 16
-"""Directions, over a quarter turn, of the rectangles around what runs obliquely."""
 _WORTH_CUTTING = 0.6
 """A cell is cut where its boxes fill less than this share of the single box around its points."""
 
@@ -33,14 +28,11 @@ class TightBoxes(NamedTuple):
     surface_extent: Array
     surface_first: npt.NDArray[np.int64]
     surface_points: npt.NDArray[np.float32]
-    outline: npt.NDArray[np.float32]
     first_point: npt.NDArray[np.int64]
     points: npt.NDArray[np.float32]
 
 
-def tight_boxes(
-    bins: Bins, skin: float, max_boxes: int, band: float, cell_size: float
-) -> TightBoxes:
+def tight_boxes(bins: Bins, skin: float, max_boxes: int, band: float) -> TightBoxes:
     """Box the points of each cell.
 
     Where the box around all points of a cell is thick in every direction, the side of it that
@@ -54,9 +46,7 @@ def tight_boxes(
         band: points so far below the top of a box are of the surface on it, metres.
     """
     thick = _count_thick(bins.points, bins.start, skin)
-    return TightBoxes(
-        *_tight_boxes(bins, skin, max_boxes, thick * (max_boxes - 1), band, CORNER * cell_size)
-    )
+    return TightBoxes(*_tight_boxes(bins, skin, max_boxes, thick * (max_boxes - 1), band))
 
 
 @kernel(nogil=True)
@@ -151,55 +141,6 @@ def _measure_surface(
 
 
 @kernel(lean=True)
-def measure_outline(
-    points: Array,
-    rows: npt.NDArray[np.int64],
-    count: int,
-    box: Array,
-    corner: float,
-    outline: npt.NDArray[np.float32],
-) -> None:
-    """`ObstacleSet.outline`: of several directions the one with the least area.
-
-    Along the axes where the points reach nearly into all corners of the box (2, 3), or it is thin.
-    """
-    outline[0], outline[1] = 1.0, 0.0
-    outline[2], outline[3] = box[0, 0], box[1, 0]
-    outline[4], outline[5] = box[0, 1], box[1, 1]
-    width, depth = box[1, 0] - box[0, 0], box[1, 1] - box[0, 1]
-    if min(width, depth) <= 0.25 * corner:
-        return
-    plus_low, plus_high, minus_low, minus_high = np.inf, -np.inf, np.inf, -np.inf
-    for i in range(count):
-        x, y = points[rows[i], 0] - box[0, 0], points[rows[i], 1] - box[0, 1]
-        plus_low, plus_high = min(plus_low, x + y), max(plus_high, x + y)
-        minus_low, minus_high = min(minus_low, x - y), max(minus_high, x - y)
-    cut = max(plus_low, width + depth - plus_high, minus_low + depth, width - minus_high)
-    if cut <= corner:
-        return
-    most = 0.0
-    for turn in range(1, _TURNS):
-        angle = 0.5 * math.pi * turn / _TURNS
-        c, s = math.cos(angle), math.sin(angle)
-        low_u, high_u, low_v, high_v = np.inf, -np.inf, np.inf, -np.inf
-        for i in range(count):
-            u = c * points[rows[i], 0] + s * points[rows[i], 1]
-            v = c * points[rows[i], 1] - s * points[rows[i], 0]
-            low_u, high_u = min(low_u, u), max(high_u, u)
-            low_v, high_v = min(low_v, v), max(high_v, v)
-        # how far each side passes the corner of the box that it cuts off
-        off = (low_u - c * box[0, 0] - s * box[0, 1]) ** 2
-        off += (c * box[1, 0] + s * box[1, 1] - high_u) ** 2
-        off += (low_v - c * box[0, 1] + s * box[1, 0]) ** 2
-        off += (c * box[1, 1] - s * box[0, 0] - high_v) ** 2
-        if off > 2.0 * c * s * most:
-            most = off / (2.0 * c * s)
-            outline[0], outline[1] = c, s
-            outline[2], outline[3] = low_u, high_u
-            outline[4], outline[5] = low_v, high_v
-
-
-@kernel(lean=True)
 def _take_side(
     points: Array,
     rows: npt.NDArray[np.int64],
@@ -282,7 +223,7 @@ def _cut(
 
 @kernel(nogil=True)
 def _tight_boxes(
-    bins: Bins, skin: float, max_boxes: int, spare: int, band: float, corner: float
+    bins: Bins, skin: float, max_boxes: int, spare: int, band: float
 ) -> tuple[
     Index,
     Array,
@@ -291,7 +232,6 @@ def _tight_boxes(
     Array,
     Array,
     npt.NDArray[np.int64],
-    npt.NDArray[np.float32],
     npt.NDArray[np.float32],
     npt.NDArray[np.int64],
     npt.NDArray[np.float32],
@@ -308,7 +248,6 @@ def _tight_boxes(
     top_first = np.zeros(room + 1, np.int64)
     top_points = np.empty((len(points), 2), np.float32)
     tops = 0
-    outline = np.empty((room, 6), np.float32)
     first_point = np.zeros(room + 1, np.int64)
     grouped = np.empty((len(points), 3), np.float32)
     placed = 0
@@ -351,7 +290,6 @@ def _tight_boxes(
                     top_points[tops, 0] = points[ordered[i], 0]
                     top_points[tops, 1] = points[ordered[i], 1]
                     tops += 1
-            measure_outline(points, ordered[first:], last - first, boxes[part], corner, outline[m])
             m += 1
             top_first[m] = tops
             first_point[m] = placed
@@ -364,7 +302,6 @@ def _tight_boxes(
         extent[:m].copy(),
         top_first[: m + 1].copy(),
         top_points[:tops].copy(),
-        outline[:m].copy(),
         first_point[: m + 1].copy(),
         grouped,
     )
