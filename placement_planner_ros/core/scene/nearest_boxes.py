@@ -108,20 +108,19 @@ def boxes_by_height(
     slab -= covered
     group = 2 * slab + (outlines.counts > 0)
     width, depth = (int(np.max(number, initial=0)) + 1 for number in (x, y))
-    # in one cell, first what reaches furthest up and down
-    order = np.lexsort((bottoms, -ends, (group * width + x) * depth + y))
+    cell = (group * width + x) * depth + y
+    order = np.argsort(cell, kind="stable")
+    _highest_first(order, cell, ends, bottoms)
     column_start = _starts((group * width + x)[order])
     first_in_column = order[column_start[:-1]]
     group_start = _starts(group[first_in_column])
     outlines = outlines.of_rows(order)
-    low, high = outlines.lower, outlines.upper
     place, column = cells[order, 1].astype(np.int32), cells[first_in_column, 0].astype(np.int32)
     end = _highest_around((ends - origin_z - slab * rise)[order], slab[order], x[order], y[order])
-    before, after = _first_and_last(low[:, 1].copy(), high[:, 1].copy(), column_start)
+    before, after = _first_and_last(outlines.bounds, column_start)
     near_start, near = _boxes_around(
         outlines.counts[column_start[group_start[:-1]]] > 0,
-        low[:, 0].copy(),
-        high[:, 0].copy(),
+        outlines.bounds,
         place,
         column,
         column_start,
@@ -147,6 +146,22 @@ def _starts(sorted_keys: npt.NDArray[np.int64]) -> Index:
     """Where each of the sorted keys begins, and how many they are."""
     first = np.flatnonzero(np.append(True, np.diff(sorted_keys) != 0)[: len(sorted_keys)])
     return np.append(first, len(sorted_keys)).astype(np.int32)
+
+
+@kernel(nogil=True)
+def _highest_first(
+    order: npt.NDArray[np.int64], cell: npt.NDArray[np.int64], ends: Array, bottoms: Array
+) -> None:
+    """Of what is ordered by cell, put first in each cell what reaches furthest up, then down."""
+    for n in range(1, len(order)):
+        e, at = order[n], n
+        while at > 0 and cell[order[at - 1]] == cell[e]:
+            q = order[at - 1]
+            if ends[q] > ends[e] or (ends[q] == ends[e] and bottoms[q] <= bottoms[e]):
+                break
+            order[at] = q
+            at -= 1
+        order[at] = e
 
 
 @kernel(nogil=True)
@@ -231,30 +246,31 @@ def _highest_around(
 
 
 @kernel(nogil=True)
-def _first_and_last(low: Array, high: Array, column_start: Index) -> tuple[Index, Index]:
-    """`before` and `after` of boxes from low to high (k,) along y."""
-    before, after = np.empty(len(low), np.int32), np.empty(len(low), np.int32)
+def _first_and_last(bounds: Array, column_start: Index) -> tuple[Index, Index]:
+    """`before` and `after` of boxes of those bounds (k, 4)."""
+    before, after = np.empty(len(bounds), np.int32), np.empty(len(bounds), np.int32)
     for c in range(len(column_start) - 1):
         first, last = column_start[c], column_start[c + 1]
         for e in range(first, last):
-            before[e] = before[e - 1] if e > first and high[before[e - 1]] >= high[e] else e
+            further = e == first or bounds[before[e - 1], 3] < bounds[e, 3]
+            before[e] = e if further else before[e - 1]
         for e in range(last - 1, first - 1, -1):
-            after[e] = after[e + 1] if e + 1 < last and low[after[e + 1]] < low[e] else e
+            sooner = e + 1 == last or bounds[after[e + 1], 1] >= bounds[e, 1]
+            after[e] = e if sooner else after[e + 1]
     return before, after
 
 
 @kernel(nogil=True)
 def _boxes_around(
     turned: npt.NDArray[np.bool_],
-    low: Array,
-    high: Array,
+    bounds: Array,
     place: Index,
     column: Index,
     column_start: Index,
     group_start: Index,
 ) -> tuple[Index, Index]:
-    """`near_start` and `near`, of straight and of `turned` (s,) groups; boxes are from low to high
-    (k,) along x."""
+    """`near_start` and `near`, of straight and of `turned` (s,) groups; boxes have
+    those bounds (k, 4)."""
     near_start = np.zeros(len(place) + 1, np.int32)
     near = np.empty(0, np.int32)
     for counted in (False, True):
@@ -270,7 +286,8 @@ def _boxes_around(
                         begin = _bisected(place, begin, end, place[e] - 1)
                         end = _bisected(place, begin, end, place[e] + 2)
                         for q in range(begin, end):
-                            further = low[q] < low[e] - _APART or high[q] > high[e] + _APART
+                            further = bounds[q, 0] < bounds[e, 0] - _APART
+                            further = further or bounds[q, 2] > bounds[e, 2] + _APART
                             if q == e or not (turned[s] or further):
                                 continue
                             if counted:
@@ -390,9 +407,9 @@ def _add_column(
     foot, base, box = room.foot, room.base, room.box
     a = b = np.inf
     if before >= 0:
-        a = max(boxes.outlines.lower[before, 1] - y, 0.0, y - boxes.outlines.upper[before, 1])
+        a = max(boxes.outlines.bounds[before, 1] - y, 0.0, y - boxes.outlines.bounds[before, 3])
     if after >= 0:
-        b = max(boxes.outlines.lower[after, 1] - y, 0.0, y - boxes.outlines.upper[after, 1])
+        b = max(boxes.outlines.bounds[after, 1] - y, 0.0, y - boxes.outlines.bounds[after, 3])
     left = lines.x + boxes.column[column] * lines.size
     first = n
     for side in range(2):
@@ -401,10 +418,10 @@ def _add_column(
             continue
         for end in range(2):
             if end == 0:
-                at, of_other = boxes.outlines.lower[r, 0], boxes.outlines.lower[q, 0]
+                at, of_other = boxes.outlines.bounds[r, 0], boxes.outlines.bounds[q, 0]
                 off, off_other = at - left, of_other - left
             else:
-                at, of_other = boxes.outlines.upper[r, 0], boxes.outlines.upper[q, 0]
+                at, of_other = boxes.outlines.bounds[r, 2], boxes.outlines.bounds[q, 2]
                 off, off_other = left + lines.size - at, left + lines.size - of_other
             if other < lines.cap and _is_beaten(off, gap, off_other, other, side, lines.cap):
                 continue
@@ -486,8 +503,8 @@ def _nearest_outline(boxes: BoxesByHeight, r: int, x: float, y: float) -> tuple[
 def _aside(boxes: BoxesByHeight, r: int, x: float, y: float, least: float) -> float:
     """Squared distance in x and y from a point to box r, or to the outline of its points where the
     box alone is nearer than `least`."""
-    dx = max(boxes.outlines.lower[r, 0] - x, 0.0, x - boxes.outlines.upper[r, 0])
-    dy = max(boxes.outlines.lower[r, 1] - y, 0.0, y - boxes.outlines.upper[r, 1])
+    dx = max(boxes.outlines.bounds[r, 0] - x, 0.0, x - boxes.outlines.bounds[r, 2])
+    dy = max(boxes.outlines.bounds[r, 1] - y, 0.0, y - boxes.outlines.bounds[r, 3])
     squared = dx * dx + dy * dy
     outlines = boxes.outlines
     if squared >= least or outlines.start[r] == outlines.start[r + 1]:

@@ -26,9 +26,8 @@ _THIN = 0.25
 class Outlines(NamedTuple):
     """Outlines of k boxes, n corners in all."""
 
-    lower: Array
-    """(k, 2) least x and y of the points."""
-    upper: Array
+    bounds: Array
+    """(k, 4) least x and y of the points, greatest x and y."""
     start: npt.NDArray[np.int64]
     """(k + 1,) the first corner of each; none of what fills its box."""
     corners: Array
@@ -44,13 +43,12 @@ class Outlines(NamedTuple):
         counts = self.counts[rows]
         start = np.append(0, counts.cumsum())
         at = np.arange(start[-1]) + np.repeat(self.start[rows] - start[:-1], counts)
-        return Outlines(self.lower[rows], self.upper[rows], start, self.corners[at])
+        return Outlines(self.bounds[rows], start, self.corners[at])
 
     def followed_by(self, others: Outlines) -> Outlines:
         """These and the others."""
         return Outlines(
-            np.concatenate([self.lower, others.lower]),
-            np.concatenate([self.upper, others.upper]),
+            np.concatenate([self.bounds, others.bounds]),
             np.append(self.start, self.start[-1] + others.start[1:]),
             np.concatenate([self.corners, others.corners]),
         )
@@ -78,19 +76,19 @@ def _find_outlines(
     first: npt.NDArray[np.int64],
     count: npt.NDArray[np.int64],
     corner: float,
-) -> tuple[Array, Array, npt.NDArray[np.int64], Array]:
+) -> tuple[Array, npt.NDArray[np.int64], Array]:
     k = len(first)
-    lower, upper, start = np.empty((k, 2)), np.empty((k, 2)), np.zeros(k + 1, np.int64)
+    bounds, start = np.empty((k, 4)), np.zeros(k + 1, np.int64)
     room = 0
     for n in range(k):
         room += min(count[n], _WAYS)
     corners, reach = np.empty((room, 2)), np.empty(_WAYS, np.int64)
     for n in range(k):
         start[n + 1] = start[n]
-        if _stays_off(points, first[n], count[n], lower[n], upper[n], corner):
+        if _stays_off(points, first[n], count[n], bounds[n], corner):
             _reach(points, first[n], count[n], reach)
             start[n + 1] = _put_outline(points, reach, corners, start[n])
-    return lower, upper, start, corners[: start[-1]].copy()
+    return bounds, start, corners[: start[-1]].copy()
 
 
 @kernel(lean=True)
@@ -98,14 +96,13 @@ def _stays_off(
     points: npt.NDArray[np.float32],
     first: int,
     count: int,
-    lower: Array,
-    upper: Array,
+    bounds: Array,
     corner: float,
 ) -> bool:
     """Whether points[first : first + count] stay off a corner of the box around them by so much.
 
     Args:
-        lower, upper: (2,) its corners, put here.
+        bounds: (4,) of that box, put here.
     """
     low_x, low_y = low_plus, low_minus = np.inf, np.inf
     high_x, high_y = high_plus, high_minus = -np.inf, -np.inf
@@ -115,7 +112,7 @@ def _stays_off(
         low_y, high_y = min(low_y, y), max(high_y, y)
         low_plus, high_plus = min(low_plus, x + y), max(high_plus, x + y)
         low_minus, high_minus = min(low_minus, x - y), max(high_minus, x - y)
-    lower[0], lower[1], upper[0], upper[1] = low_x, low_y, high_x, high_y
+    bounds[0], bounds[1], bounds[2], bounds[3] = low_x, low_y, high_x, high_y
     off = max(
         low_plus - low_x - low_y,
         high_x + high_y - high_plus,
