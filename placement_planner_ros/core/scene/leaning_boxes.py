@@ -24,11 +24,7 @@ _NOISE = 3.0
 _HIGH = 0.05
 """Boxes lower than this share of a cell are flat."""
 _ALIKE = 0.1
-"""Slices are one where the lower ones reach further by less than this share of a cell,"""
-_SHORTER = 3.0
-"""or less far by this many times as much."""
-_LEAST = 3
-"""Points of a box that tell how it leans."""
+"""Slices are one where they reach as far as the highest of them within this share of a cell."""
 _WAYS = 8
 """Directions in which it is asked how far points reach."""
 _COS, _SIN = (np.array([way(2.0 * math.pi * d / _WAYS) for d in range(_WAYS)])
@@ -67,7 +63,7 @@ def sliced(
     bottoms, cells = obstacles.lower[rows, 2], obstacles.cells[rows]
     first, count = obstacles.first_point[rows], np.diff(obstacles.first_point)[rows]
     size, noise = obstacles.cell_size, obstacles.noise
-    high = (obstacles.upper[rows, 2] - bottoms > _HIGH * size) & (count >= _LEAST)
+    high = (obstacles.upper[rows, 2] - bottoms > _HIGH * size) & (count > 1)
     recedes = max(_RECEDES * size, _NOISE * noise)
     leans = _leans(obstacles.points, first, count, high, recedes)
     upright = np.flatnonzero(~leans)
@@ -153,18 +149,15 @@ def _apart(of: Rows, reach: Points, alike: float) -> npt.NDArray[np.bool_]:
     Args:
         of: (s,) the box of each; those of one follow each other from the highest down.
         reach: (s, _WAYS) how far each reaches.
-        alike: m that one may reach further than the highest that it is one with.
+        alike: m by which those that are one may reach further, or less far, than the highest.
     """
     apart = np.ones(len(of), np.bool_)
-    highest, together = np.empty(_WAYS), np.empty(_WAYS)
-    for n in range(len(of)):
-        if n > 0 and of[n] == of[n - 1]:
+    highest = 0
+    for n in range(1, len(of)):
+        if of[n] == of[n - 1]:
             apart[n] = False
             for d in range(_WAYS):
-                further, shorter = reach[n, d] - highest[d], together[d] - reach[n, d]
-                apart[n] = apart[n] or further > alike or shorter > _SHORTER * alike
-        for d in range(_WAYS):
-            if apart[n]:
-                highest[d] = together[d] = reach[n, d]
-            together[d] = max(together[d], reach[n, d])
+                apart[n] = apart[n] or abs(reach[n, d] - reach[highest, d]) > alike
+        if apart[n]:
+            highest = n
     return apart
