@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.kernels import kernel
+from placement_planner_ros.core.scene.boxes_by_height import BoxesByHeight
 from placement_planner_ros.core.scene.nearest_boxes import (
-    BoxesByHeight,
     Envelope,
     Lines,
     nearest_on_line,

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from placement_planner_ros.core.scene.boxes_by_height import BoxesByHeight
 from placement_planner_ros.core.scene.clearance_levels import AROUND, fill_levels
 from placement_planner_ros.core.scene.clearance_lookup import Table
-from placement_planner_ros.core.scene.nearest_boxes import BoxesByHeight, Lines
+from placement_planner_ros.core.scene.nearest_boxes import Lines
 from placement_planner_ros.core.types import Array
 
 _BESIDE = 8

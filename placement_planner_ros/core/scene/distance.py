@@ -8,13 +8,14 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.scene.boxes_by_height import boxes_by_height
 from placement_planner_ros.core.scene.clearance_levels import AROUND
 from placement_planner_ros.core.scene.clearance_lookup import Table, distances, mean_clearance
 from placement_planner_ros.core.scene.clearance_table import ClearanceTable
 from placement_planner_ros.core.scene.counted_boxes import counted_boxes
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.leaning_boxes import sliced
-from placement_planner_ros.core.scene.nearest_boxes import Lines, boxes_by_height
+from placement_planner_ros.core.scene.nearest_boxes import Lines
 from placement_planner_ros.core.types import Array, TargetVolume
 
 CAP = 0.5
