@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
 
@@ -10,15 +12,40 @@ from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.obstacle_arrays import ObstacleArrays
 from placement_planner_ros.core.types import Array
 
+Rows = npt.NDArray[np.int64]
+
 _UPRIGHT = 0.2
 """Boxes higher than this share of a cell are of a wall, and less than it off its other boxes."""
+_ROUNDING = 1e-6
+"""m: points are kept in single precision."""
 
 
-def counted_boxes(obstacles: ObstacleSet, within: Array) -> tuple[npt.NDArray[np.int64], Array]:
-    """Rows (k,) of the boxes that touch any of `within` (n, 2, 3), and (k,) z up to which they
-    count: where the last of these that they touch ends, their top, or where a wall goes on above.
+class CountedBoxes(NamedTuple):
+    """k boxes that count for the clearance, with those of their points that do."""
 
-    Those in which nothing was measured do not count.
+    rows: Rows
+    """(k,) in the obstacle set."""
+    ends: Array
+    """(k,) z up to which each counts."""
+    points: npt.NDArray[np.float32]
+    """(n, 3)."""
+    first: Rows
+    """(k,) of the points of each, which follow one another."""
+    number: Rows
+    """(k,) of these, one at least."""
+
+    def some(self, at: Rows) -> CountedBoxes:
+        """Some of the boxes."""
+        return CountedBoxes(
+            self.rows[at], self.ends[at], self.points, self.first[at], self.number[at]
+        )
+
+
+def counted_boxes(obstacles: ObstacleSet, within: Array) -> CountedBoxes:
+    """Boxes that touch any of `within` (n, 2, 3), with their points that lie in it from above.
+
+    They count up to where the last of these that they touch ends, their top, or where a wall goes
+    on above. Those in which nothing was measured do not count.
     """
     around = (
         (obstacles.upper >= within[:, 0].min(axis=0))
@@ -27,7 +54,7 @@ def counted_boxes(obstacles: ObstacleSet, within: Array) -> tuple[npt.NDArray[np
     rows = np.flatnonzero(around & (np.diff(obstacles.first_point) > 0))
     lower, upper = obstacles.lower[rows], obstacles.upper[rows]
     ends = _ends(obstacles.arrays, rows)
-    touching = np.zeros(len(rows), np.bool_)
+    touching, inside = np.zeros(len(rows), np.bool_), np.zeros(len(rows), np.bool_)
     last = np.full(len(rows), -np.inf)
     for low, high in within:
         beside = (upper[:, :2] >= low[:2]) & (lower[:, :2] <= high[:2])
@@ -35,7 +62,35 @@ def counted_boxes(obstacles: ObstacleSet, within: Array) -> tuple[npt.NDArray[np
         touching |= reached & (upper[:, 2] >= low[2])
         reached &= ends >= low[2]
         last[reached] = np.maximum(last[reached], high[2])
-    return rows[touching], np.minimum(ends, last)[touching]
+        inside |= ((lower[:, :2] >= low[:2]) & (upper[:, :2] <= high[:2])).all(axis=1)
+    rows, ends, inside = rows[touching], np.minimum(ends, last)[touching], inside[touching]
+    first, count = obstacles.first_point[rows], np.diff(obstacles.first_point)[rows]
+    whole = CountedBoxes(rows, ends, obstacles.points, first, count)
+    return _cut(whole, np.flatnonzero(~inside), within[:, :, :2])
+
+
+def _cut(boxes: CountedBoxes, at: Rows, within: Array) -> CountedBoxes:
+    """Leave out what of some of the boxes lies in none of the rectangles (n, 2, 2)."""
+    if not len(at):
+        return boxes
+    count = boxes.number[at]
+    behind = count.cumsum()
+    rows = np.arange(count.sum()) + np.repeat(boxes.first[at] - behind + count, count)
+    points = boxes.points[rows]
+    kept = np.zeros(len(points), np.bool_)
+    for low, high in within:
+        kept |= ((points[:, :2] >= low - _ROUNDING) & (points[:, :2] <= high + _ROUNDING)).all(
+            axis=1
+        )
+    points, of = points[kept], np.repeat(at, count)[kept]
+    first, ends = boxes.first.copy(), boxes.ends.copy()
+    number, top = boxes.number.copy(), np.full(len(ends), -np.inf)
+    number[at] = np.bincount(of, minlength=len(number))[at]
+    first[at] = len(boxes.points) + number[at].cumsum() - number[at]
+    np.maximum.at(top, of, points[:, 2])
+    ends[at] = np.minimum(ends, top)[at]
+    together = np.concatenate([boxes.points, points])
+    return CountedBoxes(boxes.rows, ends, together, first, number).some(np.flatnonzero(number))
 
 
 @kernel(nogil=True)

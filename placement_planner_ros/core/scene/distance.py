@@ -12,7 +12,7 @@ from placement_planner_ros.core.scene.boxes_by_height import boxes_by_height
 from placement_planner_ros.core.scene.clearance_levels import AROUND
 from placement_planner_ros.core.scene.clearance_lookup import Table, distances, mean_clearance
 from placement_planner_ros.core.scene.clearance_table import ClearanceTable
-from placement_planner_ros.core.scene.counted_boxes import counted_boxes
+from placement_planner_ros.core.scene.counted_boxes import CountedBoxes, counted_boxes
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.leaning_boxes import sliced
 from placement_planner_ros.core.scene.nearest_boxes import Lines
@@ -22,8 +22,10 @@ CAP = 0.5
 """m, the greatest distance that counts: what an empty table has."""
 _LEVEL = 0.00125
 """m between two levels, where there is room for so many."""
-MAX_VALUES = 8_000_000
+MAX_VALUES = 16_000_000
 """Values that a field has at most, of 4 bytes each."""
+_FLATTER = 8.0
+"""Lines are at least so many times as far apart as levels before levels move apart."""
 _AT_ONCE = 0.05
 """m around V in which values are made before anybody asks for them."""
 _BODIES = 8
@@ -80,16 +82,16 @@ class ClearanceField:
             if not (math.isfinite(value) and value >= 0.0):
                 raise ParameterError(name, value, "give a length of at least 0 m")
         grown = volume.joined + np.array([[-beyond], [beyond]])
-        rows, ends = counted_boxes(obstacles, grown)
+        counted = counted_boxes(obstacles, grown)
         parts = _parts(volume.joined, np.array([padding, padding, 0.0]))
-        near = [_near(obstacles, rows, ends, part, cap) for part in parts]
-        for part, at in zip(parts, near, strict=True):
-            part[1, 2] = np.max(ends[at], initial=part[0, 2])
+        near = [_near(obstacles, counted, part, cap) for part in parts]
+        for part, boxes in zip(parts, near, strict=True):
+            part[1, 2] = np.max(boxes.ends, initial=part[0, 2])
         step, rise = _spacing(parts[:, 1] - parts[:, 0], obstacles.cell_size)
         self.lift = contact_tolerance + (AROUND + 1) * rise
         self._tables = [
-            _table(obstacles, rows[at], ends[at], part, step, rise, float(cap), self.lift)
-            for part, at in zip(parts, near, strict=True)
+            _table(obstacles, boxes, part, step, rise, float(cap), self.lift)
+            for part, boxes in zip(parts, near, strict=True)
         ]
         self._parts = parts
         aside = np.array([max(padding - _AT_ONCE, 0.0)] * 2)
@@ -207,13 +209,11 @@ def _parts(boxes: Array, padding: Array) -> Array:
     return parts
 
 
-def _near(
-    obstacles: ObstacleSet, rows: npt.NDArray[np.int64], ends: Array, part: Array, cap: float
-) -> npt.NDArray[np.int64]:
-    """Which of the boxes that count may be within the cap of a part of V, beside it or above."""
-    low, high = obstacles.lower[rows, :2], obstacles.upper[rows, :2]
+def _near(obstacles: ObstacleSet, counted: CountedBoxes, part: Array, cap: float) -> CountedBoxes:
+    """Those boxes that count that may be within the cap of a part of V, beside it or above."""
+    low, high = obstacles.lower[counted.rows, :2], obstacles.upper[counted.rows, :2]
     beside = (low <= part[1, :2] + cap) & (high >= part[0, :2] - cap)
-    return np.flatnonzero(beside.all(axis=1) & (ends >= part[0, 2]))
+    return counted.some(np.flatnonzero(beside.all(axis=1) & (counted.ends >= part[0, 2])))
 
 
 def _spacing(sides: Array, cell_size: float) -> tuple[int, float]:
@@ -223,16 +223,16 @@ def _spacing(sides: Array, cell_size: float) -> tuple[int, float]:
         lines = sides[:, :2] / (cell_size * step) + 4.0
         if (lines.prod(axis=1) * (sides[:, 2] / rise + 2.0 * AROUND + 5.0)).sum() <= MAX_VALUES:
             return step, rise
-        if rise < cell_size * step:
-            rise *= 2.0
-        else:
+        # heights matter more: what is lower than three levels above what stands there is not seen
+        if cell_size * step <= _FLATTER * rise:
             step *= 2
+        else:
+            rise *= 2.0
 
 
 def _table(
     obstacles: ObstacleSet,
-    rows: npt.NDArray[np.int64],
-    ends: Array,
+    counted: CountedBoxes,
     part: Array,
     step: int,
     rise: float,
@@ -244,12 +244,12 @@ def _table(
     first, last = np.floor((part - obstacles.origin) / size).astype(np.int64)
     origin = obstacles.origin + first * size
     origin[2] = (math.floor(part[0, 2] / rise) - AROUND) * rise
-    counted = sliced(obstacles, rows, ends, float(origin[2]), rise)
+    cut = sliced(counted, obstacles, float(origin[2]), rise)
     boxes = boxes_by_height(
-        counted.outlines,
-        (counted.cells[:, :2] // step - first[:2]).astype(np.int32),
-        counted.bottoms,
-        counted.ends,
+        cut.outlines,
+        (cut.cells[:, :2] // step - first[:2]).astype(np.int32),
+        cut.bottoms,
+        cut.ends,
         float(origin[2]),
         rise,
     )

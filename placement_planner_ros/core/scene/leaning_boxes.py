@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.kernels import kernel
+from placement_planner_ros.core.scene.counted_boxes import CountedBoxes
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.outlines import Outlines, find_outlines
 from placement_planner_ros.core.types import Array
@@ -33,21 +34,19 @@ _ROUNDING = 1e-6
 """m: points are kept in single precision."""
 
 
-class CountedBoxes(NamedTuple):
-    """k boxes that count for the clearance."""
+class SlicedBoxes(NamedTuple):
+    """k boxes that count for the clearance, or slices of them."""
 
     outlines: Outlines
     cells: npt.NDArray[np.int32]
     """(k, 3) in which they lie."""
     bottoms: Array
-    """(k,) z of their lower faces."""
+    """(k,) z of their lowest points."""
     ends: Array
     """(k,) z up to which each counts."""
 
 
-def sliced(
-    obstacles: ObstacleSet, rows: Rows, ends: Array, low: float, rise: float
-) -> CountedBoxes:
+def sliced(boxes: CountedBoxes, obstacles: ObstacleSet, low: float, rise: float) -> SlicedBoxes:
     """Boxes that count, those that lean in slices from `low` + n · `rise` up to the next.
 
     The box around a slope reaches as far at its top as at its foot. Slices hold the points measured
@@ -56,36 +55,32 @@ def sliced(
     their points, since what they hold begins further down.
 
     Args:
-        rows: (k,) of the boxes.
-        ends: (k,) z up to which each of them counts.
         low: of the lowest level; what ends below it is left out.
     """
-    bottoms, cells = obstacles.lower[rows, 2], obstacles.cells[rows]
-    first, count = obstacles.first_point[rows], np.diff(obstacles.first_point)[rows]
     size, noise = obstacles.cell_size, obstacles.noise
-    high = (obstacles.upper[rows, 2] - bottoms > _HIGH * size) & (count > 1)
     recedes = max(_RECEDES * size, _NOISE * noise)
-    leans = _leans(obstacles.points, first, count, high, recedes)
-    upright = np.flatnonzero(~leans)
-    outlines = find_outlines(obstacles.points, first[upright], count[upright], size, noise)
-    whole = CountedBoxes(outlines, cells[upright], bottoms[upright], ends[upright])
-    if not leans.any():
-        return whole
-    of, outlines, bottoms, tops, middle = _slices(obstacles, rows[leans], low, rise)
-    of = np.flatnonzero(leans)[of]
+    bottoms, leans = _leans(boxes.points, boxes.first, boxes.number, _HIGH * size, recedes)
+    cells, at = obstacles.cells[boxes.rows], np.flatnonzero(~leans)
+    outlines = find_outlines(boxes.points, boxes.first[at], boxes.number[at], size, noise)
+    upright = SlicedBoxes(outlines, cells[at], bottoms[at], boxes.ends[at])
+    at = np.flatnonzero(leans)
+    if not len(at):
+        return upright
+    of, outlines, bottoms, tops, middle = _slices(boxes.some(at), size, noise, low, rise)
+    of = at[of]
     highest = np.append(True, of[1:] != of[:-1])
-    last = np.minimum(np.where(highest, tops, middle), ends[of])
+    last = np.minimum(np.where(highest, tops, middle), boxes.ends[of])
     counts = np.flatnonzero((last >= low) & (bottoms <= last + _ROUNDING))
-    return CountedBoxes(
-        whole.outlines.followed_by(outlines.of_rows(counts)),
-        np.concatenate([whole.cells, cells[of[counts]]]),
-        np.concatenate([whole.bottoms, bottoms[counts]]),
-        np.concatenate([whole.ends, last[counts]]),
+    return SlicedBoxes(
+        upright.outlines.followed_by(outlines.of_rows(counts)),
+        np.concatenate([upright.cells, cells[of[counts]]]),
+        np.concatenate([upright.bottoms, bottoms[counts]]),
+        np.concatenate([upright.ends, last[counts]]),
     )
 
 
 def _slices(
-    obstacles: ObstacleSet, rows: Rows, low: float, rise: float
+    boxes: CountedBoxes, cell_size: float, noise: float, low: float, rise: float
 ) -> tuple[Rows, Outlines, Array, Array, Array]:
     """Slices of boxes (k,), those of a box from its highest one down.
 
@@ -95,10 +90,10 @@ def _slices(
         (s,) the box that each is of; outlines; (s,), (s,) z from where to where they go, and (s,)
         mean heights of what lies between their two uppermost levels.
     """
-    first, count = obstacles.first_point[rows], np.diff(obstacles.first_point)[rows]
-    box = np.repeat(np.arange(len(rows)), count)
-    start = np.append(0, count.cumsum())
-    points = obstacles.points[np.arange(start[-1]) + np.repeat(first - start[:-1], count)]
+    box = np.repeat(np.arange(len(boxes.rows)), boxes.number)
+    behind = boxes.number.cumsum()
+    rows = np.arange(len(box)) + np.repeat(boxes.first - behind + boxes.number, boxes.number)
+    points = boxes.points[rows]
     # by box and level, highest first
     level = np.floor((points[:, 2] - low) / rise).astype(np.int64)
     key = box * (level.max() - level.min() + 1) + level.max() - level
@@ -109,10 +104,10 @@ def _slices(
     means /= np.diff(np.append(begin, len(points)))
     # those that are one
     reach = np.maximum.reduceat(points[:, :2] @ np.array([_COS, _SIN], np.float32), begin)
-    apart = _apart(box[begin], reach, _ALIKE * obstacles.cell_size)
+    apart = _apart(box[begin], reach, _ALIKE * cell_size)
     begin, means = begin[apart], means[apart]
     lengths = np.diff(np.append(begin, len(points)))
-    outlines = find_outlines(points, begin, lengths, obstacles.cell_size, obstacles.noise)
+    outlines = find_outlines(points, begin, lengths, cell_size, noise)
     z = points[:, 2].astype(np.float64)
     bottoms, tops = (reach.reduceat(z, begin) for reach in (np.minimum, np.maximum))
     return box[begin], outlines, bottoms, tops, means
@@ -120,17 +115,24 @@ def _slices(
 
 @kernel(nogil=True)
 def _leans(
-    points: Points, first: Rows, count: Rows, asked: npt.NDArray[np.bool_], recedes: float
-) -> npt.NDArray[np.bool_]:
-    """(k,) which of the boxes asked for, of points[first : first + count], lean or are round."""
-    leans = np.zeros(len(first), np.bool_)
+    points: Points, first: Rows, count: Rows, flat: float, recedes: float
+) -> tuple[Array, npt.NDArray[np.bool_]]:
+    """(k,) z of the lowest of points[first : first + count], and (k,) which lean or are round.
+
+    Args:
+        flat: height up to which none does.
+        recedes: m by which the upper or the lower half stays further from a side.
+    """
+    bottoms, leans = np.empty(len(first)), np.zeros(len(first), np.bool_)
     reach = np.empty((2, _WAYS))  # of the lower and the upper half of the points
     for n in range(len(first)):
-        if not asked[n]:
-            continue
         lowest, highest = np.inf, -np.inf
         for p in range(first[n], first[n] + count[n]):
-            lowest, highest = min(lowest, points[p, 2]), max(highest, points[p, 2])
+            z = np.float64(points[p, 2])
+            lowest, highest = min(lowest, z), max(highest, z)
+        bottoms[n] = lowest
+        if highest - lowest <= flat:
+            continue
         reach[:] = -np.inf
         for p in range(first[n], first[n] + count[n]):
             half = 0 if points[p, 2] < 0.5 * (lowest + highest) else 1
@@ -139,7 +141,7 @@ def _leans(
                 reach[half, d] = max(reach[half, d], along)
         for d in range(_WAYS):
             leans[n] = leans[n] or abs(reach[1, d] - reach[0, d]) > recedes
-    return leans
+    return bottoms, leans
 
 
 @kernel(nogil=True)
