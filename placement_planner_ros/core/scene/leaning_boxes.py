@@ -17,7 +17,7 @@ from placement_planner_ros.core.types import Array
 Rows = npt.NDArray[np.int64]
 Points = npt.NDArray[np.float32]
 
-_RECEDES = 0.15
+_RECEDES = 0.05
 """Where neither the upper nor the lower half of its points stays further than this share of a cell
 from any side of what is around all of them, a box is upright."""
 _NOISE = 3.0

@@ -44,7 +44,10 @@ def field(obstacles):
 
 
 def exact(obstacles, points, cap=0.5, volume=VOLUME, beyond=0.0):
-    """Mean of d_S, by definition, from half a voxel below to half a voxel above the points."""
+    """Mean of d_S, by definition, from half a voxel below to half a voxel above the points.
+
+    To the hulls of the points of each box that lie in V, seen from above.
+    """
     touching, last = np.zeros(len(obstacles), bool), np.full(len(obstacles), -np.inf)
     for low, high in volume.boxes:
         low, high = low - beyond, high + beyond
@@ -54,14 +57,14 @@ def exact(obstacles, points, cap=0.5, volume=VOLUME, beyond=0.0):
     lower, upper, last = obstacles.lower[touching], obstacles.upper[touching], last[touching]
     heights = 0.005 * ((np.arange(20) + 0.5) / 20 - 0.5)
     result = np.empty(len(points))
-    aside = [
-        distance_to_hull(obstacles.points[first : first + count, :2].astype(float), points[:, :2])
-        for first, count in zip(
-            obstacles.first_point[:-1][touching],
-            np.diff(obstacles.first_point)[touching],
-            strict=True,
-        )
-    ]
+    aside = []
+    for n in np.flatnonzero(touching):
+        of = obstacles.points[obstacles.first_point[n] : obstacles.first_point[n + 1], :2]
+        off = 1e-6 + beyond
+        inside = [(of >= low[:2] - off).all(1) & (of <= high[:2] + off).all(1)
+                  for low, high in volume.boxes]  # fmt: skip
+        of = of[np.any(inside, axis=0)].astype(float)
+        aside.append(distance_to_hull(of, points[:, :2]) if len(of) else np.full(len(points), cap))
     for row, p in enumerate(points):
         z = p[2] + heights[:, None]
         beside = np.array([a[row] for a in aside]) if aside else np.zeros(0)
@@ -267,7 +270,7 @@ def board(middle, radius, spacing):
 
 
 @pytest.mark.parametrize("spacing", [0.002, 0.004])
-@pytest.mark.parametrize("kind", ["ball", "cone", "board"])
+@pytest.mark.parametrize("kind", ["ball", "ball in the air", "cone", "board"])
 def test_clearance_beside_what_is_round_or_leans_hardly_depends_on_the_origin(kind, spacing):
     rng = np.random.default_rng(7)
     spread, off = [], []
@@ -276,6 +279,8 @@ def test_clearance_beside_what_is_round_or_leans_hardly_depends_on_the_origin(ki
         radius = rng.uniform(0.015, 0.08)
         if kind == "ball":
             points, true = ball(foot + np.array([0.0, 0.0, radius]), radius, spacing)
+        elif kind == "ball in the air":
+            points, true = ball(foot + np.array([0.0, 0.0, radius + 0.04]), radius, spacing)
         elif kind == "cone":
             points, true = cone(foot, radius, rng.uniform(0.8, 2.0) * radius, spacing)
         else:
@@ -322,6 +327,33 @@ def test_what_leans_counts_where_it_goes_through_the_floor_and_the_top_of_the_vo
         points = np.c_[z - 0.15 - gap, np.zeros(len(z)), z]
         inside = (points[:, 0] > -0.3) & (z < 0.34)
         np.testing.assert_allclose(field.distance(points[inside]), gap, atol=2e-3)
+
+
+def test_what_leaves_the_volume_through_its_side_counts_up_to_there_whatever_the_origin():
+    """A ramp that rises along x through V's side, with nothing counting beyond V."""
+    along, across = np.meshgrid(np.arange(0.2, 0.4, 0.002), np.arange(-0.2, 0.2, 0.002))
+    ramp = np.c_[along.ravel(), across.ravel(), along.ravel() - 0.2]
+    points = np.c_[np.full(30, 0.1), np.zeros(30), np.linspace(0.005, 0.2, 30)]
+    found = []
+    for shift in np.arange(0.0, 0.01, 0.00125):
+        low = np.array([-0.45 - shift, -0.45, -0.1])
+        obstacles = ObstacleSet.from_points(ramp, bounds=(low, low + 0.9))
+        found.append(ClearanceField(obstacles, VOLUME, 0.0).distance(points))
+    assert np.ptp(np.mean(found, axis=1)) < 2e-3
+    inside = points[:, 2] < 0.09
+    assert np.abs(np.array(found)[:, inside] - 0.1 - points[inside, 2]).max() < 3e-3
+    assert (np.array(found)[:, points[:, 2] > 0.106] == 0.5).all()
+
+
+def test_a_large_volume_sees_what_is_low():
+    points, _ = sampled_box((-0.03, -0.03, 0.0), (0.03, 0.03, 0.02), 0.3, 0.003)
+    tower, _ = sampled_box((0.4, 0.4, 0.0), (0.42, 0.42, 0.7), 0.0, 0.005)
+    obstacles = ObstacleSet.from_points(np.vstack([points, tower]))
+    volume = TargetVolume(np.array([-1.0, -1.0, -0.05]), np.array([1.0, 1.0, 0.8]))
+    large, small = ClearanceField(obstacles, volume), ClearanceField(obstacles, VOLUME)
+    assert large.lift == small.lift
+    beside = np.array([[x, 0.0, 0.012] for x in np.linspace(0.06, 0.2, 40)])
+    np.testing.assert_allclose(large.distance(beside), small.distance(beside), atol=2e-3)
 
 
 def size_of(field):
