@@ -10,6 +10,7 @@ import numpy.typing as npt
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.obstacle_arrays import ObstacleArrays
+from placement_planner_ros.core.scene.runs import rows_of_runs
 from placement_planner_ros.core.types import Array
 
 Rows = npt.NDArray[np.int64]
@@ -74,9 +75,7 @@ def _cut(boxes: CountedBoxes, at: Rows, within: Array) -> CountedBoxes:
     if not len(at):
         return boxes
     count = boxes.number[at]
-    behind = count.cumsum()
-    rows = np.arange(count.sum()) + np.repeat(boxes.first[at] - behind + count, count)
-    points = boxes.points[rows]
+    points = boxes.points[rows_of_runs(boxes.first[at], count)]
     kept = np.zeros(len(points), np.bool_)
     for low, high in within:
         kept |= ((points[:, :2] >= low - _ROUNDING) & (points[:, :2] <= high + _ROUNDING)).all(

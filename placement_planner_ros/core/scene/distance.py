@@ -46,8 +46,9 @@ class ClearanceField:
     where several boxes that end at one height compete, and interpolated linearly between them; in
     z on levels 1.25 mm apart, with what ends between two of them counted by its share, up to where
     the last thing ends. Boxes of V that lie far from each other have a table each. Where V is so
-    large that all would take more than `MAX_VALUES`, lines and levels are further apart. Values in
-    and beside V are made at once, those further out when they are first asked for.
+    large that all would take more than `MAX_VALUES`, lines and levels are further apart, and `lift`
+    is more. Values in and beside V are made at once, those further out when they are first asked
+    for.
 
     What a body stands on does not count, and may rise by the contact tolerance above its lowest
     point: what of the body is lower than `lift` above that point is judged at that height.

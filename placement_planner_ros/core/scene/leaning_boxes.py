@@ -12,6 +12,7 @@ from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.scene.counted_boxes import CountedBoxes
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.outlines import Outlines, find_outlines
+from placement_planner_ros.core.scene.runs import rows_of_runs
 from placement_planner_ros.core.types import Array
 
 Rows = npt.NDArray[np.int64]
@@ -55,7 +56,8 @@ def sliced(boxes: CountedBoxes, obstacles: ObstacleSet, low: float, rise: float)
     their points, since what they hold begins further down.
 
     Args:
-        low: of the lowest level; what ends below it is left out.
+        low: z of the lowest level, metres; slices that end below it are left out.
+        rise: m between two levels.
     """
     size, noise = obstacles.cell_size, obstacles.noise
     recedes = max(_RECEDES * size, _NOISE * noise)
@@ -91,9 +93,7 @@ def _slices(
         mean heights of what lies between their two uppermost levels.
     """
     box = np.repeat(np.arange(len(boxes.rows)), boxes.number)
-    behind = boxes.number.cumsum()
-    rows = np.arange(len(box)) + np.repeat(boxes.first - behind + boxes.number, boxes.number)
-    points = boxes.points[rows]
+    points = boxes.points[rows_of_runs(boxes.first, boxes.number)]
     # by box and level, highest first
     level = np.floor((points[:, 2] - low) / rise).astype(np.int64)
     key = box * (level.max() - level.min() + 1) + level.max() - level

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.kernels import kernel
+from placement_planner_ros.core.scene.runs import rows_of_runs
 from placement_planner_ros.core.types import Array
 
 _WAYS = 16
@@ -42,8 +43,8 @@ class Outlines(NamedTuple):
         """Those of some of the boxes (m,)."""
         counts = self.counts[rows]
         start = np.append(0, counts.cumsum())
-        at = np.arange(start[-1]) + np.repeat(self.start[rows] - start[:-1], counts)
-        return Outlines(self.bounds[rows], start, self.corners[at])
+        corners = self.corners[rows_of_runs(self.start[rows], counts)]
+        return Outlines(self.bounds[rows], start, corners)
 
     def followed_by(self, others: Outlines) -> Outlines:
         """These and the others."""
