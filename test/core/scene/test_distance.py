@@ -331,18 +331,18 @@ def test_what_leans_counts_where_it_goes_through_the_floor_and_the_top_of_the_vo
 
 def test_what_leaves_the_volume_through_its_side_counts_up_to_there_whatever_the_origin():
     """A ramp that rises along x through V's side, with nothing counting beyond V."""
-    along, across = np.meshgrid(np.arange(0.2, 0.4, 0.002), np.arange(-0.2, 0.2, 0.002))
-    ramp = np.c_[along.ravel(), across.ravel(), along.ravel() - 0.2]
-    points = np.c_[np.full(30, 0.1), np.zeros(30), np.linspace(0.005, 0.2, 30)]
+    along, across = np.meshgrid(np.arange(0.2, 0.4, 0.0021), np.arange(-0.2, 0.2, 0.002))
+    ramp = np.c_[along.ravel(), across.ravel(), 0.5 * (along.ravel() - 0.2)]
+    points = np.c_[np.full(200, 0.1), np.zeros(200), np.linspace(0.005, 0.06, 200)]
     found = []
     for shift in np.arange(0.0, 0.01, 0.00125):
         low = np.array([-0.45 - shift, -0.45, -0.1])
         obstacles = ObstacleSet.from_points(ramp, bounds=(low, low + 0.9))
         found.append(ClearanceField(obstacles, VOLUME, 0.0).distance(points))
     assert np.ptp(np.mean(found, axis=1)) < 2e-3
-    inside = points[:, 2] < 0.09
-    assert np.abs(np.array(found)[:, inside] - 0.1 - points[inside, 2]).max() < 3e-3
-    assert (np.array(found)[:, points[:, 2] > 0.106] == 0.5).all()
+    inside = points[:, 2] < 0.045
+    assert np.abs(np.array(found)[:, inside] - 0.1 - 2.0 * points[inside, 2]).max() < 4e-3
+    assert (np.array(found)[:, points[:, 2] > 0.0526] == 0.5).all()
 
 
 def test_a_large_volume_sees_what_is_low():
