@@ -2,6 +2,7 @@
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
+BENCHMARKS := $(BIN)/python -m benchmarks
 PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
 INSTALL := $(BIN)/python install_with_progress.py $(VENV)/install.log
 SOURCES := $(shell find placement_planner_ros urdf config launch resource -type f -not -name '*.pyc')
@@ -34,25 +35,27 @@ site: install
 figures: install
 	$(BIN)/placement_demo --seed 1 --output build/figures
 	cp build/figures/motion.gif build/figures/placement.png docs/images
-	$(BIN)/placement_demo --tour --seed 1 --output build/figures --page docs/tour.md
+	$(BIN)/placement_demo --tour --seed 1 --output build/figures
+	$(BIN)/python -c 'from pathlib import Path; from benchmarks.page import between_marks; \
+	  between_marks(Path("docs/tour.md"), Path("build/figures/tour.md").read_text())'
 	cp build/figures/tour.png build/figures/tour.gif docs/images
 	$(BIN)/python test/draw_view.py --output docs/images
-	$(BIN)/placement_benchmark concepts $(if $(CLOUDS),--cloud $(CLOUDS)/$(REGIONS_OF))
-	$(if $(CLOUDS),$(BIN)/placement_benchmark clouds $(CLOUDS) --output docs/images && rm docs/images/clouds.md)
+	$(BENCHMARKS) concepts $(if $(CLOUDS),--cloud $(CLOUDS)/$(REGIONS_OF))
+	$(if $(CLOUDS),$(BENCHMARKS) clouds $(CLOUDS) --output docs/images && rm docs/images/clouds.md)
 	$(BIN)/python test/draw_objects.py --output docs/images
-	$(BIN)/placement_benchmark situations --first-seed 1 --picture docs/images/situations.png
-	$(BIN)/placement_benchmark speed --output results/speed --page docs/speed.md
-	$(BIN)/placement_benchmark paper --preset quick --processes 2 --output results/quick
-	$(BIN)/placement_benchmark yardstick --processes 2 --output results/quick
-	$(BIN)/placement_benchmark scaling --output results/quick
-	$(BIN)/placement_benchmark report results/quick
+	$(BENCHMARKS) situations --first-seed 1 --picture docs/images/situations.png
+	$(BENCHMARKS) speed --output results/speed --page docs/speed.md
+	$(BENCHMARKS) paper --preset quick --processes 2 --output results/quick
+	$(BENCHMARKS) yardstick --processes 2 --output results/quick
+	$(BENCHMARKS) scaling --output results/quick
+	$(BENCHMARKS) report results/quick
 	cp results/quick/figures/overall.png docs/images/evaluation.png
 	cp results/quick/figures/by_scene.png docs/images/evaluation_scenes.png
 	cp results/quick/figures/differences.png docs/images/evaluation_differences.png
 	cp results/quick/figures/scaling.png docs/images/evaluation_scaling.png
-	$(BIN)/placement_benchmark paper --preset quick --variant optimistic+lo --variant mcts+lo \
+	$(BENCHMARKS) paper --preset quick --variant optimistic+lo --variant mcts+lo \
 	  --processes 2 --output results/samplers
-	$(BIN)/placement_benchmark report results/samplers --yardstick results/quick/yardstick.jsonl
+	$(BENCHMARKS) report results/samplers --yardstick results/quick/yardstick.jsonl
 	cp results/samplers/figures/overall.png docs/images/evaluation_optimistic_mcts.png
 	@echo "docs/images is of this commit"
 

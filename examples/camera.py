@@ -25,8 +25,8 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 
 from placement_planner_ros.core.errors import PlacementPlannerError
-from placement_planner_ros.experiments.real_clouds.pcd import read_pcd
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
+from placement_planner_ros.scenes.pcd_file import read_pcd
 
 
 def read_points(file: Path) -> npt.NDArray[np.float64]:

@@ -21,10 +21,10 @@ from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory
 
 from placement_planner_ros.client import PlacementClient, PlacementError, Solution
-from placement_planner_ros.experiments.cases import start_configuration
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 from placement_planner_ros.scenes.clouds import complete_cloud
 from placement_planner_ros.scenes.scenes import scene_by_name
+from placement_planner_ros.scenes.yumi import start_configuration
 
 BOXES = 3
 SECONDS = 6.0

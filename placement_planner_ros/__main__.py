@@ -16,7 +16,6 @@ from placement_planner_ros.interrupts import catch_signals, ended_while_loading
 
 PACKAGE = "placement_planner_ros"
 ROS_REMEDY = f"run pip install '{PACKAGE}[ros]', or source a ROS 2 Jazzy"
-_EVALUATION_REMEDY = f"run pip install '{PACKAGE}[evaluation]'"
 VIEW_REMEDY = (
     f"run pip install '{PACKAGE}[ros,view]'; where a ROS 2 Jazzy is sourced, '{PACKAGE}[view]'"
 )
@@ -98,16 +97,13 @@ def _asks_for_help() -> bool:
     return not {"-h", "--help"}.isdisjoint(sys.argv[1:])
 
 
-placement_demo = partial(_start, "placement_demo", "ros.tools.demo.command", ROS_REMEDY)
-placement_benchmark = partial(
-    _start, "placement_benchmark", "experiments.benchmark", _EVALUATION_REMEDY
-)
+placement_demo = partial(_start, "placement_demo", "demo.command", ROS_REMEDY)
 placement_check_robot = partial(
     _start, "placement_check_robot", "ros.tools.robot_check.command", ROS_REMEDY
 )
 
 if __name__ == "__main__":
-    others = (placement_demo, placement_benchmark, placement_check_robot)
+    others = (placement_demo, placement_check_robot)
     by_name: dict[str, Callable[[], Any]] = {str(program.args[0]): program for program in others}
     by_name |= {
         "placement_planner": placement_planner,

@@ -16,8 +16,8 @@ from settle_objects import Thing, things
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.body.placement_face import PlacementFace
 from placement_planner_ros.core.body.settings import BodySettings
-from placement_planner_ros.experiments.drawing.plots import new_figure, png
-from placement_planner_ros.experiments.drawing.rendering import Mesh, View, render
+from placement_planner_ros.pictures.plots import new_figure, png
+from placement_planner_ros.pictures.rendering import Mesh, View, render
 
 _WIDTH, _HEIGHT = 210, 180
 _COLUMNS, _ROWS = 8, 8

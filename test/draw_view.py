@@ -22,14 +22,14 @@ import rclpy
 from browser import Browser
 
 from placement_planner_ros.client import PlacementClient
-from placement_planner_ros.ros.process import begin_ros
-from placement_planner_ros.ros.tools.demo.command import published
-from placement_planner_ros.ros.tools.demo.node_process import (
+from placement_planner_ros.demo.command import published
+from placement_planner_ros.demo.node_process import (
     NodeProcess,
     node_arguments,
 )
-from placement_planner_ros.ros.tools.demo.setting import bundled
-from placement_planner_ros.ros.tools.demo.view_process import page_served
+from placement_planner_ros.demo.setting import bundled
+from placement_planner_ros.demo.view_process import page_served
+from placement_planner_ros.ros.process import begin_ros
 
 SECONDS = 8.0
 SIZE = (1280, 830)

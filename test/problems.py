@@ -4,7 +4,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from placement_planner_ros.experiments.cases import make_problem
+from benchmarks.cases import make_problem
 
 
 @lru_cache(maxsize=24)

@@ -1,4 +1,4 @@
-"""Release every recorded placement of `placement_benchmark cases` in a physics engine.
+"""Release every recorded placement of `python -m benchmarks cases` in a physics engine.
 
 python test/settle_cases.py results/cases --friction 0.3 0.8
 """

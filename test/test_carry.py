@@ -18,6 +18,7 @@ from checker import (
 )
 from problems import problem_of
 
+from benchmarks.cases import Case
 from placement_planner_ros.core.carry.settings import CarrySettings, TiltLimit
 from placement_planner_ros.core.carry.tilt import TiltConstraint
 from placement_planner_ros.core.errors import ParameterError, StartError
@@ -26,9 +27,9 @@ from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.search.pruning import Cause
 from placement_planner_ros.core.wishes.settings import TurnSettings
-from placement_planner_ros.experiments.cases import Case, start_configuration
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.scenes import scene_by_name
+from placement_planner_ros.scenes.yumi import start_configuration
 from placement_planner_ros.share import PACKAGE, share_path
 
 CASE = Case("table", "wine_glass", "maximize_clearance")

@@ -104,7 +104,11 @@ ADAPTER = sorted(set((ROOT / "ros").rglob("*.py")) - {ROOT / "ros" / "__init__.p
 CORE = sorted((ROOT / "core").rglob("*.py"))
 CLIENT = sorted((ROOT / "client").rglob("*.py"))
 VIEW = sorted((ROOT / "view").rglob("*.py"))
-OUTSIDE_ROS = sorted(set(ROOT.rglob("*.py")) - set((ROOT / "ros").rglob("*.py")) - {*CLIENT, *VIEW})
+DEMO = sorted((ROOT / "demo").rglob("*.py"))
+KNOWS_ROS = {*(ROOT / "ros").rglob("*.py"), *CLIENT, *VIEW, *DEMO}
+OUTSIDE_ROS = sorted(set(ROOT.rglob("*.py")) - KNOWS_ROS)
+# The rooms of the package, each importing only from those before it.
+ROOMS = ["core", "library", "scenes", "pictures", "ros", "client", "view", "demo"]
 # What the page loads of the rest. Nothing of it is compiled, and nothing of it plans.
 LOADED_BY_VIEW = {
     "client",
@@ -186,11 +190,14 @@ def test_the_page_is_there_without_anything_compiled():
     )
 
 
-@pytest.mark.parametrize("path", sorted({*ADAPTER, *OUTSIDE_ROS}), ids=module_name)
-def test_only_tools_use_the_client_and_the_page(path):
-    own = unit(module_name(path))
-    above = (f"{PACKAGE}.client.", f"{PACKAGE}.view.")
-    assert own == "ros.tools" or not [n for n in imports(path) if f"{n}.".startswith(above)]
+@pytest.mark.parametrize("path", sorted(ROOT.rglob("*.py")), ids=module_name)
+def test_rooms_import_only_from_rooms_before_and_nothing_from_beside_the_package(path):
+    own = module_name(path).split(".")[0]
+    if own in ROOMS:
+        above = tuple(f"{PACKAGE}.{room}." for room in ROOMS[ROOMS.index(own) + 1 :])
+        assert not [name for name in imports(path) if f"{name}.".startswith(above)]
+    beside = {name.split(".")[0] for name in imports(path)}
+    assert not beside & {"benchmarks", "test", "examples"}
 
 
 @pytest.mark.parametrize("path", SEARCH_AND_MOTION, ids=module_name)

@@ -21,7 +21,6 @@ EXECUTABLES = (
     "placement_planner",
     "placement_demo",
     "placement_scene",
-    "placement_benchmark",
     "placement_check_robot",
     "placement_view",
 )
@@ -239,7 +238,6 @@ MODULES["numba"] = {"numba", "llvmlite"}  # which it is made of, and asks for it
 ROS_MODULES = {"rclpy", "ament_index_python", "builtin_interfaces", "rcl_interfaces"}
 ROS_MODULES |= {f"{name}_msgs" for name in ("std", "geometry", "sensor", "shape", "trajectory")}
 ROS_MODULES |= {"visualization_msgs", "diagnostic_msgs", "std_srvs"}
-OWN_EXTRA = {"core/motion/ompl_planner.py": "evaluation"}
 TF = {"tf2_ros", "tf2_msgs", "launch", "launch_ros"}  # looked up where they are installed
 
 
@@ -253,9 +251,8 @@ def imported(path):
 @pytest.mark.parametrize("path", sorted((ROOT / PACKAGE).rglob("*.py")), ids=lambda p: p.stem)
 def test_every_import_is_of_a_package_that_is_asked_for(path, requirements):
     inside = path.relative_to(ROOT / PACKAGE)
-    rooms = {"ros": "ros", "client": "ros", "experiments": "evaluation", "physics": "tour"}
+    rooms = {"ros": "ros", "client": "ros", "pictures": "ros", "demo": "tour"}
     extra = rooms.get(inside.parts[0], "")
-    extra = OWN_EXTRA.get(str(inside), extra)
     names = {re.match(r"[\w-]+", name)[0].lower() for name in requirements[""]}
     extras = ("ros", "view") if inside.parts[0] == "view" else (extra,)
     asked = [name for each in extras for name in requirements.get(each, [])]

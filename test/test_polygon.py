@@ -16,10 +16,9 @@ from placement_planner_ros.core.problem import Problem, workspace
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.search.pruning import Cause
 from placement_planner_ros.core.types import TargetVolume, Verdict
-from placement_planner_ros.experiments.cases import start_configuration
 from placement_planner_ros.ros.inputs.resources import PACKAGE, share_path
 from placement_planner_ros.scenes.objects import object_by_name
-from placement_planner_ros.scenes.yumi import load_yumi, yumi_arm
+from placement_planner_ros.scenes.yumi import load_yumi, start_configuration, yumi_arm
 
 VOLUME = TargetVolume([0.25, -0.25, -0.03], [0.6, 0.25, 0.25])
 POLYGON = PlannerSettings(support="polygon")

@@ -11,12 +11,11 @@ from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.problem import Problem, workspace
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.experiments.cases import start_configuration
 from placement_planner_ros.scenes.clouds import complete_cloud
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.primitives import ConvexPrimitive
 from placement_planner_ros.scenes.scenes import scene_by_name
-from placement_planner_ros.scenes.yumi import load_yumi, yumi_arm
+from placement_planner_ros.scenes.yumi import load_yumi, start_configuration, yumi_arm
 from placement_planner_ros.share import PACKAGE, share_path
 
 ORDER = ("large_crayons_box", "small_crayons_box", "toy_table", "wine_glass")

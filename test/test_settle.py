@@ -10,8 +10,8 @@ from problems import problem_of
 from settle import settle
 from settle_cases import FRICTIONS, MOVED, TILTED
 
+from benchmarks.cases import Case
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
-from placement_planner_ros.experiments.cases import Case
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.primitives import box
 from placement_planner_ros.scenes.scenes import scene_by_name

@@ -9,11 +9,12 @@ import pytest
 from checker import Solution, SolutionChecker, Task, Tolerances, check_stance, surface_normal
 from tilts import slope_of, tilted_problem, tilted_solids
 
+from benchmarks.cases import Case
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.types import upright
-from placement_planner_ros.experiments.cases import Case, start_configuration
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.scenes import scene_by_name
+from placement_planner_ros.scenes.yumi import start_configuration
 from placement_planner_ros.share import PACKAGE, share_path
 
 SCENE = scene_by_name("table")

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from benchmarks.cases import read_inputs
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.problem import Problem, workspace
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.regions import RegionSettings
 from placement_planner_ros.core.types import upright
-from placement_planner_ros.experiments.cases import read_inputs
 
 
 def slope_of(degrees, azimuth):

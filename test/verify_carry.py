@@ -1,4 +1,4 @@
-"""The largest tilt of every solution of `placement_benchmark cases --carry`, computed anew.
+"""The largest tilt of every solution of `python -m benchmarks cases --carry`, computed anew.
 
 python test/verify_carry.py results/cases
 
@@ -15,8 +15,8 @@ from types import SimpleNamespace
 import numpy as np
 from checker import RobotModel, way_of_object
 
-from placement_planner_ros.experiments.carry.runs import RUNS_FILE, SOLUTIONS, solution_file
-from placement_planner_ros.experiments.json_lines import read_lines
+from benchmarks.carry.runs import RUNS_FILE, SOLUTIONS, solution_file
+from benchmarks.json_lines import read_lines
 from placement_planner_ros.scenes.yumi import load_yumi
 from placement_planner_ros.share import PACKAGE, share_path
 

@@ -1,4 +1,4 @@
-"""Check every recorded solution of `placement_benchmark cases` and write the table of the runs.
+"""Check every recorded solution of `python -m benchmarks cases` and write the table of the runs.
 
 python test/verify_cases.py results/cases --table complete.md
 """
@@ -21,7 +21,6 @@ from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.problem import workspace
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
-from placement_planner_ros.experiments.cases import start_configuration
 from placement_planner_ros.scenes.clouds import complete_cloud
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.scenes import scene_by_name
@@ -30,6 +29,7 @@ from placement_planner_ros.scenes.yumi import (
     GRIPPER_OPEN,
     TIP_FRAMES,
     load_yumi,
+    start_configuration,
     yumi_arm,
 )
 from placement_planner_ros.share import PACKAGE, share_path

@@ -1,4 +1,4 @@
-"""Check every placement of `placement_benchmark situations`, and release it in a physics engine.
+"""Check every placement of `python -m benchmarks situations`, and release it in a physics engine.
 
 python test/verify_situations.py results/situations
 
@@ -19,23 +19,22 @@ from settle import settle
 from settle_cases import FRICTIONS, MOVED, TILTED
 from verify_cases import read_solution
 
-from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.planner import PlannerSettings
-from placement_planner_ros.core.problem import workspace
-from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
-from placement_planner_ros.experiments.cases import start_configuration
-from placement_planner_ros.experiments.json_lines import append_line, read_lines
-from placement_planner_ros.experiments.situations.catalogue import situation_by_name
-from placement_planner_ros.experiments.situations.observing import observe
-from placement_planner_ros.experiments.situations.report import VERDICTS_FILE
-from placement_planner_ros.experiments.situations.runs import (
+from benchmarks.json_lines import append_line, read_lines
+from benchmarks.situations.catalogue import situation_by_name
+from benchmarks.situations.observing import observe
+from benchmarks.situations.report import VERDICTS_FILE
+from benchmarks.situations.runs import (
     OBJECTIVE,
     RUNS_FILE,
     SOLUTIONS,
     job_key,
 )
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.planner import PlannerSettings
+from placement_planner_ros.core.problem import workspace
+from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.scenes.objects import object_by_name
-from placement_planner_ros.scenes.yumi import TIP_FRAMES, load_yumi, yumi_arm
+from placement_planner_ros.scenes.yumi import TIP_FRAMES, load_yumi, start_configuration, yumi_arm
 from placement_planner_ros.share import PACKAGE, share_path
 
 

@@ -16,8 +16,8 @@ from checker import Solution, SolutionChecker, check_asked, check_stance
 from verify_cases import case_checker
 from wishes import Request, requests
 
+from benchmarks.cases import Case
 from placement_planner_ros.core.errors import PlacementPlannerError
-from placement_planner_ros.experiments.cases import Case
 
 
 def run(request: Request, seed: int, seconds: float, whole: bool) -> tuple[int, float, list[str]]:

@@ -12,9 +12,9 @@ import yaml
 from checker import Asked
 from problems import problem_of
 
+from benchmarks.cases import Case
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.planner import PlacementPlanner
-from placement_planner_ros.experiments.cases import Case
 from placement_planner_ros.ros.parameters.table import arm_specs, arms_spec, fixed_specs
 from placement_planner_ros.ros.parameters.values import ParameterSet
 

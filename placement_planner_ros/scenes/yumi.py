@@ -9,6 +9,7 @@ import pinocchio as pin
 
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.share import PACKAGE, share_path
 
 TIP_FRAMES: Mapping[str, str] = MappingProxyType(
@@ -50,6 +51,20 @@ START_CONFIGURATION = _configuration(
     right=(0.69, -1.95, 0.0, 0.0, 0.0, 0.0, 0.0),
 )
 """Where the paper's experiments start. Joint name -> rad or m."""
+
+
+def start_configuration(object_name: str, arm: str | None = None) -> dict[str, float]:
+    """q_0 of the experiments with the fingers closed on the object, in one hand or in both.
+
+    Args:
+        arm: the arm that holds the object; None leaves it open and closes both hands on it.
+    """
+    positions = dict(START_CONFIGURATION)
+    opening = object_by_name(object_name).finger_opening
+    for name, joint in GRIPPER_JOINTS.items():
+        if arm in (None, name):
+            positions[joint] = opening
+    return positions
 
 
 def load_yumi() -> Robot:

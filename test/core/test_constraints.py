@@ -7,13 +7,13 @@ import pinocchio as pin
 import pytest
 from problems import problem_of
 
+from benchmarks.cases import Case
 from placement_planner_ros.core.constraints import placement_pose
 from placement_planner_ros.core.grasp.settings import ApproachSettings
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.stability.by_vertices import stays
 from placement_planner_ros.core.types import LEVEL, TargetVolume, Verdict, upright
-from placement_planner_ros.experiments.cases import Case
 
 TABLE = Case("table", "small_crayons_box", "maximize_clearance")
 EDGE, HEIGHT = 0.4, 0.0

@@ -11,6 +11,8 @@ import pytest
 from problems import problem_of
 from verify_cases import case_checker, load_solution
 
+from benchmarks.cases import Case
+from benchmarks.record import save_solution
 from placement_planner_ros.core.collision import arm as collision_arm
 from placement_planner_ros.core.collision.arm import (
     PLACED_OBJECT,
@@ -38,8 +40,6 @@ from placement_planner_ros.core.search.sampler import SamplerSettings
 from placement_planner_ros.core.search.uniform import UniformSampler
 from placement_planner_ros.core.timing.trajectory_maker import TrajectoryMaker
 from placement_planner_ros.core.types import TargetVolume, Verdict
-from placement_planner_ros.experiments.cases import Case
-from placement_planner_ros.experiments.record import save_solution
 
 TABLE = Case("table", "small_crayons_box", "maximize_clearance")
 CABINET = Case("cabinet_low_clutter", "wine_glass", "minimize_clearance")

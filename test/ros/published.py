@@ -5,11 +5,10 @@ import pinocchio as pin
 from checker import Solution, Task
 
 from placement_planner_ros.core.types import Trajectory
-from placement_planner_ros.experiments.cases import start_configuration
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.primitives import ConvexPrimitive
 from placement_planner_ros.scenes.scenes import scene_by_name
-from placement_planner_ros.scenes.yumi import TIP_FRAMES, load_yumi, yumi_arm
+from placement_planner_ros.scenes.yumi import TIP_FRAMES, load_yumi, start_configuration, yumi_arm
 from placement_planner_ros.share import share_path
 
 

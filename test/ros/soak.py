@@ -59,12 +59,12 @@ from system import NODE, OBJECT, SCENE, start_node, wait
 from trajectory_msgs.msg import JointTrajectory
 
 from placement_planner_ros.core.timing.trajectory_maker import TimingSettings
-from placement_planner_ros.experiments.cases import start_configuration
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 from placement_planner_ros.ros.qos import LATCHED
 from placement_planner_ros.scenes.clouds import complete_cloud
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.scenes import scene_by_name
+from placement_planner_ros.scenes.yumi import start_configuration
 from placement_planner_ros.share import share_path
 
 FRAME = "yumi_body"

@@ -19,9 +19,8 @@ from std_srvs.srv import Trigger
 from system import NODE, PARTS, Client, start_node, start_when_ready, wait
 from visualization_msgs.msg import Marker
 
-from placement_planner_ros.experiments.cases import start_configuration
 from placement_planner_ros.ros.qos import LATCHED
-from placement_planner_ros.scenes.yumi import load_yumi
+from placement_planner_ros.scenes.yumi import load_yumi, start_configuration
 from placement_planner_ros.share import share_path
 
 OWN_TOPICS = {

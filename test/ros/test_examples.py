@@ -20,11 +20,11 @@ from system import OBJECT, running_node, wait
 
 import placement_planner_ros
 from placement_planner_ros.client import PlacementClient, PlacementError
-from placement_planner_ros.experiments.cases import start_configuration
 from placement_planner_ros.ros.inputs.resources import package_share
 from placement_planner_ros.ros.tools.robot_check import reach
 from placement_planner_ros.ros.tools.robot_check.command import main as check_robot
 from placement_planner_ros.scenes.objects import object_by_name
+from placement_planner_ros.scenes.yumi import start_configuration
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 STALE = ("NO_CLOUD", "JOINTS_MISSING", "JOINTS_STALE", "NO_REGION", "NO_SOLUTION")

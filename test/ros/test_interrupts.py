@@ -40,7 +40,7 @@ asked = threading.Event()
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
-from placement_planner_ros.experiments.cases import start_configuration
+from placement_planner_ros.scenes.yumi import start_configuration
 from placement_planner_ros.ros import node as module
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 from placement_planner_ros.ros.inputs.reading import NotReadyError

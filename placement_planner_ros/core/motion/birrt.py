@@ -7,7 +7,7 @@ merged into the forward tree when it meets them, without that counting as succes
 All trees live in one pool of nodes with one label per node (0 = forward). Merging reverses the
 parents between the meeting node and the goal and relabels the tree; no node is copied.
 
-`ompl_planner.GoalSetPlanner` offers the same search as an `ompl.base.Planner`.
+`benchmarks.motion.ompl_planner` offers the same search as an `ompl.base.Planner`.
 """
 
 from __future__ import annotations

@@ -19,7 +19,6 @@ from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import Header, String
 
 from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError
-from placement_planner_ros.experiments.cases import start_configuration
 from placement_planner_ros.interrupts import catch_signals
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 from placement_planner_ros.ros.process import begin_ros
@@ -28,6 +27,7 @@ from placement_planner_ros.ros.spinning import spin_until
 from placement_planner_ros.ros.timers import every
 from placement_planner_ros.scenes.clouds import camera_clouds, complete_cloud
 from placement_planner_ros.scenes.scenes import SCENE_NAMES, Scene, scene_by_name
+from placement_planner_ros.scenes.yumi import start_configuration
 from placement_planner_ros.share import share_path
 
 FRAME = "yumi_body"

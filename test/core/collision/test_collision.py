@@ -9,6 +9,7 @@ import pinocchio as pin
 import pytest
 import trimesh
 
+from benchmarks.baselines.exact_collision import ExactCollision, compare
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision import boxes as collision_boxes
 from placement_planner_ros.core.collision.against_boxes import layer_range
@@ -24,7 +25,6 @@ from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
-from placement_planner_ros.experiments.baselines.exact_collision import ExactCollision, compare
 from placement_planner_ros.scenes.clouds import complete_cloud
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.scenes import scene_by_name

@@ -12,6 +12,7 @@ import pytest
 from problems import problem_of
 from tilts import tilted_problem
 
+from benchmarks.cases import Case, read_inputs
 from placement_planner_ros.core.explanation import tables
 from placement_planner_ros.core.explanation.explain import explain
 from placement_planner_ros.core.explanation.explanation import Explanation, Remedy
@@ -26,7 +27,6 @@ from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.search.pruning import Cause, Ruling
 from placement_planner_ros.core.search.sampler import SampleCount
 from placement_planner_ros.core.types import LEVEL, Verdict, steepness
-from placement_planner_ros.experiments.cases import Case, read_inputs
 from placement_planner_ros.ros.parameters.table import arm_specs, arms_spec, fixed_specs
 from placement_planner_ros.scenes.clouds import complete_cloud
 from placement_planner_ros.scenes.scenes import scene_by_name

@@ -9,6 +9,7 @@ import pinocchio as pin
 import pytest
 from problems import problem_of
 
+from benchmarks.cases import Case
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
 from placement_planner_ros.core.collision.load import Held
 from placement_planner_ros.core.errors import GraspError, StartError
@@ -16,7 +17,6 @@ from placement_planner_ros.core.grasp.at_start import deep_fingers, faults_at_st
 from placement_planner_ros.core.grasp.settings import GraspSettings
 from placement_planner_ros.core.grasp.usable import usable_holdings
 from placement_planner_ros.core.robot.moving_arm import MovingArm
-from placement_planner_ros.experiments.cases import Case
 
 SETTINGS = CollisionSettings()
 

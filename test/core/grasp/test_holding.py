@@ -8,8 +8,8 @@ import pinocchio as pin
 import pytest
 from problems import problem_of
 
+from benchmarks.cases import Case
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
-from placement_planner_ros.experiments.cases import Case
 
 CASE = Case("table", "toy_table", "maximize_clearance")
 

@@ -16,6 +16,7 @@ from problems import problem_of
 from scipy.spatial import ConvexHull
 from verify_cases import case_checker
 
+from benchmarks.cases import Case
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.arm import (
     PLACED_OBJECT,
@@ -33,7 +34,6 @@ from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.core.types import Verdict
-from placement_planner_ros.experiments.cases import Case
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.primitives import box
 

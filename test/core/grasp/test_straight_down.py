@@ -14,6 +14,7 @@ from scipy.interpolate import BPoly
 from scipy.spatial import ConvexHull
 from verify_cases import case_checker
 
+from benchmarks.cases import Case, make_problem
 from placement_planner_ros.core.collision.arm import CollisionSettings
 from placement_planner_ros.core.grasp import straight_down
 from placement_planner_ros.core.grasp.straight_down import stray
@@ -22,7 +23,6 @@ from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.timing.quintic import control_points
 from placement_planner_ros.core.timing.trajectory_maker import TimingSettings, TrajectoryMaker
-from placement_planner_ros.experiments.cases import Case, make_problem
 
 MARGIN, TOLERANCE = 0.003, 0.003
 SLIDING = """<robot name="sliding">

@@ -8,11 +8,11 @@ from checker import Task, Tolerances
 from checker.aligned import aligned_bounds
 from problems import problem_of
 
+from benchmarks.cases import Case
 from placement_planner_ros.core.objective.aligned import Aligned
 from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.types import TargetVolume
-from placement_planner_ros.experiments.cases import Case
 from placement_planner_ros.scenes.clouds import complete_cloud
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.primitives import ConvexPrimitive, box, frustum, standing_box

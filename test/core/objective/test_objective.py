@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from problems import problem_of
 
+from benchmarks.cases import Case
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.objective.objective import (
     ObjectiveContext,
@@ -11,7 +12,6 @@ from placement_planner_ros.core.objective.objective import (
     gradient,
     moved,
 )
-from placement_planner_ros.experiments.cases import Case
 
 CASE = Case("cabinet_high_clutter", "wine_glass", "maximize_clearance")
 

@@ -7,6 +7,7 @@ import pinocchio as pin
 import pytest
 from problems import problem_of
 
+from benchmarks.cases import Case
 from placement_planner_ros.core.constraints import placement_pose
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.objective.by_name import make_objective, make_term
@@ -17,7 +18,6 @@ from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.search.sampler import Draws
 from placement_planner_ros.core.types import TargetVolume, Verdict
 from placement_planner_ros.core.wishes.settings import WishSettings
-from placement_planner_ros.experiments.cases import Case
 
 TABLE = Case("table", "small_crayons_box", "maximize_clearance")
 NEAR = (0.4, 0.1, 0.05, 0.0, 0.0, 0.0, 1.0)

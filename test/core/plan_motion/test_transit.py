@@ -9,12 +9,12 @@ import pytest
 from problems import problem_of
 from scipy.optimize import bisect
 
+from benchmarks.cases import Case
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.grasp.usable import usable_holdings
 from placement_planner_ros.core.plan_motion.transit import MotionPlanner, TransitSettings
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.types import Goal
-from placement_planner_ros.experiments.cases import Case
 
 OPEN = np.array([9.0, 1.0])
 SEALED = np.array([8.5, 8.5])

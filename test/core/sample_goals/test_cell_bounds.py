@@ -8,6 +8,7 @@ import pinocchio as pin
 import pytest
 from tilts import slope_of, tilted_problem
 
+from benchmarks.cases import Case
 from placement_planner_ros.core.constraints import PoseConstraints, placement_pose
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.reach.reach_bound import ReachBound
@@ -16,7 +17,6 @@ from placement_planner_ros.core.sample_goals.support_bounds import SupportBound
 from placement_planner_ros.core.search.cell_layout import LOWER, SLOPE, UPPER, X, contacts
 from placement_planner_ros.core.search.pruning import Ruling
 from placement_planner_ros.core.types import LEVEL, TargetVolume, Verdict
-from placement_planner_ros.experiments.cases import Case
 
 
 def turned(cell, angle, points):

@@ -8,6 +8,7 @@ import pinocchio as pin
 import pytest
 from problems import problem_of
 
+from benchmarks.cases import Case
 from placement_planner_ros.core.constraints import placement_pose
 from placement_planner_ros.core.grasp.holding import Holding, PlacingMotion
 from placement_planner_ros.core.objective.by_name import make_objective
@@ -17,7 +18,6 @@ from placement_planner_ros.core.sample_goals.goals import GoalFinder, Wanted
 from placement_planner_ros.core.scene.region_points import RegionPoints
 from placement_planner_ros.core.search.sampler import Draws
 from placement_planner_ros.core.types import LEVEL, Verdict
-from placement_planner_ros.experiments.cases import Case
 
 SAMPLES = 6000
 BLOCK = 64

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from problems import problem_of
 
+from benchmarks.cases import Case
 from placement_planner_ros.core.constraints import placement_pose
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
@@ -24,7 +25,6 @@ from placement_planner_ros.core.search.cell_layout import (
 from placement_planner_ros.core.search.pruning import Cause, Ruling
 from placement_planner_ros.core.types import LEVEL
 from placement_planner_ros.core.wishes.settings import WishSettings
-from placement_planner_ros.experiments.cases import Case
 
 SLOW = ("near", "turn", "high", "stance")
 NEAR = (0.4, 0.1, 0.05, 0.5, 0.5, 0.5, 0.5)

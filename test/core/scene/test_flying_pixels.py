@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from benchmarks.cases import Case, make_problem
 from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.problem import workspace
@@ -14,7 +15,6 @@ from placement_planner_ros.core.scene.flying_pixels import flying_among, flying_
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.scene.region_points import RegionPoints
 from placement_planner_ros.core.types import Verdict
-from placement_planner_ros.experiments.cases import Case, make_problem
 from placement_planner_ros.scenes.clouds import (
     CameraNoise,
     DepthCamera,

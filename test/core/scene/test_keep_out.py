@@ -8,13 +8,13 @@ from checker import Solution, SolutionChecker, Tolerances
 from problems import problem_of
 from verify_cases import case_checker
 
+from benchmarks.cases import Case
 from placement_planner_ros.core.errors import StartError
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.scene.keep_out import cut, kept_out
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.search.pruning import Cause
 from placement_planner_ros.core.types import Verdict
-from placement_planner_ros.experiments.cases import Case
 
 TABLE = Case("table", "small_crayons_box", "maximize_clearance")
 HALF = (0.1, 0.0, -0.05, 0.75, 0.6, 0.6)

@@ -7,6 +7,8 @@ import pytest
 from problems import problem_of
 from verify_cases import case_checker, load_solution
 
+from benchmarks.cases import Case
+from benchmarks.record import save_solution
 from placement_planner_ros.core.collision.arm import ArmCollision
 from placement_planner_ros.core.collision.load import Held
 from placement_planner_ros.core.errors import CloudError
@@ -25,8 +27,6 @@ from placement_planner_ros.core.scene.visibility import (
     unknown_cells,
 )
 from placement_planner_ros.core.types import TargetVolume
-from placement_planner_ros.experiments.cases import Case
-from placement_planner_ros.experiments.record import save_solution
 from placement_planner_ros.ros.inputs.self_filter import outside_robot
 from placement_planner_ros.scenes.clouds import CameraNoise, DepthCamera, camera_clouds
 from placement_planner_ros.scenes.primitives import box

@@ -9,6 +9,11 @@ import pinocchio as pin
 import pytest
 from problems import problem_of
 
+from benchmarks.cases import Case
+from benchmarks.yardstick.placement_grid import (
+    GridResolution,
+    grid_placements,
+)
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
@@ -25,11 +30,6 @@ from placement_planner_ros.core.search.cell_layout import (
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy, HierarchySettings
 from placement_planner_ros.core.search.pruning import Cause, Remainder, Ruling
 from placement_planner_ros.core.types import TargetVolume, Verdict
-from placement_planner_ros.experiments.cases import Case
-from placement_planner_ros.experiments.yardstick.placement_grid import (
-    GridResolution,
-    grid_placements,
-)
 
 CASE = Case("cabinet_low_clutter", "large_crayons_box", "maximize_clearance")
 

@@ -9,6 +9,7 @@ import pytest
 from problems import problem_of
 from tilts import tilted_problem
 
+from benchmarks.cases import Case
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.search.cell_layout import ANGLE, FACE, whole_cells
 from placement_planner_ros.core.search.pruning import Cause
@@ -16,7 +17,6 @@ from placement_planner_ros.core.search.uniform import UniformPoses
 from placement_planner_ros.core.types import upright
 from placement_planner_ros.core.wishes.settings import TurnSettings
 from placement_planner_ros.core.wishes.turns import Turns
-from placement_planner_ros.experiments.cases import Case
 
 TABLE = Case("table", "small_crayons_box", "maximize_clearance")
 SAMPLERS = ("optimistic", "mcts", "uniform")

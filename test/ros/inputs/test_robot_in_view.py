@@ -10,13 +10,12 @@ from placement_planner_ros.core.collision.load import Held
 from placement_planner_ros.core.problem import workspace
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.experiments.cases import start_configuration
 from placement_planner_ros.ros.inputs.self_filter import outside_robot
 from placement_planner_ros.scenes.clouds import DepthCamera, camera_clouds, scene_cameras
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.primitives import ConvexPrimitive
 from placement_planner_ros.scenes.scenes import scene_by_name
-from placement_planner_ros.scenes.yumi import load_yumi, yumi_arm
+from placement_planner_ros.scenes.yumi import load_yumi, start_configuration, yumi_arm
 
 PADDING = 0.02
 SCENE = scene_by_name("table")

@@ -7,11 +7,11 @@ import pytest
 import trimesh
 
 from placement_planner_ros.core.robot.allowed_pairs import read_srdf
-from placement_planner_ros.experiments.cases import start_configuration
 from placement_planner_ros.ros.tools.robot_check import reach
 from placement_planner_ros.ros.tools.robot_check.command import main
 from placement_planner_ros.ros.tools.robot_check.findings import Findings
 from placement_planner_ros.ros.tools.robot_check.given import read_given
+from placement_planner_ros.scenes.yumi import start_configuration
 from placement_planner_ros.share import share_path
 
 CRAYONS = share_path("config", "small_crayons_box.yaml")

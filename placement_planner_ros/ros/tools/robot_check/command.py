@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.experiments.drawing.robot_picture import draw_robot
+from placement_planner_ros.pictures.robot_picture import draw_robot
 from placement_planner_ros.ros.tools.robot_check import description
 from placement_planner_ros.ros.tools.robot_check.assumed_start import holding
 from placement_planner_ros.ros.tools.robot_check.findings import Findings

@@ -1,0 +1,74 @@
+"""`python -m benchmarks clouds`: the bundled objects on the tables of real clouds."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.jobs import say
+from benchmarks.machine import versions
+from benchmarks.real_clouds.runs import RealRun, place_on
+from benchmarks.real_clouds.table import on_table
+from benchmarks.record import warm_process
+from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.scenes.objects import HOUSEHOLD, OBJECT_NAMES
+from placement_planner_ros.scenes.pcd_file import read_pcd
+
+
+def add_clouds_command(commands: Any) -> None:
+    """Add `clouds`, which sets `command_function`.
+
+    Args:
+        commands: what `ArgumentParser.add_subparsers` returned.
+    """
+    clouds = commands.add_parser("clouds", help="bundled objects on the tables of real clouds")
+    clouds.add_argument("folder", type=Path, help="with PCD files, each of a table")
+    clouds.add_argument("--seconds", type=float, default=5.0, help="processor time of a run")
+    clouds.add_argument("--seed", type=int, default=0)
+    clouds.add_argument("--object", choices=OBJECT_NAMES + HOUSEHOLD, action="append")
+    clouds.add_argument("--output", type=Path, default=Path("results/clouds"))
+    clouds.set_defaults(command_function=run_clouds)
+
+
+def run_clouds(arguments: argparse.Namespace) -> int:
+    """Place each object on each cloud, and draw them; 1 where one was not placed.
+
+    Raises:
+        ParameterError: the folder holds no cloud, or one without a table.
+    """
+    from benchmarks.drawing.cloud_picture import draw_real_cloud
+
+    files = sorted(arguments.folder.glob("*.pcd"))
+    if not files:
+        raise ParameterError("folder", str(arguments.folder), "holds no .pcd files")
+    warm_process()
+    arguments.output.mkdir(parents=True, exist_ok=True)
+    every: list[RealRun] = []
+    rows = ["| cloud | object | first placement | inside it at most | a foot's nearest point |"]
+    rows.append("|---|---|---|---|---|")
+    for file in files:
+        cloud = on_table(read_pcd(file), np.random.default_rng(arguments.seed))
+        runs = []
+        for thing in arguments.object or OBJECT_NAMES + HOUSEHOLD:
+            runs.append(place_on(cloud, thing, arguments.seconds, arguments.seed))
+            rows.append(_row(file.stem, runs[-1]))
+            say(rows[-1])
+        picture = arguments.output / f"cloud_{file.stem}.png"
+        draw_real_cloud(picture, cloud, runs, file.name)
+        say(f"wrote {picture}")
+        every += runs
+    placed = sum(run.pose is not None for run in every)
+    rows += ["", f"{placed} of {len(every)} placed; of commit {versions()['commit']}."]
+    (arguments.output / "clouds.md").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    say(rows[-1])
+    return int(placed < len(every))
+
+
+def _row(cloud: str, run: RealRun) -> str:
+    if run.pose is None:
+        return f"| {cloud} | {run.thing.replace('_', ' ')} | none: {run.failure} | | |"
+    found = f"{run.seconds:.2f} s | {1e3 * run.deepest:.1f} mm | {1e3 * run.farthest:.1f} mm"
+    return f"| {cloud} | {run.thing.replace('_', ' ')} | {found} |"

@@ -1,0 +1,224 @@
+"""How often the planner's answers about an arm agree with its original triangles."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from benchmarks.robots.triangles import Boxes, TriangleRobot
+from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
+from placement_planner_ros.core.robot.arm import Arm
+from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.core.robot.moving_arm import MovingArm
+from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
+from placement_planner_ros.core.types import Array
+
+TOLERANCE = 0.002
+"""m beyond the margin from which on an answer has to be `free`: `mesh_tolerance`."""
+NEAR = 0.010
+"""m from contact, within which half of the configurations are."""
+_TIES = 1e-5
+"""m by which the judge's own distances may be off."""
+_REACH = 1.5
+"""m, no point of an arm moves further for one radian."""
+_BLOCK = 2000
+"""Configurations drawn at a time."""
+_HALVINGS = 14
+"""Of a way from a free configuration to a colliding one."""
+_SHOWN = 10
+"""Wrong answers that are kept in words."""
+_SMALL = 0.001
+"""m, half of the side of a small box within a link."""
+_TRIES = 2000
+"""Places looked at, of a small box within a component, and of boxes around an arm."""
+_AWAY = 0.25
+"""m of boxes from the inner half of an arm."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RobotFiles:
+    """What the judge reads: the URDF's text, and folders that hold the packages it names."""
+
+    urdf: str
+    package_dirs: Sequence[str | Path] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """Answers about configurations, by the judge.
+
+    Attributes:
+        configurations: asked about.
+        called_free: of these, by the planner.
+        wrongly_free: of these, nearer than the margin, or with links that meet.
+        clear: farther than margin and tolerance from everything, links from each other by the
+            tolerance.
+        clear_called_free: of these, by the planner.
+        wrong: of what was wrongly called free the first, in words.
+    """
+
+    configurations: int
+    called_free: int
+    wrongly_free: int
+    clear: int
+    clear_called_free: int
+    wrong: tuple[str, ...] = ()
+
+    @property
+    def share(self) -> float:
+        """Of what is clear, called free; 1 where nothing is clear."""
+        return self.clear_called_free / self.clear if self.clear else 1.0
+
+
+def judge_of(robot: Robot, arm: Arm, files: RobotFiles) -> TriangleRobot:
+    """The robot's triangles, with the pairs of links that the planner keeps apart."""
+    links = robot.geometry_links
+    pairs = {
+        frozenset({links[pair.first], links[pair.second]}) for pair in robot.geometry.collisionPairs
+    }
+    return TriangleRobot(files.urdf, files.package_dirs, arm.joints, pairs)
+
+
+def compare(
+    robot: Robot,
+    arm: Arm,
+    q_rest: Array,
+    files: RobotFiles,
+    obstacles: ObstacleSet,
+    count: int,
+    rng: np.random.Generator,
+    settings: CollisionSettings | None = None,
+) -> Agreement:
+    """Ask the planner and the judge about configurations, half of them within `NEAR` of contact.
+
+    Args:
+        q_rest: (nq,) where the joints are that are not the arm's.
+        count: how many.
+    """
+    settings = settings or CollisionSettings()
+    collision = ArmCollision(MovingArm(robot, arm, q_rest), None, obstacles, settings)
+    judge = judge_of(robot, arm, files)
+    margin, boxes = settings.collision_margin, Boxes(obstacles.lower, obstacles.upper)
+    called_free = wrongly_free = clear = clear_called_free = 0
+    wrong: list[str] = []
+    for begin in range(0, count, _BLOCK):
+        Q = _drawn(collision, arm, min(_BLOCK, count - begin), rng)
+        for q, free in zip(Q, collision.free_batch(Q), strict=True):
+            judge.place(_positions(robot, arm, q_rest, q))
+            called_free += bool(free)
+            # What is clear keeps the margin, too: asked first, as it spares the second question.
+            if not (
+                judge.near_itself(TOLERANCE + _TIES)
+                or judge.near_boxes(boxes, margin + TOLERANCE + _TIES)
+            ):
+                clear += 1
+                clear_called_free += bool(free)
+            elif free:
+                met = judge.near_itself(0.0) or judge.near_boxes(boxes, margin - _TIES)
+                if met:
+                    wrongly_free += 1
+                    wrong += [f"{met} at {q.tolist()}"] if len(wrong) < _SHOWN else []
+    return Agreement(count, called_free, wrongly_free, clear, clear_called_free, tuple(wrong))
+
+
+def small_boxes_inside(
+    robot: Robot,
+    arm: Arm,
+    q_rest: Array,
+    files: RobotFiles,
+    rng: np.random.Generator,
+    settings: CollisionSettings | None = None,
+) -> tuple[int, list[str]]:
+    """Put a small box deep into each closed component of the arm's links, at the arm's middle.
+
+    Returns:
+        how many were put there, and the links for which the planner called that free.
+    """
+    settings = settings or CollisionSettings()
+    judge = judge_of(robot, arm, files)
+    q = np.asarray(q_rest)[arm.q_index]
+    judge.place(_positions(robot, arm, q_rest, q))
+    depth = settings.collision_margin + TOLERANCE + 2.0 * _SMALL + _TIES
+    put, missed = 0, []
+    for i, thing in enumerate(judge.things):
+        for part in thing.components if thing.arm_joints else ():
+            low, high = part.low + depth, part.high - depth
+            if not part.closed or (low >= high).any():
+                continue
+            for point in rng.uniform(low, high, (_TRIES, 3)):
+                if part.encloses(point) and _away(thing.shape, point) > depth:
+                    at = judge.placement(i).act(point)
+                    ticks = np.linspace(-_SMALL, _SMALL, 6)
+                    points = at + np.array(np.meshgrid(*[ticks] * 3)).reshape(3, -1).T
+                    box = ObstacleSet.from_points(points, GridSettings(), (at - 0.1, at + 0.1))
+                    collision = ArmCollision(MovingArm(robot, arm, q_rest), None, box, settings)
+                    put += 1
+                    if collision.free(q):
+                        missed.append(thing.link)
+                    break
+    return put, missed
+
+
+def _away(shape: coal.CollisionGeometry, point: Array) -> float:
+    """Distance of a point (3,) from a mesh's triangles."""
+    there, here = coal.Transform3s(np.eye(3), point), coal.Transform3s.Identity()
+    request, result = coal.DistanceRequest(), coal.DistanceResult()
+    return float(coal.distance(shape, here, coal.Sphere(1e-9), there, request, result))
+
+
+def clutter(
+    robot: Robot, arm: Arm, q_rest: Array, number: int, rng: np.random.Generator
+) -> ObstacleSet:
+    """Boxes of 1 to 8 cm where the outer half of the arm comes to be, away from its inner half."""
+    data = robot.model.createData()
+    tip = robot.frame_id(arm.tip_frame)
+    ids = [robot.model.getJointId(name) for name in arm.joints]
+    inner, outer = ids[: len(ids) // 2], ids[len(ids) // 2 :]
+    points: list[Array] = []
+    for _ in range(_TRIES):
+        if len(points) == number:
+            break
+        q = q_rest.copy()
+        q[arm.q_index] = rng.uniform(arm.lower, arm.upper)
+        pin.framesForwardKinematics(robot.model, data, q)
+        places = [data.oMi[i].translation for i in outer] + [data.oMf[tip].translation]
+        at = places[rng.integers(len(places))] + rng.normal(0.0, 0.05, 3)
+        if min(np.linalg.norm(at - data.oMi[i].translation) for i in inner) < _AWAY:
+            continue
+        size = rng.uniform(0.01, 0.08, 3)
+        points.append(at + (rng.random((200, 3)) - 0.5) * size)
+    cloud = np.vstack(points)
+    bounds = cloud.min(axis=0) - 0.1, cloud.max(axis=0) + 0.1
+    return ObstacleSet.from_points(cloud, GridSettings(cell_size=0.02), bounds)
+
+
+def _positions(robot: Robot, arm: Arm, q_rest: Array, q: Array) -> dict[str, float]:
+    whole = np.array(q_rest, dtype=np.float64)
+    whole[arm.q_index] = q
+    names = zip(robot.joint_names, whole.tolist(), strict=True)
+    return {name: value for name, value in names if name not in robot.mimics}
+
+
+def _drawn(collision: ArmCollision, arm: Arm, count: int, rng: np.random.Generator) -> Array:
+    """(count, dof) configurations: half of them anywhere, half where the answer changes."""
+    anywhere = rng.uniform(arm.lower, arm.upper, (count, arm.dof))
+    free = collision.free_batch(anywhere)
+    begins, ends = anywhere[free], anywhere[~free]
+    if len(begins) == 0 or len(ends) == 0:
+        return anywhere
+    half = count // 2
+    a = begins[rng.integers(len(begins), size=half)]
+    b = ends[rng.integers(len(ends), size=half)]
+    for _ in range(_HALVINGS):
+        middle = (a + b) / 2.0
+        still = collision.free_batch(middle)[:, None]
+        a, b = np.where(still, middle, a), np.where(still, b, middle)
+    way = rng.normal(size=(half, arm.dof))
+    way *= NEAR * rng.random((half, 1)) / (_REACH * np.abs(way).sum(axis=1, keepdims=True))
+    near = np.clip(a + way, arm.lower, arm.upper)
+    return np.vstack([near, anywhere[: count - half]])

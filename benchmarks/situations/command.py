@@ -1,0 +1,125 @@
+"""`python -m benchmarks situations`: is what can be placed found, and nothing else placed?"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.jobs import run_jobs, say
+from benchmarks.json_lines import append_line, read_lines
+from benchmarks.options import add_job_options
+from benchmarks.page import between_marks, require_marks
+from benchmarks.situations.catalogue import all_situations
+from benchmarks.situations.feasible_share import (
+    SHARES_FILE,
+    measure_shares,
+    shares_table,
+)
+from benchmarks.situations.report import VERDICTS_FILE, markdown
+from benchmarks.situations.runs import (
+    OUTCOMES,
+    RUNS_FILE,
+    SOLUTIONS,
+    SituationJob,
+    describe,
+    job_key,
+    outcome,
+    run_situation,
+)
+from benchmarks.situations.situation import CLOUDS
+
+TABLE_FILE, PICTURE_FILE = "situations.md", "situations.png"
+
+
+def add_situations_command(commands: Any) -> None:
+    """Add `situations`, which sets `command_function`.
+
+    Args:
+        commands: what `ArgumentParser.add_subparsers` returned.
+    """
+    situations = commands.add_parser(
+        "situations", help="situations whose true answer is known; resumes where it was cut"
+    )
+    situations.add_argument("--situation", action="append", metavar="NAME", help="only this one")
+    situations.add_argument("--cloud", choices=CLOUDS, action="append")
+    situations.add_argument("--seeds", type=int, default=1, help="sizes drawn anew for each")
+    situations.add_argument("--first-seed", type=int, default=0)
+    situations.add_argument("--seconds", type=float, default=5.0, help="processor time of a run")
+    situations.add_argument("--enough", type=int, default=1, help="end a run after so many")
+    situations.add_argument("--page", type=Path, help="a page: replace what is between its marks")
+    situations.add_argument("--picture", type=Path, help="draw every situation into this file")
+    situations.add_argument(
+        "--shares", type=int, metavar="POSES", help="feasible shares of tables off level instead"
+    )
+    situations.add_argument("--report-only", action="store_true", help="show what is recorded")
+    add_job_options(situations, "results/situations")
+    situations.set_defaults(command_function=run_situations)
+
+
+def run_situations(arguments: argparse.Namespace) -> int:
+    """Run what is not recorded yet and write the table; 1 where something was placed that cannot
+    be.
+
+    Raises:
+        ParameterError: no such situation, or the page has no marks.
+    """
+    if arguments.page is not None:
+        require_marks(arguments.page)
+    seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
+    if arguments.picture is not None:
+        from benchmarks.drawing.gallery import draw_situations
+
+        drawn = all_situations(np.random.default_rng(seeds[0]))
+        draw_situations(arguments.picture, list(drawn.values()))
+        say(f"wrote {arguments.picture}")
+    path = arguments.output / RUNS_FILE
+    if arguments.shares is not None:
+        _measure_shares(arguments)
+    elif not arguments.report_only:
+        jobs = _jobs(arguments, seeds)
+        run_jobs(
+            run_situation,
+            jobs,
+            path,
+            job_key,
+            describe,
+            arguments.processes,
+            arguments.dask_scheduler,
+        )
+    entries = read_lines(path)
+    text = markdown(entries, read_lines(arguments.output / VERDICTS_FILE))
+    if shares := shares_table(read_lines(arguments.output / SHARES_FILE)):
+        text += f"\n## Tables off level\n\n{shares}"
+    arguments.output.mkdir(parents=True, exist_ok=True)
+    (arguments.output / TABLE_FILE).write_text(text, encoding="utf-8")
+    if arguments.page is not None:
+        between_marks(arguments.page, text)
+    say(text)
+    return int(any(outcome(entry) in OUTCOMES[2:] for entry in entries))
+
+
+def _measure_shares(arguments: argparse.Namespace) -> None:
+    path = arguments.output / SHARES_FILE
+    path.unlink(missing_ok=True)
+    for entry in measure_shares(arguments.shares, arguments.first_seed):
+        append_line(path, entry)
+
+
+def _jobs(arguments: argparse.Namespace, seeds: range) -> list[SituationJob]:
+    known = list(all_situations(np.random.default_rng(0)))
+    return [
+        SituationJob(
+            name,
+            cloud,
+            seed,
+            arguments.seconds,
+            arguments.enough,
+            arguments.output / SOLUTIONS,
+        )
+        for seed in seeds
+        for name in arguments.situation or known
+        for cloud in arguments.cloud or CLOUDS
+    ]

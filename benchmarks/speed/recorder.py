@@ -1,0 +1,260 @@
+"""What the planner really asks its checks, its kinematics and its motion planner in a run."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+from unittest import mock
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from benchmarks.cases import Case, make_problem
+from benchmarks.speed.measures import Reservoir
+from placement_planner_ros.core.collision.arm import ArmCollision
+from placement_planner_ros.core.errors import PlacementPlannerError
+from placement_planner_ros.core.grasp.holding import Holding
+from placement_planner_ros.core.plan_motion.transit import MotionPlanner
+from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
+from placement_planner_ros.core.problem import Problem
+from placement_planner_ros.core.types import Array, Goal
+
+
+@dataclass(frozen=True, slots=True)
+class RecordSettings:
+    """How long to record and how much to keep of each kind of query.
+
+    Attributes:
+        runs: runs of the case, with seeds of their own; what is kept is spread over all.
+        samples: goal samples after which a run ends.
+        seconds: after which it ends at the latest.
+    """
+
+    runs: int = 3
+    samples: int = 2000
+    seconds: float = 60.0
+    states: int = 4000
+    edges: int = 1000
+    poses: int = 600
+    goal_sets: int = 6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeldQueries:
+    """What was asked of one arm with the object in one grasp.
+
+    Attributes:
+        states: (n, dof) configurations; contact: (n,) whether the object rests on its support.
+        edges: (m, 2, dof) straight joint motions; edge_contact: (m,).
+        poses: of the object, for which configurations were sought.
+    """
+
+    holding: Holding
+    states: Array
+    contact: npt.NDArray[np.bool_]
+    edges: Array
+    edge_contact: npt.NDArray[np.bool_]
+    poses: tuple[pin.SE3, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GoalSetQuery:
+    """One question to the motion planner: from q_0 to any of these goals."""
+
+    holding: Holding
+    goals: tuple[Goal, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
+    """A random subset of one run's queries.
+
+    Attributes:
+        seen: how many of each kind the run asked.
+    """
+
+    case: Case
+    problem: Problem
+    settings: PlannerSettings
+    held: tuple[HeldQueries, ...]
+    goal_sets: tuple[GoalSetQuery, ...]
+    seen: dict[str, int]
+
+
+@dataclass(slots=True)
+class _Streams:
+    """Reservoirs that fill while the planner runs; checkers stand for their holdings."""
+
+    states: Reservoir[tuple[ArmCollision, Array, bool]]
+    edges: Reservoir[tuple[ArmCollision, Array, Array, bool]]
+    poses: Reservoir[tuple[Holding, pin.SE3]]
+    goal_sets: Reservoir[tuple[tuple[str, int], tuple[Goal, ...]]]
+    holdings: dict[int, Holding] = field(default_factory=dict)
+    goals: dict[tuple[str, int], list[Goal]] = field(default_factory=dict)
+    changed: set[tuple[str, int]] = field(default_factory=set)
+
+    def state(
+        self, checker: ArmCollision, q: Array, reserve: float = 0.0, contact: bool = False
+    ) -> None:
+        """`ArmCollision.free` and `free_batch`."""
+        for row in np.array(q, dtype=np.float64).reshape(-1, np.shape(q)[-1]):
+            self.states.offer((checker, row, contact))
+
+    def edge(
+        self,
+        checker: ArmCollision,
+        a: Array,
+        b: Array,
+        *,
+        contact: bool = False,
+        deviation: Array | None = None,
+        reserve: float = 0.0,
+    ) -> None:
+        """`ArmCollision.edge_free`; motions that may stray from the line are no plain edges."""
+        if deviation is None:
+            self.edges.offer((checker, np.array(a), np.array(b), contact))
+
+    def pose(self, holding: Holding, T_world_object: pin.SE3, *_: object, **__: object) -> None:
+        """`Holding.configurations`."""
+        self.holdings[id(holding.collision)] = holding
+        self.poses.offer((holding, T_world_object))
+
+    def added(self, _: MotionPlanner, goal: Goal) -> None:
+        """`MotionPlanner.add`."""
+        self.goals.setdefault((goal.arm, goal.grasp), []).append(goal)
+        self.changed.add((goal.arm, goal.grasp))
+
+    def retired(self, _: MotionPlanner, goal: Goal) -> None:
+        """`MotionPlanner.retire`."""
+        self._keep(lambda g: g is not goal)
+
+    def retired_up_to(self, _: MotionPlanner, bound: float) -> None:
+        """`MotionPlanner.retire_up_to`."""
+        self._keep(lambda g: g.objective > bound)
+
+    def planned(self, *_: object, **__: object) -> None:
+        """`MotionPlanner.plan`: goal sets as they stand, where goals have come."""
+        for key in sorted(self.changed):
+            if self.goals[key]:
+                self.goal_sets.offer((key, tuple(self.goals[key])))
+        self.changed.clear()
+
+    def _keep(self, wanted: Callable[[Goal], bool]) -> None:
+        for key, goals in self.goals.items():
+            self.goals[key] = [g for g in goals if wanted(g)]
+
+
+@contextmanager
+def _listening(streams: _Streams) -> Iterator[None]:
+    """Tell the streams of every call from outside; what those call in turn does not count."""
+    inside = False
+
+    def listened(kind: type, name: str, tell: Callable[..., None]) -> Any:
+        original = getattr(kind, name)
+
+        def method(self: object, *arguments: Any, **named: Any) -> Any:
+            nonlocal inside
+            tells = not inside or kind is not ArmCollision
+            if tells:
+                tell(self, *arguments, **named)
+            if kind is not ArmCollision or inside:
+                return original(self, *arguments, **named)
+            inside = True
+            try:
+                return original(self, *arguments, **named)
+            finally:
+                inside = False
+
+        return mock.patch.object(kind, name, method)
+
+    with ExitStack() as stack:
+        for kind, name, tell in (
+            (ArmCollision, "free", streams.state),
+            (ArmCollision, "free_batch", streams.state),
+            (ArmCollision, "edge_free", streams.edge),
+            (Holding, "configurations", streams.pose),
+            (MotionPlanner, "add", streams.added),
+            (MotionPlanner, "retire", streams.retired),
+            (MotionPlanner, "retire_up_to", streams.retired_up_to),
+            (MotionPlanner, "plan", streams.planned),
+        ):
+            stack.enter_context(listened(kind, name, tell))
+        yield
+
+
+def record(case: Case, first_seed: int, settings: RecordSettings) -> Recording:
+    """Run the planner on a case, several times, and keep a random subset of what it asks.
+
+    Raises:
+        PlacementPlannerError: the runs asked for no state, edge or pose.
+    """
+    problem, objective = make_problem(case, np.random.default_rng(first_seed))
+    planner_settings = PlannerSettings()
+    chooser = np.random.default_rng(first_seed)
+    streams = _Streams(
+        Reservoir(settings.states, chooser),
+        Reservoir(settings.edges, chooser),
+        Reservoir(settings.poses, chooser),
+        Reservoir(settings.goal_sets, chooser),
+    )
+    for seed in range(first_seed, first_seed + settings.runs):
+        planner = PlacementPlanner(
+            problem, objective, planner_settings, np.random.default_rng(seed)
+        )
+        started = time.monotonic()
+
+        def enough(planner: PlacementPlanner = planner, started: float = started) -> bool:
+            return (
+                planner.statistics.samples >= settings.samples
+                or time.monotonic() - started > settings.seconds
+            )
+
+        streams.goals.clear()
+        with _listening(streams):
+            for _ in planner.run(enough):
+                pass
+    return _recording(case, problem, planner_settings, streams)
+
+
+def _recording(
+    case: Case, problem: Problem, settings: PlannerSettings, streams: _Streams
+) -> Recording:
+    """One arm with one grasp is alike in all runs: its first holding stands for all."""
+    holdings: dict[tuple[str, int], Holding] = {}
+    keys: dict[int, tuple[str, int]] = {}
+    for checker, holding in streams.holdings.items():
+        keys[checker] = holding.arm.name, holding.grasp
+        holdings.setdefault(keys[checker], holding)
+    states, edges = streams.states.items, streams.edges.items
+    poses, held = streams.poses.items, []
+    for key, holding in holdings.items():
+        asked = [(q, contact) for c, q, contact in states if keys.get(id(c)) == key]
+        moves = [(a, b, contact) for c, a, b, contact in edges if keys.get(id(c)) == key]
+        dof = len(holding.q_start)
+        held.append(
+            HeldQueries(
+                holding,
+                np.array([q for q, _ in asked]).reshape(-1, dof),
+                np.array([contact for _, contact in asked], dtype=np.bool_),
+                np.array([(a, b) for a, b, _ in moves]).reshape(-1, 2, dof),
+                np.array([contact for _, _, contact in moves], dtype=np.bool_),
+                tuple(pose for h, pose in poses if (h.arm.name, h.grasp) == key),
+            )
+        )
+    seen = {
+        "states": streams.states.seen,
+        "edges": streams.edges.seen,
+        "poses": streams.poses.seen,
+        "goal_sets": streams.goal_sets.seen,
+    }
+    for name in ("states", "edges", "poses"):
+        if not sum(len(getattr(queries, name)) for queries in held):
+            raise PlacementPlannerError(
+                f"{name} of {case}", seen, "the runs asked for none: give them more samples"
+            )
+    goal_sets = tuple(GoalSetQuery(holdings[key], goals) for key, goals in streams.goal_sets.items)
+    return Recording(case, problem, settings, tuple(held), goal_sets, seen)

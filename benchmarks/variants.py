@@ -1,0 +1,53 @@
+"""What the paper's evaluation compares: the planner, its ablations and a plain baseline."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from benchmarks.baselines.rrt_connect import BaselinePlanner
+from placement_planner_ros.core.planner import (
+    SAMPLERS,
+    PlacementPlanner,
+    PlannerSettings,
+    SamplerName,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Variant:
+    """One contender. All share checks, kernels and batching; only what is named differs."""
+
+    planner: type[PlacementPlanner]
+    settings: PlannerSettings
+    description: str
+
+
+_DEFAULTS = PlannerSettings()
+
+_WORDS = {"optimistic": "optimistic search", "mcts": "tree search by UCB1 and H, as in the paper"}
+
+
+def _planner(sampler: SamplerName, local_optimization: bool) -> Variant:
+    settings = replace(_DEFAULTS, sampler=sampler, local_optimization=local_optimization)
+    words = _WORDS.get(sampler, f"{sampler} sampling")
+    how = "with" if local_optimization else "without"
+    return Variant(PlacementPlanner, settings, f"{words}, {how} local optimisation")
+
+
+VARIANTS: Mapping[str, Variant] = {
+    **{f"{sampler}+lo": _planner(sampler, True) for sampler in SAMPLERS},
+    **{sampler: _planner(sampler, False) for sampler in SAMPLERS},
+    "baseline": Variant(
+        BaselinePlanner, _DEFAULTS, "uniform samples, each planned for with stock RRTConnect"
+    ),
+    "optimistic+lo+unpruned": Variant(
+        PlacementPlanner,
+        replace(_DEFAULTS, optimistic=replace(_DEFAULTS.optimistic, prune=False)),
+        "optimistic search with local optimisation, also where provably nothing is",
+    ),
+}
+"""Name -> variant; the first is what the others are compared with."""
+
+PAPER_VARIANTS = ("optimistic+lo", "mcts+lo", "uniform+lo", "uniform", "optimistic", "baseline")
+"""Those that the presets run unless told otherwise."""

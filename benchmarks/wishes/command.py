@@ -1,0 +1,78 @@
+"""`python -m benchmarks wishes`: weighted objectives beside a dense search."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from typing import Any
+
+from benchmarks.cases import all_cases
+from benchmarks.jobs import run_jobs, say
+from benchmarks.json_lines import read_lines
+from benchmarks.options import (
+    add_case_options,
+    add_job_options,
+    wanted_cases,
+)
+from benchmarks.wishes.comparison import (
+    WishesJob,
+    describe_wishes,
+    run_wishes,
+)
+from benchmarks.wishes.mixtures import MIXTURES
+from benchmarks.wishes.report import markdown
+from benchmarks.yardstick.placement_grid import GridResolution
+
+RUNS_FILE = "wishes.jsonl"
+
+
+def add_wishes_command(commands: Any) -> None:
+    """Add `wishes`, which sets `command_function`.
+
+    Args:
+        commands: what `ArgumentParser.add_subparsers` returned.
+    """
+    parser = commands.add_parser(
+        "wishes", help="weighted objectives, beside the best of a dense search; resumes"
+    )
+    parser.add_argument("--mixture", choices=tuple(MIXTURES), action="append")
+    parser.add_argument("--seeds", type=int, default=1, help="runs of each")
+    parser.add_argument("--seconds", type=float, default=10.0, help="processor time of a run")
+    parser.add_argument(
+        "--dense-seconds", type=float, default=60.0, help="for reaching the grid's best poses"
+    )
+    parser.add_argument("--step", type=float, default=10.0, help="of the grid's positions, mm")
+    parser.add_argument("--turn", type=float, default=5.0, help="of the grid's angles, degrees")
+    add_case_options(parser)
+    add_job_options(parser, "results/wishes")
+    parser.set_defaults(command_function=run_wishes_command)
+
+
+def run_wishes_command(arguments: argparse.Namespace) -> int:
+    """1 where a run failed."""
+    path = arguments.output / RUNS_FILE
+    resolution = GridResolution(arguments.step / 1000.0, math.radians(arguments.turn))
+    jobs = [
+        WishesJob(
+            case,
+            mixture,
+            tuple(range(arguments.seeds)),
+            arguments.seconds,
+            arguments.dense_seconds,
+            resolution,
+        )
+        for case in wanted_cases(all_cases(), arguments)
+        for mixture in arguments.mixture or MIXTURES
+    ]
+    run_jobs(
+        run_wishes,
+        jobs,
+        path,
+        lambda entry: str(entry["key"]),
+        describe_wishes,
+        arguments.processes,
+        arguments.dask_scheduler,
+    )
+    entries = read_lines(path)
+    say(markdown(entries))
+    return int(any(entry["failure"] for entry in entries))

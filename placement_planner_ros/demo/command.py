@@ -1,0 +1,258 @@
+"""`placement_demo`: the main job from end to end, with nothing prepared.
+
+Starts the real node as its own process, publishes a bundled scene as a camera and a robot would,
+asks for a placement, prints each improvement, and draws what came of it. Everything happens in
+a namespace of its own and on this machine only, so that no real robot hears of it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+import threading
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from placement_planner_ros.client import PlacementClient
+from placement_planner_ros.demo.by_hand import by_hand
+from placement_planner_ros.demo.errors import DemoError
+from placement_planner_ros.demo.node_process import NodeProcess, node_arguments
+from placement_planner_ros.demo.results import (
+    require_folder,
+    require_physics,
+    write_results,
+)
+from placement_planner_ros.demo.search import search, wait_until_ready
+from placement_planner_ros.demo.setting import TOUR, Setting, bundled, of_file
+from placement_planner_ros.demo.view_process import page_served, wait_until_interrupted
+from placement_planner_ros.progress import ProgressLine
+from placement_planner_ros.ros.process import begin_ros
+from placement_planner_ros.ros.spinning import spin_until
+from placement_planner_ros.ros.tools.scene_publisher import ScenePublisher
+from placement_planner_ros.scenes.objects import ALL_OBJECTS
+from placement_planner_ros.scenes.scenes import SCENE_NAMES
+
+_INTERRUPTED = 130
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point; 0 where a placement was found and drawn."""
+    options = _options(arguments)
+    signal.signal(signal.SIGTERM, _interrupt)
+    line = ProgressLine(pause=5.0)
+    try:
+        _demonstrate(options, line)
+    except DemoError as error:
+        line.end()
+        print(f"placement_demo: {error}", file=sys.stderr, flush=True)
+        return 1
+    except KeyboardInterrupt:
+        line.end()
+        print("placement_demo: interrupted; the node is stopped", file=sys.stderr, flush=True)
+        return _INTERRUPTED
+    except Exception:  # whatever it is, with all there is to say
+        line.end()
+        traceback.print_exc()
+        print(
+            "placement_demo: this should not happen; please report it with the lines above and "
+            f"{options.output / 'node.log'}",
+            file=sys.stderr,
+            flush=True,
+        )
+        return 1
+    finally:
+        rclpy.try_shutdown()
+    return 0
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    raise KeyboardInterrupt
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="placement_demo", description=__doc__)
+    parser.add_argument(
+        "--scene", choices=SCENE_NAMES, help="table; with --tour cabinet_low_clutter"
+    )
+    parser.add_argument(
+        "--tour",
+        action="store_true",
+        help="put four objects down one after the other, carried out by physics: each is confirmed "
+        "from where it really stands, and the next is put into the hand at the start; wants mujoco",
+    )
+    parser.add_argument(
+        "--params-file",
+        type=Path,
+        metavar="FILE",
+        help="parameters of your own: another robot with its object, at a table of things "
+        "(config/robots has some), or another object for the bundled robot, at --scene",
+    )
+    parser.add_argument("--object", choices=ALL_OBJECTS, help="wine_glass; --tour has its own")
+    parser.add_argument("--objective", default="maximize_clearance")
+    parser.add_argument(
+        "--seconds",
+        type=float,
+        help="time to search on after the first placement: 20; with --tour 5 for each object",
+    )
+    parser.add_argument("--seed", type=int, default=-1, help="of the search; -1: another each time")
+    parser.add_argument("--output", type=Path, default=Path("demo_output"), help="folder")
+    parser.add_argument(
+        "--view",
+        action="store_true",
+        help="serve a page that shows the search, to be opened in a browser, until Ctrl-C",
+    )
+    return parser
+
+
+def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    if options.tour and (options.params_file or options.object):
+        parser.error("--tour has objects of its own: leave out --params-file and --object")
+    usual = ("table", "wine_glass", 20.0)
+    if options.tour:
+        usual = ("cabinet_low_clutter", TOUR[0], 5.0)
+    for name, value in zip(("scene", "object", "seconds"), usual, strict=True):
+        if getattr(options, name) is None:
+            setattr(options, name, value)
+    return options
+
+
+def _demonstrate(options: argparse.Namespace, line: ProgressLine) -> None:
+    require_folder(options.output)
+    if options.tour:
+        require_physics()
+    line.show("  reading robot and object")
+    chosen = options.params_file
+    setting = (
+        bundled(options.scene, options.object) if chosen is None else of_file(chosen, options.scene)
+    )
+    own = {**setting.parameters, "objective": options.objective, "seed": options.seed}
+    arguments = node_arguments(setting.file, own)
+    namespace = f"/placement_demo_{os.getpid()}"
+    _begin(namespace)
+    told = ", ".join(f"{name} {value}" for name, value in own.items())
+    line.say(f"{setting.title}: {told}")
+    log = options.output / "node.log"
+    carry_through = _tour if options.tour else _single
+    with ExitStack() as running:
+        node = running.enter_context(NodeProcess(namespace, arguments, log))
+        publishing = running.enter_context(published(setting))
+        address = ""
+        if options.view:
+            address = running.enter_context(page_served(namespace, options.output / "view.log"))
+            line.say(f"look at it in a browser: {address}")
+
+        def check() -> None:
+            node.require_alive()
+            if not publishing.thread.is_alive():
+                raise DemoError("the scene is published no more", "the lines above say why")
+
+        with PlacementClient(planner=f"{namespace}/placement_planner") as planner:
+            line.say("the node gets ready; the first time after installation that takes a while")
+            wait_until_ready(planner, check, line)
+            draw = carry_through(options, setting, planner, publishing.node, check, line)
+        if not address:
+            running.close()
+        written = draw()
+        print("look at:")
+        for path, words in [*written, (log, "what the node said")]:
+            print(f"  {path}   {words}")
+        if setting.scene_arguments and not options.tour:
+            print(
+                "the same by hand, in three terminals; docs/jazzy.md has it in ROS's own commands:"
+            )
+            print("\n".join(f"  {each}" for each in by_hand(setting, arguments)), flush=True)
+        if address:
+            print(f"the page is there until Ctrl-C: {address}", flush=True)
+            wait_until_interrupted()
+
+
+def _single(
+    options: argparse.Namespace,
+    setting: Setting,
+    planner: PlacementClient,
+    scene: Node,
+    check: Callable[[], None],
+    line: ProgressLine,
+) -> Callable[[], list[tuple[Path, str]]]:
+    """One placement; what draws it."""
+    found = search(planner, options.seconds, check, line)
+    return lambda: write_results(options.output, setting, found, options.objective, line)
+
+
+def _tour(
+    options: argparse.Namespace,
+    setting: Setting,
+    planner: PlacementClient,
+    scene: Node,
+    check: Callable[[], None],
+    line: ProgressLine,
+) -> Callable[[], list[tuple[Path, str]]]:
+    """Several, carried out; what draws them."""
+    # Imported only where it is asked for, as mujoco need not be installed.
+    from placement_planner_ros.demo.tour import Tour
+    from placement_planner_ros.demo.tour_results import write_tour
+
+    assert isinstance(scene, ScenePublisher)
+    name = f"{scene.get_namespace()}/placement_planner"
+    tour = Tour(setting, planner, name, scene, options.seconds, check, line)
+    for number, thing in enumerate(TOUR, 1):
+        line.say(f"{number} of {len(TOUR)}: the robot is back at its start with {thing} in hand")
+        line.say(f"  {tour.put_down(thing).words}")
+    return lambda: write_tour(options.output, tour, line)
+
+
+def _begin(namespace: str) -> None:
+    """Initialise ROS, on this machine only.
+
+    Raises:
+        DemoError: it cannot be.
+    """
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    arguments = ["--ros-args", "-r", f"__ns:={namespace}", "--log-level", "warn"]
+    try:
+        begin_ros(arguments)
+    except Exception as error:  # rclpy's own kinds, none of which is public
+        raise DemoError(
+            f"ROS does not start: {error}",
+            "unset RMW_IMPLEMENTATION and ROS_DOMAIN_ID, or give values that fit this installation",
+        ) from error
+
+
+@dataclass(frozen=True, slots=True)
+class _Publishing:
+    node: Node
+    thread: threading.Thread
+
+
+@contextmanager
+def published(setting: Setting) -> Iterator[_Publishing]:
+    """The scene on its topics meanwhile, by a thread."""
+    scene = setting.publisher()
+    executor, asked = SingleThreadedExecutor(), threading.Event()
+    executor.add_node(scene)
+    thread = threading.Thread(target=spin_until, args=(executor, asked), name="scene")
+    thread.start()
+    try:
+        yield _Publishing(scene, thread)
+    finally:
+        # In this order: a node that goes while the executor still waits on it is an error.
+        asked.set()
+        thread.join()
+        executor.shutdown()
+        scene.destroy_node()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

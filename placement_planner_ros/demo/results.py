@@ -1,0 +1,126 @@
+"""What the demonstration leaves: a picture before and after, an animation, a plot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+from geometry_msgs.msg import Pose
+from trajectory_msgs.msg import JointTrajectory
+
+from placement_planner_ros.client import Solution
+from placement_planner_ros.demo.errors import DemoError
+from placement_planner_ros.demo.search import Found
+from placement_planner_ros.demo.setting import Setting
+from placement_planner_ros.joint_curve import JointCurve
+from placement_planner_ros.pictures.animation import (
+    draw_animation,
+    draw_before_and_after,
+)
+from placement_planner_ros.pictures.motion import Motion
+from placement_planner_ros.pictures.picture import draw_objective
+from placement_planner_ros.pictures.stage_set import StageSet
+from placement_planner_ros.progress import ProgressLine
+
+
+def require_folder(folder: Path) -> None:
+    """Make the folder and find out at once that nothing can be written there.
+
+    Raises:
+        DemoError: it cannot.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe = folder / ".probe"
+        probe.write_bytes(bytes(5_000_000))
+        probe.unlink()
+    except OSError as error:
+        raise unwritten(folder, error) from error
+
+
+def require_physics() -> None:
+    """Find out at once that a tour lacks something.
+
+    Raises:
+        DemoError: mujoco is not installed.
+    """
+    if find_spec("mujoco") is None:
+        raise DemoError(
+            "a tour is carried out by mujoco, which is not installed",
+            "pip install 'placement_planner_ros[tour]'",
+        )
+
+
+def write_results(
+    folder: Path, setting: Setting, found: Found, objective: str, line: ProgressLine
+) -> list[tuple[Path, str]]:
+    """Draw the best placement; each file with what it shows.
+
+    Raises:
+        DemoError: a file cannot be written.
+    """
+    best = found.improvements[-1]
+    placement, motion, plot = (
+        folder / name for name in ("placement.png", "motion.gif", "objective.png")
+    )
+    try:
+        line.show("  drawing the picture", always=True)
+        shown = StageSet(_motion(setting, best), setting.scene, setting.vertices, setting.triangles)
+        draw_before_and_after(
+            placement, shown, f"{setting.title}: {objective} {best.objective:.4f}"
+        )
+        line.show("  drawing the animation", always=True)
+        draw_animation(motion, shown)
+        draw_objective(
+            plot,
+            setting.title,
+            [(solution.search_time, solution.objective) for solution in found.improvements],
+            end=max(found.seconds, best.search_time),
+            title=objective,
+        )
+    except OSError as error:
+        raise unwritten(folder, error) from error
+    line.clear()
+    return [
+        (placement, "before and after, with the way of the object"),
+        (motion, "the whole motion, release and retreat included"),
+        (plot, "how the objective rose"),
+    ]
+
+
+def unwritten(folder: Path, error: OSError) -> DemoError:
+    """What to say of a file that cannot be written."""
+    return DemoError(
+        f"nothing can be written to {folder}: {error.strerror or error}",
+        "make room on the disk, or name another folder with --output",
+    )
+
+
+def _motion(setting: Setting, best: Solution) -> Motion:
+    arm = setting.arm(best.arm)
+    retreat = best.retreat_trajectory
+    return Motion(
+        setting.robot,
+        arm,
+        setting.q_start,
+        arm.grasps[best.grasp],
+        _pose(best.pose.pose),
+        _curve(best.trajectory),
+        best.approach_start,
+        _curve(retreat) if retreat is not None else None,
+    )
+
+
+def _curve(message: JointTrajectory) -> JointCurve:
+    points: Sequence = message.points
+    times = [point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec for point in points]
+    positions = np.array([point.positions for point in points])
+    return JointCurve(tuple(message.joint_names), np.array(times), positions)
+
+
+def _pose(message: Pose) -> pin.SE3:
+    p, r = message.position, message.orientation
+    return pin.XYZQUATToSE3(np.array([p.x, p.y, p.z, r.x, r.y, r.z, r.w]))

@@ -1,0 +1,148 @@
+"""What the demonstration is about: scene, robot, object, and what the node is told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from placement_planner_ros.core.robot.model import Arm, Robot
+from placement_planner_ros.core.types import Array, TargetVolume
+from placement_planner_ros.demo.errors import DemoError
+from placement_planner_ros.demo.things_publisher import ThingsPublisher
+from placement_planner_ros.ros.tools.robot_check.assumed_start import holding
+from placement_planner_ros.ros.tools.robot_check.findings import Findings
+from placement_planner_ros.ros.tools.robot_check.given import read_given, start_in
+from placement_planner_ros.ros.tools.robot_check.subject import read_subject
+from placement_planner_ros.ros.tools.scene_publisher import ScenePublisher
+from placement_planner_ros.scenes.objects import object_by_name
+from placement_planner_ros.scenes.scenes import Scene, scene_by_name
+from placement_planner_ros.scenes.table_of_things import table_of_things
+from placement_planner_ros.scenes.yumi import (
+    START_CONFIGURATION,
+    load_yumi,
+    start_configuration,
+    yumi_arm,
+)
+from placement_planner_ros.share import share_path
+
+TOUR = ("large_crayons_box", "small_crayons_box", "toy_table", "wine_glass")
+"""What a tour puts down, one after the other."""
+_TABLE_TOP = (0.17, -0.40, -0.05, 0.66, 0.40, 0.02)
+"""Corners, m: on the bundled table and on nothing that stands there, which is higher."""
+_FROM_EDGES = 0.08
+"""m that an object keeps from the table's edges."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Setting:
+    """One demonstration.
+
+    Attributes:
+        title: of pictures and lines.
+        scene: with V as the node is told.
+        publisher: makes the node that publishes the scene and the robot's joint states.
+        q_start: (nq,) where the robot stands.
+        arm: by name.
+        vertices, triangles: (n, 3) and (t, 3) of the object.
+        file: of parameters, for the node.
+        parameters: for the node, besides.
+        scene_arguments: with which placement_scene publishes the same; empty where it cannot.
+    """
+
+    title: str
+    scene: Scene
+    publisher: Callable[[], Node]
+    robot: Robot
+    q_start: Array
+    arm: Callable[[str], Arm]
+    vertices: Array
+    triangles: npt.NDArray[np.int64]
+    file: Path
+    parameters: Mapping[str, object]
+    scene_arguments: str
+
+
+def bundled(scene_name: str, object_name: str) -> Setting:
+    """The bundled robot at a bundled scene.
+
+    On the table the object shall stand on the table itself, away from its edges; in the cabinets
+    anywhere in the paper's V.
+    """
+    held, robot, scene = object_by_name(object_name), load_yumi(), scene_by_name(scene_name)
+    parameters = _told(scene)
+    corners = np.array(parameters["target_volume"])
+    scene = replace(scene, volume=TargetVolume(corners[:3], corners[3:]))
+
+    def publisher() -> Node:
+        given = {"name": scene_name, "object": object_name}
+        return ScenePublisher([Parameter(name, value=value) for name, value in given.items()])
+
+    return Setting(
+        f"{scene_name}, {object_name}",
+        scene,
+        publisher,
+        robot,
+        robot.configuration(start_configuration(object_name)),
+        lambda name: yumi_arm(robot, name, held.grasps[name]),
+        held.vertices,
+        held.triangles,
+        share_path("config", f"{object_name}.yaml"),
+        parameters,
+        f"--ros-args -p name:={scene_name} -p object:={object_name}",
+    )
+
+
+def _told(scene: Scene) -> dict[str, object]:
+    """What the node is told of a bundled scene."""
+    if scene.name == "table":
+        return {"edge_margin": _FROM_EDGES, "target_volume": list(_TABLE_TOP)}
+    return {"target_volume": [*scene.volume.lower.tolist(), *scene.volume.upper.tolist()]}
+
+
+def of_file(file: Path, scene_name: str) -> Setting:
+    """The robot and the object of a parameter file, at a table of things.
+
+    Where the file names no robot it is the bundled one at a bundled scene, and what is told of that
+    counts unless the file says otherwise.
+
+    Raises:
+        DemoError: something is wrong with them.
+    """
+    findings = Findings()
+    given, parameters, start = read_given(file, {}, findings), dict[str, object](), start_in(file)
+    scene: Scene | None = None
+    if "robot_description" not in given.names and not findings.faults:
+        scene = scene_by_name(scene_name)
+        told = _told(scene)
+        parameters = {name: told[name] for name in told if name not in given.names}
+        given = read_given(file, parameters, findings)
+        start = {**START_CONFIGURATION, **(start or {})}
+    subject = None if findings.faults else read_subject(given, None, findings, start)
+    if findings.faults or subject is None or subject.body is None:
+        faults = "; ".join(findings.faults) or "it names no object"
+        raise DemoError(f"{file}: {faults}", f"placement_check_robot --params-file {file}")
+    body, subject = subject.body, holding(subject, findings)
+    volume = subject.parameters.volume
+    shown = table_of_things(volume) if scene is None else replace(scene, volume=volume)
+    arms = {arm.name: arm for arm in subject.arms}
+    hull = trimesh.convex.convex_hull(body.vertices)
+    return Setting(
+        f"{subject.robot.name}, {shown.name.replace('_', ' ')}, {file.name}",
+        shown,
+        lambda: ThingsPublisher(shown, subject),
+        subject.robot,
+        subject.q,
+        arms.__getitem__,
+        np.asarray(hull.vertices),
+        np.asarray(hull.faces, dtype=np.int64),
+        file,
+        parameters,
+        "",
+    )

@@ -1,0 +1,286 @@
+"""Pictures for people: a placement in its scene, and the objective over time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import coal
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+import trimesh
+from matplotlib.axes import Axes
+from matplotlib.patches import Patch
+from scipy.spatial import ConvexHull
+
+from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.core.types import Array, TargetVolume
+from placement_planner_ros.pictures.plots import DPI, new_figure
+from placement_planner_ros.pictures.rendering import (
+    Image,
+    Mesh,
+    View,
+    render,
+)
+from placement_planner_ros.scenes.primitives import Colour
+from placement_planner_ros.scenes.scenes import Scene
+
+Triangles = npt.NDArray[np.int64]
+
+PLACED: Colour = (0.15, 0.70, 0.25)
+START: Colour = (0.55, 0.55, 0.60)
+LINK: Colour = (0.88, 0.88, 0.90)
+HAND: Colour = (0.35, 0.36, 0.42)
+VOLUME: Colour = (0.85, 0.15, 0.55)
+_TOWARDS_EYE = (-2.3, 0.62)
+"""Azimuth and elevation, rad: over the robot's right shoulder."""
+SEE_THROUGH = 0.28
+CLOSE_BY = 0.3
+PLATE = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "boxstyle": "round"}
+OVERSAMPLING = 2
+_SIZE = (10.0, 7.5)
+
+
+def draw_placement(
+    path: str | Path,
+    *,
+    robot: Robot,
+    q: Array,
+    body_vertices: Array,
+    body_triangles: Triangles,
+    T_world_object: pin.SE3,
+    scene: Scene,
+    T_world_start: pin.SE3 | None = None,
+    hand_links: Sequence[str] = (),
+    title: str = "",
+) -> None:
+    """Write a PNG: the scene, V, and the robot that has just put the object down.
+
+    The view is over the robot's right shoulder. Whatever part of scene or robot stands between the
+    eye and the object is see-through.
+
+    Args:
+        q: (nq,) final configuration.
+        body_vertices, body_triangles: (n, 3) and (t, 3), the object in its own frame.
+        T_world_start: where the object was at first, drawn as a ghost.
+        hand_links: links in the darker colour, such as an arm's touch links.
+    """
+    placed = moved(body_vertices, T_world_object)
+    links = robot_meshes(robot, q, hand_links)
+    width, height = (int(side * DPI * OVERSAMPLING) for side in _SIZE)
+    view = View.around(_shown(placed, scene.volume, links), *_TOWARDS_EYE, width, height)
+    solids = [Mesh(part.vertices, part.triangles, part.colour) for part in scene.parts] + links
+    meshes = [Mesh(placed, body_triangles, PLACED)]
+    for mesh, hides in zip(solids, hiding(view, placed, solids), strict=True):
+        meshes.append(replace(mesh, alpha=SEE_THROUGH) if hides else mesh)
+    if T_world_start is not None:
+        meshes.append(Mesh(moved(body_vertices, T_world_start), body_triangles, START, 0.5))
+    image = render(view, meshes)
+
+    figure = new_figure(*_SIZE, constrained=False)
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.imshow(averaged(image.colours), extent=(0, width, height, 0), interpolation="nearest")
+    axes.set_axis_off()
+    draw_volume(axes, view, image, scene.volume)
+    draw_frame(axes, view)
+    size = " × ".join(f"{side:.2f}" for side in scene.volume.upper - scene.volume.lower)
+    entries = [
+        Patch(color=PLACED, label="placed object"),
+        Patch(color=VOLUME, label=f"target volume, {size} m"),
+    ]
+    if T_world_start is not None:
+        entries.append(Patch(color=START, alpha=0.5, label="object at the start"))
+    axes.legend(handles=entries, loc="upper right", fontsize=10, framealpha=0.9)
+    if title:
+        axes.text(0.02, 0.97, title, transform=axes.transAxes, va="top", fontsize=13, bbox=PLATE)
+    axes.set_xlim(0, width)
+    axes.set_ylim(height, 0)
+    figure.savefig(path)
+
+
+def draw_objective(
+    path: str | Path, name: str, steps: Sequence[tuple[float, float]], *, end: float, title: str
+) -> None:
+    """Write a PNG: the best objective over time as steps.
+
+    Args:
+        name: of the run.
+        steps: (seconds since start, objective) of every improvement, in order.
+        end: seconds at which the run ended; the steps are drawn up to there.
+    """
+    figure = new_figure(8.0, 4.5)
+    axes = figure.add_subplot()
+    axes.plot([], [], label=name if steps else f"{name} (no solution)")
+    if steps:
+        times, values = zip(*steps, strict=True)
+        axes.step([*times, end], [*values, values[-1]], where="post", color="C0")
+        axes.plot(times, values, "o", color="C0", markersize=5)
+        for text, at, offset, align in (
+            (f"first after {times[0]:.2f} s", (times[0], values[0]), (8, -4), ("left", "top")),
+            (f"{values[-1]:.3f}", (end, values[-1]), (-4, 5), ("right", "baseline")),
+        ):
+            axes.annotate(
+                text,
+                at,
+                textcoords="offset points",
+                xytext=offset,
+                ha=align[0],
+                va=align[1],
+                fontsize=9,
+            )
+    axes.set_xlim(0.0, end)
+    axes.margins(y=0.12)
+    axes.set_xlabel("time since start [s]")
+    axes.set_ylabel("objective ξ [m]")
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=9)
+    axes.set_title(title)
+    figure.savefig(path)
+
+
+def moved(vertices: Array, T: pin.SE3) -> Array:
+    """Vertices (n, 3) at T."""
+    return np.asarray(np.asarray(vertices) @ T.rotation.T + T.translation)
+
+
+def box_corners(lower: Array, upper: Array) -> Array:
+    """(8, 3): bit k of the row says whether coordinate k is the upper one."""
+    is_upper = (np.arange(8)[:, None] >> np.arange(3)) & 1
+    return np.where(is_upper == 1, upper, lower)
+
+
+def _shown(placed: Array, volume: TargetVolume, links: Sequence[Mesh]) -> Array:
+    """(n, 3) points the picture has to hold: the object, V, and the robot's part close by."""
+    points = np.vstack([placed, box_corners(volume.lower, volume.upper)])
+    low, high = points.min(axis=0) - CLOSE_BY, points.max(axis=0) + CLOSE_BY
+    robot = np.vstack([mesh.vertices for mesh in links])
+    near = ((robot > low) & (robot < high)).all(axis=1)
+    return np.vstack([points, robot[near]])
+
+
+def averaged(colours: Array) -> Array:
+    """Every `OVERSAMPLING` squared pixels as one, which smooths edges."""
+    n = OVERSAMPLING
+    parts = [colours[row::n, column::n] for row in range(n) for column in range(n)]
+    return np.asarray(sum(parts[1:], parts[0]) / n**2)
+
+
+class RobotShapes:
+    """The collision shapes of a robot as meshes, made once for many configurations.
+
+    Args:
+        hand_links: links in the darker colour, such as an arm's touch links.
+    """
+
+    def __init__(self, robot: Robot, hand_links: Sequence[str] = ()) -> None:
+        self._robot = robot
+        self._shapes = [
+            (*_shape_mesh(thing.geometry), HAND if link in hand_links else LINK)
+            for thing, link in zip(
+                robot.geometry.geometryObjects, robot.geometry_links, strict=True
+            )
+        ]
+
+    def at(self, q: Array) -> list[Mesh]:
+        """Each shape at q (nq,)."""
+        poses = self._robot.geometry_poses(q)
+        return [
+            Mesh(moved(vertices, T), triangles, colour)
+            for (vertices, triangles, colour), T in zip(self._shapes, poses, strict=True)
+        ]
+
+
+def robot_meshes(robot: Robot, q: Array, hand_links: Sequence[str]) -> list[Mesh]:
+    """Each collision shape at q (nq,), `hand_links` in the darker colour."""
+    return RobotShapes(robot, hand_links).at(q)
+
+
+def _shape_mesh(shape: coal.CollisionGeometry) -> tuple[Array, Triangles]:
+    """Vertices (n, 3) and triangles (t, 3) of a collision mesh in its own frame."""
+    if isinstance(shape, coal.BVHModelBase):
+        vertices = np.array(shape.vertices())
+        indices = [[shape.tri_indices(i)[k] for k in range(3)] for i in range(shape.num_tris)]
+        return vertices, np.array(indices, dtype=np.int64)
+    if isinstance(shape, coal.ConvexBase):
+        vertices = np.array(shape.points())
+        return vertices, ConvexHull(vertices).simplices.astype(np.int64)
+    primitive = _primitive(shape)
+    if primitive is not None:
+        return np.array(primitive.vertices), np.array(primitive.faces, dtype=np.int64)
+    raise TypeError(f"cannot draw a {type(shape).__name__}")
+
+
+def _primitive(shape: coal.CollisionGeometry) -> trimesh.Trimesh | None:
+    if isinstance(shape, coal.Box):
+        return trimesh.creation.box(2.0 * shape.halfSide)
+    if isinstance(shape, coal.Sphere):
+        return trimesh.creation.icosphere(subdivisions=2, radius=shape.radius)
+    if isinstance(shape, coal.Cylinder):
+        return trimesh.creation.cylinder(shape.radius, 2.0 * shape.halfLength)
+    if isinstance(shape, coal.Capsule):
+        made = trimesh.creation.capsule(2.0 * shape.halfLength, shape.radius)
+        made.apply_translation(-made.bounds.mean(axis=0))
+        return made
+    return None
+
+
+def hiding(view: View, placed: Array, solids: Sequence[Mesh]) -> list[bool]:
+    """Which solids (their hulls) stand between the eye and the object's corners or centre."""
+    targets = np.vstack([placed, placed.mean(axis=0)])
+    targets = targets[:: max(1, len(targets) // 40)]
+    shares = np.linspace(0.3, 0.98, 120)[:, None, None]
+    along = (view.eye + shares * (targets - view.eye)).reshape(-1, 3)
+    result = []
+    for solid in solids:
+        faces = ConvexHull(solid.vertices).equations
+        depth = -(along @ faces[:, :3].T + faces[:, 3]).max(axis=1)
+        inside = depth.reshape(len(shares), -1) > 1e-3
+        result.append(bool(inside.any(axis=0).mean() > 0.1))
+    return result
+
+
+def draw_volume(axes: Axes, view: View, image: Image, volume: TargetVolume) -> None:
+    """The edges of V's boxes: solid where seen, dotted where something is in front."""
+    for box in volume.joined:
+        _draw_box(axes, view, image, box_corners(*box))
+
+
+def _draw_box(axes: Axes, view: View, image: Image, corners: Array) -> None:
+    for i in range(8):
+        for axis in range(3):
+            if not i >> axis & 1:
+                ends = corners[[i, i | 1 << axis]]
+                steps = np.linspace(0, 1, 200)[:, None]
+                line = view.project(ends[0] + steps * (ends[1] - ends[0]))
+                seen = _seen(image, line)
+                for mask, style, thick, alpha in ((seen, "-", 1.4, 1.0), (~seen, ":", 1.0, 0.6)):
+                    u, v = np.where(mask[:, None], line[:, :2], np.nan).T
+                    axes.plot(u, v, style, color=VOLUME, linewidth=thick, alpha=alpha)
+
+
+def _seen(image: Image, line: Array) -> npt.NDArray[np.bool_]:
+    height, width = image.depth.shape
+    u = np.clip(line[:, 0].astype(int), 0, width - 1)
+    v = np.clip(line[:, 1].astype(int), 0, height - 1)
+    return np.asarray(line[:, 2] < image.depth[v, u] + 2e-3)
+
+
+def draw_frame(axes: Axes, view: View) -> None:
+    """The world's directions, 10 cm long, in the lower left corner."""
+    depth = float(np.linalg.norm(view.eye)) or 1.0
+    pixels = np.array([0.09 * view.width, 0.88 * view.height])
+    ray = np.append((pixels - (view.width / 2, view.height / 2)) / view.focal_length, 1.0)
+    origin = view.eye + view.rotation.T @ (ray * depth)
+    for axis, (name, colour) in enumerate(
+        zip("xyz", ("#d62728", "#2ca02c", "#1f77b4"), strict=True)
+    ):
+        tip = origin + 0.1 * np.eye(3)[axis]
+        ends = view.project(np.vstack([origin, tip]))[:, :2]
+        arrow = {"arrowstyle": "->", "color": colour, "linewidth": 2.0, "shrinkA": 0}
+        axes.annotate("", ends[1], ends[0], arrowprops=arrow)
+        u, v = ends[0] + 1.25 * (ends[1] - ends[0])
+        axes.text(float(u), float(v), name, color=colour, fontsize=11, ha="center", va="center")
+    below = float(pixels[1] + 0.05 * view.height)
+    axes.text(float(pixels[0]), below, "arrows: 10 cm", fontsize=9, ha="center", bbox=PLATE)

@@ -1,0 +1,151 @@
+"""What a motion is shown with: the scene, the object, and a view in which little hides it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from placement_planner_ros.core.types import Array, TargetVolume
+from placement_planner_ros.pictures.motion import Moment, Motion
+from placement_planner_ros.pictures.picture import (
+    OVERSAMPLING,
+    PLACED,
+    SEE_THROUGH,
+    VOLUME,
+    RobotShapes,
+    Triangles,
+    box_corners,
+    hiding,
+    moved,
+)
+from placement_planner_ros.pictures.rendering import Image, Mesh, View, joined, render
+from placement_planner_ros.pictures.viewpoint import best_direction, seen_share
+from placement_planner_ros.scenes.primitives import Colour
+from placement_planner_ros.scenes.scenes import Scene
+
+WIDTH, HEIGHT = 720, 540
+"""Pixels of a picture once it is averaged."""
+PATH: Colour = (0.95, 0.55, 0.05)
+_PATH_RADIUS, _EDGE_RADIUS = 0.003, 0.0015
+"""m, of the tubes that the path and the edges of V are drawn as."""
+_NEAR = 0.12
+"""m around V and the object's path within which the scene and the robot have to be seen."""
+
+
+class StageSet:
+    """A scene with a robot and an object in motion, ready to be drawn at any moment.
+
+    Args:
+        body_vertices, body_triangles: (n, 3) and (t, 3), the object in its own frame.
+    """
+
+    def __init__(
+        self,
+        motion: Motion,
+        scene: Scene,
+        body_vertices: Array,
+        body_triangles: Triangles,
+    ) -> None:
+        self.motion = motion
+        self._body = body_vertices, body_triangles
+        self._robot = RobotShapes(motion.robot, motion.arm.touch_links)
+        self._things = [Mesh(part.vertices, part.triangles, part.colour) for part in scene.parts]
+        first, last = motion.at(0.0), motion.at(motion.duration)
+        shown = self._shown(motion, scene.volume)
+        moments = [last, last, first, *(motion.at(s * motion.duration) for s in (0.4, 0.7))]
+        self.view = self._best_view(shown, moments)
+        placed = moved(body_vertices, last.T_world_object)
+        self._things = self._seen_through(placed, self._things)
+        links = self._seen_through(placed, self._robot.at(last.q))
+        self._link_alphas = [mesh.alpha for mesh in links]
+        solid = [mesh for mesh in self._things if mesh.alpha == 1.0]
+        marks = [tube(motion.path(), _PATH_RADIUS, PATH), *volume_edges(scene.volume)]
+        self._behind = render(self.view, joined([*solid, *marks]))
+
+    def draw(self, moment: Moment) -> Image:
+        """The picture of that moment."""
+        links = [
+            replace(mesh, alpha=alpha)
+            for mesh, alpha in zip(self._robot.at(moment.q), self._link_alphas, strict=True)
+        ]
+        glass = [mesh for mesh in self._things if mesh.alpha < 1.0]
+        return render(self.view, [*joined(links), self._thing(moment), *glass], self._behind)
+
+    def _thing(self, moment: Moment) -> Mesh:
+        return Mesh(moved(self._body[0], moment.T_world_object), self._body[1], PLACED)
+
+    def _seen_through(self, placed: Array, meshes: Sequence[Mesh]) -> list[Mesh]:
+        """Those translucent that stand before the placed object."""
+        hides = hiding(self.view, placed, meshes)
+        return [
+            replace(mesh, alpha=SEE_THROUGH) if hide else mesh
+            for mesh, hide in zip(meshes, hides, strict=True)
+        ]
+
+    def _shown(self, motion: Motion, volume: TargetVolume) -> Array:
+        """(n, 3) points that the picture has to hold."""
+        first, last = motion.at(0.0), motion.at(motion.duration)
+        must = [box_corners(volume.lower, volume.upper), motion.path()]
+        must += [self._thing(moment).vertices for moment in (first, last)]
+        points = np.vstack(must)
+        low, high = points.min(axis=0) - _NEAR, points.max(axis=0) + _NEAR
+        near = [
+            mesh.vertices
+            for mesh in [*self._things, *self._robot.at(first.q), *self._robot.at(last.q)]
+        ]
+        others = np.vstack(near)
+        return np.vstack([points, others[((others > low) & (others < high)).all(axis=1)]])
+
+    def _best_view(self, shown: Array, moments: Sequence[Moment]) -> View:
+        """The one in which most of the object, over the moments, and of its way is seen."""
+        path = tube(self.motion.path(), _PATH_RADIUS, PATH)
+        scenes = [(joined(self._robot.at(moment.q)), self._thing(moment)) for moment in moments]
+
+        def score(view: View) -> float:
+            behind = render(view, joined(self._things))
+            seen = [seen_share(view, behind, *scene) for scene in scenes]
+            way = [seen_share(view, behind, links, path) for links, _ in scenes[1:3]]
+            return float(np.mean(seen) + np.mean(way))
+
+        direction = best_direction(shown, score)
+        return View.around(shown, *direction, OVERSAMPLING * WIDTH, OVERSAMPLING * HEIGHT)
+
+
+def tube(points: Array, radius: float, colour: Colour, sides: int = 5) -> Mesh:
+    """A tube along points (n, 3), n at least 2."""
+    along = np.gradient(points, axis=0)
+    along /= np.maximum(np.linalg.norm(along, axis=1), 1e-12)[:, None]
+    across = np.cross(along, np.eye(3)[np.argmin(np.abs(along), axis=1)])
+    across /= np.maximum(np.linalg.norm(across, axis=1), 1e-12)[:, None]
+    other = np.cross(along, across)
+    angles = np.arange(sides) * 2.0 * np.pi / sides
+    ring = (
+        np.cos(angles)[None, :, None] * across[:, None]
+        + np.sin(angles)[None, :, None] * other[:, None]
+    )
+    vertices = (points[:, None] + radius * ring).reshape(-1, 3)
+    first = (np.arange(len(points) - 1)[:, None] * sides + np.arange(sides)).ravel()
+    next_side = (
+        np.arange(len(points) - 1)[:, None] * sides + (np.arange(sides) + 1) % sides
+    ).ravel()
+    triangles = np.vstack(
+        [
+            np.column_stack([first, next_side, first + sides]),
+            np.column_stack([next_side, next_side + sides, first + sides]),
+        ]
+    )
+    return Mesh(vertices, triangles.astype(np.int64), colour)
+
+
+def volume_edges(volume: TargetVolume) -> list[Mesh]:
+    """The edges of V's boxes."""
+    edges = []
+    for box in volume.joined:
+        corners = box_corners(*box)
+        for i in range(8):
+            for axis in range(3):
+                if not i >> axis & 1:
+                    edges.append(tube(corners[[i, i | 1 << axis]], _EDGE_RADIUS, VOLUME))
+    return edges

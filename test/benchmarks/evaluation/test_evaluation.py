@@ -1,0 +1,470 @@
+"""The evaluation: its statistics by hand-worked numbers, runs that resume, and the report."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+import operator
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+from problems import problem_of
+from test_scaling import record as scaling_record
+
+from benchmarks import record as recording
+from benchmarks.__main__ import main
+from benchmarks.cases import Case
+from benchmarks.evaluation.comparisons import (
+    compare,
+    first_times,
+    rejections,
+    sample_rates,
+    solved_in_every_run,
+    times_to_pass_baseline,
+)
+from benchmarks.evaluation.paper import PRESETS, preset_trials
+from benchmarks.evaluation.relative import (
+    Scale,
+    area_under_curve,
+    time_to_reach,
+    values_at,
+)
+from benchmarks.evaluation.resampling import holm, mean_interval
+from benchmarks.evaluation.results import Results
+from benchmarks.jobs import run_jobs
+from benchmarks.json_lines import append_line, read_lines
+from benchmarks.record import (
+    RUNS_FILE,
+    Record,
+    Solution,
+    Trial,
+    describe,
+    record_key,
+    run_trial,
+)
+from benchmarks.spread import spread
+from benchmarks.yardstick.dense_search import YardstickJob, measure
+from benchmarks.yardstick.placement_grid import (
+    GridResolution,
+    grid_placements,
+    region_grid,
+)
+from placement_planner_ros.core.constraints import PoseConstraints, placement_pose
+from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.planner import PlannerSettings
+from placement_planner_ros.core.types import TargetVolume, Verdict
+
+TABLE = Case("table", "small_crayons_box", "maximize_clearance")
+CABINET = Case("cabinet_low_clutter", "wine_glass", "minimize_clearance")
+STEPS = [(1.0, 0.5), (3.0, 0.9)]
+
+
+def recorded(case, variant, seed, objectives, limit=4.0):
+    """A run with one placement per second, from 1 s on."""
+    record = Record(case, seed, limit, variant, preparation=0.5, elapsed=limit)
+    record.samples, record.rejected = 70, {"unstable": 42, "not_better": 14}
+    for second, objective in enumerate(objectives, start=1):
+        pose = [[1.0, 0.0, 0.0, 0.4], [0.0, 1.0, 0.0, 0.1], [0.0, 0.0, 1.0, 0.1]]
+        solution = Solution(float(second), objective, "left", 0, 0, 7, pose, [0.0] * 7)
+        record.solutions.append(solution)
+    record.failure = "" if objectives else "nothing was found"
+    return asdict(record)
+
+
+def yardstick(case, best, random):
+    return {"case": asdict(case), "best": best, "random": random, "complete": True}
+
+
+def some_results():
+    """Reference and two others; the second case is worth more by its run than by its yardstick."""
+    runs = [
+        recorded(TABLE, "optimistic+lo", 0, [0.2, 0.4]),
+        recorded(TABLE, "optimistic+lo", 1, [0.4]),
+        recorded(TABLE, "uniform+lo", 0, [0.2]),
+        recorded(TABLE, "uniform+lo", 1, []),
+        recorded(TABLE, "baseline", 0, [0.1, 0.3]),
+        recorded(CABINET, "optimistic+lo", 0, [-0.3]),
+        recorded(CABINET, "uniform+lo", 0, [-0.4]),
+    ]
+    return Results.of(runs, [yardstick(TABLE, 0.4, 0.0), yardstick(CABINET, -0.35, -0.5)])
+
+
+def test_the_relative_objective_is_1_at_the_best_0_at_random_and_clipped_below_only():
+    scale = Scale(best=-0.1, random=-0.3)
+    assert scale.relative(-0.1) == pytest.approx(1.0)
+    assert scale.relative(-0.2) == pytest.approx(0.5)
+    assert scale.relative(-0.9) == 0.0
+    assert scale.relative(0.0) == pytest.approx(1.5)
+    with pytest.raises(ParameterError, match="random placement"):
+        Scale(best=0.1, random=0.1)
+
+
+def test_a_value_holds_until_the_next_and_is_zero_before_the_first():
+    np.testing.assert_array_equal(
+        values_at(np.array([0.0, 0.99, 1.0, 2.9, 3.0, 50.0]), STEPS), [0, 0, 0.5, 0.5, 0.9, 0.9]
+    )
+    np.testing.assert_array_equal(values_at(np.array([0.0, 9.0]), []), [0.0, 0.0])
+
+
+def test_the_area_under_the_curve_is_the_mean_over_time():
+    assert area_under_curve(STEPS, 4.0) == pytest.approx((2 * 0.5 + 1 * 0.9) / 4)
+    assert area_under_curve(STEPS, 2.0) == pytest.approx(0.5 / 2)
+    assert area_under_curve(STEPS, 1.0) == 0.0
+    assert area_under_curve([], 4.0) == 0.0
+    fine = np.linspace(0, 4, 40_001)[:-1]
+    assert area_under_curve(STEPS, 4.0) == pytest.approx(values_at(fine, STEPS).mean(), abs=1e-3)
+
+
+def test_time_to_reach():
+    assert time_to_reach(STEPS, 0.5) == 1.0
+    assert time_to_reach(STEPS, 0.6) == 3.0
+    assert time_to_reach(STEPS, 0.95) == math.inf
+    assert time_to_reach([], 0.0) == 0.0
+
+
+def test_bootstrap_of_two_runs_has_the_spread_of_drawing_two_of_two():
+    """Of the values 0 and 1, means are 0, 1/2 and 1 with chances 1/4, 1/2, 1/4."""
+    found = mean_interval([[0.0, 1.0]], np.random.default_rng(0), draws=20_000)
+    assert (found.mean, found.low, found.high) == (0.5, 0.0, 1.0)
+    middle = mean_interval([[0.0, 1.0]], np.random.default_rng(0), level=0.4, draws=20_000)
+    assert (middle.low, middle.high) == (0.5, 0.5)
+    assert found.p == pytest.approx(0.5, abs=0.02)
+
+
+def test_bootstrap_counts_cases_alike_and_draws_within_them():
+    """The mean of the groups' means, (1 + 5) / 2; no draw mixes the groups."""
+    found = mean_interval([[1.0, 1.0, 1.0, 1.0], [5.0, 5.0]], np.random.default_rng(0))
+    assert (found.mean, found.low, found.high) == (3.0, 3.0, 3.0)
+    assert found.p < 0.001
+    curves = mean_interval([[[0.0, 2.0]], [[2.0, 4.0]]], np.random.default_rng(0))
+    np.testing.assert_array_equal(curves.mean, [1.0, 3.0])
+
+
+def test_bootstrap_interval_covers_like_the_normal_one():
+    values = np.random.default_rng(1).normal(3.0, 2.0, 200)
+    found = mean_interval([values], np.random.default_rng(0))
+    half = 1.96 * values.std() / math.sqrt(200)
+    assert found.low == pytest.approx(values.mean() - half, abs=0.05)
+    assert found.high == pytest.approx(values.mean() + half, abs=0.05)
+
+
+def test_one_run_of_a_case_decides_nothing():
+    assert mean_interval([[0.3]], np.random.default_rng(0)).p == 1.0
+    with pytest.raises(ParameterError, match="one value or more"):
+        mean_interval([[]], np.random.default_rng(0))
+
+
+def test_holm_by_hand():
+    """Sorted 0.01, 0.02, 0.03, 0.5 times 4, 3, 2, 1, none below its predecessor."""
+    assert holm([0.03, 0.5, 0.01, 0.02]) == pytest.approx([0.06, 0.5, 0.04, 0.06])
+    assert holm([0.9, 0.8]) == [1.0, 1.0]
+    assert holm([]) == []
+
+
+def test_results_are_scaled_by_the_best_of_yardstick_and_runs():
+    results = some_results()
+    assert results.scales[TABLE] == Scale(0.4, 0.0)
+    assert results.scales[CABINET] == Scale(-0.3, -0.5)
+    assert results.variants == ("optimistic+lo", "uniform+lo", "baseline")
+    assert results.cases == (TABLE, CABINET)
+    assert results.best_run(CABINET)["variant"] == "optimistic+lo"
+    assert [record["variant"] for record in results.failed()] == ["uniform+lo"]
+    assert solved_in_every_run(results, "optimistic+lo") == 2
+    assert solved_in_every_run(results, "uniform+lo") == 1
+
+
+def test_results_need_runs_and_yardsticks():
+    with pytest.raises(ParameterError, match="none recorded"):
+        Results.of([], [])
+    with pytest.raises(ParameterError, match="python -m benchmarks yardstick"):
+        Results.of([recorded(TABLE, "optimistic+lo", 0, [0.1])], [])
+    with pytest.raises(ParameterError, match="no run and no dense search"):
+        Results.of([recorded(TABLE, "optimistic+lo", 0, [])], [yardstick(TABLE, None, 0.0)])
+
+
+def test_differences_are_paired_by_seed_and_pooled_over_cases():
+    """Over 4 s, relative: table 0.5 then 1 from 1 s and 2 s: 0.625; 1 from 1 s: 0.75.
+
+    Uniform has 0.5 from 1 s: 0.375, and nothing. Differences 0.25 and 0.75. In the cabinet 1 and
+    0.5 from 1 s: 0.75 - 0.375.
+    """
+    comparison = compare(some_results(), "uniform+lo")
+    by_case = {d.case: d for d in comparison.by_case}
+    assert float(by_case[TABLE].interval.mean) == pytest.approx(0.5)
+    assert float(by_case[CABINET].interval.mean) == pytest.approx(0.375)
+    assert float(comparison.pooled.mean) == pytest.approx((0.5 + 0.375) / 2)
+    assert float(comparison.pooled.low) == pytest.approx((0.25 + 0.375) / 2)
+    assert by_case[CABINET].adjusted_p == 1.0
+    assert by_case[TABLE].adjusted_p < 0.05
+    assert comparison.worse_by(0.02) == []
+    assert compare(some_results(), "optimistic") is None
+
+
+def test_a_case_that_is_worse_is_named():
+    runs = [recorded(TABLE, "optimistic+lo", seed, [0.1]) for seed in range(3)]
+    runs += [recorded(TABLE, "uniform", seed, [0.2]) for seed in range(3)]
+    results = Results.of(runs, [yardstick(TABLE, 0.4, 0.0)])
+    comparison = compare(results, "uniform")
+    assert float(comparison.pooled.mean) == pytest.approx(-0.1875)
+    assert comparison.worse_by(0.02) == [TABLE]
+    assert comparison.worse_by(0.2) == []
+
+
+def test_times_rates_and_rejections():
+    results = some_results()
+    np.testing.assert_array_equal(first_times(results, "uniform+lo", [TABLE]), [1.0, np.inf])
+    np.testing.assert_allclose(sample_rates(results, "optimistic+lo"), 70 / 3.5)
+    np.testing.assert_array_equal(times_to_pass_baseline(results), [2.0, 1.0])
+    shares = rejections(results, "optimistic+lo", results.cases)
+    assert shares == pytest.approx({"unstable": 0.6, "not_better": 0.2, "goals": 0.2})
+
+
+def test_presets_hold_what_they_say():
+    quick = preset_trials(PRESETS["quick"])
+    assert len(quick) == 24 * (5 * 5 + 2)
+    assert {t.time_limit for t in quick if t.variant == "baseline"} == {60.0}
+    full = preset_trials(PRESETS["full"], ["optimistic+lo"])
+    assert len(full) == 24 * 20
+    assert {t.time_limit for t in full} == {120.0}
+    assert len({t.key for t in quick}) == len(quick)
+
+
+def test_a_torn_last_line_is_cut_off_and_any_other_damage_told(tmp_path):
+    path = tmp_path / "lines.jsonl"
+    append_line(path, {"a": 1})
+    with path.open("a") as file:
+        file.write('{"a": 2')
+    assert read_lines(path) == [{"a": 1}]
+    append_line(path, {"a": 3})
+    assert read_lines(path) == [{"a": 1}, {"a": 3}]
+    path.write_text('{"a"\n{"a": 1}\n')
+    with pytest.raises(json.JSONDecodeError):
+        read_lines(path)
+    assert read_lines(tmp_path / "none.jsonl") == []
+
+
+def run_here(run, trials, folder, said):
+    return run_jobs(run, trials, folder / RUNS_FILE, record_key, describe, tell=said.append)
+
+
+def test_runs_resume_where_they_were_cut(tmp_path):
+    trials = preset_trials(PRESETS["smoke"])
+    ran, said = [], []
+
+    def run(wanted):
+        ran.append(wanted.key)
+        return recorded(wanted.case, wanted.variant, wanted.seed, [0.1], wanted.time_limit)
+
+    run_here(run, trials[:4], tmp_path, said)
+    with (tmp_path / "runs.jsonl").open("a") as file:
+        file.write('{"case": {"sce')
+    run_here(run, trials, tmp_path, said)
+    assert ran == [wanted.key for wanted in trials]
+    assert [record_key(r) for r in read_lines(tmp_path / "runs.jsonl")] == ran
+    assert f"4 of {len(trials)} runs are recorded" in said[5]
+    assert "left]" in said[-1]
+
+
+def test_a_run_that_breaks_is_recorded_with_its_error(tmp_path, monkeypatch):
+    def broken(inputs, objective):
+        raise RuntimeError("the cloud caught fire")
+
+    monkeypatch.setattr(recording, "build_problem", broken)
+    said = []
+    run_here(run_trial, [Trial(TABLE, "optimistic+lo", 3, 1.0)], tmp_path, said)
+    (record,) = read_lines(tmp_path / "runs.jsonl")
+    assert "FAILED: RuntimeError: the cloud caught fire" in said[-1]
+    assert "the cloud caught fire" in record["failure"]
+    assert (record["seed"], record["solutions"]) == (3, [])
+
+
+def test_a_run_that_finds_nothing_says_why():
+    record = run_trial(Trial(TABLE, "optimistic+lo", 0, 1e-3))
+    assert record["solutions"] == []
+    assert "no sample was tried" in record["failure"]
+
+
+def test_trials_refuse_unknown_variants_and_times():
+    with pytest.raises(ParameterError, match="variant"):
+        Trial(TABLE, "magic", 0, 1.0)
+    with pytest.raises(ParameterError, match="seconds"):
+        Trial(TABLE, "optimistic+lo", 0, 0.0)
+
+
+def test_the_smoke_preset_runs_every_variant_and_is_reported(tmp_path, capsys, monkeypatch):
+    short = replace(PRESETS["smoke"], seconds=0.5, baseline_seconds=1.0)
+    monkeypatch.setitem(PRESETS, "smoke", short)
+    assert main(["paper", "--preset", "smoke", "--output", str(tmp_path)]) == 0
+    records = read_lines(tmp_path / "runs.jsonl")
+    assert {record_key(r) for r in records} == {t.key for t in preset_trials(PRESETS["smoke"])}
+    for record in records:
+        assert bool(record["solutions"]) != bool(record["failure"])
+        assert "Traceback" not in record["failure"]
+        objectives = [s["objective"] for s in record["solutions"]]
+        assert all(b > a for a, b in itertools.pairwise(objectives))
+        assert all(s["time"] > record["preparation"] > 0.0 for s in record["solutions"])
+        assert sum(record["rejected"].values()) + record["goals"] >= record["samples"]
+        assert record["versions"]["numba"]
+        assert record["machine"]["threads"] >= 1
+    for case, best, random in ((TABLE, 0.45, 0.0), (CABINET, -0.03, -0.2)):
+        append_line(tmp_path / "yardstick.jsonl", yardstick(case, best, random))
+    assert main(["report", str(tmp_path), "--no-pictures"]) == 0
+    assert "report.html" in capsys.readouterr().out
+
+
+def test_the_baseline_reaches_its_placements_with_rrt_connect():
+    from benchmarks.baselines.rrt_connect import BaselinePlanner
+
+    problem, objective = problem_of(TABLE)
+    planner = BaselinePlanner(problem, objective, PlannerSettings(), np.random.default_rng(0))
+    placements = list(planner.run(lambda: planner.statistics.solutions >= 2))
+    assert len(placements) == 2
+    assert placements[1].objective > placements[0].objective
+    for placement in placements:
+        arm = next(a for a in problem.arms if a.name == placement.goal.arm)
+        start = placement.trajectory.positions[0]
+        np.testing.assert_allclose(start, problem.q_start[arm.q_index], atol=1e-9)
+        np.testing.assert_allclose(placement.trajectory.positions[-1], placement.goal.q, atol=1e-6)
+
+
+def test_the_report_holds_figures_tables_and_pictures(tmp_path):
+    from benchmarks.evaluation.report import write_report
+
+    scaling = [scaling_record("cloud", f, 0, [(1.0, 0.3), (2.0, 0.5)]) for f in (1, 2)]
+    written = write_report(some_results(), tmp_path, scaling=scaling)
+    assert all(path.stat().st_size > 0 for path in written)
+    page = (tmp_path / "report.html").read_text()
+    assert page.count("data:image/png;base64,") == 7 + 2
+    assert "http" not in page
+    assert "nothing was found" in page
+    summary = (tmp_path / "summary.md").read_text()
+    assert (
+        "| optimistic+lo minus uniform+lo | +0.438 [+0.313, +0.562] | 1 of 2 | 0 of 2 | 0 |"
+        in summary
+    )
+    assert "| optimistic+lo | 3 of 3 | 1.00 s | 1.00 s | 1.00 s |" in summary
+    assert "| uniform+lo | 2 of 3 | 1.00 s | never | never |" in summary
+    for name in (
+        "overall",
+        "by_scene",
+        "first_solutions",
+        "differences",
+        "rejections",
+        "gaps",
+        "scaling",
+    ):
+        assert f"figures/{name}.png" in summary
+        assert (tmp_path / "figures" / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_report_without_yardstick_says_what_to_run(tmp_path, capsys):
+    append_line(tmp_path / "runs.jsonl", recorded(TABLE, "optimistic+lo", 0, [0.1]))
+    assert main(["report", str(tmp_path)]) == 2
+    assert "python -m benchmarks yardstick" in capsys.readouterr().err
+
+
+def test_the_grid_lies_on_its_region():
+    problem, _ = problem_of(TABLE)
+    for region in problem.environment.regions[:3]:
+        points = region_grid(region, 0.01)
+        x0, y0, x1, y1 = region.rectangles.T
+        x, y = points[:, :1], points[:, 1:2]
+        assert ((x >= x0) & (x <= x1) & (y >= y0) & (y <= y1)).any(axis=1).all()
+        assert len(points) * 1e-4 == pytest.approx(region.area, rel=0.3, abs=20e-4)
+        assert (points[:, 2] == region.z).all()
+
+
+def test_grid_placements_are_those_the_planner_would_let_pass():
+    problem, objective = problem_of(TABLE)
+    settings = PlannerSettings()
+    resolution = GridResolution(0.08, math.radians(60.0))
+    found = grid_placements(problem, resolution, settings)
+    poses = PoseConstraints(
+        problem, settings.collision, settings.footing, settings.approach.approach_minimum
+    )
+    passed, tried = {}, 0
+    for region in problem.environment.regions:
+        for index, face in enumerate(problem.body.faces):
+            for contact in region_grid(region, resolution.step):
+                for step in range(6):
+                    x = placement_pose(face, contact, step * resolution.turn)
+                    tried += 1
+                    if poses.verdict(x, index, contact[2]) is Verdict.FEASIBLE:
+                        key = (index, *np.round([*contact, step * resolution.turn], 6).tolist())
+                        passed[key] = objective(x)
+    assert tried == found.tried
+    rows = np.round(np.column_stack([found.contact, found.angle]), 6).tolist()
+    keys = [(int(f), *row) for f, row in zip(found.face, rows, strict=True)]
+    assert set(keys) == set(passed)
+    assert 30 < len(keys) < tried
+    np.testing.assert_allclose(found.clearance, [passed[key] for key in keys], atol=1e-9)
+
+
+def test_a_grid_with_slices_that_hold_nothing_is_searched_all_the_same():
+    case = Case("cabinet_high_clutter", "large_crayons_box", "maximize_clearance")
+    problem, _ = problem_of(case)
+    found = grid_placements(problem, GridResolution(0.05, math.radians(45.0)), PlannerSettings())
+    assert 0 < len(found.face) < found.tried
+    low = problem.volume.lower[:2] + 1e-6
+    narrow = replace(
+        problem, volume=TargetVolume(problem.volume.lower, [*low, problem.volume.upper[2]])
+    )
+    nothing = grid_placements(narrow, GridResolution(0.05, math.radians(45.0)), PlannerSettings())
+    assert len(nothing.face) == len(nothing.clearance) == 0
+
+
+def test_the_yardstick_is_better_than_random_and_no_better_than_its_grid_and_climb():
+    resolution = GridResolution(0.06, math.radians(60.0))
+    job = YardstickJob(
+        "table", "small_crayons_box", resolution=resolution, seconds=40.0, random_placements=30
+    )
+    maximal, minimal = measure(job)
+    assert maximal["random"] == -minimal["random"]
+    assert maximal["random_placements"] == 30
+    for record in (maximal, minimal):
+        assert record["complete"]
+        assert record["best"] > record["random"]
+        assert 0 < record["free_poses"] < record["grid_poses"]
+    assert maximal["best"] > 0.39
+    assert minimal["best"] > -0.04
+    with pytest.raises(ParameterError, match="clearance only"):
+        YardstickJob("table", "wine_glass", ("toward_front",))
+
+
+def test_jobs_run_here_by_default():
+    assert list(spread(operator.neg, [1, 2, 3])) == [(1, -1), (2, -2), (3, -3)]
+    with pytest.raises(ParameterError, match="processes"):
+        list(spread(operator.neg, [1], processes=0))
+
+
+def test_jobs_spread_over_processes():
+    pytest.importorskip("joblib")
+    assert sorted(spread(operator.neg, [1, 2, 3], processes=2)) == [(1, -1), (2, -2), (3, -3)]
+
+
+def test_jobs_spread_over_a_cluster_of_two_workers():
+    pytest.importorskip("joblib")
+    distributed = pytest.importorskip("distributed")
+    cluster = distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address=None, host="127.0.0.1"
+    )
+    with cluster:
+        address = cluster.scheduler_address
+        found = sorted(spread(operator.neg, [1, 2, 3], scheduler=address))
+        assert found == [(1, -1), (2, -2), (3, -3)]
+        ((_, record),) = spread(
+            run_trial, [Trial(TABLE, "optimistic+lo", 0, 1e-3)], scheduler=address
+        )
+        assert "no sample was tried" in record["failure"]
+
+
+def test_workers_that_would_share_a_process_are_refused():
+    pytest.importorskip("joblib")
+    distributed = pytest.importorskip("distributed")
+    cluster = distributed.LocalCluster(
+        n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None
+    )
+    with cluster, pytest.raises(ParameterError, match="--nthreads 1"):
+        list(spread(operator.neg, [1], scheduler=cluster.scheduler_address))

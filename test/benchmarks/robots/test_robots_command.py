@@ -1,0 +1,204 @@
+"""`python -m benchmarks robots` on a robot written here, and the table it writes."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+import trimesh
+
+from benchmarks.__main__ import main
+from benchmarks.robots.command import RAW_FILE, markdown
+from benchmarks.robots.measures import problem_of
+from benchmarks.robots.subject import read_subject
+from benchmarks.robots.things import (
+    CLOUDS,
+    OBJECTS,
+    boxes_at_start,
+    object_of,
+    observe,
+    outside_boxes,
+    table_for,
+    table_of,
+)
+from placement_planner_ros.core.errors import ObjectError, ParameterError
+from placement_planner_ros.share import share_path
+
+FILE = """
+/**:
+  ros__parameters:
+    robot_description: package://placement_planner_ros/urdf/yumi.urdf
+    robot_description_semantic: package://placement_planner_ros/urdf/yumi.srdf
+    arms: [left]
+    left: {tip_frame: gripper_l_base, grasps: [0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 1.0]}
+    target_volume: [0.2, -0.3, -0.1, 0.6, 0.3, 0.2]
+    object:
+      vertices: [0, 0, 0, 0.1, 0, 0, 0, 0.1, 0, 0, 0, 0.1]
+      triangles: [0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3]
+placement_scene:
+  ros__parameters:
+    start: {yumi_joint_2_l: -1.0, yumi_joint_2_r: -1.0}
+"""
+
+
+@pytest.fixture
+def given(tmp_path):
+    """A parameter file, and the folder that holds the package it names."""
+    packages = tmp_path / "packages"
+    packages.mkdir()
+    (packages / "placement_planner_ros").symlink_to(share_path("urdf").parent)
+    file = tmp_path / "two_arms.yaml"
+    file.write_text(FILE)
+    return file, packages
+
+
+def test_what_a_file_gives_is_read(given):
+    file, packages = given
+    subject = read_subject(file, [packages])
+    assert (subject.name, subject.arms[0].tip_frame) == ("two_arms", "gripper_l_base")
+    assert subject.q_start[subject.robot.index("yumi_joint_2_l")] == -1.0
+    assert len(subject.vertices) == 4
+    vertices, triangles = object_of(subject, OBJECTS[1])
+    assert (len(vertices), len(triangles)) == (16, 24)
+    with pytest.raises(ParameterError, match="example-robot-data"):
+        read_subject(file, [packages / "elsewhere"])
+    file.write_text("/**: {ros__parameters: {arms: [left]}}")
+    with pytest.raises(ParameterError, match="robot_description"):
+        read_subject(file, [packages])
+
+
+def test_the_object_is_read_from_its_file(given):
+    file, packages = given
+    mesh = packages.parent / "box.stl"
+    trimesh.creation.box((60.0, 80.0, 100.0)).export(mesh)
+    listed = FILE.index("      vertices:"), FILE.index("placement_scene:")
+    lines = f"      mesh: {mesh}\n      scale: 0.001\n"
+    file.write_text(FILE[: listed[0]] + lines + FILE[listed[1] :])
+    subject = read_subject(file, [packages])
+    assert subject.triangles.shape == (12, 3)
+    np.testing.assert_allclose(np.ptp(subject.vertices, axis=0), (0.06, 0.08, 0.1), rtol=1e-5)
+    mesh.write_text("nothing")
+    with pytest.raises(ObjectError, match=r"box\.stl"):
+        read_subject(file, [packages])
+    mesh.unlink()
+    with pytest.raises(ParameterError, match=r"object\.mesh"):
+        read_subject(file, [packages])
+
+
+def test_packages_are_found_where_the_file_says_and_above_the_urdf(given):
+    file, packages = given
+    file.write_text(FILE.replace("    arms:", f"    package_paths: [{packages}]\n    arms:"))
+    assert packages in read_subject(file).package_dirs
+    own = packages.parent / "own"
+    (own / "robot").mkdir(parents=True)
+    (own / "placement_planner_ros").symlink_to(share_path("urdf").parent)
+    urdf = own / "robot" / "yumi.urdf"
+    urdf.write_text(share_path("urdf/yumi.urdf").read_text())
+    file.write_text(re.sub(r"robot_description: \S+", f"robot_description: {urdf}", FILE))
+    assert own in read_subject(file, [packages]).package_dirs
+
+
+def test_rows_are_measured_and_written(given, tmp_path, capsys):
+    file, packages = given
+    page, output = tmp_path / "page.md", tmp_path / "out"
+    page.write_text("before\n<!-- figures -->\n<!-- end of figures -->\nafter\n")
+    options = ["--output", str(output), "--page", str(page), "--rows", "collision"]
+    options += ["--packages", str(packages), "--beside", str(file)]
+    assert main(["robots", str(file), *options]) == 0
+    assert "| two_arms | collision checker of an arm, again |" in page.read_text()
+    assert page.read_text().startswith("before\n")
+    assert page.read_text().endswith("after\n")
+    (line,) = (output / RAW_FILE).read_text().splitlines()
+    assert json.loads(line)["robot"] == "two_arms"
+    file.write_text("nothing")
+    assert main(["robots", str(file), *options]) == 1
+    assert "FAILED" in capsys.readouterr().out
+
+
+def entry(row, **values):
+    return {"robot": "r", "row": row, **values}
+
+
+def test_the_table_says_what_is_met():
+    first = {"object": OBJECTS[0], "cloud": CLOUDS[0], "failure": "", "refused": []}
+    entries = [
+        entry("first", seed=0, seconds=0.5, solutions=3, **first),
+        entry("first", seed=1, seconds=10.0, solutions=0, **first),
+        entry("node", made=70.0, made_processor=61.0, cached=None, cached_processor=None),
+        entry(
+            "agreement",
+            configurations=1000,
+            called_free=500,
+            wrongly_free=1,
+            clear=400,
+            clear_called_free=400,
+            inside=3,
+            inside_missed=[],
+        ),
+    ]
+    table = markdown(entries)
+    for line in (
+        "| r | first placement, slowest | 10.00 s | <= 5 s | **no** |",
+        "| r | solutions that the checker refuses | 0 faults in 3 solutions | 0 | yes |",
+        "| r | node start to warm, covers cached | never | <= 5 s | **no** |",
+        "| r | nearer than the margin, called free | 1 of 500 called free, of 1,000 configurations "
+        "| 0 | **no** |",
+        "| r | farther than margin and 2 mm, called free | 100.000 % of 400 | >= 99.9 % | yes |",
+    ):
+        assert line in table
+
+
+@pytest.mark.parametrize("cloud", CLOUDS)
+def test_clouds_show_the_table_and_what_stands_on_it(given, cloud):
+    subject = read_subject(given[0], [given[1]])
+    scene = table_of(subject.volume, np.random.default_rng(0))
+    seen = observe(scene, cloud, np.random.default_rng(0))
+    points = seen.points
+    assert len(seen.sights) == (cloud == CLOUDS[1])
+    assert len(scene.parts) == 7
+    inside = subject.volume.contains(points)
+    assert inside.sum() > 1000
+    assert points[inside, 2].max() > subject.volume.lower[2] + 0.08
+
+
+def test_nothing_stands_where_the_robot_and_its_object_are_at_the_start(given):
+    subject = read_subject(given[0], [given[1]])
+    middle = (subject.volume.lower + subject.volume.upper) / 2
+    half = np.array([0.08, 0.08, 0.5])
+    held = (np.array([middle - half, middle + half]),)
+    inside = []
+    for keep_clear in (None, np.array(held)):
+        for seed in range(8):
+            scene = table_of(subject.volume, np.random.default_rng(seed), keep_clear)
+            places = np.array([part.vertices.mean(axis=0) for part in scene.parts[1:]])
+            inside.append((np.abs(places - middle)[:, :2] < half[:2] + 0.05).all(axis=1).any())
+    assert any(inside[:8])
+    assert not any(inside[8:])
+
+
+def test_boxes_at_the_start_hold_links_and_object(given):
+    subject = read_subject(given[0], [given[1]])
+    boxes = boxes_at_start(subject)
+    arm = subject.arms[0]
+    shapes = len(subject.robot.geometry.geometryObjects)
+    assert boxes.shape == (shapes + len(arm.grasps), 2, 3)
+    tip = subject.robot.link_pose(subject.q_start, arm.tip_frame)
+    held = [(tip * grasp).act(vertex) for grasp in arm.grasps for vertex in subject.vertices]
+    assert np.allclose(boxes[shapes:, 1].max(axis=0), np.max(held, axis=0))
+    assert np.allclose(boxes[shapes:, 0].min(axis=0), np.min(held, axis=0))
+
+
+def test_what_the_camera_does_not_see_is_occupied_but_not_where_the_robot_starts(given):
+    subject = read_subject(given[0], [given[1]])
+    scene = table_for(subject, np.random.default_rng(0))
+    seen = observe(scene, CLOUDS[1], np.random.default_rng(0))
+    environment = problem_of(subject, OBJECTS[0], seen).environment
+    assert len(environment.obstacles.cells) > len(environment.measured.cells) + 100
+    middles = (environment.obstacles.lower + environment.obstacles.upper) / 2
+    assert outside_boxes(boxes_at_start(subject), middles, 0.0).all()
+
+
+def test_points_outside_all_boxes_are_told():
+    boxes = np.array([[[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]], [[2.0, 0.0, 0.0], [3.0, 1.0, 1.0]]])
+    points = np.array([[0.5, 0.5, 0.5], [1.05, 0.5, 0.5], [1.2, 0.5, 0.5], [2.5, 0.5, 1.2]])
+    assert outside_boxes(boxes, points, 0.1).tolist() == [False, False, True, True]

@@ -1,0 +1,209 @@
+"""Situations: their truth holds by geometry, and the planner says it."""
+
+import json
+
+import coal
+import numpy as np
+import pytest
+from checker import Task, Tolerances, check_stance
+from checker.shapes import convex
+from impossible import pose_that_stands
+
+from benchmarks.__main__ import main
+from benchmarks.json_lines import append_line, read_lines
+from benchmarks.situations.catalogue import (
+    all_situations,
+    situation_by_name,
+)
+from benchmarks.situations.observing import camera_of, observe, pixels
+from benchmarks.situations.report import markdown
+from benchmarks.situations.runs import RUNS_FILE, outcome
+from placement_planner_ros.scenes.objects import object_by_name
+
+DRAWN = all_situations(np.random.default_rng(5))
+STANDING = [name for name, situation in DRAWN.items() if situation.pose_exists]
+MARGIN, FLAT = 0.003, 1e-4
+
+
+def moved(points, T):
+    return points @ T.rotation.T + T.translation
+
+
+def gap(one, other):
+    """Distance of two hulls, negative where they overlap."""
+    at = coal.Transform3s.Identity()
+    request = coal.DistanceRequest()
+    request.enable_signed_distance = True
+    return coal.distance(convex(one), at, convex(other), at, request, coal.DistanceResult())
+
+
+def test_a_seed_draws_the_same_and_another_one_others():
+    again, other = (all_situations(np.random.default_rng(seed)) for seed in (5, 6))
+    assert list(again) == list(other) == list(DRAWN)
+    for name, situation in DRAWN.items():
+        for kept, part in zip(again[name].scene.parts, situation.scene.parts, strict=True):
+            np.testing.assert_array_equal(kept.vertices, part.vertices)
+        assert again[name].why == situation.why
+        corners = [s.scene.volume.boxes for s in (situation, other[name])]
+        assert not np.array_equal(*corners)
+
+
+def test_there_are_some_forty_and_a_third_are_impossible():
+    assert len(DRAWN) >= 40
+    for cloud in ("complete", "camera"):
+        impossible = sum(not situation.possible(cloud) for situation in DRAWN.values())
+        assert impossible >= len(DRAWN) / 3
+
+
+@pytest.mark.parametrize("name", STANDING)
+def test_witnesses_stand_and_keep_the_margin(name):
+    situation = DRAWN[name]
+    thing, T = object_by_name(situation.thing), situation.witness
+    volume = situation.scene.volume
+    task = Task(
+        situation.scene.parts, volume.boxes[:, 0], volume.boxes[:, 1], thing.vertices,
+        thing.triangles, thing.center_of_mass, "", "", {}, {}, "",
+        support=situation.support,
+    )  # fmt: skip
+    said = check_stance(task, T.homogeneous, Tolerances())
+    assert said == []
+    parts = [moved(part.vertices, T) for part in thing.parts]
+    lowest = min(part[:, 2].min() for part in parts)
+    for solid in situation.scene.parts:
+        near = min(gap(part, solid.vertices) for part in parts)
+        assert near > -FLAT
+        if solid.vertices[:, 2].max() > lowest + 2 * FLAT and solid.name != "table":
+            assert near >= MARGIN  # it does not carry
+
+
+SMALLER = [
+    "slot_too_narrow", "bin_too_small", "tray_over_opening", "box_on_rim", "shelf_too_low_for_box",
+    "shelf_too_low_for_glass", "small_pedestal", "inner_bridge", "plank_too_narrow",
+    "glass_on_small_can", "box_on_bottle", "bowl_on_ledge", "on_step", "square_too_small",
+    "toy_table_over_high_can",
+]  # fmt: skip
+LARGER = [
+    "box_in_slot", "box_across_bin", "tray_on_rim", "box_in_shelf", "glass_in_shelf",
+    "box_on_pedestal", "box_on_bridge", "plank", "glass_on_can", "beside_step", "two_squares",
+    "toy_table_over_can",
+]  # fmt: skip
+GRATINGS = ["toy_table_on_grating_15", "toy_table_on_grating_20", "glass_on_grating"]
+
+
+@pytest.mark.parametrize("name", SMALLER + LARGER)
+def test_a_search_by_geometry_alone_finds_the_same(name):
+    found = pose_that_stands(DRAWN[name], np.random.default_rng(0))
+    assert (found is not None) == DRAWN[name].pose_exists
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_beside_the_can_no_side_of_the_tray_has_room(seed):
+    situation = situation_by_name("tray_over_can", seed)
+    _, board, can = (part.vertices[:, :2] for part in situation.scene.parts)
+    tray = object_by_name("tray").vertices
+    left = 0.5 * np.ptp(board, axis=0) - 0.5 * np.ptp(can, axis=0)
+    assert left.max() - 2.0 * MARGIN < np.ptp(tray, axis=0).min() - 0.001
+
+
+@pytest.mark.parametrize("name", GRATINGS)
+def test_on_gratings_the_margin_at_edges_leaves_nothing(name):
+    rng = np.random.default_rng(0)
+    assert not DRAWN[name].pose_exists
+    assert pose_that_stands(DRAWN[name], rng, edge=0.0026) is None
+    bars = [part for part in DRAWN[name].scene.parts if part.name.startswith("rack/bar")]
+    assert len(bars) > 8
+    assert np.ptp(bars[0].vertices[:, 0]) == pytest.approx(0.005)
+
+
+def test_one_camera_sees_what_it_is_said_to_see():
+    screened = DRAWN["behind_screen"]
+    assert screened.possible("complete")
+    assert not screened.possible("camera")
+    low, high = screened.scene.volume.lower, screened.scene.volume.upper
+    for cloud, there in (("complete", True), ("camera", False)):
+        points = observe(screened, cloud, np.random.default_rng(0)).points
+        inside = ((points > low) & (points < high)).all(axis=1)
+        # a flying pixel may be anywhere
+        assert (inside.sum() > 500) == there
+
+
+def test_the_camera_has_noise_flying_pixels_and_steps_of_depth():
+    situation = DRAWN["level_table"]
+    camera = camera_of(situation)
+    seen = pixels(situation, np.random.default_rng(0))
+    T = camera.T_world_camera.inverse()
+    depth = (seen @ T.rotation.T + T.translation)[:, 2]
+    steps = 1.0 / depth / 0.0025
+    np.testing.assert_allclose(steps, np.round(steps), atol=1e-3)
+    height = situation.scene.parts[0].depth(seen)
+    flying = (np.abs(height) > 0.01).mean()
+    assert 0.01 < flying < 0.03
+    left = observe(situation, "camera", np.random.default_rng(0)).points
+    assert (np.abs(situation.scene.parts[0].depth(left)) > 0.01).mean() < 0.2 * flying
+    assert 0.0008 < height[np.abs(height) < 0.01].std() < 0.004
+
+
+@pytest.mark.parametrize(
+    ("name", "cloud"),
+    [
+        ("tilted_3_about_both", "complete"),
+        ("too_steep", "complete"),
+        ("mug_between_walls", "camera"),
+        ("slot_too_narrow", "camera"),
+    ],
+)
+def test_the_planner_says_what_is_true(name, cloud, tmp_path, capsys):
+    # more than enough where there is something to find, also on a machine that has its hands full
+    seconds = "60" if DRAWN[name].possible(cloud) else "3"
+    options = ["--situation", name, "--cloud", cloud, "--output", str(tmp_path)]
+    options += ["--seconds", seconds]
+    assert main(["situations", "--first-seed", "5", *options]) == 0
+    (entry,) = read_lines(tmp_path / RUNS_FILE)
+    assert outcome(entry) == "right"
+    assert entry["possible"] == DRAWN[name].possible(cloud)
+    assert len(list((tmp_path / "solutions").glob("*.npz"))) == len(entry["solutions"])
+    assert main(["situations", "--first-seed", "5", *options]) == 0
+    assert "1 of 1 runs are recorded" in capsys.readouterr().out
+    assert len(read_lines(tmp_path / RUNS_FILE)) == 1
+
+
+def entry_of(**changes):
+    made = {
+        "name": "a_bin", "group": "bins", "thing": "mug", "cloud": "complete", "seed": 0,
+        "time_limit": 5.0, "support": "vertices", "why": "narrow", "possible": False,
+        "pose_exists": False, "solutions": [], "exhausted": True, "failure": "no room",
+        "versions": {"commit": "abc"},
+    }  # fmt: skip
+    return made | changes
+
+
+def test_outcomes():
+    found = [{"time": 1.0}]
+    assert outcome(entry_of()) == "right"
+    assert outcome(entry_of(possible=True)) == "possible, not found"
+    assert outcome(entry_of(solutions=found)) == "placed though impossible"
+    assert outcome(entry_of(solutions=found, possible=True)) == "right"
+    assert outcome(entry_of(failure="Traceback (most recent call last)")) == "failed"
+
+
+def test_the_table_tells_what_is_wrong(tmp_path, capsys):
+    wrong = entry_of(solutions=[{"time": 1.0}], seed=1, exhausted=False, failure="")
+    entries = [entry_of(), wrong, entry_of(cloud="camera", possible=True, why="narrow; but seen")]
+    fell = {"run": "a_bin-complete-1", "number": 1, "refused": ["collision: x"], "stays": False,
+            "moved": 0.02, "tilted": 9.0}  # fmt: skip
+    text = markdown(entries, [fell])
+    assert "| complete cloud | 2 | 1 (50.0 %) | 0 | 1 | 0 | 1 of 2 |" in text
+    assert "`a_bin-complete-1`: placed though impossible" in text
+    assert "collision: x; moves 20.0 mm, tilts 9.0°" in text
+    assert "proven, **placed**" in text
+    assert "**proven** (possible for it; but seen)" in text
+    for entry in entries:
+        append_line(tmp_path / RUNS_FILE, entry)
+    page = tmp_path / "page.md"
+    page.write_text("before\n<!-- figures -->\nold\n<!-- end of figures -->\nafter\n")
+    given = ["--report-only", "--output", str(tmp_path), "--page", str(page)]
+    assert main(["situations", *given]) == 1  # something was placed that cannot be
+    assert "proven, **placed**" in page.read_text()
+    assert "old" not in page.read_text()
+    assert json.loads((tmp_path / RUNS_FILE).read_text().splitlines()[0])["name"] == "a_bin"
+    capsys.readouterr()

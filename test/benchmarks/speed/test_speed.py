@@ -1,0 +1,304 @@
+"""The speed benchmark: its random subsets, percentiles and table, and the command on one case."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from benchmarks.__main__ import main
+from benchmarks.baselines.exact_collision import ExactCollision
+from benchmarks.baselines.plain import PlainPlanner
+from benchmarks.baselines.rrt_connect import rrt_connect
+from benchmarks.cases import Case, make_problem
+from benchmarks.speed.measures import (
+    Reservoir,
+    cpu_seconds,
+    median,
+    percentile,
+)
+from benchmarks.speed.picture import draw
+from benchmarks.speed.recorder import Recording, RecordSettings, record
+from benchmarks.speed.report import markdown, plain_text
+from benchmarks.speed.rows import (
+    MADE_WITH,
+    Line,
+    first_seconds,
+    lines_of,
+    made_with,
+    slope_per_hour,
+)
+from benchmarks.speed.searches import measure_sampling
+from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.planner import PlannerSettings
+
+SHORT = RecordSettings(runs=1, samples=150, seconds=600.0, states=60, edges=40, poses=10)
+CASE = Case("table", "small_crayons_box", "maximize_clearance")
+ONE_CASE = ["--scene", CASE.scene, "--object", CASE.object, "--objective", CASE.objective]
+
+
+def test_a_reservoir_keeps_each_item_equally_often_and_in_order():
+    kept = Counter()
+    for seed in range(400):
+        reservoir = Reservoir(5, np.random.default_rng(seed))
+        for item in range(20):
+            reservoir.offer(item)
+        assert reservoir.seen == 20
+        assert reservoir.items == sorted(reservoir.items)
+        assert len(set(reservoir.items)) == 5
+        kept.update(reservoir.items)
+    # 100 times each on average; the standard deviation is 8.7.
+    assert all(abs(kept[item] - 100) < 45 for item in range(20))
+
+
+def test_a_reservoir_is_the_same_for_the_same_seed_and_keeps_all_of_a_short_stream():
+    def fill(seed, number):
+        reservoir = Reservoir(7, np.random.default_rng(seed))
+        for item in range(number):
+            reservoir.offer(item)
+        return reservoir.items
+
+    assert fill(3, 500) == fill(3, 500)
+    assert fill(3, 500) != fill(4, 500)
+    assert fill(3, 6) == [0, 1, 2, 3, 4, 5]
+    with pytest.raises(ParameterError, match="reservoir size = 0"):
+        Reservoir(0, np.random.default_rng(0))
+
+
+def test_percentiles():
+    values = [float(i) for i in range(101)]
+    assert (median(values), percentile(values, 95)) == (50.0, 95.0)
+    assert math.isnan(median([]))
+    assert math.isnan(percentile([], 95))
+
+
+def test_cpu_time_is_that_of_one_call():
+    calls = []
+
+    def action():
+        calls.append(sum(range(2000)))
+
+    spent = cpu_seconds(action, 0.02)
+    assert len(calls) > 1
+    assert spent * len(calls) >= 0.02 - 1e-9
+
+
+def line(value, target, higher):
+    bound = ">=" if higher else "<="
+    return Line("row", "what", value, target, f"{value:g}", f"{bound} {target:g}", "detail")
+
+
+@pytest.mark.parametrize(
+    ("value", "target", "higher", "margin"),
+    [
+        (300.0, 100.0, True, 3.0),
+        (50.0, 100.0, True, 0.5),
+        (0.1, 0.2, False, 2.0),
+        (0.4, 0.2, False, 0.5),
+        (0.0, 0.0, False, math.inf),
+        (1.0, 0.0, False, 0.0),
+        (math.nan, 5.0, True, 0.0),
+    ],
+)
+def test_how_a_figure_stands_to_its_target(value, target, higher, margin):
+    assert line(value, target, higher).margin == pytest.approx(margin)
+    assert line(value, target, higher).met == (margin >= 1.0)
+
+
+def first(case, seed, seconds, *, solved=True, row="first"):
+    return {
+        "row": row,
+        "case": case,
+        "seed": seed,
+        "limit": 10.0,
+        "solved": solved,
+        "environment_seconds": 0.5,
+        "cpu_seconds": seconds,
+        "planner_seconds": 0.25 * seconds,
+        "search_seconds": 0.75 * seconds,
+    }
+
+
+def test_a_run_without_a_placement_counts_at_its_limit():
+    assert first_seconds(first("a", 0, 0.2), environment=False) == pytest.approx(0.2)
+    assert first_seconds(first("a", 0, 0.2), environment=True) == pytest.approx(0.7)
+    assert first_seconds(first("a", 0, 0.1, solved=False), environment=False) == 10.0
+    assert first_seconds(first("a", 0, 11.0, solved=False), environment=False) == 11.0
+
+
+def test_the_plain_path_places_by_coal_alone():
+    rng = np.random.default_rng(0)
+    problem, objective = make_problem(CASE, rng)
+    planner = PlainPlanner(problem, objective, PlannerSettings(), rng)
+    placement = next(planner.run(lambda: planner.statistics.samples > 500))
+    assert placement.objective == pytest.approx(objective(placement.T_world_object))
+
+
+def test_the_plain_path_is_compared_on_the_same_runs():
+    entries = [first("a", seed, 0.1) for seed in range(3)] + [first("b", 0, 5.0)]
+    entries += [first("a", 0, 2.0, row="plain"), first("a", 1, 0.1, solved=False, row="plain")]
+    plain = next(line for line in lines_of(entries) if line.row == "plain")
+    assert plain.value == pytest.approx((2.0 + 10.0) / 2 / 0.1)
+    assert "2 runs, 1 unsolved" in plain.detail
+
+
+def test_rates_and_ratios_are_medians_over_cases():
+    entries = [
+        {"row": "configurations", "case": "a", "queries": 100, "free": 30, "undecided": 1}
+        | {"seconds": seconds, "free_seconds": 6e-5, "colliding_seconds": 7e-5}
+        for seconds in (1e-4, 2e-4, 1e-3)
+    ]
+    (rate,) = lines_of(entries)
+    assert rate.value == pytest.approx(5e5)
+    assert rate.met
+    assert "30.0% free" in rate.detail
+    assert "1.0% left undecided" in rate.detail
+    assert "2.0 µs for a free one, 1.0 µs for a colliding one" in rate.detail
+
+
+def test_a_failed_job_is_a_target_that_is_not_met():
+    entries = [{"row": "edges", "job": "x", "error": "ValueError: no"}]
+    (failed,) = lines_of(entries)
+    assert (failed.value, failed.met) == (1.0, False)
+    assert "ValueError: no" in failed.detail
+
+
+def test_the_slope_of_memory_leaves_out_the_beginning():
+    seconds = np.arange(0.0, 100.0, 1.0)
+    values = 500.0 + 0.01 * seconds
+    values[:15] = 100.0
+    assert slope_per_hour(seconds, values) == pytest.approx(36.0)
+    assert math.isnan(slope_per_hour([0.0, 1.0], [1.0, 2.0]))
+
+
+def test_tables_and_picture_show_every_line():
+    lines = [line(300.0, 100.0, True), line(math.nan, 5.0, True), line(1.0, 0.0, False)]
+    text = markdown(lines, [made_with(["edges"])])
+    assert text.count("**no**") == 2
+    assert text.count("not measured") == 1
+    assert "1 of 3 targets met" in text
+    assert f"edges measured with: day {time.strftime('%Y')}" in text
+    assert "numba" in text
+    assert plain_text(lines).count("MISS") == 2
+    assert draw(lines, []).startswith(b"\x89PNG")
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    return record(CASE, 0, SHORT)
+
+
+def test_recorded_queries_are_those_of_the_run(recording):
+    assert recording.seen["states"] > 0
+    assert sum(len(queries.states) for queries in recording.held) <= 60
+    assert sum(len(queries.edges) for queries in recording.held) <= 40
+    assert sum(len(queries.poses) for queries in recording.held) <= 10
+    for queries in recording.held:
+        arm = queries.holding.arm
+        for rows in (queries.states, queries.edges.reshape(-1, arm.dof)):
+            assert (rows >= arm.lower - 1e-9).all()
+            assert (rows <= arm.upper + 1e-9).all()
+        assert len(queries.contact) == len(queries.states)
+    starts = np.vstack([queries.edges[:, 0] for queries in recording.held])
+    assert len(np.unique(starts.round(9), axis=0)) > 1
+    for query in recording.goal_sets:
+        assert query.goals
+        for goal in query.goals:
+            assert (goal.arm, goal.grasp) == (query.holding.arm.name, query.holding.grasp)
+
+
+def test_recording_leaves_the_checks_as_they_were(recording):
+    queries = max(recording.held, key=lambda held: len(held.states))
+    collision = queries.holding.collision
+    assert "mock" not in repr(type(collision).free)
+    again = record(CASE, 0, SHORT)
+    assert again.seen == recording.seen
+
+
+def test_the_sampling_rate_counts_every_sample_of_the_run():
+    entry = measure_sampling(CASE, 0, 0.3)
+    assert entry["samples"] == entry["goals"] + sum(entry["rejected"].values()) > 0
+    assert 0.0 < entry["seconds"] < entry["run_seconds"]
+
+
+def test_stock_rrt_connect_reaches_one_of_the_goals(recording):
+    query = recording.goal_sets[0]
+    problem, holding = recording.problem, query.holding
+    exact = ExactCollision(holding.moving, holding.held, problem.environment.obstacles)
+    goals = [goal.q_raised for goal in query.goals]
+    ends = time.monotonic() + 20.0
+    path = rrt_connect(holding, goals, exact.edge_free, lambda: time.monotonic() > ends)
+    assert path is not None
+    np.testing.assert_allclose(path[0], holding.q_start)
+    assert min(np.abs(path[-1] - goal).max() for goal in goals) < 1e-9
+    asked = []
+
+    def never_free(a, b):
+        asked.append((a, b))
+        return False
+
+    assert rrt_connect(holding, goals, never_free, lambda: len(asked) > 50) is None
+    assert len(asked) > 50
+
+
+def test_the_command_on_one_case(tmp_path, capsys):
+    small = ["--runs", "1", "--samples", "150", "--agreement", "40"]
+    (tmp_path / "raw.jsonl").write_text(
+        json.dumps({"row": MADE_WITH, "rows": ["samples", "ik"]})
+        + "\n"
+        + json.dumps({"row": "samples", "case": "old", "samples": 10, "seconds": 1.0})
+        + "\n"
+        + json.dumps({"row": "edges", "job": "old", "error": "of an earlier run"})
+        + "\n"
+    )
+    only = ["--only", "configurations,answers,agreement,edges,ik"]
+    assert main(["speed", *only, *ONE_CASE, *small, "--output", str(tmp_path)]) == 0
+    entries = [json.loads(text) for text in (tmp_path / "raw.jsonl").read_text().splitlines()]
+    rows = {entry["row"] for entry in entries}
+    measured = {"configurations", "answers", "agreement", "edges", "ik"}
+    assert rows == {"samples", MADE_WITH} | measured
+    assert [set(e["rows"]) for e in entries if e["row"] == MADE_WITH] == [{"samples"}, measured]
+    assert not any("error" in entry for entry in entries)
+    asked = [entry for entry in entries if entry["row"] == "agreement"]
+    assert sum(entry["queries"] for entry in asked) >= 40
+    assert sum(entry["disagreements"] for entry in asked) == 0
+    assert sum(entry["refuted"] for entry in entries if entry["row"] == "edges") == 0
+    table = (tmp_path / "speed.md").read_text()
+    assert "configurations per second" in table
+    assert "goal samples tried per second" in table
+    assert (tmp_path / "speed.png").read_bytes().startswith(b"\x89PNG")
+    assert "[1/1, 0 s left]" in capsys.readouterr().out
+
+
+def test_a_page_is_filled_between_its_marks(tmp_path, capsys):
+    page, raw = tmp_path / "page.md", tmp_path / "raw.jsonl"
+    report = ["speed", "--report-only", "--output", str(tmp_path), "--page", str(page)]
+    page.write_text("no place for a table")
+    assert main(report) == 2
+    assert "page.md" in capsys.readouterr().err
+    page.write_text("before\n<!-- figures -->\nold\n<!-- end of figures -->\nafter\n")
+    assert main(report) == 2
+    assert "holds no figures yet" in capsys.readouterr().err
+    raw.write_text(json.dumps({"row": "samples", "case": "a", "samples": 9, "seconds": 1}) + "\n")
+    assert main(report) == 0
+    text = page.read_text()
+    assert text.startswith("before\n<!-- figures -->\n\n| what |")
+    assert text.endswith("<!-- end of figures -->\nafter\n")
+    assert "old" not in text
+    assert (tmp_path / "images" / "speed.png").exists()
+    once = text
+    assert main(report) == 0
+    assert page.read_text() == once
+
+
+def test_rows_that_do_not_exist_or_have_nothing_to_measure(tmp_path, capsys):
+    with pytest.raises(SystemExit):
+        main(["speed", "--only", "edges,wheels", "--output", str(tmp_path)])
+    assert "no row wheels" in capsys.readouterr().err
+    arguments = ["speed", "--only", "goal_sets", *ONE_CASE, "--output", str(tmp_path)]
+    assert main(arguments) == 2
+    assert "goal_sets" in capsys.readouterr().err

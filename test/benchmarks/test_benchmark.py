@@ -1,0 +1,91 @@
+"""The command line: cases that resume, progress, and what works without the drawing library."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from benchmarks import jobs
+from benchmarks.__main__ import main
+from benchmarks.jobs import Progress
+from benchmarks.json_lines import read_lines
+
+ONE_CASE = ["--scene", "table", "--object", "small_crayons_box"]
+ONE_CASE += ["--objective", "maximize_clearance"]
+
+
+def test_progress_is_by_work_not_by_number(monkeypatch):
+    now, told = [100.0], []
+    monkeypatch.setattr(jobs.time, "monotonic", lambda: now[0])
+    progress = Progress([30.0, 60.0, 10.0], told.append)
+    for seconds, work in ((15.0, 30.0), (30.0, 60.0), (5.0, 10.0)):
+        now[0] += seconds
+        progress.done("it", work)
+    assert told == ["[1/3, 35 s left] it", "[2/3, 5 s left] it", "[3/3, 0 s left] it"]
+
+
+def test_cases_keep_every_solution_and_resume(tmp_path, capsys):
+    command = ["cases", *ONE_CASE, "--enough", "2", "--output", str(tmp_path)]
+    assert main([*command, "--seeds", "1"]) == 0
+    (record,) = read_lines(tmp_path / "runs.jsonl")
+    assert len(record["solutions"]) == record["enough"] == 2
+    assert 0.0 < record["environment"] < record["preparation"] < record["solutions"][0]["time"]
+    name = "table-small_crayons_box-maximize_clearance-complete-0-"
+    kept = sorted(path.name for path in (tmp_path / "solutions").iterdir())
+    assert kept == [f"{name}1.npz", f"{name}2.npz"]
+    capsys.readouterr()
+    assert main([*command, "--seeds", "2"]) == 0
+    said = capsys.readouterr().out
+    assert "1 of 2 runs are recorded" in said
+    assert "[1/1, 0 s left]" in said
+    assert "2 of 2 runs solved" in said
+    assert [r["seed"] for r in read_lines(tmp_path / "runs.jsonl")] == [0, 1]
+
+
+def test_cases_that_find_nothing_are_recorded_and_counted(tmp_path, capsys):
+    command = ["cases", *ONE_CASE, "--seeds", "1", "--seconds", "1e-3", "--output", str(tmp_path)]
+    assert main(command) == 1
+    said = capsys.readouterr().out
+    assert "FAILED: no sample was tried" in said
+    assert "0 of 1 runs solved" in said
+    assert main(command) == 1  # a failure that was recorded before counts again
+    assert len(read_lines(tmp_path / "runs.jsonl")) == 1
+
+
+WITHOUT = """
+import sys
+import toppra  # which imports matplotlib itself
+for name in ["matplotlib", "PIL", *sys.modules]:
+    if name.split(".")[0] in ("matplotlib", "PIL"):
+        sys.modules[name] = None
+from benchmarks.__main__ import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def without_drawing(*arguments):
+    command = [sys.executable, "-c", WITHOUT, *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def test_the_commands_are_there_without_matplotlib():
+    ended = without_drawing("--help")
+    assert ended.returncode == 0
+    for command in ("cases", "paper", "yardstick", "scaling", "report", "motion", "speed"):
+        assert f"    {command} " in ended.stdout
+
+
+@pytest.mark.parametrize("command", ["report", "speed"])
+def test_without_matplotlib_all_but_the_figures_is_written(tmp_path, command):
+    if command == "report":
+        ended = without_drawing("report", tmp_path)
+    else:
+        entry = {"row": "samples", "case": "a", "samples": 9, "seconds": 1}
+        (tmp_path / "raw.jsonl").write_text(json.dumps(entry) + "\n")
+        ended = without_drawing("speed", "--report-only", "--output", tmp_path)
+        assert "goal samples tried per second" in (tmp_path / "speed.md").read_text()
+        assert "goal samples tried per second" in ended.stdout
+    assert ended.returncode == 2
+    assert "figures need matplotlib" in ended.stderr
+    assert "Traceback" not in ended.stderr

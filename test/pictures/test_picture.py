@@ -1,0 +1,96 @@
+"""Pictures show what they are to show, and nothing in front of what hides it."""
+
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from placement_planner_ros.pictures.picture import draw_objective, draw_placement
+from placement_planner_ros.pictures.rendering import Mesh, View, render
+from placement_planner_ros.scenes.objects import object_by_name
+from placement_planner_ros.scenes.primitives import box
+from placement_planner_ros.scenes.scenes import scene_by_name
+from placement_planner_ros.scenes.yumi import START_CONFIGURATION, load_yumi
+
+RED, BLUE = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
+
+
+def plate(height: float, colour: tuple, half: float = 0.1, alpha: float = 1.0) -> Mesh:
+    solid = box("plate", (-half, -half, height - 0.01), (half, half, height), colour)
+    return Mesh(solid.vertices, solid.triangles, colour, alpha)
+
+
+def from_above(*meshes: Mesh) -> View:
+    points = np.vstack([mesh.vertices for mesh in meshes])
+    return View.around(points, azimuth=-np.pi / 2, elevation=1.5, width=80, height=60)
+
+
+def middle(image: np.ndarray) -> np.ndarray:
+    return image[30, 40]
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_the_nearer_mesh_is_seen_whatever_the_order(order: int) -> None:
+    meshes = [plate(0.0, RED), plate(0.2, BLUE, half=0.05)][::order]
+    image = render(from_above(*meshes), meshes)
+    assert middle(image.colours)[2] > 0.4
+    assert middle(image.colours)[0] == 0
+    assert (image.colours[..., 0] > 0.4).any()
+
+
+def test_translucent_meshes_tint_what_is_behind_and_only_that() -> None:
+    glass, below = plate(0.2, BLUE, alpha=0.25), plate(0.0, RED)
+    view = from_above(glass, below)
+    both, bare = render(view, [glass, below]), render(view, [below])
+    expected = 0.25 * middle(render(view, [plate(0.2, BLUE)]).colours)
+    np.testing.assert_allclose(
+        middle(both.colours), 0.75 * middle(bare.colours) + expected, atol=1e-12
+    )
+    hidden = render(view, [plate(-0.2, BLUE, half=0.02, alpha=0.25), below])
+    np.testing.assert_array_equal(hidden.colours, bare.colours)
+
+
+def test_everything_fits_into_the_view() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        points = rng.normal(size=(20, 3)) * rng.uniform(0.1, 1, 3)
+        view = View.around(points, rng.uniform(-3, 3), rng.uniform(-1.2, 1.2), 300, 200)
+        u, v, depth = view.project(points).T
+        assert (depth > 0).all()
+        assert u.min() >= 0
+        assert u.max() <= 300
+        assert v.min() >= 0
+        assert v.max() <= 200
+        assert max(np.ptp(u) / 300, np.ptp(v) / 200) > 0.8
+
+
+def test_a_placement_behind_boards_is_still_seen(tmp_path: Path) -> None:
+    scene, thing = scene_by_name("cabinet_high_clutter"), object_by_name("wine_glass")
+    robot = load_yumi()
+    file = tmp_path / "placement.png"
+    draw_placement(
+        file,
+        robot=robot,
+        q=robot.configuration(START_CONFIGURATION),
+        body_vertices=thing.vertices,
+        body_triangles=thing.triangles,
+        T_world_object=pin.SE3(np.eye(3), np.array([0.6, 0.3, 0.176])),  # under both shelves
+        scene=scene,
+        T_world_start=pin.SE3(np.eye(3), np.array([0.3, 0.0, 0.5])),
+        title="test",
+    )
+    red, green, blue = np.moveaxis(matplotlib.image.imread(file)[60:, :, :3], 2, 0)
+    assert ((green > red + 0.05) & (green > blue + 0.05)).sum() > 300
+
+
+def test_the_objective_is_drawn_with_and_without_solutions(tmp_path: Path) -> None:
+    for name, steps in {
+        "one": [(0.2, 0.05)],
+        "two": [(0.2, 0.05), (1.0, 0.07)],
+        "none": [],
+    }.items():
+        file = tmp_path / f"{name}.png"
+        draw_objective(file, "run", steps, end=5.0, title=name)
+        assert matplotlib.image.imread(file).std() > 0.05
