@@ -10,7 +10,7 @@ from importlib import import_module
 
 from placement_planner_ros.core.practice.compiling import (
     CompilationError,
-    Progress,
+    CompilationProgress,
     compile_kernels,
 )
 from placement_planner_ros.progress import ProgressLine
@@ -31,7 +31,7 @@ class _Bar:
     def __init__(self) -> None:
         self._line = ProgressLine()
 
-    def show(self, progress: Progress) -> None:
+    def show(self, progress: CompilationProgress) -> None:
         """Show it."""
         filled = _WIDTH * progress.done // progress.kernels
         line = f"[{'#' * filled}{'.' * (_WIDTH - filled)}] {progress}"

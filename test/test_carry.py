@@ -22,7 +22,7 @@ from benchmarks.cases import Case
 from placement_planner_ros.core.carry.settings import CarrySettings, TiltLimit
 from placement_planner_ros.core.carry.tilt import TiltConstraint
 from placement_planner_ros.core.errors import ParameterError, StartError
-from placement_planner_ros.core.grasp.at_start import faults_at_start, tilts_at_start
+from placement_planner_ros.core.grasp.start_state_check import faults_at_start, tilts_at_start
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.search.pruning import Cause

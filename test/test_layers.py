@@ -13,7 +13,7 @@ PACKAGE = "placement_planner_ros"
 # The rooms and loose files of core, each importing only from those before it.
 ORDER = [
     "core.errors",
-    "core.nearest",
+    "core.did_you_mean",
     "core.settings",
     "core.boxes",
     "core.types",
@@ -57,7 +57,7 @@ ORDER = [
 ROS_ORDER = [
     "ros.qos",
     "ros.timers",
-    "ros.calls",
+    "ros.call_priority",
     "ros.paced",
     "ros.spinning",
     "ros.process",

@@ -22,7 +22,7 @@ from scipy.spatial import ConvexHull
 
 from placement_planner_ros.core.body.covered_mesh import CoveredMesh
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
-from placement_planner_ros.core.collision.load import Held
+from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.collision.object_solids import object_solids
 from placement_planner_ros.core.collision.separation import UNDECIDED
 from placement_planner_ros.core.robot.geometry import triangle_geometry
@@ -56,7 +56,7 @@ class ExactCollision:
     def __init__(
         self,
         moving: MovingArm,
-        load: Held | None,
+        load: AttachedObject | None,
         obstacles: ObstacleSet,
         settings: CollisionSettings | None = None,
     ) -> None:

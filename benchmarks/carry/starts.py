@@ -15,7 +15,7 @@ import numpy as np
 from placement_planner_ros.core.carry.settings import TiltLimit
 from placement_planner_ros.core.carry.tilt import TiltConstraint
 from placement_planner_ros.core.errors import PlacementPlannerError
-from placement_planner_ros.core.grasp.usable import usable_holdings
+from placement_planner_ros.core.grasp.feasible_grasps import usable_holdings
 from placement_planner_ros.core.objective.objective import Objective
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.problem import Problem

@@ -24,7 +24,7 @@ from placement_planner_ros.pictures.picture import (
     moved,
 )
 from placement_planner_ros.pictures.plots import new_figure
-from placement_planner_ros.pictures.rendering import Image, Mesh, View, render
+from placement_planner_ros.pictures.rendering import Image, Mesh, Viewpoint, render
 from placement_planner_ros.scenes.objects import object_by_name
 
 _IN_A_ROW = 5
@@ -73,7 +73,7 @@ def _draw(axes: Axes, cloud: TableCloud, points: Array, run: RealRun) -> None:
     width, height = (int(side) * OVERSAMPLING for side in axes.bbox.size)
     low, high = cloud.volume.lower, cloud.volume.upper
     corners = box_corners(low, np.array([*high[:2], high[2] + _OBJECTS]))
-    view = View.around(corners, *_TOWARDS_EYE, width, height)
+    view = Viewpoint.around(corners, *_TOWARDS_EYE, width, height)
     meshes = []
     if run.pose is not None:
         thing = object_by_name(run.thing)
@@ -87,7 +87,7 @@ def _draw(axes: Axes, cloud: TableCloud, points: Array, run: RealRun) -> None:
     axes.set_ylim(height, 0)
 
 
-def _add_points(image: Image, view: View, points: Array) -> None:
+def _add_points(image: Image, view: Viewpoint, points: Array) -> None:
     """Points (n, 3) as squares where nothing nearer was drawn, the nearest last."""
     colours = colormaps["viridis"](Normalize(-0.02, _HIGHEST)(points[:, 2]))[:, :3]
     seen = view.project(points)

@@ -26,7 +26,7 @@ from placement_planner_ros.pictures.picture import (
     moved,
 )
 from placement_planner_ros.pictures.plots import new_figure
-from placement_planner_ros.pictures.rendering import Mesh, View, render
+from placement_planner_ros.pictures.rendering import Mesh, Viewpoint, render
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.primitives import Colour
 
@@ -69,7 +69,7 @@ def _draw(axes: Axes, situation: Situation) -> None:
     low, high = held.min(axis=0) - _AROUND, held.max(axis=0) + _AROUND
     corners = box_corners(low, high)
     width, height = (int(side) * OVERSAMPLING for side in axes.bbox.size)
-    view = View.around(corners, *_TOWARDS_EYE, width, height)
+    view = Viewpoint.around(corners, *_TOWARDS_EYE, width, height)
     solids = [Mesh(part.vertices, part.triangles, part.colour) for part in scene.parts]
     see_through = hiding(view, vertices, solids)
     meshes = [

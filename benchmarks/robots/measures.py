@@ -42,8 +42,8 @@ from benchmarks.situations.observing import Observation
 from benchmarks.speed.searches import _TimedSampler
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
+from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.collision.boxes import box_arrays
-from placement_planner_ros.core.collision.load import Held
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.kept_files import kept_folder
 from placement_planner_ros.core.objective.by_name import make_objective
@@ -214,7 +214,7 @@ def edges_of(
     obstacles = clutter(subject.robot, arm, subject.q_start, 20, rng)
     body = Body.from_mesh(subject.vertices, subject.triangles)
     moving = MovingArm(subject.robot, arm, subject.q_start)
-    collision = ArmCollision(moving, Held(body, 0), obstacles)
+    collision = ArmCollision(moving, AttachedObject(body, 0), obstacles)
     edges: list[tuple[Array, Array]] = []
     for _ in range(_TRIES):
         if len(edges) == _EDGES:
@@ -265,7 +265,7 @@ def measure_collision(subject: Subject) -> Iterator[Entry]:
     bodies = [Body.from_mesh(*object_of(subject, name)) for name in OBJECTS]
     seconds = []
     for k in range(1 + _REPEATS):
-        held = Held(Body.from_mesh(bodies[k % 2].vertices, bodies[k % 2].triangles), 0)
+        held = AttachedObject(Body.from_mesh(bodies[k % 2].vertices, bodies[k % 2].triangles), 0)
         began = time.process_time()
         ArmCollision(MovingArm(subject.robot, arm, subject.q_start), held, obstacles)
         seconds.append(time.process_time() - began)

@@ -9,7 +9,7 @@ from geometry_msgs.msg import Pose
 
 from placement_planner_ros.client.calls import Value
 from placement_planner_ros.client.connection import Connection
-from placement_planner_ros.client.conversation import Enough
+from placement_planner_ros.client.session import Enough
 from placement_planner_ros.client.solution import Solution
 from placement_planner_ros.client.status import Status
 from placement_planner_ros.client.waiting import Steps, finish

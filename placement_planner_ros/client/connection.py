@@ -14,7 +14,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from placement_planner_ros.client.conversation import Conversation
+from placement_planner_ros.client.session import Session
 from placement_planner_ros.client.solution import Solution
 from placement_planner_ros.client.status import Status, Validity
 from placement_planner_ros.client.waiting import finish
@@ -71,7 +71,7 @@ class Connection:
         self._own = OwnNode() if node is None else None
         used = self._own.node if self._own is not None else node
         assert used is not None
-        self._conversation = Conversation(used, planner)
+        self._conversation = Session(used, planner)
         self._closed = False
         if self._own is not None:  # whose thread, spinning as Python ends, would end it by a signal
             atexit.register(self.close)

@@ -18,7 +18,7 @@ from placement_planner_ros.core.scene.keep_out import inside
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.stability.by_polygon import PolygonSupport
 from placement_planner_ros.core.stability.by_vertices import VertexSupport
-from placement_planner_ros.core.stability.footing import Footing
+from placement_planner_ros.core.stability.support_settings import SupportSettings
 from placement_planner_ros.core.types import LEVEL, Array, Slope, Verdict, upright
 from placement_planner_ros.core.wishes.settings import TurnSettings
 from placement_planner_ros.core.wishes.turns import Turns
@@ -66,7 +66,7 @@ class PoseConstraints:
         self,
         problem: Problem,
         collision: CollisionSettings,
-        footing: Footing,
+        footing: SupportSettings,
         raise_height: float,
         turns: TurnSettings | None = None,
         required: Requirements | None = None,

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from placement_planner_ros.core.constraints import PoseConstraints
-from placement_planner_ros.core.grasp.any_turn import AnyTurn
+from placement_planner_ros.core.grasp.free_yaw_ik import FreeYawIK
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.objective.ascent import AscentSettings, climb
 from placement_planner_ros.core.objective.objective import Objective, evaluate, moved
@@ -99,7 +99,7 @@ class LocalOptimizer:
         )
 
     def _as_the_arm_can(
-        self, goal: Goal, any_turn: AnyTurn, change: Array
+        self, goal: Goal, any_turn: FreeYawIK, change: Array
     ) -> tuple[pin.SE3, Array] | None:
         """A pose near the one changed, and q; the turn is what an arm of few joints gives there."""
         radius = self._settings.turn_radius

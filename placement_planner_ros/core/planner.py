@@ -19,13 +19,13 @@ from placement_planner_ros.core.explanation import tables
 from placement_planner_ros.core.explanation.explain import explain
 from placement_planner_ros.core.explanation.explanation import Explanation
 from placement_planner_ros.core.explanation.search import Progress, Search
+from placement_planner_ros.core.grasp.feasible_grasps import usable_holdings
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.grasp.settings import (
     ApproachSettings,
     GraspSettings,
     RetreatSettings,
 )
-from placement_planner_ros.core.grasp.usable import usable_holdings
 from placement_planner_ros.core.objective.ascent import AscentSettings
 from placement_planner_ros.core.objective.by_name import make_requirements
 from placement_planner_ros.core.objective.objective import (
@@ -41,7 +41,7 @@ from placement_planner_ros.core.plan_motion.transit import (
     MotionPlanner,
     TransitSettings,
 )
-from placement_planner_ros.core.problem import Problem, kept_out
+from placement_planner_ros.core.problem import Problem, with_exclusion_zones
 from placement_planner_ros.core.reach.ik import IKSettings
 from placement_planner_ros.core.sample_goals.cell_bounds import BranchBounds
 from placement_planner_ros.core.sample_goals.goals import GoalFinder
@@ -53,7 +53,11 @@ from placement_planner_ros.core.search.pruning import Cause, Remainder
 from placement_planner_ros.core.search.sampler import GoalChecker, GoalSampler, SamplerSettings
 from placement_planner_ros.core.search.uniform import UniformSampler
 from placement_planner_ros.core.settings import Settings, setting
-from placement_planner_ros.core.stability.footing import SUPPORTS, Footing, SupportName
+from placement_planner_ros.core.stability.support_settings import (
+    SUPPORTS,
+    SupportName,
+    SupportSettings,
+)
 from placement_planner_ros.core.statistics import Statistics
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.timing.trajectory_maker import TimingSettings, TrajectoryMaker
@@ -173,10 +177,10 @@ class PlannerSettings(Settings):
         return replace(self.turns, up_tolerance=min(self.turns.up_tolerance, tilt.at_rest))
 
     @property
-    def footing(self) -> Footing:
+    def footing(self) -> SupportSettings:
         """Of these, what s(x) is asked by."""
         tolerance = self.collision.contact_tolerance
-        return Footing(self.support, tolerance, self.edge_margin, self.support_margin)
+        return SupportSettings(self.support, tolerance, self.edge_margin, self.support_margin)
 
     @property
     def grasp(self) -> GraspSettings:
@@ -231,7 +235,7 @@ class PlacementPlanner:
         unwound = problem.robot.unwound(problem.q_start)
         self._turned = {arm.name: (problem.q_start - unwound)[arm.q_index] for arm in problem.arms}
         before = problem.environment
-        problem = kept_out(replace(problem, q_start=unwound), settings.keep_out)
+        problem = with_exclusion_zones(replace(problem, q_start=unwound), settings.keep_out)
         rng_sampler, rng_ik, rng_motion, rng_paths = rng.spawn(4)
         poses = PoseConstraints(
             problem,

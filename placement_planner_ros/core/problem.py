@@ -47,7 +47,7 @@ class Problem:
             )
 
 
-def kept_out(problem: Problem, keep_out: Sequence[float]) -> Problem:
+def with_exclusion_zones(problem: Problem, keep_out: Sequence[float]) -> Problem:
     """The problem with boxes, six numbers each, that nothing which moves may enter."""
     if not keep_out:
         return problem

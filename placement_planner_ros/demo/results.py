@@ -20,7 +20,7 @@ from placement_planner_ros.pictures.animation import (
     draw_animation,
     draw_before_and_after,
 )
-from placement_planner_ros.pictures.motion import Motion
+from placement_planner_ros.pictures.motion import RecordedMotion
 from placement_planner_ros.pictures.picture import draw_objective
 from placement_planner_ros.pictures.stage_set import StageSet
 from placement_planner_ros.progress import ProgressLine
@@ -99,10 +99,10 @@ def unwritten(folder: Path, error: OSError) -> DemoError:
     )
 
 
-def _motion(setting: Setting, best: Solution) -> Motion:
+def _motion(setting: Setting, best: Solution) -> RecordedMotion:
     arm = setting.arm(best.arm)
     retreat = best.retreat_trajectory
-    return Motion(
+    return RecordedMotion(
         setting.robot,
         arm,
         setting.q_start,

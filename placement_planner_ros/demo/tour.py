@@ -20,8 +20,8 @@ from placement_planner_ros.client import PlacementClient, PlacementError, Soluti
 from placement_planner_ros.core.types import Trajectory
 from placement_planner_ros.demo.errors import DemoError
 from placement_planner_ros.demo.physics.carrying_out import CarryingOut, Look
-from placement_planner_ros.demo.physics.model import Thing
-from placement_planner_ros.demo.physics.outcome import Outcome, apart
+from placement_planner_ros.demo.physics.model import SimulatedThing
+from placement_planner_ros.demo.physics.outcome import CarryOutcome, apart
 from placement_planner_ros.demo.search import BUSY, PAGE, Found, search, wait_until_ready
 from placement_planner_ros.demo.setting import Setting
 from placement_planner_ros.progress import ProgressLine
@@ -54,7 +54,7 @@ class Stop:
     thing: GraspedObject
     found: Found
     looks: Sequence[Look]
-    outcome: Outcome
+    outcome: CarryOutcome
 
     @property
     def solution(self) -> Solution:
@@ -110,7 +110,7 @@ class Tour:
         self._check, self._line = check, line
         # answered in the thread that publishes the scene
         self._parameters = AsyncParameterClient(publisher, planner_name)
-        self._standing: list[Thing] = []
+        self._standing: list[SimulatedThing] = []
         self.stops: list[Stop] = []
 
     def put_down(self, name: str) -> Stop:
@@ -136,7 +136,7 @@ class Tour:
             held,
             found,
             looks,
-            Outcome.of(
+            CarryOutcome.of(
                 held.center_of_mass,
                 _pose(solution.pose.pose),
                 carrying.arrived,
@@ -182,7 +182,7 @@ class Tour:
             arm.grasps[solution.grasp],
             q,
             self.setting.scene.parts,
-            Thing(
+            SimulatedThing(
                 held.name,
                 tuple(part.vertices for part in held.parts),
                 held.center_of_mass,

@@ -32,7 +32,7 @@ from placement_planner_ros.pictures.picture import (
     moved,
 )
 from placement_planner_ros.pictures.plots import DPI, new_figure
-from placement_planner_ros.pictures.rendering import Image, Mesh, View, joined, render
+from placement_planner_ros.pictures.rendering import Image, Mesh, Viewpoint, joined, render
 from placement_planner_ros.pictures.stage_set import tube, volume_edges
 from placement_planner_ros.pictures.viewpoint import best_direction, seen_share
 from placement_planner_ros.scenes.primitives import Colour
@@ -124,7 +124,7 @@ class TourStage:
 
     def _show(self, size: tuple[int, int]) -> None:
         width, height = (OVERSAMPLING * side for side in size)
-        self.view = View.around(self._points, *self._direction, width, height)
+        self.view = Viewpoint.around(self._points, *self._direction, width, height)
         hides = self._hides(self.view)
         parts = list(zip(self._parts, hides, strict=True))
         self._glass = [replace(part, alpha=SEE_THROUGH) for part, hide in parts if hide]
@@ -171,7 +171,7 @@ class TourStage:
         others = np.vstack([*robot, *(part.vertices for part in self._parts)])
         return np.vstack([points, others[((others > low) & (others < high)).all(axis=1)]])
 
-    def _scored(self) -> Callable[[View], float]:
+    def _scored(self) -> Callable[[Viewpoint], float]:
         """How much the robot leaves to be seen of things, halfway and where they stand, and of
         their ways; and, counting less, how much the scene does."""
         last = self._things(self.legs[-1].looks[-1])
@@ -182,7 +182,7 @@ class TourStage:
             others = [other for other in last if other is not stands]
             compared.append((links, held, [*links[1], *others], stands, way))
 
-        def score(view: View) -> float:
+        def score(view: Viewpoint) -> float:
             behind = render(view, parts)
             seen = []
             for links, held, others, stands, way in compared:
@@ -194,7 +194,7 @@ class TourStage:
 
         return score
 
-    def _hides(self, view: View) -> list[bool]:
+    def _hides(self, view: Viewpoint) -> list[bool]:
         """Which parts of the scene stand before a thing at its place or on its way."""
         hides = np.zeros(len(self._parts), dtype=bool)
         for thing, leg in zip(self._things(self.legs[-1].looks[-1]), self.legs, strict=True):

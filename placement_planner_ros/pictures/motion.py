@@ -16,7 +16,7 @@ OPENING = 0.6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Moment:
+class MotionMoment:
     """One moment of a motion.
 
     Attributes:
@@ -31,7 +31,7 @@ class Moment:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Motion:
+class RecordedMotion:
     """How an arm puts down what it holds.
 
     Attributes:
@@ -61,21 +61,21 @@ class Motion:
     def _opening(self) -> float:
         return OPENING if self.arm.gripper_joints else 0.0
 
-    def at(self, time: float) -> Moment:
+    def at(self, time: float) -> MotionMoment:
         """The moment so many seconds after the start; before and after it all is at rest."""
         time = float(np.clip(time, 0.0, self.duration))
         if time <= self.carry.duration:
             q = self.robot.with_positions(self.q_start, self.carry.at(time))
             T = self.robot.link_pose(q, self.arm.tip_frame) * self.T_tip_object
-            return Moment("way down" if time >= self.approach_start else "carry", q, T)
+            return MotionMoment("way down" if time >= self.approach_start else "carry", q, T)
         q = self.robot.with_positions(self.q_start, self.carry.at(self.carry.duration))
         opened = self.robot.with_open_hand(q, self.arm)
         time -= self.carry.duration
         if self.retreat is None or time <= self._opening:
             share = min(1.0, time / self._opening) if self._opening else 1.0
-            return Moment("let go", q + share * (opened - q), self.T_world_placed)
+            return MotionMoment("let go", q + share * (opened - q), self.T_world_placed)
         q = self.robot.with_positions(opened, self.retreat.at(time - self._opening))
-        return Moment("draw back", q, self.T_world_placed)
+        return MotionMoment("draw back", q, self.T_world_placed)
 
     def path(self, step: float = 0.02) -> Array:
         """(n, 3) where the object's origin is carried along, a point every `step` seconds."""

@@ -21,7 +21,7 @@ from placement_planner_ros.pictures.plots import DPI, new_figure
 from placement_planner_ros.pictures.rendering import (
     Image,
     Mesh,
-    View,
+    Viewpoint,
     render,
 )
 from placement_planner_ros.scenes.primitives import Colour
@@ -70,7 +70,7 @@ def draw_placement(
     placed = moved(body_vertices, T_world_object)
     links = robot_meshes(robot, q, hand_links)
     width, height = (int(side * DPI * OVERSAMPLING) for side in _SIZE)
-    view = View.around(_shown(placed, scene.volume, links), *_TOWARDS_EYE, width, height)
+    view = Viewpoint.around(_shown(placed, scene.volume, links), *_TOWARDS_EYE, width, height)
     solids = [Mesh(part.vertices, part.triangles, part.colour) for part in scene.parts] + links
     meshes = [Mesh(placed, body_triangles, PLACED)]
     for mesh, hides in zip(solids, hiding(view, placed, solids), strict=True):
@@ -226,7 +226,7 @@ def _primitive(shape: coal.CollisionGeometry) -> trimesh.Trimesh | None:
     return None
 
 
-def hiding(view: View, placed: Array, solids: Sequence[Mesh]) -> list[bool]:
+def hiding(view: Viewpoint, placed: Array, solids: Sequence[Mesh]) -> list[bool]:
     """Which solids (their hulls) stand between the eye and the object's corners or centre."""
     targets = np.vstack([placed, placed.mean(axis=0)])
     targets = targets[:: max(1, len(targets) // 40)]
@@ -241,13 +241,13 @@ def hiding(view: View, placed: Array, solids: Sequence[Mesh]) -> list[bool]:
     return result
 
 
-def draw_volume(axes: Axes, view: View, image: Image, volume: TargetVolume) -> None:
+def draw_volume(axes: Axes, view: Viewpoint, image: Image, volume: TargetVolume) -> None:
     """The edges of V's boxes: solid where seen, dotted where something is in front."""
     for box in volume.joined:
         _draw_box(axes, view, image, box_corners(*box))
 
 
-def _draw_box(axes: Axes, view: View, image: Image, corners: Array) -> None:
+def _draw_box(axes: Axes, view: Viewpoint, image: Image, corners: Array) -> None:
     for i in range(8):
         for axis in range(3):
             if not i >> axis & 1:
@@ -267,7 +267,7 @@ def _seen(image: Image, line: Array) -> npt.NDArray[np.bool_]:
     return np.asarray(line[:, 2] < image.depth[v, u] + 2e-3)
 
 
-def draw_frame(axes: Axes, view: View) -> None:
+def draw_frame(axes: Axes, view: Viewpoint) -> None:
     """The world's directions, 10 cm long, in the lower left corner."""
     depth = float(np.linalg.norm(view.eye)) or 1.0
     pixels = np.array([0.09 * view.width, 0.88 * view.height])

@@ -48,7 +48,7 @@ def joined(meshes: Iterable[Mesh]) -> list[Mesh]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class View:
+class Viewpoint:
     """A perspective camera.
 
     Attributes:
@@ -73,7 +73,7 @@ class View:
         width: int,
         height: int,
         field_of_view: float = 0.5,
-    ) -> View:
+    ) -> Viewpoint:
         """A view of all of `points` (n, 3) from a direction; angles in radians."""
         toward = np.array(
             [
@@ -117,7 +117,7 @@ class Image:
     depth: Array
 
 
-def render(view: View, meshes: Sequence[Mesh], behind: Image | None = None) -> Image:
+def render(view: Viewpoint, meshes: Sequence[Mesh], behind: Image | None = None) -> Image:
     """Opaque meshes first, then each translucent one's nearest surface over them, far to near.
 
     Args:
@@ -144,7 +144,7 @@ def render(view: View, meshes: Sequence[Mesh], behind: Image | None = None) -> I
     return Image(colours, depth)
 
 
-def _draw(view: View, mesh: Mesh, colours: Array, depth: Array) -> None:
+def _draw(view: Viewpoint, mesh: Mesh, colours: Array, depth: Array) -> None:
     a, b, c = (mesh.vertices[mesh.triangles[:, i]] for i in range(3))
     normals = np.cross(b - a, c - a)
     length = np.linalg.norm(normals, axis=1)

@@ -29,7 +29,7 @@ from placement_planner_ros.pictures.picture import (
     robot_meshes,
 )
 from placement_planner_ros.pictures.plots import new_figure
-from placement_planner_ros.pictures.rendering import Mesh, View, render
+from placement_planner_ros.pictures.rendering import Mesh, Viewpoint, render
 from placement_planner_ros.scenes.primitives import Colour
 
 _COVER: tuple[Colour, ...] = (
@@ -128,7 +128,7 @@ def _show(
 ) -> None:
     """A view of all points (n, 3), with the axes of the tips and V drawn over it."""
     width, height = (int(side) * OVERSAMPLING for side in axes.bbox.size)
-    view = View.around(points, *_TOWARDS_EYE, width, height)
+    view = Viewpoint.around(points, *_TOWARDS_EYE, width, height)
     image = render(view, list(meshes))
     colours = averaged(image.colours)
     axes.imshow(colours, extent=(0, width, height, 0), interpolation="nearest", aspect="auto")

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from placement_planner_ros.core.types import Array, TargetVolume
-from placement_planner_ros.pictures.motion import Moment, Motion
+from placement_planner_ros.pictures.motion import MotionMoment, RecordedMotion
 from placement_planner_ros.pictures.picture import (
     OVERSAMPLING,
     PLACED,
@@ -20,7 +20,7 @@ from placement_planner_ros.pictures.picture import (
     hiding,
     moved,
 )
-from placement_planner_ros.pictures.rendering import Image, Mesh, View, joined, render
+from placement_planner_ros.pictures.rendering import Image, Mesh, Viewpoint, joined, render
 from placement_planner_ros.pictures.viewpoint import best_direction, seen_share
 from placement_planner_ros.scenes.primitives import Colour
 from placement_planner_ros.scenes.scenes import Scene
@@ -43,7 +43,7 @@ class StageSet:
 
     def __init__(
         self,
-        motion: Motion,
+        motion: RecordedMotion,
         scene: Scene,
         body_vertices: Array,
         body_triangles: Triangles,
@@ -64,7 +64,7 @@ class StageSet:
         marks = [tube(motion.path(), _PATH_RADIUS, PATH), *volume_edges(scene.volume)]
         self._behind = render(self.view, joined([*solid, *marks]))
 
-    def draw(self, moment: Moment) -> Image:
+    def draw(self, moment: MotionMoment) -> Image:
         """The picture of that moment."""
         links = [
             replace(mesh, alpha=alpha)
@@ -73,7 +73,7 @@ class StageSet:
         glass = [mesh for mesh in self._things if mesh.alpha < 1.0]
         return render(self.view, [*joined(links), self._thing(moment), *glass], self._behind)
 
-    def _thing(self, moment: Moment) -> Mesh:
+    def _thing(self, moment: MotionMoment) -> Mesh:
         return Mesh(moved(self._body[0], moment.T_world_object), self._body[1], PLACED)
 
     def _seen_through(self, placed: Array, meshes: Sequence[Mesh]) -> list[Mesh]:
@@ -84,7 +84,7 @@ class StageSet:
             for mesh, hide in zip(meshes, hides, strict=True)
         ]
 
-    def _shown(self, motion: Motion, volume: TargetVolume) -> Array:
+    def _shown(self, motion: RecordedMotion, volume: TargetVolume) -> Array:
         """(n, 3) points that the picture has to hold."""
         first, last = motion.at(0.0), motion.at(motion.duration)
         must = [box_corners(volume.lower, volume.upper), motion.path()]
@@ -98,19 +98,19 @@ class StageSet:
         others = np.vstack(near)
         return np.vstack([points, others[((others > low) & (others < high)).all(axis=1)]])
 
-    def _best_view(self, shown: Array, moments: Sequence[Moment]) -> View:
+    def _best_view(self, shown: Array, moments: Sequence[MotionMoment]) -> Viewpoint:
         """The one in which most of the object, over the moments, and of its way is seen."""
         path = tube(self.motion.path(), _PATH_RADIUS, PATH)
         scenes = [(joined(self._robot.at(moment.q)), self._thing(moment)) for moment in moments]
 
-        def score(view: View) -> float:
+        def score(view: Viewpoint) -> float:
             behind = render(view, joined(self._things))
             seen = [seen_share(view, behind, *scene) for scene in scenes]
             way = [seen_share(view, behind, links, path) for links, _ in scenes[1:3]]
             return float(np.mean(seen) + np.mean(way))
 
         direction = best_direction(shown, score)
-        return View.around(shown, *direction, OVERSAMPLING * WIDTH, OVERSAMPLING * HEIGHT)
+        return Viewpoint.around(shown, *direction, OVERSAMPLING * WIDTH, OVERSAMPLING * HEIGHT)
 
 
 def tube(points: Array, radius: float, colour: Colour, sides: int = 5) -> Mesh:

@@ -16,7 +16,7 @@ from placement_planner_ros.core.errors import ParameterError, PlacementPlannerEr
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.ros.inputs.inputs import Inputs
 from placement_planner_ros.ros.outputs.announcer import Announcer
-from placement_planner_ros.ros.outputs.answers import Answer, answer, refusal
+from placement_planner_ros.ros.outputs.answers import ServiceAnswer, answer, refusal
 from placement_planner_ros.ros.parameters.checks import one_pose, poses_from_list
 from placement_planner_ros.ros.parameters.server import ParameterServer
 from placement_planner_ros.ros.run.planning import Prepare
@@ -73,7 +73,7 @@ class Commands:
         run = self.run
         return run is not None and run.active
 
-    def start(self, changes: Sequence[Parameter] = ()) -> Answer:
+    def start(self, changes: Sequence[Parameter] = ()) -> ServiceAnswer:
         """Check all inputs and begin a run, with some parameters changed for it alone."""
         with self._lock:
             busy = self._busy()
@@ -102,17 +102,17 @@ class Commands:
             words += f" of {STAND_IN}"
         return answer("OK", listed([words, *notes], "\n"), run=run.number)
 
-    def stop(self) -> Answer:
+    def stop(self) -> ServiceAnswer:
         """End the run; answers once its worker is idle."""
         return _stop(self.run)
 
-    def stop_with(self, parameters: Sequence[Parameter]) -> Answer:
+    def stop_with(self, parameters: Sequence[Parameter]) -> ServiceAnswer:
         """End one run only."""
         wanted = _number(_values(parameters, ("run",)), "run")
         run = self.run
         return _stop(run) if run is not None and run.number == wanted else _wrong(run, wanted)
 
-    def confirm_placed(self) -> Answer:
+    def confirm_placed(self) -> ServiceAnswer:
         """The best placement was carried out: the object is part of the environment now."""
         with self._lock:
             busy = self._busy()
@@ -123,7 +123,7 @@ class Commands:
                 return answer("NO_OBJECT", "there is no placement that could have been carried out")
             return self._confirm(run, run.solutions, None)
 
-    def confirm_placed_with(self, parameters: Sequence[Parameter]) -> Answer:
+    def confirm_placed_with(self, parameters: Sequence[Parameter]) -> ServiceAnswer:
         """A placement of the last run was carried out, perhaps not quite where planned."""
         values = _values(parameters, ("run", "solution"), ("pose",))
         wanted, solution = _number(values, "run"), _number(values, "solution")
@@ -140,7 +140,7 @@ class Commands:
                 raise ParameterError("solution", solution, f"run {wanted} has {known}")
             return self._confirm(run, solution, pose)
 
-    def remove_placed(self, parameters: Sequence[Parameter]) -> Answer:
+    def remove_placed(self, parameters: Sequence[Parameter]) -> ServiceAnswer:
         """What a run placed has been taken away."""
         wanted = _number(_values(parameters, ("run",)), "run")
         with self._lock:
@@ -155,7 +155,7 @@ class Commands:
         self._announcer.environment_changed()
         return answer("OK", "the object is no part of the environment any more", run=wanted)
 
-    def clear_environment(self) -> Answer:
+    def clear_environment(self) -> ServiceAnswer:
         """Forget accumulated points and confirmed objects."""
         with self._lock:
             busy = self._busy()
@@ -172,7 +172,7 @@ class Commands:
             run.end(State.STOPPED)
             run.wait(STOP_PATIENCE)
 
-    def _busy(self) -> Answer | None:
+    def _busy(self) -> ServiceAnswer | None:
         """The refusal of whatever needs an idle planner."""
         run = self.run
         if run is None or not run.active:
@@ -182,7 +182,7 @@ class Commands:
         words = f"run {run.number} is {run.state}: wait for its end, or stop it (~/stop_with)"
         return answer("ALREADY_RUNNING", words, run=run.number)
 
-    def _confirm(self, run: Run, solution: int, measured: pin.SE3 | None) -> Answer:
+    def _confirm(self, run: Run, solution: int, measured: pin.SE3 | None) -> ServiceAnswer:
         """With the lock held."""
         pose = run.poses[solution] if measured is None else measured
         self._inputs.confirm(run.number, run.snapshot.body, pose)
@@ -191,7 +191,7 @@ class Commands:
         return answer("OK", "the object is obstacle and support now", run=run.number)
 
 
-def _stop(run: Run | None) -> Answer:
+def _stop(run: Run | None) -> ServiceAnswer:
     if run is None:
         return answer("NOT_RUNNING", "no run was started", success=True)
     if not run.active:
@@ -206,7 +206,7 @@ def _stop(run: Run | None) -> Answer:
     return _outcome("OK", run)
 
 
-def _wrong(run: Run | None, wanted: int) -> Answer:
+def _wrong(run: Run | None, wanted: int) -> ServiceAnswer:
     known = (
         "this node has begun no run; was it restarted since that run was?"
         if run is None
@@ -256,7 +256,7 @@ def _pose(value: object) -> pin.SE3:
     return pose
 
 
-def _outcome(code: str, run: Run) -> Answer:
+def _outcome(code: str, run: Run) -> ServiceAnswer:
     values: dict[str, object] = {"run": run.number, "solution": run.solutions}
     if run.best is not None:
         values["objective"] = float(run.best.objective)

@@ -18,13 +18,13 @@ from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.kept_files import TROUBLES
 from placement_planner_ros.core.practice.compiling import (
     CompilationError,
-    Progress,
+    CompilationProgress,
     compile_kernels,
 )
 from placement_planner_ros.core.stopping import StoppedError, stoppable
 from placement_planner_ros.core.warmup import warm_up
 from placement_planner_ros.interrupts import catch_signals
-from placement_planner_ros.ros.calls import Calls
+from placement_planner_ros.ros.call_priority import CallPriority
 from placement_planner_ros.ros.commands import STOP_PATIENCE, Commands
 from placement_planner_ros.ros.inputs.inputs import Inputs
 from placement_planner_ros.ros.inputs.object_input import ObjectInput
@@ -110,7 +110,7 @@ class PlacementPlannerNode(ParameterNode):
         self._inputs = Inputs(
             robot, parameters, extra or ["points"], transforms, self.get_clock(), files
         )
-        self.calls = Calls()
+        self.calls = CallPriority()
         self._closed = threading.Event()
         self._warm = Warmth()
         outputs = Outputs(self)
@@ -242,7 +242,7 @@ class PlacementPlannerNode(ParameterNode):
 
         said = -_COMPILING_SAID
 
-        def told(progress: Progress) -> None:
+        def told(progress: CompilationProgress) -> None:
             nonlocal said
             self._warm.progress = str(progress)
             if progress.seconds > said + _COMPILING_SAID:

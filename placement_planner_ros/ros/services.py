@@ -16,7 +16,7 @@ from std_srvs.srv import Trigger
 from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError
 from placement_planner_ros.ros.commands import Commands
 from placement_planner_ros.ros.log import Log
-from placement_planner_ros.ros.outputs.answers import Answer, answer, refusal
+from placement_planner_ros.ros.outputs.answers import ServiceAnswer, answer, refusal
 
 CHANGING = {
     "start",
@@ -33,13 +33,13 @@ def serve(node: Node, commands: Commands) -> None:
     """Offer the commands as services."""
     group = ReentrantCallbackGroup()
 
-    def trigger(name: str, act: Callable[[], Answer]) -> None:
+    def trigger(name: str, act: Callable[[], ServiceAnswer]) -> None:
         def respond(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             return _saying(act(), response)
 
         node.create_service(Trigger, name, respond, callback_group=group)
 
-    def with_parameters(name: str, act: Callable[[Sequence[Parameter]], Answer]) -> None:
+    def with_parameters(name: str, act: Callable[[Sequence[Parameter]], ServiceAnswer]) -> None:
         def respond(
             request: SetParametersAtomically.Request, response: SetParametersAtomically.Response
         ) -> SetParametersAtomically.Response:
@@ -109,7 +109,7 @@ def _answering(
     return always
 
 
-def _saying(said: Answer, response: Any, parameters: int = 0) -> Any:
+def _saying(said: ServiceAnswer, response: Any, parameters: int = 0) -> Any:
     """The response with the answer in it, as far as its type has room for words."""
     if hasattr(response, "success"):
         response.success, response.message = said.success, said.text
@@ -131,7 +131,7 @@ def _outcomes(response: Any) -> list[tuple[bool, str]]:
     return [(each.successful, each.reason) for each in results]
 
 
-def unreadable(parameters: Sequence[ParameterMessage]) -> Answer | None:
+def unreadable(parameters: Sequence[ParameterMessage]) -> ServiceAnswer | None:
     """A refusal of parameters whose type does not exist."""
     known = {kind.value for kind in Parameter.Type}
     bad = [p for p in parameters if p.value.type not in known]

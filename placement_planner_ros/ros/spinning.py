@@ -19,7 +19,7 @@ from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.task import Task
 
-from placement_planner_ros.ros.calls import Calls
+from placement_planner_ros.ros.call_priority import CallPriority
 
 PERIOD = 0.1
 """Seconds within which a signal is noticed."""
@@ -41,9 +41,9 @@ class PooledExecutor(Executor):
         calls: hears of services while they are being answered.
     """
 
-    def __init__(self, threads: int, calls: Calls | None = None) -> None:
+    def __init__(self, threads: int, calls: CallPriority | None = None) -> None:
         super().__init__()
-        self._calls = calls or Calls()
+        self._calls = calls or CallPriority()
         self._pool = ThreadPoolExecutor(threads)
         self._begun: list[Task] = []
         self._rested = 0.0

@@ -17,7 +17,7 @@ import viser
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from placement_planner_ros.client.conversation import Conversation
+from placement_planner_ros.client.session import Session
 from placement_planner_ros.interrupts import catch_signals
 from placement_planner_ros.ros.inputs.transforms import Transforms
 from placement_planner_ros.ros.process import begin_ros
@@ -50,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     node = Node("placement_view")
     logging.getLogger("websockets").setLevel(logging.CRITICAL)
     server = viser.ViserServer(options.host, options.port, label="placement_view", verbose=False)
-    conversation = Conversation(node, options.planner) if options.control else None
+    conversation = Session(node, options.planner) if options.control else None
     listener = Listener(node, options.planner, conversation)
     transforms = Transforms(node)
 

@@ -11,7 +11,7 @@ from rclpy.node import Node
 
 from placement_planner_ros.client import PlacementError, Solution
 from placement_planner_ros.client.calls import parameter_message
-from placement_planner_ros.client.conversation import Conversation
+from placement_planner_ros.client.session import Session
 from placement_planner_ros.client.waiting import finish
 from placement_planner_ros.view import words
 from placement_planner_ros.view.panel import COMMANDS
@@ -42,7 +42,7 @@ class Controls:
         self,
         server: viser.ViserServer,
         node: Node,
-        conversation: Conversation,
+        conversation: Session,
         planner: str,
         run: Callable[[], int],
         shown: Callable[[], Solution | None],

@@ -15,8 +15,8 @@ from shape_msgs.msg import Mesh
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
-from placement_planner_ros.client.conversation import Conversation
-from placement_planner_ros.client.hearing import Hearing
+from placement_planner_ros.client.session import Session
+from placement_planner_ros.client.subscriptions import Subscriptions
 from placement_planner_ros.client.waiting import News
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.ros.inputs.cloud_subscriptions import CloudSubscriptions
@@ -66,13 +66,13 @@ class Listener:
         conversation: with it, which hears it already.
     """
 
-    def __init__(self, node: Node, planner: str, conversation: Conversation | None = None) -> None:
+    def __init__(self, node: Node, planner: str, conversation: Session | None = None) -> None:
         self._node = node
         self._group = MutuallyExclusiveCallbackGroup()
         self.planner = node.resolve_service_name(planner)
         if conversation is None:
             self.news = News()
-            self.hearing = Hearing(node, planner, self._group, self.news)
+            self.hearing = Subscriptions(node, planner, self._group, self.news)
         else:
             self.news, self.hearing = conversation.news, conversation.hearing
         self.parameters = NodeParameters(node, self.planner, self._group, self.news.tell)

@@ -18,7 +18,7 @@ RELEASE = 0.6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Moment:
+class PlaybackMoment:
     """One moment of a motion.
 
     Attributes:
@@ -84,14 +84,14 @@ class Playback:
             marks.append((self.carry.duration + self._release, "retreat"))
         return marks
 
-    def at(self, time: float) -> Moment:
+    def at(self, time: float) -> PlaybackMoment:
         """The moment so many seconds after the start; before and after it all is at rest."""
         time = float(np.clip(time, 0.0, self.duration))
         if time <= self.carry.duration:
             positions = {**self.start, **self.carry.at(time)}
             T_world_tip = self.link_poses(positions)[self.tip]
             stage = "approach" if time >= self.approach_start else "transit"
-            return Moment(stage, positions, T_world_tip * self.T_tip_object)
+            return PlaybackMoment(stage, positions, T_world_tip * self.T_tip_object)
         closed = {**self.start, **self.carry.at(self.carry.duration)}
         time -= self.carry.duration
         if self.retreat is None or time <= self._release:
@@ -100,9 +100,9 @@ class Playback:
                 name: closed.get(name, 0.0) + share * (value - closed.get(name, 0.0))
                 for name, value in self.opened.items()
             }
-            return Moment("release", {**closed, **now}, self.T_world_placed)
+            return PlaybackMoment("release", {**closed, **now}, self.T_world_placed)
         positions = {**closed, **self.opened, **self.retreat.at(time - self._release)}
-        return Moment("retreat", {**positions, **self.opened}, self.T_world_placed)
+        return PlaybackMoment("retreat", {**positions, **self.opened}, self.T_world_placed)
 
     def path(self, count: int = 60) -> Array:
         """(count, 3) where the object's origin is carried along, evenly in time."""

@@ -7,9 +7,9 @@ import pytest
 from problems import problem_of
 
 from benchmarks.cases import Case
-from placement_planner_ros.core.grasp.at_start import faults_at_start
+from placement_planner_ros.core.grasp.feasible_grasps import usable_holdings
 from placement_planner_ros.core.grasp.settings import GraspSettings
-from placement_planner_ros.core.grasp.usable import usable_holdings
+from placement_planner_ros.core.grasp.start_state_check import faults_at_start
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.scenes.yumi import yumi_arm

@@ -19,8 +19,8 @@ from placement_planner_ros.core.collision.arm import (
     ArmCollision,
     _flat_arm,
 )
+from placement_planner_ros.core.collision.attached_object import PlacedObject
 from placement_planner_ros.core.collision.link_shapes import link_shapes
-from placement_planner_ros.core.collision.load import Standing
 from placement_planner_ros.core.collision.object_solids import object_solids
 from placement_planner_ros.core.constraints import placement_pose
 from placement_planner_ros.core.errors import GraspError, ParameterError, RobotError, StartError
@@ -185,7 +185,7 @@ def test_planners_of_one_problem_place_the_object_each_for_itself():
     two = [
         ArmCollision(
             MovingArm(problem.robot, replace(arm, touch_links=()), problem.q_start),
-            Standing(problem.body, pin.SE3.Identity()),
+            PlacedObject(problem.body, pin.SE3.Identity()),
             problem.environment.obstacles,
         ).with_pairs(lambda a, b: PLACED_OBJECT in (a, b), environment=False)
         for _ in range(2)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.collision.load import Held
+from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.grasp.hand_opening import check_opening
 from placement_planner_ros.core.grasp.hand_sweep import with_opening_hand
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
@@ -104,7 +104,7 @@ def test_a_hand_that_opens_by_metres_is_given_up_at_once():
     moving = MovingArm(robot, arm, robot.configuration(START_CONFIGURATION))
     looks = Looks(10)
     with pytest.raises(StoppedError, match="opening the hand of arm left"), stoppable(looks):
-        check_opening(moving, Held(body, 0))
+        check_opening(moving, AttachedObject(body, 0))
     assert looks.count == 11
     turning = replace(arm, gripper_joints=("yumi_joint_6_l",), gripper_open=(2.0,))
     looks = Looks(10)

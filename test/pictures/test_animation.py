@@ -15,7 +15,7 @@ from placement_planner_ros.pictures.animation import (
     draw_before_and_after,
     frames_and_speed,
 )
-from placement_planner_ros.pictures.motion import OPENING, Motion
+from placement_planner_ros.pictures.motion import OPENING, RecordedMotion
 from placement_planner_ros.pictures.picture import PLACED
 from placement_planner_ros.pictures.stage_set import HEIGHT, WIDTH, StageSet, tube
 from placement_planner_ros.scenes.objects import object_by_name
@@ -36,7 +36,7 @@ def motion():
     at = q[arm.q_index]
     there = at + TO
     reached = robot.with_positions(q, dict(zip(arm.joints, there, strict=True)))
-    return Motion(
+    return RecordedMotion(
         robot,
         arm,
         q,

@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 from placement_planner_ros.pictures.picture import draw_objective, draw_placement
-from placement_planner_ros.pictures.rendering import Mesh, View, render
+from placement_planner_ros.pictures.rendering import Mesh, Viewpoint, render
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.primitives import box
 from placement_planner_ros.scenes.scenes import scene_by_name
@@ -22,9 +22,9 @@ def plate(height: float, colour: tuple, half: float = 0.1, alpha: float = 1.0) -
     return Mesh(solid.vertices, solid.triangles, colour, alpha)
 
 
-def from_above(*meshes: Mesh) -> View:
+def from_above(*meshes: Mesh) -> Viewpoint:
     points = np.vstack([mesh.vertices for mesh in meshes])
-    return View.around(points, azimuth=-np.pi / 2, elevation=1.5, width=80, height=60)
+    return Viewpoint.around(points, azimuth=-np.pi / 2, elevation=1.5, width=80, height=60)
 
 
 def middle(image: np.ndarray) -> np.ndarray:
@@ -56,7 +56,7 @@ def test_everything_fits_into_the_view() -> None:
     rng = np.random.default_rng(0)
     for _ in range(50):
         points = rng.normal(size=(20, 3)) * rng.uniform(0.1, 1, 3)
-        view = View.around(points, rng.uniform(-3, 3), rng.uniform(-1.2, 1.2), 300, 200)
+        view = Viewpoint.around(points, rng.uniform(-3, 3), rng.uniform(-1.2, 1.2), 300, 200)
         u, v, depth = view.project(points).T
         assert (depth > 0).all()
         assert u.min() >= 0

@@ -7,8 +7,8 @@ from problems import problem_of
 
 from benchmarks.cases import GROUPS, Case, all_cases
 from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.grasp.feasible_grasps import usable_holdings
 from placement_planner_ros.core.grasp.settings import GraspSettings
-from placement_planner_ros.core.grasp.usable import usable_holdings
 from placement_planner_ros.scenes.objects import HOUSEHOLD, OBJECT_NAMES, object_by_name
 
 

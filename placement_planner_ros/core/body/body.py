@@ -14,7 +14,7 @@ from placement_planner_ros.core.body.convex_part import ConvexPart, convex_part,
 from placement_planner_ros.core.body.covered_mesh import CoveredMesh, CoverMaker, make_cover
 from placement_planner_ros.core.body.holes import NO_HOLES, Holes, together, volume_of
 from placement_planner_ros.core.body.mesh import (
-    Piece,
+    MeshPiece,
     Triangles,
     checked_center,
     checked_mesh,
@@ -178,7 +178,7 @@ class _Surface:
     fault: str
 
     @classmethod
-    def of(cls, piece: Piece, part: ConvexPart | None) -> _Surface:
+    def of(cls, piece: MeshPiece, part: ConvexPart | None) -> _Surface:
         """Of a piece, and of its hull where it is convex."""
         none = np.zeros((0, 3, 3))
         if piece.solid:

@@ -20,12 +20,12 @@ from scipy.spatial import QhullError
 
 from placement_planner_ros.core.body.mesh_components import Components, Labels, Mask, Triangles
 from placement_planner_ros.core.body.mesh_pieces import (
-    Piece,
+    ClippedPiece,
     clipped,
     inner_points,
     plane_through,
 )
-from placement_planner_ros.core.body.mesh_surroundings import Far, Surroundings, surface_points
+from placement_planner_ros.core.body.mesh_surroundings import Far, MeshSurroundings, surface_points
 from placement_planner_ros.core.body.polytope import (
     ROUNDING,
     Polytope,
@@ -171,7 +171,7 @@ def convex_cover(
     """
     components = Components.of(vertices, triangles)
     step()
-    around = Surroundings(components.corners, tolerance)
+    around = MeshSurroundings(components.corners, tolerance)
     closed = bool(components.closed.all())
     try:
         made = _cut_and_proven(components, around, step)
@@ -193,15 +193,18 @@ def hull_cover(vertices: Array, triangles: Triangles) -> Cover:
 
 
 def _cut_and_proven(
-    components: Components, around: Surroundings, step: Callable[[], None]
+    components: Components, around: MeshSurroundings, step: Callable[[], None]
 ) -> tuple[list[Array], float] | None:
     """Vertices (m, 3) of each part, and metres that they reach beyond the mesh, about; None where
     they are not proven to hold it."""
     groups = _groups(components)
-    roots = [Region(Piece.of(group)) for group in groups]
+    roots = [CoverRegion(ClippedPiece.of(group)) for group in groups]
     reach = _SPARE * around.tolerance
     if len(components.corners) > _MANY:
-        rough = [Region(Piece.of(group.coarser(_ROUGH * around.tolerance))) for group in groups]
+        rough = [
+            CoverRegion(ClippedPiece.of(group.coarser(_ROUGH * around.tolerance)))
+            for group in groups
+        ]
         reach = _cut(rough, around, reach, step)
         for root, like in zip(roots, rough, strict=True):
             root.cut_like(like, step)
@@ -215,14 +218,14 @@ def _cut_and_proven(
     return (made, reach) if all(proven(root, made, step) for root in roots) else None
 
 
-class Region:
+class CoverRegion:
     """A piece, or the two that a plane makes of it: a tree, with the number of a part each leaf."""
 
-    def __init__(self, piece: Piece) -> None:
+    def __init__(self, piece: ClippedPiece) -> None:
         self.whole = piece.whole
-        self.piece: Piece | None = piece
+        self.piece: ClippedPiece | None = piece
         self.plane = np.zeros(4)
-        self.halves: tuple[Region, ...] = ()
+        self.halves: tuple[CoverRegion, ...] = ()
         self.part = 0
 
     def cut(self, plane: Array) -> bool:
@@ -232,17 +235,17 @@ class Region:
         if halves is None:
             return False
         self.piece, self.plane = None, plane
-        self.halves = tuple(Region(half) for half in halves)
+        self.halves = tuple(CoverRegion(half) for half in halves)
         return True
 
-    def cut_like(self, other: Region, step: Callable[[], None]) -> None:
+    def cut_like(self, other: CoverRegion, step: Callable[[], None]) -> None:
         """Cut by the same planes as another, as far as there is something on both sides."""
         step()
         if other.halves and self.cut(other.plane):
             for half, like in zip(self.halves, other.halves, strict=True):
                 half.cut_like(like, step)
 
-    def leaves(self) -> Iterator[Region]:
+    def leaves(self) -> Iterator[CoverRegion]:
         """All that were not cut."""
         if not self.halves:
             yield self
@@ -250,7 +253,7 @@ class Region:
             yield from half.leaves()
 
 
-def proven(root: Region, parts: Sequence[Array], step: Callable[[], None]) -> bool:
+def proven(root: CoverRegion, parts: Sequence[Array], step: Callable[[], None]) -> bool:
     """Whether each triangle, clipped at the planes of the regions, and each point of a solid within
     them is in the part of its region, with spare."""
     open_ = [(root, root.whole.corners, np.zeros((0, 4)))]
@@ -286,7 +289,7 @@ def _groups(components: Components) -> list[Components]:
 
 
 def _cut(
-    roots: list[Region], around: Surroundings, reach: float, step: Callable[[], None]
+    roots: list[CoverRegion], around: MeshSurroundings, reach: float, step: Callable[[], None]
 ) -> float:
     """Cut regions, what meets most far cells first, until none meets one.
 
@@ -298,9 +301,9 @@ def _cut(
     """
     far = around.far(reach)
     number = itertools.count()
-    open_: list[tuple[int, int, Region, Array]] = []
+    open_: list[tuple[int, int, CoverRegion, Array]] = []
 
-    def look_at(region: Region, middles: Array | None = None) -> None:
+    def look_at(region: CoverRegion, middles: Array | None = None) -> None:
         assert region.piece is not None
         planes = region.piece.hull.planes
         met = far.met(planes) if middles is None else far.met_of(planes, middles)
@@ -330,7 +333,7 @@ def _cut(
     return far.reach
 
 
-def _best_plane(piece: Piece, met: Array, half: float) -> Array | None:
+def _best_plane(piece: ClippedPiece, met: Array, half: float) -> Array | None:
     """The plane (4,) on whose sides the hulls hold the fewest far cells, about.
 
     Of those that hold as many one is better that is nearer to the middle and across a longer side:
@@ -434,7 +437,7 @@ def _rough_costs(ranked: Array, firsts: Array, cells: Array) -> Array:
     return costs
 
 
-def _some_points(piece: Piece) -> Array:
+def _some_points(piece: ClippedPiece) -> Array:
     """(n, 3) of its hull's vertices and of its triangles, evenly."""
     sides = np.cross(
         piece.corners[:, 1] - piece.corners[:, 0], piece.corners[:, 2] - piece.corners[:, 0]
@@ -459,11 +462,11 @@ def _some_points(piece: Piece) -> Array:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Part:
+class _CoverPart:
     """A hull, and the regions whose pieces it holds."""
 
     hull: Polytope
-    leaves: tuple[Region, ...]
+    leaves: tuple[CoverRegion, ...]
 
     @property
     def box(self) -> Array:
@@ -472,22 +475,22 @@ class _Part:
 
 
 def _joined(
-    leaves: Sequence[Region], around: Surroundings, reach: float, step: Callable[[], None]
-) -> tuple[list[_Part], float]:
+    leaves: Sequence[CoverRegion], around: MeshSurroundings, reach: float, step: Callable[[], None]
+) -> tuple[list[_CoverPart], float]:
     """As few parts as joining one pair after the other leaves, small ones first, and how far they
     reach."""
     far = around.far(reach)
     parts = {}
     for number, leaf in enumerate(leaves):
         assert leaf.piece is not None
-        parts[number] = _Part(_simpler(leaf.piece.hull, far), (leaf,))
+        parts[number] = _CoverPart(_simpler(leaf.piece.hull, far), (leaf,))
         step()
     while True:
         _join(parts, far, step)
         if len(parts) <= MOST_PARTS:
             break
         far = around.far(_GROWTH * far.reach)
-    return [_Part(_simpler(part.hull, far), part.leaves) for part in parts.values()], far.reach
+    return [_CoverPart(_simpler(part.hull, far), part.leaves) for part in parts.values()], far.reach
 
 
 def _simpler(hull: Polytope, far: Far) -> Polytope:
@@ -499,7 +502,7 @@ def _simpler(hull: Polytope, far: Far) -> Polytope:
     return hull if len(hull.vertices) <= MOST_VERTICES else made
 
 
-def _join(parts: dict[int, _Part], far: Far, step: Callable[[], None]) -> None:
+def _join(parts: dict[int, _CoverPart], far: Far, step: Callable[[], None]) -> None:
     """Join parts, the two with the smallest box around both first, as long as no hull holds far
     points."""
     pairs: list[tuple[float, int, int, int]] = []
@@ -532,17 +535,17 @@ def _join(parts: dict[int, _Part], far: Far, step: Callable[[], None]) -> None:
             consider(new, others)
 
 
-def _both(a: _Part, b: _Part, far: Far) -> _Part | None:
+def _both(a: _CoverPart, b: _CoverPart, far: Far) -> _CoverPart | None:
     """The two as one part; None where their hull holds far points."""
     if far.holds(_between(a, b)):
         return None
     made = hull_around(np.concatenate([a.hull.vertices, b.hull.vertices]))
     if far.is_met(made.vertices, made.planes):
         return None
-    return _Part(made, a.leaves + b.leaves)
+    return _CoverPart(made, a.leaves + b.leaves)
 
 
-def _between(a: _Part, b: _Part) -> Array:
+def _between(a: _CoverPart, b: _CoverPart) -> Array:
     """(n, 3) points between vertices of the two, which a hull of both holds."""
     some, others = (part.hull.vertices[:: 1 + len(part.hull.vertices) // _FROM] for part in (a, b))
     return np.asarray(0.5 * (some[:, None] + others).reshape(-1, 3))
@@ -559,7 +562,7 @@ def _hull_or_box(points: Array) -> Array:
 
 
 def _excess(
-    parts: Sequence[Array], around: Surroundings, reach: float, step: Callable[[], None]
+    parts: Sequence[Array], around: MeshSurroundings, reach: float, step: Callable[[], None]
 ) -> float:
     """Metres, about the least, beyond which no part holds far points; about `reach`."""
     hulls = [hull_around(part) for part in parts]

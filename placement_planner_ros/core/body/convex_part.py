@@ -9,7 +9,7 @@ from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from placement_planner_ros.core.body.mesh import (
     THINNEST,
-    Piece,
+    MeshPiece,
     Triangles,
     read_only,
     used_rows,
@@ -113,7 +113,7 @@ def hull_of(vertices: Array) -> ConvexPart:
         raise flat from error
 
 
-def convex_part(piece: Piece, number: int, warnings: list[str]) -> ConvexPart | None:
+def convex_part(piece: MeshPiece, number: int, warnings: list[str]) -> ConvexPart | None:
     """A connected piece that is its own hull; None where it is not convex.
 
     A flat piece that fills its outline is given a thickness, with a warning.

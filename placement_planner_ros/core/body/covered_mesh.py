@@ -16,7 +16,7 @@ from placement_planner_ros.core.body.convex_cover import (
 )
 from placement_planner_ros.core.body.convex_part import ConvexPart, polytope_of
 from placement_planner_ros.core.body.cover_store import kept_cover
-from placement_planner_ros.core.body.mesh import Piece, Triangles, read_only
+from placement_planner_ros.core.body.mesh import MeshPiece, Triangles, read_only
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array, frozen_array
 
@@ -46,7 +46,7 @@ class CoveredMesh:
     parts: tuple[ConvexPart, ...]
 
     @classmethod
-    def of(cls, pieces: Sequence[Piece], make: CoverMaker) -> CoveredMesh:
+    def of(cls, pieces: Sequence[MeshPiece], make: CoverMaker) -> CoveredMesh:
         """Of one piece or more."""
         first = np.cumsum([0, *(len(piece.vertices) for piece in pieces)])
         vertices = np.vstack([piece.vertices for piece in pieces])

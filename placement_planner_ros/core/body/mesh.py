@@ -124,7 +124,7 @@ def checked_center(center_of_mass: npt.ArrayLike, scale: float) -> Array:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Piece:
+class MeshPiece:
     """A connected piece of a mesh.
 
     Attributes:
@@ -145,7 +145,7 @@ class Piece:
         return np.asarray(self.vertices[self.triangles])
 
 
-def connected_pieces(points: Array, triangles: Triangles) -> list[Piece]:
+def connected_pieces(points: Array, triangles: Triangles) -> list[MeshPiece]:
     """The connected pieces of the mesh, facing outward where closed.
 
     Pieces that share no vertices are told apart even where they touch. Only what is not closed
@@ -184,7 +184,7 @@ def volumes(corners: Array) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class _Group:
-    """Triangles (t, 3) that are connected, and what `Piece` says of them."""
+    """Triangles (t, 3) that are connected, and what `MeshPiece` says of them."""
 
     triangles: Triangles
     watertight: bool
@@ -228,7 +228,7 @@ def _once(group: _Group) -> Triangles:
     return group.triangles[np.sort(first)] if count.min() > 1 else group.triangles
 
 
-def _pieces(points: Array, groups: list[_Group]) -> list[Piece]:
+def _pieces(points: Array, groups: list[_Group]) -> list[MeshPiece]:
     pieces = []
     for group in groups[: MAX_PIECES + 1]:  # the one more is what they are refused for
         used, triangles = used_rows(group.triangles, len(points))
@@ -238,7 +238,7 @@ def _pieces(points: Array, groups: list[_Group]) -> list[Piece]:
             corners = vertices[triangles]
             if volumes(corners - corners.mean(axis=(0, 1))).sum() < 0.0:
                 triangles = triangles[:, ::-1]
-        pieces.append(Piece(vertices, triangles, group.watertight, solid))
+        pieces.append(MeshPiece(vertices, triangles, group.watertight, solid))
     return pieces
 
 

@@ -25,7 +25,7 @@ _NONE = np.zeros((0, 3))
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
+class ClippedPiece:
     """What of some components, and of the solids inside them, is within a few planes.
 
     The solid within the planes is in the hull of the triangles there and of those points inside it
@@ -45,7 +45,7 @@ class Piece:
     inner: Array
 
     @classmethod
-    def of(cls, whole: Components) -> Piece:
+    def of(cls, whole: Components) -> ClippedPiece:
         """All of it."""
         return cls(whole, np.zeros((0, 4)), whole.corners, _NONE)
 
@@ -54,7 +54,7 @@ class Piece:
         """What holds the piece."""
         return hull_around(np.concatenate([self.corners.reshape(-1, 3), self.inner]))
 
-    def halves(self, plane: Array) -> tuple[Piece, Piece] | None:
+    def halves(self, plane: Array) -> tuple[ClippedPiece, ClippedPiece] | None:
         """The piece on both sides of a plane (4,); None where there is nothing on one."""
         corners = [clipped(self.corners, side) for side in (plane, -plane)]
         if not all(map(len, corners)):
@@ -62,7 +62,7 @@ class Piece:
         met = [(*pair, plane) for pair in itertools.combinations(self.planes, 2)]
         new = _inside(self.whole, np.array(met), self.planes)
         below, above = (
-            Piece(
+            ClippedPiece(
                 self.whole,
                 np.concatenate([self.planes, side[None]]),
                 clip,

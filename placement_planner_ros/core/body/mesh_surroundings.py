@@ -131,7 +131,7 @@ def _met(planes: Array, middles: Array, halves: Array) -> npt.NDArray[np.int64]:
     return rows
 
 
-class Surroundings:
+class MeshSurroundings:
     """The cells around a mesh, with a bound on how far their points are from it.
 
     Args:

@@ -8,8 +8,13 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial import ConvexHull
 
-from placement_planner_ros.core.body.rests import GRAVITY, TIPPING_ENERGY, Rest, rests
 from placement_planner_ros.core.body.settings import BodySettings
+from placement_planner_ros.core.body.stable_poses import (
+    GRAVITY,
+    TIPPING_ENERGY,
+    StablePose,
+    stable_poses,
+)
 from placement_planner_ros.core.body.tipping import Index, Mask, Tipping
 from placement_planner_ros.core.types import Array, frozen_array
 
@@ -63,7 +68,7 @@ def placement_faces(
         center: (3,) its centre of mass, inside their hull.
     """
     tipping = Tipping.of(points, center)
-    found = rests(tipping, settings.flatness, settings.merge_angle)
+    found = stable_poses(tipping, settings.flatness, settings.merge_angle)
     faces = [_face(tipping, rest, center, settings) for rest in found]
     faces.sort(key=lambda made: (-made[0].area, -made[1]))
     return tuple(face for face, _ in faces)
@@ -80,7 +85,7 @@ def offered(
 
 
 def _face(
-    tipping: Tipping, rest: Rest, center: Array, settings: BodySettings
+    tipping: Tipping, rest: StablePose, center: Array, settings: BodySettings
 ) -> tuple[PlacementFace, float]:
     """The face of a rest, and the area that touches, m².
 
@@ -139,7 +144,7 @@ def _holds(outline: Array, height: float) -> bool:
     return distance > 0.0 and GRAVITY * (np.hypot(height, distance) - height) >= TIPPING_ENERGY
 
 
-def _rocks_on(tipping: Tipping, rest: Rest) -> Mask:
+def _rocks_on(tipping: Tipping, rest: StablePose) -> Mask:
     """(n,) vertices of the facets that the body gets to with less than that energy."""
     highest = float(tipping.heights[rest.facet]) + TIPPING_ENERGY / GRAVITY
     facets = tipping.around(rest.facet, -np.inf, highest)

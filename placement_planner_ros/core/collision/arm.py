@@ -27,18 +27,18 @@ from placement_planner_ros.core.collision.arrays import (
     scratch_for,
     with_own_object,
 )
+from placement_planner_ros.core.collision.attached_object import AttachedObject, PlacedObject
 from placement_planner_ros.core.collision.body_rows import CollisionBody, Part
 from placement_planner_ros.core.collision.boxes import box_arrays
 from placement_planner_ros.core.collision.edges import OVERFLOW, check_edge
 from placement_planner_ros.core.collision.hand import WristTurns, hand_collides
 from placement_planner_ros.core.collision.link_shapes import link_shapes
-from placement_planner_ros.core.collision.load import Held, Standing
 from placement_planner_ros.core.collision.object_solids import (
     object_in_hand,
     object_overlaps,
     object_solids,
 )
-from placement_planner_ros.core.collision.placed_object import PlacedObject
+from placement_planner_ros.core.collision.placed_object import PlacedObjectRows
 from placement_planner_ros.core.collision.separation import COLLIDING, FREE
 from placement_planner_ros.core.collision.states import NOT_FINITE, check_states
 from placement_planner_ros.core.errors import JointStateError
@@ -136,7 +136,7 @@ class ArmCollision:
     def __init__(
         self,
         moving: MovingArm,
-        load: Held | Standing | None,
+        load: AttachedObject | PlacedObject | None,
         obstacles: ObstacleSet,
         settings: CollisionSettings | None = None,
     ) -> None:
@@ -144,12 +144,12 @@ class ArmCollision:
         self._obstacles = obstacles
         arm = moving.arm
         self._dof = arm.dof
-        standing = isinstance(load, Standing)
+        standing = isinstance(load, PlacedObject)
         self._flat = _flat_arm(
             moving.robot,
             arm,
             None if load is None else load.body,
-            load.grasp if isinstance(load, Held) else None,
+            load.grasp if isinstance(load, AttachedObject) else None,
             moving.q_zero.tobytes(),
             self.settings.cover_excess,
             self.settings.self_margin + self.settings.self_reserve,
@@ -162,9 +162,9 @@ class ArmCollision:
         arrays = self._flat.arrays
         self._wrist = WristTurns.of(arrays, float(arm.lower[-1]), float(arm.upper[-1]))
         self._T_tip_joint = np.linalg.inv(arrays.fixed[-1])
-        self._placed: PlacedObject | None = None
-        if isinstance(load, Standing):
-            self._placed = PlacedObject(self._flat, self._scratch, PLACED_OBJECT, T)
+        self._placed: PlacedObjectRows | None = None
+        if isinstance(load, PlacedObject):
+            self._placed = PlacedObjectRows(self._flat, self._scratch, PLACED_OBJECT, T)
             self.place(load.T_world_object)
         self._queue = np.zeros((_QUEUE, 2))
         self._settled = np.zeros((_QUEUE, arrays.moving + len(arrays.pairs)), dtype=np.bool_)

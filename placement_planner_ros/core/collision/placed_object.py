@@ -23,7 +23,7 @@ from placement_planner_ros.core.collision.arrays import (
 from placement_planner_ros.core.types import Array
 
 
-class PlacedObject:
+class PlacedObjectRows:
     """The rows of one fixed body, and where they are.
 
     But for its planes: these are asked for of bodies against boxes, and this one meets none.

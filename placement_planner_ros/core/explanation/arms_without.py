@@ -9,8 +9,8 @@ import pinocchio as pin
 
 from placement_planner_ros.core.explanation.other_rules import Without, standing, without_each
 from placement_planner_ros.core.explanation.search import Search
+from placement_planner_ros.core.grasp.feasible_grasps import usable_holdings
 from placement_planner_ros.core.grasp.holding import Holding
-from placement_planner_ros.core.grasp.usable import usable_holdings
 from placement_planner_ros.core.remembering import remembered_with
 from placement_planner_ros.core.sample_goals.goals import GoalFinder
 

@@ -23,7 +23,7 @@ from placement_planner_ros.core.sample_goals.rejections import RejectedPose
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.keep_out import inside
 from placement_planner_ros.core.scene.region_points import RegionPoints
-from placement_planner_ros.core.stability.footing import Footing
+from placement_planner_ros.core.stability.support_settings import SupportSettings
 from placement_planner_ros.core.types import Array, Verdict
 
 _IN_DOUBT = "what too few noisy points show"
@@ -159,14 +159,16 @@ def met_by_object(
     )
 
 
-def stable_with(problem: Problem, footing: Footing, rejected: Sequence[RejectedPose]) -> int:
+def stable_with(
+    problem: Problem, footing: SupportSettings, rejected: Sequence[RejectedPose]
+) -> int:
     """How many of the poses without support would have it by these settings."""
     other = PoseConstraints(problem, CollisionSettings(), footing, 0.0)
     return sum(other.stable(pose.T_world_object, pose.face, pose.slope) for pose in rejected)
 
 
 def standing_by_polygon(
-    problem: Problem, settings: CollisionSettings, footing: Footing, raise_height: float
+    problem: Problem, settings: CollisionSettings, footing: SupportSettings, raise_height: float
 ) -> tuple[int, int]:
     """Of how many poses drawn at random how many would stand free, supported by polygon."""
     by_polygon = replace(footing, support="polygon")

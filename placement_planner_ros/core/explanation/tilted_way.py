@@ -9,8 +9,8 @@ import numpy as np
 
 from placement_planner_ros.core.explanation.explanation import Remedy
 from placement_planner_ros.core.explanation.search import Search
-from placement_planner_ros.core.grasp.at_start import in_degrees
 from placement_planner_ros.core.grasp.holding import Holding
+from placement_planner_ros.core.grasp.start_state_check import in_degrees
 from placement_planner_ros.core.motion.birrt import GoalSetRRT, GoalSetRRTSettings
 from placement_planner_ros.core.types import Goal
 

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.collision.load import Held
+from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.collision.object_solids import (
     coal_transform,
     object_overlaps,
@@ -42,7 +42,7 @@ _COARSE = 0.001
 """m by which a depth may be told too large."""
 
 
-def check_opening(moving: MovingArm, held: Held, parted_within: float = PARTING) -> None:
+def check_opening(moving: MovingArm, held: AttachedObject, parted_within: float = PARTING) -> None:
     """Raise if the hand, from where it is on, cannot let go of the object that it holds.
 
     A finger that lies in the object to begin with, as joint states and meshes may have it, must

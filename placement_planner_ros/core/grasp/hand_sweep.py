@@ -13,7 +13,7 @@ import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
 from placement_planner_ros.core.collision.shapes import shape_of
-from placement_planner_ros.core.grasp.few_corners import few_corners
+from placement_planner_ros.core.grasp.hull_simplification import few_corners
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.geometry import LinkCover, convex
 from placement_planner_ros.core.robot.model import Robot

@@ -10,12 +10,12 @@ import pinocchio as pin
 
 from placement_planner_ros.core.carry.tilt import TiltConstraint
 from placement_planner_ros.core.collision.arm import ArmCollision, Meeting
-from placement_planner_ros.core.collision.load import Held
+from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.errors import GraspError
-from placement_planner_ros.core.grasp.any_turn import AnyTurn
-from placement_planner_ros.core.grasp.hand_leaving import check_letting_go
+from placement_planner_ros.core.grasp.free_yaw_ik import FreeYawIK
 from placement_planner_ros.core.grasp.open_hand import OpenHand
+from placement_planner_ros.core.grasp.release_check import check_letting_go
 from placement_planner_ros.core.grasp.settings import GraspSettings
 from placement_planner_ros.core.grasp.straight_down import stray, stray_at
 from placement_planner_ros.core.reach.ik import InverseKinematics
@@ -73,7 +73,7 @@ class Holding:
     def __init__(
         self,
         moving: MovingArm,
-        held: Held,
+        held: AttachedObject,
         obstacles: ObstacleSet,
         open_hand: OpenHand,
         settings: GraspSettings,
@@ -103,7 +103,7 @@ class Holding:
         grasp = self.arm.grasps[held.grasp]
         self._T_object_tip = grasp.inverse()
         self.any_turn = (
-            AnyTurn(self.chain, grasp, self._ik) if lacks_directions(self.chain) else None
+            FreeYawIK(self.chain, grasp, self._ik) if lacks_directions(self.chain) else None
         )
         self.upright: TiltConstraint | None = None
         if settings.tilt is not None:

@@ -20,7 +20,7 @@ from placement_planner_ros.core.collision.arm import (
     CollisionSettings,
     Meeting,
 )
-from placement_planner_ros.core.collision.load import Standing
+from placement_planner_ros.core.collision.attached_object import PlacedObject
 from placement_planner_ros.core.grasp.hand_sweep import with_opening_hand
 from placement_planner_ros.core.grasp.settings import LONGEST_RETREAT, PARTING, GraspSettings
 from placement_planner_ros.core.reach.ik import InverseKinematics
@@ -101,7 +101,7 @@ class OpenHand:
         self._opening = ArmCollision(sweeping, None, obstacles, collision)
         # Every link is paired with the object, then those pairs are left out that do not count.
         touching_nothing = replace(opened, arm=replace(arm, touch_links=()))
-        standing = Standing(body, pin.SE3.Identity())
+        standing = PlacedObject(body, pin.SE3.Identity())
         self._open = ArmCollision(touching_nothing, standing, obstacles, collision)
         self._parted = self._open.with_pairs(
             lambda a, b: PLACED_OBJECT in (a, b),

@@ -47,7 +47,7 @@ class Aligned(Beside):
     unit: ClassVar = "rad"
     scale: ClassVar = 0.2
     ends: ClassVar = (-0.25 * math.pi, 0.0)
-    dear: ClassVar = True
+    expensive: ClassVar = True
 
     def __init__(self, context: ObjectiveContext) -> None:
         super().__init__(context)

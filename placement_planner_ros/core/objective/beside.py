@@ -15,7 +15,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from placement_planner_ros.core.objective.objective import ObjectiveContext
-from placement_planner_ros.core.objective.standing import Index, Standing, padded
+from placement_planner_ros.core.objective.supporting_faces import Index, SupportingFaces, padded
 from placement_planner_ros.core.types import Array, Slope
 
 Mask = npt.NDArray[np.bool_]
@@ -56,7 +56,7 @@ class Beside:
     """What such terms know of poses: the planes that they stand on, and what is around."""
 
     def __init__(self, context: ObjectiveContext) -> None:
-        self._standing = Standing(context)
+        self._standing = SupportingFaces(context)
         self._environment = context.environment
         self._size = float(np.linalg.norm(np.ptp(context.body.vertices, axis=0)))
         self._tables: dict[tuple[int, int], tuple[cKDTree | None, Array]] = {}
@@ -129,7 +129,7 @@ class Edge(Beside):
     unit: ClassVar = "m"
     scale: ClassVar = 0.05
     ends: ClassVar = (0.0, 0.2)
-    dear: ClassVar = True
+    expensive: ClassVar = True
 
     def __init__(self, context: ObjectiveContext) -> None:
         super().__init__(context)

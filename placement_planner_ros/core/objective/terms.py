@@ -15,7 +15,7 @@ from scipy.spatial import ConvexHull, QhullError
 from placement_planner_ros.core.body.contact_points import contact_points
 from placement_planner_ros.core.objective.clearance import Clearance
 from placement_planner_ros.core.objective.objective import ObjectiveContext
-from placement_planner_ros.core.objective.standing import Index, Standing, padded
+from placement_planner_ros.core.objective.supporting_faces import Index, SupportingFaces, padded
 from placement_planner_ros.core.scene.distance import CAP
 from placement_planner_ros.core.types import Array
 
@@ -39,7 +39,7 @@ class Term(Protocol):
         ...
 
     @property
-    def dear(self) -> bool:
+    def expensive(self) -> bool:
         """Whether it is asked only where the others do not settle it."""
         ...
 
@@ -83,7 +83,7 @@ class ClearanceTerm(Clearance):
     unit: ClassVar = "m"
     scale: ClassVar = 0.1
     ends: ClassVar = (0.0, CAP)
-    dear: ClassVar = True
+    expensive: ClassVar = True
 
     def __init__(self, context: ObjectiveContext) -> None:
         super().__init__(context, 1.0)
@@ -95,7 +95,7 @@ class Near:
     unit: ClassVar = "m"
     scale: ClassVar = 0.1
     ends: ClassVar = (-math.inf, 0.0)
-    dear: ClassVar = False
+    expensive: ClassVar = False
 
     def __init__(self, context: ObjectiveContext) -> None:
         self._target = np.array(context.wishes.near_pose[:3])
@@ -124,7 +124,7 @@ class Turn:
     unit: ClassVar = "rad"
     scale: ClassVar = 0.5
     ends: ClassVar = (-math.pi, 0.0)
-    dear: ClassVar = False
+    expensive: ClassVar = False
 
     def __init__(self, context: ObjectiveContext) -> None:
         x, y, z, w = context.wishes.near_pose[3:]
@@ -153,10 +153,10 @@ class High:
     unit: ClassVar = "m"
     scale: ClassVar = 0.1
     ends: ClassVar = (-math.inf, math.inf)
-    dear: ClassVar = False
+    expensive: ClassVar = False
 
     def __init__(self, context: ObjectiveContext) -> None:
-        self._standing = Standing(context)
+        self._standing = SupportingFaces(context)
         self._size = float(np.linalg.norm(np.ptp(context.body.vertices, axis=0)))
 
     def values(self, T_world_object: Array) -> Array:
@@ -183,10 +183,10 @@ class Stance:
     ends: ClassVar = (-0.5 * math.pi, 0.5 * math.pi)
 
     def __init__(self, context: ObjectiveContext) -> None:
-        self._standing = Standing(context)
+        self._standing = SupportingFaces(context)
         self._environment = context.environment
         self._tolerance = context.contact_tolerance
-        self.dear = context.support == "polygon"
+        self.expensive = context.support == "polygon"
         self._contacts: list[tuple[Array, pin.SE3]] = []
         rotations, heights, hulls = [], [], []
         for face in context.body.faces:
@@ -195,7 +195,7 @@ class Stance:
             rotations.append(T.rotation)
             heights.append(float(T.act(context.body.center_of_mass)[2]))
             feet = (face.vertices @ T.rotation.T + T.translation)[:, :2]
-            if self.dear:
+            if self.expensive:
                 feet = contact_points(context.body, over).points
                 self._contacts.append((feet, T.inverse()))
             hulls.append(_edges(feet))
@@ -205,7 +205,7 @@ class Stance:
     def values(self, T_world_object: Array) -> Array:
         """(n,) at poses (n, 4, 4)."""
         stood = self._standing.at(T_world_object)
-        if not self.dear:
+        if not self.expensive:
             return self._tips(stood.face, self._hulls[stood.face], T_world_object)
         result = np.empty(len(T_world_object))
         for n, T in enumerate(T_world_object):

@@ -20,7 +20,7 @@ from placement_planner_ros.core.objective.objective import (
     gradient,
     moved,
 )
-from placement_planner_ros.core.objective.standing import Standing
+from placement_planner_ros.core.objective.supporting_faces import SupportingFaces
 from placement_planner_ros.core.objective.terms import (
     BoundedTerm,
     ClearanceTerm,
@@ -48,7 +48,7 @@ _STEPS = np.array([1e-3, 1e-3, 5e-3])
 _ROUNDING = 1e-9
 """By so much a required term may be too low."""
 _UNASKED = 1e3
-"""Scales that a dear term counts as too low by where it was not asked."""
+"""Scales that an expensive term counts as too low by where it was not asked."""
 
 
 class PlugInTerm:
@@ -57,7 +57,7 @@ class PlugInTerm:
     unit = ""
     scale = 1.0
     ends = (-math.inf, math.inf)
-    dear = True
+    expensive = True
 
     def __init__(self, objective: Objective) -> None:
         self._objective = objective
@@ -71,7 +71,7 @@ class PlugInTerm:
         return gradient(self._objective, T_world_object)
 
 
-class _Part:
+class _WeightedPart:
     """One term of a sum.
 
     Attributes:
@@ -128,12 +128,12 @@ class Weighted:
         weights = wishes.weights or (1.0,) * len(wishes.terms)
         self._terms = {name: make(name, context) for name in wishes.terms}
         parts = [
-            _Part(term, weight / term.scale)
+            _WeightedPart(term, weight / term.scale)
             for term, weight in zip(self._terms.values(), weights, strict=True)
         ]
-        self._cheap = [part for part in parts if not part.term.dear]
-        self._dear = [part for part in parts if part.term.dear]
-        self._standing = Standing(context)
+        self._cheap = [part for part in parts if not part.term.expensive]
+        self._expensive = [part for part in parts if part.term.expensive]
+        self._standing = SupportingFaces(context)
 
     def __call__(self, T_world_object: pin.SE3) -> float:
         """ξ(x)."""
@@ -147,7 +147,7 @@ class Weighted:
     def values(self, T_world_object: Array) -> Array:
         """(n,) ξ of the (n, 4, 4) poses."""
         total = np.zeros(len(T_world_object))
-        for part in (*self._cheap, *self._dear):
+        for part in (*self._cheap, *self._expensive):
             total += part.factor * part.term.values(T_world_object)
         return total
 
@@ -158,16 +158,16 @@ class Weighted:
         total = np.zeros(len(T))
         for part in self._cheap:
             total += part.factor * part.term.values(T)
-        if not self._dear:
+        if not self._expensive:
             return total
-        most = np.array([part.most(T) for part in self._dear])  # (dear, n)
-        for part, row in zip(self._dear, most, strict=True):
+        most = np.array([part.most(T) for part in self._expensive])  # (expensive, n)
+        for part, row in zip(self._expensive, most, strict=True):
             left = np.flatnonzero(total + most.sum(axis=0) > best)
             if len(left):
                 estimated = part.estimated_most(T[left])
                 if estimated is not None:
                     row[left] = np.minimum(row[left], estimated)
-        for k, part in enumerate(self._dear):
+        for k, part in enumerate(self._expensive):
             left = np.flatnonzero(total + most.sum(axis=0) > best)
             if len(left):
                 most[k, left] = part.factor * part.term.values(T[left])
@@ -178,7 +178,7 @@ class Weighted:
         stood = self._standing.at(T_world_object.homogeneous[None])
         along = self._standing.slopes[stood.slope[0]]
         slope = (float(along[0]), float(along[1])) if along.any() else LEVEL
-        parts = (*self._cheap, *self._dear)
+        parts = (*self._cheap, *self._expensive)
         return np.asarray(sum(part.gradient(T_world_object, slope) for part in parts))
 
 
@@ -212,10 +212,12 @@ class Requirements:
         are reached. Dear ones are asked only where the others are; elsewhere they count as
         `_UNASKED`."""
         total = np.zeros(len(T_world_object))
-        for dear in (False, True):
+        for expensive in (False, True):
             rows = np.flatnonzero(total == 0.0)
-            terms = [(term, least) for _, term, least in self.terms_asked if term.dear == dear]
-            if dear and terms:
+            terms = [
+                (term, least) for _, term, least in self.terms_asked if term.expensive == expensive
+            ]
+            if expensive and terms:
                 total[total > 0.0] += _UNASKED
             for term, least in terms if len(rows) else ():
                 short = least - term.values(T_world_object[rows])

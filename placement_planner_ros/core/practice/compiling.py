@@ -55,7 +55,7 @@ class CompilationError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Progress:
+class CompilationProgress:
     """How far compiling is.
 
     Attributes:
@@ -82,7 +82,7 @@ class Progress:
         return f"{self.done} of {self.kernels} kernels compiled{left}"
 
 
-def compile_kernels(told: Callable[[Progress], None]) -> None:
+def compile_kernels(told: Callable[[CompilationProgress], None]) -> None:
     """Compile what is not on disk yet; stoppable, as `core.stopping` says.
 
     Args:
@@ -103,7 +103,7 @@ def compile_kernels(told: Callable[[Progress], None]) -> None:
         nonlocal said
         if done > said:
             said = done
-            told(Progress(done, kernels, time.monotonic() - began, before))
+            told(CompilationProgress(done, kernels, time.monotonic() - began, before))
 
     with tempfile.TemporaryFile() as errors:  # a file, since a pipe that nobody reads would fill
         _run(errors, lambda: tell(kernels - len(not_kept()[0])))

@@ -21,7 +21,7 @@ from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.carry.settings import CarrySettings, TiltLimit
 from placement_planner_ros.core.carry.tilt import TiltConstraint
 from placement_planner_ros.core.collision.arm import ArmCollision
-from placement_planner_ros.core.collision.load import Held
+from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.objective.objective import ObjectiveContext, gradient
@@ -39,7 +39,7 @@ from placement_planner_ros.core.scene.extent import cropped
 from placement_planner_ros.core.scene.flying_pixels import flying_pixels
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.core.scene.visibility import View
-from placement_planner_ros.core.stability.rises import Rises
+from placement_planner_ros.core.stability.protrusions import Protrusions
 from placement_planner_ros.core.swept.space import Stretch, SweptSpace
 from placement_planner_ros.core.types import LEVEL, Array, Placement, TargetVolume
 from placement_planner_ros.core.wishes.settings import TurnSettings
@@ -114,7 +114,7 @@ class Practice:
         support = self._environment.support
         support.roomy(0.0, 0.003, 0.05)
         one, far_below = _pose(0.05, 0.05, 0.06).homogeneous[None], np.array([[-10.0, 0.0, 0.0]])
-        rises = Rises(self._environment, self._box.faces, lambda _: np.zeros((1, 2)), 0.003)
+        rises = Protrusions(self._environment, self._box.faces, lambda _: np.zeros((1, 2)), 0.003)
         none = np.zeros(1)
         rises.lift(one, np.zeros(1, np.int64), LEVEL, far_below, none, none)
 
@@ -146,7 +146,7 @@ class Practice:
         return Problem(self._robot, (self._arm,), self._q, self._box, around.volume, around)
 
     def _holding_arm(self) -> ArmCollision:
-        return ArmCollision(self._moving, Held(self._box), self._obstacles)
+        return ArmCollision(self._moving, AttachedObject(self._box), self._obstacles)
 
     @functools.cached_property
     def _obstacles(self) -> ObstacleSet:

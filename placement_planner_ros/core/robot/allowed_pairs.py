@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from placement_planner_ros.core.did_you_mean import did_you_mean
 from placement_planner_ros.core.errors import RobotError
-from placement_planner_ros.core.nearest import nearest
 from placement_planner_ros.core.robot.description import Description, read_xml
 from placement_planner_ros.core.robot.geometry import LinkCover
 from placement_planner_ros.core.robot.overlap import Overlaps
@@ -128,7 +128,7 @@ def read_srdf(text: str, links: tuple[str, ...]) -> tuple[frozenset[Pair], tuple
 
 
 def _unknown(link: str, links: tuple[str, ...]) -> str:
-    meant = nearest(link, links)
+    meant = did_you_mean(link, links)
     words = "" if meant is None else f"; the nearest is {meant}"
     return f"the SRDF names link {link!r}, which the URDF has not{words}"
 
@@ -167,7 +167,7 @@ def derive(
         if p not in neighbours and joint[p[0]] != joint[p[1]]
     }
     poses = _Poses(description, model)
-    rows = _Rows(undecided, geometry, geometry_links, covers)
+    rows = _PairRows(undecided, geometry, geometry_links, covers)
     found += _overlapping(rows, undecided, model, geometry, poses)
     return tuple(sorted(found, key=lambda left_out: left_out.links))
 
@@ -193,7 +193,7 @@ class NearPairs:
             pair(geometry_links[a], geometry_links[b]): int(n)
             for (a, b), n in zip(checked[near].tolist(), apart[near], strict=True)
         }
-        self._rows = _Rows(self._joints, geometry, geometry_links, covers)
+        self._rows = _PairRows(self._joints, geometry, geometry_links, covers)
 
     def overlapping_at(self, q: Array) -> tuple[LeftOut, ...]:
         """Those whose meshes overlap at q (nq,).
@@ -282,7 +282,7 @@ class _Poses:
         return q
 
 
-class _Rows:
+class _PairRows:
     """The shapes of some pairs of links.
 
     Attributes:
@@ -344,7 +344,7 @@ def _placements(model: pin.Model, geometry: pin.GeometryModel, q: Array) -> list
 
 
 def _overlapping(
-    rows: _Rows,
+    rows: _PairRows,
     undecided: dict[Pair, int],
     model: pin.Model,
     geometry: pin.GeometryModel,

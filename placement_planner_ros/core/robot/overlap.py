@@ -36,7 +36,7 @@ _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Piece:
+class OverlapPiece:
     """A connected piece of a mesh, or a whole solid.
 
     Attributes:
@@ -55,10 +55,10 @@ class MeshSurface:
 
     def __init__(self, triangles: Array) -> None:
         self.triangles = triangles
-        self._pieces: tuple[Piece, ...] | None = None
+        self._pieces: tuple[OverlapPiece, ...] | None = None
 
     @property
-    def pieces(self) -> tuple[Piece, ...]:
+    def pieces(self) -> tuple[OverlapPiece, ...]:
         """The largest first."""
         if self._pieces is None:
             self._pieces = _pieces(self.triangles)
@@ -93,7 +93,7 @@ class Overlaps:
         self.centers = np.array([shape.aabb_center for shape in self.shapes]).reshape(-1, 3)
         self.radii = np.array([shape.aabb_radius for shape in self.shapes])
         self._surfaces = dict(enumerate(surfaces))
-        self._pieces: dict[int, tuple[Piece, ...]] = {}
+        self._pieces: dict[int, tuple[OverlapPiece, ...]] = {}
         self._corners: dict[int, Array] = {}
         self._rough: Overlaps | None = None
 
@@ -256,15 +256,15 @@ class Overlaps:
             surface = self._surfaces[i] = MeshSurface(triangles_of(self.shapes[i]))
         return surface
 
-    def _pieces_of(self, i: int) -> tuple[Piece, ...]:
+    def _pieces_of(self, i: int) -> tuple[OverlapPiece, ...]:
         if i not in self._pieces:
             shape = self.shapes[i]
             if isinstance(shape, Surface):
-                self._pieces[i] = tuple(map(Piece, shape.connected))
+                self._pieces[i] = tuple(map(OverlapPiece, shape.connected))
             elif is_mesh(shape):
                 self._pieces[i] = self._surface_of(i).pieces
             else:
-                self._pieces[i] = (Piece(self.centers[i : i + 1]),)
+                self._pieces[i] = (OverlapPiece(self.centers[i : i + 1]),)
         return self._pieces[i]
 
 
@@ -326,7 +326,7 @@ def _dot(u: Array, v: Array) -> Array:
     return np.asarray(u[0] * v[0] + u[1] * v[1] + u[2] * v[2])
 
 
-def _pieces(triangles: Array) -> tuple[Piece, ...]:
+def _pieces(triangles: Array) -> tuple[OverlapPiece, ...]:
     """The connected pieces of a surface (t, 3, 3), the largest first."""
     corners = triangles.reshape(-1, 3)
     first, index = alike(corners)
@@ -337,7 +337,7 @@ def _pieces(triangles: Array) -> tuple[Piece, ...]:
     order = np.argsort(label, kind="stable")
     parts = np.split(order, np.cumsum(np.bincount(label, minlength=number))[:-1])
     parts.sort(key=lambda rows: -len(rows))
-    return tuple(Piece(outermost(points[rows])) for rows in parts[:_MOST_PIECES])
+    return tuple(OverlapPiece(outermost(points[rows])) for rows in parts[:_MOST_PIECES])
 
 
 def outermost(points: Array) -> Array:

@@ -13,9 +13,9 @@ from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.scene.spans import Footprint, spans
-from placement_planner_ros.core.stability.footing import Footing
-from placement_planner_ros.core.stability.one_plane import LEANS
-from placement_planner_ros.core.stability.rises import Rises
+from placement_planner_ros.core.stability.coplanarity import LEANS
+from placement_planner_ros.core.stability.protrusions import Protrusions
+from placement_planner_ros.core.stability.support_settings import SupportSettings
 from placement_planner_ros.core.types import Array, Slope, upright
 
 _FILLED = 0.5
@@ -35,7 +35,7 @@ class PolygonSupport:
         faces: F, the foot of the centre of mass as their reference point.
     """
 
-    def __init__(self, problem: Problem, footing: Footing) -> None:
+    def __init__(self, problem: Problem, footing: SupportSettings) -> None:
         body = problem.body
         self.faces = tuple(face.over(body.center_of_mass) for face in body.faces)
         self.footing = footing
@@ -50,7 +50,7 @@ class PolygonSupport:
         ]
         far = [np.linalg.norm(each.points, axis=1) for each in self._contacts]
         self.radii = np.array([np.max(each, initial=0.0) for each in far])
-        self._rises = Rises(
+        self._rises = Protrusions(
             problem.environment,
             self.faces,
             lambda face: self._contacts[face].points,

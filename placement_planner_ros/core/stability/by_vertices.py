@@ -6,13 +6,13 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.body.contact_points import touching
-from placement_planner_ros.core.body.rests import GRAVITY, TIPPING_ENERGY
+from placement_planner_ros.core.body.stable_poses import GRAVITY, TIPPING_ENERGY
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.scene.regions import Region
-from placement_planner_ros.core.stability.footing import Footing
-from placement_planner_ros.core.stability.one_plane import in_one_plane
-from placement_planner_ros.core.stability.rises import Rises
+from placement_planner_ros.core.stability.coplanarity import coplanar_support
+from placement_planner_ros.core.stability.protrusions import Protrusions
+from placement_planner_ros.core.stability.support_settings import SupportSettings
 from placement_planner_ros.core.types import LEVEL, Array, Slope
 
 
@@ -24,7 +24,7 @@ class VertexSupport:
         regions: R; the reference vertex of each face stands on one of them.
     """
 
-    def __init__(self, problem: Problem, footing: Footing) -> None:
+    def __init__(self, problem: Problem, footing: SupportSettings) -> None:
         self.faces = problem.body.faces
         self.regions: tuple[Region, ...] = problem.environment.regions
         self.footing = footing
@@ -34,7 +34,7 @@ class VertexSupport:
         self._corners = np.concatenate(corners) if corners else np.empty((0, 3))
         self._first = np.cumsum([0, *map(len, corners)])
         body, faces = problem.body, problem.body.faces
-        self._rises = Rises(
+        self._rises = Protrusions(
             problem.environment,
             faces,
             lambda face: touching(body, faces[face]),
@@ -46,7 +46,7 @@ class VertexSupport:
         points, first = _placed(self._corners, self._first, faces, np.ascontiguousarray(T))
         support = self._environment.support_of(slope)
         gaps = support.gaps(points, self.footing.contact_tolerance, self.footing.edge_margin, first)
-        widths, above = in_one_plane(points, gaps, first, support.height_noise)
+        widths, above = coplanar_support(points, gaps, first, support.height_noise)
         stable = widths > 0.0
         rows = np.flatnonzero(stable)
         if len(rows):

@@ -41,7 +41,7 @@ from placement_planner_ros.core.timing.rounding import (
 )
 from placement_planner_ros.core.types import Array, Trajectory
 
-__all__ = ["TimingSettings", "concatenate", "evaluate", "parameterize"]
+__all__ = ["CurveSettings", "concatenate", "evaluate", "parameterize"]
 
 EdgeFree = Callable[[Array, Array, Array], bool]
 
@@ -51,7 +51,7 @@ _BLEND_SIZES = 5  # sizes a blend is tried at, each half of the one before
 
 
 @dataclass(frozen=True, slots=True)
-class TimingSettings(Settings):
+class CurveSettings(Settings):
     """How finely the timed curve is made.
 
     Attributes:
@@ -76,7 +76,7 @@ def parameterize(
     velocity: Array,
     acceleration: Array,
     edge_free: EdgeFree,
-    settings: TimingSettings | None = None,
+    settings: CurveSettings | None = None,
     should_stop: Callable[[], bool] = lambda: False,
     carried: CarriedPoint | None = None,
 ) -> Trajectory | None:
@@ -104,7 +104,7 @@ def parameterize(
     Raises:
         ParameterError: shapes or limits are unusable.
     """
-    settings = settings if settings is not None else TimingSettings()
+    settings = settings if settings is not None else CurveSettings()
     path = np.array(path, dtype=np.float64)
     limits = np.array([velocity, acceleration], dtype=np.float64)
     if path.ndim != 2 or len(path) == 0 or not np.isfinite(path).all():
@@ -160,7 +160,7 @@ def _distinct(path: Array) -> Array:
 
 
 def _certified_cuts(
-    waypoints: Array, cuts: Array, edge_free: EdgeFree, settings: TimingSettings
+    waypoints: Array, cuts: Array, edge_free: EdgeFree, settings: CurveSettings
 ) -> Array:
     """Per corner the largest of a few halvings of its cut whose blend is free; 0 where none is."""
     certified = cuts.copy()
@@ -179,7 +179,7 @@ def _timed_curve(
     waypoints: Array,
     cuts: Array,
     limits: Array,
-    settings: TimingSettings,
+    settings: CurveSettings,
     carried: CarriedPoint | None,
 ) -> tuple[Array, Array, Array, Array] | None:
     """Times, positions, velocities and accelerations; at rest at both ends and where cuts are 0."""
@@ -203,7 +203,7 @@ def _timed_stretch(
     waypoints: Array,
     cuts: Array,
     limits: Array,
-    settings: TimingSettings,
+    settings: CurveSettings,
     carried: CarriedPoint | None,
 ) -> tuple[Array, Array, Array, Array] | None:
     """One stretch from rest to rest; sampled more finely where that makes it faster."""

@@ -73,7 +73,7 @@ class TimingSettings(Settings):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Motion:
+class TimedMotion:
     """What a controller is to execute.
 
     Attributes:
@@ -103,7 +103,7 @@ class TrajectoryMaker:
 
     def make(
         self, path: Array, goal: Goal, holding: Holding, should_stop: Callable[[], bool]
-    ) -> Motion | None:
+    ) -> TimedMotion | None:
         """Time transit, approach and retreat.
 
         Args:
@@ -172,7 +172,7 @@ class TrajectoryMaker:
             )
         if retreat is None and (holding.require_retreat or should_stop()):
             return None
-        return Motion(concatenate(transit, approach), transit.duration, retreat)
+        return TimedMotion(concatenate(transit, approach), transit.duration, retreat)
 
     def _carried(self, holding: Holding) -> CarriedPoint | None:
         """The centre of mass of the held object, where its acceleration is limited."""

@@ -15,8 +15,8 @@ import pinocchio as pin
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.timing.quintic import evaluate
 from placement_planner_ros.core.types import Array, Trajectory
-from placement_planner_ros.demo.physics.model import TIME_STEP, Held, Thing
-from placement_planner_ros.demo.physics.world import Touch, World
+from placement_planner_ros.demo.physics.model import TIME_STEP, SimulatedThing, WeldedObject
+from placement_planner_ros.demo.physics.world import PhysicsContact, PhysicsWorld
 from placement_planner_ros.scenes.primitives import ConvexPrimitive
 
 _RESTING, _OPENING, _LOOKING = 0.3, 0.6, 1.5
@@ -71,8 +71,8 @@ class CarryingOut:
     T_tip_thing: pin.SE3
     q_start: Array
     scene: Sequence[ConvexPrimitive]
-    thing: Thing
-    standing: Sequence[Thing]
+    thing: SimulatedThing
+    standing: Sequence[SimulatedThing]
     trajectory: Trajectory
     approach_start: float
     retreat: Trajectory | None
@@ -90,8 +90,8 @@ class CarryingOut:
         T_world_tip = self.robot.link_pose(self.q_start, self.arm.tip_frame)
         thing = replace(self.thing, T_world_thing=T_world_tip * self.T_tip_thing)
         things = [*self.standing, thing]
-        held = Held(thing.name, self.arm.tip_frame, self.T_tip_thing)
-        world = World(self.robot, self.scene, things, self.q_start, held)
+        held = WeldedObject(thing.name, self.arm.tip_frame, self.T_tip_thing)
+        world = PhysicsWorld(self.robot, self.scene, things, self.q_start, held)
         stage, steps = CARRY, 0
 
         def look() -> Look:
@@ -133,7 +133,7 @@ class CarryingOut:
         still = np.zeros_like(ends)
         return Trajectory(self.robot.joint_names, np.array([0.0, seconds]), ends, still, still)
 
-    def _judge(self, touches: Sequence[Touch], stage: str) -> None:
+    def _judge(self, touches: Sequence[PhysicsContact], stage: str) -> None:
         """Note what presses on what that should not."""
         links, held = set(self.robot.geometry_links), self.thing.name
         is_held = stage in (CARRY, DOWN)

@@ -37,7 +37,7 @@ BASE = "base"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Thing:
+class SimulatedThing:
     """Something that stands or is held, and can be knocked over.
 
     Attributes:
@@ -54,7 +54,7 @@ class Thing:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Held:
+class WeldedObject:
     """A thing fixed in a hand.
 
     Attributes:
@@ -118,14 +118,14 @@ class Bodies:
         for part in parts:
             self._add_solid(self.spec.worldbody, part.vertices, part.thing, _THING_DENSITY)
 
-    def add_thing(self, thing: Thing) -> None:
+    def add_thing(self, thing: SimulatedThing) -> None:
         """A thing that can move."""
         body = self.spec.worldbody.add_body(name=thing.name, **_pose(thing.T_world_thing))
         body.add_freejoint()
         for vertices in thing.parts:
             self._add_solid(body, vertices, thing.name, _THING_DENSITY)
 
-    def hold(self, robot: Robot, held: Held) -> None:
+    def hold(self, robot: Robot, held: WeldedObject) -> None:
         """Fix a thing in the hand; the only equality constraint."""
         frame = robot.model.frames[robot.frame_id(held.link)]
         pose = _pose(frame.placement * held.T_link_thing)
@@ -139,7 +139,7 @@ class Bodies:
         )
         weld.data[:11] = [0.0, 0.0, 0.0, *pose["pos"], *pose["quat"], 1.0]
 
-    def compiled(self, things: Sequence[Thing]) -> Any:
+    def compiled(self, things: Sequence[SimulatedThing]) -> Any:
         """The model, with the centres of mass of things where they are said to be."""
         model = self.spec.compile()
         for thing in things:

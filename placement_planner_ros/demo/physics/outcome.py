@@ -14,7 +14,7 @@ _ARRIVED_WITHIN = 0.002
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class CarryOutcome:
     """How far things went otherwise than planned.
 
     Attributes:
@@ -37,7 +37,7 @@ class Outcome:
         arrived: pin.SE3,
         stands: pin.SE3,
         struck: set[tuple[str, str]],
-    ) -> Outcome:
+    ) -> CarryOutcome:
         """Of a thing's centre of mass (3,) in its frame, and its poses in the world."""
         return cls(
             apart(center_of_mass, planned, arrived),

@@ -11,12 +11,12 @@ import pinocchio as pin
 
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.demo.physics.model import Bodies, Held, Thing
+from placement_planner_ros.demo.physics.model import Bodies, SimulatedThing, WeldedObject
 from placement_planner_ros.scenes.primitives import ConvexPrimitive
 
 
 @dataclass(frozen=True, slots=True)
-class Touch:
+class PhysicsContact:
     """Two that press on each other.
 
     Attributes:
@@ -29,7 +29,7 @@ class Touch:
     steepness: float
 
 
-class World:
+class PhysicsWorld:
     """All bodies, and where they are.
 
     Args:
@@ -42,9 +42,9 @@ class World:
         self,
         robot: Robot,
         scene: Sequence[ConvexPrimitive],
-        things: Sequence[Thing],
+        things: Sequence[SimulatedThing],
         q: Array,
-        held: Held,
+        held: WeldedObject,
     ) -> None:
         bodies = Bodies()
         bodies.add_robot(robot)
@@ -81,14 +81,14 @@ class World:
         """Nothing fixes the held thing in the hand any more."""
         self._data.eq_active[:] = 0
 
-    def touches(self) -> list[Touch]:
+    def touches(self) -> list[PhysicsContact]:
         """What presses on what."""
         found = []
         for i in range(self._data.ncon):
             contact = self._data.contact[i]
             first, second = (self._owners[k] for k in contact.geom)
             upward = abs(float(contact.frame[2]))
-            found.append(Touch(first, second, float(np.arccos(min(upward, 1.0)))))
+            found.append(PhysicsContact(first, second, float(np.arccos(min(upward, 1.0)))))
         return found
 
     def step(self, accelerations: Array) -> None:

@@ -48,7 +48,7 @@ _LOOK = 0.05
 _CHUNK = 1 << 20
 
 
-class StoppedError(Exception):
+class MeshProcessStoppedError(Exception):
     """Nobody wants the mesh any more."""
 
 
@@ -165,7 +165,7 @@ class MeshProcess:
         except TimeoutError:
             self.close()
             raise TimeoutError(f"it took longer than {patience:g} s") from None
-        except StoppedError:
+        except MeshProcessStoppedError:
             self.close()
             raise
 
@@ -177,7 +177,7 @@ class MeshProcess:
             selector.register(child.stdout, selectors.EVENT_READ)
             while count is None or len(taken) < count:
                 if self._should_stop():
-                    raise StoppedError
+                    raise MeshProcessStoppedError
                 if time.monotonic() > end:
                     raise TimeoutError
                 if not selector.select(_LOOK):

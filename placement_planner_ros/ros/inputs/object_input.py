@@ -23,7 +23,7 @@ from placement_planner_ros.core.meshes.digest import content_digest
 from placement_planner_ros.core.meshes.headers import check_header
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.covers import cover_in
-from placement_planner_ros.ros.inputs.mesh_process import MeshProcess, StoppedError
+from placement_planner_ros.ros.inputs.mesh_process import MeshProcess, MeshProcessStoppedError
 from placement_planner_ros.ros.inputs.reading import Read, Reading, ShouldStop, State
 from placement_planner_ros.ros.inputs.resources import Files
 from placement_planner_ros.ros.parameters.values import ParameterSet
@@ -290,7 +290,7 @@ class ObjectInput:
             with MeshProcess(should_stop) as process:
                 vertices, triangles, content = given.arrays(process)
                 if should_stop():
-                    raise StoppedError
+                    raise MeshProcessStoppedError
                 began = partial(
                     self._tell,
                     f"cover of the object ({len(triangles):,} triangles), once for each mesh",

@@ -7,7 +7,7 @@ from collections.abc import Callable, Hashable
 from typing import Generic, Literal, TypeVar
 
 from placement_planner_ros.core.errors import PlacementPlannerError, forget_where
-from placement_planner_ros.ros.inputs.mesh_process import StoppedError
+from placement_planner_ros.ros.inputs.mesh_process import MeshProcessStoppedError
 from placement_planner_ros.ros.process import give_memory_back
 
 Made = TypeVar("Made")
@@ -159,7 +159,7 @@ class Reading(Generic[Made]):
                 job.made = job.read(job.stop.is_set)
             except PlacementPlannerError as error:
                 job.error = error
-            except StoppedError:
+            except MeshProcessStoppedError:
                 job.error = NotReadyError(self._field, "not read", "it was replaced")
             except Exception as error:
                 # The thread's outermost frame: what is read comes from anywhere.

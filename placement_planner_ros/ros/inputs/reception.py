@@ -12,7 +12,7 @@ from shape_msgs.msg import Mesh
 from std_msgs.msg import String
 
 from placement_planner_ros.core.errors import JointStateError, PlacementPlannerError, listed
-from placement_planner_ros.ros.calls import Calls
+from placement_planner_ros.ros.call_priority import CallPriority
 from placement_planner_ros.ros.inputs.cloud_subscriptions import CloudSubscriptions
 from placement_planner_ros.ros.inputs.inputs import Inputs
 from placement_planner_ros.ros.inputs.mesh_message import mesh_from_message
@@ -50,7 +50,7 @@ class Reception:
         topics: Sequence[str],
         on_joints: Callable[[], None],
         log: Log,
-        calls: Calls,
+        calls: CallPriority,
     ) -> None:
         self._calls = calls
         self._log = log

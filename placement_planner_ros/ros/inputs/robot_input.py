@@ -318,7 +318,7 @@ class RobotInput:
 
         def read(should_stop: ShouldStop) -> _Read:
             with MeshProcess(should_stop) as process:
-                meshes = _Meshes(self._files, process, trusted, beside)
+                meshes = _ReadMeshes(self._files, process, trusted, beside)
                 try:
                     made = self._read(urdf, srdf, meshes, _Covers(process, self._tell))
                 finally:
@@ -336,7 +336,7 @@ class RobotInput:
         if progress and self._progress_listener is not None:
             self._progress_listener(progress)
 
-    def _read(self, urdf: str, srdf: str | None, meshes: _Meshes, covers: _Covers) -> _Read:
+    def _read(self, urdf: str, srdf: str | None, meshes: _ReadMeshes, covers: _Covers) -> _Read:
         try:
             base = ""
             if self._frame:
@@ -381,7 +381,7 @@ def _joint_limits(parameters: ParameterSet, files: Files) -> dict[str, JointLimi
     return read_joint_limits(limits)
 
 
-class _Meshes:
+class _ReadMeshes:
     """The meshes of one description."""
 
     def __init__(

@@ -9,7 +9,7 @@ from placement_planner_ros.core.errors import PlacementPlannerError, listed, say
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class ServiceAnswer:
     """What a service says.
 
     Attributes:
@@ -21,16 +21,18 @@ class Answer:
     text: str
 
 
-def answer(code: str, words: str = "", *, success: bool | None = None, **values: object) -> Answer:
+def answer(
+    code: str, words: str = "", *, success: bool | None = None, **values: object
+) -> ServiceAnswer:
     """An answer; it is a success where the code is OK unless said otherwise."""
     first = " ".join([f"code={code}", *(f"{k}={shown(v)}" for k, v in values.items())])
-    return Answer(
+    return ServiceAnswer(
         code == "OK" if success is None else success,
         sayable(f"{first}\n{words}" if words else first),
     )
 
 
-def refusal(faults: Sequence[PlacementPlannerError]) -> Answer:
+def refusal(faults: Sequence[PlacementPlannerError]) -> ServiceAnswer:
     """Every fault on a line of its own, of many the first; the first line carries the first one's
     code."""
     lines = [f"{fault.code}: {' '.join(str(fault).split())}" for fault in faults]

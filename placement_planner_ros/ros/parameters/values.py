@@ -11,8 +11,8 @@ from typing import Any, TypeVar
 import pinocchio as pin
 
 from placement_planner_ros.core.body.settings import BodySettings
+from placement_planner_ros.core.did_you_mean import did_you_mean
 from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError
-from placement_planner_ros.core.nearest import nearest
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.regions import RegionSettings
@@ -111,7 +111,7 @@ class ParameterSet:
         group, _, part = name.rpartition(".")
         if group == "sensor_poses":
             return f"{NO_SUCH}, as sensor_frames did not name {part!r} at start-up"
-        meant = nearest(name, [*self.specs, CLOCK])
+        meant = did_you_mean(name, [*self.specs, CLOCK])
         words = NO_SUCH if meant is None else f"{NO_SUCH}; the nearest is {meant}"
         if meant is not None and meant.endswith(f".{part}") and self._is_arm(meant):
             words += f". If {group!r} is an arm, name it in arms at start-up"

@@ -10,11 +10,11 @@ from dataclasses import replace
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.boxes import box_arrays
-from placement_planner_ros.core.grasp.usable import lay_out_holdings
+from placement_planner_ros.core.grasp.feasible_grasps import lay_out_holdings
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.stopping import StoppedError, step, stoppable
-from placement_planner_ros.ros.calls import Calls
+from placement_planner_ros.ros.call_priority import CallPriority
 from placement_planner_ros.ros.run.planning import Prepared, make_planner
 from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.run.surroundings import Surroundings
@@ -134,9 +134,9 @@ class Preparation:
         inputs: Inputs,
         idle: Callable[[], bool],
         on_error: Callable[[Exception], None] = lambda _: None,
-        calls: Calls | None = None,
+        calls: CallPriority | None = None,
     ) -> None:
-        self._calls = calls or Calls()
+        self._calls = calls or CallPriority()
         self._inputs = inputs
         self._on_error = on_error
         self._idle = idle

@@ -17,8 +17,12 @@ from placement_planner_ros.core.errors import (
     ParameterError,
     PlacementPlannerError,
 )
-from placement_planner_ros.core.grasp.at_start import deep_fingers, faults_at_start, tilts_at_start
 from placement_planner_ros.core.grasp.object_size import size_doubt
+from placement_planner_ros.core.grasp.start_state_check import (
+    deep_fingers,
+    faults_at_start,
+    tilts_at_start,
+)
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.keep_out import boxes_of

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
-from placement_planner_ros.core.collision.load import Held, Standing
+from placement_planner_ros.core.collision.attached_object import AttachedObject, PlacedObject
 from placement_planner_ros.core.errors import JointStateError, PlacementPlannerError, listed
 from placement_planner_ros.core.grasp.hand_sweep import with_opening_hand
 from placement_planner_ros.core.robot.moving_arm import MovingArm
@@ -114,7 +114,7 @@ def _stretches(
     goal, robot = placement.goal, snapshot.robot
     arm = next(a for a in snapshot.arms if a.name == goal.arm)
     moving = MovingArm(robot, arm, snapshot.q_start)
-    holding = ArmCollision(moving, Held(snapshot.body, goal.grasp), obstacles, settings)
+    holding = ArmCollision(moving, AttachedObject(snapshot.body, goal.grasp), obstacles, settings)
     contact = goal.contact_height + settings.contact_tolerance
     path, begin = placement.trajectory, placement.approach_start
     stretches = [
@@ -128,7 +128,7 @@ def _stretches(
         sweeping = ArmCollision(opening, None, obstacles, settings)
         # As `grasp.OpenHand` has it, which is laid out already.
         opened = replace(moving.with_open_hand(), arm=replace(arm, touch_links=()))
-        standing = Standing(snapshot.body, placement.T_world_object)
+        standing = PlacedObject(snapshot.body, placement.T_world_object)
         leaving = ArmCollision(opened, standing, obstacles, settings)
         retreat = placement.retreat
         stretches += [

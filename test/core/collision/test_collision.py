@@ -14,9 +14,9 @@ from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision import boxes as collision_boxes
 from placement_planner_ros.core.collision.against_boxes import layer_range
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
+from placement_planner_ros.core.collision.attached_object import AttachedObject, PlacedObject
 from placement_planner_ros.core.collision.edges import bound_motion
 from placement_planner_ros.core.collision.hand import WristTurns
-from placement_planner_ros.core.collision.load import Held, Standing
 from placement_planner_ros.core.collision.placing import place_all_spheres, place_joints
 from placement_planner_ros.core.collision.separation import COLLIDING, FREE, UNDECIDED
 from placement_planner_ros.core.errors import GraspError, JointStateError, ParameterError
@@ -131,7 +131,7 @@ def yumi():
 
 def slider_checker(slider, obstacles, body=None, **kwargs):
     arm = slider.arm("arm", "ball", grasps=[pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.0405]))])
-    load = None if body is None else Held(body)
+    load = None if body is None else AttachedObject(body)
     return ArmCollision(MovingArm(slider, arm, np.zeros(2)), load, obstacles, **kwargs)
 
 
@@ -243,7 +243,7 @@ def yumi_setup(yumi, scene, thing, side):
     q_rest = yumi.configuration(start)
     points = complete_cloud(scene_by_name(scene), spacing=0.008, bounds=BOUNDS * 0.9)
     body = Body.from_mesh(obj.vertices, obj.triangles, obj.center_of_mass)
-    return MovingArm(yumi, arm, q_rest), Held(body), obstacles_of(points)
+    return MovingArm(yumi, arm, q_rest), AttachedObject(body), obstacles_of(points)
 
 
 def mixed_setup(mixed):
@@ -254,7 +254,7 @@ def mixed_setup(mixed):
     ]
     grasp = pin.SE3(pin.utils.rotate("y", 0.4), np.array([0.06, 0.0, 0.01]))
     arm = mixed.arm("arm", "tip", grasps=[grasp], touch_links=["ring"])
-    held = Held(small_body((0.03, 0.1, 0.05)))
+    held = AttachedObject(small_body((0.03, 0.1, 0.05)))
     return MovingArm(mixed, arm, np.zeros(4)), held, obstacles_of(*blocks)
 
 
@@ -685,7 +685,7 @@ def test_explain_names_the_nearest_box_or_the_middle_of_what_meets(slider):
     there = pin.SE3(pin.utils.rotate("z", 0.5 * np.pi), np.array([0.2, 0.1, 0.3]))
     checker = ArmCollision(
         MovingArm(robot, arm, np.zeros(2)),
-        Standing(small_body((0.2, 0.04, 0.04)), there),
+        PlacedObject(small_body((0.2, 0.04, 0.04)), there),
         obstacles_of(),
     )
     said = checker.explain(np.array([0.935, 0.03]))
@@ -713,7 +713,9 @@ def test_fewer_pairs_and_no_environment_are_what_is_left_of_the_checks(slider):
     arm = robot.arm("arm", "ball", touch_links=[])
     there = pin.SE3(np.eye(3), np.array([0.2, 0.0, 0.0]))
     wall = obstacles_of(plate((0.002, 0.3, 0.3), (-0.5, 0.0, 0.0)))
-    checker = ArmCollision(MovingArm(robot, arm, np.zeros(2)), Standing(small_body(), there), wall)
+    checker = ArmCollision(
+        MovingArm(robot, arm, np.zeros(2)), PlacedObject(small_body(), there), wall
+    )
     at = {"post": 0.96, "object": 0.2, "wall": -0.5, "nothing": 0.6}
     wide = CollisionSettings(collision_margin=0.01)
 
@@ -779,26 +781,30 @@ def test_contact_leaves_out_the_object_against_its_support_only(slider):
 def test_object_may_touch_only_the_touch_links(mixed):
     grasp = pin.SE3(np.eye(3), np.array([-0.06, 0.0, 0.0]))  # in the ring that carries the tip
     plain = mixed.arm("arm", "tip", grasps=[grasp], touch_links=["ring"])
-    checker = ArmCollision(MovingArm(mixed, plain, np.zeros(4)), Held(small_body()), obstacles_of())
+    checker = ArmCollision(
+        MovingArm(mixed, plain, np.zeros(4)), AttachedObject(small_body()), obstacles_of()
+    )
     assert checker.free(np.zeros(4))
     rail = Robot.from_urdf(SLIDER)
     strict = rail.arm("arm", "ball", grasps=[pin.SE3.Identity()], touch_links=[])
     with pytest.raises(GraspError, match=r"grasps\[0\].*ball"):
-        ArmCollision(MovingArm(rail, strict, np.zeros(2)), Held(small_body()), obstacles_of())
+        ArmCollision(
+            MovingArm(rail, strict, np.zeros(2)), AttachedObject(small_body()), obstacles_of()
+        )
 
 
 def test_placed_object_is_an_obstacle_to_all_but_the_touch_links(slider):
     there = pin.SE3(np.eye(3), np.array([0.5, 0.0, 0.0]))
     arm = slider.arm("arm", "ball", touch_links=[])
     checker = ArmCollision(
-        MovingArm(slider, arm, np.zeros(2)), Standing(small_body(), there), obstacles_of()
+        MovingArm(slider, arm, np.zeros(2)), PlacedObject(small_body(), there), obstacles_of()
     )
     assert "the placed object" in checker.explain(np.array([0.48, 0.0]))
     assert checker.free(np.array([0.4, 0.0]))
     assert not checker.edge_free(np.array([0.4, 0.0]), np.array([0.6, 0.0]))
     touching = slider.arm("arm", "ball", touch_links=["ball"])
     checker = ArmCollision(
-        MovingArm(slider, touching, np.zeros(2)), Standing(small_body(), there), obstacles_of()
+        MovingArm(slider, touching, np.zeros(2)), PlacedObject(small_body(), there), obstacles_of()
     )
     assert checker.free(np.array([0.48, 0.0]))
 

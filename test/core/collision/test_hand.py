@@ -7,8 +7,8 @@ import trimesh
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
+from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.collision.hand import WristTurns, _place_before
-from placement_planner_ros.core.collision.load import Held
 from placement_planner_ros.core.collision.placing import place_joints
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
@@ -41,7 +41,7 @@ def checker_for(kind="revolute", points=None, body=None, **settings):
     arm = robot.arm("arm", "ball", grasps=[grasp], touch_links=["ball", "fore"])
     points = np.zeros((0, 3)) if points is None else points
     obstacles = ObstacleSet.from_points(points, GridSettings(cell_size=0.01), bounds=BOUNDS)
-    load = None if body is None else Held(body)
+    load = None if body is None else AttachedObject(body)
     moving = MovingArm(robot, arm, np.zeros(2))
     return ArmCollision(moving, load, obstacles, CollisionSettings(**settings)), obstacles
 

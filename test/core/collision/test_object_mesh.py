@@ -7,7 +7,7 @@ import trimesh
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
-from placement_planner_ros.core.collision.load import Held, Standing
+from placement_planner_ros.core.collision.attached_object import AttachedObject, PlacedObject
 from placement_planner_ros.core.collision.object import ObjectCollision
 from placement_planner_ros.core.collision.object_solids import rounded_mesh
 from placement_planner_ros.core.collision.separation import COLLIDING, FREE, UNDECIDED
@@ -79,7 +79,7 @@ def compare(first, second):
 
 def test_held_it_meets_what_its_solids_meet(yumi, obstacles, both):
     moving = arm_of(yumi)
-    solids, mesh = (ArmCollision(moving, Held(body), obstacles) for body in both)
+    solids, mesh = (ArmCollision(moving, AttachedObject(body), obstacles) for body in both)
     rng = np.random.default_rng(0)
     spread = rng.normal(size=(1500, moving.arm.dof)) * 0.5
     Q = np.clip(moving.q + spread, moving.arm.lower, moving.arm.upper)
@@ -98,7 +98,7 @@ def test_placed_it_meets_what_its_solids_meet(yumi, obstacles, both):
     """Wherever it is moved to."""
     moving = arm_of(yumi, ())
     made = [
-        ArmCollision(moving, Standing(body, pin.SE3.Identity()), obstacles).with_pairs(
+        ArmCollision(moving, PlacedObject(body, pin.SE3.Identity()), obstacles).with_pairs(
             lambda a, b: "the placed object" in (a, b), environment=False
         )
         for body in both
@@ -136,7 +136,7 @@ def test_points_in_its_hollow_are_not_in_the_way(yumi):
     moving = arm_of(yumi)
     nothing = ObstacleSet.from_points(np.zeros((0, 3)), GridSettings(), BOUNDS)
     _, mesh = bowls()
-    held = ArmCollision(moving, Held(mesh), nothing, CollisionSettings())
+    held = ArmCollision(moving, AttachedObject(mesh), nothing, CollisionSettings())
     Q = np.repeat(moving.q[None], 2, axis=0)
     space = SweptSpace([Stretch("carrying", held, Q)], nothing, 0.003)
     T = yumi.link_pose(moving.q_rest, moving.arm.tip_frame) * GRASP

@@ -10,8 +10,8 @@ from benchmarks.cases import Case
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision import arm as arm_module
 from placement_planner_ros.core.errors import GraspError
+from placement_planner_ros.core.grasp.feasible_grasps import lay_out_holdings, usable_holdings
 from placement_planner_ros.core.grasp.settings import GraspSettings
-from placement_planner_ros.core.grasp.usable import lay_out_holdings, usable_holdings
 from placement_planner_ros.scenes.objects import object_by_name
 
 SETTINGS = GraspSettings()

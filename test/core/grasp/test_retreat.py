@@ -23,7 +23,7 @@ from placement_planner_ros.core.collision.arm import (
     ArmCollision,
     CollisionSettings,
 )
-from placement_planner_ros.core.collision.load import Held, Standing
+from placement_planner_ros.core.collision.attached_object import AttachedObject, PlacedObject
 from placement_planner_ros.core.errors import GraspError, ParameterError
 from placement_planner_ros.core.grasp.hand_opening import check_opening
 from placement_planner_ros.core.grasp.hand_sweep import with_opening_hand
@@ -89,7 +89,7 @@ def test_a_placed_object_that_was_moved_is_where_a_new_one_would_be(problem):
     def at(T):
         obstacles, q = problem.environment.obstacles, problem.q_start
         moving = MovingArm(problem.robot, arm, q)
-        return ArmCollision(moving, Standing(problem.body, T), obstacles)
+        return ArmCollision(moving, PlacedObject(problem.body, T), obstacles)
 
     moved = at(pin.SE3.Identity())
     differing = 0
@@ -108,7 +108,7 @@ def test_a_placed_object_that_was_moved_is_where_a_new_one_would_be(problem):
 def test_left_out_pairs_and_the_environment_no_longer_count(problem):
     arm = replace(problem.arms[0], touch_links=())
     obstacles, q = problem.environment.obstacles, problem.q_start
-    standing = Standing(problem.body, pin.SE3.Identity())
+    standing = PlacedObject(problem.body, pin.SE3.Identity())
     whole = ArmCollision(MovingArm(problem.robot, arm, q), standing, obstacles)
     Q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (300, arm.dof))
     assert not whole.free_batch(Q).all()
@@ -443,10 +443,10 @@ def test_a_hand_whose_finger_opens_into_the_object_is_refused(wall, depth):
     )
     q = robot.configuration({"lift": 0.0, "slide": 0.0005})
     if depth is None:
-        check_opening(MovingArm(robot, arm, q), Held(body))
+        check_opening(MovingArm(robot, arm, q), AttachedObject(body))
     else:
         with pytest.raises(GraspError, match=rf"arm.grasps\[0\].*pushes finger {depth}"):
-            check_opening(MovingArm(robot, arm, q), Held(body))
+            check_opening(MovingArm(robot, arm, q), AttachedObject(body))
 
 
 def jaws_over(body, opened, depth=0.0):
@@ -544,11 +544,11 @@ def test_all_that_is_wrong_with_a_grasp_is_told_at_once_in_metres():
     )
     moving = MovingArm(robot, replace(arm, touch_links=("finger", "hand")), np.zeros(2))
     with pytest.raises(GraspError) as caught:
-        check_opening(moving, Held(body))
+        check_opening(moving, AttachedObject(body))
     assert re.search(r"open hand leaves hand 0\.0\d+ m, finger 0\.0\d+ m in", str(caught.value))
     bare = MovingArm(robot, replace(arm, touch_links=()), np.zeros(2))
     with pytest.raises(GraspError) as caught:
-        ArmCollision(bare, Held(body), NOTHING)
+        ArmCollision(bare, AttachedObject(body), NOTHING)
     assert re.search(r"lies in hand \(0\.0\d+ m deep\), finger \(0\.0\d+", str(caught.value))
 
 
@@ -571,7 +571,7 @@ def test_a_finger_that_opens_into_a_mesh_is_refused(gap, bad):
         gripper_open=[0.015],
     )
     moving = MovingArm(robot, arm, robot.configuration({"lift": 0.0, "slide": 0.0}))
-    held = Held(Body.from_mesh(mesh.vertices, mesh.faces))
+    held = AttachedObject(Body.from_mesh(mesh.vertices, mesh.faces))
     if bad:
         with pytest.raises(GraspError, match=r"pushes finger 0\.0\d+ m"):
             check_opening(moving, held)

@@ -173,7 +173,7 @@ def test_the_sum_its_gradient_and_what_it_leaves_out(table, standing):
 def test_dear_terms_are_asked_only_where_a_bound_does_not_settle_it(table, standing):
     weighted = make_objective("weighted", context_of(table, terms=("near", "edge")))
     asked = []
-    edge = weighted._dear[0].term
+    edge = weighted._expensive[0].term
     values = edge.values
     edge.values = lambda T: asked.append(len(T)) or values(T)
     best = float(np.quantile(weighted.values(standing), 0.95))

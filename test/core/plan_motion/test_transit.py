@@ -11,7 +11,7 @@ from scipy.optimize import bisect
 
 from benchmarks.cases import Case
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.grasp.usable import usable_holdings
+from placement_planner_ros.core.grasp.feasible_grasps import usable_holdings
 from placement_planner_ros.core.plan_motion.transit import MotionPlanner, TransitSettings
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.types import Goal

@@ -11,7 +11,7 @@ from placement_planner_ros.core.kernels import not_kept
 from placement_planner_ros.core.practice import compiling
 from placement_planner_ros.core.practice.compiling import (
     CompilationError,
-    Progress,
+    CompilationProgress,
     compile_kernels,
 )
 from placement_planner_ros.core.stopping import StoppedError, stoppable
@@ -96,5 +96,7 @@ def test_processes_that_fail_are_told(without_one, monkeypatch):
 
 
 def test_progress_in_words():
-    assert str(Progress(4, 100, 3.0)) == "4 of 100 kernels compiled"
-    assert str(Progress(60, 100, 30.0, 20)) == "60 of 100 kernels compiled, some 30 s left"
+    assert str(CompilationProgress(4, 100, 3.0)) == "4 of 100 kernels compiled"
+    assert (
+        str(CompilationProgress(60, 100, 30.0, 20)) == "60 of 100 kernels compiled, some 30 s left"
+    )

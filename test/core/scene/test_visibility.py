@@ -10,7 +10,7 @@ from verify_cases import case_checker, load_solution
 from benchmarks.cases import Case
 from benchmarks.record import save_solution
 from placement_planner_ros.core.collision.arm import ArmCollision
-from placement_planner_ros.core.collision.load import Held
+from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.errors import CloudError
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.objective.objective import ObjectiveContext
@@ -365,7 +365,7 @@ def test_an_arm_may_start_but_not_enter_hidden_space():
 
     def collision(problem):
         moving = MovingArm(problem.robot, arm, problem.q_start)
-        return ArmCollision(moving, Held(problem.body), problem.environment.obstacles)
+        return ArmCollision(moving, AttachedObject(problem.body), problem.environment.obstacles)
 
     q = plain.q_start[arm.q_index]
     assert collision(careful).free(q)

@@ -8,7 +8,7 @@ from footholds import pedestal, problem_on
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.stability.by_vertices import VertexSupport
-from placement_planner_ros.core.stability.one_plane import LEANS, in_one_plane
+from placement_planner_ros.core.stability.coplanarity import LEANS, coplanar_support
 from placement_planner_ros.core.types import LEVEL
 
 CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
@@ -35,7 +35,7 @@ def test_nothing_stands_that_could_rock_by_more_than_it_may_lean(size):
     corners = 0.5 * CORNERS * size
     gaps = rng.uniform(-0.0015, 0.0015, (4000, 4)) * rng.uniform(0.0, 1.0, (4000, 1))
     points = np.repeat(np.column_stack([corners, np.zeros(4)])[None], 4000, axis=0)
-    widths, above = in_one_plane(points.reshape(-1, 3), gaps.ravel(), FIRST, 0.0)
+    widths, above = coplanar_support(points.reshape(-1, 3), gaps.ravel(), FIRST, 0.0)
     stands = widths > 0.0
     np.testing.assert_allclose(widths[stands], min(size))
     np.testing.assert_allclose(above[stands], gaps[stands].mean(axis=1))
@@ -52,10 +52,10 @@ def test_noise_excuses_errors_of_surfaces_but_no_step():
     points = np.column_stack([0.5 * CORNERS * (0.124, 0.036), np.zeros(4)])[None]
     errors = rng.normal(0.0, noise / 6.0, (2000, 4))
     many = np.repeat(points, 2000, axis=0).reshape(-1, 3)
-    assert (in_one_plane(many, errors.ravel(), FIRST[:2001], noise)[0] > 0.0).mean() > 0.99
+    assert (coplanar_support(many, errors.ravel(), FIRST[:2001], noise)[0] > 0.0).mean() > 0.99
     steps = {"a corner 3 mm higher": [3.0, 0.0, 0.0, 0.0], "twisted": [0.75, -0.75, 0.75, -0.75]}
     for name, gaps in steps.items():
-        stands = in_one_plane(points[0], 1e-3 * np.array(gaps), FIRST[:2], noise)[0][0] > 0.0
+        stands = coplanar_support(points[0], 1e-3 * np.array(gaps), FIRST[:2], noise)[0][0] > 0.0
         assert not stands, name
 
 

@@ -8,7 +8,7 @@ import trimesh
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.arm import ArmCollision
-from placement_planner_ros.core.collision.load import Held
+from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import ObstacleSet
@@ -66,7 +66,7 @@ def holding(robot, obstacles):
     box = trimesh.creation.box(BOX)
     arm = robot.arm("arm", "tip", grasps=[HELD], touch_links=["ring"])
     moving = MovingArm(robot, arm, np.zeros(4))
-    return ArmCollision(moving, Held(Body.from_mesh(box.vertices, box.faces)), obstacles)
+    return ArmCollision(moving, AttachedObject(Body.from_mesh(box.vertices, box.faces)), obstacles)
 
 
 class Path:

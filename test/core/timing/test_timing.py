@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.timing.timing import (
-    TimingSettings,
+    CurveSettings,
     concatenate,
     evaluate,
     parameterize,
@@ -108,7 +108,7 @@ def test_points_are_dense_and_bounded():
     trajectory = parameterize(path, JOINTS, VELOCITY, ACCELERATION, always)
     assert np.diff(trajectory.times).max() <= 0.1
     crawl = parameterize(path, JOINTS, VELOCITY * 1e-4, ACCELERATION, always)
-    assert len(crawl.times) <= TimingSettings().max_points
+    assert len(crawl.times) <= CurveSettings().max_points
     assert_sound(crawl, path, VELOCITY * 1e-4, ACCELERATION, 0.2)
 
 
@@ -184,7 +184,7 @@ def test_every_point_of_the_curve_lies_within_a_certified_chord(seed):
     for a, b, deviation in certified:
         assert deviation.shape == (3,)
         assert (deviation > 0.0).all()
-        assert deviation.max() <= TimingSettings().chord_tolerance
+        assert deviation.max() <= CurveSettings().chord_tolerance
         d = b - a
         # the chord points within reach of q, coordinate by coordinate: an interval each
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -323,4 +323,4 @@ def test_bad_input_is_named(change, name):
     with pytest.raises(ParameterError, match=name):
         parameterize(**(arguments | change))
     with pytest.raises(ParameterError, match="max_interval"):
-        TimingSettings(max_interval=0.0)
+        CurveSettings(max_interval=0.0)

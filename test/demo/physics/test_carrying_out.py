@@ -17,8 +17,8 @@ from placement_planner_ros.demo.physics.carrying_out import (
     STAND,
     CarryingOut,
 )
-from placement_planner_ros.demo.physics.model import Thing
-from placement_planner_ros.demo.physics.outcome import Outcome, leaning
+from placement_planner_ros.demo.physics.model import SimulatedThing
+from placement_planner_ros.demo.physics.outcome import CarryOutcome, leaning
 from placement_planner_ros.scenes.primitives import box
 from placement_planner_ros.scenes.yumi import START_CONFIGURATION, load_yumi, yumi_arm
 
@@ -55,7 +55,7 @@ def carrying():
         T_tip.inverse() * upright,
         q,
         [post(upright.translation)],
-        Thing("cube", (corners,), np.zeros(3), upright),
+        SimulatedThing("cube", (corners,), np.zeros(3), upright),
         [],
         there,
         0.2,
@@ -96,7 +96,7 @@ def test_the_drives_follow_the_quintic_between_two_points(carrying, looks):
 
 def test_the_thing_goes_with_the_hand_until_that_opens_and_then_falls(carrying, looks):
     assert carrying.struck == set()
-    outcome = Outcome.of(
+    outcome = CarryOutcome.of(
         np.zeros(3), planned(carrying), carrying.arrived, looks[-1].places["cube"], set()
     )
     assert outcome.reached
@@ -119,7 +119,9 @@ def test_what_is_struck_on_the_way_is_named(carrying):
     hit = replace(carrying, scene=[*carrying.scene, box("wire", low, high, GREY)])
     last = next(look for look in hit.looks() if look.stage == LET_GO)
     assert {frozenset(pair) for pair in hit.struck} >= {frozenset({"cube", "wire"})}
-    outcome = Outcome.of(np.zeros(3), planned(hit), hit.arrived, last.places["cube"], hit.struck)
+    outcome = CarryOutcome.of(
+        np.zeros(3), planned(hit), hit.arrived, last.places["cube"], hit.struck
+    )
     assert not outcome.reached
 
 

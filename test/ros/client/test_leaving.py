@@ -6,7 +6,7 @@ import threading
 import pytest
 from searches import Doing, ended, found, searching, start_service
 
-from placement_planner_ros.client import AsyncPlacementClient, PlacementClient, conversation
+from placement_planner_ros.client import AsyncPlacementClient, PlacementClient, session
 from placement_planner_ros.client.waiting import News
 from placement_planner_ros.ros.run import worker
 
@@ -62,7 +62,7 @@ def test_the_next_place_waits_for_the_run_that_was_left(fed):
 
 
 def test_a_task_that_is_cancelled_before_start_has_answered_stops_its_run(fed, held, monkeypatch):
-    monkeypatch.setattr(conversation, "LEFT_WITHIN", 0.3)
+    monkeypatch.setattr(session, "LEFT_WITHIN", 0.3)
 
     async def cancelling():
         async with AsyncPlacementClient() as planner:

@@ -10,7 +10,7 @@ import trimesh
 from fakes import FRAME
 from searches import Doing, ended, found, searching
 
-from placement_planner_ros.client import PlacementClient, PlacementError, conversation
+from placement_planner_ros.client import PlacementClient, PlacementError, session
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.errors import RobotError
 from placement_planner_ros.ros.run import worker
@@ -156,7 +156,7 @@ def test_a_node_that_goes_away_is_said(fed, planner):
 
 def test_a_node_that_falls_silent_while_it_searches_is_said(fed, planner, monkeypatch):
     """Killed, its services are seen for 20 s more."""
-    monkeypatch.setattr(conversation, "SILENT_FOR", 1.0)
+    monkeypatch.setattr(session, "SILENT_FOR", 1.0)
     placing = Doing(lambda: planner.place({}, math.inf))
     searching(fed)
     fed.wait(lambda: planner.status.state == "searching")

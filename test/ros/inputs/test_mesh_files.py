@@ -16,7 +16,7 @@ from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.errors import ObjectError
 from placement_planner_ros.core.meshes.headers import check_header
 from placement_planner_ros.ros.inputs import mesh_process
-from placement_planner_ros.ros.inputs.mesh_process import MeshProcess, StoppedError
+from placement_planner_ros.ros.inputs.mesh_process import MeshProcess, MeshProcessStoppedError
 
 BOX = trimesh.creation.box((0.1, 0.06, 0.04))
 DAE = f"""<?xml version="1.0"?><COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema"
@@ -219,7 +219,7 @@ def test_reading_can_be_stopped_and_ends_in_time(tmp_path, monkeypatch):
     with MeshProcess(lambda: asked[0]) as process:
         hang()
         asked[0] = True
-        with pytest.raises(StoppedError):
+        with pytest.raises(MeshProcessStoppedError):
             process.read(box)
         asked[0] = False
         hang()

@@ -9,7 +9,7 @@ import weakref
 import pytest
 
 from placement_planner_ros.core.errors import ObjectError
-from placement_planner_ros.ros.inputs.mesh_process import StoppedError
+from placement_planner_ros.ros.inputs.mesh_process import MeshProcessStoppedError
 from placement_planner_ros.ros.inputs.reading import KEPT, NotReadyError, Reading
 
 
@@ -33,7 +33,7 @@ class Gate:
         while not self.open.wait(0.002):
             if should_stop():
                 self.stopped = True
-                raise StoppedError
+                raise MeshProcessStoppedError
         if isinstance(self.made, BaseException):
             raise self.made
         return self.made

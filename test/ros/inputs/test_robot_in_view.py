@@ -6,7 +6,7 @@ import pytest
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.arm import ArmCollision
-from placement_planner_ros.core.collision.load import Held
+from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.problem import workspace
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.environment import Environment
@@ -76,7 +76,9 @@ def test_the_start_is_free_and_nothing_stands_where_nothing_is(seen):
     obstacles = environment_of(seen, PADDING).obstacles
     for arm in arms:
         for grasp in range(len(arm.grasps)):
-            collision = ArmCollision(MovingArm(robot, arm, q), Held(body, grasp), obstacles)
+            collision = ArmCollision(
+                MovingArm(robot, arm, q), AttachedObject(body, grasp), obstacles
+            )
             assert collision.explain(q[arm.q_index]) == ""
     centers = (obstacles.lower + obstacles.upper) / 2
     depth = np.max([part.depth(centers) for part in SCENE.parts], axis=0)
@@ -88,5 +90,5 @@ def test_without_the_filter_the_robot_stands_in_its_own_way(seen):
     robot, arms, q, body, _ = seen
     obstacles = environment_of(seen, None).obstacles
     for arm in arms:
-        collision = ArmCollision(MovingArm(robot, arm, q), Held(body), obstacles)
+        collision = ArmCollision(MovingArm(robot, arm, q), AttachedObject(body), obstacles)
         assert collision.explain(q[arm.q_index]) != ""

@@ -9,7 +9,7 @@ import pytest
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.errors import CloudError, StartError
 from placement_planner_ros.core.stopping import StoppedError
-from placement_planner_ros.ros.calls import Calls
+from placement_planner_ros.ros.call_priority import CallPriority
 from placement_planner_ros.ros.parameters.table import arm_specs, arms_spec, fixed_specs
 from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.ros.run import preparation as module
@@ -334,7 +334,7 @@ def test_preparing_ahead_goes_on_after_an_error_which_is_told(snapshot, monkeypa
 def test_what_is_made_ahead_gives_way_to_calls_and_a_run_as_it_begins(snapshot):
     ways = []
 
-    class Counted(Calls):
+    class Counted(CallPriority):
         def give_way(self):
             ways.append(1)
 

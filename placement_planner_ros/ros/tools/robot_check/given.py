@@ -10,8 +10,8 @@ from typing import Any
 
 import yaml
 
+from placement_planner_ros.core.did_you_mean import did_you_mean
 from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError
-from placement_planner_ros.core.nearest import nearest
 from placement_planner_ros.ros.parameters.spec import Spec
 from placement_planner_ros.ros.parameters.table import (
     arm_specs,
@@ -112,7 +112,7 @@ def _of_file(file: Path, findings: Findings) -> Iterator[tuple[str, Any, bool]]:
                 findings.wrong(fault)
             yield name, value, last != NODE
     if not found:
-        meant = nearest(NODE, [name.rpartition("/")[2] for name in others])
+        meant = did_you_mean(NODE, [name.rpartition("/")[2] for name in others])
         findings.wrong(
             f"{file}: it has no parameters for {NODE}; begin it with '/**:' or '{NODE}:', then "
             f"'ros__parameters:'" + (f" (it has some for {meant})" if meant else "")

@@ -8,11 +8,11 @@ import coal
 import numpy as np
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.collision.load import Held
+from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.collision.object_solids import object_overlaps
 from placement_planner_ros.core.errors import GraspError, PlacementPlannerError
-from placement_planner_ros.core.grasp.at_start import faults_at_start, tilts_at_start
-from placement_planner_ros.core.grasp.hand_leaving import check_letting_go
+from placement_planner_ros.core.grasp.release_check import check_letting_go
+from placement_planner_ros.core.grasp.start_state_check import faults_at_start, tilts_at_start
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.robot.surface import nearest
@@ -94,7 +94,7 @@ def _held_fast(subject: Subject, arm: Arm, grasp: int, body: Body) -> GraspError
         return None
     try:
         moving = MovingArm(subject.robot, arm, subject.q)
-        check_letting_go(moving, Held(body, grasp), grasping)
+        check_letting_go(moving, AttachedObject(body, grasp), grasping)
     except GraspError as error:
         return error
     return None

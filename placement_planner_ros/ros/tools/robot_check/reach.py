@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.errors import PlacementPlannerError
-from placement_planner_ros.core.grasp.any_turn import AnyTurn
+from placement_planner_ros.core.grasp.free_yaw_ik import FreeYawIK
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.objective.objective import ObjectiveContext
@@ -95,7 +95,7 @@ def reached_share(subject: Subject, arm: Arm, grasp: int, volume: TargetVolume) 
     ik = InverseKinematics(chain)
     q = subject.q[arm.q_index]
     if lacks_directions(chain):
-        any_turn = AnyTurn(chain, T_tip_object, ik)
+        any_turn = FreeYawIK(chain, T_tip_object, ik)
         return float(np.mean([bool(any_turn.placed(*each, _SEEDS, rng, q)) for each in placed]))
     tips = [(T * T_tip_object.inverse()).homogeneous for T, _ in placed]
     seeds = ik.random_seeds(rng, (POSES, _SEEDS))

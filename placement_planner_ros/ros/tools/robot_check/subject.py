@@ -12,8 +12,8 @@ import numpy as np
 import pinocchio as pin
 
 from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.did_you_mean import did_you_mean
 from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError
-from placement_planner_ros.core.nearest import nearest
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.object_input import ObjectInput
@@ -131,7 +131,7 @@ def _start(
     read = findings.attempt(lambda: positions_of(tree, where)) if tree is not None else None
     positions = dict(read or {})
     for name in [name for name in positions if name not in robot.joint_names]:
-        meant = nearest(name, free)
+        meant = did_you_mean(name, free)
         if meant is not None and meant not in positions:
             findings.wrong(f"{where}: {name} is no joint of the robot; the nearest is {meant}")
         del positions[name]
@@ -198,7 +198,7 @@ def _unknown(robot: Robot, parameters: ParameterSet, arm: str) -> list[str]:
         value = parameters[f"{arm}.{part}"]
         for name in [value] if isinstance(value, str) else value:
             if name not in known:
-                meant = nearest(name, known)
+                meant = did_you_mean(name, known)
                 words = f"the nearest is {meant}" if meant else f"it has {', '.join(known[:40])}"
                 faults.append(f"{arm}.{part} = {name!r} is no {kind} of {robot.name!r}; {words}")
     return faults

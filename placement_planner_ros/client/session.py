@@ -20,9 +20,9 @@ from rclpy.task import Future
 from placement_planner_ros.client.answer import Answer
 from placement_planner_ros.client.calls import Calls, Value
 from placement_planner_ros.client.errors import NO_ANSWER, NO_NODE, WITHDRAWN, PlacementError
-from placement_planner_ros.client.hearing import Hearing
 from placement_planner_ros.client.solution import Solution
 from placement_planner_ros.client.status import ROBOT_MOVED, SEARCHING, STOPPING, Status
+from placement_planner_ros.client.subscriptions import Subscriptions
 from placement_planner_ros.client.waiting import News, Steps, T
 
 Enough = Callable[[Solution], bool | None]
@@ -58,7 +58,7 @@ _NOT_SENT = (rclpy_implementation.InvalidHandle, rclpy_implementation.RCLError)
 """Raised where ROS has been shut down."""
 
 
-class Conversation:
+class Session:
     """A client's part, whoever takes the steps.
 
     Args:
@@ -68,7 +68,7 @@ class Conversation:
     def __init__(self, node: Node, planner: str) -> None:
         group = ReentrantCallbackGroup()
         self.news = News()
-        self.hearing = Hearing(node, planner, group, self.news)
+        self.hearing = Subscriptions(node, planner, group, self.news)
         self._calls = Calls(node, planner, group, self.news)
         self._node = node
         self._owed: set[Future] = set()

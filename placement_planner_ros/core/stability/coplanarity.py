@@ -22,7 +22,7 @@ _SCATTER = 0.6
 
 
 @kernel(nogil=True)
-def in_one_plane(
+def coplanar_support(
     points: Array, gaps: Array, first: npt.NDArray[np.int64], noise: float
 ) -> tuple[Array, Array]:
     """What carries the corners of each object, where it is one plane, and how it lies.

@@ -15,12 +15,12 @@ Index = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Stood:
+class SupportingFace:
     """What (n,) objects stand on.
 
     Attributes:
         face: indices.
-        slope: indices of `Standing.slopes`.
+        slope: indices of `SupportingFaces.slopes`.
     """
 
     face: Index
@@ -35,7 +35,7 @@ def padded(rows: Sequence[Array]) -> Array:
     return np.array(each_of).reshape(len(rows), most, -1)
 
 
-class Standing:
+class SupportingFaces:
     """Tells it by which face points most nearly against the normal of some surface.
 
     Attributes:
@@ -50,11 +50,11 @@ class Standing:
         self._up = upright(self.slopes)[:, :, 2]
         self._down = np.array([face.normal for face in context.body.faces]).reshape(-1, 3).T
 
-    def at(self, T_world_object: Array) -> Stood:
+    def at(self, T_world_object: Array) -> SupportingFace:
         """At poses (n, 4, 4)."""
         if len(self.slopes) == 1:
             face = (T_world_object[:, 2, :3] @ self._down).argmin(axis=1)
-            return Stood(face, np.zeros(len(face), np.int64))
+            return SupportingFace(face, np.zeros(len(face), np.int64))
         off = self._up @ (T_world_object[:, :3, :3] @ self._down)  # (n, slopes, faces)
         slope, face = np.divmod(off.reshape(len(off), -1).argmin(axis=1), off.shape[2])
-        return Stood(face, slope)
+        return SupportingFace(face, slope)

@@ -36,7 +36,7 @@ _LOCAL = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
-class Rest:
+class StablePose:
     """A side to rest on.
 
     Attributes:
@@ -50,7 +50,7 @@ class Rest:
     rolls: bool
 
 
-def rests(tipping: Tipping, flatness: float, merge_angle: float) -> tuple[Rest, ...]:
+def stable_poses(tipping: Tipping, flatness: float, merge_angle: float) -> tuple[StablePose, ...]:
     """Every side that the body rests on, in the order of the hull's facets.
 
     Args:
@@ -75,11 +75,11 @@ def _depth() -> float:
     return TIPPING_ENERGY / GRAVITY
 
 
-def _rest(tipping: Tipping, facet: int, bottoms: Index, flatness: float) -> Rest:
+def _rest(tipping: Tipping, facet: int, bottoms: Index, flatness: float) -> StablePose:
     energy = _energy(tipping, facet, _LEAVES)
     if energy < TIPPING_ENERGY or _energy(tipping, facet, _ROCKS) < 0.5 * TIPPING_ENERGY:
-        return Rest(facet, energy, rolls=True)
-    return Rest(facet, energy, rolls=_rolls(tipping, facet, bottoms, flatness))
+        return StablePose(facet, energy, rolls=True)
+    return StablePose(facet, energy, rolls=_rolls(tipping, facet, bottoms, flatness))
 
 
 def _energy(tipping: Tipping, facet: int, angle: float) -> float:
@@ -106,24 +106,26 @@ def _band(height: float, flatness: float) -> tuple[float, float]:
     return height - change, height + change
 
 
-def _along(tipping: Tipping, rest: Rest, bottoms: Index, flatness: float) -> Iterator[Rest]:
+def _along(
+    tipping: Tipping, rest: StablePose, bottoms: Index, flatness: float
+) -> Iterator[StablePose]:
     """All rests of the round side that this one is on."""
     yield rest
     level = tipping.around(rest.facet, *_band(float(tipping.heights[rest.facet]), flatness))
     for facet in bottoms[level[bottoms]].tolist():
-        yield Rest(facet, rest.energy, rolls=True)
+        yield StablePose(facet, rest.energy, rolls=True)
 
 
-def _spread(tipping: Tipping, given: list[Rest], apart: float) -> list[Rest]:
+def _spread(tipping: Tipping, given: list[StablePose], apart: float) -> list[StablePose]:
     """Of rests within that angle of each other, radians, the lowest."""
-    kept: list[Rest] = []
+    kept: list[StablePose] = []
     for rest in sorted(given, key=lambda rest: float(tipping.heights[rest.facet])):
         if _is_apart(tipping, rest, kept, apart):
             kept.append(rest)
     return kept
 
 
-def _is_apart(tipping: Tipping, rest: Rest, others: list[Rest], angle: float) -> bool:
+def _is_apart(tipping: Tipping, rest: StablePose, others: list[StablePose], angle: float) -> bool:
     """Whether a rest is further than that from all others, radians."""
     if not others:
         return True

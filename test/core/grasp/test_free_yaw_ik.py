@@ -6,7 +6,7 @@ import pinocchio as pin
 import pytest
 
 from placement_planner_ros.core.constraints import placement_pose
-from placement_planner_ros.core.grasp.any_turn import AnyTurn
+from placement_planner_ros.core.grasp.free_yaw_ik import FreeYawIK
 from placement_planner_ros.core.objective.objective import moved
 from placement_planner_ros.core.reach.ik import InverseKinematics
 from placement_planner_ros.core.reach.kinematics import Chain
@@ -33,7 +33,7 @@ class Hand:
         self.q = self.robot.configuration(start)
         self.chain = Chain.from_robot(self.robot, self.arm, self.q)
         self.ik = InverseKinematics(self.chain)
-        self.any_turn = AnyTurn(self.chain, grasp, self.ik)
+        self.any_turn = FreeYawIK(self.chain, grasp, self.ik)
         faces = few_joints.body().faces
         self.face = min(faces, key=lambda face: face.normal[2])
 

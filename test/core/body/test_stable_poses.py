@@ -6,8 +6,8 @@ import trimesh
 from scans import SHAPES, finer, noisy
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.body.rests import TIPPING_ENERGY, rests
 from placement_planner_ros.core.body.settings import BodySettings
+from placement_planner_ros.core.body.stable_poses import TIPPING_ENERGY, stable_poses
 from placement_planner_ros.core.body.tipping import Tipping
 
 FIRM = {
@@ -31,7 +31,7 @@ FIRM = {
 
 def found(mesh, flatness=0.0015):
     tipping = Tipping.of(np.asarray(mesh.vertices), np.asarray(mesh.center_mass))
-    return tipping, rests(tipping, flatness, 0.18)
+    return tipping, stable_poses(tipping, flatness, 0.18)
 
 
 @pytest.mark.parametrize("name", FIRM)

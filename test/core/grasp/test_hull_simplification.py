@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from placement_planner_ros.core.grasp.few_corners import few_corners
+from placement_planner_ros.core.grasp.hull_simplification import few_corners
 
 TOLERANCE = 2e-4
 

@@ -11,7 +11,7 @@ _LONGEST = 100
 """Letters of a name that are looked at."""
 
 
-def nearest(name: str, known: Iterable[str]) -> str | None:
+def did_you_mean(name: str, known: Iterable[str]) -> str | None:
     """The name most like this one, whatever its case and separators; None where none is like it.
 
     A name without its group, such as `cell_size`, is like the whole.

@@ -10,7 +10,7 @@ SUPPORTS: tuple[SupportName, ...] = get_args(SupportName)
 
 
 @dataclass(frozen=True, slots=True)
-class Footing:
+class SupportSettings:
     """The settings of s(x), see `PlannerSettings` for their words.
 
     Attributes:

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.collision.load import Held
+from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.collision.object_solids import object_overlaps
 from placement_planner_ros.core.errors import GraspError
 from placement_planner_ros.core.grasp.hand_opening import check_opening
@@ -35,7 +35,7 @@ Hindrance = tuple[str, str, float]
 """A direction in words, the link that gets too near to the object first, and how far on, metres."""
 
 
-def check_letting_go(moving: MovingArm, held: Held, settings: GraspSettings) -> None:
+def check_letting_go(moving: MovingArm, held: AttachedObject, settings: GraspSettings) -> None:
     """Raise if the hand could not let go of the object wherever it stood: as it opens, or after.
 
     Raises:
@@ -46,7 +46,7 @@ def check_letting_go(moving: MovingArm, held: Held, settings: GraspSettings) -> 
     check_leaving(moving, held, settings)
 
 
-def check_leaving(moving: MovingArm, held: Held, settings: GraspSettings) -> None:
+def check_leaving(moving: MovingArm, held: AttachedObject, settings: GraspSettings) -> None:
     """Raise if the open hand can leave the object by none of the straight ways that are tried.
 
     Raises:

@@ -10,7 +10,7 @@ from placement_planner_ros.core.body.body import Body
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Held:
+class AttachedObject:
     """The object moves with the hand.
 
     Attributes:
@@ -22,7 +22,7 @@ class Held:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Standing:
+class PlacedObject:
     """The object stands at x; to the arm it is an obstacle."""
 
     body: Body

@@ -11,11 +11,11 @@ from problems import problem_of
 
 from benchmarks.cases import Case
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
-from placement_planner_ros.core.collision.load import Held
+from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.errors import GraspError, StartError
-from placement_planner_ros.core.grasp.at_start import deep_fingers, faults_at_start
+from placement_planner_ros.core.grasp.feasible_grasps import usable_holdings
 from placement_planner_ros.core.grasp.settings import GraspSettings
-from placement_planner_ros.core.grasp.usable import usable_holdings
+from placement_planner_ros.core.grasp.start_state_check import deep_fingers, faults_at_start
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 
 SETTINGS = CollisionSettings()
@@ -43,7 +43,7 @@ def test_it_judges_as_the_search_does(problem, known):
     arm = replace(problem.arms[0], grasps=problem.arms[0].grasps[:1])
     moving = MovingArm(problem.robot, arm, problem.q_start)
     obstacles = problem.environment.obstacles
-    collision = ArmCollision(moving, Held(problem.body, 0), obstacles, SETTINGS)
+    collision = ArmCollision(moving, AttachedObject(problem.body, 0), obstacles, SETTINGS)
     judge = collision if known else collision.with_pairs(lambda a, b: True, environment=False)
     rng = np.random.default_rng(1)
     found, in_cloud, uncertain = [], 0, 0

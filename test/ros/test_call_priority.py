@@ -9,8 +9,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from placement_planner_ros.ros import calls as module
-from placement_planner_ros.ros.calls import Calls
+from placement_planner_ros.ros import call_priority as module
+from placement_planner_ros.ros.call_priority import CallPriority
 from placement_planner_ros.ros.spinning import PooledExecutor
 
 
@@ -28,7 +28,7 @@ def waiting_for(calls):
 
 def test_work_goes_on_once_the_last_call_is_answered(monkeypatch):
     monkeypatch.setattr(module, "PATIENCE", 60.0)
-    calls = Calls()
+    calls = CallPriority()
     calls.give_way()
     with calls.answering():
         with calls.answering():
@@ -40,7 +40,7 @@ def test_work_goes_on_once_the_last_call_is_answered(monkeypatch):
 
 def test_a_call_that_takes_long_holds_nothing_up(monkeypatch):
     monkeypatch.setattr(module, "PATIENCE", 0.01)
-    calls = Calls()
+    calls = CallPriority()
     with calls.answering():
         assert waiting_for(calls).wait(30.0)
 
@@ -48,7 +48,7 @@ def test_a_call_that_takes_long_holds_nothing_up(monkeypatch):
 @pytest.mark.usefixtures("ros")
 def test_a_service_is_being_answered_until_its_answer_has_left(monkeypatch):
     monkeypatch.setattr(module, "PATIENCE", 60.0)
-    calls, seen = Calls(), []
+    calls, seen = CallPriority(), []
     node, caller = Node("answers"), Node("asks")
 
     def respond(_, response):

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from placement_planner_ros.core.body.placement_face import PlacementFace
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.stability.one_plane import LEANS
+from placement_planner_ros.core.stability.coplanarity import LEANS
 from placement_planner_ros.core.types import Array, Slope
 
 _RISES = 1.6
@@ -26,7 +26,7 @@ _BESIDE = 0.0025
 """m, half of what points that touch are apart: what lies so near to one is under the object."""
 
 
-class Rises:
+class Protrusions:
     """Whether something under an object lifts it off what is taken to carry it.
 
     Args:

@@ -9,9 +9,12 @@ from dataclasses import replace
 import numpy as np
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.collision.load import Held
+from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.errors import GraspError, PlacementPlannerError
-from placement_planner_ros.core.grasp.at_start import (
+from placement_planner_ros.core.grasp.holding import Holding
+from placement_planner_ros.core.grasp.open_hand import OpenHand
+from placement_planner_ros.core.grasp.settings import GraspSettings
+from placement_planner_ros.core.grasp.start_state_check import (
     Fault,
     beyond_limits,
     in_keep_out,
@@ -21,9 +24,6 @@ from placement_planner_ros.core.grasp.at_start import (
     tilt_fault,
     touches_clouds,
 )
-from placement_planner_ros.core.grasp.holding import Holding
-from placement_planner_ros.core.grasp.open_hand import OpenHand
-from placement_planner_ros.core.grasp.settings import GraspSettings
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
@@ -65,7 +65,9 @@ def usable_holdings(
         for grasp in range(len(arm.grasps)):
             step(f"making arm {arm.name} with grasp {grasp}")
             try:
-                holding = Holding(moving, Held(body, grasp), obstacles, open_hand, settings)
+                holding = Holding(
+                    moving, AttachedObject(body, grasp), obstacles, open_hand, settings
+                )
             except GraspError as error:
                 bad_grasps.append(error)
                 continue
@@ -102,7 +104,7 @@ def lay_out_holdings(
             for grasp in range(len(arm.grasps)):
                 step(f"laying out arm {arm.name} with grasp {grasp}")
                 with contextlib.suppress(GraspError):
-                    Holding(moving, Held(body, grasp), nothing, open_hand, settings)
+                    Holding(moving, AttachedObject(body, grasp), nothing, open_hand, settings)
 
 
 def _why_not_free(holding: Holding, obstacles: ObstacleSet, margin: float) -> Fault | None:

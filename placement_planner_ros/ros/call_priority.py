@@ -10,7 +10,7 @@ PATIENCE = 0.1
 """Seconds that work waits at most each time, so that a call that takes long holds nothing up."""
 
 
-class Calls:
+class CallPriority:
     """Services that are being answered. Safe to use from several threads.
 
     A call is short, but what clouds bring takes cores and interpreter all the while: beside three

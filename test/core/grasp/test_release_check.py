@@ -6,9 +6,9 @@ import pytest
 import trimesh
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.collision.load import Held
+from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.errors import GraspError
-from placement_planner_ros.core.grasp.hand_leaving import check_letting_go
+from placement_planner_ros.core.grasp.release_check import check_letting_go
 from placement_planner_ros.core.grasp.settings import GraspSettings, RetreatSettings
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
@@ -48,7 +48,7 @@ def let_go(robot, opened=0.02, settings=None, grasp=None):
         gripper_open=[opened],
     )
     moving = MovingArm(robot, arm, robot.configuration({"lift": 0.3, "slide": 0.0}))
-    held = Held(Body.from_mesh(box.vertices, box.faces))
+    held = AttachedObject(Body.from_mesh(box.vertices, box.faces))
     check_letting_go(moving, held, GraspSettings(retreat=settings or RetreatSettings()))
 
 

@@ -28,7 +28,7 @@ KEPT = 20
 _EVERY = QoSProfile(depth=KEPT, reliability=LATCHED.reliability, durability=LATCHED.durability)
 
 
-class Hearing:
+class Subscriptions:
     """Listens to one node. Safe to use from several threads.
 
     The parts of a solution come on topics of their own, of which any may lag behind, so that a

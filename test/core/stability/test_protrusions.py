@@ -7,8 +7,8 @@ import pytest
 import trimesh
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.stability.one_plane import LEANS
-from placement_planner_ros.core.stability.rises import Rises
+from placement_planner_ros.core.stability.coplanarity import LEANS
+from placement_planner_ros.core.stability.protrusions import Protrusions
 from placement_planner_ros.core.types import LEVEL
 
 NOISE, WIDTH = 0.0015, 0.04
@@ -30,7 +30,7 @@ def lifted(height, points, plane=(0.0, 0.0, 0.0), touches=(0.0, 0.0), noise=0.00
         noise=NOISE,
     )
     environment = SimpleNamespace(support_of=lambda slope: support)
-    rises = Rises(environment, body.faces, lambda face: np.array([touches]), 0.003)
+    rises = Protrusions(environment, body.faces, lambda face: np.array([touches]), 0.003)
     T = np.eye(4)[None]
     T[0, 2, 3] = 0.5 * WIDTH
     found = rises.lift(

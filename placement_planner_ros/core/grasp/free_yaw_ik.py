@@ -32,7 +32,7 @@ _MISSED = 1e-2
 """Share of a change that joints may miss; inverse kinematics makes up for it."""
 
 
-class AnyTurn:
+class FreeYawIK:
     """The turns of the object that an arm of few joints can give it, at places asked for.
 
     Args:
