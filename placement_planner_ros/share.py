@@ -1,4 +1,4 @@
-"""Where the files that ship beside the code (urdf, config, launch) are."""
+"""Places of the files that ship beside the code: urdf, config, launch."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a service of the node answered."""
+"""The answer of a service of the node."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a client raises where there is no solution."""
+"""The error that a client raises where there is no solution."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a client says to the node and what it makes of the answers, as steps.
+"""The steps of a client's session: calls to the node, and waiting for its answers.
 
 Started is with a time limit of the deadline, so that a run ends by itself where the client is gone;
 else it is the client that ends it. A run that was left, by an exception or because nobody waits any

@@ -1,4 +1,4 @@
-"""What the node says about itself in `~/status`."""
+"""The node's `~/status`, read."""
 
 from __future__ import annotations
 

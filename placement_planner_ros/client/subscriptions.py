@@ -1,4 +1,4 @@
-"""What a client has heard of the node: its status and the parts of its newest solutions."""
+"""Subscriptions of a client: the node's status and the parts of its newest solutions."""
 
 from __future__ import annotations
 

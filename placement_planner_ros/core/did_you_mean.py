@@ -1,4 +1,4 @@
-"""What somebody may have meant by a name that nothing has."""
+"""The known name that a misspelt one is nearest to."""
 
 from __future__ import annotations
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import time
-from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
@@ -15,8 +14,8 @@ from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.carry.settings import CarrySettings, TiltLimit
 from placement_planner_ros.core.collision.arm import CollisionSettings
 from placement_planner_ros.core.constraints import PoseConstraints
-from placement_planner_ros.core.explanation import tables
-from placement_planner_ros.core.explanation.explain import explain
+from placement_planner_ros.core.explanation.constraint_table import refused_in_short
+from placement_planner_ros.core.explanation.explain import explain_search
 from placement_planner_ros.core.explanation.explanation import Explanation
 from placement_planner_ros.core.explanation.search import Progress, Search
 from placement_planner_ros.core.grasp.feasible_grasps import usable_holdings
@@ -69,8 +68,6 @@ _log = logging.getLogger(__name__)
 
 _EXPLAINED_AFTER = 2000
 """Samples after which a search that has found nothing says why; again each time they doubled."""
-_GOALS = 16
-"""Goals remembered until a motion to one is found."""
 
 SamplerName = Literal["optimistic", "mcts", "uniform"]
 SAMPLERS: tuple[SamplerName, ...] = get_args(SamplerName)
@@ -280,7 +277,6 @@ class PlacementPlanner:
             finder.rejections,
             tuple(holding.arm.name for holding in finder.holdings),
         )
-        self._goals: deque[Goal] = deque(maxlen=_GOALS)
         self._search = Search(
             problem,
             before,
@@ -290,7 +286,7 @@ class PlacementPlanner:
             hierarchy,
             self._bounds,
             self.unusable,
-            settings.turns.up_tolerance,
+            PlannerSettings().footing,
         )
         self.explanation = Explanation("")
         self.exhausted = self.explain().short if self.cause else ""
@@ -324,7 +320,6 @@ class PlacementPlanner:
             for goal in self.sampler.sample_goals(bound, should_stop):
                 self.motion.add(goal)
                 self.statistics.goals += 1
-                self._goals.append(goal)
             if best == -np.inf and self.statistics.samples >= explain_at:
                 explain_at = 2 * self.statistics.samples
                 self.explain()
@@ -360,16 +355,15 @@ class PlacementPlanner:
     def _explained(self) -> Explanation:
         statistics = self.statistics
         if statistics.solutions:
-            return Explanation(tables.in_short(statistics.count))
+            return Explanation(refused_in_short(statistics.count))
         progress = Progress(
             statistics.count,
             statistics.goals,
-            tuple(self._goals),
             statistics.motion_iterations,
             statistics.unreached,
             frozenset(self._remainder.rulings) if self.cause else frozenset(),
         )
-        return explain(self._search, progress)
+        return explain_search(self._search, progress)
 
     def _placements(
         self,

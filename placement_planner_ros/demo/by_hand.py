@@ -1,4 +1,4 @@
-"""What the demonstration did, as commands to be typed."""
+"""The demonstration as commands to be typed."""
 
 from __future__ import annotations
 

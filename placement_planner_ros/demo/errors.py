@@ -1,4 +1,4 @@
-"""What stops the demonstration."""
+"""The error that stops the demonstration."""
 
 from __future__ import annotations
 

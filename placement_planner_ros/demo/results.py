@@ -1,4 +1,4 @@
-"""What the demonstration leaves: a picture before and after, an animation, a plot."""
+"""Files that the demonstration leaves: a picture before and after, an animation, a plot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the demonstration is about: scene, robot, object, and what the node is told."""
+"""The setting of the demonstration: scene, robot, object, and the node's parameters."""
 
 from __future__ import annotations
 

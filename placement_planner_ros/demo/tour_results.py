@@ -1,4 +1,4 @@
-"""What a tour leaves: a table, a picture and an animation of the whole."""
+"""Files that a tour leaves: a table, a picture and an animation of the whole."""
 
 from __future__ import annotations
 

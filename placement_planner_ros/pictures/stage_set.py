@@ -1,4 +1,4 @@
-"""What a motion is shown with: the scene, the object, and a view in which little hides it."""
+"""The stage of a motion: scene, object, and a view in which little hides it."""
 
 from __future__ import annotations
 

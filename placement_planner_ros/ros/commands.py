@@ -1,4 +1,4 @@
-"""What the services do: start, stop, confirm and clear, one run at a time."""
+"""The services' actions: start, stop, confirm and clear, one run at a time."""
 
 from __future__ import annotations
 

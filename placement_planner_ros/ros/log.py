@@ -1,4 +1,4 @@
-"""What the node says to people: a line for each event, at most one a second for what repeats."""
+"""The node's log: a line for each event, at most one a second for what repeats."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the node's process needs of its interpreter and its C library."""
+"""Settings of the node's process: its interpreter and its C library."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `~/markers` and `~/occupancy` say, as arrays."""
+"""Arrays of `~/markers` and `~/occupancy`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether something is what it was at the last look."""
+"""Tells whether something is what it was at the last look."""
 
 from __future__ import annotations
 

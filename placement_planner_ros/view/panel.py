@@ -1,4 +1,4 @@
-"""What stands beside the scene: words, charts, and what plays a placement."""
+"""The panel beside the scene: words, charts, and what plays a placement."""
 
 from __future__ import annotations
 

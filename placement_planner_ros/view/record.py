@@ -1,4 +1,4 @@
-"""What the page remembers of the node's newest run."""
+"""The record of the node's newest run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a robot looks like: the visual meshes and primitives of its URDF, link by link."""
+"""Visual meshes and primitives of a robot's URDF, link by link."""
 
 from __future__ import annotations
 

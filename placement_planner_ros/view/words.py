@@ -1,4 +1,4 @@
-"""What the page says of a run, in words for people."""
+"""The words of the page about a run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the page knows of robot, object and sensors, made from what it hears."""
+"""Robot, object and sensors of the page, made from what it hears."""
 
 from __future__ import annotations
 

@@ -88,38 +88,14 @@ def number(pattern, words):
 
 def lowered(inputs, words):
     volume = [*inputs.parameters["target_volume"]]
-    volume[2] = number(r"set its minimum z .* to (-?[\d.]+) or less", words)
+    volume[2] = number(r"set its minimum z to (-?[\d.]+)", words)
     return inputs.but(target_volume=volume)
 
 
 def raised(inputs, words):
     volume = [*inputs.parameters["target_volume"]]
-    volume[5] = number(r"set its maximum z .* to (-?[\d.]+) or more", words)
+    volume[5] = number(r"set its maximum z to (-?[\d.]+)", words)
     return inputs.but(target_volume=volume)
-
-
-def drawn_closer(inputs, words):
-    volume = np.array(inputs.parameters["target_volume"])
-    volume[[0, 3]] -= number(r"move it closer to the robot, by ([\d.]+) m", words) + 0.3
-    return inputs.but(target_volume=volume.tolist())
-
-
-def moved_over(inputs, words):
-    found = re.search(r"level surface is at \((\S+), (\S+)\) m with z = (-?[\d.]+)", words)
-    x, y, z = map(float, found.groups())
-    half = np.array([0.1, 0.1, 0.05])
-    middle = np.array([x, y, z]) - (0.0, 0.15, 0.0)
-    return inputs.but(target_volume=[*(middle - half).tolist(), *(middle + half).tolist()])
-
-
-def on_larger_surface(inputs, words):
-    assert number(r"larger surfaces, level for [\d.]+ x ([\d.]+) m at least", words) < 0.1
-    return inputs.but(target_volume=ABOVE)
-
-
-def under_more_height(inputs, words):
-    assert 0.03 < number(r"more free height, ([\d.]+) m at least", words) < 0.04
-    return inputs.but(target_volume=[0.25, 0.1, -0.05, 0.55, 0.4, 0.02])
 
 
 def untilted(inputs, words):
@@ -127,15 +103,6 @@ def untilted(inputs, words):
     angle = np.radians(number(r"correct the sensor's tilt by ([\d.]+) degrees", words))
     x, y = (number(rf"rising towards .*{axis} = (-?[\d.]+)", words) for axis in "xy")
     return inputs.but(sensor_poses__camera=pose(turned((-y, x, 0.0), angle)))
-
-
-def coarser(inputs, words):
-    size = number(r"cloud\.cell_size: set it to .* about ([\d.]+)", words)
-    return inputs.but(cloud__cell_size=size)
-
-
-def scattered_less(inputs, words):
-    return inputs.but(cloud__cell_size=number(r"cloud\.cell_size: set it to about ([\d.]+)", words))
 
 
 def in_metres(inputs, _):
@@ -219,7 +186,7 @@ SITUATIONS = {
         Inputs({"target_volume": [0.25, 0.5, -0.05, 0.55, 0.7, 0.2]}),
         "NO_REGION",
         "target_volume",
-        moved_over,
+        with_parameters(target_volume=ABOVE),
         "nothing was measured",
     ),
     "object larger than any region": Situation(
@@ -229,8 +196,8 @@ SITUATIONS = {
         ),
         "UNSUPPORTED",
         "target_volume",
-        on_larger_surface,
-        "one placement region",
+        with_parameters(target_volume=ABOVE),
+        "the largest 0.0008 m²",
     ),
     "out of reach": Situation(
         Inputs(
@@ -239,8 +206,8 @@ SITUATIONS = {
         ),
         "OUT_OF_REACH",
         "target_volume",
-        drawn_closer,
-        "arm left falls short",
+        with_parameters(target_volume=ABOVE),
+        "out of reach of every arm",
     ),
     "ceiling too low": Situation(
         Inputs(
@@ -249,15 +216,15 @@ SITUATIONS = {
         ),
         "NO_SOLUTION",
         "target_volume",
-        under_more_height,
-        "what stands above it",
+        with_parameters(target_volume=[0.25, 0.1, -0.05, 0.55, 0.4, 0.02]),
+        "let the object meet something",
     ),
     "a grasp that always collides": Situation(
         Inputs({**PLATE, "left.grasps": poses(SIDEWAYS)}),
         "NO_SOLUTION",
         "left.grasps",
         with_parameters(left__grasps=poses(FROM_ABOVE)),
-        "meets the environment",
+        "had arm, hand or object in collision",
     ),
     "start in self-collision": Situation(
         Inputs({"arms": ["left", "right"]}, joints=dict.fromkeys(HOME, 0.0)),
@@ -284,7 +251,7 @@ SITUATIONS = {
         "OUT_OF_REACH",
         "arms",
         with_parameters(arms=["left", "right"]),
-        "arm right falls short",
+        "out of reach of every arm",
     ),
     "an empty cloud": Situation(
         Inputs(points=np.zeros((0, 3))),
@@ -319,7 +286,7 @@ SITUATIONS = {
         "NO_SOLUTION",
         "unknown_space",
         with_parameters(unknown_space="free"),
-        "no sensor has seen",
+        "23% of target_volume have been seen",
     ),
     "tilted too far": Situation(
         Inputs(
@@ -335,23 +302,23 @@ SITUATIONS = {
     "points too far apart": Situation(
         Inputs(points=level((0.2, 0.6), (-0.3, 0.4), 0.0, 0.03)),
         "NO_REGION",
-        "cloud.cell_size",
-        coarser,
-        "too far apart",
+        "cloud_topics",
+        lambda inputs, _: replace(inputs, points=TABLE),
+        "measured without holes",
     ),
     "a surface full of holes": Situation(
         Inputs(points=TABLE[np.random.default_rng(0).random(len(TABLE)) < 0.07]),
         "NO_SOLUTION",
-        "cloud.cell_size",
-        coarser,
-        "are holes that show no point",
+        "cloud_topics",
+        lambda inputs, _: replace(inputs, points=TABLE),
+        "left the object without support",
     ),
     "points that scatter": Situation(
         Inputs(points=TABLE + np.random.default_rng(0).normal(0.0, 0.01, TABLE.shape)),
         "NO_SOLUTION",
-        "cloud.cell_size",
-        scattered_less,
-        "uneven",
+        "cloud_topics",
+        lambda inputs, _: replace(inputs, points=TABLE),
+        "left the object without support",
     ),
     "a volume narrower than any region": Situation(
         Inputs({"target_volume": [0.4, 0.1, -0.05, 0.41, 0.11, 0.2]}),
@@ -372,7 +339,7 @@ SITUATIONS = {
         "NO_SOLUTION",
         "collision_margin",
         with_parameters(collision_margin=0.003),
-        "poses looked at again would be free",
+        "0.1 m is set",
     ),
     "a margin too wide for the object": Situation(
         Inputs(
@@ -382,7 +349,7 @@ SITUATIONS = {
         "NO_SOLUTION",
         "collision_margin",
         with_parameters(collision_margin=0.003),
-        "would be free",
+        "0.045 m is set",
     ),
     "an object ten times too large": Situation(
         Inputs({"object.scale": 10.0}),

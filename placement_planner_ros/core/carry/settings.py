@@ -1,4 +1,4 @@
-"""How the object may be carried."""
+"""Settings of the way on which the object is carried."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far a held axis is from the vertical: whole edges, and the way back to where it is near.
+"""Tilt of a held axis over whole edges, and the way back to where it is small.
 
 Let v be the axis in the world, c = v · z the cosine of its tilt, and a_i the axis of joint i, where
 that turns. Then

@@ -1,4 +1,4 @@
-"""What an arm has to do with the object: it holds it, or has left it where it stands."""
+"""The object as an arm has it: attached to the hand, or placed where it stands."""
 
 from __future__ import annotations
 

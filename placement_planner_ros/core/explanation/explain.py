@@ -1,194 +1,237 @@
-"""Why a search found nothing: the cause, what to try, and the numbers behind it."""
+"""From counts per constraint to the first cause and what to change.
+
+All is told from what the search has counted and proven; nothing is tried out for it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterable
 from dataclasses import replace
 
-from placement_planner_ros.core.errors import listed
-from placement_planner_ros.core.explanation import collisions, rules, surfaces, tables
-from placement_planner_ros.core.explanation.advice import advice, closer, grasps, support
+import numpy as np
+
+from placement_planner_ros.core.errors import NAMED, listed
+from placement_planner_ros.core.explanation.constraint_table import (
+    TABLE,
+    demands,
+    remedies_for,
+    shares_in_words,
+)
 from placement_planner_ros.core.explanation.explanation import Explanation, Remedy
 from placement_planner_ros.core.explanation.search import Progress, Search
-from placement_planner_ros.core.explanation.tilted_way import tilted_way
+from placement_planner_ros.core.explanation.surfaces import regions_in_words, why_no_region
+from placement_planner_ros.core.sample_goals.placed_cells import PlacedCells
+from placement_planner_ros.core.search.cell_layout import whole_cells
 from placement_planner_ros.core.search.pruning import Ruling
-from placement_planner_ros.core.search.sampler import SampleCount
 from placement_planner_ros.core.types import Verdict
+from placement_planner_ros.core.wishes.turns import Turns
 
-_FEW = 500
+_FEW_SAMPLES = 500
 """Samples below which more time is the first thing to try."""
 _LITTLE = 0.1
-"""A constraint that lets less than this share pass is named beside the main one."""
-_OF_POSES = {Verdict.UNSTABLE, Verdict.COLLIDING, Verdict.BREAKS_RULE}
-"""Of the constraints, those on poses alone, which rules of users can make hard to meet."""
-_OF_ARMS = {verdict for verdict in Verdict if Verdict.NOT_BETTER < verdict < Verdict.FEASIBLE}
-"""Those on arms: rules of users can leave only poses that fail them."""
+"""Share of samples that a constraint lets pass, to be named beside the one that lets fewest."""
+_RULED = {
+    Ruling.OUT_OF_REACH: Verdict.NO_IK,
+    Ruling.UNSUPPORTED: Verdict.UNSTABLE,
+    Ruling.BREAKS_RULE: Verdict.BREAKS_RULE,
+}
 
 
-def explain(search: Search, progress: Progress) -> Explanation:
-    """Why nothing was found."""
+def explain_search(search: Search, progress: Progress) -> Explanation:
+    """The cause, what to change, and the counts."""
     left_out = [f"left out: {listed(search.unusable, '; ')}"] if search.unusable else []
-    environment = search.problem.environment
-    if not search.hierarchy.regions:
-        told = surfaces.why_no_region(environment)
+    environment, hierarchy = search.problem.environment, search.hierarchy
+    if not hierarchy.regions:
+        told = why_no_region(environment)
         if len(environment.keep_out) and search.before.regions:
             told = Explanation(
                 "no placement region: keep_out covers every surface in target_volume that "
                 "something could stand on",
-                (rules.SMALLER_BOXES, Remedy("target_volume", "choose one with further surfaces")),
+                (Remedy("keep_out", demands(search)["keep_out"]),),
             )
-        seen = surfaces.seen_in_words(environment)
-        return Explanation(told.cause, told.remedies, (*told.details, *seen, *left_out))
-    if search.hierarchy.faces and not search.hierarchy.usable:
-        return rules.no_rest_as_asked(search)
-    if search.hierarchy.faces == 0:
-        rolling = search.problem.body.rolling
-        tries = [
-            Remedy("object.center_of_mass", "check it, and the mesh"),
-            Remedy("object.mesh", "give one with a flat side"),
-        ]
-        if rolling:
-            tries.insert(
-                0, Remedy("object.allow_rolling", f"offers {rolling} sides that could roll")
-            )
-        return Explanation(
-            "no placement face: the object can stand on none of its sides", tuple(tries)
-        )
-    if progress.rulings:
-        told = _ruled_out(search, progress.rulings)
+    elif hierarchy.faces == 0:
+        told = _no_face(search)
+    elif not hierarchy.usable:
+        told = _no_face_as_asked(search)
+    elif progress.rulings:
+        told = _nothing_left(search, progress.rulings)
     elif progress.count.samples == 0:
         told = Explanation(
             "no sample was tried: the run ended before the search began",
             (Remedy("time_limit", "allow more time"),),
         )
     elif progress.found:
-        told = _unreached(search, progress)
+        told = _no_motion(search, progress)
     else:
-        told = _hindered(search, _refused(search, progress.count))
-    numbers = (
-        surfaces.in_words(environment),
-        *surfaces.seen_in_words(environment),
-        *tables.reach_in_words(search),
-        *tables.few_directions(search),
-        *tables.by_face(search, progress.count),
-        *tables.by_arm(search),
+        told = _all_refused(search, progress)
+    numbers = (*regions_in_words(environment), *_counts(search, progress), *left_out)
+    return replace(told, details=(*told.details, *numbers))
+
+
+def _no_face(search: Search) -> Explanation:
+    rolling = search.problem.body.rolling
+    allow = Remedy("object.allow_rolling", f"true: {rolling} sides that could roll are left out")
+    return Explanation(
+        "no placement face: the object can stand on none of its sides",
+        (
+            *((allow,) if rolling else ()),
+            Remedy("object.center_of_mass", "check it, and the mesh"),
+            Remedy("object.mesh", "give one with a flat side"),
+        ),
     )
-    return Explanation(told.cause, told.remedies, (*told.details, *numbers, *left_out))
 
 
-def _ruled_out(search: Search, rulings: frozenset[Ruling]) -> Explanation:
-    """Nothing is left to look at, which is proven."""
-    words: list[str] = []
-    remedies: list[Remedy] = []
-    details: list[str] = []
-    if Ruling.OUT_OF_REACH in rulings:
-        gap = min(tables.lacking(search).values())
-        words.append("out of reach of every arm in every grasp")
-        words[-1] += f", by {gap:.2f} m and more" if gap > 0.0 else ""
-        remedies += closer(search, gap)
-    if Ruling.BREAKS_RULE in rulings:
-        below, tries = rules.too_low(search)
-        words.append(below)
-        remedies += tries
-    if Ruling.UNSUPPORTED in rulings:
-        body = search.problem.body
-        rest = surfaces.rest_in_words(body, surfaces.smallest_rest(body))
-        words.append(
-            f"{tables.unsupported(search)}, or with the centre of mass outside target_volume"
+def _no_face_as_asked(search: Search) -> Explanation:
+    """That `object.up` and `object.front` leave no face, each alone or only together."""
+    turns = search.poses.turns
+    assert turns is not None
+    settings, faces = turns.settings, search.problem.body.faces
+    pairs = [
+        (face, slope)
+        for face in range(len(faces))
+        for slope in {region.slope for region in search.hierarchy.regions}
+    ]
+    alone = {"object.up": replace(settings, front=()), "object.front": replace(settings, up=())}
+    blamed = [
+        name
+        for name, only in alone.items()
+        if only.asks and not any(Turns(only, faces).ranges(*pair) for pair in pairs)
+    ]
+    remedies = [Remedy(name, "give another direction, or none: []") for name in blamed or alone]
+    words = ""
+    lean = min(turns.least_lean(*pair) for pair in pairs) if settings.up else 0.0
+    if lean > settings.up_tolerance:
+        tilt = search.settings.tilt
+        at_rest = tilt is not None and tilt.at_rest <= settings.up_tolerance
+        tolerance = "carry.max_tilt" if at_rest else "object.up_tolerance"
+        words = (
+            f"; object.up leans by {lean:.3f} rad or more in all of them, by {tolerance} it may "
+            f"by {settings.up_tolerance:.3f}"
         )
-        words[-1] += f"; the smallest is {rest}"
-        tries, seen = support(search)
-        remedies += tries
-        details += seen
-    blamed: list[Remedy] = []
-    if Ruling.OUT_OF_REACH in rulings:
-        blamed += rules.for_arms(search)
-    if rulings & {Ruling.BREAKS_RULE, Ruling.UNSUPPORTED}:
-        blamed += _but_for(blamed, rules.others(search))
-    remedies = [*blamed, *_but_for(blamed, remedies)]
-    every = f"every pose on the placement regions is {', or '.join(words)}"
-    return Explanation(f"no placement is possible: {every}", tuple(remedies), tuple(details))
+        remedies.insert(0, Remedy(tolerance, f"raise it to {lean + 0.005:.3f} rad"))
+    rules = "rules" if len(blamed) == 1 else "rule"
+    together = "" if blamed else ", only together"
+    return Explanation(
+        f"no placement face: {' and '.join(blamed or alone)} {rules} out each of the {len(faces)} "
+        f"rests of the object{together}{words}",
+        tuple(remedies),
+    )
 
 
-def _unreached(search: Search, progress: Progress) -> Explanation:
-    """Placements were found, but no motion to any of them."""
+def _nothing_left(search: Search, rulings: frozenset[Ruling]) -> Explanation:
+    """What is proven of all that the hierarchy holds."""
+    words = {
+        Ruling.OUT_OF_REACH: "out of reach of every arm in every grasp",
+        Ruling.UNSUPPORTED: "without support, or with the centre of mass outside target_volume",
+        Ruling.BREAKS_RULE: f"against a rule{_required_in_words(search)}",
+    }
+    ruled = [words[ruling] for ruling in words if ruling in rulings]
+    return Explanation(
+        f"no placement is possible: every pose on the placement regions is {', or '.join(ruled)}",
+        _distinct(r for ruling in words if ruling in rulings for r in _remedies(search, ruling)),
+        tuple(
+            f"arm {name} falls short of the nearest pose by {gap:.2f} m or more"
+            for name, gap in _out_of_reach(search).items()
+            if gap > 0.0
+        ),
+    )
+
+
+def _remedies(search: Search, ruling: Ruling) -> list[Remedy]:
+    return remedies_for(search, _RULED[ruling])
+
+
+def _out_of_reach(search: Search) -> dict[str, float]:
+    """By arm, the m by which it is proven to fall short of every pose; 0 where it is not."""
+    beyond = search.bounds.beyond_reach(whole_cells(search.hierarchy)).min(axis=0)
+    least: dict[str, float] = {}
+    for holding, gap in zip(search.finder.holdings, beyond.tolist(), strict=True):
+        least[holding.arm.name] = min(gap, least.get(holding.arm.name, gap))
+    return least
+
+
+def _required_in_words(search: Search) -> str:
+    """Required terms that no pose reaches, with what is asked and what is proven to be most."""
+    bound = search.bounds.required
+    most = bound.most(PlacedCells(whole_cells(search.hierarchy)))
+    low = [
+        f"{name} {bound.at_least[name]:g} is asked, {float(values.max()):.3g} is the most"
+        for name, values in most.items()
+        if values.max() < bound.at_least[name]
+    ]
+    return f" (require_terms: {', '.join(low)})" if low else ""
+
+
+def _no_motion(search: Search, progress: Progress) -> Explanation:
+    """Goals were found, but no motion to any of them."""
     cause = (
         f"{progress.found:,} placements were found, but no motion to any of them in "
         f"{progress.iterations:,} planning iterations"
     )
     if progress.unreached:
         cause += f" ({progress.unreached:,} motions failed certification)"
-    remedies = [Remedy("time_limit", "allow more time")]
-    details: list[str] = []
-    blamed = tilted_way(search, progress.goals)
-    if blamed is not None:
-        cause += blamed.cause
-        remedies.insert(0 if blamed.certain else 1, blamed.remedy)
-        details.append(blamed.seen)
-    remedies += grasps(search, "give some with which the way there is free")
-    if search.settings.collision.collision_margin > 0.0:
-        remedies.append(Remedy("collision_margin", "lower it, or clear the way"))
-    for holding in search.finder.holdings:
-        key = holding.arm.name, holding.grasp
-        ends = [goal.q_raised for goal in progress.goals if (goal.arm, goal.grasp) == key]
-        met = collisions.met_on_the_way(holding, ends)
-        if met.most:
-            details.append(f"on the straight ways of arm {key[0]} with grasp {key[1]}: {met}")
-    return Explanation(cause, tuple(remedies), tuple(details))
+    asked = demands(search)
+    bearing = [
+        Remedy(name, asked[name]) for name in ("carry.max_tilt", "keep_out") if name in asked
+    ]
+    inputs = remedies_for(search, Verdict.ARM_COLLIDING)
+    more_time = Remedy("time_limit", "allow more time")
+    return Explanation(cause, _distinct([more_time, *bearing, *inputs]))
 
 
-def _hindered(search: Search, told: Explanation) -> Explanation:
-    """That no arm can stand the object up comes before all else that is seen."""
-    words = tables.hindered(search)
-    if not words:
-        return told
-    arms = {holding.arm.name for holding in search.finder.holdings}
-    if len(words) < len(arms):
-        return replace(told, details=(*words.values(), *told.details))
-    tries = (
-        Remedy(
-            ", ".join(f"{name}.grasps" for name in words),
-            "hold the object so that the joints can bring it upright, exactly; rounded angles in "
-            "the URDF can make it lean, too",
-        ),
-        Remedy("arms", "name one with more joints that move independently"),
-    )
-    cause = f"{'; '.join(words.values())}; {told.cause}"
-    return Explanation(cause, (*tries, *told.remedies), told.details)
-
-
-def _refused(search: Search, count: SampleCount) -> Explanation:
-    """No sample passed every constraint: the one that let the smallest share pass is the cause."""
-    stages: dict[Verdict, tuple[int, int, float]] = {}
+def _all_refused(search: Search, progress: Progress) -> Explanation:
+    """The constraint that let the smallest share of what came to it pass is the cause; those that
+    let little pass are named beside it."""
+    count = progress.count
+    passed: dict[Verdict, tuple[float, int, int]] = {}
     left = count.samples
     for verdict, refused in count.verdicts.items():
         if verdict is not Verdict.FEASIBLE and refused:
-            # where nothing passed, what refused many weighs more than what refused few
-            passed = max(left - refused, 0.5) / (left + 1.0)
-            stages[verdict] = refused, left, passed
+            # of two that let nothing pass, the one that more came to
+            passed[verdict] = max(left - refused, 0.5) / (left + 1.0), refused, left
             left -= refused
-    ranked = sorted(stages, key=lambda verdict: stages[verdict][2])
-    named = [verdict for verdict in ranked if verdict is ranked[0] or stages[verdict][2] <= _LITTLE]
-    causes: list[str] = []
-    remedies = rules.for_arms(search) if _OF_ARMS & set(named) else []
-    if _OF_POSES & set(named):
-        remedies += _but_for(remedies, rules.others(search))
-    details: list[str] = []
+    ranked = sorted(passed, key=lambda verdict: passed[verdict][0])
+    named = [verdict for verdict in ranked if verdict is ranked[0] or passed[verdict][0] <= _LITTLE]
+    causes = []
     for verdict in named:
-        refused, entered, _ = stages[verdict]
+        _, refused, entered = passed[verdict]
         before = " that passed what is checked before" if entered < count.samples else ""
-        causes.append(f"{refused:,} of {entered:,}{before} {tables.what(search, verdict)}")
-        more, seen = advice(search, verdict)
-        remedies += _but_for(remedies, more)
-        details += seen
-    if count.samples < _FEW:
-        more_time = Remedy("time_limit", f"allow more than it takes for {count.samples:,} samples")
-        remedies.insert(0, more_time)
+        rule = verdict is Verdict.BREAKS_RULE
+        did = _broken_in_words(search) if rule else TABLE[verdict].did
+        causes.append(f"{refused:,} of {entered:,}{before} {did}")
+    remedies = [remedy for verdict in named for remedy in remedies_for(search, verdict)]
+    if count.samples < _FEW_SAMPLES:
+        more_time = f"allow more than it takes for {count.samples:,} samples"
+        remedies.insert(0, Remedy("time_limit", more_time))
     cause = f"in {count.samples:,} samples no placement was found: {'; '.join(causes)}"
-    return Explanation(cause, tuple(remedies), tuple(details))
+    return Explanation(cause, _distinct(remedies))
 
 
-def _but_for(known: Sequence[Remedy], more: Sequence[Remedy]) -> list[Remedy]:
-    """Of more remedies, those for other parameters than the known ones."""
-    parameters = {each.parameter for each in known}
-    return [each for each in more if each.parameter not in parameters]
+def _broken_in_words(search: Search) -> str:
+    """The rules that the poses remembered break, the one that most do first."""
+    poses = search.finder.rejections.poses[Verdict.BREAKS_RULE]
+    broken = Counter(name for pose in poses for name in search.poses.broken(pose.T_world_object))
+    return f"broke {', '.join(name for name, _ in broken.most_common()) or 'a rule'}"
+
+
+def _counts(search: Search, progress: Progress) -> list[str]:
+    """What became of the samples of each face, of those with the most, and of each arm's tries."""
+    by_face = progress.count.by_face
+    totals = by_face.sum(axis=1)
+    most = [face for face in np.argsort(-totals, kind="stable")[:NAMED].tolist() if totals[face]]
+    words = [f"face {face}: {shares_in_words(by_face[face].tolist(), 'samples')}" for face in most]
+    names = [holding.arm.name for holding in search.finder.holdings]
+    return words + [
+        f"arm {name}: {shares_in_words(verdicts.tolist(), 'tries')}"
+        for name, verdicts in search.finder.rejections.by_name(names).items()
+        if verdicts.any()
+    ]
+
+
+def _distinct(remedies: Iterable[Remedy]) -> tuple[Remedy, ...]:
+    """The first for each parameter."""
+    first: dict[str, Remedy] = {}
+    for each in remedies:
+        first.setdefault(each.parameter, each)
+    return tuple(first.values())

@@ -1,4 +1,4 @@
-"""What is said of a search that found nothing: the cause, the numbers, and what to try."""
+"""A cause, what to try, and the numbers behind it."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
-"""What an explanation is made from: a search, and how far it has got."""
+"""The search that is explained, and its progress."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from placement_planner_ros.core.constraints import PoseConstraints
@@ -14,7 +13,7 @@ from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy
 from placement_planner_ros.core.search.pruning import Ruling
 from placement_planner_ros.core.search.sampler import SampleCount
-from placement_planner_ros.core.types import Goal
+from placement_planner_ros.core.stability.support_settings import SupportSettings
 
 
 @dataclass(frozen=True, slots=True, weakref_slot=True, eq=False)
@@ -27,8 +26,7 @@ class Search:
         finder: holds the arms, and what became of the tries to reach poses.
         bounds: how far the arms reach.
         unusable: arms and grasps that were left out, in words.
-        up_tolerance: how far from the vertical `object.up` might be at rest but for the limit on
-            the tilt, rad.
+        usual_support: the settings of s(x) by default.
     """
 
     problem: Problem
@@ -39,7 +37,7 @@ class Search:
     hierarchy: AfrHierarchy
     bounds: BranchBounds
     unusable: tuple[str, ...]
-    up_tolerance: float
+    usual_support: SupportSettings
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,7 +46,7 @@ class Progress:
 
     Attributes:
         count: samples and their verdicts.
-        found: how many goals, of which `goals` are the last.
+        found: how many goals.
         iterations: of motion planning.
         unreached: motions that could not be certified.
         rulings: why nothing is left to look at; empty where something is.
@@ -56,7 +54,6 @@ class Progress:
 
     count: SampleCount = field(default_factory=SampleCount)
     found: int = 0
-    goals: Sequence[Goal] = ()
     iterations: int = 0
     unreached: int = 0
     rulings: frozenset[Ruling] = frozenset()

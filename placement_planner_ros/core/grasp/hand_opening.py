@@ -1,4 +1,4 @@
-"""Whether a hand can open: no finger pushes into the object, and none stays deep in it."""
+"""Opening the hand: no finger pushes into the object, and none stays deep in it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether the object is as large as what such a hand holds, or its mesh in another unit."""
+"""Size of the object against what such a hand holds: is its mesh in another unit?"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether a hand that has let go can leave: some straight way leads it off the object.
+"""The check that a hand which has let go can leave on some straight way off the object.
 
 Only the hand and the object are looked at, wherever these come to be. What is refused here no
 placement could have: whatever stands around, and whatever the arm does, each way of `OpenHand`

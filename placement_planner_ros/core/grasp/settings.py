@@ -1,4 +1,4 @@
-"""How an arm holds an object, puts it down, lets go and leaves."""
+"""Settings of holding an object, putting it down, letting go and leaving."""
 
 from __future__ import annotations
 

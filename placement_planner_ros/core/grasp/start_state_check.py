@@ -1,4 +1,4 @@
-"""Whether the robot can begin as it stands.
+"""The check of the start: limits, self-collision, tilt and collision at q_0.
 
 What `usable_holdings` asks, by coal alone: in milliseconds, for any robot, and before anything is
 compiled or covered with spheres. What is refused here is refused there; there, what lies so close

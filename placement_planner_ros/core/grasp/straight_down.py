@@ -1,4 +1,4 @@
-"""How far the held object strays from the vertical line above its placement."""
+"""Deviation of the held object from the vertical line above its placement."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What terms know that look at what the object stands on and beside, and of these edge.
+"""Terms that look at what the object stands on and beside; of these, edge.
 
 They look at a table of places for each height and slope of contact planes, made when it is first
 asked for.

@@ -1,4 +1,4 @@
-"""How much the cheap estimates of an objective are worth, learned as they are used."""
+"""The worth of an objective's cheap estimates, learned as they are used."""
 
 from __future__ import annotations
 

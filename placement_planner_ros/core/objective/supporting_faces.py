@@ -1,4 +1,4 @@
-"""What objects at poses stand on: which face, on surfaces of which slope."""
+"""The face that an object at a pose stands on, and the slope under it."""
 
 from __future__ import annotations
 

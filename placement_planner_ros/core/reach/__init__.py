@@ -1,4 +1,4 @@
-"""Where an arm can reach: forward and inverse kinematics of one chain of joints.
+"""Reach of an arm: forward and inverse kinematics of one chain of joints.
 
 `kinematics` is the chain itself. `ik` is what is asked: solutions for a pose, more of them along
 self-motions, straight lines of the tip; `ik_kernels` and `self_motion` are its compiled loops,

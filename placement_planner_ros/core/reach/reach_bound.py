@@ -1,5 +1,4 @@
-"""How far an arm reaches at most, and its joints move what it holds: bounds for all
-configurations."""
+"""Bounds on an arm's reach and on how far its joints move what it holds."""
 
 from __future__ import annotations
 

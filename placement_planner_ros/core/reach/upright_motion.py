@@ -1,4 +1,4 @@
-"""Whether an arm of few joints can stand an object up at all, and move it about while it stands."""
+"""Standing an object up with an arm of few joints, and moving it about upright."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was derived or assumed for an arm, for whoever uses it to judge."""
+"""The words about an arm: what was derived or assumed, for whoever uses it to judge."""
 
 from __future__ import annotations
 

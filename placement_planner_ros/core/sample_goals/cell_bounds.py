@@ -1,4 +1,4 @@
-"""Which cells of the pose sets Ŝ(r, f) provably hold no placement."""
+"""Cells of the pose sets Ŝ(r, f) that provably hold no placement."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where cells of the pose sets Ŝ(r, f) put points of the body."""
+"""Positions of the body's points over cells of the pose sets Ŝ(r, f)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What became of the tries to reach poses, per arm, grasp and face, and some poses refused."""
+"""Tries to reach poses, counted per arm, grasp and face, and some poses refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which cells of the pose sets Ŝ(r, f) provably lack what is required."""
+"""Cells of the pose sets Ŝ(r, f) that provably lack what is required."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which cells of the pose sets Ŝ(r, f) provably leave the object without support, or beside V.
+"""Cells of Ŝ(r, f) that provably leave the object without support, or beside V.
 
 Tables of sums tell in constant time whether a rectangle holds a column of the support map with a
 surface at the contact height.

@@ -1,4 +1,4 @@
-"""Which pose of which arm and grasp to try next; it knows only what a cell of poses is.
+"""The search over arms, grasps and cells of poses; it knows nothing of robots.
 
 `sampler` is SampleGoals as all samplers share it: `optimistic` (the default), `mcts` (over the
 `tree`) and `uniform`. They search the `hierarchy` of arms, grasps, faces, regions and angles, or

@@ -1,4 +1,4 @@
-"""Whether what carries an object's corners is one plane, and the one that it is to stand on."""
+"""The one plane, if there is one, that carries an object's corners."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What rises under an object between what it stands on: ribs, coins, waves of cloth."""
+"""Protrusions under an object between its contacts: ribs, coins, waves of cloth."""
 
 from __future__ import annotations
 

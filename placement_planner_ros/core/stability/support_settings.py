@@ -1,4 +1,4 @@
-"""By which rule an object stands, and what it keeps from the end of its support."""
+"""Settings of s(x): the rule, and what is kept from the end of the support."""
 
 from __future__ import annotations
 

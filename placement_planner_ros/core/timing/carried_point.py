@@ -1,4 +1,4 @@
-"""What a point of a held object does on a timed curve of the arm's joints.
+"""Motion of a point of a held object on a timed curve of the arm's joints.
 
 Of joints i ≤ j ≤ k that all turn, the derivatives of the point p are z_k × (p − o_k), that turned
 by z_j ×, and that by z_i ×, none longer than ρ_k, the furthest that p is ever from the axis of k;

@@ -1,4 +1,4 @@
-"""What values of rules and wishes show by themselves to be bad.
+"""Checks of rules and wishes that a value alone can fail.
 
 Each takes the parameter's name and raises a ParameterError.
 """

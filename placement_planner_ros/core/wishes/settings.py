@@ -1,4 +1,4 @@
-"""What is asked of a placement: how the object is turned, and what of it is judged or required."""
+"""Settings of what is asked of a placement: turn of the object, terms, requirements."""
 
 from __future__ import annotations
 

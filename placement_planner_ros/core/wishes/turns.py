@@ -1,4 +1,4 @@
-"""Which turns of the object keep `TurnSettings`: which way is up, and which faces the front.
+"""Turns of the object that keep `TurnSettings`: which way is up, which faces the front.
 
 A pose T(R_n R_z(θ), c) · fT_o points a direction d of the object along R_n R_z(θ) d_f. Each of its
 coordinates is a + b cos θ + c sin θ, so where a rule begins and ends to hold is solved for exactly.

@@ -1,4 +1,4 @@
-"""What came of carrying out a placement, in numbers."""
+"""The result of carrying out a placement, in numbers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the world hears of a run while it goes on."""
+"""Passes what happens in a run on to publishers of results and of status."""
 
 from __future__ import annotations
 

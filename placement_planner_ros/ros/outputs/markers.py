@@ -1,5 +1,4 @@
-"""What RViz shows of a run: target volume, what is kept out of, regions, what earlier runs placed,
-the placed object and the arm's path."""
+"""RViz markers of a run: V, keep_out, regions, what was placed before, and the arm's path."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the node says about itself: `~/status` and `/diagnostics`."""
+"""The node's reports about itself: `~/status` and `/diagnostics`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a parameter's value shows by itself to be bad, beyond its type and range."""
+"""Checks of a parameter's value alone, beyond its type and range."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a run begins with."""
+"""The snapshot of all inputs that a run begins with."""
 
 from __future__ import annotations
 

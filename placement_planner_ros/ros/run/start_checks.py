@@ -1,4 +1,4 @@
-"""What start looks at: every input at one moment, or all that is missing or wrong."""
+"""Checks at start: every input at one moment, or all that is missing or wrong."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether a placement still holds: nothing new in its way, its inputs fresh and the same."""
+"""Validity of a placement: nothing new in its way, its inputs fresh and the same."""
 
 from __future__ import annotations
 

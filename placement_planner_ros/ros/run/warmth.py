@@ -1,4 +1,4 @@
-"""Whether what a search needs is compiled."""
+"""The state of compiling: is what a search needs there?"""
 
 from __future__ import annotations
 

@@ -1,0 +1,188 @@
+"""One row per constraint: what samples did that it refused, and which values bear on it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from placement_planner_ros.core.explanation.explanation import Remedy
+from placement_planner_ros.core.explanation.search import Search
+from placement_planner_ros.core.grasp.settings import GraspSettings
+from placement_planner_ros.core.search.sampler import SampleCount
+from placement_planner_ros.core.types import Verdict
+
+
+@dataclass(frozen=True, slots=True)
+class ConstraintRow:
+    """What is said where a constraint refuses samples.
+
+    Attributes:
+        did: what the samples did, after their number.
+        briefly: the same in a list of shares.
+        bearing: parameters that bear on it, those most often to blame first.
+        inputs: remedies for what has no default: (parameter, words); `<arm>` stands for each arm.
+    """
+
+    did: str
+    briefly: str
+    bearing: tuple[str, ...]
+    inputs: tuple[tuple[str, str], ...]
+
+
+_ROOM = ("keep_out", "unknown_space", "collision_margin")
+_TURNED = ("object.front", "object.up", "carry.max_tilt", "require_terms")
+_GRASPS = ("<arm>.grasps", "give further ones")
+_MORE_ROOM = ("target_volume", "choose one with more room beside and above what stands there")
+
+TABLE = {
+    Verdict.OUTSIDE_VOLUME: ConstraintRow(
+        "had the centre of mass beside target_volume",
+        "beside target_volume",
+        (),
+        (("target_volume", "make it wider than the object"),),
+    ),
+    Verdict.UNSTABLE: ConstraintRow(
+        "left the object without support",
+        "without support",
+        ("edge_margin", "support_margin", "contact_tolerance", "support", *_TURNED),
+        (
+            ("target_volume", "choose one with larger surfaces"),
+            ("cloud_topics", "name a denser or less noisy cloud, if ~/occupancy shows holes there"),
+        ),
+    ),
+    Verdict.COLLIDING: ConstraintRow(
+        "let the object meet something, at rest or on its way down",
+        "with the object in collision",
+        (*_ROOM, *_TURNED),
+        (_MORE_ROOM,),
+    ),
+    Verdict.BREAKS_RULE: ConstraintRow("broke a rule", "against a rule", _TURNED, ()),
+    Verdict.NOT_BETTER: ConstraintRow(
+        "were no better by the objective",
+        "no better",
+        (),
+        (("objective", "choose one that is above -inf somewhere"),),
+    ),
+    Verdict.NO_IK: ConstraintRow(
+        "had no arm reach them within its joint limits",
+        "out of reach",
+        (*_TURNED, "keep_out"),
+        (
+            ("target_volume", "move it closer to the robot"),
+            _GRASPS,
+            ("arms", "name further arms that could hold the object"),
+        ),
+    ),
+    Verdict.ARM_COLLIDING: ConstraintRow(
+        "had arm, hand or object in collision",
+        "with arm or hand in collision",
+        (*_ROOM, *_TURNED),
+        (("<arm>.grasps", "give some that keep the hand away from what is there"), _MORE_ROOM),
+    ),
+    Verdict.NO_RELEASE: ConstraintRow(
+        "left the fingers no room to open",
+        "with no room to open the fingers",
+        ("collision_margin", *_TURNED),
+        (
+            ("<arm>.gripper_open", "open the fingers less"),
+            ("<arm>.grasps", "give some that keep the fingers away from what is there"),
+            ("require_retreat", "false, if the hand need not let go"),
+        ),
+    ),
+    Verdict.NO_APPROACH: ConstraintRow(
+        "had no free straight way down onto the support",
+        "with no way down",
+        (*_ROOM, "approach_distance", *_TURNED),
+        (
+            ("target_volume", "choose one with more free height"),
+            ("<arm>.grasps", "give some with which the arm can come straight down"),
+        ),
+    ),
+    Verdict.NO_RETREAT: ConstraintRow(
+        "left the open hand no straight way off the placed object",
+        "with no way back for the hand",
+        ("retreat_distance", *_ROOM, *_TURNED),
+        (
+            ("<arm>.grasps", "give some from other sides"),
+            ("require_retreat", "false, if the hand need not leave"),
+        ),
+    ),
+}
+
+
+def demands(search: Search) -> dict[str, str]:
+    """By parameter, of those that ask for more than they usually do: the value in force, and a
+    milder one, in words."""
+    told: dict[str, str] = {}
+    grasp, usual, footing = search.settings, GraspSettings(), search.poses.footing
+    lengths = (
+        ("collision_margin", grasp.collision, usual.collision),
+        ("approach_distance", grasp.approach, usual.approach),
+        ("retreat_distance", grasp.retreat, usual.retreat),
+        ("edge_margin", footing, search.usual_support),
+        ("support_margin", footing, search.usual_support),
+    )
+    for name, asked, default in lengths:
+        value, milder = getattr(asked, name), getattr(default, name)
+        if value > milder:
+            told[name] = f"lower it: {value:g} m is set, {milder:g} m is usual"
+    environment = search.problem.environment
+    scatter = environment.measured.noise
+    if scatter > footing.contact_tolerance:
+        told["contact_tolerance"] = (
+            f"raise it: heights of the clouds scatter by {scatter:.4f} m about their surfaces, "
+            f"{footing.contact_tolerance:g} m are allowed"
+        )
+    if footing.support == "vertices":
+        told["support"] = "polygon, which asks for support around the centre of mass alone"
+    if environment.obstacles is not environment.measured and environment.seen is not None:
+        told["unknown_space"] = (
+            "set it to free, or to occupied_below where what is unseen lies high, or show more "
+            f"with cloud.mode: merge: {environment.seen:.0%} of target_volume have been seen"
+        )
+    if len(environment.keep_out):
+        told["keep_out"] = "make its boxes smaller, or leave out those in the way"
+    turns = None if search.poses.turns is None else search.poses.turns.settings
+    if turns is not None and turns.front:
+        told["object.front"] = "leave it out, choose another direction, or raise its tolerance"
+    if turns is not None and turns.up:
+        told["object.up"] = "leave it out, choose another direction, or raise its tolerance"
+    if grasp.tilt is not None:
+        told["carry.max_tilt"] = f"raise it, or leave it out: {grasp.tilt.most:.3f} rad are set"
+    if search.poses.required is not None:
+        told["require_terms"] = "leave some out, or lower require_at_least"
+    return told
+
+
+def remedies_for(search: Search, verdict: Verdict) -> list[Remedy]:
+    """What to change where a constraint refuses: values that ask for much first, then inputs."""
+    row, asked = TABLE[verdict], demands(search)
+    arms = dict.fromkeys(holding.arm.name for holding in search.finder.holdings)
+    inputs = (
+        (", ".join(name.replace("<arm>", arm) for arm in arms) if "<arm>" in name else name, words)
+        for name, words in row.inputs
+    )
+    values = ((name, asked[name]) for name in row.bearing if name in asked)
+    return [Remedy(name, words) for name, words in (*values, *inputs)]
+
+
+def refused_in_short(count: SampleCount) -> str:
+    """What refused most samples of a search that found something; '' where few were refused."""
+    refused = {verdict: count.verdicts.get(verdict, 0) for verdict in TABLE}
+    del refused[Verdict.NOT_BETTER]
+    if sum(refused.values()) <= 0.5 * count.samples:
+        return ""
+    most = sorted(refused, key=lambda verdict: -refused[verdict])[:2]
+    reasons = [f"{refused[v] / count.samples:.0%} {TABLE[v].did}" for v in most if refused[v]]
+    return f"of {count.samples:,} samples {' and '.join(reasons)}"
+
+
+def shares_in_words(verdicts: Sequence[int], noun: str) -> str:
+    """Counts by verdict, the most frequent first."""
+    total = sum(verdicts)
+    some = sorted((v for v in Verdict if verdicts[v]), key=lambda v: -verdicts[v])
+    shares = ", ".join(
+        f"{verdicts[v] / total:.0%} {TABLE[v].briefly if v in TABLE else 'placements'}"
+        for v in some
+    )
+    return f"of {total:,} {noun} {shares}"
