@@ -17,6 +17,7 @@ EXECUTABLES = (
 # The planner as a library.
 CORE = [
     "coal>=3.0,<4",
+    "joblib>=1.3,<2",
     "numba>=0.60,<0.70",
     "numpy>=1.26,<3",
     "pin>=3.4,<5",
@@ -42,7 +43,6 @@ ROS = [*(f'{name} ; platform_machine == "x86_64"' for name in ROS_WHEELS), *PICT
 BENCHMARKS = [
     *PICTURES,
     "dask[distributed]>=2024.5,<2027",
-    "joblib>=1.4,<2",
     "ompl>=2.0,<3",
     *YAML,
 ]

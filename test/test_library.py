@@ -33,7 +33,7 @@ from placement_planner_ros.scenes.yumi import START_CONFIGURATION, load_yumi, yu
 
 ROOT = Path(__file__).parent.parent
 PACKAGE = "placement_planner_ros"
-NOT_OF_THE_CORE = ("rclpy", "ament_index_python", "ompl", "yaml", "joblib", "dask", "mujoco")
+NOT_OF_THE_CORE = ("rclpy", "ament_index_python", "ompl", "yaml", "dask", "mujoco")
 
 # Python looks for modules as if the core alone were installed.
 CORE_ALONE = f"""

@@ -44,8 +44,8 @@ from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
 from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.collision.boxes import box_arrays
+from placement_planner_ros.core.disk_cache import cache_folder
 from placement_planner_ros.core.errors import PlacementPlannerError
-from placement_planner_ros.core.kept_files import kept_folder
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
@@ -293,7 +293,7 @@ def measure_node(subject: Subject) -> Iterator[Entry]:
     if importlib.util.find_spec("rclpy") is None:
         return
     with tempfile.TemporaryDirectory() as folder:
-        known = kept_folder()
+        known = cache_folder()
         for each in known.iterdir() if known is not None and known.is_dir() else ():
             if _KERNELS.search(each.name):
                 Path(folder, each.name).symlink_to(each)

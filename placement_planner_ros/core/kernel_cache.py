@@ -17,8 +17,10 @@ import contextlib
 import fcntl
 import functools
 import hashlib
+import os
 import pickle
 import sys
+import tempfile
 import weakref
 from collections.abc import Callable
 from pathlib import Path
@@ -27,7 +29,7 @@ from typing import IO, Any
 from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 
-from placement_planner_ros.core.kept_files import TROUBLES, sealed, unsealed, write_whole
+from placement_planner_ros.core.disk_cache import TROUBLES, sealed, unsealed
 from placement_planner_ros.core.kernel_compiler import KernelLibrary, is_long, note_long
 
 _Maker = tuple[str, str]
@@ -267,6 +269,24 @@ def _load_all(called: _Called, target_context: Any) -> bool:
         if not engine.is_symbol_defined(symbol):
             return False
     return True
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file that others see whole or not at all.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    descriptor, aside = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".tmp")
+    try:
+        with open(descriptor, "wb") as stream:
+            stream.write(content)
+        os.replace(aside, path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            os.unlink(aside)
+        raise
 
 
 def _packed(parts: tuple[Any, ...], name: str) -> bytes:

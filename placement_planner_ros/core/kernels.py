@@ -34,7 +34,7 @@ from numba.core.serialize import dumps
 from numba.core.sigutils import normalize_signature
 from numba.core.types import unliteral
 
-from placement_planner_ros.core.kept_files import TROUBLES, kept_folder, note_used
+from placement_planner_ros.core.disk_cache import TROUBLES, cache_folder
 from placement_planner_ros.core.kernel_cache import KernelCache
 from placement_planner_ros.core.kernel_compiler import NAMES, KernelCompiler
 
@@ -164,9 +164,7 @@ def _cache_folder(file: str) -> str:
     caches = _caches()
     if caches is None:
         return ""
-    folder = caches / f"{Path(file).stem}-{_state(file)}"
-    note_used(folder)
-    return str(folder)
+    return str(caches / f"{Path(file).stem}-{_state(file)}")
 
 
 @functools.cache
@@ -181,7 +179,7 @@ def _state(file: str) -> str:
 
 
 def _caches() -> Path | None:
-    caches = kept_folder()
+    caches = cache_folder()
     if caches is None:
         TROUBLES.note(
             "unwritten",

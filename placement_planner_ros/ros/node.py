@@ -14,8 +14,8 @@ from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.parameter import Parameter
 
+from placement_planner_ros.core.disk_cache import TROUBLES
 from placement_planner_ros.core.errors import PlacementPlannerError
-from placement_planner_ros.core.kept_files import TROUBLES
 from placement_planner_ros.core.practice.compiling import (
     CompilationError,
     CompilationProgress,

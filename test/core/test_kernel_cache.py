@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 
 import placement_planner_ros
-from placement_planner_ros.core import kept_files, kernel_cache, kernels
+from placement_planner_ros.core import disk_cache, kernel_cache, kernels
 
 ROOT = Path(placement_planner_ros.__file__).parents[1]
 PROGRAM = """
-from placement_planner_ros.core.kept_files import TROUBLES
+from placement_planner_ros.core.disk_cache import TROUBLES
 from placement_planner_ros.core.kernels import kernel
 
 @kernel()
@@ -40,7 +40,7 @@ def cache(monkeypatch, tmp_path):
     """An empty cache; what is said of it is in `cache.said`."""
     kernels._cache_folder.cache_clear()
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
-    troubles, said = kept_files.Troubles(), []
+    troubles, said = disk_cache.Troubles(), []
     troubles.listen(said.append)
     monkeypatch.setattr(kernel_cache, "TROUBLES", troubles)
     monkeypatch.setattr(kernels, "TROUBLES", troubles)
@@ -178,7 +178,7 @@ def test_without_a_home_kernels_are_not_kept(cache, monkeypatch):
 
 
 def test_who_listens_late_hears_what_there_was(cache):
-    troubles, said = kept_files.Troubles(), []
+    troubles, said = disk_cache.Troubles(), []
     troubles.note("unread", "one")
     troubles.note("unread", "two")
     troubles.listen(said.append)

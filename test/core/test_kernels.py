@@ -18,7 +18,7 @@ from numba.core.dispatcher import Dispatcher
 from numba.core.options import DefaultOptions
 
 import placement_planner_ros
-from placement_planner_ros.core import kept_files, kernel_cache, kernel_compiler, kernels
+from placement_planner_ros.core import disk_cache, kernel_cache, kernel_compiler, kernels
 from placement_planner_ros.core.collision import states
 from placement_planner_ros.core.reach import ik_kernels
 
@@ -155,7 +155,7 @@ def little_package(tmp_path):
     core.mkdir(parents=True)
     for folder in (core, core.parent):
         (folder / "__init__.py").touch()
-    for module in (kernels, kernel_cache, kernel_compiler, kept_files):
+    for module in (kernels, kernel_cache, kernel_compiler, disk_cache):
         shutil.copy(module.__file__, core)
     (core / "called.py").write_text(CALLED.format(amount=1))
     (core / "caller.py").write_text(CALLER.format(module="called", name="amount", own="ten"))

@@ -158,10 +158,8 @@ def test_what_is_remembered_from_start_to_start_changes_no_result(monkeypatch):
     )
 
     def forget():
-        for remembered in (_chain, link_shapes, _swept, seed_table):
-            remembered.cache_clear()
-        for remembered in (_flat_arm, object_solids):
-            remembered.forget()
+        for cached in (_chain, link_shapes, _swept, seed_table, _flat_arm, object_solids):
+            cached.cache_clear()
 
     problem, objective = problem_of(TABLE)
 

@@ -20,7 +20,7 @@ from sensor_msgs.msg import JointState
 from shape_msgs.msg import Mesh, MeshTriangle
 from std_msgs.msg import String
 
-from placement_planner_ros.core import kept_files
+from placement_planner_ros.core import disk_cache
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.meshes import MeshTree
 from placement_planner_ros.core.robot.model import Robot
@@ -165,13 +165,12 @@ def test_a_scan_of_200_000_triangles_is_read_while_start_answers(bench, tmp_path
 
 def keep_objects_in(folder, monkeypatch):
     """Some tens of megabytes, which nobody will ask for again."""
-    path = kept_files._path
+    opened = disk_cache._opened
 
-    def elsewhere(what, key):
-        found = path(what, key)
-        return folder / found.name if what in ("large objects", "mesh shapes") else found
+    def elsewhere(kind, usual):
+        return opened(kind, folder if kind in ("prepared objects", "mesh shapes") else usual)
 
-    monkeypatch.setattr(kept_files, "_path", elsewhere)
+    monkeypatch.setattr(disk_cache, "_opened", elsewhere)
 
 
 def memory():

@@ -15,8 +15,8 @@ from placement_planner_ros.core.body.convex_cover import (
     hull_cover,
 )
 from placement_planner_ros.core.body.convex_part import ConvexPart, polytope_of
-from placement_planner_ros.core.body.cover_store import kept_cover
 from placement_planner_ros.core.body.mesh import MeshPiece, Triangles, read_only
+from placement_planner_ros.core.disk_cache import code_digest, digest_of, stored
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array, frozen_array
 
@@ -56,6 +56,21 @@ class CoveredMesh:
         cover = make(vertices, triangles, cover_tolerance(vertices))
         parts = tuple(polytope_of(part) for part in cover.parts)
         return cls(frozen_array(vertices), read_only(triangles), read_only(first), cover, parts)
+
+
+def kept_cover(
+    vertices: Array, triangles: Triangles, tolerance: float, make: Callable[[], Cover]
+) -> Cover:
+    """The cover of a mesh from disk, or made and kept there.
+
+    Args:
+        vertices: (n, 3) metres.
+        triangles: (t, 3) rows of vertices.
+        tolerance: metres that parts may reach beyond the mesh.
+        make: makes the cover; what it raises ends it.
+    """
+    key = digest_of(code_digest(__name__), vertices, triangles, tolerance)
+    return stored("convex covers", key, make)
 
 
 def make_cover(vertices: Array, triangles: Triangles, tolerance: float) -> Cover:

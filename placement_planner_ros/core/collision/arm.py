@@ -43,7 +43,6 @@ from placement_planner_ros.core.collision.separation import COLLIDING, FREE
 from placement_planner_ros.core.collision.states import NOT_FINITE, check_states
 from placement_planner_ros.core.errors import JointStateError
 from placement_planner_ros.core.reach.kinematics import Chain, kernel_input
-from placement_planner_ros.core.remembering import remembered_with
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
@@ -52,6 +51,7 @@ from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.weak_cache import weak_lru_cache
 
 HELD_OBJECT = "the held object"
 PLACED_OBJECT = "the placed object"
@@ -420,7 +420,7 @@ def arm_joint(model: pin.Model, joint_ids: Sequence[int], joint: int) -> int:
     return joint_ids.index(joint) if joint != 0 else -1
 
 
-@remembered_with("body", most=_REMEMBERED)
+@weak_lru_cache("body", maxsize=_REMEMBERED)
 def _flat_arm(
     robot: Robot,
     arm: Arm,
@@ -460,7 +460,7 @@ def _flat_arm(
     return flatten(Chain.from_robot(robot, arm, q), bodies, held, pairs, excess, clear)
 
 
-@remembered_with("robot", most=_REMEMBERED)
+@weak_lru_cache("robot", maxsize=_REMEMBERED)
 def _links(robot: Robot, joint_ids: tuple[int, ...], q_zero: bytes) -> tuple[CollisionBody, ...]:
     """The links of an arm with those joints, remembered for each grasp and object."""
     data = robot.model.createData()

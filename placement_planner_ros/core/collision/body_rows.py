@@ -11,10 +11,10 @@ import pinocchio as pin
 from placement_planner_ros.core.collision.meshes import MeshTree
 from placement_planner_ros.core.collision.shapes import Shape
 from placement_planner_ros.core.collision.spheres import SphereTree, bounding_sphere, sphere_trees
-from placement_planner_ros.core.remembering import remembered_with
 from placement_planner_ros.core.robot.surface import Solid
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.weak_cache import weak_lru_cache
 
 Indices = npt.NDArray[np.int64]
 
@@ -90,7 +90,7 @@ class BodyRows:
         return nodes, parts, len(self.vertices), len(self.planes), meshes
 
 
-@remembered_with("body", most=2)
+@weak_lru_cache("body", maxsize=2)
 def body_rows(body: CollisionBody, T_joint_world: bytes, excess: float) -> BodyRows:
     """The rows of a body; links are the same for each grasp and object.
 

@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.body.mesh_components import Components
-from placement_planner_ros.core.remembering import remembered_with
 from placement_planner_ros.core.types import Array, frozen_array
+from placement_planner_ros.core.weak_cache import weak_lru_cache
 
 Indices = npt.NDArray[np.int64]
 Singles = npt.NDArray[np.float32]
@@ -216,7 +216,7 @@ def shared_arrays(trees: tuple[MeshTree, ...]) -> MeshArrays:
     return _shared(trees[-1], trees[:-1]) if trees else mesh_arrays(trees)
 
 
-@remembered_with("last", most=2)
+@weak_lru_cache("last", maxsize=2)
 def _shared(last: MeshTree, others: tuple[MeshTree, ...]) -> MeshArrays:
     return mesh_arrays([*others, last])
 

@@ -20,12 +20,12 @@ from placement_planner_ros.core.collision.meshes import tree_order
 from placement_planner_ros.core.collision.object_kernels import ObjectArrays
 from placement_planner_ros.core.collision.shapes import ConvexSet, Shape
 from placement_planner_ros.core.errors import GraspError
-from placement_planner_ros.core.remembering import remembered_with
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.overlap import Overlaps, outermost, triangles_of
 from placement_planner_ros.core.robot.surface import PIECE, Solid, Surface
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.weak_cache import weak_lru_cache
 
 Indices = npt.NDArray[np.int64]
 
@@ -71,7 +71,7 @@ class ObjectSolid:
         return Surface(corners[order], first, self.geometry.connected)
 
 
-@remembered_with("body")
+@weak_lru_cache("body", maxsize=1)
 def object_solids(body: Body) -> tuple[ObjectSolid, ...]:
     """The convex pieces, each for itself, and all others together."""
     solids = []
@@ -105,7 +105,7 @@ def object_arrays(body: Body) -> ObjectArrays:
     return ObjectArrays.of(convex, None if body.mesh is None else shapes[-1])
 
 
-@remembered_with("body", most=4)
+@weak_lru_cache("body", maxsize=4)
 def object_overlaps(robot: Robot, body: Body) -> Overlaps:
     """How the robot's geometries overlap the object's solids, which follow them in number."""
     links = [thing.geometry for thing in robot.geometry.geometryObjects]

@@ -18,7 +18,6 @@ block are, by as much more as any point can move within it, δ_2 ρ_2 + δ_1 (ρ
 from __future__ import annotations
 
 import functools
-import hashlib
 import math
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -31,7 +30,7 @@ from placement_planner_ros.core.collision.against_mesh import mesh_meets_hull, m
 from placement_planner_ros.core.collision.meshes import MeshArrays, MeshTree, mesh_arrays
 from placement_planner_ros.core.collision.separation import FREE, TOLERANCE, separate
 from placement_planner_ros.core.collision.shapes import Shape
-from placement_planner_ros.core.kept_files import Arrays, kept_arrays, version_of
+from placement_planner_ros.core.disk_cache import code_digest, digest_of, stored
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
@@ -163,8 +162,8 @@ def pair_tables(pairs: tuple[TablePair, ...], clear: float) -> PairTables:
         counts.append((first, second, total))
         total += first * second
         make = functools.partial(_table, pair, first, second, clear)
-        kept = kept_arrays("pair tables", _key(pair, clear), make)
-        tables.append(np.unpackbits(kept["apart"], count=first * second).astype(np.bool_))
+        bits = stored("pair tables", _key(pair, clear), make)
+        tables.append(np.unpackbits(bits, count=first * second).astype(np.bool_))
     return PairTables(
         grid=np.array([pair.lower for pair in pairs]).reshape(-1, 2),
         counts=np.array(counts, dtype=np.int64).reshape(-1, 3),
@@ -173,32 +172,22 @@ def pair_tables(pairs: tuple[TablePair, ...], clear: float) -> PairTables:
     )
 
 
-def _table(pair: TablePair, first: int, second: int, clear: float) -> Arrays:
+def _table(pair: TablePair, first: int, second: int, clear: float) -> npt.NDArray[np.uint8]:
+    """Whether the pair is apart in each cell, a bit for each."""
     table = np.zeros((first, second), dtype=np.bool_)
     geometry = _geometry(pair)
     _fill(geometry, _room_for(geometry), np.array(pair.lower), clear, table)
-    return {"apart": np.packbits(table)}
+    return np.packbits(table)
 
 
-def _key(pair: TablePair, clear: float) -> bytes:
-    """All that a table depends on."""
-    digest = hashlib.sha256(f"{_version()} {clear} {pair.lower} {pair.upper}".encode())
-    digest.update(pair.frames)
-    for shapes in (pair.inner, pair.outer):
-        digest.update(b"link")
-        for shape in shapes:
-            digest.update(shape.frame)
-            for vertices, radius in shape.parts:
-                digest.update(f"{radius} {len(vertices)}".encode() + vertices)
-            if shape.mesh is not None:
-                digest.update(shape.mesh.digest)
-    return digest.digest()
-
-
-@functools.cache
-def _version() -> str:
-    names = ("pair_tables.py", "against_mesh.py", "meshes.py", "separation.py")
-    return version_of(__file__, names)
+def _key(pair: TablePair, clear: float) -> str:
+    """Of all that a table depends on."""
+    inner, outer = (
+        tuple((shape.frame, shape.parts, shape.mesh and shape.mesh.digest) for shape in shapes)
+        for shapes in (pair.inner, pair.outer)
+    )
+    joints = pair.frames, pair.lower, pair.upper
+    return digest_of(code_digest(__name__), clear, joints, inner, outer)
 
 
 def _geometry(pair: TablePair) -> _Pair:

@@ -8,7 +8,6 @@ it, inside included.
 from __future__ import annotations
 
 import functools
-import hashlib
 import math
 from dataclasses import dataclass, replace
 
@@ -19,18 +18,13 @@ from scipy.spatial import ConvexHull
 from placement_planner_ros.core.collision.against_mesh import inside_of_mesh
 from placement_planner_ros.core.collision.meshes import mesh_arrays
 from placement_planner_ros.core.collision.shapes import ConvexSet, Shape
-from placement_planner_ros.core.kept_files import Arrays, found_arrays, keep_arrays, version_of
+from placement_planner_ros.core.disk_cache import code_digest, digest_of, stored
 from placement_planner_ros.core.kernels import kernel
-from placement_planner_ros.core.remembering import remembered_with
 from placement_planner_ros.core.types import Array, frozen_array
+from placement_planner_ros.core.weak_cache import weak_lru_cache
 
 _PAD = 1e-9
 _MAX_DEPTH = 10
-_FEW = 32
-"""Vertices of a shape whose spheres are made as quickly as they are read ..."""
-_SOME = 64
-"""... and spheres of one without a mesh that are: those of what a hand sweeps would be written for
-each opening."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +49,7 @@ class SphereTree:
     excess: float
 
 
-@remembered_with("shape", most=8)
+@weak_lru_cache("shape", maxsize=8)
 def sphere_trees(shape: Shape, excess: float) -> tuple[SphereTree, ...]:
     """Cover each set of a shape; what takes long is kept on disk.
 
@@ -63,46 +57,15 @@ def sphere_trees(shape: Shape, excess: float) -> tuple[SphereTree, ...]:
         shape: what to cover.
         excess: stop splitting where a sphere sticks out of its set by at most this, metres.
     """
-    if shape.mesh is None and sum(len(convex.vertices) for convex in shape.sets) <= _FEW:
+
+    def make() -> tuple[SphereTree, ...]:
         return tuple(_tree(shape, convex, excess) for convex in shape.sets)
-    digest = hashlib.sha256(f"{_version()} {excess}".encode())
-    digest.update(b"" if shape.mesh is None else shape.mesh.digest)
-    for convex in shape.sets:
-        inside = convex.radius, convex.inner_scale, *convex.inner_center
-        digest.update(f"{len(convex.vertices)} {len(convex.offsets)} {inside}".encode())
-        digest.update(convex.vertices.tobytes())
-    key = digest.digest()
-    kept = found_arrays("sphere trees", key)
-    if kept is None:
-        kept = _arrays(shape, excess)
-        if shape.mesh is not None or len(kept["spheres"]) > _SOME:
-            keep_arrays("sphere trees", key, kept)
-    columns = zip(
-        *(np.split(kept[name], kept["first"]) for name in ("spheres", "skip", "leaf")), strict=True
-    )
-    return tuple(
-        SphereTree(spheres[:, :3], spheres[:, 3], spheres[:, 4], skip, leaf, float(bound))
-        for (spheres, skip, leaf), bound in zip(columns, kept["excess"], strict=True)
-    )
 
-
-@functools.cache
-def _version() -> str:
-    names = ("spheres.py", "against_mesh.py", "meshes.py", "separation.py")
-    return version_of(__file__, names)
-
-
-def _arrays(shape: Shape, excess: float) -> Arrays:
-    """Of the sets of a shape, one after the other."""
-    trees = [_tree(shape, convex, excess) for convex in shape.sets]
-    spheres = [np.column_stack([tree.centers, tree.radii, tree.inner]) for tree in trees]
-    return {
-        "spheres": np.vstack(spheres),
-        "skip": np.concatenate([tree.skip for tree in trees]),
-        "leaf": np.concatenate([tree.leaf for tree in trees]),
-        "first": np.cumsum([len(tree.radii) for tree in trees])[:-1],
-        "excess": np.array([tree.excess for tree in trees]),
-    }
+    if shape.mesh is None:  # made as quickly as it is read
+        return make()
+    sets = tuple((s.vertices, s.radius, s.inner_scale, s.inner_center) for s in shape.sets)
+    key = digest_of(code_digest(__name__), excess, shape.mesh.digest, sets)
+    return stored("sphere trees", key, make)
 
 
 def _tree(shape: Shape, convex: ConvexSet, excess: float) -> SphereTree:

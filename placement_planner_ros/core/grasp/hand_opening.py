@@ -19,13 +19,13 @@ from placement_planner_ros.core.collision.object_solids import (
 from placement_planner_ros.core.errors import GraspError, RobotError
 from placement_planner_ros.core.grasp.hand_sweep import revolute
 from placement_planner_ros.core.grasp.settings import PARTING
-from placement_planner_ros.core.remembering import remembered_with
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.robot.overlap import Overlaps, is_mesh
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.weak_cache import weak_lru_cache
 
 _TRAVEL = 1e-3
 _TURN = 0.01
@@ -103,7 +103,7 @@ Depths = tuple[tuple[str, float], ...]
 """Links, and metres."""
 
 
-@remembered_with("body", most=64)
+@weak_lru_cache("body", maxsize=64)
 def _pushes(robot: Robot, arm: Arm, grasp: int, body: Body, q_bytes: bytes) -> Depths:
     """Which links get how much deeper into the object than they begin, beyond `_DEEPER`."""
     at = robot.link_pose(np.frombuffer(q_bytes), arm.tip_frame) * arm.grasps[grasp]
@@ -121,7 +121,7 @@ def _pushes(robot: Robot, arm: Arm, grasp: int, body: Body, q_bytes: bytes) -> D
     return tuple(deepest.items())
 
 
-@remembered_with("body", most=64)
+@weak_lru_cache("body", maxsize=64)
 def _stuck(robot: Robot, arm: Arm, grasp: int, body: Body, q_bytes: bytes, most: float) -> Depths:
     """Which links lie deeper in the object than `most`, metres, when the hand is open."""
     q = robot.with_open_hand(np.frombuffer(q_bytes), arm)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.remembering import remembered_with
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.weak_cache import weak_lru_cache
 
 _SMALL = 6.0
 """Times that a hand is larger than the object's longest side, for it to be doubted."""
@@ -52,7 +52,7 @@ def _doubt(robot: Robot, arm: Arm, q: Array, body: Body) -> str:
     return ""
 
 
-@remembered_with("robot", most=16)
+@weak_lru_cache("robot", maxsize=16)
 def _measures(robot: Robot, arm: Arm, q_bytes: bytes) -> tuple[float, float]:
     """How large the hand is taken to be, and how far the arm reaches; kept from start to start."""
     reach = stretched(robot, arm)

@@ -18,12 +18,12 @@ from placement_planner_ros.core.collision.object_solids import object_overlaps
 from placement_planner_ros.core.errors import GraspError
 from placement_planner_ros.core.grasp.hand_opening import check_opening
 from placement_planner_ros.core.grasp.settings import PARTING, GraspSettings, RetreatSettings
-from placement_planner_ros.core.remembering import remembered_with
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.weak_cache import weak_lru_cache
 
 _STEP = 1e-3
 """m between the places that are looked at on a way."""
@@ -75,7 +75,7 @@ def check_leaving(moving: MovingArm, held: AttachedObject, settings: GraspSettin
     )
 
 
-@remembered_with("body", most=64)
+@weak_lru_cache("body", maxsize=64)
 def _hindrances(
     robot: Robot,
     arm: Arm,

@@ -31,7 +31,6 @@ from placement_planner_ros.core.collision.object_solids import (
     object_solids,
 )
 from placement_planner_ros.core.errors import GraspError, PlacementPlannerError, StartError, listed
-from placement_planner_ros.core.remembering import remembered_with
 from placement_planner_ros.core.robot.allowed_pairs import pair, srdf_line
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
@@ -40,6 +39,7 @@ from placement_planner_ros.core.robot.overlap import Overlaps, winding_number
 from placement_planner_ros.core.robot.surface import Solid, meet
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.weak_cache import weak_lru_cache
 
 WITH_CLOUDS = "in collision with the clouds"
 """How a collision with the obstacle set begins, in words."""
@@ -186,7 +186,7 @@ def deep_fingers(
     return _deep_fingers(robot, arms, q.round(4).tobytes(), body)
 
 
-@remembered_with("body", most=16)
+@weak_lru_cache("body", maxsize=16)
 def _deep_fingers(
     robot: Robot, arms: tuple[Arm, ...], q_bytes: bytes, body: Body
 ) -> tuple[str, ...]:

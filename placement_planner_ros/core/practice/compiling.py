@@ -19,8 +19,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-from placement_planner_ros.core.kept_files import kept_folder, write_whole
-from placement_planner_ros.core.kernel_cache import claim_versions
+from placement_planner_ros.core.disk_cache import cache_folder
+from placement_planner_ros.core.kernel_cache import claim_versions, write_whole
 from placement_planner_ros.core.kernels import not_kept, version_of_kernels
 from placement_planner_ros.core.practice.hastening import hasten
 from placement_planner_ros.core.practice.passing import pass_every_stage
@@ -138,7 +138,7 @@ def _run(errors: IO[bytes], look: Callable[[], None]) -> None:
 
 def _mark() -> Path | None:
     """A file that says that all kernels of this version are compiled for this processor."""
-    folder = kept_folder()
+    folder = cache_folder()
     return None if folder is None else folder / f"all-{version_of_kernels()}"
 
 
@@ -148,7 +148,7 @@ def _require_room() -> None:
     Raises:
         CompilationError: it cannot.
     """
-    folder = kept_folder()
+    folder = cache_folder()
     if folder is None:
         raise CompilationError("there is no home folder")
     try:

@@ -24,7 +24,7 @@ from placement_planner_ros.core.body.convex_part import (
     CONVEX_TOLERANCE,
     MOST_AROUND,
 )
-from placement_planner_ros.core.body.cover_store import kept_cover
+from placement_planner_ros.core.body.covered_mesh import kept_cover
 from placement_planner_ros.core.errors import RobotError
 from placement_planner_ros.core.meshes.read import read_mesh
 from placement_planner_ros.core.robot.description import read_floats, read_origin

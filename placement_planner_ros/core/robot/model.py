@@ -20,7 +20,6 @@ from placement_planner_ros.core.errors import (
     StartError,
     listed,
 )
-from placement_planner_ros.core.remembering import remembered_with
 from placement_planner_ros.core.robot import allowed_pairs as pairs
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.description import (
@@ -44,6 +43,7 @@ from placement_planner_ros.core.robot.joint_limits import (
     JointLimit,
 )
 from placement_planner_ros.core.types import Array, frozen_array
+from placement_planner_ros.core.weak_cache import weak_lru_cache
 
 LIMIT_TOLERANCE = 1e-6
 """rad or m by which a measured joint may exceed its limit before `limit_violations` says so."""
@@ -502,7 +502,7 @@ class Robot:
         return tuple(float(v) for v in gripper_open)
 
 
-@remembered_with("robot")
+@weak_lru_cache("robot", maxsize=1)
 def _shapes(robot: Robot) -> list[tuple[int, pin.SE3]]:
     """Of each of geometry.geometryObjects the joint that carries it, and T_joint_geometry."""
     return [(g.parentJoint, pin.SE3(g.placement)) for g in robot.geometry.geometryObjects]

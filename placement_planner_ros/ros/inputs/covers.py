@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from placement_planner_ros.core.body.convex_cover import Cover, hull_cover
-from placement_planner_ros.core.body.cover_store import kept_cover
+from placement_planner_ros.core.body.covered_mesh import kept_cover
 from placement_planner_ros.core.meshes.collada import Triangles
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.mesh_process import (

@@ -4,15 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
-from placement_planner_ros.core.kept_files import found_arrays, keep_arrays
+from placement_planner_ros.core.disk_cache import find, keep
 from placement_planner_ros.core.meshes.collada import Triangles
 from placement_planner_ros.core.meshes.digest import content_digest
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.mesh_process import MeshProcess
-
-_KIND = "read meshes"
 
 
 def read_kept(process: MeshProcess, path: Path) -> tuple[Array, Triangles]:
@@ -26,9 +22,10 @@ def read_kept(process: MeshProcess, path: Path) -> tuple[Array, Triangles]:
         ValueError: it cannot be read; the message says why.
         StoppedError: nobody wants it any more.
     """
-    kept = found_arrays(_KIND, content_digest(path.suffix.lower(), path.read_bytes()))
-    if kept is None:
-        vertices, triangles, digest = process.read_with_digest(path)
-        kept = {"vertices": vertices, "triangles": triangles}
-        keep_arrays(_KIND, digest, kept)
-    return np.asarray(kept["vertices"], np.float64), np.asarray(kept["triangles"], np.int64)
+    digest = content_digest(path.suffix.lower(), path.read_bytes())
+    arrays: tuple[Array, Triangles] | None = find("read meshes", digest.hex())
+    if arrays is None:
+        vertices, triangles, digest = process.read_with_digest(path)  # it may have changed
+        arrays = vertices, triangles
+        keep("read meshes", digest.hex(), arrays)
+    return arrays

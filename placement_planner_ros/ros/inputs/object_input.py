@@ -12,12 +12,13 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
+import pinocchio as pin
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.body.body_store import body_key, keep_body, kept_body
 from placement_planner_ros.core.body.covered_mesh import MOST_SECONDS
 from placement_planner_ros.core.body.mesh import require_few
 from placement_planner_ros.core.collision.object_solids import object_solids
+from placement_planner_ros.core.disk_cache import code_digest, digest_of, find, keep
 from placement_planner_ros.core.errors import ObjectError, PlacementPlannerError, forget_where
 from placement_planner_ros.core.meshes.digest import content_digest
 from placement_planner_ros.core.meshes.headers import check_header
@@ -278,8 +279,11 @@ class ObjectInput:
         center, scale = parameters["object.center_of_mass"], parameters["object.scale"]
         settings = parameters.body_settings
 
+        def key_of(content: bytes) -> str:
+            return digest_of(_makers(), content, tuple(center), scale, settings)
+
         def make(should_stop: ShouldStop) -> Body:
-            body = kept_body(body_key(given.content(), center, scale, settings))
+            body: Body | None = find("prepared objects", key_of(given.content()))
             if body is None:
                 body = anew(should_stop)
             # Takes seconds for many triangles, and start's answer is not to wait for it.
@@ -315,7 +319,7 @@ class ObjectInput:
                 finally:
                     self._tell("")
             if not failed:
-                keep_body(body_key(content, center, scale, settings), body)
+                keep("prepared objects", key_of(content), body)
             return body
 
         return (given.key, tuple(center), scale, settings), make
@@ -367,6 +371,11 @@ class ObjectInput:
         mesh = _Mesh.of(np.array(vertices, dtype=np.float64).reshape(-1, 3), faces)
         self._listed = vertices, triangles, mesh
         return mesh
+
+
+def _makers() -> str:
+    """Of what makes bodies, which hold poses of pinocchio's."""
+    return digest_of(code_digest(Body.__module__), pin.__version__)
 
 
 def _given(parameters: ParameterSet, names: Iterable[str], otherwise: Source) -> Source:

@@ -19,12 +19,12 @@ from placement_planner_ros.core.errors import PlacementPlannerError, RobotError
 from placement_planner_ros.core.meshes.collada import Triangles
 from placement_planner_ros.core.meshes.headers import check_header
 from placement_planner_ros.core.meshes.read import read_mesh
-from placement_planner_ros.core.remembering import remembered_with
 from placement_planner_ros.core.robot.announcement import Announcement, announce
 from placement_planner_ros.core.robot.geometry import LinkMesh
 from placement_planner_ros.core.robot.joint_limits import FIELD, JointLimit, read_joint_limits
 from placement_planner_ros.core.robot.model import Arm, Robot, place_of
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.weak_cache import weak_lru_cache
 from placement_planner_ros.ros.inputs.covers import cover_in
 from placement_planner_ros.ros.inputs.kept_meshes import read_kept
 from placement_planner_ros.ros.inputs.mesh_process import MeshProcess
@@ -479,7 +479,7 @@ def make_arm(robot: Robot, parameters: ParameterSet, name: str) -> Arm:
     return _arm(robot, name, tip, *(tuple(parameters[f"{name}.{part}"]) for part in rest))
 
 
-@remembered_with("robot", most=16)
+@weak_lru_cache("robot", maxsize=16)
 def _arm(
     robot: Robot,
     name: str,
@@ -507,7 +507,7 @@ def announced(robot: Robot, parameters: ParameterSet, arm: Arm) -> Announcement:
     return _announced(robot, arm, not parameters[f"{arm.name}.joints"])
 
 
-@remembered_with("robot", most=16)
+@weak_lru_cache("robot", maxsize=16)
 def _announced(robot: Robot, arm: Arm, derived: bool) -> Announcement:
     """Kept from start to start."""
     return announce(robot, arm, derived=derived)

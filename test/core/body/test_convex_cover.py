@@ -1,16 +1,13 @@
 """Convex covers hold all of a mesh, and reach no further beyond it than they say."""
 
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 import trimesh
 from scipy.spatial import ConvexHull, cKDTree
 
-from placement_planner_ros.core import kept_files
+from placement_planner_ros.core import disk_cache
 from placement_planner_ros.core.body import convex_cover as convex_cover_module
-from placement_planner_ros.core.body import cover_store, covered_mesh, mesh_components
+from placement_planner_ros.core.body import covered_mesh, mesh_components
 from placement_planner_ros.core.body.convex_cover import Cover, convex_cover, hull_cover
 from placement_planner_ros.core.body.mesh import volumes
 from placement_planner_ros.core.body.mesh_components import Components
@@ -162,12 +159,8 @@ def test_the_hull_stands_in():
 
 
 @pytest.fixture
-def store(monkeypatch, tmp_path):
-    troubles, said = kept_files.Troubles(), []
-    troubles.listen(said.append)
-    monkeypatch.setattr(kept_files, "TROUBLES", troubles)
-    monkeypatch.setattr(kept_files, "kept_folder", lambda: tmp_path)
-    return tmp_path / "convex-covers", said
+def own_cache(monkeypatch, tmp_path):
+    monkeypatch.setattr(disk_cache, "cache_folder", lambda: tmp_path)
 
 
 def ask(made, tolerance=0.01):
@@ -178,19 +171,18 @@ def ask(made, tolerance=0.01):
         made.append(tolerance)
         return Cover(parts, 0.25, True)
 
-    cover = cover_store.kept_cover(vertices, faces, tolerance, make)
+    cover = covered_mesh.kept_cover(vertices, faces, tolerance, make)
     assert [part.shape for part in cover.parts] == [(4, 3), (5, 3)]
     assert (cover.excess, cover.closed) == (0.25, True)
     return made
 
 
-def test_a_cover_of_an_object_that_takes_too_long_is_the_hull_from_then_on(store, monkeypatch):
+def test_a_cover_of_an_object_that_takes_too_long_is_the_hull_from_then_on(own_cache, monkeypatch):
     mesh = np.asarray(RING.vertices), np.asarray(RING.faces), 0.01
-    monkeypatch.setattr(covered_mesh, "MOST_SECONDS", 0.0)
-    (part,) = covered_mesh.make_cover(*mesh).parts
-    monkeypatch.undo()
+    with monkeypatch.context() as soon:
+        soon.setattr(covered_mesh, "MOST_SECONDS", 0.0)
+        (part,) = covered_mesh.make_cover(*mesh).parts
     np.testing.assert_array_equal(hull_cover(*mesh[:2]).parts[0], part)
-    monkeypatch.setattr(kept_files, "kept_folder", lambda: store[0].parent)
     assert len(covered_mesh.make_cover(*mesh).parts) == 1
     assert len(covered_mesh.make_cover(*mesh[:2], 0.02).parts) > 1
 
@@ -217,65 +209,7 @@ def test_triangles_that_repeat_are_left_out_and_those_that_disagree_are_turned()
     assert not Components.of(np.asarray(box.vertices), again[:-1]).closed.any()
 
 
-def test_a_cover_is_made_once_for_a_content(store):
+def test_a_cover_is_made_once_for_a_content(own_cache):
     made = ask(ask([]))
     assert made == [0.01]
     assert ask(made, 0.02) == [0.01, 0.02]
-
-
-@pytest.mark.parametrize("damage", [b"", b"garbage" * 50, None])
-def test_a_damaged_cover_is_made_anew_and_said_once(store, damage):
-    folder, said = store
-    made = ask([])
-    (file,) = folder.iterdir()
-    for _ in range(2):
-        whole = bytearray(file.read_bytes())
-        whole[-9] ^= 1
-        file.write_bytes(bytes(whole) if damage is None else damage)
-        ask(ask(made))
-    assert made == [0.01] * 3
-    assert len(said) == 1
-    assert str(file) in said[0]
-
-
-_WRITER = """
-import sys
-from pathlib import Path
-import numpy as np
-from placement_planner_ros.core import kept_files
-from placement_planner_ros.core.body.convex_cover import Cover
-from placement_planner_ros.core.body.cover_store import kept_cover
-
-kept_files.kept_folder = lambda: Path(sys.argv[1])
-kept_files.TROUBLES.listen(print)
-made = Cover((np.random.default_rng(0).random((300_000, 3)),), 0.1, True)
-print("ready", flush=True)
-sys.stdin.readline()
-for k in range(40):
-    got = kept_cover(np.eye(3), np.array([[0, 1, 2]]), 0.01, lambda: made)
-    assert (got.parts[0] == made.parts[0]).all(), k
-    if k % 2 == 1:
-        for file in Path(sys.argv[1]).rglob("*.covers"):
-            file.unlink(missing_ok=True)
-print("done")
-"""
-
-
-def test_processes_that_write_and_read_one_cover_at_once_do_not_harm_each_other(tmp_path):
-    start = [sys.executable, "-c", _WRITER, str(tmp_path)]
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
-    both = [subprocess.Popen(start, **pipes) for _ in range(2)]
-    for each in both:
-        assert each.stdout.readline() == "ready\n"
-    for each in both:
-        each.stdin.write("go\n")
-        each.stdin.flush()
-    assert [each.communicate(timeout=60.0)[0] for each in both] == ["done\n"] * 2
-    assert not list(tmp_path.rglob("*.tmp"))
-
-
-def test_where_none_can_be_kept_each_is_made(store):
-    folder, said = store
-    folder.write_text("no folder")
-    assert ask(ask([])) == [0.01, 0.01]
-    assert len(said) == 1

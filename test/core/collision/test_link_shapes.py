@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from placement_planner_ros.core import kept_files
+from placement_planner_ros.core import disk_cache
 from placement_planner_ros.core.collision import link_shapes, mesh_shapes, spheres
 from placement_planner_ros.core.robot.model import Robot
 
@@ -20,7 +20,7 @@ URDF = f"""<robot name="rings">{LINK.format("a")}{LINK.format("b")}
 def robot(monkeypatch, tmp_path):
     """Reads the robot, and counts what is made."""
     trimesh.creation.annulus(0.1, 0.15, 0.04, sections=12).export(tmp_path / "ring.stl")
-    monkeypatch.setattr(kept_files, "kept_folder", lambda: tmp_path / "kept")
+    monkeypatch.setattr(disk_cache, "cache_folder", lambda: tmp_path / "kept")
     made = []
     for module, name in ((mesh_shapes, "covered_mesh"), (spheres, "_tree")):
         original = getattr(module, name)
@@ -79,14 +79,3 @@ def test_spheres_are_made_once_for_all_processes(robot):
             assert np.array_equal(getattr(one, name), getattr(other, name))
     spheres.sphere_trees(shape, 0.02)
     assert made.count("_tree") == 2 * len(shape.sets)
-
-
-def test_a_damaged_shape_is_made_anew(robot, tmp_path):
-    read, made = robot
-    first = link_shapes.link_shapes(read())[0]
-    (file,) = (tmp_path / "kept" / "mesh-shapes").iterdir()
-    whole = bytearray(file.read_bytes())
-    whole[len(whole) // 2] ^= 1
-    file.write_bytes(bytes(whole))
-    same(link_shapes.link_shapes(read())[0], first)
-    assert made == ["covered_mesh"] * 2

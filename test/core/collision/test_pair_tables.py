@@ -5,7 +5,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from placement_planner_ros.core import kept_files
+from placement_planner_ros.core import disk_cache
 from placement_planner_ros.core.collision import arm, pair_tables
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
 from placement_planner_ros.core.collision.pair_tables import CELL, apart_within
@@ -158,14 +158,14 @@ def test_a_range_is_apart_where_all_its_cells_are(elbow):
 
 
 def test_tables_are_kept_for_the_next_process(elbow, monkeypatch, tmp_path):
-    monkeypatch.setattr(kept_files, "kept_folder", lambda: tmp_path)
+    monkeypatch.setattr(disk_cache, "cache_folder", lambda: tmp_path)
     made = []
     fill = pair_tables._fill
     monkeypatch.setattr(pair_tables, "_fill", lambda *given: (made.append(1), fill(*given)))
     tables = []
     for _ in range(2):
         pair_tables.pair_tables.cache_clear()
-        arm._flat_arm.forget()
+        arm._flat_arm.cache_clear()
         tables.append(checker_for(*elbow)._flat.arrays.tables)
     assert len(made) == 1
     assert (tables[0].apart == tables[1].apart).all()

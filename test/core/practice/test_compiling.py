@@ -6,7 +6,7 @@ import shutil
 import pytest
 from numba.core import config
 
-from placement_planner_ros.core.kept_files import kept_folder
+from placement_planner_ros.core.disk_cache import cache_folder
 from placement_planner_ros.core.kernels import not_kept
 from placement_planner_ros.core.practice import compiling
 from placement_planner_ros.core.practice.compiling import (
@@ -25,7 +25,7 @@ def all_kept():
     """The kernels' folder, with all of them in it."""
     load_kernels()
     compile_kernels(lambda _: None)
-    return kept_folder()
+    return cache_folder()
 
 
 @pytest.fixture

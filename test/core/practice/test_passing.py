@@ -4,11 +4,10 @@ import json
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 
-from placement_planner_ros.core import kept_files
-from placement_planner_ros.core.kept_files import kept_arrays, sealed, unsealed
+from placement_planner_ros.core import disk_cache
+from placement_planner_ros.core.disk_cache import sealed, stored, unsealed
 from placement_planner_ros.core.practice import passing
 from placement_planner_ros.core.practice.passing import load_passed
 from placement_planner_ros.core.practice.practice import Practice
@@ -81,7 +80,7 @@ def test_a_kernel_that_there_is_not_any_more_is_no_reason_to_fail(of_its_own):
 
 
 def test_without_a_home_it_is_not_kept(monkeypatch):
-    monkeypatch.setattr(passing, "kept_folder", lambda: None)
+    monkeypatch.setattr(passing, "cache_folder", lambda: None)
     assert passing._path() is None
     assert not load_passed()
 
@@ -98,12 +97,10 @@ def test_what_is_on_disk_is_made_anew_so_that_what_makes_it_is_passed(kept, monk
     monkeypatch.setattr(passing, "_path", lambda: tmp_path / "passed")
     made = []
     monkeypatch.setattr(
-        Practice,
-        "solve",
-        lambda *_: made.append(kept_arrays("rows", b"", lambda: {"a": np.array([len(made)])})["a"]),
+        Practice, "solve", lambda *_: made.append(stored("rows", "key", lambda: "anew"))
     )
-    monkeypatch.setattr(kept_files, "kept_folder", lambda: tmp_path)
-    kept_arrays("rows", b"", lambda: {"a": np.array([-1])})
+    monkeypatch.setattr(disk_cache, "cache_folder", lambda: tmp_path)
+    stored("rows", "key", lambda: "kept")
     passing.pass_every_stage()
-    assert made == [0]
-    assert kept_arrays("rows", b"", dict)["a"] == -1
+    assert made == ["anew"]
+    assert stored("rows", "key", str) == "kept"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from placement_planner_ros.core import kept_files
+from placement_planner_ros.core import disk_cache
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.ros.inputs import mesh_process
 from placement_planner_ros.ros.inputs.covers import cover_in
@@ -22,7 +22,7 @@ URDF = """<robot name="ring"><link name="base"><collision><geometry>
 @pytest.fixture
 def folder(monkeypatch, tmp_path):
     trimesh.creation.annulus(0.1, 0.15, 0.04, sections=12).export(tmp_path / "ring.stl")
-    monkeypatch.setattr(kept_files, "kept_folder", lambda: tmp_path / "kept")
+    monkeypatch.setattr(disk_cache, "cache_folder", lambda: tmp_path / "kept")
     return tmp_path
 
 
@@ -100,7 +100,7 @@ def test_a_file_of_the_same_content_is_read_once_and_any_other_anew(folder):
         assert process.reads == 1
         trimesh.creation.box((0.1, 0.1, 0.1)).export(again)
         assert len(read_kept(process, again)[1]) == 12
-        (kept, *_) = (folder / "kept" / "read-meshes").iterdir()
+        (kept, *_) = (folder / "kept" / "results" / "read-meshes").rglob("output.pkl")
         kept.write_bytes(kept.read_bytes()[:-1])  # damaged
         read_kept(process, path), read_kept(process, again)
         assert process.reads == 3

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from placement_planner_ros.core import kept_files
+from placement_planner_ros.core import disk_cache
 from placement_planner_ros.ros.inputs.mesh_process import MeshProcess
 from placement_planner_ros.ros.inputs.object_input import ObjectInput
 from placement_planner_ros.ros.inputs.reading import NotReadyError
@@ -22,7 +22,7 @@ SPECS = {s.name: s for s in [*fixed_specs(), arms_spec(["left"]), *arm_specs("le
 
 @pytest.fixture(autouse=True)
 def own_cache(tmp_path, monkeypatch):
-    monkeypatch.setattr(kept_files, "kept_folder", lambda: tmp_path)
+    monkeypatch.setattr(disk_cache, "cache_folder", lambda: tmp_path)
 
 
 @pytest.fixture

@@ -1,10 +1,10 @@
-"""Results are remembered as long as what they are of is there, and no longer."""
+"""Results are cached as long as what they are of is there, and no longer."""
 
 import weakref
 
 import pytest
 
-from placement_planner_ros.core.remembering import remembered_with
+from placement_planner_ros.core.weak_cache import weak_lru_cache
 
 
 class Thing:
@@ -18,7 +18,7 @@ def made():
 
 @pytest.fixture
 def told(made):
-    @remembered_with("thing", most=2)
+    @weak_lru_cache("thing", maxsize=2)
     def told(word, thing, number):
         made.append((word, number))
         return word, thing is None, number
@@ -38,7 +38,7 @@ def test_it_is_made_once_for_the_same_arguments(told, made):
     told("a", one, 1)
     told("a", one, 2)
     assert made[3:] == [("b", 1), ("a", 2), ("a", 1)]
-    told.forget()
+    told.cache_clear()
     told("a", other, 1)
     assert made[6:] == [("a", 1)]
 

@@ -1,0 +1,232 @@
+"""Results on disk: what is damaged or stale is made anew, what cannot be kept is done without."""
+
+import os
+import subprocess
+import sys
+
+import joblib
+import numpy as np
+import pytest
+
+from placement_planner_ros.core import disk_cache
+from placement_planner_ros.core.disk_cache import code_digest, digest_of, find, keep, stored
+
+KIND, KEY = "test results", digest_of("a key")
+
+
+@pytest.fixture
+def cache(monkeypatch, tmp_path):
+    """The folder of the results; what is said of them is in `cache.said`."""
+    monkeypatch.setattr(disk_cache, "cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(disk_cache, "TROUBLES", disk_cache.Troubles())
+    return Cache(tmp_path / "results" / "test-results")
+
+
+class Cache:
+    def __init__(self, folder):
+        self.folder = folder
+        self.made = 0
+        self.said = []
+        disk_cache.TROUBLES.listen(self.said.append)
+
+    @property
+    def files(self):
+        return sorted(self.folder.rglob("output.pkl"))
+
+    def ask(self, key=KEY):
+        """What was made or kept; the same numbers either way."""
+
+        def make():
+            self.made += 1
+            return np.arange(1000.0), "words"
+
+        numbers, words = stored(KIND, key, make)
+        assert np.array_equal(numbers, np.arange(1000.0))
+        assert words == "words"
+
+
+def test_it_is_made_once_for_each_key(cache):
+    for key in (KEY, KEY, "another", "another"):
+        cache.ask(key)
+    assert cache.made == 2
+    assert len(cache.files) == 2
+    with disk_cache.bypassed():
+        cache.ask()
+    assert cache.made == 3
+    assert cache.said == []
+
+
+def test_what_is_found_is_as_it_was_made(cache):
+    """Kernels are compiled for arrays that are, or are not, contiguous and read-only."""
+    frozen, open_ = np.arange(6.0).reshape(2, 3), np.arange(3)
+    frozen.setflags(write=False)
+    keep(KIND, KEY, {"frozen": frozen, "open": open_})
+    found = find(KIND, KEY)
+    for name, array in (("frozen", frozen), ("open", open_)):
+        assert np.array_equal(found[name], array)
+        assert found[name].dtype == array.dtype
+        assert found[name].flags.writeable == array.flags.writeable
+        assert found[name].flags.c_contiguous
+    assert cache.said == []
+
+
+def one_bit(data):
+    whole = bytearray(data)
+    whole[len(whole) // 2] ^= 1
+    return bytes(whole)
+
+
+def a_lost_block(data):
+    return data[:1024] + bytes(512) + data[1536:]
+
+
+DAMAGES = {
+    "nothing": lambda _: b"",
+    "garbage": lambda _: b"garbage" * 50,
+    "half": lambda data: data[: len(data) // 2],
+    "one bit": one_bit,
+    "a lost block": a_lost_block,
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_what_is_damaged_is_made_anew_and_that_is_said_once(cache, damage):
+    cache.ask()
+    (file,) = cache.files
+    for times in (2, 3):
+        file.write_bytes(DAMAGES[damage](file.read_bytes()))
+        cache.ask()
+        cache.ask()
+        assert cache.made == times
+    assert len(cache.said) == 1
+    assert str(cache.folder) in cache.said[0]
+
+
+def test_results_that_were_swapped_are_not_taken_for_each_other(cache):
+    keep(KIND, "one", 1)
+    keep(KIND, "other", 2)
+    one, other = cache.files
+    content = one.read_bytes()
+    one.write_bytes(other.read_bytes())
+    other.write_bytes(content)
+    assert find(KIND, "one") is find(KIND, "other") is None
+
+
+def no_folder(cache, _):
+    cache.folder.parent.write_text("a file")
+
+
+def of_another_user(cache, monkeypatch):
+    cache.folder.mkdir(parents=True)
+    monkeypatch.setattr(os, "geteuid", lambda: cache.folder.stat().st_uid + 1)
+
+
+def full_disk(_, monkeypatch):
+    def dump(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(joblib.numpy_pickle, "dump", dump)
+
+
+@pytest.mark.filterwarnings("ignore:Unable to cache to disk")
+@pytest.mark.parametrize("hinder", [no_folder, of_another_user, full_disk])
+def test_where_nothing_can_be_kept_each_is_made_and_that_is_said_once(cache, monkeypatch, hinder):
+    hinder(cache, monkeypatch)
+    cache.ask()
+    cache.ask("another")
+    cache.ask()
+    assert cache.made == 3
+    (words,) = cache.said
+    assert str(cache.folder) in words
+    assert "XDG_CACHE_HOME" in words
+
+
+def test_what_was_not_used_for_longest_goes_where_there_is_too_much(cache, monkeypatch):
+    size = 100_000
+    monkeypatch.setattr(disk_cache, "MAX_BYTES", 3.5 * size)
+    for age, key in enumerate("abc"):
+        keep(KIND, key, bytes(size))
+        (new,) = (file for file in cache.files if file.stat().st_atime > 1000)
+        os.utime(new, (100 + age if key != "a" else 200,) * 2)  # the first was read since
+    keep(KIND, "d", bytes(size))
+    assert [find(KIND, key) is not None for key in "abcd"] == [True, False, True, True]
+
+
+def test_what_other_code_made_is_not_found(tmp_path, monkeypatch):
+    """The code of the module, and of what that imports itself or through others."""
+    monkeypatch.setattr(disk_cache, "_PACKAGE", tmp_path / "placement_planner_ros")
+    room = tmp_path / "placement_planner_ros" / "core"
+    room.mkdir(parents=True)
+    (room / "outer.py").write_text("from placement_planner_ros.core.inner import least\n")
+    (room / "beside.py").write_text("apart = 1\n")
+
+    def digests():
+        code_digest.cache_clear()
+        disk_cache._imports.cache_clear()
+        names = ("outer", "inner", "beside")
+        return [code_digest(f"placement_planner_ros.core.{name}") for name in names]
+
+    (room / "far.py").write_text("least = 1\n")
+    (room / "inner.py").write_text("from placement_planner_ros.core.far import least\n")
+    before = digests()
+    assert digests() == before
+    (room / "far.py").write_text("least = 2\n")
+    after = digests()
+    code_digest.cache_clear()
+    disk_cache._imports.cache_clear()
+    assert [one == other for one, other in zip(before, after, strict=True)] == [False, False, True]
+
+
+def test_the_digest_tells_contents_types_and_shapes_apart():
+    array = np.arange(6.0)
+    parts = [
+        (array,),
+        (array.astype(np.float32),),
+        (array.reshape(2, 3),),
+        (array.reshape(3, 2),),
+        (array[:5],),
+        (array[:5], array[5:]),
+        ((array[:5], array[5:]),),
+        (array.tobytes(),),
+        (b"ab", b"c"),
+        (b"a", b"bc"),
+        ("ab", "c"),
+        (1, 23),
+        (12, 3),
+        (0.1,),
+        (0.1 + 1e-17 + 2e-17,),
+    ]
+    assert len({digest_of(*each) for each in parts}) == len(parts)
+    assert digest_of(array.reshape(3, 2).T) == digest_of(array.reshape(3, 2).T.copy())
+
+
+WRITER = """
+import sys
+from pathlib import Path
+import numpy as np
+from placement_planner_ros.core import disk_cache
+
+disk_cache.cache_folder = lambda: Path(sys.argv[1])
+disk_cache.MAX_BYTES = 12_000_000
+made = np.random.default_rng(0).random((100_000, 3))
+print("ready", flush=True)
+sys.stdin.readline()
+for k in range(40):
+    got = disk_cache.stored("test results", "key", lambda: made)
+    assert np.array_equal(got, made), k
+    disk_cache.keep("test results", "key" if k % 2 else f"{k} of {sys.argv[2]}", made)
+print("done")
+"""
+
+
+def test_processes_that_write_and_read_at_once_do_not_harm_each_other(tmp_path):
+    start = [sys.executable, "-W", "ignore", "-c", WRITER, str(tmp_path)]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    both = [subprocess.Popen([*start, name], **pipes) for name in ("one", "other")]
+    for each in both:
+        assert each.stdout.readline() == "ready\n"
+    for each in both:
+        each.stdin.write("go\n")
+        each.stdin.flush()
+    assert [each.communicate(timeout=120.0)[0] for each in both] == ["done\n"] * 2
+    assert sum(file.stat().st_size for file in tmp_path.rglob("*.pkl")) < 30_000_000
