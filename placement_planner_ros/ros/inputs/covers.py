@@ -1,18 +1,41 @@
-"""Convex covers, made in another process where no other has been yet."""
+"""Meshes and convex covers from disk, or read and made in another process."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 from placement_planner_ros.core.body.convex_cover import Cover, hull_cover
 from placement_planner_ros.core.body.covered_mesh import kept_cover
+from placement_planner_ros.core.disk_cache import find, keep
 from placement_planner_ros.core.meshes.collada import Triangles
+from placement_planner_ros.core.meshes.digest import content_digest
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.mesh_process import (
     MAX_TIME,
     MeshProcess,
     ProcessorTimeError,
 )
+
+
+def read_kept(process: MeshProcess, path: Path) -> tuple[Array, Triangles]:
+    """Vertices (n, 3) and triangles (t, 3) of a file whose header was looked at.
+
+    Starting the process takes a second of processor time, reading a large text some tenths: neither
+    is needed where a file of that content was read before.
+
+    Raises:
+        OSError: it cannot be opened.
+        ValueError: it cannot be read; the message says why.
+        StoppedError: nobody wants it any more.
+    """
+    digest = content_digest(path.suffix.lower(), path.read_bytes())
+    arrays: tuple[Array, Triangles] | None = find("read meshes", digest.hex())
+    if arrays is None:
+        vertices, triangles, digest = process.read_with_digest(path)  # it may have changed
+        arrays = vertices, triangles
+        keep("read meshes", digest.hex(), arrays)
+    return arrays
 
 
 def cover_in(

@@ -25,8 +25,7 @@ from placement_planner_ros.core.robot.joint_limits import FIELD, JointLimit, rea
 from placement_planner_ros.core.robot.model import Arm, Robot, place_of
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.weak_cache import weak_lru_cache
-from placement_planner_ros.ros.inputs.covers import cover_in
-from placement_planner_ros.ros.inputs.kept_meshes import read_kept
+from placement_planner_ros.ros.inputs.covers import cover_in, read_kept
 from placement_planner_ros.ros.inputs.mesh_process import MeshProcess
 from placement_planner_ros.ros.inputs.reading import NotReadyError, Reading, ShouldStop, State
 from placement_planner_ros.ros.inputs.resources import Files, description_text

@@ -10,8 +10,7 @@ import trimesh
 from placement_planner_ros.core import disk_cache
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.ros.inputs import mesh_process
-from placement_planner_ros.ros.inputs.covers import cover_in
-from placement_planner_ros.ros.inputs.kept_meshes import read_kept
+from placement_planner_ros.ros.inputs.covers import cover_in, read_kept
 from placement_planner_ros.ros.inputs.mesh_process import MeshProcess, ProcessorTimeError
 from placement_planner_ros.ros.inputs.robot_input import _Covers
 
