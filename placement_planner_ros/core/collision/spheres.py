@@ -25,6 +25,8 @@ from placement_planner_ros.core.weak_cache import weak_lru_cache
 
 _PAD = 1e-9
 _MAX_DEPTH = 10
+_FEW = 32
+"""Vertices of a shape up to which its spheres are made as quickly as they are read."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,10 +63,10 @@ def sphere_trees(shape: Shape, excess: float) -> tuple[SphereTree, ...]:
     def make() -> tuple[SphereTree, ...]:
         return tuple(_tree(shape, convex, excess) for convex in shape.sets)
 
-    if shape.mesh is None:  # made as quickly as it is read
+    if shape.mesh is None and sum(len(convex.vertices) for convex in shape.sets) <= _FEW:
         return make()
     sets = tuple((s.vertices, s.radius, s.inner_scale, s.inner_center) for s in shape.sets)
-    key = digest_of(code_digest(__name__), excess, shape.mesh.digest, sets)
+    key = digest_of(code_digest(__name__), excess, shape.mesh and shape.mesh.digest, sets)
     return stored("sphere trees", key, make)
 
 
