@@ -228,7 +228,7 @@ def test_every_version_has_a_floor_and_a_ceiling(requirements):
 def test_only_the_extra_ros_asks_for_ros_and_test_asks_for_all(requirements):
     assert not [name for name in requirements[""] if name.startswith("ros-")]
     assert any(name.startswith("ros-jazzy-rclpy") for name in requirements["ros"])
-    extras = ("ros", "evaluation", "tour", "view")
+    extras = ("ros", "benchmarks", "tour", "view")
     assert {name for extra in extras for name in requirements[extra]} <= set(requirements["test"])
     assert set(requirements["ros"]) <= set(requirements["tour"])
 
