@@ -39,10 +39,10 @@ figures: install
 	$(BIN)/python -c 'from pathlib import Path; from benchmarks.page import between_marks; \
 	  between_marks(Path("docs/tour.md"), Path("build/figures/tour.md").read_text())'
 	cp build/figures/tour.png build/figures/tour.gif docs/images
-	$(BIN)/python test/draw_view.py --output docs/images
+	$(BIN)/python test/by_hand draw_view --output docs/images
 	$(BENCHMARKS) concepts $(if $(CLOUDS),--cloud $(CLOUDS)/$(REGIONS_OF))
 	$(if $(CLOUDS),$(BENCHMARKS) clouds $(CLOUDS) --output docs/images && rm docs/images/clouds.md)
-	$(BIN)/python test/draw_objects.py --output docs/images
+	$(BIN)/python test/by_hand draw_objects --output docs/images
 	$(BENCHMARKS) situations --first-seed 1 --picture docs/images/situations.png
 	$(BENCHMARKS) speed --output results/speed --page docs/speed.md
 	$(BENCHMARKS) paper --preset quick --processes 2 --output results/quick

@@ -242,7 +242,7 @@ def describe(record: Mapping[str, Any]) -> str:
 
 
 def save_last(folder: Path, record: Record, placement: Placement) -> None:
-    """Write the run's last placement under the name that `test/verify_cases.py` looks for."""
+    """Write the run's last placement under the name that `verify_cases.py` looks for."""
     name = f"{str(record.case).replace('/', '-')}-{record.seed}-{len(record.solutions)}.npz"
     save_solution(folder / name, record.case, record.seed, placement)
 

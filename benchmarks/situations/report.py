@@ -13,7 +13,7 @@ from benchmarks.situations.situation import CLOUDS
 
 Entry = Mapping[str, Any]
 VERDICTS_FILE = "verdicts.jsonl"
-"""What `test/verify_situations.py` writes beside the runs: a line for each placement."""
+"""What `test/by_hand/verify_situations.py` writes beside the runs: a line for each placement."""
 
 RIGHT = 0.95
 """Share of the runs that must be right."""

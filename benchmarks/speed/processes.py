@@ -18,7 +18,7 @@ _TESTS = _ROOT / "test"
 _VERIFY = """
 import json, sys
 from pathlib import Path
-from verify_cases import verify
+from by_hand.verify_cases import verify
 runs, refusals = verify(Path(sys.argv[1]))
 checked = sum(len(run["solutions"]) for run in runs)
 told = {"row": "checked", "checked": checked, "refused": len(refusals), "refusals": refusals}
@@ -46,11 +46,11 @@ def measure_load(seed: int) -> Iterator[Entry]:
 
 
 def check_recorded(folder: Path) -> Iterator[Entry]:
-    """How many of the placements in a folder `test/verify_cases.py` refuses.
+    """How many of the placements in a folder `test/by_hand/verify_cases.py` refuses.
 
     Nothing where there is no checkout; an entry with `error` where it did not come to an end.
     """
-    if (_TESTS / "verify_cases.py").exists():
+    if (_TESTS / "by_hand" / "verify_cases.py").exists():
         try:
             yield from _told("-c", _VERIFY, str(folder))
         except RuntimeError as error:

@@ -97,7 +97,7 @@ def measure_first(
         ready: what else belongs to the environment's construction.
 
     Returns:
-        The entry, and the `Record` that `test/verify_cases.py` reads.
+        The entry, and the `Record` that `test/by_hand/verify_cases.py` reads.
     """
     rng = np.random.default_rng(seed)
     inputs = read_inputs(case, rng)

@@ -1,7 +1,7 @@
 """Draw every object of `settle_objects.py`: its cover over its mesh, and it on each of its rests,
 v(f) in red beneath it.
 
-python test/draw_objects.py --output docs/images
+python test/by_hand draw_objects --output docs/images
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import colorsys
 from pathlib import Path
 
 import numpy as np
-from settle_objects import Thing, things
+from by_hand.settle_objects import Thing, things
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.body.placement_face import PlacementFace

@@ -1,6 +1,6 @@
 """Take the pictures of docs/view.md: real searches, and their pages in a headless Chromium.
 
-python test/draw_view.py --output docs/images
+python test/by_hand draw_view --output docs/images
 """
 
 from __future__ import annotations
@@ -8,18 +8,16 @@ from __future__ import annotations
 import argparse
 import io
 import os
-import sys
 import tempfile
 import time
 from pathlib import Path
 
 from PIL import Image
 
-sys.path.insert(0, str(Path(__file__).parent / "ros" / "view"))
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 
 import rclpy
-from browser import Browser
+from helpers.browser import Browser
 
 from placement_planner_ros.client import PlacementClient
 from placement_planner_ros.demo.command import published

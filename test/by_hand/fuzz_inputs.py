@@ -1,7 +1,7 @@
 """Hours of malformed clouds and robot descriptions, by command; no part of `make test`.
 
-    python test/fuzz_inputs.py clouds -max_total_time=300
-    python test/fuzz_inputs.py robots -max_total_time=300
+    python test/by_hand fuzz_inputs clouds -max_total_time=300
+    python test/by_hand fuzz_inputs robots -max_total_time=300
 
 Needs atheris (`pip install atheris`). What follows the target goes to libFuzzer. It ends with an
 error and the input that caused it where anything but the planner's own errors is raised.

@@ -1,6 +1,6 @@
 """Release every recorded placement of `python -m benchmarks cases` in a physics engine.
 
-python test/settle_cases.py results/cases --friction 0.3 0.8
+python test/by_hand settle_cases results/cases --friction 0.3 0.8
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
-from settle import Settled, settle
+from helpers.settle import Settled, settle
 
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.scenes import scene_by_name

@@ -1,6 +1,6 @@
 """Hold the rests that objects are given against a physics engine, and write what differs.
 
-python test/settle_objects.py --output results/objects
+python test/by_hand settle_objects --output results/objects
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from drops import Drops, Mass, mass_of
-from scans import SHAPES, finer, noisy
-from shared import SHARED
+from helpers.drops import Drops, Mass, mass_of
+from helpers.scans import SHAPES, finer, noisy
+from helpers.shared import SHARED
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.body.settings import BodySettings

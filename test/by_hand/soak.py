@@ -1,6 +1,6 @@
 """Uses the real node for as long as wanted, as clients, sensors and others do who err, and judges.
 
-    python test/ros/soak.py --minutes 60
+    python test/by_hand soak --minutes 60
 
 Several clients call every service at random, with sense and without; clouds, joint states, objects
 and robots come good, bad and not at all. What is good is always the same world, so that whatever is
@@ -26,17 +26,15 @@ import time
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
-if __name__ == "__main__":
-    sys.path.insert(0, str(Path(__file__).parents[1]))
-
 import numpy as np
 import rclpy
 from builtin_interfaces.msg import Time
 from checker import SolutionChecker, Tolerances
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from fakes import Spinning, said, values_of
 from geometry_msgs.msg import Point, PoseStamped
-from published import pose_of, solution_of, task_of
+from helpers.fakes import Spinning, said, values_of
+from helpers.published import pose_of, solution_of, task_of
+from helpers.system import NODE, OBJECT, SCENE, start_node, wait
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import (
@@ -55,7 +53,6 @@ from sensor_msgs.msg import JointState, PointCloud2
 from shape_msgs.msg import Mesh, MeshTriangle
 from std_msgs.msg import Header, String
 from std_srvs.srv import Trigger
-from system import NODE, OBJECT, SCENE, start_node, wait
 from trajectory_msgs.msg import JointTrajectory
 
 from placement_planner_ros.core.timing.trajectory_maker import TimingSettings

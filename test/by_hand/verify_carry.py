@@ -1,6 +1,6 @@
 """The largest tilt of every solution of `python -m benchmarks cases --carry`, computed anew.
 
-python test/verify_carry.py results/cases
+python test/by_hand verify_carry results/cases
 
 Prints, for each limit, how many solutions there are and by how much the object leans at most.
 """

@@ -1,6 +1,6 @@
 """Check every recorded solution of `python -m benchmarks cases` and write the table of the runs.
 
-python test/verify_cases.py results/cases --table complete.md
+python test/by_hand verify_cases results/cases --table complete.md
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Check every placement of `python -m benchmarks situations`, and release it in a physics engine.
 
-python test/verify_situations.py results/situations
+python test/by_hand verify_situations results/situations
 
 Writes `verdicts.jsonl` there, which the command's table counts.
 """
@@ -14,10 +14,10 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
+from by_hand.settle_cases import FRICTIONS, MOVED, TILTED
+from by_hand.verify_cases import read_solution
 from checker import SolutionChecker, Task, Tolerances
-from settle import settle
-from settle_cases import FRICTIONS, MOVED, TILTED
-from verify_cases import read_solution
+from helpers.settle import settle
 
 from benchmarks.json_lines import append_line, read_lines
 from benchmarks.situations.catalogue import situation_by_name

@@ -1,6 +1,6 @@
 """Run the requests of docs/wishes.md and have every solution checked.
 
-python test/verify_wishes.py --seeds 3 --seconds 3
+python test/by_hand verify_wishes --seeds 3 --seconds 3
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ import time
 from dataclasses import asdict, replace
 
 import numpy as np
+from by_hand.verify_cases import case_checker
 from checker import Solution, SolutionChecker, check_asked, check_stance
-from verify_cases import case_checker
-from wishes import Request, requests
+from helpers.wishes import Request, requests
 
 from benchmarks.cases import Case
 from placement_planner_ros.core.errors import PlacementPlannerError

@@ -4,10 +4,11 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from helpers.right_solution import CHECKER, GOOD, Q_START, TASK, TOLERANCES
+
 from checker import World
 from checker.margin import too_near
 from checker.poses import Poses
-from test_checker import CHECKER, GOOD, Q_START, TASK, TOLERANCES
 
 LIMIT = np.minimum(np.abs(CHECKER.robot.model.upperPositionLimit), 2.0)
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from problems import problem_of
+from helpers.problems import problem_of
 
 from benchmarks.cases import Case
 from placement_planner_ros.core.grasp.feasible_grasps import usable_holdings

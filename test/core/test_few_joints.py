@@ -2,10 +2,10 @@
 
 import itertools
 
-import few_joints
 import numpy as np
 import pytest
 from checker import Solution, SolutionChecker
+from helpers import few_joints
 
 from placement_planner_ros.core.objective.ascent import AscentSettings
 from placement_planner_ros.core.optimize_locally import LocalOptimizer

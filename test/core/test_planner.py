@@ -8,8 +8,8 @@ from unittest import mock
 import numpy as np
 import pinocchio as pin
 import pytest
-from problems import problem_of
-from verify_cases import case_checker, load_solution
+from by_hand.verify_cases import case_checker, load_solution
+from helpers.problems import problem_of
 
 from benchmarks.cases import Case
 from benchmarks.record import save_solution

@@ -251,6 +251,26 @@ class Bench:
         return values_of(self.messages("status")[-1])
 
 
+def started(bench, **parameters):
+    """Inputs given, run started, planner searching; until joint states are new enough, again."""
+    bench.feed()
+    name = "start_with" if parameters else "start"
+    answer = bench.call(name, **parameters)
+    while answer.code == "NOT_READY":
+        bench.joint_state()
+        answer = bench.call(name, **parameters)
+    assert answer.success, answer.text
+    bench.wait(lambda: len(bench.planners) == int(answer.run))
+    bench.wait(bench.planners[-1].searching.is_set)
+    return bench.planners[-1]
+
+
+def ended(bench, run, state):
+    """The status of a run once it is in that state."""
+    bench.wait(lambda: (bench.status()["run"], bench.status()["state"]) == (str(run), state))
+    return bench.status()
+
+
 def said(success, text):
     """An answer taken apart."""
     first, _, words = text.partition("\n")

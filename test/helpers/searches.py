@@ -2,7 +2,7 @@
 
 import threading
 
-from fakes import placement
+from helpers.fakes import placement
 
 from placement_planner_ros.client import PlacementError
 

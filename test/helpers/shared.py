@@ -3,5 +3,5 @@
 import os
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 SHARED = Path(os.environ.get("PLACEMENT_PLANNER_SHARED", ROOT.parent / "shared"))

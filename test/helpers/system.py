@@ -8,8 +8,8 @@ import time
 from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from fakes import Spinning, said, values_of
 from geometry_msgs.msg import PoseStamped
+from helpers.fakes import Spinning, said, values_of
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import yaml
 from checker import Asked
-from problems import problem_of
+from helpers.problems import problem_of
 
 from benchmarks.cases import Case
 from placement_planner_ros.core.objective.by_name import make_objective
@@ -18,7 +18,7 @@ from placement_planner_ros.core.planner import PlacementPlanner
 from placement_planner_ros.ros.parameters.table import arm_specs, arms_spec, fixed_specs
 from placement_planner_ros.ros.parameters.values import ParameterSet
 
-PAGE = Path(__file__).parent.parent / "docs" / "wishes.md"
+PAGE = Path(__file__).parents[2] / "docs" / "wishes.md"
 _REQUEST = re.compile(
     r'^\d+\. "([^"]+)" \(`(\w+)`, `(\w+)`(?:; drop `([\w.]+)`)?\)\n\n   ```yaml\n([^`]*)   ```$',
     re.MULTILINE,

@@ -9,9 +9,9 @@ os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
 
 import pytest
 import rclpy
-from fakes import Bench
+from helpers.fakes import Bench
+from helpers.system import OBJECT, SCENE, Client, running_node, wait
 from rclpy.parameter import Parameter
-from system import OBJECT, SCENE, Client, running_node, wait
 
 from placement_planner_ros.ros.tools.scene_publisher import ScenePublisher
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 import rclpy
 from builtin_interfaces.msg import Time
-from fakes import FRAME, TABLE, Bench
 from geometry_msgs.msg import Point
+from helpers.fakes import FRAME, TABLE, Bench
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rcl_interfaces.msg import Parameter as ParameterMessage

@@ -4,7 +4,7 @@ import threading
 import time
 
 import pytest
-from fakes import Spinning
+from helpers.fakes import Spinning
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_srvs.srv import Trigger

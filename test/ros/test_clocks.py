@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from fakes import TABLE
+from helpers.fakes import TABLE
 from rosgraph_msgs.msg import Clock
 
 

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 import trimesh
 from diagnostic_msgs.msg import DiagnosticArray
-from fakes import said, values_of
 from geometry_msgs.msg import Point
+from helpers.fakes import said, values_of
+from helpers.system import NODE, PARTS, Client, start_node, start_when_ready, wait
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from shape_msgs.msg import Mesh, MeshTriangle
 from std_srvs.srv import Trigger
-from system import NODE, PARTS, Client, start_node, start_when_ready, wait
 from visualization_msgs.msg import Marker
 
 from placement_planner_ros.ros.qos import LATCHED

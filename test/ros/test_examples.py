@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from fakes import Spinning
-from published import pose_of
+from helpers.fakes import Spinning
+from helpers.published import pose_of
+from helpers.system import OBJECT, running_node, wait
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
-from system import OBJECT, running_node, wait
 
 import placement_planner_ros
 from placement_planner_ros.client import PlacementClient, PlacementError

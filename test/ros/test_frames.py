@@ -9,8 +9,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from builtin_interfaces.msg import Time
-from fakes import TABLE, placement
 from geometry_msgs.msg import Transform, TransformStamped
+from helpers.fakes import TABLE, placement
 from rclpy.duration import Duration
 
 from placement_planner_ros.ros.inputs.transforms import SET_BACK, Transforms

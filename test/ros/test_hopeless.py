@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import rclpy
-from fakes import FRAME, Bench
+from helpers.fakes import FRAME, Bench
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header

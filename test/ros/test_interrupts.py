@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from system import wait
+from helpers.system import wait
 
 import placement_planner_ros
 from placement_planner_ros.share import share_path

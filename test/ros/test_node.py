@@ -7,8 +7,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from fakes import FRAME, TABLE, values_of
 from geometry_msgs.msg import Point
+from helpers.fakes import FRAME, TABLE, started, values_of
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
@@ -25,20 +25,6 @@ from placement_planner_ros.ros.qos import LATCHED
 from placement_planner_ros.ros.run.surroundings import Surroundings, sight_notes
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.share import share_path
-
-
-def started(bench, **parameters):
-    """Inputs given, run started, planner searching."""
-    bench.feed()
-    name = "start_with" if parameters else "start"
-    answer = bench.call(name, **parameters)
-    while answer.code == "NOT_READY":
-        bench.joint_state()
-        answer = bench.call(name, **parameters)
-    assert answer.success, answer.text
-    bench.wait(lambda: len(bench.planners) == int(answer.run))
-    bench.wait(bench.planners[-1].searching.is_set)
-    return bench.planners[-1]
 
 
 def test_everything_missing_is_named_at_once(bench):

@@ -4,8 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
-from fakes import values_of
-from test_runs import started
+from helpers.fakes import started, values_of
 
 from placement_planner_ros.client.errors import CLIENT_CODES
 from placement_planner_ros.client.status import ENDED

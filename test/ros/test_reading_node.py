@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from fakes import TABLE
 from geometry_msgs.msg import Point
+from helpers.fakes import TABLE
+from helpers.scans import bowl as scanned_bowl
+from helpers.scans import finer, noisy
 from rclpy.parameter import Parameter
-from scans import bowl as scanned_bowl
-from scans import finer, noisy
 from sensor_msgs.msg import JointState
 from shape_msgs.msg import Mesh, MeshTriangle
 from std_msgs.msg import String

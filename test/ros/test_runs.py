@@ -4,7 +4,7 @@ import threading
 
 import numpy as np
 import pytest
-from fakes import TABLE, Bench, placement
+from helpers.fakes import TABLE, Bench, ended, placement, started
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import SetParameters
@@ -18,29 +18,12 @@ from placement_planner_ros.ros.commands import Commands
 from placement_planner_ros.ros.run import worker
 
 
-def started(b, **parameters):
-    """Inputs given, run started, planner searching."""
-    b.feed()
-    count = len(b.planners)
-    answer = b.call("start_with", **parameters) if parameters else b.call("start")
-    assert answer.success, answer.text
-    b.wait(lambda: len(b.planners) > count)
-    b.wait(b.planners[-1].searching.is_set)
-    return b.planners[-1]
-
-
 def placed(b, *offers):
     """A run that has found these and was stopped; its number."""
     planner = started(b)
     planner.offers += offers
     b.wait(lambda: b.manifests()[-1]["solution"] == str(len(offers)))
     return int(b.call("stop").run)
-
-
-def ended(b, run, state):
-    """The status of a run once it is in that state."""
-    b.wait(lambda: (b.status()["run"], b.status()["state"]) == (str(run), state))
-    return b.status()
 
 
 def last_run(b):

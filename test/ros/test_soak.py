@@ -3,7 +3,7 @@
 import os
 
 import pytest
-from soak import faults_of, soak
+from by_hand.soak import faults_of, soak
 
 
 @pytest.mark.soak

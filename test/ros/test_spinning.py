@@ -7,7 +7,7 @@ import time
 from types import SimpleNamespace
 
 import pytest
-from fakes import Spinning
+from helpers.fakes import Spinning
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from checker import Tolerances, check_solution
-from fakes import values_of
-from published import pose_of, solution_of, task_of
+from helpers.fakes import values_of
+from helpers.published import pose_of, solution_of, task_of
+from helpers.system import OBJECT, PARTS, SCENE, Client, start_node, start_when_ready, wait
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
-from system import OBJECT, PARTS, SCENE, Client, start_node, start_when_ready, wait
 
 from placement_planner_ros.core.objective.by_name import objective_names
 from placement_planner_ros.core.timing.trajectory_maker import TimingSettings

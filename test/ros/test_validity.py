@@ -5,12 +5,11 @@ import time
 
 import numpy as np
 import pytest
-from fakes import FRAME, TABLE, values_of
 from geometry_msgs.msg import Point
+from helpers.fakes import FRAME, TABLE, started, values_of
 from rclpy.parameter import Parameter
 from shape_msgs.msg import Mesh, MeshTriangle
 from std_msgs.msg import Header, String
-from test_node import started
 
 from placement_planner_ros.ros.inputs import inputs as inputs_module
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points

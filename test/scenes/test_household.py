@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
-from problems import problem_of
+from helpers.problems import problem_of
 
 from benchmarks.cases import GROUPS, Case, all_cases
 from placement_planner_ros.core.body.body import Body

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from problems import problem_of
+from helpers.problems import problem_of
 
 from benchmarks.__main__ import main
 from benchmarks.concepts import division, edge

@@ -10,8 +10,8 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
-from problems import problem_of
-from test_scaling import record as scaling_record
+from helpers.problems import problem_of
+from helpers.scaling import record as scaling_record
 
 from benchmarks import record as recording
 from benchmarks.__main__ import main

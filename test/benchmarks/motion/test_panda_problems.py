@@ -6,7 +6,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-from shared import SHARED
+from helpers.shared import SHARED
 
 from benchmarks.motion.comparison import Workbench, path_length
 from benchmarks.motion.problems import panda_problems, read_problem

@@ -6,6 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
+from helpers.scaling import record
 
 from benchmarks.cases import Case
 from benchmarks.record import Trial
@@ -23,20 +24,6 @@ from benchmarks.variants import VARIANTS
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.scenes.cluttered_table import MOST_THINGS, cluttered_table
 from placement_planner_ros.scenes.scenes import scene_by_name
-
-
-def record(axis, factor, seed, steps, objective="maximize_clearance"):
-    """A run with (seconds, ξ) steps."""
-    return {
-        "axis": axis,
-        "factor": factor,
-        "size": 100.0 * factor,
-        "random": 0.1,
-        "case": {"scene": "table", "object": "wine_glass", "objective": objective},
-        "seed": seed,
-        "time_limit": 9.0,
-        "solutions": [{"time": t, "objective": value} for t, value in steps],
-    }
 
 
 def test_volumes_double_about_one_middle():

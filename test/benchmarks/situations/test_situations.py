@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from checker import Task, Tolerances, check_stance
 from checker.shapes import convex
-from impossible import pose_that_stands
+from helpers.impossible import pose_that_stands
 
 from benchmarks.__main__ import main
 from benchmarks.json_lines import append_line, read_lines

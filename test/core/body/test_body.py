@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import trimesh
-from shared import SHARED
+from helpers.shared import SHARED
 
 from placement_planner_ros.core.body import convex_part as convex_part_module
 from placement_planner_ros.core.body.body import Body

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 import trimesh
-from scans import SHAPES, finer
+from helpers.scans import SHAPES, finer
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.body.convex_cover import hull_cover

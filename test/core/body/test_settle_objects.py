@@ -6,9 +6,9 @@ import trimesh
 
 pytest.importorskip("mujoco")
 
-from drops import Drops, mass_of
-from scans import SHAPES, finer, noisy
-from settle_objects import Thing, compared, objects, summary
+from by_hand.settle_objects import Thing, compared, objects, summary
+from helpers.drops import Drops, mass_of
+from helpers.scans import SHAPES, finer, noisy
 
 
 def scan(name, triangles, seed):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
-from scans import SHAPES, finer, noisy
+from helpers.scans import SHAPES, finer, noisy
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.body.settings import BodySettings

@@ -3,7 +3,6 @@
 import itertools
 from dataclasses import replace
 
-import few_joints
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -16,7 +15,8 @@ from checker import (
     check_limits,
     way_of_object,
 )
-from problems import problem_of
+from helpers import few_joints
+from helpers.problems import problem_of
 
 from benchmarks.cases import Case
 from placement_planner_ros.core.carry.settings import CarrySettings, TiltLimit

@@ -6,8 +6,9 @@ from unittest import mock
 
 import numpy as np
 import pytest
-from problems import problem_of
-from tilts import tilted_problem
+from helpers import few_joints
+from helpers.problems import problem_of
+from helpers.tilts import tilted_problem
 
 from benchmarks.cases import Case
 from placement_planner_ros.core.explanation.constraint_table import TABLE as ROWS

@@ -1,9 +1,9 @@
 """Arms of few joints: what they can give at a place, and how they go on from there."""
 
-import few_joints
 import numpy as np
 import pinocchio as pin
 import pytest
+from helpers import few_joints
 
 from placement_planner_ros.core.constraints import placement_pose
 from placement_planner_ros.core.grasp.free_yaw_ik import FreeYawIK

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 import pytest
-from problems import problem_of
+from helpers.problems import problem_of
 
 from benchmarks.cases import Case
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings

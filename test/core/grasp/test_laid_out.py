@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pinocchio as pin
 import pytest
-from problems import problem_of
+from helpers.problems import problem_of
 
 from benchmarks.cases import Case
 from placement_planner_ros.core.body.body import Body

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scans import SHAPES
+from helpers.scans import SHAPES
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.grasp.object_size import hand_size, size_doubt, stretched

@@ -11,10 +11,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import trimesh
+from by_hand.verify_cases import case_checker
 from checker import Solution, SolutionChecker
-from problems import problem_of
+from helpers.problems import problem_of
 from scipy.spatial import ConvexHull
-from verify_cases import case_checker
 
 from benchmarks.cases import Case
 from placement_planner_ros.core.body.body import Body

@@ -8,11 +8,11 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from by_hand.verify_cases import case_checker
 from checker import Solution, SolutionChecker
-from problems import problem_of
+from helpers.problems import problem_of
 from scipy.interpolate import BPoly
 from scipy.spatial import ConvexHull
-from verify_cases import case_checker
 
 from benchmarks.cases import Case, make_problem
 from placement_planner_ros.core.collision.arm import CollisionSettings

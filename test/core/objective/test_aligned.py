@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from checker import Task, Tolerances
 from checker.aligned import aligned_bounds
-from problems import problem_of
+from helpers.problems import problem_of
 
 from benchmarks.cases import Case
 from placement_planner_ros.core.objective.aligned import Aligned

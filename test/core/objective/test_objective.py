@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from problems import problem_of
+from helpers.problems import problem_of
 
 from benchmarks.cases import Case
 from placement_planner_ros.core.objective.by_name import make_objective

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from problems import problem_of
+from helpers.problems import problem_of
 
 from benchmarks.cases import Case
 from placement_planner_ros.core.constraints import placement_pose

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pinocchio as pin
 import pytest
-from problems import problem_of
+from helpers.problems import problem_of
 from scipy.optimize import bisect
 
 from benchmarks.cases import Case

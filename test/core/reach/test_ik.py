@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pinocchio as pin
 import pytest
-from shared import SHARED
+from helpers.shared import SHARED
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.reach.ik import IKSettings, InverseKinematics

@@ -3,7 +3,7 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from shared import SHARED
+from helpers.shared import SHARED
 
 from placement_planner_ros.core.errors import RobotError
 from placement_planner_ros.core.reach import kinematics

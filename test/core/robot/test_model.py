@@ -5,7 +5,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import trimesh
-from shared import SHARED
+from helpers.shared import SHARED
 
 from placement_planner_ros.core.errors import GraspError, JointStateError, RobotError, StartError
 from placement_planner_ros.core.robot.geometry import package_names

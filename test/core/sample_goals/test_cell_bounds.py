@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pinocchio as pin
 import pytest
-from tilts import slope_of, tilted_problem
+from helpers.tilts import slope_of, tilted_problem
 
 from benchmarks.cases import Case
 from placement_planner_ros.core.constraints import PoseConstraints, placement_pose

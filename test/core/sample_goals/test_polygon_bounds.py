@@ -5,7 +5,7 @@ import functools
 import numpy as np
 import pytest
 import trimesh
-from footholds import VOLUME, Block, pedestal, problem_on, rack
+from helpers.footholds import VOLUME, Block, pedestal, problem_on, rack
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.constraints import PoseConstraints

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from gratings import (
+from helpers.gratings import (
     HALF,
     Z,
     along_wires,

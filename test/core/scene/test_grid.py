@@ -4,26 +4,10 @@ import itertools
 
 import numpy as np
 import pytest
+from helpers.points import BOUNDS, floor_and_wall, plane
 
 from placement_planner_ros.core.errors import CloudError, ParameterError
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
-
-BOUNDS = ((-0.5, -0.5, -0.2), (0.5, 0.5, 0.6))
-
-
-def plane(lower, upper, spacing=0.003):
-    """Grid of points on an axis-aligned rectangle, edges included."""
-    axes = [
-        np.linspace(a, b, max(1, round((b - a) / spacing)) + 1) if b > a else np.array([a])
-        for a, b in zip(lower, upper, strict=True)
-    ]
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-
-
-def floor_and_wall():
-    floor = plane((-0.195, -0.195, 0.0127), (0.195, 0.2033, 0.0127))
-    wall = plane((-0.195, 0.2033, 0.0127), (0.195, 0.2033, 0.3))
-    return np.vstack([floor, wall])
 
 
 def inside_some_box(obstacles, points, slack=1e-9):

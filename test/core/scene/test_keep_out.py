@@ -4,9 +4,9 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+from by_hand.verify_cases import case_checker
 from checker import Solution, SolutionChecker, Tolerances
-from problems import problem_of
-from verify_cases import case_checker
+from helpers.problems import problem_of
 
 from benchmarks.cases import Case
 from placement_planner_ros.core.errors import StartError

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from tilts import slope_of
+from helpers.tilts import slope_of
 
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.grid import ObstacleSet

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_grid import BOUNDS, floor_and_wall, plane
+from helpers.points import BOUNDS, floor_and_wall, plane
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.scene.environment import Environment

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from gratings import BOUNDS, HALF, VOLUME, Z, at, bars, outline, solid
+from helpers.gratings import BOUNDS, HALF, VOLUME, Z, at, bars, outline, solid
 
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.core.scene.regions import find_regions

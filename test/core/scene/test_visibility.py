@@ -4,8 +4,8 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
-from problems import problem_of
-from verify_cases import case_checker, load_solution
+from by_hand.verify_cases import case_checker, load_solution
+from helpers.problems import problem_of
 
 from benchmarks.cases import Case
 from benchmarks.record import save_solution

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
-from footholds import Block, bare_problem, pedestal, problem_on, rack, spare
+from helpers.footholds import Block, bare_problem, pedestal, problem_on, rack, spare
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.body.contact_points import contact_points

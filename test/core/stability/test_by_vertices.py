@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
-from footholds import pedestal, problem_on
+from helpers.footholds import pedestal, problem_on
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.planner import PlannerSettings

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
-from footholds import VOLUME, Block, bare_problem, spare
+from helpers.footholds import VOLUME, Block, bare_problem, spare
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.body.contact_points import contact_points

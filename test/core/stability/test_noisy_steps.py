@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
-from footholds import bare_problem
+from helpers.footholds import bare_problem
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.constraints import PoseConstraints, placement_pose

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from checker import Solution, SolutionChecker, Task, Tolerances, check_stance
-from footholds import Block, cloud, pedestal, problem_on, rack, turned
+from helpers.footholds import Block, cloud, pedestal, problem_on, rack, turned
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.constraints import PoseConstraints
@@ -100,8 +100,8 @@ def test_what_is_published_is_right(scene, name, slope):
 @pytest.mark.parametrize(("scene", "name", "slope"), RUNS, ids=str)
 def test_what_is_placed_stays_where_it_is(scene, name, slope):
     pytest.importorskip("mujoco")
-    from settle import settle
-    from settle_cases import FRICTIONS, MOVED, TILTED
+    from by_hand.settle_cases import FRICTIONS, MOVED, TILTED
+    from helpers.settle import settle
 
     _, placements, checker = found(scene, name, slope)
     held = object_by_name(name)

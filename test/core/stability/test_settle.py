@@ -6,9 +6,9 @@ import pytest
 
 pytest.importorskip("mujoco")
 
-from problems import problem_of
-from settle import settle
-from settle_cases import FRICTIONS, MOVED, TILTED
+from by_hand.settle_cases import FRICTIONS, MOVED, TILTED
+from helpers.problems import problem_of
+from helpers.settle import settle
 
 from benchmarks.cases import Case
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings

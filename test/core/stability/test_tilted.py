@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from checker import Solution, SolutionChecker, Task, Tolerances, check_stance, surface_normal
-from tilts import slope_of, tilted_problem, tilted_solids
+from helpers.tilts import slope_of, tilted_problem, tilted_solids
 
 from benchmarks.cases import Case
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
@@ -81,7 +81,7 @@ def test_a_level_object_on_a_tilted_table_is_refused():
 @pytest.mark.parametrize(("case", "degrees", "azimuth"), RUNS, ids=str)
 def test_what_is_placed_stays_where_it_is(case, degrees, azimuth):
     pytest.importorskip("mujoco")
-    from settle import settle
+    from helpers.settle import settle
 
     _, placements, checker = found(case, degrees, azimuth)
     held = object_by_name(case.object)

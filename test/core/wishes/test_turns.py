@@ -2,12 +2,12 @@
 
 from dataclasses import replace
 
-import few_joints
 import numpy as np
 import pinocchio as pin
 import pytest
-from problems import problem_of
-from tilts import tilted_problem
+from helpers import few_joints
+from helpers.problems import problem_of
+from helpers.tilts import tilted_problem
 
 from benchmarks.cases import Case
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings

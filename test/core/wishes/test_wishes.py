@@ -4,9 +4,9 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+from by_hand.verify_cases import case_checker
 from checker import SolutionChecker, check_asked
-from verify_cases import case_checker
-from wishes import requests
+from helpers.wishes import requests
 
 from placement_planner_ros.core.objective.by_name import term_names
 from placement_planner_ros.core.search.pruning import Cause

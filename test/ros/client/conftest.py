@@ -3,8 +3,8 @@
 from functools import partial
 
 import pytest
-from fakes import Bench
-from searches import Sensors, start_service
+from helpers.fakes import Bench
+from helpers.searches import Sensors, start_service
 
 from placement_planner_ros.client import Answer, PlacementClient
 

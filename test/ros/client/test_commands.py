@@ -4,9 +4,9 @@ import asyncio
 import threading
 
 import pytest
-from fakes import TABLE
 from geometry_msgs.msg import Point, Pose, Quaternion
-from searches import Doing, found, searching
+from helpers.fakes import TABLE
+from helpers.searches import Doing, found, searching
 
 from placement_planner_ros.client import AsyncPlacementClient, PlacementError
 from placement_planner_ros.ros.run.validity import Ways

@@ -4,7 +4,7 @@ import asyncio
 import threading
 
 import pytest
-from searches import Doing, ended, found, searching, start_service
+from helpers.searches import Doing, ended, found, searching, start_service
 
 from placement_planner_ros.client import AsyncPlacementClient, PlacementClient, session
 from placement_planner_ros.client.waiting import News

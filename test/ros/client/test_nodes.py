@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fakes import Spinning
+from helpers.fakes import Spinning
+from helpers.searches import Doing, found
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from searches import Doing, found
 from std_srvs.srv import Trigger
 
 from placement_planner_ros.client import (

@@ -7,8 +7,8 @@ import time
 import numpy as np
 import pytest
 import trimesh
-from fakes import FRAME
-from searches import Doing, ended, found, searching
+from helpers.fakes import FRAME
+from helpers.searches import Doing, ended, found, searching
 
 from placement_planner_ros.client import PlacementClient, PlacementError, session
 from placement_planner_ros.core.body.body import Body

@@ -2,7 +2,7 @@
 
 import re
 
-from test_runs import ended, started
+from helpers.fakes import ended, started
 
 SHOWN = 128
 """Characters of a text that `ros2 topic echo` shows."""

@@ -1,6 +1,6 @@
 """Says at the end that the browser was left out, where it was."""
 
-from browser import chromium
+from helpers.browser import chromium
 
 
 def pytest_terminal_summary(terminalreporter):

@@ -10,8 +10,8 @@ import time
 from pathlib import Path
 
 import pytest
-from browser import Browser, chromium
-from fakes import Bench
+from helpers.browser import Browser, chromium
+from helpers.fakes import Bench
 
 import placement_planner_ros
 

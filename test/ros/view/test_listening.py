@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from fakes import Spinning
+from helpers.fakes import Spinning
+from helpers.system import wait
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import Header, String
-from system import wait
 from visualization_msgs.msg import Marker, MarkerArray
 
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points

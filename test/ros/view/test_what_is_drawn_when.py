@@ -6,7 +6,7 @@ from unittest.mock import MagicMock
 import numpy as np
 import pinocchio as pin
 import pytest
-from made import solution, status
+from helpers.view_node import solution, status
 
 from placement_planner_ros.view.robot_shapes import LinkShape
 

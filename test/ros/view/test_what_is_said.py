@@ -3,7 +3,7 @@
 import re
 
 import pytest
-from made import solution, status
+from helpers.view_node import solution, status
 
 from placement_planner_ros.client import PlacementError
 from placement_planner_ros.view import charts, words
