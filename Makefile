@@ -16,8 +16,10 @@ REGIONS_OF := table_scene_mug_stereo_textured.pcd
 demo: $(VENV)/.installed
 	@$(BIN)/placement_demo --seconds $(DEMO_SECONDS) --output demo_output
 
+# In as many processes as there are cores, a file in one of them. make test PYTEST_ARGS="-n 0 test/core"
+# runs a part of them in one.
 test: install
-	$(BIN)/pytest $(PYTEST_ARGS)
+	$(BIN)/pytest --numprocesses=auto --dist=loadfile --no-loadscope-reorder $(PYTEST_ARGS)
 
 lint: install
 	$(BIN)/ruff check .

@@ -10,8 +10,11 @@ and then the exit code is 1.
 
 import os
 
+from helpers.domains import claimed_domain
+
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
+if "ROS_DOMAIN_ID" not in os.environ:
+    os.environ["ROS_DOMAIN_ID"] = claimed_domain()
 
 import argparse
 import collections

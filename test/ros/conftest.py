@@ -1,11 +1,4 @@
-"""Keeps each test run's ROS traffic on this machine and apart from other runs."""
-
-import os
-
-# Before rclpy is first imported: it reads these when its context starts.
-os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
-
+"""Nodes, with fake inputs and as processes, and their clients."""
 
 import pytest
 import rclpy
@@ -53,7 +46,7 @@ def node(ros_module, tmp_path_factory):
 @pytest.fixture(scope="module")
 def client(node):
     made = Client("client")
-    wait(lambda: made.value("warm") == "true", timeout=400.0)
+    wait(lambda: made.value("warm") == "true", timeout=1800.0)
     yield made
     made.close()
 
