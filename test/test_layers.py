@@ -138,49 +138,45 @@ def is_ros(name: str) -> bool:
     return top in ROS or top.endswith(("_msgs", "_srvs", "_interfaces"))
 
 
-@pytest.mark.parametrize("path", OUTSIDE_ROS, ids=module_name)
-def test_only_the_adapter_imports_ros(path):
-    assert not [name for name in imports(path) if is_ros(name)]
+def inside(path):
+    """What a file imports of the package, without the package's name."""
+    return {n.removeprefix(f"{PACKAGE}.") for n in imports(path) if n.startswith(f"{PACKAGE}.")}
 
 
-@pytest.mark.parametrize("path", CORE, ids=module_name)
-def test_core_imports_only_from_layers_before(path):
-    own = unit(module_name(path))
-    if own is None:
-        return
-    assert own in ORDER, f"{own} has no place: name it in ORDER and in docs/design.md"
-    for name in imports(path):
-        if not name.startswith(f"{PACKAGE}."):
+def test_only_the_adapter_imports_ros():
+    found = {module_name(path): {n for n in imports(path) if is_ros(n)} for path in OUTSIDE_ROS}
+    assert not {module: names for module, names in found.items() if names}
+
+
+@pytest.mark.parametrize(("files", "order"), [(CORE, ORDER), (ADAPTER, ROS_ORDER)])
+def test_core_and_ros_import_only_from_layers_before(files, order):
+    for path in files:
+        own = unit(module_name(path))
+        if own is None:
             continue
-        inside = name.removeprefix(f"{PACKAGE}.")
-        assert inside.startswith("core"), f"{own} imports {inside}, which is above core"
-        other = unit(inside)
-        if other is not None and other != own:
-            assert ORDER.index(other) < ORDER.index(own), f"{own} imports {other}"
+        assert own in order, f"{own} has no place: name it in its order and in docs/design.md"
+        others = {unit(name) for name in inside(path)} - {own, None}
+        others = {other for other in others if other in order or files is CORE}
+        later = {other for other in others if order.index(other) >= order.index(own)}
+        assert not later, f"{path} imports {later}"
+        if files is CORE:
+            above = {name for name in inside(path) if not name.startswith("core")}
+            assert not above, f"{path} imports {above}, which is above core"
+        assert own != "ros.tools" or not others & {"ros.commands", "ros.services", "ros.node"}
 
 
-@pytest.mark.parametrize("path", ADAPTER, ids=module_name)
-def test_ros_imports_only_from_layers_before(path):
-    own = unit(module_name(path))
-    assert own in ROS_ORDER, f"{own} has no place: name it in ROS_ORDER and in docs/design.md"
-    inside = {n.removeprefix(f"{PACKAGE}.") for n in imports(path) if n.startswith(f"{PACKAGE}.")}
-    others = {unit(name) for name in inside if name.startswith("ros.")} - {own}
-    assert all(ROS_ORDER.index(other) < ROS_ORDER.index(own) for other in others), others
-    assert own != "ros.tools" or not others & {"ros.commands", "ros.services", "ros.node"}
+def test_the_client_knows_ros_and_nothing_of_the_planner():
+    for path in CLIENT:
+        others = {name for name in inside(path) if not name.startswith("client.")}
+        parts = {".".join(name.split(".")[:2]) for name in others}
+        assert parts <= {"ros.qos", "ros.spinning"}, path
 
 
-@pytest.mark.parametrize("path", CLIENT, ids=module_name)
-def test_the_client_knows_ros_and_nothing_of_the_planner(path):
-    inside = {n.removeprefix(f"{PACKAGE}.") for n in imports(path) if n.startswith(f"{PACKAGE}.")}
-    parts = {".".join(name.split(".")[:2]) for name in inside if not name.startswith("client.")}
-    assert parts <= {"ros.qos", "ros.spinning"}
-
-
-@pytest.mark.parametrize("path", VIEW, ids=module_name)
-def test_the_page_knows_what_is_published_and_nothing_of_the_search(path):
-    inside = {n.removeprefix(f"{PACKAGE}.") for n in imports(path) if n.startswith(f"{PACKAGE}.")}
-    others = {name for name in inside if name.split(".")[0] != "view"}
-    assert {unit(name) or name.split(".")[0] for name in others} <= LOADED_BY_VIEW
+def test_the_page_knows_what_is_published_and_nothing_of_the_search():
+    for path in VIEW:
+        others = {name for name in inside(path) if name.split(".")[0] != "view"}
+        loaded = {unit(name) or name.split(".")[0] for name in others}
+        assert loaded <= LOADED_BY_VIEW, path
 
 
 def test_the_page_is_there_without_anything_compiled():
@@ -190,32 +186,30 @@ def test_the_page_is_there_without_anything_compiled():
     )
 
 
-@pytest.mark.parametrize("path", sorted(ROOT.rglob("*.py")), ids=module_name)
-def test_rooms_import_only_from_rooms_before_and_nothing_from_beside_the_package(path):
-    own = module_name(path).split(".")[0]
-    if own in ROOMS:
-        above = tuple(f"{PACKAGE}.{room}." for room in ROOMS[ROOMS.index(own) + 1 :])
-        assert not [name for name in imports(path) if f"{name}.".startswith(above)]
-    beside = {name.split(".")[0] for name in imports(path)}
-    assert not beside & {"benchmarks", "test", "examples"}
+def test_rooms_import_only_from_rooms_before_and_nothing_from_beside_the_package():
+    for path in sorted(ROOT.rglob("*.py")):
+        own, names = module_name(path).split(".")[0], imports(path)
+        if own in ROOMS:
+            above = tuple(f"{PACKAGE}.{room}." for room in ROOMS[ROOMS.index(own) + 1 :])
+            assert not [name for name in names if f"{name}.".startswith(above)], path
+        beside = {name.split(".")[0] for name in names}
+        assert not beside & {"benchmarks", "test", "examples"}, path
 
 
-@pytest.mark.parametrize("path", SEARCH_AND_MOTION, ids=module_name)
-def test_search_and_motion_know_nothing_of_robots_nor_of_each_other(path):
-    allowed = {unit(module_name(path)), *ORDER[: ORDER.index("core.scene")]}
-    if "search" in path.parts:
-        allowed.add("core.scene")  # the regions that the hierarchy divides
-    inside = {n.removeprefix(f"{PACKAGE}.") for n in imports(path) if n.startswith(f"{PACKAGE}.")}
-    assert {unit(name) for name in inside} <= allowed
+def test_search_and_motion_know_nothing_of_robots_nor_of_each_other():
+    for path in SEARCH_AND_MOTION:
+        allowed = {unit(module_name(path)), *ORDER[: ORDER.index("core.scene")]}
+        if "search" in path.parts:
+            allowed.add("core.scene")  # the regions that the hierarchy divides
+        assert {unit(name) for name in inside(path)} <= allowed, path
 
 
 def test_the_tree_and_the_bidirectional_rrt_know_nothing_of_placing():
-    along = f"{PACKAGE}.core.motion.projected"
+    along = "core.motion.projected"
     for name in ("search/tree.py", "motion/projected.py", "motion/birrt.py"):
-        inside = {n for n in imports(ROOT / "core" / name) if n.startswith(f"{PACKAGE}.")}
-        inside = {n for n in inside if not f"{n}.".startswith(f"{along}.")}
+        names = {n for n in inside(ROOT / "core" / name) if not f"{n}.".startswith(f"{along}.")}
         allowed = ORDER[: ORDER.index("core.scene")]
-        assert {f"core.{n.split('.')[2]}" for n in inside} <= set(allowed)
+        assert {f"core.{n.split('.')[1]}" for n in names} <= set(allowed)
 
 
 def rooms_and_sizes() -> dict[str, int]:

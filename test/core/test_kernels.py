@@ -19,8 +19,6 @@ from numba.core.options import DefaultOptions
 
 import placement_planner_ros
 from placement_planner_ros.core import disk_cache, kernel_cache, kernel_compiler, kernels
-from placement_planner_ros.core.collision import states
-from placement_planner_ros.core.reach import ik_kernels
 
 PACKAGE = Path(placement_planner_ros.__file__).parent
 WITH_KERNELS = [
@@ -70,12 +68,6 @@ def test_lean_kernels_count_no_references():
     assert counts(numba.njit(**kernels.UNCOUNTED)(total)) == 0
 
 
-def test_only_kernels_that_are_said_to_be_lean_are():
-    assert states.check_states.targetoptions["_nrt"] is False
-    assert "_nrt" not in ik_kernels.solve_batch.targetoptions
-    assert states.check_states.targetoptions["nogil"]
-
-
 def run(code: str, **environment: str) -> str:
     clean = {k: v for k, v in os.environ.items() if k not in ("NUMBA_CACHE_DIR", "PYTHONPATH")}
     done = subprocess.run(
@@ -102,13 +94,6 @@ def test_importing_the_package_leaves_where_others_keep_their_kernels(own, tmp_p
     home = {"XDG_CACHE_HOME": str(tmp_path), "PYTHONPATH": str(PACKAGE.parent)}
     asked = {"NUMBA_CACHE_DIR": str(tmp_path / "asked")} if own else {}
     assert run(code, **home, **asked) == repr(asked.get("NUMBA_CACHE_DIR", ""))
-
-
-def test_a_kernel_that_cannot_be_made_leaves_it_too():
-    before = numba.config.CACHE_DIR
-    with pytest.raises(TypeError):
-        kernels.kernel()(numba.njit(total))
-    assert before == numba.config.CACHE_DIR
 
 
 def test_each_kernel_is_kept_in_a_folder_for_the_state_of_its_file():
@@ -181,43 +166,6 @@ def test_a_change_of_a_called_file_gives_its_callers_new_folders(little_package)
     assert {name for name in before if before[name] != after[name]} == {"called", "caller", "outer"}
 
 
-def test_kernels_that_look_whether_each_index_is_within_have_folders_of_their_own(
-    little_package, monkeypatch
-):
-    before = folders_of(little_package)
-    monkeypatch.setattr(numba.config, "BOUNDSCHECK", 1)
-    assert not set(folders_of(little_package).values()) & set(before.values())
-
-
-def test_a_change_of_a_file_beside_what_is_imported_from_a_package_reaches_nothing(little_package):
-    """But where what is imported is no module, it may be from any."""
-    (little_package / "outer.py").write_text(
-        CALLER.format(module="called", name="amount", own="hundred").replace(
-            ".core.called import (\n    amount", ".core import (\n    called"
-        )
-    )
-    before = folders_of(little_package)
-    (little_package / "beside.py").write_text(CALLED.format(amount=6))
-    assert folders_of(little_package)["outer"] == before["outer"]
-    (little_package / "called.py").write_text(CALLED.format(amount=2))
-    assert folders_of(little_package)["outer"] != before["outer"]
-    (little_package / "outer.py").write_text(
-        (little_package / "outer.py").read_text().replace("    called", "    called, TWO")
-    )
-    before = folders_of(little_package)
-    (little_package / "beside.py").write_text(CALLED.format(amount=7))
-    assert folders_of(little_package)["outer"] != before["outer"]
-
-
-def test_how_the_obstacle_set_is_made_may_change_without_what_reads_it():
-    reached = {
-        file.stem
-        for file in WITH_KERNELS
-        if PACKAGE / "core/scene/denoising.py" in kernels._imported(file, {})
-    }
-    assert reached == {"denoising", "sparse"}  # both make it
-
-
 def test_callers_are_compiled_anew_where_what_they_call_has_changed(little_package, tmp_path):
     code = "from placement_planner_ros.core.outer import hundred; print(hundred())"
     where = {"PYTHONPATH": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / "cache")}
@@ -227,9 +175,13 @@ def test_callers_are_compiled_anew_where_what_they_call_has_changed(little_packa
     assert list((tmp_path / "cache" / "placement_planner_ros").glob("outer-*"))
 
 
-@pytest.mark.parametrize("file", WITH_KERNELS, ids=lambda f: f.stem)
-def test_what_kernels_call_is_imported_in_the_one_form_that_is_looked_for(file):
+def test_what_kernels_call_is_imported_in_the_one_form_that_is_looked_for():
     """`from placement_planner_ros.core.x import …`, or a change there would go unnoticed."""
+    for file in WITH_KERNELS:
+        assert_imports_in_that_form(file)
+
+
+def assert_imports_in_that_form(file):
     text = file.read_text(encoding="utf-8")
     found = kernels._imported(file, {})
     for node in ast.walk(ast.parse(text)):
