@@ -72,7 +72,7 @@ class Browser:
         self._socket.close()
         self._process.send_signal(signal.SIGTERM)
         try:
-            self._process.wait(5.0)
+            self._process.wait(30.0)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
@@ -83,7 +83,7 @@ class Browser:
         number = next(self._numbers)
         self._socket.send(json.dumps({"id": number, "method": method, "params": parameters}))
         while True:
-            message = json.loads(self._socket.recv(timeout=60.0))
+            message = json.loads(self._socket.recv(timeout=120.0))
             if message.get("id") == number:
                 assert "error" not in message, message
                 return message["result"]
@@ -104,7 +104,7 @@ class Browser:
         """All that is written on the page."""
         return self.run("document.body ? document.body.innerText : ''")
 
-    def wait_for(self, *texts, timeout=30.0):
+    def wait_for(self, *texts, timeout=120.0):
         """Wait until all of these are written on the page."""
         _wait(lambda: all(text in self.text for text in texts), timeout, lambda: self.text)
 
@@ -163,7 +163,7 @@ def _lines(path):
     return path.read_text().splitlines() if path.exists() else None
 
 
-def _wait(what, timeout=30.0, said=lambda: ""):
+def _wait(what, timeout=120.0, said=lambda: ""):
     end = time.monotonic() + timeout
     while not (found := what()):
         assert time.monotonic() < end, f"waited in vain: {said()}"

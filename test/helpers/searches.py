@@ -60,7 +60,7 @@ class Doing(threading.Thread):
         return error
 
     def _outcome(self):
-        self.join(60.0)
+        self.join(240.0)
         assert self._came_to is not None, "it does not come to an end"
         return self._came_to
 
@@ -88,6 +88,6 @@ def ended(b):
     return run is not None and not run.active
 
 
-def start_service(b):
-    """The node's service `~/start_with`, whose callback may be another."""
-    return next(s for s in b.node.services if s.service_name.endswith("/start_with"))
+def service_of(b, name="start_with"):
+    """A service of the node, whose callback may be another."""
+    return next(s for s in b.node.services if s.service_name.endswith(f"/{name}"))

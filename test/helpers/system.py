@@ -63,7 +63,7 @@ def running_node(log: Path):
     yield process
     process.send_signal(signal.SIGINT)
     try:
-        process.wait(10.0)
+        process.wait(60.0)
     except subprocess.TimeoutExpired:
         process.kill()
     print(log.read_text())
@@ -90,7 +90,7 @@ class Client(Node):
         name = f"{node}/{service}"
         if name not in self._asked_of:
             self._asked_of[name] = self.create_client(kind, name)
-        assert self._asked_of[name].wait_for_service(30.0)
+        assert self._asked_of[name].wait_for_service(120.0)
         future = self._asked_of[name].call_async(request)
         wait(future.done)
         return future.result()

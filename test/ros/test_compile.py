@@ -29,15 +29,14 @@ def compilers(process):
         return [int(number) for number in file.read().split()]
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_interrupted_it_says_so_and_leaves_no_process(tmp_path, number):
+def test_interrupted_it_says_so_and_leaves_no_process(tmp_path):
     process = compiling(tmp_path)
     while "kernels compiled" not in process.stdout.readline():
         assert process.poll() is None, process.stderr.read()
     begun = compilers(process)
     assert begun
-    process.send_signal(number)
-    _, err = process.communicate(timeout=30.0)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=300.0)
     assert process.returncode == 130
     assert err.startswith("interrupted")
     assert "Traceback" not in err
@@ -49,7 +48,7 @@ def test_interrupted_it_says_so_and_leaves_no_process(tmp_path, number):
 def test_where_nothing_can_be_kept_it_says_what_to_try(tmp_path):
     blocked = tmp_path / "file"
     blocked.write_text("")
-    _, err = (process := compiling(blocked)).communicate(timeout=60.0)
+    _, err = (process := compiling(blocked)).communicate(timeout=300.0)
     assert process.returncode == 1
     assert f"{blocked}/placement_planner_ros: Not a directory" in err
     assert "XDG_CACHE_HOME" in err

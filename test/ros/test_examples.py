@@ -53,7 +53,7 @@ def node(ros_module, tmp_path_factory):
 @pytest.fixture(scope="module")
 def planner(node):
     with PlacementClient() as made:
-        wait(lambda: made.status is not None and made.status.warm == "true", 400.0)
+        wait(lambda: made.status is not None and made.status.warm == "true", 1800.0)
         yield made
 
 
@@ -102,7 +102,7 @@ def example(tmp_path):
 def interrupted(process):
     """What a program that goes on for ever has said; it ends as it should."""
     process.send_signal(signal.SIGINT)
-    said, _ = process.communicate(timeout=30.0)
+    said, _ = process.communicate(timeout=600.0)
     assert process.returncode == 0, said
     assert "Traceback" not in said
     return said
@@ -133,7 +133,7 @@ def lowest(solution):
 
 def test_an_executive_puts_down_three_boxes(planner, example):
     process = example("executive.py")
-    said, _ = process.communicate(timeout=120.0)
+    said, _ = process.communicate(timeout=600.0)
     assert process.returncode == 0, said
     boxes = re.findall(r"^box (\d): solution \d+ .* to (\S+) (\S+) (\S+) in yumi_body", said, re.M)
     assert [number for number, *_ in boxes] == ["1", "2", "3"], said
@@ -172,7 +172,7 @@ def test_known_meshes_are_the_scene(planner, example, resting, tmp_path):
 
 def test_an_objective_of_ones_own_is_used_by_library_and_node(planner, example, resting):
     process = example("own_objective.py")
-    said, _ = process.communicate(timeout=120.0)
+    said, _ = process.communicate(timeout=600.0)
     assert process.returncode == 0, said
     found = re.findall(r"^at (\S+) (\S+) \S+: objective (\S+)$", said, re.M)
     objectives = [float(objective) for *_, objective in found]

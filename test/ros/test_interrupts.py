@@ -105,10 +105,7 @@ def run(program, *arguments):
     ("program", "module", "number"),
     [
         ("placement_planner", "placement_planner_ros.core", signal.SIGINT),
-        ("placement_planner", "numba", signal.SIGINT),
         ("placement_planner", "numba", signal.SIGTERM),
-        ("placement_planner", "rclpy.node", signal.SIGTERM),
-        ("placement_scene", "numba", signal.SIGINT),
         ("placement_demo", "numba", signal.SIGINT),
     ],
 )
@@ -120,12 +117,7 @@ def test_a_signal_that_comes_while_modules_are_loaded_ends_it(program, module, n
 
 @pytest.mark.parametrize(
     ("stage", "number"),
-    [
-        ("reading", signal.SIGTERM),
-        ("warming", signal.SIGINT),
-        ("preparing", signal.SIGTERM),
-        ("searching", signal.SIGINT),
-    ],
+    [("reading", signal.SIGTERM), ("warming", signal.SIGINT), ("preparing", signal.SIGTERM)],
 )
 def test_a_signal_that_comes_while_the_node_works_ends_it(stage, number):
     ended = run(
@@ -166,7 +158,7 @@ def test_no_process_that_compiles_or_reads_outlives_the_node(tmp_path, monkeypat
     try:
         wait(lambda: len(others()) == 2 or node.poll() is not None)
         node.send_signal(signal.SIGINT)
-        assert node.wait(30.0) == 0
+        assert node.wait(120.0) == 0
         assert others() == []
     finally:
         node.kill()

@@ -10,7 +10,7 @@ from sensor_msgs.msg import JointState
 
 from placement_planner_ros.core.errors import RobotError
 from placement_planner_ros.ros import node as node_module
-from placement_planner_ros.ros.log import KNOWN_FAULTS, LONGEST, PAUSE, Log
+from placement_planner_ros.ros.log import LONGEST, PAUSE, Log
 
 
 class Lines:
@@ -48,10 +48,6 @@ def fail(number=0):
     raise ZeroDivisionError(str(number))
 
 
-def fail_elsewhere():
-    raise ZeroDivisionError("elsewhere")
-
-
 def fault(log, act=fail, *args):
     try:
         act(*args)
@@ -77,16 +73,6 @@ def test_what_repeats_is_said_once_however_long_it_goes_on(log, lines):
     assert lines.words == ["cloud refused: no frame"]
 
 
-def test_the_same_is_news_after_a_pause(log, lines):
-    for now in (0.0, 10.0, 20.0 + PAUSE):
-        lines.now = now
-        log.repeats("cloud refused", "no frame")
-    assert lines.words == [
-        "cloud refused: no frame",
-        "cloud refused: no frame (1 more were left out)",
-    ]
-
-
 def test_what_differs_each_time_is_said_once_a_second_and_the_rest_counted(log, lines):
     for tick in range(1000):
         lines.now = tick / 100
@@ -96,19 +82,6 @@ def test_what_differs_each_time_is_said_once_a_second_and_the_rest_counted(log, 
     assert len(lines.words) == 10
     assert lines.words[0] == "cloud refused: stamp 0"
     assert lines.words[1] == "cloud refused: stamp 100 (99 more were left out)"
-
-
-def test_two_that_alternate_are_said_once_a_second(log, lines):
-    for tick in range(1000):
-        lines.now = tick / 100
-        log.repeats("cloud refused", "no frame" if tick % 2 else "no points")
-    assert len(lines.words) == 10
-
-
-def test_kinds_do_not_hide_each_other(log, lines):
-    log.repeats("cloud refused", "no frame")
-    log.repeats("joint state refused", "no names")
-    assert len(lines.words) == 2
 
 
 def test_the_newest_of_what_was_left_out_is_said_in_the_end(log, lines):
@@ -134,19 +107,6 @@ def test_a_refusal_is_said_each_time_but_for_many_at_once(log, lines):
     ]
 
 
-def test_news_are_said_each_time_but_for_many_at_once(log, lines):
-    for number in range(50):
-        lines.now = number / 10
-        log.news("object read", f"object read: {number % 2}")
-        log.flush()
-    assert len(lines.said) == 5
-    assert {level for level, _ in lines.said} == {"info"}
-    for number in range(5):
-        lines.now = 10.0 + 2.0 * number
-        log.news("object read", "object read: 7")
-    assert lines.words[5:] == ["object read: 7 (9 more were left out)", *["object read: 7"] * 4]
-
-
 def test_a_traceback_is_said_once(log, lines):
     for tick in range(100):
         lines.now = tick / 10
@@ -161,28 +121,6 @@ def test_a_traceback_is_said_once(log, lines):
     assert "as before: ZeroDivisionError: 100" in lines.words[-1]
 
 
-def test_alternating_faults_are_each_traced_once(log, lines):
-    for tick in range(400):
-        lines.now = tick / 100
-        fault(log, *((fail, tick) if tick % 2 else (fail_elsewhere,)))
-        log.flush()
-    assert sum("Traceback" in words for words in lines.words) == 2
-    assert len(lines.words) <= 4
-
-
-def test_what_caused_a_fault_tells_it_from_others(log, lines):
-    def wrap(act):
-        try:
-            act()
-        except ZeroDivisionError as error:
-            raise ZeroDivisionError("wrapped") from error
-
-    for now, act in enumerate((fail, fail_elsewhere, fail)):
-        lines.now = now
-        fault(log, wrap, act)
-    assert sum("direct cause" in words for words in lines.words) == 2
-
-
 def test_a_long_line_is_cut(log, lines):
     log.repeats("cloud refused", "x" * 1_000_000)
     assert len(lines.words[0]) == LONGEST
@@ -193,17 +131,6 @@ def test_words_that_rclpy_would_not_take_are_said_all_the_same(log, lines):
         say("caf\udce9 \0")
     log.repeats("cloud refused", "caf\udce9")
     assert lines.words == ["caf? ?"] * 3 + ["cloud refused: caf?"]
-
-
-def test_nothing_is_kept_for_ever(log, lines):
-    for tick in range(3 * KNOWN_FAULTS):
-        lines.now = 2.0 * tick
-        scope = {}
-        exec(compile("\n" * tick + "def act():\n    return 1 / 0", "made", "exec"), scope)
-        fault(log, scope["act"])
-        log.repeats("joint state refused", f"names {tick}")
-    assert len(log._faults) == KNOWN_FAULTS
-    assert len(log._kinds) == 2
 
 
 @pytest.fixture

@@ -1,9 +1,7 @@
 """The node with a planner that does as it is told."""
 
 import threading
-import time
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +13,6 @@ from sensor_msgs.msg import PointCloud2
 from shape_msgs.msg import Mesh, MeshTriangle
 from std_msgs.msg import Header, String
 
-from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.explanation.explanation import SENSOR, Explanation, Remedy
 from placement_planner_ros.core.warmup import load_kernels
 from placement_planner_ros.ros import node as node_module
@@ -46,12 +43,7 @@ def test_a_run_from_start_to_stop(bench):
     assert (answer.code, answer.run, answer.solution) == ("OK", "1", "2")
     assert float(answer.objective) == 0.2
     b.wait(lambda: b.status()["state"] == "stopped")
-
-    def holds():
-        b.joint_state()  # on a busy machine the last one is old by now
-        return b.status()["best_valid"] == "true"
-
-    b.wait(holds)
+    b.wait(lambda: b.status()["best_valid"] == "true")
 
 
 def test_parts_come_first_and_carry_the_key(bench):
@@ -81,14 +73,6 @@ def test_parts_come_first_and_carry_the_key(bench):
     # Markers come after the manifest, and those of the scene before those of the placement.
     drawn = {"target_volume", "keep_out", "regions", "object", "path"}
     b.wait(lambda: {m.ns for m in b.messages("markers")[-1].markers} == drawn)
-
-
-def test_all_joints_are_named_where_asked_for(bench):
-    b = bench()
-    planner = started(b, trajectory_joints="all")
-    planner.offers.append(0.25)
-    b.wait(lambda: b.messages("trajectory") and b.messages("trajectory")[-1].points)
-    assert len(b.messages("trajectory")[-1].joint_names) == 16
 
 
 @pytest.mark.parametrize("joints", ["arm", "all"])
@@ -126,28 +110,14 @@ def test_a_new_run_withdraws_the_results_of_the_old(bench):
     assert stamps == sorted(set(stamps))
 
 
-def test_a_second_start_is_told_of_the_first(bench):
-    b = bench()
-    started(b)
-    answer = b.call("start")
-    assert not answer.success
-    assert (answer.code, answer.run) == ("ALREADY_RUNNING", "1")
-
-
 def test_start_answers_while_preparation_takes_its_time(bench):
-    b = bench()
+    b, go_on = bench(), threading.Event()
     b.feed()
-    b.prepare_delay = 1.0
-    before = time.monotonic()
+    b.preparing = lambda _: go_on.wait(120.0)
     assert b.call("start").success
-    assert time.monotonic() - before < 0.8
     b.wait(lambda: b.status().get("state") == "preparing")
-
-
-def test_stop_without_a_run_succeeds(bench):
-    answer = bench().call("stop")
-    assert answer.success
-    assert answer.code == "NOT_RUNNING"
+    go_on.set()
+    b.wait(lambda: b.status()["state"] == "searching")
 
 
 def test_stop_after_the_end_still_tells_what_was_found(bench):
@@ -161,14 +131,6 @@ def test_stop_after_the_end_still_tells_what_was_found(bench):
     answer = b.call("stop")
     assert answer.success
     assert (answer.code, answer.run, answer.solution) == ("NOT_RUNNING", "1", "1")
-
-
-def test_where_nothing_was_found_stop_says_why(bench):
-    b = bench()
-    started(b)
-    answer = b.call("stop")
-    assert answer.solution == "0"
-    assert "nothing was tried" in answer.words
 
 
 def test_status_says_why_nothing_has_been_found_and_what_was_rejected_where(bench):
@@ -236,43 +198,6 @@ def test_a_worker_that_hangs_is_reported_and_publishes_nothing_more(bench):
     assert b.call("start").run == "2"
 
 
-def test_a_planner_that_fails_ends_its_run_only(bench):
-    b = bench()
-    started(b).error = ZeroDivisionError("division by zero")
-    b.wait(lambda: b.status()["state"] == "failed")
-    assert "division by zero" in b.messages("status")[-1].message
-    started(b).error = SystemExit(3)
-    b.wait(lambda: b.status()["run"] == "2" and b.status()["state"] == "failed")
-    planner = started(b)
-    planner.offers.append(0.3)
-    b.wait(lambda: b.manifests()[-1]["solution"] == "1")
-    planner.error = ZeroDivisionError("division by zero")
-    b.wait(lambda: b.status()["run"] == "3" and b.status()["state"] == "failed")
-    assert "division by zero" in b.call("stop").words
-    started(b).error = ParameterError("objective", float("nan"), "must be finite")
-    b.wait(lambda: b.status()["run"] == "4" and b.status()["state"] == "failed")
-    assert b.status()["code"] == "BAD_PARAMETER"
-    started(b)
-
-
-def test_the_time_limit_ends_a_run(bench):
-    b = bench()
-    started(b, time_limit=0.3)
-    b.wait(lambda: b.status()["state"] == "time_limit")
-    assert b.node.get_parameter("time_limit").value == 30.0
-
-
-def test_a_robot_that_leaves_its_start_ends_the_run(bench):
-    b = bench()
-    planner = started(b)
-    planner.offers.append(0.1)
-    b.wait(lambda: b.manifests()[-1]["solution"] == "1")
-    b.joint_state(yumi_joint_5_l=0.3)
-    b.wait(lambda: b.status()["state"] == "robot_moved")
-    assert b.status()["best_valid"] == "false"
-    assert "left" in b.status()["best_invalid_reason"]
-
-
 def test_a_twitch_within_the_tolerance_does_not(bench):
     b = bench()
     started(b, start_tolerance=0.5)
@@ -292,9 +217,10 @@ def test_start_with_changes_parameters_for_one_run(bench):
     assert b.node.get_parameter("objective").value == "maximize_clearance"
 
 
-@pytest.mark.parametrize(
-    ("parameters", "code"),
-    [
+def test_bad_parameters_for_a_run_are_refused(bench):
+    b = bench()
+    b.feed()
+    for parameters, code in (
         ({"objective": "the_best"}, "BAD_PARAMETER"),
         ({"no_such": 1}, "BAD_PARAMETER"),
         ({"planning_frame": "map"}, "BAD_PARAMETER"),
@@ -307,15 +233,9 @@ def test_start_with_changes_parameters_for_one_run(bench):
         ({"carry__max_tilt": 0.2}, "BAD_PARAMETER"),
         ({"carry__max_acceleration": -1.0}, "BAD_PARAMETER"),
         ({"carry__max_tilt": 0.01, "object__up": [0.3, 0.5, 1.0]}, "BAD_START"),
-    ],
-    ids=str,
-)
-def test_bad_parameters_for_a_run_are_refused(bench, parameters, code):
-    b = bench()
-    b.feed()
-    answer = b.call("start_with", **parameters)
-    assert not answer.success
-    assert answer.code == code, answer.text
+    ):
+        answer = b.call("start_with", **parameters)
+        assert (answer.success, answer.code) == (False, code), answer.text
     assert b.node._commands.run is None
 
 
@@ -376,13 +296,6 @@ def test_the_obstacle_set_covers_what_was_seen_and_no_more(bench):
     assert "cloud.cell_size" in b.call("start_with", **far).words
 
 
-def test_a_parameter_of_no_type_is_refused_and_the_node_lives(bench):
-    b = bench()
-    for name in ("start_with", "stop_with"):
-        assert b.call(name, run=SimpleNamespace(type=77)).code == "BAD_PARAMETER"
-    assert b.call("stop_with", run=True).code == "BAD_PARAMETER"
-
-
 def test_inputs_that_are_wrong_are_told_apart(bench):
     b = bench()
     b.feed()
@@ -393,8 +306,7 @@ def test_inputs_that_are_wrong_are_told_apart(bench):
     b.wait(lambda: b.call("start").code == "CLOUD_FRAME")
     b.cloud(frame="camera_nobody_knows")
     b.wait(lambda: "camera_nobody_knows" in b.call("start").text)
-    time.sleep(1.1)
-    assert "JOINTS_STALE" in b.call("start").text
+    b.wait(lambda: "JOINTS_STALE" in b.call("start_with", joint_state_timeout=0.05).text)
 
 
 def test_an_old_stamp_makes_a_cloud_stale(bench):
@@ -406,8 +318,7 @@ def test_an_old_stamp_makes_a_cloud_stale(bench):
     b.cloud(stamp=stamp)
     b.wait(lambda: b.node._inputs.clouds.updates > updates)
     b.joint_state()
-    assert b.call("start").code == "CLOUD_STALE"
-    b.joint_state()
+    assert b.call("start_with", cloud__max_age=50.0).code == "CLOUD_STALE"
     assert b.call("start_with", cloud__max_age=0).success
 
 
@@ -419,7 +330,6 @@ def test_a_cloud_is_moved_from_its_sensor_to_the_planning_frame(bench):
     b.wait(lambda: "eye" in b.call("start").text, again=lambda: b.cloud(TABLE, frame="eye"))
     # The cloud has waited for the pose of its frame.
     assert b.node.set_parameters([Parameter("sensor_poses.eye", value=pose)])[0].successful
-    b.joint_state()
     b.wait(lambda: b.call("start").success, again=b.joint_state)
     b.wait(lambda: b.snapshots)
     expected = np.column_stack([-TABLE[:, 1], TABLE[:, 0], TABLE[:, 2] + 0.1])
@@ -429,7 +339,6 @@ def test_a_cloud_is_moved_from_its_sensor_to_the_planning_frame(bench):
 def test_unknown_space_is_obstacle_where_asked_for_and_the_sensor_is_known(bench):
     b = bench(sensor_frames=["eye"], **{"cloud.max_age": 0, "unknown_space": "occupied"})
     b.feed()
-    b.joint_state()
     assert "no effect" in b.call("start").text
     b.wait(lambda: b.snapshots)
     assert b.snapshots[0].origins == (None,)
@@ -520,35 +429,9 @@ def test_a_newer_cloud_that_cuts_through_the_best_is_told(bench):
     rng = np.random.default_rng(0)
     stray = np.full((10, 3), 1e6)
     block = np.array([held.act(p) for p in rng.uniform(-0.06, 0.06, (4000, 3))])
-    b.wait(  # on a busy machine joint states are old first
-        lambda: "a newer cloud cuts through it" in b.status()["best_invalid_reason"],
-        again=lambda: (b.cloud(np.vstack([TABLE, block, stray])), b.joint_state()),
-    )
+    b.cloud(np.vstack([TABLE, block, stray]))
+    b.wait(lambda: "a newer cloud cuts through it" in b.status()["best_invalid_reason"])
     assert b.status()["best_valid"] == "false"
-
-
-def test_confirm_placed_makes_the_object_part_of_the_environment(bench):
-    b = bench()
-    assert b.call("confirm_placed").code == "NO_OBJECT"
-    planner = started(b)
-    assert b.call("confirm_placed").code == "ALREADY_RUNNING"
-    assert b.call("clear_environment").code == "ALREADY_RUNNING"
-    planner.offers.append(0.1)
-    b.wait(lambda: b.manifests()[-1]["solution"] == "1")
-    b.call("stop")
-    for _ in range(2):
-        assert b.call("confirm_placed").success
-    b.wait(lambda: b.status()["best_valid"] == "false")
-    started(b)
-    added = np.vstack(b.snapshots[-1].clouds)[len(TABLE) :]
-    b.call("stop")
-    assert len(np.unique(added, axis=0)) == len(added)
-    # The box's extent at the placement pose, (0.4, 0, 0.1), corners included.
-    np.testing.assert_allclose(added.min(axis=0), [0.353, -0.0105, 0.0645], atol=1e-6)
-    np.testing.assert_allclose(added.max(axis=0), [0.447, 0.0105, 0.1355], atol=1e-6)
-    assert b.call("clear_environment").success
-    started(b)
-    assert len(np.vstack(b.snapshots[-1].clouds)) == len(TABLE)
 
 
 def test_a_confirmed_object_is_not_filtered_as_held(bench):
@@ -564,20 +447,6 @@ def test_a_confirmed_object_is_not_filtered_as_held(bench):
         boxes = made.obstacles
         near = np.abs((boxes.lower + boxes.upper) / 2 - inside).max(axis=1) < 0.02
         assert near.any() == placed
-
-
-def test_the_object_given_last_wins(bench):
-    b = bench()
-    started(b)
-    assert len(b.snapshots[-1].body.vertices) == 8
-    b.call("stop")
-    tall = [0.0, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 0.3]
-    triangles = [0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3]
-    started(b, object__vertices=tall, object__triangles=triangles)
-    assert np.max(b.snapshots[-1].body.vertices) == pytest.approx(0.3)
-    b.call("stop")
-    started(b)
-    assert len(b.snapshots[-1].body.vertices) == 8
 
 
 def test_the_newest_object_wins_be_it_a_topic_or_a_parameter(bench):
@@ -596,13 +465,6 @@ def test_the_newest_object_wins_be_it_a_topic_or_a_parameter(bench):
     started(b)
     small = np.reshape(again.value, (-1, 3))
     np.testing.assert_array_equal(b.snapshots[-1].body.vertices, small)
-
-
-def test_the_status_says_when_everything_is_compiled(bench):
-    b = bench(warm=False)
-    b.wait(lambda: b.status().get("warm") == "false")
-    b.node.warm_up()
-    b.wait(lambda: b.status().get("warm") == "true")
 
 
 def test_all_is_warm_once_the_first_inputs_are_prepared(bench, monkeypatch):
@@ -633,13 +495,11 @@ def test_a_run_waits_for_compilation_and_its_time_does_not_count(bench):
     b.feed()
     assert b.call("start").success
     assert b.call("stop").code == "OK"
-    b.feed()
-    assert b.call("start_with", time_limit=0.3).success
-    time.sleep(0.5)
-    assert b.node._commands.run.state == "preparing"
+    assert b.call("start_with", time_limit=0.001).success
+    b.wait(lambda: b.status()["state"] == "preparing")
     b.node._warm.set()
     b.wait(lambda: b.status()["state"] == "time_limit")
-    assert b.planners
+    assert b.planners[-1].statistics.samples > 0
 
 
 def test_diagnostics_tell_the_ages_of_inputs(bench):

@@ -7,7 +7,6 @@ import time
 from types import SimpleNamespace
 
 import pytest
-from helpers.fakes import Spinning
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -75,41 +74,6 @@ def test_what_callbacks_raise_is_told_one_by_one_and_ends_nothing(node):
     executor.shutdown()
 
 
-def test_a_callback_that_waits_for_a_thread_is_handed_out_once(node):
-    begun, go_on, handed = threading.Event(), threading.Event(), []
-
-    def hang():
-        begun.set()
-        assert go_on.wait(60.0)
-
-    node.create_timer(0.001, hang, callback_group=ReentrantCallbackGroup())
-    executor = PooledExecutor(1)
-    submit = executor._pool.submit
-    executor._pool.submit = lambda work, task, *rest: (
-        handed.append(task) or submit(work, task, *rest)
-    )
-    executor.add_node(node)
-    while not begun.is_set():
-        executor.spin_once(timeout_sec=0.01)
-    for _ in range(50):
-        executor.spin_once(timeout_sec=0.01)
-    go_on.set()
-    assert executor.finish(60.0)
-    executor.shutdown()
-    assert len(handed) > 1
-    assert len({id(task) for task in handed}) == len(handed)
-
-
-def test_a_program_may_spin_it_like_another(node):
-    called = threading.Event()
-    node.create_timer(0.01, called.set)
-    executor = PooledExecutor(2)
-    executor.add_node(node)
-    spinning = Spinning(executor)
-    assert called.wait(60.0)
-    spinning.end()
-
-
 def test_it_rests_between_looks_and_none_of_what_comes_meanwhile_is_lost(node):
     looks, heard, all_heard = [], [], threading.Event()
     executor, asked = PooledExecutor(2), threading.Event()
@@ -135,7 +99,7 @@ def test_it_rests_between_looks_and_none_of_what_comes_meanwhile_is_lost(node):
     first, waited_for = len(looks), list(heard)
     looks.clear()
     began = time.monotonic()
-    while time.monotonic() < began + 30 * REST:
+    while time.monotonic() < began + 30 * REST or not looks:
         several[0].publish(String(data="again"))
         time.sleep(REST / 20)
     asked.set()

@@ -1,19 +1,23 @@
 """A bench whose sensors go on, and a client of its node."""
 
-from functools import partial
-
 import pytest
 from helpers.fakes import Bench
-from helpers.searches import Sensors, start_service
+from helpers.searches import Sensors, service_of
 
-from placement_planner_ros.client import Answer, PlacementClient
+from placement_planner_ros.client import Answer, PlacementClient, session
+
+
+@pytest.fixture(autouse=True)
+def patient(monkeypatch):
+    """A client that waits for answers however slow the machine is."""
+    for name in ("ANSWER_WITHIN", "LEFT_WITHIN", "KNOWN_WITHIN"):
+        monkeypatch.setattr(session, name, 120.0)
 
 
 @pytest.fixture
 def fed(bench):
     """A bench whose node has its inputs, and goes on getting joint states."""
     b: Bench = bench()
-    b.wait = partial(b.wait, timeout=60.0)  # its planner searches nothing
     b.feed()
     b.sensors = Sensors(b)
     yield b
@@ -32,7 +36,7 @@ def planner(fed):
 def answers(fed):
     """What `~/start_with` has answered so far."""
     given = []
-    service = start_service(fed)
+    service = service_of(fed)
     respond = service.callback
 
     def remembering(request, response):

@@ -118,7 +118,7 @@ def test_the_same_in_asyncio(fed):
     async def talk():
         async with AsyncPlacementClient() as planner:
             assert (await planner.wait_until_ready(60.0)).warm == "true"
-            run = await planner.start({}, patience=10.0)
+            run = await planner.start({}, patience=60.0)
             await asyncio.to_thread(found, fed, 0.5)
             solution = await planner.stop(run)
             assert await planner.confirm_placed(solution) == run

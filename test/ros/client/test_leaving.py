@@ -4,7 +4,7 @@ import asyncio
 import threading
 
 import pytest
-from helpers.searches import Doing, ended, found, searching, start_service
+from helpers.searches import Doing, ended, found, searching, service_of
 
 from placement_planner_ros.client import AsyncPlacementClient, PlacementClient, session
 from placement_planner_ros.client.waiting import News
@@ -15,7 +15,7 @@ from placement_planner_ros.ros.run import worker
 def held(fed):
     """Holds start's answers back once a run has begun, until it is set."""
     gate = threading.Event()
-    service = start_service(fed)
+    service = service_of(fed)
     respond = service.callback
 
     def holding(request, response):
@@ -52,8 +52,9 @@ def test_the_next_place_waits_for_the_run_that_was_left(fed):
     async def replacing():
         async with AsyncPlacementClient() as planner:
             await planner.wait_until_ready(60.0)
-            with pytest.raises(TimeoutError):
-                await asyncio.wait_for(planner.place({}, 60.0), 0.3)
+            left = asyncio.create_task(planner.place({}, 60.0))
+            await asyncio.to_thread(searching, fed)
+            left.cancel()
             placing = asyncio.create_task(planner.place({}, 60.0, until=lambda s: True))
             await asyncio.to_thread(found, fed, 0.5, number=2)
             return (await placing).run
@@ -117,7 +118,7 @@ def test_closing_stops_the_run(fed):
 
 def test_a_run_that_was_begun_on_its_own_goes_on(fed):
     with PlacementClient() as planner:
-        run = planner.start({}, patience=10.0)
+        run = planner.start({}, patience=60.0)
         searching(fed)
     assert not ended(fed)
     found(fed, 0.5)

@@ -76,7 +76,7 @@ def test_a_callback_may_wait_where_several_threads_spin(fed, spun):
         own = MutuallyExclusiveCallbackGroup()
         node.create_service(Trigger, "put_down", respond, callback_group=own)
         asking = fed.client.create_client(Trigger, "put_down")
-        assert asking.wait_for_service(10.0)
+        assert asking.wait_for_service(120.0)
         answered = asking.call_async(Trigger.Request())
         found(fed, 0.5)
         fed.wait(answered.done)
@@ -84,8 +84,8 @@ def test_a_callback_may_wait_where_several_threads_spin(fed, spun):
 
 
 def test_a_node_that_nobody_spins_is_said(fed, monkeypatch):
-    monkeypatch.setattr(conversation, "ANSWER_WITHIN", 0.5)
-    monkeypatch.setattr(conversation, "LEFT_WITHIN", 0.5)
+    monkeypatch.setattr(session, "ANSWER_WITHIN", 0.5)
+    monkeypatch.setattr(session, "LEFT_WITHIN", 0.5)
     node = Node("forgotten")
     try:
         planner = PlacementClient(node)

@@ -3,12 +3,13 @@
 import math
 import threading
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import trimesh
 from helpers.fakes import FRAME
-from helpers.searches import Doing, ended, found, searching
+from helpers.searches import Doing, ended, found, searching, service_of
 
 from placement_planner_ros.client import PlacementClient, PlacementError, session
 from placement_planner_ros.core.body.body import Body
@@ -45,10 +46,12 @@ def test_a_solution_without_a_retreat_says_so(fed, planner):
     assert placing.result.retreat_trajectory is None
 
 
-def test_the_best_is_returned_at_the_deadline(fed, planner):
+def test_the_best_is_returned_at_the_deadline(fed, planner, monkeypatch):
     heard = []
-    placing = Doing(lambda: planner.place({}, 2.0, until=lambda s: heard.append(s.objective)))
+    placing = Doing(lambda: planner.place({}, 60.0, until=lambda s: heard.append(s.objective)))
     found(fed, 0.25, 0.5)
+    fed.wait(lambda: heard)
+    later(monkeypatch, 61.0)
     assert placing.result.objective == 0.5
     assert ended(fed)
     assert fed.node._commands.run.state == worker.State.STOPPED
@@ -88,7 +91,6 @@ def test_results_of_other_runs_count_for_nothing(fed, planner):
                 lambda each=each: each.place({}, 60.0, until=lambda s: heard.append(s.run) or True)
             )
             searching(fed, number)
-            time.sleep(0.3)  # in which anything old would be taken
             found(fed, 0.1, number=number)
             assert placing.result.run == number
         assert heard == [2, 3]
@@ -156,11 +158,11 @@ def test_a_node_that_goes_away_is_said(fed, planner):
 
 def test_a_node_that_falls_silent_while_it_searches_is_said(fed, planner, monkeypatch):
     """Killed, its services are seen for 20 s more."""
-    monkeypatch.setattr(session, "SILENT_FOR", 1.0)
     placing = Doing(lambda: planner.place({}, math.inf))
     searching(fed)
     fed.wait(lambda: planner.status.state == "searching")
     fed.node._reporter._closed = True
+    monkeypatch.setattr(session, "SILENT_FOR", 1.0)
     assert placing.error.code == "NO_ANSWER"
     assert "no status of run" in placing.error.words
     with pytest.raises(PlacementError, match="status has not come"):
@@ -195,6 +197,12 @@ def test_what_until_raises_stops_the_run(fed, planner):
     found(fed, 0.5)
     assert placing.error.code == "OWN"
     assert ended(fed)
+
+
+def later(monkeypatch, seconds):
+    """Have the client take it to be later than it is."""
+    clock = SimpleNamespace(monotonic=lambda: time.monotonic() + seconds)
+    monkeypatch.setattr(session, "time", clock)
 
 
 def refuse(solution):
@@ -284,7 +292,10 @@ def test_a_worker_that_hangs_leaves_what_it_has_found(fed, planner):
     solution = placing.result
     assert solution.objective == 0.5
     assert not ended(fed)
+    service, refused = service_of(fed, "confirm_placed_with"), []
+    respond = service.callback
+    service.callback = lambda *given: refused.append(1) or respond(*given)
     confirming = Doing(lambda: planner.confirm_placed(solution))
-    time.sleep(0.3)  # in which it is refused
+    fed.wait(lambda: refused)
     fed.planners[0].done.set()
     assert confirming.result == solution.run

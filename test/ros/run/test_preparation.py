@@ -85,26 +85,6 @@ def test_a_run_is_the_same_whether_prepared_for_or_not(snapshot, unknown_space):
     assert results[0] == results[1]
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"target_volume": [0.25, -0.2, -0.1, 0.6, 0.2, 0.2]},
-        {"cloud.cell_size": 0.02},
-        {"unknown_space": "occupied"},
-    ],
-    ids=str,
-)
-def test_other_parameters_get_an_environment_of_their_own(snapshot, changes):
-    early = preparation()
-    early.ahead(snapshot)
-    changed = again(snapshot, parameters=snapshot.parameters.changed(changes))
-    made = early.prepare(changed, never).environment
-    expected = Surroundings.of(changed).environment()
-    assert made.volume.lower.tolist() == changed.parameters.volume.lower.tolist()
-    for name in ("origin", "cells", "lower", "upper"):
-        assert np.array_equal(getattr(made.obstacles, name), getattr(expected.obstacles, name))
-
-
 def on_the_hand(snapshot):
     """(n, 3) points of a blob around a tip: in the hand, on it and beside it."""
     tip = snapshot.robot.link_pose(snapshot.q_start, snapshot.arms[0].tip_frame).translation
@@ -253,47 +233,6 @@ def test_what_fails_ahead_fails_the_run_and_is_tried_again(snapshot, monkeypatch
         with pytest.raises(CloudError):
             preparing.prepare(snapshot, never)
     assert preparing.prepare(snapshot, never) is not None
-
-
-def test_robot_and_object_are_laid_out_while_the_environment_is_made(snapshot, monkeypatch):
-    laid_out, times = threading.Event(), []
-    environment, lay_out = Surroundings.environment, module.lay_out_holdings
-
-    def laid(*given):
-        lay_out(*given)
-        times.append(1)
-        laid_out.set()
-
-    def late(surroundings):
-        assert laid_out.wait(60.0)
-        return environment(surroundings)
-
-    monkeypatch.setattr(module, "lay_out_holdings", laid)
-    monkeypatch.setattr(Surroundings, "environment", late)
-    preparing = preparation()
-    assert preparing.prepare(snapshot, never) is not None
-    other = snapshot.parameters.changed({"target_volume": [0.2, -0.3, -0.1, 0.5, 0.3, 0.2]})
-    assert preparing.prepare(again(snapshot, parameters=other), never) is not None
-    assert len(times) == 1
-
-
-def test_a_run_that_is_stopped_lays_nothing_out_any_more(snapshot, monkeypatch):
-    stopped = threading.Event()
-    environment, lay_out = Surroundings.environment, module.lay_out_holdings
-
-    def laid(*given):
-        stopped.set()
-        lay_out(*given)
-        raise AssertionError("laid out to its end")
-
-    def late(surroundings):
-        assert stopped.wait(60.0)
-        return environment(surroundings)
-
-    monkeypatch.setattr(module, "lay_out_holdings", laid)
-    monkeypatch.setattr(Surroundings, "environment", late)
-    with pytest.raises(StoppedError):
-        preparation().prepare(snapshot, stopped.is_set)
 
 
 def test_nothing_is_done_while_nothing_changes(snapshot):

@@ -11,7 +11,7 @@ from placement_planner_ros.ros.run import watch as module
 from placement_planner_ros.ros.run.watch import NOT_LOOKED_AT, Watch
 
 FREE, CUT, CUT_TOO = np.zeros((1, 3)), np.ones((1, 3)), np.full((1, 3), 2.0)
-WITHIN = 20.0
+WITHIN = 120.0
 
 
 class FakeWay:
@@ -111,17 +111,6 @@ def test_a_cloud_is_looked_at_as_it_comes_and_told_once(watched):
     assert w.told == ["a 1", ""]
 
 
-def test_all_topics_count(watched):
-    w = watched()
-    w.place("a")
-    w.cloud(CUT, "left")
-    w.cloud(FREE, "points")
-    assert w.blocked == "a 1"
-    w.cloud(CUT_TOO, "points")
-    w.cloud(FREE, "left")
-    assert w.blocked == "a 2"
-
-
 def test_a_better_placement_is_held_against_clouds_that_came_before_it(watched):
     w = watched()
     w.place("a")
@@ -210,15 +199,6 @@ def test_what_cannot_be_looked_at_is_not_called_valid(watched):
     assert w.blocked == ""
 
 
-def test_nothing_is_looked_at_after_the_end(watched):
-    w = watched()
-    w.place("a")
-    w.watch.close()
-    assert not w.watch.busy
-    w.cloud(CUT)
-    assert w.told == []
-
-
 def test_nothing_is_said_of_a_placement_until_it_is_looked_at(watched):
     """Where clouds have come that its run did not begin with; else there is nothing to look at."""
     w = watched()
@@ -241,18 +221,3 @@ def test_nothing_is_said_of_a_placement_until_it_is_looked_at(watched):
     go_on.set()
     w.until(lambda: w.blocked == "")
     w.until(lambda: w.told[-1] == "" and len(w.told) == 4)  # and that is told
-
-
-def test_what_is_known_stays_known_while_it_is_looked_at_again(watched, monkeypatch):
-    w = watched()
-    w.place("a")
-    w.cloud(CUT)
-    looked, said = FakeWay.blocked_by, []
-
-    def look(self, points, origin):
-        said.append(w.blocked)
-        return looked(self, points, origin)
-
-    monkeypatch.setattr(FakeWay, "blocked_by", look)
-    w.watch.look_again()
-    assert said == ["a 1"]

@@ -253,13 +253,6 @@ def test_without_arms_chains_are_proposed(robot, capsys):
     assert "left (4 joints)" in said or "three" in said
 
 
-def test_hands_are_proposed_and_not_their_fingers(robot, capsys):
-    yumi = share_path("urdf", "yumi.urdf")
-    assert main(["--urdf", str(yumi), "--object", str(robot / "box.stl")]) == 1
-    said = faults(capsys.readouterr().out)
-    assert "tip_frame such as gripper_l_base (7 joints), gripper_r_base (7 joints)" in said
-
-
 def read(file):
     """Parameters of a file, and what is wrong with them."""
     findings = Findings()
@@ -286,12 +279,6 @@ def test_other_nodes_parameters_are_no_faults(robot, capsys):
     assert read(parameters(robot, node="/**", qx_zz_7="1"))[1] == []
     assert "qx_zz_7: not a parameter of this node" in capsys.readouterr().out
     assert len(read(parameters(robot, qx_zz_7="1"))[1]) == 1
-
-
-def test_numbers_of_other_forms_are_taken(robot):
-    given, wrong = read(parameters(robot, collision_margin="1e-3"))
-    assert wrong == []
-    assert given["collision_margin"] == 1e-3
 
 
 def test_a_file_that_is_no_yaml_is_told(robot):

@@ -17,7 +17,6 @@ from placement_planner_ros.scenes.yumi import START_CONFIGURATION, TIP_FRAMES, l
 from placement_planner_ros.share import share_path
 from placement_planner_ros.view.camera import first_view
 from placement_planner_ros.view.coarsening import coarse_enough
-from placement_planner_ros.view.itself import Itself
 from placement_planner_ros.view.objective_map import (
     ObstacleLayers,
     estimated_clearance,
@@ -150,13 +149,6 @@ def test_of_an_organised_cloud_what_is_left_has_no_gaps(size):
     assert farthest < 0.9 * apart  # 0.71 were they a grid of squares
 
 
-@pytest.mark.parametrize("size", [(1, 100), (100, 1), (3, 40), (41, 3), (7, 9), (2, 5)])
-@pytest.mark.parametrize("most", [1, 2, 7, 100])
-def test_a_cloud_of_any_shape_is_thinned_to_what_is_asked(size, most):
-    cloud = thinned(message_from_points(np.zeros((*size, 3)), Header()), most)
-    assert min(most, size[0] * size[1]) / 3 <= len(cloud.points) <= most
-
-
 def test_a_large_cloud_is_thinned_and_keeps_its_shape():
     points = np.random.default_rng(0).random((300_000, 3))
     cloud = thinned(message_from_points(points, Header(frame_id="camera")))
@@ -261,10 +253,3 @@ def test_what_stands_before_a_box_is_told_from_what_is_in_it_beside_it_or_behind
     aside = np.cross(to_eye, [0.0, 0.0, 1.0])
     points = np.array([0.3 * to_eye, 0.0 * to_eye, -0.3 * to_eye, 0.3 * to_eye + 0.5 * aside])
     assert view.before(points, boxes).tolist() == [True, False, False, False]
-
-
-def test_a_thing_that_came_after_another_is_not_taken_for_it():
-    drawn = Itself([1.0])
-    assert all(drawn != Itself([1.0]) for _ in range(3))
-    same = object()
-    assert Itself(same) == Itself(same)
