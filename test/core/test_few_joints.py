@@ -12,7 +12,6 @@ from placement_planner_ros.core.optimize_locally import LocalOptimizer
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.search.optimistic import OptimisticSettings
 from placement_planner_ros.core.search.pruning import Ruling
-from placement_planner_ros.core.types import Verdict
 
 HELD = {
     "five": few_joints.FROM_ASIDE,
@@ -61,31 +60,6 @@ def test_what_is_published_is_right_and_in_no_cell_that_is_ruled_out(table, name
         assert planner._bounds.rulings(cell)[0] == Ruling.OPEN
     assert previous is not None
     assert planner.exhausted == ""
-
-
-def test_a_goal_has_the_value_and_the_checks_of_the_pose_that_the_arm_gives(table):
-    """Here ξ is a matter of the turn alone, which is another one than was drawn."""
-
-    def objective(T):
-        return float(T.rotation[1, 0] ** 2)
-
-    planner, _ = planner_of(table, "four aside", objective=objective, optimistic=MANY)
-    finder, problem = planner._search.finder, planner._search.problem
-    found = 0
-    for best in (-np.inf, 0.05, 0.5):
-        outcome = finder.check_batch(draws_of(planner), best, 10_000, lambda: False)
-        for goal in outcome.goals:
-            found += 1
-            assert goal.objective == pytest.approx(objective(goal.T_world_object), abs=1e-12)
-            assert goal.objective > best
-            verdict = finder._poses.verdict(goal.T_world_object, goal.face, goal.contact_height)
-            assert verdict is Verdict.FEASIBLE
-        refused = outcome.verdicts == Verdict.NOT_BETTER
-        assert (outcome.values[refused] <= best).all()
-        reached = outcome.verdicts == Verdict.FEASIBLE
-        assert [goal.objective for goal in outcome.goals] == outcome.values[reached].tolist()
-    assert found > 10
-    assert len(problem.arms) == 1
 
 
 def draws_of(planner):

@@ -2,7 +2,6 @@
 
 import fcntl
 import os
-import pickle
 import resource
 import subprocess
 import sys
@@ -80,11 +79,7 @@ def other_make(_, name):
 DAMAGES = {
     "empty": lambda content, _: b"",
     "half": lambda content, _: content[: len(content) // 2],
-    "garbage": lambda content, _: np.random.default_rng(0).bytes(len(content)),
-    "a block of zeros": lambda content, _: content[:4096] + bytes(512) + content[4608:],
     "a flipped bit": lambda content, _: content[:-9] + bytes([content[-9] ^ 1]) + content[-8:],
-    "more than was written": lambda content, _: content + content,
-    "a pickle": lambda content, _: pickle.dumps(call),
     "another make": other_make,
 }
 
@@ -119,49 +114,6 @@ def test_kernels_that_were_swapped_are_not_taken_for_each_other(cache):
     assert again.stats.cache_hits.total() == 0
     assert "damaged" in cache.said[0]
     assert kernels.kernel()(total)(np.ones(3), 2.5) == 7.5
-
-
-def test_a_folder_in_place_of_a_kernel_is_said_and_done_without(cache):
-    assert not call()
-    (file,) = cache.files
-    file.unlink()
-    file.mkdir()
-    assert not call()
-    assert not call()
-    assert len(cache.said) == 2
-    assert all(str(cache.folder) in words for words in cache.said)
-
-
-def test_each_kind_of_arguments_is_a_file_of_its_own(cache):
-    made = kernels.kernel()(total)
-    made(np.ones(3), 2)
-    made(np.ones(3), 2.0)
-    assert len(cache.files) == 2
-    again = kernels.kernel()(total)
-    assert again(np.ones(3), 2.5) == 7.5
-    assert again(np.ones(3), 3) == 9.0
-    assert again.stats.cache_hits.total() == 2
-
-
-def test_what_a_kernel_closes_over_tells_it_from_others(cache):
-    def adding(amount):
-        def added(number):
-            return number + amount
-
-        return kernels.kernel()(added)
-
-    assert [adding(1)(1), adding(2)(1), adding(1)(1)] == [2, 3, 2]
-    assert len(cache.files) == 2
-
-
-def test_a_cache_that_is_flushed_or_disabled_is_empty(cache):
-    assert not call()
-    made = kernels.kernel()(total)
-    made._cache.flush()
-    assert cache.files == []
-    made._cache.disable()
-    made(np.ones(3), 2)
-    assert cache.files == []
 
 
 def test_without_a_home_kernels_are_not_kept(cache, monkeypatch):
@@ -201,7 +153,7 @@ def process(folder, program, **options):
 
 
 def lines(started):
-    said, _ = started.communicate(timeout=120.0)
+    said, _ = started.communicate(timeout=600.0)
     assert started.returncode == 0, said
     numbers, hits, *troubles = said.splitlines()
     assert numbers == "6 1.5"
@@ -310,18 +262,3 @@ def test_a_version_that_another_process_compiles_is_waited_for(cache, monkeypatc
         ended.join()
     assert kernel_cache._CLAIMED == {}
     assert not kept.with_suffix(".claim").exists()
-
-
-def test_a_version_that_nobody_compiles_is_claimed_while_it_is_compiled(cache, monkeypatch):
-    monkeypatch.setattr(kernel_cache, "_CLAIMED", {})
-    claimed = []
-    save = kernel_cache.write_whole
-    monkeypatch.setattr(
-        kernel_cache,
-        "write_whole",
-        lambda path, content: claimed.extend(kernel_cache._CLAIMED) or save(path, content),
-    )
-    assert not call()
-    assert claimed == cache.files
-    assert kernel_cache._CLAIMED == {}
-    assert list(cache.folder.rglob("*.claim")) == []

@@ -34,32 +34,6 @@ def test_constants_and_first_values_of_loops_make_no_versions_of_their_own(lean)
     assert double.signatures == []
 
 
-def code_of(called):
-    """Names of the functions in a kernel's module that have a body there."""
-    (compiled,) = called.overloads.values()
-    module = compiled.library._final_module
-    bodies = {function.name for function in module.functions if not function.is_declaration}
-    return compiled.fndesc, bodies
-
-
-@pytest.mark.usefixtures("fresh_cache")
-def test_what_only_kernels_call_has_no_wrapper_for_python_until_that_calls_it():
-    @kernels.kernel()
-    def double(number):
-        return 2 * number
-
-    @kernels.kernel()
-    def fourfold(number):
-        return double(double(number))
-
-    assert fourfold(2) == 8
-    own, bodies = code_of(double.inner)
-    assert bodies == {own.llvm_func_name}
-    assert double(3) == 6
-    own, bodies = code_of(double)
-    assert bodies == {own.llvm_func_name, own.llvm_cpython_wrapper_name}
-
-
 def long(numbers):
     """Too much for its callers to write it into themselves."""
     a, b, c = numbers[0], numbers[1], numbers[2]
@@ -76,21 +50,6 @@ def long(numbers):
 
 
 @pytest.mark.usefixtures("fresh_cache")
-def test_a_long_kernel_is_compiled_once_however_many_call_it():
-    called = kernels.kernel(lean=True)(long)
-    numbers = np.array([1.0, 2.0, 4.0])
-
-    @kernels.kernel(lean=True)
-    def twice(numbers):
-        return called(numbers) + called(numbers)
-
-    assert twice(numbers) == 2 * long(numbers)
-    name = code_of(called.inner)[0].llvm_func_name
-    assert name in code_of(called.inner)[1]
-    assert name not in code_of(twice)[1]
-
-
-@pytest.mark.usefixtures("fresh_cache")
 def test_functions_of_users_may_call_kernels():
     called = kernels.kernel(lean=True)(long)
     numbers = np.array([1.0, 2.0, 4.0])
@@ -100,19 +59,6 @@ def test_functions_of_users_may_call_kernels():
         return called(numbers) / 2
 
     assert halved(numbers) == long(numbers) / 2
-
-
-@pytest.mark.usefixtures("fresh_cache")
-def test_nothing_is_compiled_for_callers_that_there_are_none_of():
-    @kernels.kernel()
-    def double(number):
-        return 2 * number
-
-    assert double(2) == 4
-    compiled = double.overloads[(numba.int64,)]
-    names = compiled.library.get_llvm_str()
-    assert compiled.fndesc.llvm_cpython_wrapper_name in names
-    assert compiled.fndesc.llvm_cfunc_wrapper_name not in names
 
 
 @pytest.mark.usefixtures("fresh_cache")

@@ -21,7 +21,7 @@ from helpers.problems import problem_of
 from benchmarks.cases import Case
 from placement_planner_ros.core.carry.settings import CarrySettings, TiltLimit
 from placement_planner_ros.core.carry.tilt import TiltConstraint
-from placement_planner_ros.core.errors import ParameterError, StartError
+from placement_planner_ros.core.errors import StartError
 from placement_planner_ros.core.grasp.start_state_check import faults_at_start, tilts_at_start
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.reach.kinematics import Chain
@@ -152,13 +152,6 @@ def test_of_several_grasps_those_that_lean_more_are_left_out(glass):
     assert list(planner.holdings) == [("right", 0)]
     (words,) = planner.unusable
     assert "right with grasp 1: object.up is 17" in words
-
-
-def test_a_limit_without_a_direction_is_refused(glass):
-    problem, objective, _ = glass
-    settings = PlannerSettings(carry=CarrySettings(max_tilt=1.0))
-    with pytest.raises(ParameterError, match=r"object\.up"):
-        PlacementPlanner(problem, objective, settings, np.random.default_rng(0))
 
 
 def test_the_limit_is_named_where_it_leaves_no_way(glass):

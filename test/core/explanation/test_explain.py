@@ -51,7 +51,6 @@ def planned(table, samples=600, **settings):
     return planner
 
 
-@pytest.mark.parametrize("sampler", ["optimistic", "mcts"])
 @pytest.mark.parametrize(
     ("verdict", "remedies"),
     [
@@ -72,9 +71,9 @@ def planned(table, samples=600, **settings):
     ],
     ids=str,
 )
-def test_what_refuses_all_is_the_cause_and_its_remedies_exist(table, verdict, remedies, sampler):
+def test_what_refuses_all_is_the_cause_and_its_remedies_exist(table, verdict, remedies):
     with mock.patch.object(Holding, "placing_motion", return_value=verdict):
-        planner = planned(table, sampler=sampler)
+        planner = planned(table)
     told = planner.explain()
     assert ROWS[verdict].did in told.cause
     refused = planner.statistics.rejected[verdict.name.lower()]

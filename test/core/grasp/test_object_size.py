@@ -1,5 +1,6 @@
 """An object in another unit is noticed beside hand and reach; one that fits is not."""
 
+import functools
 from dataclasses import replace
 
 import numpy as np
@@ -18,20 +19,19 @@ def yumi():
     return robot, tuple(yumi_arm(robot, name) for name in ("left", "right"))
 
 
+@functools.cache
 def bodies():
-    for name in OBJECT_NAMES:
-        thing = object_by_name(name)
-        yield name, Body.from_mesh(thing.vertices, thing.triangles)
-    for name in ("tall box", "bottle", "mug", "banana", "ball"):
-        mesh = SHAPES[name]()
-        yield name, Body.from_mesh(mesh.vertices, mesh.faces)
+    things = {name: object_by_name(name) for name in OBJECT_NAMES}
+    made = {n: Body.from_mesh(t.vertices, t.triangles) for n, t in things.items()}
+    shapes = {name: SHAPES[name]() for name in ("tall box", "bottle", "mug", "banana", "ball")}
+    return made | {n: Body.from_mesh(s.vertices, s.faces) for n, s in shapes.items()}
 
 
 @pytest.mark.parametrize(("factor", "word"), [(1.0, ""), (10.0, "large"), (0.1, "small")])
 def test_ten_times_too_large_or_small_is_told(yumi, factor, word):
     robot, arms = yumi
     q = np.zeros(len(robot.joint_names))
-    for name, body in bodies():
+    for name, body in bodies().items():
         doubt = size_doubt(robot, arms, q, replace(body, vertices=body.vertices * factor))
         assert bool(doubt) == bool(word), (name, doubt)
         assert not word or (f"the object is {word}" in doubt and "object.scale" in doubt)

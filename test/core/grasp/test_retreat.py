@@ -19,12 +19,10 @@ from scipy.spatial import ConvexHull
 from benchmarks.cases import Case
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.arm import (
-    PLACED_OBJECT,
     ArmCollision,
-    CollisionSettings,
 )
-from placement_planner_ros.core.collision.attached_object import AttachedObject, PlacedObject
-from placement_planner_ros.core.errors import GraspError, ParameterError
+from placement_planner_ros.core.collision.attached_object import AttachedObject
+from placement_planner_ros.core.errors import GraspError
 from placement_planner_ros.core.grasp.hand_opening import check_opening
 from placement_planner_ros.core.grasp.hand_sweep import with_opening_hand
 from placement_planner_ros.core.grasp.open_hand import OpenHand
@@ -34,7 +32,6 @@ from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.core.types import Verdict
-from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.primitives import box
 
 CASE = Case("table", "toy_table", "maximize_clearance")
@@ -74,48 +71,6 @@ def open_hand_of(problem, arm, obstacles=NOTHING, **settings):
     moving = MovingArm(problem.robot, arm, problem.q_start)
     grasping = GraspSettings(retreat=RetreatSettings(**settings))
     return OpenHand(moving, problem.body, obstacles, grasping)
-
-
-def random_pose(rng, center):
-    quaternion = rng.normal(size=4)
-    rotation = pin.Quaternion(quaternion / np.linalg.norm(quaternion)).toRotationMatrix()
-    return pin.SE3(rotation, center + rng.uniform(-0.3, 0.3, 3))
-
-
-def test_a_placed_object_that_was_moved_is_where_a_new_one_would_be(problem):
-    arm = replace(problem.arms[0], touch_links=())
-    rng = np.random.default_rng(0)
-
-    def at(T):
-        obstacles, q = problem.environment.obstacles, problem.q_start
-        moving = MovingArm(problem.robot, arm, q)
-        return ArmCollision(moving, PlacedObject(problem.body, T), obstacles)
-
-    moved = at(pin.SE3.Identity())
-    differing = 0
-    for _ in range(4):
-        T = random_pose(rng, np.array([0.35, 0.1, 0.3]))
-        before = moved.free_batch(Q := rng.uniform(arm.lower, arm.upper, (500, arm.dof)))
-        moved.place(T)
-        fresh = at(T)
-        free = moved.free_batch(Q)
-        assert np.array_equal(free, fresh.free_batch(Q))
-        differing += int((before != free).sum())
-        assert [moved.explain(q) == "" for q in Q[:50]] == free[:50].tolist()
-    assert differing > 0
-
-
-def test_left_out_pairs_and_the_environment_no_longer_count(problem):
-    arm = replace(problem.arms[0], touch_links=())
-    obstacles, q = problem.environment.obstacles, problem.q_start
-    standing = PlacedObject(problem.body, pin.SE3.Identity())
-    whole = ArmCollision(MovingArm(problem.robot, arm, q), standing, obstacles)
-    Q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (300, arm.dof))
-    assert not whole.free_batch(Q).all()
-    assert whole.with_pairs(lambda a, b: False, environment=False).free_batch(Q).all()
-    whole.place(pin.SE3(problem.robot.link_pose(problem.q_start, arm.tip_frame)))
-    only = whole.with_pairs(lambda a, b: PLACED_OBJECT in (a, b), environment=False)
-    assert PLACED_OBJECT in only.explain(problem.q_start[arm.q_index])
 
 
 def hulls(robot: Robot, q, link: str):
@@ -178,12 +133,6 @@ def test_the_opening_hand_holds_every_stage_of_its_opening_and_little_more(which
         assert len(pieces) == count * len(list(hulls(robot, q, link)))
 
 
-def test_a_hand_without_gripper_joints_sweeps_nothing(problem):
-    arm = replace(problem.arms[0], gripper_joints=(), gripper_open=())
-    sweep = with_opening_hand(problem.robot, arm, problem.q_start)
-    assert sweep.geometry_links == problem.robot.geometry_links
-
-
 @pytest.fixture(scope="module")
 def post(planned):
     """(3,) a point that a finger passes as it opens at the goal."""
@@ -197,16 +146,6 @@ def post(planned):
     )
     moving = np.argmax(np.linalg.norm(opened - closed, axis=1))
     return closed[moving] + 0.8 * (opened - closed)[moving]
-
-
-def test_release_is_refused_where_a_finger_would_open_into_something(planned, post):
-    problem, _, placement = planned
-    arm = next(a for a in problem.arms if a.name == placement.goal.arm)
-    assert open_hand_of(problem, arm).release_free(placement.goal.q)
-    near = post + 0.002 * np.random.default_rng(0).uniform(-1, 1, (50, 3))
-    obstacles = ObstacleSet.from_points(near, GridSettings(), (post - 0.3, post + 0.3))
-    assert len(obstacles.lower) > 0
-    assert not open_hand_of(problem, arm, obstacles).release_free(placement.goal.q)
 
 
 def test_where_the_fingers_cannot_open_there_is_no_goal(planned, post):
@@ -241,20 +180,6 @@ def test_the_retreat_is_straight_long_enough_and_ends_free_of_the_object(planned
     assert np.abs(tips[:, :3, :3] - tips[0, :3, :3]).max() < 1e-3
     assert np.array_equal(placement.retreat.positions[0], placement.trajectory.positions[-1])
     assert placement.retreat.joints == placement.trajectory.joints
-
-
-def test_it_goes_on_until_the_hand_has_parted(planned):
-    problem, _, placement = planned
-    goal = placement.goal
-    arm = next(a for a in problem.arms if a.name == goal.arm)
-    barely = replace(arm, gripper_open=(object_by_name(CASE.object).finger_opening + 0.002,))
-    hand = open_hand_of(problem, barely, retreat_distance=0.01, retreat_step=0.005)
-    way = hand.retreat(goal.q, goal.grasp, goal.T_world_object)
-    assert way is not None
-    parted = hand._parted.free_batch(way, CollisionSettings().planning_reserve)
-    assert len(way) > 4
-    assert parted[-1]
-    assert not parted[2:-1].any()
 
 
 def test_no_finger_is_dragged_through_what_it_held(planned):
@@ -313,35 +238,6 @@ def at_rest(retreat, positions):
     )
 
 
-def test_the_checker_refuses_to_end_in_touch_with_the_object(judged):
-    checker, solution = judged
-    q = solution.retreat.positions[[0, 0]]
-    closed = replace(
-        solution,
-        retreat=at_rest(solution.retreat, q),
-        gripper_open={j: checker.task.q_start[j] for j in solution.gripper_open},
-    )
-    found = checker.check(closed)
-    assert found
-    assert all(violation.startswith("retreat: ends with gripper") for violation in found)
-
-
-def test_the_checker_refuses_fingers_that_slide_along_the_object(planned, judged):
-    """Drawn straight back, but never opened: they may touch it on the first millimetres only."""
-    _, planner, placement = planned
-    checker, solution = judged
-    ik = planner.holdings[placement.goal.arm, placement.goal.grasp].open_hand._ik
-    tip = ik.chain.forward(placement.goal.q)
-    closed = {j: checker.task.q_start[j] for j in solution.gripper_open}
-    for far, refused in ((0.003, False), (0.03, True)):
-        poses = np.repeat(tip[None], 6, axis=0)
-        poses[:, :3, 3] -= np.linspace(far / 6, far, 6)[:, None] * tip[:3, 2]
-        positions = np.vstack([placement.goal.q, ik.track(poses, placement.goal.q)])
-        way = at_rest(solution.retreat, positions)
-        found = checker.check(replace(solution, retreat=way, gripper_open=closed))
-        assert any(v.startswith("retreat: coll") and "finger" in v for v in found) == refused
-
-
 def test_the_checker_refuses_a_finger_dragged_through_the_object(planned, judged):
     """The hand leaves along its closing direction."""
     _, planner, placement = planned
@@ -380,22 +276,6 @@ def test_without_requiring_it_a_placement_may_be_without_retreat():
     planner = PlacementPlanner(problem, objective, settings, np.random.default_rng(0))
     assert list(planner.run(lambda: planner.statistics.samples > 300)) == []
     assert planner.statistics.rejected["no_retreat"] > 0
-
-
-@pytest.mark.parametrize(
-    "bad",
-    [
-        {"retreat_distance": 0.0},
-        {"retreat_distance": 0.6},
-        {"retreat_step": 0.0},
-        {"tip_directions": (), "world_directions": ()},
-        {"tip_directions": ((0.0, 0.0, 0.0),)},
-        {"world_directions": ((0.0, 1.0),)},
-    ],
-)
-def test_wrong_settings_are_refused(bad):
-    with pytest.raises(ParameterError):
-        RetreatSettings(**bad)
 
 
 JAWS = """<robot name="jaws">

@@ -66,7 +66,7 @@ def assert_sound(rrt, world, solution, goals):
     assert all(world.edge_is_free(a, b) for a, b in pairwise(path))
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(4))
 def test_solves_a_maze_with_free_edges(seed):
     rrt, world = make(seed=seed)
     goals = {4: np.array([9.0, 9.0])}
@@ -140,22 +140,7 @@ def test_a_goal_is_reported_once_and_again_after_reactivation():
     assert rrt.iterations == iterations, "a connected goal costs no search"
 
 
-def test_state_is_kept_between_calls():
-    rrt, _ = make()
-    rrt.add_goal(0, np.array([9.0, 9.0]))
-    calls = 0
-    solution = None
-    while solution is None and calls < 5000:
-        solution = rrt.solve(1)
-        calls += 1
-    other, _ = make()
-    other.add_goal(0, np.array([9.0, 9.0]))
-    _, path = other.solve(5000)
-    assert calls == other.iterations
-    np.testing.assert_array_equal(solution[1], path)
-
-
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_second_goal_near_the_first_needs_few_iterations(seed):
     rrt, _ = make(seed=seed)
     rrt.add_goal(0, np.array([9.0, 9.0]))
@@ -220,7 +205,7 @@ def test_should_stop_is_honoured():
 
 def test_random_order_of_adding_retiring_and_reactivating():
     """Whatever the order, reported goals are active, paths are free and nothing is lost."""
-    for seed in range(8):
+    for seed in range(3):
         rng = np.random.default_rng(seed)
         rrt, world = make(seed=seed)
         goals = {}
@@ -305,37 +290,6 @@ def test_weights_change_the_metric():
     rrt.add_goal(1, np.array([2.0, 1.0]))
     _, path = rrt.solve(1)
     assert len(path) == 11
-
-
-def test_nearest_node_is_the_nearest():
-    """Against a plain search, with several trees and more nodes than one block."""
-    from placement_planner_ros.core.motion.birrt import _nearest
-
-    rng = np.random.default_rng(3)
-    nodes = rng.normal(size=(5, 1024))
-    labels = rng.integers(0, 4, 1024).astype(np.int32)
-    scale = rng.uniform(0.5, 2.0, 5)
-    for count in (1, 255, 256, 257, 1000):
-        for label in (0, 2, -1):
-            q = rng.normal(size=5)
-            d2 = (scale[:, None] * (nodes - q[:, None]) ** 2).sum(axis=0)
-            wanted = (labels == label) if label >= 0 else (labels > 0)
-            wanted &= np.arange(1024) < count
-            expected = np.flatnonzero(wanted)[np.argmin(d2[wanted])] if wanted.any() else -1
-            assert _nearest(nodes, labels, count, q, scale, label) == expected
-
-
-def test_clear_keeps_only_the_start():
-    rrt, _ = make()
-    rrt.add_goal(0, np.array([9.0, 9.0]))
-    rrt.solve(5000)
-    rrt.clear()
-    assert rrt.goals == ()
-    assert rrt.node_count == 1
-    rrt.add_goal(0, np.array([9.0, 1.0]))
-    key, path = rrt.solve(5000)
-    assert key == 0
-    np.testing.assert_array_equal(path[-1], [9.0, 1.0])
 
 
 def test_bad_input_is_named():

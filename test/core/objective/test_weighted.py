@@ -8,15 +8,12 @@ import pytest
 from helpers.problems import problem_of
 
 from benchmarks.cases import Case
-from placement_planner_ros.core.constraints import placement_pose
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.objective.by_name import make_objective, make_term
-from placement_planner_ros.core.objective.objective import ObjectiveContext, gradient, moved
+from placement_planner_ros.core.objective.objective import gradient, moved
 from placement_planner_ros.core.objective.terms import BoundedTerm
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
-from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.search.sampler import Draws
-from placement_planner_ros.core.types import TargetVolume, Verdict
+from placement_planner_ros.core.types import Verdict
 from placement_planner_ros.core.wishes.settings import WishSettings
 
 TABLE = Case("table", "small_crayons_box", "maximize_clearance")
@@ -53,10 +50,6 @@ def context_of(problem, **wishes):
     return chosen.context(problem.environment, problem.volume, problem.body)
 
 
-def rotation(angle):
-    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-
-
 def term(problem, name):
     return make_term(name, context_of(problem))
 
@@ -91,42 +84,6 @@ def test_edge_is_the_distance_from_where_the_table_ends(table, standing):
     assert near.sum() > 20
     assert np.abs(values - np.minimum(away, 0.2))[near].max() < 0.006
     assert values.max() <= 0.2
-
-
-def test_aligned_is_the_angle_from_the_edge_that_is_nearest(table, standing):
-    """Less than 5 cm from the table's far edge, which is along an axis, nothing else is nearer."""
-    on = standing[np.abs(term(table, "high").values(standing)) < 0.004]
-    centers = on[:, :3, :3] @ table.body.center_of_mass + on[:, :3, 3]
-    rows = np.flatnonzero(centers[:, 0] > 0.645)
-    assert len(rows) >= 5
-    found = term(table, "aligned").values(on[rows])
-    for T, value in zip(on[rows], found, strict=True):
-        edge = next(T[:2, k] for k in range(3) if abs(T[2, k]) < 0.5)
-        off = np.arctan2(edge[1], edge[0])
-        off = np.remainder(off + np.pi / 4, np.pi / 2) - np.pi / 4
-        assert value == pytest.approx(-abs(off), abs=0.08)
-
-
-def test_aligned_follows_a_thing_that_is_turned(table):
-    """A box 12 cm wide, turned by 0.4 rad, seen from all around; beside each of its sides."""
-    turn, line = rotation(0.4), np.linspace(-0.06, 0.06, 25)
-    end = np.full(25, 0.06)
-    sides = [(end, line), (-end, line), (line, end), (line, -end)]
-    outline = np.concatenate([np.column_stack(side) for side in sides]) @ turn.T
-    wall = [np.column_stack([outline, np.full(100, z)]) for z in np.arange(0.0, 0.1, 0.005)]
-    floor = np.stack(np.meshgrid(*[np.arange(-0.4, 0.4, 0.005)] * 2, 0.0), axis=-1)
-    volume = TargetVolume(np.array([-0.4, -0.4, -0.05]), np.array([0.4, 0.4, 0.2]))
-    cloud = np.concatenate([floor.reshape(-1, 3), *wall])
-    environment = Environment.from_points(cloud, volume)
-    aligned = make_term("aligned", ObjectiveContext(environment, volume, table.body))
-    rng, face = np.random.default_rng(0), table.body.faces[2]
-    for angle in rng.uniform(0.0, 2.0 * np.pi, 24):
-        side, along = rng.integers(4), rng.uniform(-0.05, 0.05)
-        place = rotation(0.4 + 0.5 * np.pi * side) @ (0.13, along)
-        x = placement_pose(face, np.zeros(3), angle)
-        x.translation += [*(place - x.act(face.vertices.mean(axis=0))[:2]), 0.0]
-        off = np.remainder(angle - 0.4 + np.pi / 4, np.pi / 2) - np.pi / 4
-        assert aligned.values(x.homogeneous[None])[0] == pytest.approx(-abs(off), abs=0.06)
 
 
 @pytest.mark.parametrize("name", ALL)
@@ -168,18 +125,6 @@ def test_the_sum_its_gradient_and_what_it_leaves_out(table, standing):
             for s, e in zip(steps, np.eye(3), strict=True)
         ]
         assert gradient(smooth, x) == pytest.approx(differences, rel=0.2, abs=0.3)
-
-
-def test_dear_terms_are_asked_only_where_a_bound_does_not_settle_it(table, standing):
-    weighted = make_objective("weighted", context_of(table, terms=("near", "edge")))
-    asked = []
-    edge = weighted._expensive[0].term
-    values = edge.values
-    edge.values = lambda T: asked.append(len(T)) or values(T)
-    best = float(np.quantile(weighted.values(standing), 0.95))
-    asked.clear()
-    weighted.values_above(standing, best)
-    assert sum(asked) < 0.5 * len(standing)
 
 
 def test_a_weighted_search_publishes_its_terms_and_nears_what_is_asked(table):
@@ -231,16 +176,3 @@ def test_bad_combinations_are_refused(table):
         planner_of(table, WishSettings(terms=("near",)))
     with pytest.raises(ParameterError, match="require_at_least"):
         planner_of(table, WishSettings(required=("high",)), "maximize_clearance")
-
-
-def test_a_batch_leaves_poses_that_lack_something_behind_all_others(table):
-    wishes = WishSettings(required=("near",), at_least=(-0.05,), near_pose=NEAR)
-    planner = planner_of(table, wishes, "maximize_clearance")
-    drawn = planner.sampler._uniform.draw(400)
-    none = np.full(400, -1)
-    checked = planner._search.finder.check_batch(
-        Draws(none, none, drawn.face, drawn.contact, drawn.angle), 1e3, 1, lambda: False
-    )
-    lacks = checked.verdicts == Verdict.BREAKS_RULE
-    assert lacks.sum() > 10
-    assert (checked.values[lacks] < -1e8).all()

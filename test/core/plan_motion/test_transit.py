@@ -6,14 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pinocchio as pin
 import pytest
-from helpers.problems import problem_of
-from scipy.optimize import bisect
 
-from benchmarks.cases import Case
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.grasp.feasible_grasps import usable_holdings
 from placement_planner_ros.core.plan_motion.transit import MotionPlanner, TransitSettings
-from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.types import Goal
 
 OPEN = np.array([9.0, 1.0])
@@ -97,10 +92,9 @@ def test_an_arm_that_got_its_goals_late_catches_up():
     assert all(sealed_corner(a, b) for a, b in pairwise(path))
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_goals_that_resist_starve_no_other(seed):
+def test_goals_that_resist_starve_no_other():
     """More of them than are active at a time, all of them better."""
-    motion = planner([holding("left")], seed, active_goals=2, patience=30)
+    motion = planner([holding("left")], active_goals=2, patience=30)
     for k in range(6):
         motion.add(goal("left", SEALED + 0.2 * k, objective=1.0))
     reachable = goal("left", OPEN)
@@ -165,43 +159,3 @@ def test_bad_settings_are_named():
     for name in ("active_goals", "patience", "winding"):
         with pytest.raises(ParameterError, match=name):
             TransitSettings(**{name: 0})
-
-
-def test_of_too_many_goals_the_best_are_kept():
-    one = planner([holding("left")], active_goals=1)
-    for objective in np.random.default_rng(1).permutation(5000):
-        one.add(goal("left", OPEN, float(objective)))
-        assert one.goals <= 2000
-    assert one.goals >= 1000
-    found, _ = one.plan(1000, lambda: False)
-    assert found.objective == 4999.0
-    one.retire_up_to(4998.0)
-    assert one.goals == 1
-
-
-def test_a_start_with_hardly_any_reserve_is_left_all_the_same():
-    """It has what planning keeps more, but not so much that edges from there are certified."""
-    problem, _ = problem_of(Case("table", "wine_glass", "maximize_clearance"))
-    usable, _ = usable_holdings(problem, PlannerSettings().grasp)
-    held = usable[0][0]
-    free, rng = held.q_start, np.random.default_rng(0)
-    drawn = (rng.uniform(held.arm.lower, held.arm.upper) for _ in range(100))
-    q = next(q for q in drawn if not held.collision.free(q, held._reserve))
-    share = bisect(
-        lambda s: 1.0 if held.collision.free(free + s * (q - free), held._reserve) else -1.0,
-        0.0,
-        1.0,
-        xtol=1e-12,
-    )
-    edge = free + (share - 1e-9) * (q - free)
-    assert held.collision.free(edge, held._reserve)
-    assert held.edge_free(edge, edge)
-    assert not held.can_be_left(edge)
-    assert held.can_be_left(free)
-    back = edge + 0.05 * (free - edge)
-    assert not held.edge_free(edge, back)
-    # as q_0 it is left all the same
-    held.q_start = edge
-    motion = MotionPlanner([held], TransitSettings(withdrawal=False), np.random.default_rng(0))
-    motion.add(goal(held.arm.name, free, grasp=held.grasp))
-    assert motion.plan(200, lambda: False) is not None

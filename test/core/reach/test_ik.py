@@ -102,14 +102,6 @@ def test_poses_of_random_configurations_are_solved(yumi_chain):
         assert np.isnan(solutions[i, counts[i] :]).all()
 
 
-def test_random_seeds_solve_too(yumi_chain):
-    rng = np.random.default_rng(4)
-    ik = InverseKinematics(yumi_chain, IKSettings(max_solutions=1))
-    T = yumi_chain.forward_batch(ik.random_seeds(rng, 500))
-    _, counts = ik.solve_batch(T, ik.random_seeds(rng, (500, 16)))
-    assert (counts > 0).mean() >= 0.98
-
-
 def test_solutions_are_distinct_and_spread(yumi_chain):
     rng = np.random.default_rng(5)
     settings = IKSettings(max_solutions=16)
@@ -300,27 +292,6 @@ def test_poses_that_are_not_numbers_have_no_solution(yumi_chain):
     ik = InverseKinematics(yumi_chain)
     T = np.full((4, 4), np.nan)
     assert len(ik.solve(T, ik.random_seeds(np.random.default_rng(0), 4))) == 0
-
-
-def test_seed_table(yumi_chain):
-    rng = np.random.default_rng(10)
-    table = SeedTable(yumi_chain, rng, size=512)  # as large as a window: every row is compared
-    T = yumi_chain.forward_batch(
-        rng.uniform(yumi_chain.lower, yumi_chain.upper, (4, yumi_chain.dof))
-    )
-    seeds = table.near(T, 512, rng)
-    assert len(np.unique(seeds[0], axis=0)) == 512
-    for k in range(4):
-        tips = yumi_chain.forward_batch(seeds[k])
-        turn = np.linalg.norm((tips - T[k])[:, :3, :3], axis=(1, 2)) / math.sqrt(2.0)
-        shift = np.linalg.norm((tips - T[k])[:, :3, 3], axis=1)
-        assert (np.diff(np.hypot(shift, 0.25 * turn)) >= -1e-12).all()
-    assert np.array_equal(table.near(T, 3, rng), seeds[:, :3])
-    for count in (0, 513):
-        with pytest.raises(ParameterError, match="seed count"):
-            table.near(T, count, rng)
-    with pytest.raises(ParameterError, match="size"):
-        SeedTable(yumi_chain, rng, size=100)
 
 
 @pytest.mark.parametrize(

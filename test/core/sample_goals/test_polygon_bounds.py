@@ -52,12 +52,10 @@ def body(name):
 
 CASES = [
     ("rack", "box", LEVEL),
-    ("rack", "toy_table", LEVEL),
     ("bridge", "wine_glass", LEVEL),
     ("bridge", "box", (0.03, 0.06)),
     ("bridge", "tall box", (0.02, 0.2)),
     ("pedestals", "box", LEVEL),
-    ("tables", "toy_table", LEVEL),
     ("tables", "box", (0.1, -0.05)),
 ]
 
@@ -134,15 +132,3 @@ def test_every_pose_that_stands_is_on_a_span(kind, name, slope):
         beside += not on
     assert beside == 0
     assert len(stands) > 15
-
-
-def test_where_nothing_can_stand_all_is_ruled_out():
-    """Posts that are too thin, and too far apart for the body."""
-    thin = [pedestal(0.014, x, y, name=f"{x} {y}") for x in (0.35, 0.65) for y in (-0.15, 0.15)]
-    problem = problem_on(body("wine_glass"), thin)
-    settings = PlannerSettings(support="polygon")
-    poses = PoseConstraints(problem, settings.collision, settings.footing, 0.0)
-    rng = np.random.default_rng(0)
-    cells = cells_of(poses, rng, 300) if poses.regions else np.zeros((0, 10))
-    small = ((cells[:, UPPER] - cells[:, LOWER])[:, :2] <= 0.005).all(axis=1)
-    assert SupportBound(poses).unsupported(PlacedCells(cells[small])).mean() > 0.5 or not len(cells)

@@ -12,9 +12,6 @@ from placement_planner_ros.core.search.cell_layout import (
     LOWER,
     UPPER,
     Y,
-    areas,
-    halved,
-    whole_cells,
 )
 from placement_planner_ros.core.search.hierarchy import (
     FULL_TURN,
@@ -29,7 +26,6 @@ from placement_planner_ros.core.search.sampler import Draws, Outcome, SamplerSet
 from placement_planner_ros.core.search.uniform import UniformSampler
 from placement_planner_ros.core.types import Goal, Verdict
 
-ORDER = [v for v in Verdict if v is not Verdict.BREAKS_RULE]
 """The checks that H counts: rules of users and ξ are one."""
 
 
@@ -192,29 +188,6 @@ def test_the_same_seed_gives_the_same_goals(kind):
     assert run(1) != run(2)
 
 
-def test_parts_of_a_cell_cover_it_without_overlap():
-    cell = np.array([1.0, 0.5, 0.0, 0.2, 0.1, 0.5, 1.0, 2.0, 0.03, -0.04])
-    parts = halved(cell[None])
-    low, high = parts[:, LOWER], parts[:, UPPER]
-    assert np.prod(high - low, axis=1).sum() == pytest.approx(0.2 * 0.4 * 1.0)
-    for center in 0.5 * (low + high):
-        assert ((low < center) & (center < high)).all(axis=1).sum() == 1
-    kept = [0, 1, 8, 9]
-    assert (parts[:, kept] == cell[kept]).all()
-
-
-def test_whole_cells_hold_every_face_on_the_extent_of_every_region():
-    rectangles = np.array([[0.1, 0.0, 0.2, 0.4], [0.2, -0.3, 0.5, 0.05]])
-    bars = Region(rectangles, 0.7, slope=(0.1, -0.02))
-    square = Region(np.array([[0.0, 0.0, 0.4, 0.2]]), 0.0)
-    cells = whole_cells(AfrHierarchy([1], 3, [square, bars], HierarchySettings()))
-    expected = [[face, 0.0, 0.0, 0.4, 0.0, 0.2, 0.0, FULL_TURN, 0.0, 0.0] for face in range(3)]
-    expected += [[face, 0.7, 0.1, 0.5, -0.3, 0.4, 0.0, FULL_TURN, 0.1, -0.02] for face in range(3)]
-    assert cells.tolist() == expected
-    assert areas(cells) == pytest.approx([0.08] * 3 + [0.28] * 3)
-    assert whole_cells(AfrHierarchy([1], 3, [], HierarchySettings())).shape == (0, 10)
-
-
 def test_cells_follow_what_is_best_at_every_scale_without_forgetting_the_rest():
     made, checker = sampler(OptimisticSampler, samples_per_call=6000, goals_per_call=10_000)
     made.sample_goals(-0.001, never)
@@ -247,16 +220,6 @@ def test_wrong_settings_are_refused():
         MctsSettings(reward="best")
     with pytest.raises(ParameterError, match="angle_intervals"):
         HierarchySettings(angle_intervals=1)
-
-
-def test_cells_with_a_goal_wait_until_the_best_value_has_caught_up():
-    made, _ = sampler(OptimisticSampler, samples_per_call=2000, goals_per_call=10_000)
-    goals = made.sample_goals(-0.05, never)
-    waiting = [value for value, *_ in made._with_goal]
-    assert waiting
-    assert set(waiting) <= {goal.objective for goal in goals}
-    made.sample_goals(-1e-9, never)
-    assert all(value > -1e-9 for value, *_ in made._with_goal)
 
 
 class LowerHalf:
@@ -295,105 +258,6 @@ def test_it_goes_on_where_pruning_empties_the_levels():
     assert made.sample_goals(-1e-9, never) == []
     assert len(checker.contacts) == 5000
     assert len(made._levels) > 6
-
-
-def test_leaves_are_rewarded_with_one_or_nothing_and_all_other_nodes_with_h():
-    checker = CornerChecker()
-    settings = MctsSettings(samples_per_call=4000, goals_per_call=10_000)
-    shallow = hierarchy(min_area=0.02, min_angle=1.0)
-    made = MctsSampler(shallow, checker, settings, np.random.default_rng(0))
-    verdicts, updates = [], []
-    check, update = checker.check_batch, made.tree.update
-
-    def checked(*args):
-        outcome = check(*args)
-        verdicts.extend(outcome.verdicts.tolist())
-        return outcome
-
-    def updated(node, *rest):
-        updates.append((made.tree.is_leaf(node), *rest))
-        update(node, *rest)
-
-    made._check, made.tree.update = checked, updated
-    made.sample_goals(-0.05, never)
-    assert len(updates) == len(verdicts) == 4000
-    seen = set()
-    for verdict, (leaf, reward, _, demoted) in zip(verdicts, updates, strict=True):
-        seen.add((leaf, Verdict(verdict)))
-        if leaf:
-            assert (reward, demoted) == (float(verdict == Verdict.FEASIBLE), 0.0)
-        else:
-            passed = ORDER.index(verdict) / 9
-            lost = min(ORDER.index(verdict), 3) / 9
-            assert (reward, demoted) == pytest.approx((passed, lost))
-    judged = (Verdict.COLLIDING, Verdict.NOT_BETTER, Verdict.NO_IK, Verdict.FEASIBLE)
-    assert seen >= {(True, verdict) for verdict in judged}
-    assert {(False, Verdict.COLLIDING), (False, Verdict.NO_IK)} <= seen
-
-
-def test_what_no_longer_beats_the_best_value_loses_its_reward():
-    """Each call tells the tree of the best value so far before it selects anything."""
-    endless = hierarchy(min_area=1e-12, min_angle=1e-9)  # without leaves
-    settings = MctsSettings(samples_per_call=3000, goals_per_call=10_000)
-    made = MctsSampler(endless, CornerChecker(), settings, np.random.default_rng(0))
-    found = made.sample_goals(-np.inf, never)
-    assert len(found) > 20
-    before = made.tree.reward(0)
-    values = sorted(goal.objective for goal in found)
-    made.sample_goals(values[9], lambda: True)
-    assert made.tree.reward(0) < before
-    made.sample_goals(0.0, lambda: True)
-    counts = made.count.verdicts
-    expected = sum(min(k, 3) * counts[v] for k, v in enumerate(ORDER)) / 9
-    assert made.tree.reward(0) == pytest.approx(expected)
-    assert made.count.samples == made.tree.visits(0) == 3000
-
-
-def searched(**settings):
-    """Optimistic search that has refined for a while, and what it split in each round."""
-    settings = {"samples_per_call": 6000, "goals_per_call": 10_000, "uniform_first": 500} | settings
-    made, checker = sampler(OptimisticSampler, **settings)
-    split = []
-    choose = made._split_best
-
-    def split_best(best):
-        split.append(choose(best))
-        return split[-1]
-
-    made._split_best = split_best
-    made.sample_goals(-0.05, never)
-    return made, checker, split
-
-
-def test_each_cell_waits_at_the_depth_of_its_size():
-    made, _, _ = searched()
-    sides = np.full((len(made._extents), 3), FULL_TURN)
-    sides[:, :2] = made._extents[:, 1::2] - made._extents[:, ::2]
-    coarse = {tuple(s) for s in np.round(sides / made._steps, 9)}
-    waiting = [(depth, cell) for depth, level in enumerate(made._levels) for *_, cell in level]
-    waiting += [(depth, cell) for _, _, depth, cell in made._with_goal]
-    for depth, cell in waiting:
-        size = (cell[UPPER] - cell[LOWER]) * 2.0**depth
-        assert tuple(np.round(size, 9)) in coarse
-    assert max(depth for depth, _ in waiting) >= 3
-
-
-def test_no_coarse_cell_is_split_twice_and_each_round_splits_one_of_each_depth():
-    _, _, split = searched()
-    coarse = [cells[0].tobytes() for cells, depths, _ in split if len(depths) and depths[0] == 0]
-    assert len(coarse) > 50
-    assert len(set(coarse)) == len(coarse)
-    for _, depths, _ in split:
-        assert len(set(depths.tolist())) == len(depths)
-
-
-def test_a_cell_may_be_split_again_once_its_goal_has_been_reached():
-    """At that very value: nothing is worth more than what has been found there."""
-    made, _, _ = searched()
-    values = sorted(value for value, *_ in made._with_goal)
-    assert len(values) > 5
-    made.sample_goals(values[3], lambda: True)
-    assert sorted(value for value, *_ in made._with_goal) == values[4:]
 
 
 @pytest.mark.parametrize("share", [0.0, 0.2, 0.5, 0.8])
@@ -441,47 +305,6 @@ def test_uniform_poses_lie_on_their_region(kind):
     assert ((contacts[:, 0] > 0.02).mean()) == pytest.approx(0.38 / 0.78, abs=0.06)
 
 
-def test_uniform_sampling_draws_every_grasp_of_each_arm_alike():
-    made, _ = sampler(UniformSampler, batch=6000)
-    draws = made._draw(6000, -np.inf)
-    pairs = np.unique(np.column_stack([draws.arm, draws.grasp]), axis=0, return_counts=True)
-    assert pairs[0].tolist() == [[0, 0], [0, 1], [1, 0]]
-    assert pairs[1] / 6000 == pytest.approx([0.25, 0.25, 0.5], abs=0.03)
-
-
-def test_of_too_many_cells_the_worse_are_forgotten(monkeypatch):
-    monkeypatch.setattr("placement_planner_ros.core.search.optimistic._MAX_CELLS", 40)
-    made, _ = sampler(OptimisticSampler)
-    pushed = [(k % 4, float(-k)) for k in np.random.default_rng(0).permutation(41)]
-    for kind, rank in pushed[:40]:
-        made._push(0, kind, rank, np.zeros(10))
-    assert len(made._levels[0]) == 40
-    made._push(0, *pushed[40], np.zeros(10))
-    assert sorted(entry[:2] for entry in made._levels[0]) == sorted(pushed)[:20]
-    # Of those with a goal, too, the best stay.
-    made, _ = sampler(
-        OptimisticSampler, samples_per_call=6000, goals_per_call=10_000, uniform_first=10_000
-    )
-    goals = made.sample_goals(-np.inf, never)
-    best = sorted(goal.objective for goal in goals)[-40:]
-    assert len(goals) > 40
-    assert sorted(value for value, *_ in made._with_goal) == best
-
-
-def test_uniform_poses_grade_the_coarse_cell_they_lie_in():
-    made, _ = sampler(OptimisticSampler)
-    cells, poses = made._graded(500)
-    low, high = cells[:, LOWER], cells[:, UPPER]
-    assert (low <= poses).all()
-    assert (poses <= high).all()
-    square = cells[:, 2] < 0.9
-    size = np.where(square[:, None], [0.1, 0.1, FULL_TURN / 16], [0.025, 0.025, FULL_TURN / 16])
-    assert np.allclose(high - low, size)
-    steps = (low - np.where(square[:, None], 0.0, [1.0, 0.0, 0.0])) / size
-    assert np.allclose(steps, steps.round(), atol=1e-9)
-    assert set(cells[:, 0]) == {0.0, 1.0}
-
-
 def test_what_is_free_is_split_before_what_collides_and_the_unstable_last():
     """Within a class the better ξ is; where there is none to compare, any may be."""
     made, _ = sampler(OptimisticSampler)
@@ -509,42 +332,6 @@ def test_what_is_free_is_split_before_what_collides_and_the_unstable_last():
     assert split == sorted(split)
     free = [values[k] for k in order[: split.count(0)]]
     assert free == sorted(free, reverse=True)
-
-
-@pytest.mark.parametrize("asked", [False, True])
-def test_what_was_better_but_not_reached_has_its_turn_where_that_is_asked_for(asked):
-    """Besides what is free, of one depth in each round, and while it still is better."""
-    made, _ = sampler(OptimisticSampler, unreached=asked)
-    verdicts = np.array([Verdict.NOT_BETTER] * 4 + [Verdict.NO_IK, Verdict.ARM_COLLIDING] * 2)
-    values = np.array([0.1, 0.2, 0.3, 0.4, 0.6, 0.7, 0.8, 0.9])
-    cells = np.tile([0.0, 0.0, 0.0, 0.1, 0.0, 0.1, 0.0, 1.0, 0.0, 0.0], (8, 1))
-    cells[:, 1] = np.arange(8)
-    made._remember(Outcome(verdicts, values, []), cells, np.zeros(8, dtype=np.int64))
-    first, _, kinds = made._split_best(0.5)
-    order = [int(first[0, 1])]
-    assert (order[0] >= 4) == (kinds[0] == 1) == asked
-    assert len(made._levels) == 2  # so that every other turn is that of the coarse cells
-    for best in (0.5, 0.5, 1.0, 1.0):
-        order += made._split_best(best)[0][:, 1].astype(int).tolist()
-    unreached = [k for k in order if k >= 4]
-    if asked:
-        assert len(unreached) == 2  # the third turn comes when nothing is better any more
-        assert [k for k in order if k < 4] == [3, 2, 1]
-    else:
-        assert order == [3, 2, 1, 0, *unreached]
-    assert len(set(order)) == len(order)
-
-
-def test_cells_too_small_to_be_split_are_not_remembered():
-    made, _ = sampler(OptimisticSampler)
-    small = hierarchy().settings.min_area
-    sides = np.array([0.5, 0.99, 1.01, 2.0]) * small / 0.1
-    cells = np.array([[0, 0, 0, side, 0, 0.1, 0, 1, 0, 0] for side in sides])
-    for verdict in (Verdict.FEASIBLE, Verdict.COLLIDING):
-        kept = made._with_goal if verdict is Verdict.FEASIBLE else made._levels[0]
-        verdicts = np.full(4, verdict)
-        made._remember(Outcome(verdicts, np.arange(4.0), []), cells, np.zeros(4, dtype=np.int64))
-        assert sorted(cell[3] for *_, cell in kept) == pytest.approx(sides[2:])
 
 
 @pytest.mark.parametrize("kind", [MctsSampler, OptimisticSampler, UniformSampler])
@@ -578,79 +365,3 @@ def test_samplers_can_be_made_where_there_is_nothing_to_sample(kind):
     """The planner makes its sampler first and then says that there is no region."""
     empty = AfrHierarchy([1], 1, [], HierarchySettings())
     kind(empty, CornerChecker(), SETTINGS[kind](), np.random.default_rng(0))
-
-
-def rounds_of(bests):
-    """Of rounds of 16 samples at these ξ_best: samples before, whether refined, size and depths."""
-    made, _ = sampler(OptimisticSampler, samples_per_call=16, uniform_first=64, goals_per_call=99)
-    begin, rounds = made._begin_round, []
-
-    def begun(refine, best):
-        begin(refine, best)
-        rounds.append((made.count.samples, refine, len(made._depths), {*made._depths.tolist()}))
-
-    made._begin_round = begun
-    for best in bests:
-        made.sample_goals(best, never)
-    return rounds
-
-
-def test_refinement_begins_once_enough_is_graded_and_something_was_found():
-    nothing_found = rounds_of([-np.inf] * 6)
-    assert nothing_found == [(16 * k, False, 16, {0}) for k in range(6)]
-    found = rounds_of([-0.3] * 5)
-    assert found[:4] == nothing_found[:4]
-    assert found[4][1]
-    assert found[4][3] == {0, 1}
-
-
-def test_poses_of_a_round_are_drawn_from_their_cells_in_any_order():
-    made, _ = sampler(OptimisticSampler, samples_per_call=400, uniform_first=400)
-    made.sample_goals(-0.3, never)
-    orders, shares = [], []
-    for _ in range(30):
-        made._begin_round(refine=True)
-        low, high = made._cells[:, LOWER], made._cells[:, UPPER]
-        assert (low <= made._poses).all()
-        assert (made._poses <= high).all()
-        shares.append(((made._poses - low) / (high - low))[made._depths > 0])
-        orders.append((np.diff(made._depths) < 0).any() and (np.diff(made._depths) > 0).any())
-        draws = made._draw(1000, -0.3)
-        assert (draws.contact[:, :2] == made._poses[:, :2]).all()
-        assert (draws.contact[:, 2] == made._cells[:, 1]).all()
-        assert (draws.angle == made._poses[:, 2]).all()
-        assert (draws.face == made._cells[:, 0]).all()
-        assert (draws.arm == -1).all()
-        assert (draws.grasp == -1).all()
-        checked = made._checker.check_batch(draws, -0.3, 10_000, never)
-        made._learn(checked, -0.3)
-        assert len(made._depths) == 0
-    assert sum(orders) > 15
-    assert np.vstack(shares).mean(axis=0) == pytest.approx(0.5, abs=0.06)
-
-
-def test_cells_whose_goal_was_reached_go_back_where_they_were_taken_from():
-    made, _, _ = searched()
-    waiting = sorted(made._with_goal, key=lambda entry: entry[0])
-    before = [len(level) for level in made._levels]
-    made.sample_goals(waiting[2][0], lambda: True)
-    for value, _, depth, cell in waiting[:3]:
-        found = [entry for entry in made._levels[depth] if entry[3] is cell]
-        assert [entry[:2] for entry in found] == [(0, -value)]
-    assert sum(len(level) for level in made._levels) == sum(before) + 3
-
-
-def test_what_is_no_larger_than_the_least_area_and_angle_is_a_leaf():
-    square = Region(np.array([[0.0, 0.0, 0.25, 0.25]]), 0.0)
-    for area, parts in ((0.0625, 1), (np.nextafter(0.0625, 0.0), 4)):
-        for angle, pieces in ((FULL_TURN, 1), (0.99 * FULL_TURN, 4)):
-            settings = HierarchySettings(min_area=area, min_angle=angle)
-            afr = AfrHierarchy([1], 1, [square], settings)
-            count = afr.child_count(AfrNode(0, 0, 0, square))
-            assert count == (parts * pieces if parts * pieces > 1 else 0)
-            checker = CornerChecker()
-            made = OptimisticSampler(afr, checker, OptimisticSettings(), np.random.default_rng(0))
-            cell = np.array([[0.0, 0.0, 0.0, 0.25, 0.0, 0.25, 0.0, 1.0, 0.0, 0.0]])
-            outcome = Outcome(np.array([Verdict.COLLIDING]), np.array([-np.inf]), [])
-            made._remember(outcome, cell, np.zeros(1, dtype=np.int64))
-            assert len(made._levels[0]) == (parts > 1)

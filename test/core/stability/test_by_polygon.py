@@ -159,20 +159,6 @@ def test_what_rises_from_a_foot_does_not_touch():
     assert (widths <= 0.08 + 2.0 * slant + 1e-9).all()
 
 
-def test_contact_points_are_close_together_and_a_bounded_number():
-    for sides in ((0.17, 0.12, 0.05), (0.9, 0.7, 0.3), (0.012, 0.02, 0.01)):
-        body = box(sides)
-        for face in body.faces:
-            points, spread, _ = contact_points(body, face)
-            assert len(points) <= 1024 + 32
-            assert len(spread) <= 64
-            assert (np.lexsort(points.T[::-1]) == np.arange(len(points))).all()
-            low, high = points.min(axis=0), points.max(axis=0)
-            at = np.random.default_rng(0).uniform(low, high, (300, 2))
-            apart = np.linalg.norm(at[:, None] - points, axis=2).min(axis=1).max()
-            assert apart <= max(0.0072, 1.1 * np.sqrt(np.prod(high - low) / 1024))
-
-
 def test_on_a_slope_the_tilt_counts_from_where_the_object_stands():
     """Tall boxes on a tilted bridge: as far as gravity can turn until they fall."""
     slope = (0.0, np.tan(np.radians(8.0)))

@@ -6,7 +6,6 @@ import trimesh
 from helpers.footholds import VOLUME, Block, bare_problem, spare
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.body.contact_points import contact_points
 from placement_planner_ros.core.constraints import PoseConstraints, placement_pose
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.scene.environment import Environment
@@ -65,22 +64,3 @@ def test_a_box_stands_where_bars_truly_carry_it_and_nowhere_else(noise):
             safe.append(stands)
     assert 20 < stood < 180
     assert np.mean(safe) > 0.5
-
-
-def test_what_touches_is_known_with_the_room_around_it():
-    """Of a slab on four feet the room ends where each foot does."""
-    parts = [trimesh.creation.box((0.16, 0.11, 0.02))]
-    for x in (-0.07, 0.07):
-        for y in (-0.045, 0.045):
-            foot = trimesh.creation.box((0.014, 0.014, 0.06))
-            parts.append(foot.apply_translation((x, y, -0.04)))
-    mesh = trimesh.util.concatenate(parts)
-    body = Body.from_mesh(mesh.vertices, mesh.faces)
-    face = next(f for f in body.faces if f.normal[2] < -0.99)
-    contacts = contact_points(body, face)
-    inward = face.T_face_object.inverse()
-    for point, room in zip(contacts.points, contacts.room, strict=True):
-        at = inward.act(np.array([*point, 0.0]))
-        expected = 0.007 - np.abs(np.abs(at[:2]) - [0.07, 0.045]).max()
-        assert room == pytest.approx(max(expected, 0.0), abs=1e-6)
-    assert contacts.room.max() > 0.003

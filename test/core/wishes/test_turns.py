@@ -11,9 +11,7 @@ from helpers.tilts import tilted_problem
 
 from benchmarks.cases import Case
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
-from placement_planner_ros.core.search.cell_layout import ANGLE, FACE, whole_cells
 from placement_planner_ros.core.search.pruning import Cause
-from placement_planner_ros.core.search.uniform import UniformPoses
 from placement_planner_ros.core.types import upright
 from placement_planner_ros.core.wishes.settings import TurnSettings
 from placement_planner_ros.core.wishes.turns import Turns
@@ -44,7 +42,7 @@ def off_by(x, turns):
     return lean, np.arccos(np.clip(front @ target / np.linalg.norm(front), -1.0, 1.0))
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 def test_ranges_are_the_angles_that_keep_the_rules_and_no_others(table, seed):
     rng = np.random.default_rng(seed)
     faces = table[0].body.faces
@@ -100,27 +98,6 @@ def test_what_is_published_is_turned_as_asked(table, sampler):
         assert lean <= turns.up_tolerance
         assert away <= turns.front_tolerance + 2e-6
     assert planner.statistics.rejected["breaks_rule"] == 0  # drawn within, not refused
-
-
-def test_draws_and_whole_cells_are_within_the_ranges(table):
-    face = table[0].body.faces[2]
-    along = face.T_face_object.rotation.T @ [1.0, 0.0, 0.0]
-    turns = TurnSettings(front=tuple(along), front_direction=-0.4, front_tolerance=0.3)
-    planner = planner_of(table, turns)
-    hierarchy, ranges = planner._search.hierarchy, planner._search.poses.turns.ranges
-    assert set(hierarchy.usable) < set(range(hierarchy.faces))
-    drawn = UniformPoses(hierarchy, np.random.default_rng(0)).draw(4000)
-    assert set(drawn.face.tolist()) == set(hierarchy.usable)
-    for f in hierarchy.usable:
-        ((low, high),) = ranges(f, (0.0, 0.0))
-        angles = drawn.angle[drawn.face == f]
-        assert low <= angles.min()
-        assert angles.max() <= high
-        assert angles.std() == pytest.approx((high - low) / np.sqrt(12.0), rel=0.1)
-    cells = whole_cells(hierarchy)
-    assert len(cells) == len(hierarchy.regions) * len(hierarchy.usable)
-    for cell in cells:
-        assert ((cell[ANGLE], cell[ANGLE + 1]),) == ranges(int(cell[FACE]), (0.0, 0.0))
 
 
 def test_on_a_tilted_table_the_lean_counts():

@@ -18,7 +18,7 @@ from placement_planner_ros.client import (
     AsyncPlacementClient,
     PlacementClient,
     PlacementError,
-    conversation,
+    session,
 )
 from placement_planner_ros.client.calls import parameter_message
 
