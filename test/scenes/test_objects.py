@@ -25,7 +25,6 @@ from placement_planner_ros.scenes.yumi import (
 )
 
 ROOT = Path(__file__).resolve().parents[2]
-ARMS = ("left", "right")
 PAD_LOWER, PAD_UPPER = np.array([-0.001, -0.0104, 0.0837]), np.array([0.001, 0.0104, 0.1359])
 """Where, in the tip frame, the finger pads are, but for their opening in x."""
 
