@@ -199,8 +199,9 @@ class Bench:
 
     def feed(self):
         """Publish inputs until the node has them."""
-        self.cloud()
-        self.wait(lambda: self.node._inputs.clouds.updates > 0, again=self.cloud)
+        clouds = self.node._inputs.clouds
+        before = clouds.updates
+        self.wait(lambda: clouds.updates > before, again=self.cloud)
         began = time.monotonic()
         self.wait(lambda: self._joints_came_since(began), again=self.joint_state)
 
@@ -211,7 +212,7 @@ class Bench:
     def wait(self, condition, timeout=120.0, again=None):
         """Wait until a condition holds, doing something again and again."""
         end = time.monotonic() + timeout
-        last = time.monotonic()
+        last = 0.0
         while not condition():
             assert time.monotonic() < end, "waited in vain"
             if again is not None and time.monotonic() - last > 0.2:
@@ -256,9 +257,12 @@ class Bench:
 
 
 def started(bench, **parameters):
-    """Inputs given, run started, planner searching."""
-    bench.feed()
-    answer = bench.call("start_with" if parameters else "start", **parameters)
+    """Inputs given, run started, planner searching; where they are too old by then, again."""
+    code = None
+    while code in (None, "CLOUD_STALE", "JOINTS_STALE"):
+        bench.feed()
+        answer = bench.call("start_with" if parameters else "start", **parameters)
+        code = answer.code
     assert answer.success, answer.text
     bench.wait(lambda: len(bench.planners) == int(answer.run))
     bench.wait(bench.planners[-1].searching.is_set)

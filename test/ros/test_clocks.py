@@ -26,7 +26,7 @@ def test_runs_live_with_any_clock(bench):
 
         b.wait(lambda: b.node._inputs.clouds.updates > updates, again=feed)
         b.wait(lambda: b.call("start_with", **parameters).success, again=b.joint_state)
-        assert 0.0 <= b.node._inputs.clouds.ages(time.monotonic())["points"] < 60.0
+        assert 0.0 <= b.node._inputs.clouds.ages(time.monotonic())["points"] < 3600.0
         b.wait(lambda: len(b.planners) > runs)
 
     def solve(stamp):

@@ -16,10 +16,8 @@ from shape_msgs.msg import Mesh, MeshTriangle
 from std_msgs.msg import String
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.errors import ObjectError
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.ros.inputs.mesh_process import MeshProcess
-from placement_planner_ros.ros.inputs.reading import Reading
 from placement_planner_ros.ros.qos import LATCHED
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.share import share_path
@@ -148,22 +146,6 @@ def test_a_cloud_that_came_while_the_robot_was_bad_waits_for_a_good_one(bench):
     b.wait(lambda: b.status()["robot"] == "ready")
     assert code(b) == "OK"
     np.testing.assert_allclose(b.snapshots[-1].clouds[0], 2.0 * TABLE, atol=1e-6)
-
-
-def test_an_error_that_is_told_again_and_again_does_not_grow():
-    """Its traceback would, by the calls of each time, and hold what these held."""
-
-    def fail(should_stop):
-        raise ObjectError("object", "x", "is none")
-
-    reading, lengths = Reading("object", lambda error: error), set()
-    reading.want("key", fail)
-    reading.wait("key")
-    for _ in range(5):
-        with pytest.raises(ObjectError) as raised:
-            reading.get("key")
-        lengths.add(len(raised.traceback))
-    assert len(lengths) == 1
 
 
 @pytest.mark.parametrize("error", [None, MemoryError(), KeyError("link")])

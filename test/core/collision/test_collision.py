@@ -1,6 +1,5 @@
 """The arm's collision checks against coal on every part and box; edges against dense samples."""
 
-import gc
 import itertools
 
 import coal
@@ -589,17 +588,6 @@ def test_a_ball_in_two_links_shows_that_they_overlap(yumi):
         assert not (free and ball > 1e-5)
         overlapping += ball > 0.0
     assert 2 < overlapping < 28
-
-
-def test_boxes_are_made_once_and_go_with_their_obstacle_set():
-    obstacles = obstacles_of(plate((0.1, 0.1, 0.1), (0.0, 0.0, 0.0)))
-    before = len(collision_boxes._made)
-    boxes = collision_boxes.box_arrays(obstacles)
-    assert collision_boxes.box_arrays(obstacles) is boxes
-    assert len(collision_boxes._made) == before + 1
-    del obstacles, boxes
-    gc.collect()
-    assert len(collision_boxes._made) <= before
 
 
 def test_columns_hold_each_box_in_its_cell_once():
