@@ -102,12 +102,6 @@ def test_seconds_count_from_the_first_placement_on(clock, capsys):
     assert "objective 0.2500" in said
 
 
-def test_none_of_those_that_come_between_two_looks_is_left_out(clock, capsys):
-    found = search.search(Planner(clock, 0.1, count=3), 1.0, alive, ProgressLine())
-    assert [solution.number for solution in found.improvements] == [1, 2, 3]
-    assert "the first placement came 0.10 s after the start" in capsys.readouterr().out
-
-
 def test_a_search_that_ends_by_itself_is_not_waited_for(clock):
     planner = Planner(clock, first_after=2.0, ends_after=5.0)
     search.search(planner, 60.0, alive, ProgressLine())
@@ -141,15 +135,6 @@ def test_a_node_that_falls_silent_is_told_from_one_that_found_nothing(clock, cod
         search.search(planner, 3.0, alive, ProgressLine())
 
 
-def test_a_node_that_dies_while_it_searches_is_told_at_once(clock):
-    def dead():
-        raise DemoError("the node ended by SIGSEGV", "x")
-
-    with pytest.raises(DemoError, match="SIGSEGV"):
-        search.search(Planner(clock), 10.0, dead, ProgressLine())
-    assert clock.now < 1002.0
-
-
 class Waiting:
     """A client of a node that is not ready for so many seconds."""
 
@@ -166,12 +151,6 @@ def test_waiting_says_what_the_node_does(clock, capsys):
     status = SimpleNamespace(lacking="compiling kernels: 3 of 175")
     search.wait_until_ready(Waiting(clock, 30.0, status), alive, ProgressLine())
     assert "compiling kernels: 3 of 175" in capsys.readouterr().out
-
-
-def test_a_node_that_never_gets_ready_says_what_it_lacks(clock):
-    status = SimpleNamespace(lacking="x")
-    with pytest.raises(DemoError, match=r"not ready after 900 s: NOT_READY: compiling kernels: 3"):
-        search.wait_until_ready(Waiting(clock, 1e6, status), alive, ProgressLine())
 
 
 def test_a_node_that_is_never_heard_of_names_what_may_hide_it(clock):

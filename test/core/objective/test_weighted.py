@@ -1,7 +1,5 @@
 """Terms by geometry, their sum, what it leaves out, and what is required."""
 
-from dataclasses import replace
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -154,19 +152,6 @@ def test_what_is_required_is_kept_by_whatever_is_published(table, sampler):
         assert terms["near"] >= at_least[0]
         assert terms["edge"] >= at_least[1]
     assert planner.statistics.rejected["breaks_rule"] > 0
-
-
-def test_where_none_is_left_the_term_is_named(table):
-    wishes = WishSettings(required=("high", "edge"), at_least=(0.5, 0.01))
-    planner = planner_of(table, wishes, "maximize_clearance")
-    assert list(planner.run(lambda: planner.statistics.samples >= 1500)) == []
-    told = planner.explain()
-    assert "require_terms asks (high 0.5), high 0." in told.cause
-    assert "edge" not in told.cause
-    names = [each.parameter for each in told.remedies]
-    assert names[:2] == ["require_at_least", "require_terms"]
-    freed = planner_of(table, replace(wishes, required=(), at_least=()), "maximize_clearance")
-    assert next(freed.run(lambda: freed.statistics.samples >= 1500))
 
 
 def test_bad_combinations_are_refused(table):

@@ -1,6 +1,5 @@
 """Cells that are ruled out hold nothing, and a search of which nothing is left says so and why."""
 
-import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +12,6 @@ from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.sample_goals.placed_cells import PlacedCells
-from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.search.cell_layout import (
     LOWER,
     UPPER,
@@ -21,8 +19,8 @@ from placement_planner_ros.core.search.cell_layout import (
     whole_cells,
 )
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy
-from placement_planner_ros.core.search.pruning import Cause, Remainder, Ruling
-from placement_planner_ros.core.types import TargetVolume, Verdict
+from placement_planner_ros.core.search.pruning import Remainder, Ruling
+from placement_planner_ros.core.types import Verdict
 
 CASE = Case("cabinet_low_clutter", "large_crayons_box", "maximize_clearance")
 
@@ -137,49 +135,10 @@ def test_no_pose_of_an_unsupported_cell_is_stable(cabinet, sampled):
     assert (rulings[small][never] == Ruling.UNSUPPORTED).mean() > 0.5
 
 
-def around(volume):
-    return volume.lower - 0.3, volume.upper + 0.5
-
-
-def moved_away(problem, shift):
-    """The same problem with V and all that is in it elsewhere."""
-    volume = TargetVolume(problem.volume.lower + shift, problem.volume.upper + shift)
-    x, y = (np.arange(a, b, 0.005) for a, b in np.column_stack([volume.lower, volume.upper])[:2])
-    points = np.array([*itertools.product(x, y, [volume.lower[2] + 0.03])])
-    environment = Environment.from_points(points, volume, bounds=around(volume))
-    return replace(problem, volume=volume, environment=environment)
-
-
 def planned(problem, prune=True, samples=2000):
     context = ObjectiveContext(problem.environment, problem.volume, problem.body)
     planner = planner_of(problem, make_objective("maximize_clearance", context), prune)
     return planner, list(planner.run(lambda: planner.statistics.samples >= samples))
-
-
-def test_a_volume_out_of_reach_ends_the_search_at_once_and_says_why(cabinet):
-    far = moved_away(cabinet[0], np.array([2.0, 0.0, 0.0]))
-    planner, placements = planned(far)
-    assert placements == []
-    assert "out of reach of every arm" in planner.exhausted
-    assert "target_volume: move it closer" in planner.exhausted
-    assert "support" not in planner.exhausted
-    assert planner.cause is Cause.OUT_OF_REACH
-    assert planner.statistics.samples <= planner._settings.optimistic.samples_per_call
-
-
-def test_a_surface_too_small_for_every_face_ends_the_search_and_says_why(cabinet):
-    problem, _ = cabinet
-    middle = 0.5 * (problem.volume.lower + problem.volume.upper)
-    x, y = (np.arange(m - 0.03, m + 0.03, 0.004) for m in middle[:2])
-    points = np.array([*itertools.product(x, y, [middle[2]])])
-    environment = Environment.from_points(points, problem.volume, bounds=around(problem.volume))
-    small = replace(problem, environment=environment)
-    assert environment.regions
-    planner, placements = planned(small)
-    assert placements == []
-    assert "without support" in planner.exhausted
-    assert "larger surfaces" in planner.exhausted
-    assert planner.cause is Cause.UNSUPPORTED
 
 
 @pytest.mark.parametrize("prune", [True, False])

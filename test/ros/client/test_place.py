@@ -13,7 +13,6 @@ from helpers.searches import Doing, ended, found, searching, service_of
 
 from placement_planner_ros.client import PlacementClient, PlacementError, session
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.errors import RobotError
 from placement_planner_ros.ros.run import worker
 
 # --- what comes of it
@@ -125,13 +124,6 @@ def test_no_solution_by_the_deadline_is_said(fed, planner):
     assert ended(fed)
 
 
-def test_a_run_that_fails_says_of_what(fed, planner):
-    placing = Doing(lambda: planner.place({}, 60.0))
-    searching(fed).error = RobotError("arms", "left", "it is gone")
-    assert placing.error.code == "BAD_PARAMETER"
-    assert "it is gone" in placing.error.words
-
-
 def test_somebody_elses_run_is_left_alone(fed, planner):
     run = planner.start()
     with PlacementClient() as other, pytest.raises(PlacementError) as raised:
@@ -173,13 +165,6 @@ def test_a_node_that_falls_silent_while_it_searches_is_said(fed, planner, monkey
 def test_a_deadline_that_is_no_time_to_come_is_named(planner, deadline):
     with pytest.raises(ValueError, match=f"deadline = {deadline!r}: give seconds"):
         planner.place({}, deadline)
-
-
-def test_an_end_by_another_client_is_an_end(fed, planner):
-    placing = Doing(lambda: planner.place({}, math.inf))
-    found(fed, 0.5)
-    fed.call("stop")
-    assert placing.result.objective == 0.5
 
 
 def test_another_run_of_another_client_is_said(fed, planner):

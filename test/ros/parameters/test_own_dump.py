@@ -146,14 +146,3 @@ def test_a_name_that_nobody_knows_is_told_with_the_nearest(node):
     result = tools.wait(tools.client.set_parameters_atomically(wrong)).result
     assert not result.successful
     assert "the nearest is time_limit" in result.reason
-
-
-def test_what_is_given_is_known_by_name_on_the_command_line_too(ros):
-    rclpy.shutdown()
-    rclpy.init(args=["--ros-args", "-p", "arms:=[]", "-p", "colision_margin:=0.01"])
-    made = ParameterNode("misspelt")
-    try:
-        assert set(made.given) == {"arms", "colision_margin"}
-        assert not made.has_parameter("arms")
-    finally:
-        made.destroy_node()

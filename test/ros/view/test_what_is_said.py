@@ -28,25 +28,12 @@ def test_improvements_are_kept_in_order_with_where_the_joints_were():
     assert record.elapsed >= 1.5
 
 
-def test_a_page_that_comes_late_has_the_newest_only():
-    record = RunRecord()
-    last = solution(9, 0.3, 5.0)
-    record.take_status(status(solutions=9), lambda r, n: last if n == 9 else None, {})
-    assert list(record.improvements) == [9]
-
-
 @pytest.mark.parametrize("run", [0, 6, 8])
 def test_another_run_begins_anew_whatever_its_number(run):
     record = record_of(solution())
     record.take_status(status(run=run), lambda r, n: None, {})
     assert record.run == run
     assert record.best is None
-
-
-def test_samples_and_rejections_are_those_of_the_status():
-    record = record_of(samples=1200, rejected_unstable=900, rejected_no_ik="x")
-    assert record.samples == 1200
-    assert record.rejected == {"unstable": 900, "no_ik": 0}
 
 
 def test_the_bars_are_as_long_as_their_numbers_are_large():
@@ -75,13 +62,6 @@ def test_the_curve_rises_step_by_step_and_marks_what_is_shown():
     assert dots[0][1] > dots[1][1]  # upwards is less
     assert dots[0][2] > dots[1][2]
     assert "4.0 s" in html
-
-
-@pytest.mark.parametrize("values", [[0.143], [0.0], [-0.3, -0.1], [1e-9, 2e-9], [float("nan")]])
-def test_any_objective_has_a_curve(values):
-    html = charts.objective_over_time([(float(k), v) for k, v in enumerate(values)], 0.0, -1)
-    assert "<svg" in html
-    assert "Infinity" not in html
 
 
 def test_what_comes_from_outside_is_no_html():
@@ -123,12 +103,6 @@ def test_a_search_that_ends_with_nothing_is_not_told_as_if_there_was_a_best():
     assert "yet" not in empty
     assert "nothing better is left" in words.heading(record_of(solution(), state="exhausted"), "")
     assert "found yet" in words.heading(record_of(state="searching"), "")
-
-
-def test_of_an_older_placement_nobody_knows_whether_it_can_still_be_carried_out():
-    said = words.placement(solution(1), 2, "the robot has left", "o", False)
-    assert "not checked" in said
-    assert "the robot has left" not in said
 
 
 def test_that_the_object_stands_is_not_said_of_one_placement_as_the_node_names_the_run_only():
