@@ -31,6 +31,8 @@ from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.yumi import HOME
 
 FRAME = "yumi_body"
+COMPILED = 1800.0
+"""Seconds within which all kernels are compiled, on a busy machine."""
 TABLE = np.array(
     [[x, y, 0.0] for x in np.arange(0.2, 0.6, 0.005) for y in np.arange(-0.3, 0.3, 0.005)]
 )

@@ -2,7 +2,7 @@
 
 import pytest
 import rclpy
-from helpers.fakes import Bench
+from helpers.fakes import COMPILED, Bench
 from helpers.system import OBJECT, SCENE, Client, running_node, wait
 from rclpy.parameter import Parameter
 
@@ -46,7 +46,7 @@ def node(ros_module, tmp_path_factory):
 @pytest.fixture(scope="module")
 def client(node):
     made = Client("client")
-    wait(lambda: made.value("warm") == "true", timeout=1800.0)
+    wait(lambda: made.value("warm") == "true", timeout=COMPILED)
     yield made
     made.close()
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from helpers.fakes import Spinning
+from helpers.fakes import COMPILED, Spinning
 from helpers.published import pose_of
 from helpers.system import OBJECT, running_node, wait
 from rclpy.executors import SingleThreadedExecutor
@@ -53,7 +53,7 @@ def node(ros_module, tmp_path_factory):
 @pytest.fixture(scope="module")
 def planner(node):
     with PlacementClient() as made:
-        wait(lambda: made.status is not None and made.status.warm == "true", 1800.0)
+        wait(lambda: made.status is not None and made.status.warm == "true", COMPILED)
         yield made
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from geometry_msgs.msg import Point
-from helpers.fakes import FRAME, TABLE, started, values_of
+from helpers.fakes import COMPILED, FRAME, TABLE, started, values_of
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
@@ -472,9 +472,9 @@ def test_all_is_warm_once_the_first_inputs_are_prepared(bench, monkeypatch):
     b = bench(warm=False)
     warming = threading.Thread(target=b.node.warm_up)
     warming.start()
-    b.wait(lambda: load_kernels.cache_info().currsize == 1)
+    b.wait(lambda: load_kernels.cache_info().currsize == 1, timeout=COMPILED)
     assert b.status().get("warm") == "false"
-    b.wait(lambda: not warming.is_alive(), again=b.feed)
+    b.wait(lambda: not warming.is_alive(), timeout=COMPILED, again=b.feed)
     b.wait(lambda: b.status().get("warm") == "true")
     assert b.node._preparation._newest.made
 

@@ -106,7 +106,6 @@ def contents(environment):
         ({}, {"self_filter.enabled": False}),
         ({}, {"self_filter.padding": 0.1}),
         ({}, {"unknown_space": "occupied"}),
-        ({"unknown_space": "occupied"}, {"unknown_space": "free"}),
         ({"unknown_space": "occupied"}, {"collision_margin": 0.06}),
     ],
     ids=str,
