@@ -55,6 +55,8 @@ def test_the_next_place_waits_for_the_run_that_was_left(fed):
             left = asyncio.create_task(planner.place({}, 60.0))
             await asyncio.to_thread(searching, fed)
             left.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await left
             placing = asyncio.create_task(planner.place({}, 60.0, until=lambda s: True))
             await asyncio.to_thread(found, fed, 0.5, number=2)
             return (await placing).run
