@@ -6,7 +6,6 @@ from unittest import mock
 
 import numpy as np
 import pytest
-from helpers import few_joints
 from helpers.problems import problem_of
 from helpers.tilts import tilted_problem
 
