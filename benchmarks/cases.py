@@ -29,11 +29,7 @@ from placement_planner_ros.scenes.objects import (
     object_by_name,
 )
 from placement_planner_ros.scenes.scenes import SCENE_NAMES, scene_by_name
-from placement_planner_ros.scenes.yumi import (
-    load_yumi,
-    start_configuration,
-    yumi_arm,
-)
+from placement_planner_ros.scenes.yumi import load_yumi, start_configuration, yumi_arm
 
 OBJECTIVE_WORDS = {
     "maximize_clearance": "maximised clearance",

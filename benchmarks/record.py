@@ -13,12 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.cases import (
-    Case,
-    CaseInputs,
-    build_problem,
-    read_inputs,
-)
+from benchmarks.cases import Case, CaseInputs, build_problem, read_inputs
 from benchmarks.machine import machine, versions
 from benchmarks.variants import VARIANTS
 from placement_planner_ros.core.collision.boxes import box_arrays

@@ -20,18 +20,8 @@ from benchmarks.evaluation.paper import PRESETS, preset_trials
 from benchmarks.evaluation.results import Results
 from benchmarks.jobs import Entry, J, run_jobs, say
 from benchmarks.json_lines import read_lines
-from benchmarks.options import (
-    add_case_options,
-    add_job_options,
-    wanted_cases,
-)
-from benchmarks.record import (
-    RUNS_FILE,
-    Trial,
-    describe,
-    record_key,
-    run_trial,
-)
+from benchmarks.options import add_case_options, add_job_options, wanted_cases
+from benchmarks.record import RUNS_FILE, Trial, describe, record_key, run_trial
 from benchmarks.scaling.growth import growths
 from benchmarks.scaling.runs import (
     AXES,

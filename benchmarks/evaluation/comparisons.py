@@ -10,11 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.cases import Case
-from benchmarks.evaluation.relative import (
-    area_under_curve,
-    time_to_reach,
-    values_at,
-)
+from benchmarks.evaluation.relative import area_under_curve, time_to_reach, values_at
 from benchmarks.evaluation.resampling import Interval, holm, mean_interval
 from benchmarks.evaluation.results import Results, final
 from benchmarks.variants import VARIANTS

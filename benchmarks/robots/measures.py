@@ -22,12 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.robots.agreement import (
-    RobotFiles,
-    clutter,
-    compare,
-    small_boxes_inside,
-)
+from benchmarks.robots.agreement import RobotFiles, clutter, compare, small_boxes_inside
 from benchmarks.robots.subject import Subject, read_subject
 from benchmarks.robots.things import (
     CLOUDS,

@@ -9,13 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.cases import (
-    OBJECTIVES,
-    Case,
-    CaseInputs,
-    build_problem,
-    read_inputs,
-)
+from benchmarks.cases import OBJECTIVES, Case, CaseInputs, build_problem, read_inputs
 from benchmarks.record import Trial, describe, record_key, run_trial
 from benchmarks.variants import VARIANTS
 from benchmarks.yardstick.dense_search import sampled_placements

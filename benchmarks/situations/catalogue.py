@@ -6,13 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from benchmarks.situations import (
-    containers,
-    hollow,
-    slopes,
-    supports,
-    volumes,
-)
+from benchmarks.situations import containers, hollow, slopes, supports, volumes
 from benchmarks.situations.situation import Situation
 from placement_planner_ros.core.errors import ParameterError
 

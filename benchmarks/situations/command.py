@@ -13,11 +13,7 @@ from benchmarks.json_lines import append_line, read_lines
 from benchmarks.options import add_job_options
 from benchmarks.page import between_marks, require_marks
 from benchmarks.situations.catalogue import all_situations
-from benchmarks.situations.feasible_share import (
-    SHARES_FILE,
-    measure_shares,
-    shares_table,
-)
+from benchmarks.situations.feasible_share import SHARES_FILE, measure_shares, shares_table
 from benchmarks.situations.report import VERDICTS_FILE, markdown
 from benchmarks.situations.runs import (
     OUTCOMES,

@@ -22,26 +22,12 @@ from benchmarks.options import add_case_options, wanted_cases
 from benchmarks.page import require_marks
 from benchmarks.record import RUNS_FILE, warm_process
 from benchmarks.speed.clouds import measure_clouds
-from benchmarks.speed.processes import (
-    check_recorded,
-    measure_load,
-    measure_node,
-)
+from benchmarks.speed.processes import check_recorded, measure_load, measure_node
 from benchmarks.speed.queries import Bench, CompareSettings
 from benchmarks.speed.recorder import RecordSettings, record
 from benchmarks.speed.report import fill_page, markdown, plain_text
-from benchmarks.speed.rows import (
-    MADE_WITH,
-    ROWS,
-    Entry,
-    lines_of,
-    made_with,
-)
-from benchmarks.speed.searches import (
-    measure_first,
-    measure_goal_sets,
-    measure_sampling,
-)
+from benchmarks.speed.rows import MADE_WITH, ROWS, Entry, lines_of, made_with
+from benchmarks.speed.searches import measure_first, measure_goal_sets, measure_sampling
 from placement_planner_ros.core.errors import ParameterError
 
 RAW_FILE, TABLE_FILE, PICTURE_FILE = "raw.jsonl", "speed.md", "speed.png"

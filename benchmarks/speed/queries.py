@@ -12,11 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from benchmarks.baselines.exact_collision import (
-    Agreement,
-    ExactCollision,
-    compare,
-)
+from benchmarks.baselines.exact_collision import Agreement, ExactCollision, compare
 from benchmarks.speed.measures import cpu_seconds
 from benchmarks.speed.recorder import HeldQueries, Recording
 from benchmarks.speed.rows import Entry

@@ -15,12 +15,7 @@ import numpy as np
 from benchmarks.baselines.exact_collision import ExactCollision
 from benchmarks.baselines.rrt_connect import rrt_connect
 from benchmarks.cases import Case, make_problem, read_inputs
-from benchmarks.record import (
-    Record,
-    boxes_ready,
-    recorded_run,
-    save_last,
-)
+from benchmarks.record import Record, boxes_ready, recorded_run, save_last
 from benchmarks.speed.recorder import GoalSetQuery, Recording
 from benchmarks.speed.rows import Entry
 from placement_planner_ros.core.plan_motion.transit import MotionPlanner

@@ -9,16 +9,8 @@ from typing import Any
 from benchmarks.cases import all_cases
 from benchmarks.jobs import run_jobs, say
 from benchmarks.json_lines import read_lines
-from benchmarks.options import (
-    add_case_options,
-    add_job_options,
-    wanted_cases,
-)
-from benchmarks.wishes.comparison import (
-    WishesJob,
-    describe_wishes,
-    run_wishes,
-)
+from benchmarks.options import add_case_options, add_job_options, wanted_cases
+from benchmarks.wishes.comparison import WishesJob, describe_wishes, run_wishes
 from benchmarks.wishes.mixtures import MIXTURES
 from benchmarks.wishes.report import markdown
 from benchmarks.yardstick.placement_grid import GridResolution

@@ -13,15 +13,8 @@ import numpy as np
 from benchmarks.cases import Case, build_problem, read_inputs
 from benchmarks.record import boxes_ready, warm_process
 from benchmarks.wishes.mixtures import wishes
-from benchmarks.yardstick.dense_search import (
-    DenseSearch,
-    sampled_placements,
-)
-from benchmarks.yardstick.placement_grid import (
-    GridPlacements,
-    GridResolution,
-    grid_placements,
-)
+from benchmarks.yardstick.dense_search import DenseSearch, sampled_placements
+from benchmarks.yardstick.placement_grid import GridPlacements, GridResolution, grid_placements
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.objective.objective import evaluate_batch
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings

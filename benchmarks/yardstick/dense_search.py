@@ -13,11 +13,7 @@ import numpy as np
 from benchmarks.cases import Case, build_problem, read_inputs
 from benchmarks.machine import machine, versions
 from benchmarks.record import Solution, warm_process
-from benchmarks.yardstick.placement_grid import (
-    GridPlacements,
-    GridResolution,
-    grid_placements,
-)
+from benchmarks.yardstick.placement_grid import GridPlacements, GridResolution, grid_placements
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.objective.objective import Objective
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
