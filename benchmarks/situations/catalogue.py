@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from benchmarks.situations import containers, hollow, slopes, supports, volumes
 from benchmarks.situations.situation import Situation
 from placement_planner_ros.core.errors import ParameterError
 
-Draw = Callable[[np.random.Generator], Situation]
-
-_DRAWS: tuple[Draw, ...] = (
+_DRAWS = (
     *slopes.SITUATIONS,
     *containers.SITUATIONS,
     *supports.SITUATIONS,

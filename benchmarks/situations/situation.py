@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 import numpy as np
 import pinocchio as pin
@@ -18,6 +19,8 @@ Support = Literal["vertices", "polygon"]
 Unknown = Literal["free", "occupied", "occupied_below"]
 
 Point = tuple[float, float]
+Limits = tuple[float, float]
+"""Between which a size is drawn, m."""
 
 WOOD: Colour = (0.80, 0.68, 0.50)
 THING: Colour = (0.55, 0.60, 0.68)
@@ -73,7 +76,7 @@ class Situation:
 
 
 @dataclass(frozen=True, slots=True)
-class Rest:
+class ObjectStance:
     """How an object stands.
 
     Attributes:
@@ -86,16 +89,73 @@ class Rest:
     height: float = 0.0
 
 
-UPRIGHT = Rest()
+UPRIGHT = ObjectStance()
 """Of things whose frame is on what they stand on."""
-SMALL_BOX = Rest(height=0.0355)
+SMALL_BOX = ObjectStance(height=0.0355)
 """The small box on its side of 94 × 21 mm."""
-BOX_ON_EDGE = Rest((0.0, -1.0, 0.0), height=0.062)
+BOX_ON_EDGE = ObjectStance((0.0, -1.0, 0.0), height=0.062)
 """The large box on its side of 144 × 36 mm."""
-BOX_ON_END = Rest((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), 0.072)
+BOX_ON_END = ObjectStance((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), 0.072)
 """The large box on its side of 124 × 36 mm."""
-BOX_LYING = Rest(height=0.018)
-TRAY_UPSIDE_DOWN = Rest((0.0, 0.0, -1.0), height=0.030)
+BOX_LYING = ObjectStance(height=0.018)
+TRAY_UPSIDE_DOWN = ObjectStance((0.0, 0.0, -1.0), height=0.030)
+
+
+@dataclass(frozen=True, slots=True)
+class SituationKind:
+    """What is the same whatever sizes are drawn.
+
+    Attributes:
+        name, group, thing, support: as in `Situation`.
+        why: with fields such as {width:.0f} for sizes, which are told in mm.
+        stance: of a pose that is right; None where there is none.
+    """
+
+    name: str
+    group: str
+    thing: str
+    why: str
+    stance: ObjectStance | None = None
+    support: Support = "vertices"
+
+    def sized(self, **sizes: float) -> SituationKind:
+        """The sizes, in metres, told in `why`."""
+        in_mm = {name: 1e3 * size for name, size in sizes.items()}
+        return replace(self, why=self.why.format(**in_mm))
+
+    def drawn(
+        self,
+        volume: TargetVolume,
+        solids: Iterable[ConvexPrimitive],
+        at: Point,
+        z: float = 0.0,
+        yaw: float = 0.0,
+        **given: Any,
+    ) -> Situation:
+        """The situation: V, what stands on the bundled table, and where the object would stand.
+
+        Args:
+            at, z, yaw: see `standing`; not used without a stance.
+            given: further fields of `Situation`.
+        """
+        witness = None if self.stance is None else standing(at, z, self.stance, yaw)
+        return self.in_scene(volume, (table(), *solids), witness, **given)
+
+    def in_scene(
+        self,
+        volume: TargetVolume,
+        solids: tuple[ConvexPrimitive, ...],
+        witness: pin.SE3 | None,
+        **given: Any,
+    ) -> Situation:
+        """The situation among all its solids."""
+        scene = Scene(self.name, volume, solids)
+        words = self.name, self.group, self.thing, scene, self.why
+        return Situation(*words, witness, support=self.support, **given)
+
+
+Draw = Callable[[np.random.Generator], Situation]
+"""A situation with sizes of its own."""
 
 
 def place(rng: np.random.Generator) -> Point:
@@ -115,13 +175,15 @@ def slab(centre: Point, half: Point, z: float, height: float = SLAB) -> TargetVo
     return TargetVolume(low, np.array([centre[0] + half[0], centre[1] + half[1], z + height]))
 
 
-def standing(at: Point, z: float = 0.0, rest: Rest = UPRIGHT, yaw: float = 0.0) -> pin.SE3:
+def standing(
+    at: Point, z: float = 0.0, stance: ObjectStance = UPRIGHT, yaw: float = 0.0
+) -> pin.SE3:
     """T_world_object of what stands on the plane at `z`, its front turned by `yaw` (rad)."""
-    up, front = np.array(rest.up), np.array(rest.front)
+    up, front = np.array(stance.up), np.array(stance.front)
     own = np.column_stack([front, np.cross(up, front), up])
     cos, sin = np.cos(yaw), np.sin(yaw)
     world = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    return pin.SE3(world @ own.T, np.array([*at, z + rest.height]))
+    return pin.SE3(world @ own.T, np.array([*at, z + stance.height]))
 
 
 def walls(
@@ -131,21 +193,12 @@ def walls(
     height: float,
     thick: float = 0.010,
     bottom: float = 0.0,
-    yaw: float = 0.0,
 ) -> tuple[ConvexPrimitive, ...]:
     """Four walls around a space of those inner sides: a bin whose floor is the table."""
-    length, width = inner[0], inner[1]
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    made = []
-    for number, (x, y, along, across) in enumerate(
-        (
-            (0.5 * (length + thick), 0.0, thick, width),
-            (-0.5 * (length + thick), 0.0, thick, width),
-            (0.0, 0.5 * (width + thick), length + 2.0 * thick, thick),
-            (0.0, -0.5 * (width + thick), length + 2.0 * thick, thick),
-        )
-    ):
-        middle = (centre[0] + cos * x - sin * y, centre[1] + sin * x + cos * y)
-        size = (along, across, height)
-        made.append(standing_box(f"{name}/wall_{number}", size, middle, yaw, bottom, THING))
-    return tuple(made)
+    (x, y), (length, width) = centre, inner
+    sides = [((x + s * (length + thick), y), (thick, width)) for s in (0.5, -0.5)]
+    sides += [((x, y + s * (width + thick)), (length + 2.0 * thick, thick)) for s in (0.5, -0.5)]
+    return tuple(
+        standing_box(f"{name}/wall_{k}", (*size, height), middle, 0.0, bottom, THING)
+        for k, (middle, size) in enumerate(sides)
+    )
