@@ -43,7 +43,9 @@ ROS = [*(f'{name} ; platform_machine == "x86_64"' for name in ROS_WHEELS), *PICT
 BENCHMARKS = [
     *PICTURES,
     "dask[distributed]>=2024.5,<2027",
+    "markdown-it-py>=3,<5",
     "ompl>=2.0,<3",
+    "psutil>=5.9,<8",
     *YAML,
 ]
 

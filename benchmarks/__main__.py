@@ -33,14 +33,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except PlacementPlannerError as error:
         print(f"python -m benchmarks: {error}", file=sys.stderr)
     except ModuleNotFoundError as error:
-        missing = (error.name or "").partition(".")[0]
-        if missing not in ("matplotlib", "PIL"):
+        if error.name is None or not error.name.startswith(("matplotlib", "PIL")):
             raise
-        why = f"{missing} is not installed; whatever was measured is recorded"
-        remedy = f"{why}: run pip install '.[benchmarks]'"
-        print(
-            f"python -m benchmarks: figures need matplotlib and pillow; {remedy}", file=sys.stderr
-        )
+        remedy = "whatever was measured is recorded: run pip install '.[benchmarks]'"
+        print(f"python -m benchmarks: figures need {error.name}; {remedy}", file=sys.stderr)
     return 2
 
 

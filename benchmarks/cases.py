@@ -8,18 +8,17 @@ from __future__ import annotations
 import functools
 import itertools
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.collision.boxes import box_arrays
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.objective.objective import Objective, ObjectiveContext
 from placement_planner_ros.core.problem import Problem, workspace
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.scene.grid import GridSettings
-from placement_planner_ros.core.scene.regions import RegionSettings
 from placement_planner_ros.core.types import Array, TargetVolume
 from placement_planner_ros.scenes.clouds import camera_clouds, complete_cloud
 from placement_planner_ros.scenes.objects import (
@@ -62,7 +61,7 @@ def all_cases(cloud: Cloud = "complete", objects: tuple[str, ...] = OBJECT_NAMES
     ]
 
 
-def words(name: str) -> str:
+def in_words(name: str) -> str:
     """A name of the code as text: `large_crayons_box` -> `large crayons box`."""
     return name.replace("_", " ")
 
@@ -70,7 +69,7 @@ def words(name: str) -> str:
 def case_label(case: Case) -> str:
     """A case in a line of a table or an axis."""
     sign = "max" if case.objective == "maximize_clearance" else "min"
-    return f"{words(case.scene)}, {words(case.object)}, {sign}"
+    return f"{in_words(case.scene)}, {in_words(case.object)}, {sign}"
 
 
 def scene_points(case: Case, rng: np.random.Generator) -> Array:
@@ -102,38 +101,46 @@ class CaseInputs:
     points: Array
 
 
+def inputs_of(thing: str, volume: TargetVolume, points: Array) -> CaseInputs:
+    """The YuMi with one of the bundled objects, V and a cloud (n, 3) in the world frame."""
+    robot, held = load_yumi(), object_by_name(thing)
+    return CaseInputs(
+        robot,
+        tuple(yumi_arm(robot, name, grasps) for name, grasps in held.grasps.items()),
+        robot.configuration(start_configuration(thing)),
+        Body.from_mesh(held.vertices, held.triangles, held.center_of_mass),
+        volume,
+        points,
+    )
+
+
 def read_inputs(case: Case, rng: np.random.Generator) -> CaseInputs:
     """Robot, object and cloud of a case.
 
     Args:
         rng: noise of the camera clouds.
     """
-    robot = load_yumi()
-    held = object_by_name(case.object)
-    return CaseInputs(
-        robot,
-        tuple(yumi_arm(robot, name, grasps) for name, grasps in held.grasps.items()),
-        robot.configuration(start_configuration(case.object)),
-        Body.from_mesh(held.vertices, held.triangles, held.center_of_mass),
-        scene_by_name(case.scene).volume,
-        scene_points(case, rng),
-    )
+    volume = scene_by_name(case.scene).volume
+    return inputs_of(case.object, volume, scene_points(case, rng))
 
 
-def build_problem(inputs: CaseInputs, objective: str) -> tuple[Problem, Objective]:
-    """The environment from the cloud, and the objective of that name in it."""
+def build_problem(
+    inputs: CaseInputs, objective: str, **environment: Any
+) -> tuple[Problem, Objective]:
+    """The environment from the cloud, and the objective of that name in it.
+
+    Args:
+        environment: further arguments of `Environment.from_points`.
+    """
     robot, arms, q_start = inputs.robot, inputs.arms, inputs.q_start
     body, volume = inputs.body, inputs.volume
-    environment = Environment.from_points(
-        inputs.points,
-        volume,
-        GridSettings(),
-        RegionSettings(),
-        workspace(robot, arms, q_start, body, volume),
-        beyond_volume=False,
-    )
-    problem = Problem(robot, arms, q_start, body, volume, environment)
-    return problem, make_objective(objective, ObjectiveContext(environment, volume, body))
+    given: dict[str, Any] = {
+        "bounds": workspace(robot, arms, q_start, body, volume),
+        "beyond_volume": False,
+    }
+    made = Environment.from_points(inputs.points, volume, **(given | environment))
+    problem = Problem(robot, arms, q_start, body, volume, made)
+    return problem, make_objective(objective, ObjectiveContext(made, volume, body))
 
 
 def make_problem(case: Case, rng: np.random.Generator) -> tuple[Problem, Objective]:
@@ -143,3 +150,8 @@ def make_problem(case: Case, rng: np.random.Generator) -> tuple[Problem, Objecti
         rng: noise of the camera clouds.
     """
     return build_problem(read_inputs(case, rng), case.objective)
+
+
+def boxes_ready(problem: Problem) -> None:
+    """The boxes of the environment as the collision checks want them, as the node prepares them."""
+    box_arrays(problem.environment.obstacles)

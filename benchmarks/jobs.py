@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from benchmarks.json_lines import append_line, read_lines
-from benchmarks.spread import spread
+from benchmarks.spread import Workers, spread
 
 Entry = dict[str, Any]
 Tell = Callable[[str], object]
 
 
-class Job(Protocol):
+class KeyedJob(Protocol):
     """What is to be run.
 
     Attributes:
@@ -29,7 +29,7 @@ class Job(Protocol):
     def key(self) -> str: ...
 
 
-J = TypeVar("J", bound=Job)
+J = TypeVar("J", bound=KeyedJob)
 
 
 def say(line: str) -> None:
@@ -37,7 +37,7 @@ def say(line: str) -> None:
     print(line, flush=True)
 
 
-class Progress:
+class WorkProgress:
     """Tells after each piece of work how many there are and for how long.
 
     Args:
@@ -63,32 +63,29 @@ def run_jobs(
     run: Callable[[J], Entry | list[Entry]],
     jobs: Sequence[J],
     path: Path,
-    key: Callable[[Mapping[str, Any]], str] | None,
     describe: Callable[[Mapping[str, Any]], str],
-    processes: int = 1,
-    scheduler: str | None = None,
+    workers: Workers | None = None,
     tell: Tell = say,
 ) -> list[Entry]:
-    """Run the jobs that the file has no entry of, and append what each returns.
+    """Run the jobs that the file has no entry of, and append what each returns with its `key`.
 
     Args:
         run: makes a job's entries; errors are to be in them.
-        key: of the job that an entry is of; None where all the jobs are to be run.
         describe: an entry in a line.
-        processes, scheduler: see `spread`.
+        workers: this process unless given.
 
     Returns:
         The new entries.
     """
-    open_jobs = list(jobs)
-    if key is not None:
-        recorded = {key(entry) for entry in read_lines(path)}
-        open_jobs = [job for job in jobs if job.key not in recorded]
-        tell(f"{len(jobs) - len(open_jobs)} of {len(jobs)} runs are recorded in {path}")
-    progress = Progress([job.work for job in open_jobs], tell)
+    recorded = {entry.get("key") for entry in read_lines(path)}
+    open_jobs = [job for job in jobs if job.key not in recorded]
+    tell(f"{len(jobs) - len(open_jobs)} of {len(jobs)} runs are recorded in {path}")
+    progress = WorkProgress([job.work for job in open_jobs], tell)
     new: list[Entry] = []
-    for job, result in spread(run, open_jobs, processes, scheduler):
-        entries = result if isinstance(result, list) else [result]
+    for job, result in spread(run, open_jobs, workers or Workers()):
+        entries = [
+            {"key": job.key, **e} for e in (result if isinstance(result, list) else [result])
+        ]
         for entry in entries:
             append_line(path, entry)
         progress.done("; ".join(map(describe, entries)), job.work)

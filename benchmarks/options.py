@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from benchmarks.cases import OBJECTIVES, Case
+from benchmarks.spread import Workers
+from benchmarks.yardstick.placement_grid import GridResolution
 from placement_planner_ros.scenes.objects import ALL_OBJECTS, OBJECT_NAMES
 from placement_planner_ros.scenes.scenes import SCENE_NAMES
 
@@ -39,3 +42,34 @@ def add_job_options(parser: argparse.ArgumentParser, folder: str) -> None:
         "--dask-scheduler", metavar="ADDRESS", help="have the workers of a dask cluster do it"
     )
     parser.add_argument("--output", type=Path, default=Path(folder))
+
+
+def workers_of(arguments: argparse.Namespace) -> Workers:
+    """Those that the job options name."""
+    return Workers(arguments.processes, arguments.dask_scheduler)
+
+
+def add_grid_options(parser: argparse.ArgumentParser, step: float, turn: float) -> None:
+    """`--step` (mm) and `--turn` (degrees) of a dense search, with these defaults."""
+    parser.add_argument("--step", type=float, default=step, help="of the grid's positions, mm")
+    parser.add_argument("--turn", type=float, default=turn, help="of the grid's angles, degrees")
+
+
+def grid_resolution(arguments: argparse.Namespace) -> GridResolution:
+    """The one that the grid options name."""
+    return GridResolution(arguments.step / 1000.0, math.radians(arguments.turn))
+
+
+def add_table_options(
+    parser: argparse.ArgumentParser, folder: str | None, rows: Sequence[str] = ()
+) -> None:
+    """`--page` and `--report-only`; `--rows` and `--output` where there are rows and a folder."""
+    if rows:
+        parser.add_argument(
+            "--rows", nargs="+", choices=rows, default=rows,
+            help="only these; what the folder holds of others is kept",
+        )  # fmt: skip
+    if folder is not None:
+        parser.add_argument("--output", type=Path, default=Path(folder))
+    parser.add_argument("--page", type=Path, help="a page: replace what is between its marks")
+    parser.add_argument("--report-only", action="store_true", help="show what the folder holds")

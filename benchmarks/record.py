@@ -1,4 +1,4 @@
-"""One run of one variant on one case, as a JSON line, and its solutions as files to be checked."""
+"""One run of a planner as plain values for a JSON line, and its placements as files."""
 
 from __future__ import annotations
 
@@ -16,10 +16,8 @@ import numpy as np
 from benchmarks.cases import Case, CaseInputs, build_problem, read_inputs
 from benchmarks.machine import machine, versions
 from benchmarks.variants import VARIANTS
-from placement_planner_ros.core.collision.boxes import box_arrays
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.planner import PlacementPlanner
-from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.types import Placement
 from placement_planner_ros.core.warmup import warm_up
 from placement_planner_ros.scenes.yumi import START_CONFIGURATION, TIP_FRAMES, load_yumi, yumi_arm
@@ -65,18 +63,12 @@ class Trial:
         return f"{self.case} {self.variant} {self.seed} {self.time_limit:g}{early}"
 
 
-def record_key(record: Mapping[str, Any]) -> str:
-    """The key of the trial that a record is of."""
-    case, enough = Case(**record["case"]), record.get("enough")
-    return Trial(case, record["variant"], record["seed"], record["time_limit"], enough).key
-
-
 @dataclass(slots=True)
-class Solution:
+class RecordedSolution:
     """What is remembered of one placement.
 
     Attributes:
-        time: seconds of processor time from the start, the environment's construction included.
+        time: seconds from the start, the environment's construction included.
         objective: ξ.
         samples: goal samples tried so far.
         pose: (3, 4) rows of T_world_object.
@@ -89,55 +81,92 @@ class Solution:
     grasp: int
     face: int
     samples: int
-    pose: list[list[float]] = field(default_factory=list)
-    q: list[float] = field(default_factory=list)
+    pose: list[list[float]]
+    q: list[float]
 
     @classmethod
-    def of(cls, placement: Placement, seconds: float) -> Solution:
+    def of(cls, placement: Placement, seconds: float) -> RecordedSolution:
         """A placement found so many seconds after the start."""
-        goal = placement.goal
-        return cls(
-            seconds,
-            placement.objective,
-            goal.arm,
-            goal.grasp,
-            goal.face,
-            placement.samples,
-            goal.T_world_object.homogeneous[:3].tolist(),
-            goal.q.tolist(),
-        )
+        goal, pose = placement.goal, placement.goal.T_world_object.homogeneous[:3].tolist()
+        found = seconds, placement.objective, goal.arm, goal.grasp, goal.face, placement.samples
+        return cls(*found, pose, goal.q.tolist())
 
 
 @dataclass(slots=True)
-class Record:
-    """One run, also of one that failed; times are seconds from the start, as its clock tells them.
+class RecordedRun:
+    """One run, also one that failed; times are seconds from the start, as its clock tells them.
+
+    The clock starts when robot, object and cloud are there, as with a node that is told to start;
+    building the environment counts. Processor time leaves out what other processes take: a planner
+    runs in one thread, so that on a quiet machine it is the time that passes.
 
     Attributes:
-        variant: one of `VARIANTS`.
         environment: until the environment was there.
         preparation: until the first sample.
         elapsed: until the end.
+        cpu: of processor time from the environment on, whatever the clock tells.
         rejected: how many samples each constraint rejected.
+        exhausted: whether the search ended because there is provably nothing.
         failure: why there is no solution, or the error that ended the run; '' otherwise.
     """
 
-    case: Case
     seed: int
     time_limit: float
-    variant: str = next(iter(VARIANTS))
-    enough: int | None = None
     environment: float = 0.0
     preparation: float = 0.0
     elapsed: float = 0.0
-    solutions: list[Solution] = field(default_factory=list)
+    cpu: float = 0.0
+    solutions: list[RecordedSolution] = field(default_factory=list)
     samples: int = 0
     goals: int = 0
     motion_iterations: int = 0
     uncertified: int = 0
     rejected: dict[str, int] = field(default_factory=dict)
+    exhausted: bool = False
     failure: str = ""
     machine: dict[str, str | int] = field(default_factory=machine)
     versions: dict[str, str] = field(default_factory=versions)
+
+    def follow(
+        self,
+        planner: PlacementPlanner,
+        started: float,
+        clock: Callable[[], float] = time.process_time,
+    ) -> Iterator[Placement]:
+        """Run the planner and yield every placement; all is true after each and at the end.
+
+        Args:
+            started: what the clock showed then.
+            clock: seconds.
+        """
+        self.preparation = clock() - started
+        began = time.process_time() - self.cpu
+        for placement in planner.run(lambda: clock() - started > self.time_limit):
+            self.solutions.append(RecordedSolution.of(placement, clock() - started))
+            self._count(planner, clock() - started, time.process_time() - began)
+            yield placement
+        self._count(planner, clock() - started, time.process_time() - began)
+
+    def _count(self, planner: PlacementPlanner, elapsed: float, cpu: float) -> None:
+        self.elapsed, self.cpu = elapsed, cpu
+        statistics = planner.statistics
+        self.samples = statistics.samples
+        self.goals = statistics.goals
+        self.motion_iterations = statistics.motion_iterations
+        self.uncertified = statistics.unreached
+        self.rejected = statistics.rejected
+        self.exhausted = bool(planner.exhausted)
+        if not self.solutions:
+            self.failure = planner.exhausted or planner.explain().short
+
+
+def failure_of(action: Callable[..., object], *arguments: object) -> str:
+    """The traceback of what goes wrong, which does not end other runs; '' where nothing does."""
+    try:
+        action(*arguments)
+    except Exception:
+        return traceback.format_exc()
+    return ""
 
 
 @functools.cache
@@ -148,98 +177,82 @@ def warm_process() -> None:
     warm_up(robot, arms, robot.configuration(START_CONFIGURATION))
 
 
-def run_trial(
+def run_case(
     trial: Trial,
-    inputs: Callable[[Case, np.random.Generator], CaseInputs] = read_inputs,
+    run: RecordedRun,
+    inputs: CaseInputs,
+    rng: np.random.Generator,
+    clock: Callable[[], float] = time.process_time,
+) -> Iterator[Placement]:
+    """Plan for the inputs as the trial's variant does, and yield every placement.
+
+    Args:
+        run: has not begun.
+        clock: seconds.
+    """
+    variant = VARIANTS[trial.variant]
+    started = clock()
+    problem, objective = build_problem(inputs, trial.case.objective)
+    variant.ready(problem)
+    run.environment = clock() - started
+    began = time.process_time()
+    planner = variant.planner(problem, objective, variant.settings, rng)
+    run.cpu = time.process_time() - began
+    yield from run.follow(planner, started, clock)
+
+
+def run_trial(
+    trial: Trial, inputs: Callable[[Case, np.random.Generator], CaseInputs] = read_inputs
 ) -> dict[str, Any]:
-    """The `Record` of a trial as a dictionary of plain values; errors are in it, not raised.
+    """The trial and its `RecordedRun` as plain values; errors are in it, not raised.
 
     Args:
         inputs: robot, object, V and cloud of a case, with the generator of the cloud's noise.
     """
     warm_process()
-    record = Record(trial.case, trial.seed, trial.time_limit, trial.variant, trial.enough)
-    try:
+    run = RecordedRun(trial.seed, trial.time_limit)
+
+    def play() -> None:
         rng = np.random.default_rng(trial.seed)
-        for placement in recorded_run(record, inputs(trial.case, rng), rng):
+        for placement in run_case(trial, run, inputs(trial.case, rng), rng):
             if trial.solutions is not None:
-                save_last(trial.solutions, record, placement)
-            if len(record.solutions) == trial.enough:
+                save_last(trial.solutions, trial, run, placement)
+            if len(run.solutions) == trial.enough:
                 break
-    except Exception:
-        record.failure = traceback.format_exc()
-    return asdict(record)
+
+    run.failure = failure_of(play) or run.failure
+    return trial_entry(trial, run)
 
 
-def boxes_ready(problem: Problem) -> None:
-    """The boxes of the environment as the collision checks want them, as the node prepares them."""
-    box_arrays(problem.environment.obstacles)
+def trial_entry(trial: Trial, run: RecordedRun) -> dict[str, Any]:
+    """Both as plain values."""
+    of = {"case": asdict(trial.case), "variant": trial.variant, "enough": trial.enough}
+    return of | asdict(run)
 
 
-def recorded_run(
-    record: Record,
-    inputs: CaseInputs,
-    rng: np.random.Generator,
-    clock: Callable[[], float] = time.process_time,
-    make: Callable[..., PlacementPlanner] | None = None,
-    ready: Callable[[Problem], object] = boxes_ready,
-) -> Iterator[Placement]:
-    """Plan for the inputs and yield every placement; the record is true after each and at the end.
-
-    The clock starts when robot, object and cloud are there, as with a node that is told to start;
-    building the environment counts. Processor time leaves out what other processes take: a
-    planner runs in one thread, so that on a quiet machine it is the time that passes.
-
-    Args:
-        record: of a run that has not begun; its variant, time limit and objective are used.
-        clock: seconds.
-        make: the planner of problem, objective, settings and rng, instead of the variant's.
-        ready: what else belongs to the environment's construction.
-    """
-    variant = VARIANTS[record.variant]
-    started = clock()
-    problem, objective = build_problem(inputs, record.case.objective)
-    ready(problem)
-    record.environment = clock() - started
-    planner = (make or variant.planner)(problem, objective, variant.settings, rng)
-    record.preparation = clock() - started
-    for placement in planner.run(lambda: clock() - started > record.time_limit):
-        record.solutions.append(Solution.of(placement, clock() - started))
-        _count(record, planner, clock() - started)
-        yield placement
-    _count(record, planner, clock() - started)
-
-
-def _count(record: Record, planner: PlacementPlanner, elapsed: float) -> None:
-    record.elapsed = elapsed
-    statistics = planner.statistics
-    record.samples = statistics.samples
-    record.goals = statistics.goals
-    record.motion_iterations = statistics.motion_iterations
-    record.uncertified = statistics.unreached
-    record.rejected = statistics.rejected
-    if not record.solutions:
-        record.failure = planner.exhausted or planner.explain().short
-
-
-def describe(record: Mapping[str, Any]) -> str:
-    """One line for the terminal."""
-    head = f"{Case(**record['case'])!s:<62} {record['variant']:<13} seed {record['seed']:<2}"
-    solutions = record["solutions"]
+def describe_run(entry: Mapping[str, Any]) -> str:
+    """A trial's entry in a line for the terminal."""
+    head = f"{Case(**entry['case'])!s:<62} {entry['variant']:<13} seed {entry['seed']:<2}"
+    solutions = entry["solutions"]
     if not solutions:
-        return f"{head}  FAILED: {record['failure'].strip().splitlines()[-1]}"
+        return f"{head}  FAILED: {last_line(entry['failure'])}"
     first, last = solutions[0], solutions[-1]
     return (
         f"{head}  first {first['time']:5.2f} s  {len(solutions):2d} solutions  "
         f"objective {first['objective']:+.4f} -> {last['objective']:+.4f}  "
-        f"{record['samples'] / (record['elapsed'] - record['preparation']):6.0f} samples/s"
+        f"{entry['samples'] / (entry['elapsed'] - entry['preparation']):6.0f} samples/s"
     )
 
 
-def save_last(folder: Path, record: Record, placement: Placement) -> None:
-    """Write the run's last placement under the name that `verify_cases.py` looks for."""
-    name = f"{str(record.case).replace('/', '-')}-{record.seed}-{len(record.solutions)}.npz"
-    save_solution(folder / name, record.case, record.seed, placement)
+def last_line(text: str) -> str:
+    """Of a traceback, what went wrong; '' of nothing."""
+    return next(reversed(text.strip().splitlines()), "")
+
+
+def save_last(folder: Path, trial: Trial, run: RecordedRun, placement: Placement) -> None:
+    """Write the run's last placement under the name that `test/by_hand/verify_cases.py` looks for."""
+    name = f"{str(trial.case).replace('/', '-')}-{run.seed}-{len(run.solutions)}.npz"
+    save_solution(folder / name, trial.case, run.seed, placement)
 
 
 def save_solution(path: Path, case: Case, seed: int, placement: Placement) -> None:

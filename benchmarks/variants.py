@@ -2,25 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
-from benchmarks.baselines.rrt_connect import BaselinePlanner
+from benchmarks.baselines.rrt_connect import STOCK_SETTINGS, BaselinePlanner, PlainPlanner
+from benchmarks.cases import boxes_ready
 from placement_planner_ros.core.planner import (
     SAMPLERS,
     PlacementPlanner,
     PlannerSettings,
     SamplerName,
 )
+from placement_planner_ros.core.problem import Problem
 
 
 @dataclass(frozen=True, slots=True)
 class Variant:
-    """One contender. All share checks, kernels and batching; only what is named differs."""
+    """One contender. All share checks, kernels and batching; only what is named differs.
+
+    Attributes:
+        ready: what belongs to the environment's construction.
+    """
 
     planner: type[PlacementPlanner]
     settings: PlannerSettings
     description: str
+    ready: Callable[[Problem], object] = boxes_ready
 
 
 _DEFAULTS = PlannerSettings()
@@ -28,7 +35,7 @@ _DEFAULTS = PlannerSettings()
 _WORDS = {"optimistic": "optimistic search", "mcts": "tree search by UCB1 and H, as in the paper"}
 
 
-def _planner(sampler: SamplerName, local_optimization: bool) -> Variant:
+def _variant_of(sampler: SamplerName, local_optimization: bool) -> Variant:
     settings = replace(_DEFAULTS, sampler=sampler, local_optimization=local_optimization)
     words = _WORDS.get(sampler, f"{sampler} sampling")
     how = "with" if local_optimization else "without"
@@ -36,10 +43,16 @@ def _planner(sampler: SamplerName, local_optimization: bool) -> Variant:
 
 
 VARIANTS: Mapping[str, Variant] = {
-    **{f"{sampler}+lo": _planner(sampler, True) for sampler in SAMPLERS},
-    **{sampler: _planner(sampler, False) for sampler in SAMPLERS},
+    **{f"{sampler}+lo": _variant_of(sampler, True) for sampler in SAMPLERS},
+    **{sampler: _variant_of(sampler, False) for sampler in SAMPLERS},
     "baseline": Variant(
-        BaselinePlanner, _DEFAULTS, "uniform samples, each planned for with stock RRTConnect"
+        BaselinePlanner, STOCK_SETTINGS, "uniform samples, each planned for with stock RRTConnect"
+    ),
+    "plain": Variant(
+        PlainPlanner,
+        STOCK_SETTINGS,
+        "as baseline, with coal alone for the arm",
+        PlainPlanner.register,
     ),
     "optimistic+lo+unpruned": Variant(
         PlacementPlanner,

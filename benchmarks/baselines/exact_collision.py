@@ -74,7 +74,7 @@ class ExactCollision:
             T_joint_object = tip.placement * arm.grasps[load.grasp]
             for i, part in enumerate(parts):
                 name = f"held object {i}"
-                shape = part.geometry if part.mesh is None else _whole(part.mesh)
+                shape = part.geometry if part.mesh is None else _triangles_of(part.mesh)
                 shapes.append(pin.GeometryObject(name, tip.parentJoint, T_joint_object, shape))
         above = [_joint_above(robot.model, arm, shape.parentJoint) for shape in shapes]
         self._geometry = pin.GeometryModel()
@@ -96,7 +96,7 @@ class ExactCollision:
                 request.enable_cached_gjk_guess = False
         movers = sorted((i for i in range(len(shapes)) if above[i] >= 0), key=lambda i: -above[i])
         self._movers = [(i, coal.CollisionObject(shapes[i].geometry)) for i in movers]
-        self._corners = [(i, _corners(shapes[i].geometry)) for i in movers]
+        self._corners = [(i, _box_corners(shapes[i].geometry)) for i in movers]
         self._boxes, self._environment = box_tree(obstacles)
         self._answer = coal.CollisionCallBackDefault()
         self._kept = (math.nan, math.nan)
@@ -244,12 +244,12 @@ class ExactCollision:
                 request.security_margin = self_margin
 
 
-def _whole(mesh: CoveredMesh) -> coal.CollisionGeometry:
+def _triangles_of(mesh: CoveredMesh) -> coal.CollisionGeometry:
     return triangle_geometry(mesh.vertices, mesh.triangles)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Agreement:
+class CollisionAgreement:
     """How the planner's collision check and coal alone answer the same configurations.
 
     Attributes:
@@ -271,31 +271,26 @@ class Agreement:
 
 
 def compare(
-    fast: ArmCollision,
-    exact: ExactCollision,
-    Q: Array,
-    reserve: float = 0.0,
-    contact: bool = False,
-) -> Agreement:
+    fast: ArmCollision, exact: ExactCollision, Q: Array, reserve: float = 0.0, contact: bool = False
+) -> CollisionAgreement:
     """Ask both about Q (n, dof)."""
-    undecided = fast.classify(Q, reserve, contact) == UNDECIDED
-    expected = exact.free_batch(Q, reserve, contact)
-    free = fast.free_batch(Q, reserve, contact)
-    differ = np.flatnonzero(~undecided & (free != expected))
-    ties = np.array([exact.ties(q, reserve, contact) for q in Q[differ]], dtype=np.bool_)
+    asked = reserve, contact
+    undecided = fast.classify(Q, *asked) == UNDECIDED
+    expected = exact.free_batch(Q, *asked)
+    differ = np.flatnonzero(~undecided & (fast.free_batch(Q, *asked) != expected))
+    ties = np.array([exact.ties(Q[i], *asked) for i in differ], dtype=np.bool_)
     doubted = np.array(
-        [exact.contradicts_itself(q, reserve, contact) for q in Q[differ]], dtype=np.bool_
+        [
+            exact.contradicts_itself(Q[i], *asked)
+            or (expected[i] and exact.common_ball(Q[i]) > _OVERLAP)
+            for i in differ
+        ],
+        dtype=np.bool_,
     )
-    overlap = np.array([exact.common_ball(q) > _OVERLAP for q in Q[differ]], dtype=np.bool_)
-    doubted |= expected[differ] & overlap
-    return Agreement(
-        int(expected.sum()),
-        int((~expected).sum()),
-        int(undecided.sum()),
-        int(ties.sum()),
-        int((doubted & ~ties).sum()),
-        np.asarray(Q[differ[~(ties | doubted)]]),
-    )
+    counts = [expected, ~expected, undecided, ties, doubted & ~ties]
+    free, colliding, open_, tied, contradicted = (int(rows.sum()) for rows in counts)
+    apart = np.asarray(Q[differ[~(ties | doubted)]])
+    return CollisionAgreement(free, colliding, open_, tied, contradicted, apart)
 
 
 def _boxes_meet(a: Array, b: Array) -> bool:
@@ -323,7 +318,7 @@ def _joint_above(model: pin.Model, arm: Arm, joint: int) -> int:
     return max((i for i, name in enumerate(arm.joints) if name in moves), default=-1)
 
 
-def _corners(shape: coal.CollisionGeometry) -> Array:
+def _box_corners(shape: coal.CollisionGeometry) -> Array:
     """(8, 3) of the box around a shape, in its own frame."""
     box = shape.aabb_local
     return np.array(list(itertools.product(*zip(box.min_, box.max_, strict=True))))

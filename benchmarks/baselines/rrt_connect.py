@@ -1,15 +1,16 @@
-"""The plain baseline: place as most systems do, with a stock planner, one goal at a time."""
+"""Plain baselines: place as most systems do, with a stock planner, one goal at a time."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 from ompl import geometric as og
 from ompl import util as ou
 
+from benchmarks.baselines.exact_collision import ExactCollision, box_tree
+from benchmarks.cases import boxes_ready
 from benchmarks.motion.ompl_space import EdgeFree, EdgeSpace
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.objective.objective import Objective
@@ -17,15 +18,13 @@ from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.types import Array, Goal
 
+STOCK_SETTINGS = PlannerSettings(sampler="uniform", local_optimization=False)
 SECONDS_PER_GOAL = 5.0
 """How long RRTConnect may take for one goal, of processor time."""
 
 
 def rrt_connect(
-    holding: Holding,
-    goals: Sequence[Array],
-    edge_free: EdgeFree,
-    should_stop: Callable[[], bool],
+    holding: Holding, goals: Sequence[Array], edge_free: EdgeFree, should_stop: Callable[[], bool]
 ) -> Array | None:
     """A path (n, dof) from q_0 to one of the goals (dof,) by OMPL's RRTConnect as it comes.
 
@@ -93,10 +92,23 @@ class RRTConnectMotion:
 
 
 class BaselinePlanner(PlacementPlanner):
-    """Uniform samples of position and yaw on the surfaces, IK, RRTConnect, the best is kept.
+    """Samples of position and yaw on the surfaces, IK, RRTConnect, the best is kept.
 
-    Samples that are no better than the best placement so far are not planned for. Everything but
-    the way of sampling and planning, checks and timing included, is the planner's own.
+    `STOCK_SETTINGS` have it draw uniformly and leave out local optimisation. Samples that are no
+    better than the best placement so far are not planned for. Everything but the way of sampling
+    and planning, checks and timing included, is the planner's own.
+    """
+
+    def make_motion(self, rng: np.random.Generator) -> RRTConnectMotion:
+        """One goal at a time, without `rng`, which OMPL does not draw from."""
+        return RRTConnectMotion(self.holdings)
+
+
+class PlainPlanner(BaselinePlanner):
+    """Uniform samples, IK, stock RRTConnect; the arm is checked by coal alone.
+
+    Shared with the planner, in favour of the plain path: support, the object's own check c_f,
+    inverse kinematics, release and retreat, and timing.
     """
 
     def __init__(
@@ -106,9 +118,15 @@ class BaselinePlanner(PlacementPlanner):
         settings: PlannerSettings,
         rng: np.random.Generator,
     ) -> None:
-        plain = replace(settings, sampler="uniform", local_optimization=False)
-        super().__init__(problem, objective, plain, rng)
+        super().__init__(problem, objective, settings, rng)
+        for holding in self.holdings.values():
+            exact = ExactCollision(
+                holding.moving, holding.held, problem.environment.obstacles, settings.collision
+            )
+            holding.collision = exact  # type: ignore[assignment]  # same methods
 
-    def make_motion(self, rng: np.random.Generator) -> RRTConnectMotion:
-        """One goal at a time, without `rng`, which OMPL does not draw from."""
-        return RRTConnectMotion(self.holdings)
+    @staticmethod
+    def register(problem: Problem) -> None:
+        """Register the environment's boxes with coal too, as a system does when a cloud arrives."""
+        boxes_ready(problem)
+        box_tree(problem.environment.obstacles)

@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import math
 import time
-import traceback
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.carry.starts import UprightTask, upright_task
-from benchmarks.cases import Case, build_problem, read_inputs
-from benchmarks.record import boxes_ready, warm_process
+from benchmarks.carry.starts import upright_task
+from benchmarks.cases import Case, boxes_ready, build_problem, read_inputs
+from benchmarks.record import RecordedRun, failure_of, last_line, save_placement, warm_process
+from benchmarks.text_table import TextTable
 from placement_planner_ros.core.carry.settings import CarrySettings
-from placement_planner_ros.core.objective.objective import Objective
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
-from placement_planner_ros.core.types import Placement
 from placement_planner_ros.core.wishes.settings import TurnSettings
 
 RUNS_FILE = "carry.jsonl"
@@ -57,70 +55,51 @@ class CarryJob:
 
 def run_carry(job: CarryJob) -> dict[str, Any]:
     """Both runs as a dictionary of plain values; errors are in it, not raised."""
-    entry: dict[str, Any] = {
+    entry: dict[str, Any] = asdict(job.case) | {
         "key": job.key,
-        "scene": job.case.scene,
-        "object": job.case.object,
-        "objective": job.case.objective,
         "seed": job.seed,
         "degrees": job.degrees,
         "opposite": job.opposite,
         "failure": "",
     }
-    try:
-        _run(job, entry)
-    except Exception:
-        entry["failure"] = traceback.format_exc()
+    entry["failure"] = failure_of(_run_both, job, entry) or entry["failure"]
     return entry
 
 
-def _run(job: CarryJob, entry: dict[str, Any]) -> None:
+def _run_both(job: CarryJob, entry: dict[str, Any]) -> None:
     warm_process()
-    started = time.process_time()
     inputs = read_inputs(job.case, np.random.default_rng(job.seed))
     began = time.process_time()
     problem, objective = build_problem(inputs, job.case.objective)
     boxes_ready(problem)
-    environment = time.process_time() - began
+    entry["environment"] = time.process_time() - began
     task = upright_task(problem, objective, job.seed, job.opposite)
     if task is None:
         entry["failure"] = "no start"
         return
-    entry |= {
-        "arm": task.arm,
-        "grasp": task.grasp,
-        "up": task.up.tolist(),
-        "start_tilt": math.degrees(task.tilt),
-        "turned": task.turned,
-        "made": time.process_time() - started,
-        "environment": environment,
-    }
-    turns = TurnSettings(up=tuple(task.up.tolist()))
+    upright, up = task
+    turns = TurnSettings(up=tuple(up.tolist()))
     free = PlannerSettings(turns=turns)
     limited = replace(free, carry=CarrySettings(max_tilt=math.radians(job.degrees)))
     for name, settings in (("free", free), ("limited", limited)):
-        seconds, first, why = _first(task, objective, settings, job, environment)
-        entry[name] = {"time": seconds, "found": first is not None, "why": why}
+        run = RecordedRun(job.seed, job.seconds)
+        started = time.process_time() - entry["environment"]
+        rng = np.random.default_rng(job.seed)
+        planner = PlacementPlanner(upright, objective, settings, rng)
+        first = next(run.follow(planner, started), None)
+        entry[name] = {"time": run.elapsed, "found": first is not None, "why": run.failure}
         if first is not None:
             entry[name]["duration"] = first.trajectory.duration
         if first is not None and settings is limited:
-            _save(job, task, first)
-
-
-def _first(
-    task: UprightTask,
-    objective: Objective,
-    settings: PlannerSettings,
-    job: CarryJob,
-    environment: float,
-) -> tuple[float, Placement | None, str]:
-    """Seconds of processor time until the first placement, that, and why there is none."""
-    began = time.process_time() - environment
-    planner = PlacementPlanner(task.problem, objective, settings, np.random.default_rng(job.seed))
-    search = planner.run(lambda: time.process_time() - began > job.seconds)
-    first = next(search, None)
-    seconds = time.process_time() - began
-    return seconds, first, "" if first is not None else planner.explain().short
+            arm = upright.arms[0]
+            save_placement(
+                solution_file(job.solutions, entry),
+                first,
+                q_start=upright.q_start,
+                up=up,
+                T_tip_object=arm.grasps[0].homogeneous,
+                tip_frame=arm.tip_frame,
+            )
 
 
 def solution_file(folder: Path, entry: Mapping[str, Any]) -> Path:
@@ -128,32 +107,45 @@ def solution_file(folder: Path, entry: Mapping[str, Any]) -> Path:
     return folder / f"{str(entry['key']).replace('/', '-').replace(' ', '_')}.npz"
 
 
-def _save(job: CarryJob, task: UprightTask, placement: Placement) -> None:
-    job.solutions.mkdir(parents=True, exist_ok=True)
-    trajectory = placement.trajectory
-    np.savez(
-        solution_file(job.solutions, {"key": job.key}),
-        q_start=task.problem.q_start,
-        up=task.up,
-        T_tip_object=task.problem.arms[0].grasps[0].homogeneous,
-        tip_frame=task.problem.arms[0].tip_frame,
-        pose=placement.T_world_object.homogeneous,
-        approach_start=placement.approach_start,
-        objective=placement.objective,
-        joints=np.array(trajectory.joints),
-        times=trajectory.times,
-        positions=trajectory.positions,
-        velocities=trajectory.velocities,
-        accelerations=trajectory.accelerations,
-    )
-
-
-def describe(entry: Mapping[str, Any]) -> str:
+def describe_carry(entry: Mapping[str, Any]) -> str:
     """A run in a line."""
     if entry["failure"]:
-        return f"{entry['key']}: {entry['failure'].splitlines()[-1]}"
+        return f"{entry['key']}: {last_line(entry['failure'])}"
     times = [
         f"{name} {entry[name]['time']:.2f} s" if entry[name]["found"] else f"{name}: nothing"
         for name in ("free", "limited")
     ]
     return f"{entry['key']}: {', '.join(times)}"
+
+
+def carry_table(entries: Sequence[Mapping[str, Any]]) -> str:
+    """A row for each limit and kind of start, as Markdown."""
+    rows = []
+    for degrees, opposite in sorted({(e["degrees"], e["opposite"]) for e in entries}, reverse=True):
+        kind = [e for e in entries if (e["degrees"], e["opposite"]) == (degrees, opposite)]
+        made = [e for e in kind if not e["failure"]]
+        both = [e for e in made if e["free"]["found"] and e["limited"]["found"]]
+        if not both:
+            continue
+        free, limited = (np.array([e[name]["time"] for e in both]) for name in ("free", "limited"))
+        moved = [np.median([e[name]["duration"] for e in both]) for name in ("free", "limited")]
+        environment = np.array([e["environment"] for e in both])
+        ratios = (limited / free, (limited - environment) / (free - environment))
+        rows.append(
+            (
+                f"{degrees:g}°",
+                "opposite" if opposite else "near",
+                str(len(made)),
+                *(str(sum(e[name]["found"] for e in made)) for name in ("free", "limited")),
+                f"{np.median(free):.2f}",
+                f"{np.median(limited):.2f}, {limited.max():.2f}",
+                *(f"{np.median(r):.2f}, {np.quantile(r, 0.95):.2f}" for r in ratios),
+                f"{moved[0]:.1f}, {moved[1]:.1f}",
+            )
+        )
+    header = (
+        "limit", "starts", "runs", "solved without a limit", "solved with it",
+        "first placement without, s: median", "with, s: median, worst", "ratio: median, 95 %",
+        "ratio of the searches alone", "motions, s: without, with",
+    )  # fmt: skip
+    return TextTable(header, rows).markdown()

@@ -8,7 +8,7 @@ arm is brought from the case's start to where that points up.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,7 +20,6 @@ from placement_planner_ros.core.objective.objective import Objective
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.reach.kinematics import Chain
-from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.types import Array, Placement
 
 START_TILT = math.radians(5.0)
@@ -35,30 +34,11 @@ _FURTHER = 0.7
 """Share of the last joint's range, from its middle, that it is turned by for an opposite start."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class UprightTask:
-    """A problem with one arm in one grasp that holds the object nearly upright.
-
-    Attributes:
-        grasp: its number among the case's.
-        up: (3,) `object.up`.
-        tilt: rad, at the start.
-        turned: rad, how far the last joint is at the start from where it was at the end of the
-            search for a rest.
-    """
-
-    problem: Problem
-    arm: str
-    grasp: int
-    up: Array
-    tilt: float
-    turned: float
-
-
 def upright_task(
     problem: Problem, objective: Objective, seed: int, opposite: bool
-) -> UprightTask | None:
-    """A task made of a case's problem; None where no grasp of the seed's arm makes one.
+) -> tuple[Problem, Array] | None:
+    """A case's problem with one arm in one grasp that holds the object nearly upright, and
+    `object.up` (3,); None where no grasp of the seed's arm makes one.
 
     Arms take turns from seed to seed, and so does the grasp that is tried first.
 
@@ -69,20 +49,16 @@ def upright_task(
     arm = problem.arms[seed % len(problem.arms)]
     for k in range(len(arm.grasps)):
         grasp = (seed + k) % len(arm.grasps)
-        single = replace(arm, grasps=(arm.grasps[grasp],))
-        task = replace(problem, arms=(single,))
+        task = replace(problem, arms=(replace(arm, grasps=(arm.grasps[grasp],)),))
         rng = np.random.default_rng([seed, grasp])
         first = _first_placement(task, objective, rng)
         if first is None:
             continue
-        up = task.body.faces[first.goal.face].T_face_object.rotation[2]
-        made = _start(task, single, up, first.goal.q, opposite, rng)
-        if made is not None:
-            q, tilt = made
-            turned = abs(float(q[single.q_index[-1]] - first.goal.q[-1]))
-            return UprightTask(
-                replace(task, q_start=q), arm.name, grasp, np.array(up), tilt, turned
-            )
+        up = np.array(task.body.faces[first.goal.face].T_face_object.rotation[2])
+        q_end = first.goal.q if opposite else None
+        q_start = _upright_start(task, up, q_end, rng)
+        if q_start is not None:
+            return replace(task, q_start=q_start), up
     return None
 
 
@@ -96,27 +72,26 @@ def _first_placement(
     return next(planner.run(lambda: planner.statistics.samples >= _SAMPLES), None)
 
 
-def _start(
-    problem: Problem,
-    arm: Arm,
-    up: Array,
-    q_end: Array,
-    opposite: bool,
-    rng: np.random.Generator,
-) -> tuple[Array, float] | None:
-    """q_0 (nq,), free and with the object nearly upright, next to the case's; and its tilt."""
+def _upright_start(
+    problem: Problem, up: Array, q_end: Array | None, rng: np.random.Generator
+) -> Array | None:
+    """q_0 (nq,), free and with the object nearly upright, next to the case's.
+
+    Args:
+        q_end: where the arm is at the placement, from which the start is to be turned away.
+    """
+    arm = problem.arms[0]
     chain = Chain.from_robot(problem.robot, arm, problem.q_start)
-    limit = TiltLimit(np.array(up), START_TILT)
-    constraint = TiltConstraint(chain, arm.grasps[0].rotation, limit)
+    constraint = TiltConstraint(chain, arm.grasps[0].rotation, TiltLimit(up, START_TILT))
     own = problem.q_start[arm.q_index]
     middle, half = 0.5 * (arm.lower + arm.upper)[-1], 0.5 * (arm.upper - arm.lower)[-1]
     for k in range(_TRIES):
         q = own + rng.normal(0.0, _STEP * k, arm.dof)
-        if opposite:
+        if q_end is not None:
             side = -np.sign(q_end[-1] - middle) or 1.0
             q[-1] = middle + side * half * rng.uniform(_FURTHER, 0.95)
         near = constraint.project(np.clip(q, arm.lower, arm.upper))
-        if near is None or (opposite and abs(near[-1] - q_end[-1]) < _FURTHER * half):
+        if near is None or (q_end is not None and abs(near[-1] - q_end[-1]) < _FURTHER * half):
             continue
         q_start = np.array(problem.q_start)
         q_start[arm.q_index] = near
@@ -124,5 +99,5 @@ def _start(
             usable_holdings(replace(problem, q_start=q_start), PlannerSettings().grasp)
         except PlacementPlannerError:
             continue
-        return q_start, constraint.tilt(near)
+        return q_start
     return None

@@ -40,9 +40,7 @@ def draw_concepts(arguments: argparse.Namespace) -> int:
     if arguments.cloud is not None:
         cloud = on_table(read_pcd(arguments.cloud), np.random.default_rng(0))
         draw_regions(output / "concept_regions.png", cloud, arguments.cloud.name)
-        say(f"wrote {output / 'concept_regions.png'}")
     draw_division(output / "concept_search.png")
-    say(f"wrote {output / 'concept_search.png'}")
     draw_edge(output / "concept_edge.png")
-    say(f"wrote {output / 'concept_edge.png'}")
+    say(f"wrote {output}")
     return 0

@@ -67,14 +67,14 @@ def _draw_hierarchy(axes: Axes, problem: Problem) -> None:
     while node.region is None:
         node = hierarchy.child(node, 0)
     for level in range(_LEVELS):
-        _outline(axes, node, level)
+        _outline_cell(axes, node, level)
         if level + 1 < _LEVELS:
             node = hierarchy.child(node, hierarchy.child_count(node) // 2 + 1)
     axes.set_title("the hierarchy: a region and the turns about\nits normal, divided together")
-    _frame(axes, problem)
+    _frame_volume(axes, problem)
 
 
-def _outline(axes: Axes, node: AfrNode, level: int) -> None:
+def _outline_cell(axes: Axes, node: AfrNode, level: int) -> None:
     assert node.region is not None
     colour = ("#1f5fa8", "#c05010", "#107010")[level]
     low, high = node.region.rectangles[:, :2].min(axis=0), node.region.rectangles[:, 2:].max(axis=0)
@@ -101,7 +101,7 @@ def _draw_search(axes: Axes, settings: PlannerSettings, name: str) -> None:
         axes.plot(at[0], at[1], "*", color="gold", markeredgecolor="black", markersize=14)
         found = f"ξ {placed[-1].objective:.3f} m after {len(places):,} poses"
     axes.set_title(f"{name}\n{found}")
-    _frame(axes, problem)
+    _frame_volume(axes, problem)
 
 
 def _draw_regions(axes: Axes, regions: tuple[Region, ...]) -> None:
@@ -118,7 +118,7 @@ def outlines(region: Region) -> list[Array]:
     ]
 
 
-def _frame(axes: Axes, problem: Problem) -> None:
+def _frame_volume(axes: Axes, problem: Problem) -> None:
     lower, upper = problem.volume.lower, problem.volume.upper
     axes.set_xlim(lower[0] - 0.02, upper[0] + 0.02)
     axes.set_ylim(lower[1] - 0.02, upper[1] + 0.02)

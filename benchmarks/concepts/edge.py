@@ -35,7 +35,7 @@ def draw_edge(path: Path) -> None:
     placement = next(planner.run(lambda: False))
     holding = planner.holdings[placement.goal.arm, placement.goal.grasp]
     moves = _Moves(
-        holding.chain, holding.arm.grasps[holding.grasp].homogeneous, _inside(problem.body)
+        holding.chain, holding.arm.grasps[holding.grasp].homogeneous, _points_inside(problem.body)
     )
     obstacles = problem.environment.obstacles
     nearest = cKDTree((obstacles.lower + obstacles.upper) / 2.0)
@@ -43,7 +43,7 @@ def draw_edge(path: Path) -> None:
     a, b = _longest_edge(holding, placement.trajectory.positions[until])
     margin = settings.collision.collision_margin
     figure = new_figure(9.0, 4.2)
-    _draw(figure.subplots(), moves, nearest, a, b, margin)
+    _draw_on(figure.subplots(), moves, nearest, a, b, margin)
     figure.savefig(path)
 
 
@@ -53,7 +53,7 @@ def _longest_edge(holding: Holding, way: Array) -> tuple[Array, Array]:
     return max(pairs, key=lambda pair: float(np.abs(pair[1] - pair[0]).sum()))
 
 
-def _inside(body: Body) -> Array:
+def _points_inside(body: Body) -> Array:
     """Points (n, 3) of the object, close enough to tell its distances in a drawing."""
     return np.vstack([body.vertices, body.volume_points])
 
@@ -86,7 +86,9 @@ class _Moves:
         return moved
 
 
-def _draw(axes: Axes, moves: _Moves, nearest: cKDTree, a: Array, b: Array, margin: float) -> None:
+def _draw_on(
+    axes: Axes, moves: _Moves, nearest: cKDTree, a: Array, b: Array, margin: float
+) -> None:
     def distance(at: float) -> float:
         return float(nearest.query(moves.points(a + at * (b - a)))[0].min())
 

@@ -18,7 +18,7 @@ from placement_planner_ros.core.search.sampler import (
 from placement_planner_ros.core.types import Array
 
 
-class Record:
+class CheckRecord:
     """Checks as it is given, and keeps what was checked.
 
     Args:
@@ -61,11 +61,11 @@ class Record:
 class RecordedPlanner(PlacementPlanner):
     """The planner, with a `record` of what it checks."""
 
-    record: Record
+    record: CheckRecord
 
     def make_sampler(
         self, hierarchy: AfrHierarchy, checker: GoalChecker, rng: np.random.Generator
     ) -> GoalSampler:
         """As its settings say, around the record."""
-        self.record = Record(checker)
+        self.record = CheckRecord(checker)
         return super().make_sampler(hierarchy, self.record, rng)

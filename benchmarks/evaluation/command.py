@@ -3,43 +3,37 @@
 from __future__ import annotations
 
 import argparse
-import functools
-import math
-from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from benchmarks.carry.report import markdown as carry_table
 from benchmarks.carry.runs import RUNS_FILE as CARRY_FILE
 from benchmarks.carry.runs import SOLUTIONS as CARRIED
-from benchmarks.carry.runs import CarryJob, run_carry
-from benchmarks.carry.runs import describe as describe_carry
+from benchmarks.carry.runs import CarryJob, carry_table, describe_carry, run_carry
 from benchmarks.cases import GROUPS, all_cases
 from benchmarks.evaluation.paper import PRESETS, preset_trials
-from benchmarks.evaluation.results import Results
-from benchmarks.jobs import Entry, J, run_jobs, say
+from benchmarks.evaluation.results import EvaluationResults
+from benchmarks.jobs import run_jobs, say
 from benchmarks.json_lines import read_lines
-from benchmarks.options import add_case_options, add_job_options, wanted_cases
-from benchmarks.record import RUNS_FILE, Trial, describe, record_key, run_trial
-from benchmarks.scaling.growth import growths
-from benchmarks.scaling.runs import (
-    AXES,
-    SCALING_FILE,
-    describe_scaling,
-    run_scaling_job,
-    scaling_jobs,
-    scaling_key,
+from benchmarks.options import (
+    add_case_options,
+    add_grid_options,
+    add_job_options,
+    grid_resolution,
+    wanted_cases,
+    workers_of,
 )
+from benchmarks.record import RUNS_FILE, Trial, describe_run, run_trial
+from benchmarks.scaling.growth import growths
+from benchmarks.scaling.runs import AXES, SCALING_FILE, describe_scaling, run_scaling, scaling_jobs
 from benchmarks.variants import PAPER_VARIANTS, VARIANTS
 from benchmarks.wishes.command import add_wishes_command
 from benchmarks.yardstick.dense_search import (
     YardstickJob,
+    case_of,
     describe_yardstick,
-    measure,
-    yardstick_key,
+    measure_yardstick,
 )
-from benchmarks.yardstick.placement_grid import GridResolution
 from placement_planner_ros.scenes.objects import ALL_OBJECTS
 
 YARDSTICK_FILE = "yardstick.jsonl"
@@ -56,9 +50,7 @@ def add_evaluation_commands(commands: Any) -> None:
         "cases", help="run the 24 cases, or others, and keep every solution"
     )
     cases.add_argument(
-        "--group",
-        choices=tuple(GROUPS),
-        help="objects instead of the paper's, all of a group",
+        "--group", choices=tuple(GROUPS), help="objects instead of the paper's, all of a group"
     )
     cases.add_argument("--seeds", type=int, default=3, help="runs per case (default %(default)s)")
     cases.add_argument("--seconds", type=float, default=30.0, help="time limit of a run")
@@ -94,8 +86,7 @@ def add_evaluation_commands(commands: Any) -> None:
         "yardstick", help="search each case densely for the best placement; takes minutes per case"
     )
     yardstick.add_argument("--preset", choices=tuple(PRESETS), default="quick")
-    yardstick.add_argument("--step", type=float, default=5.0, help="of positions, mm")
-    yardstick.add_argument("--turn", type=float, default=2.0, help="of angles, degrees")
+    add_grid_options(yardstick, 5.0, 2.0)
     yardstick.add_argument(
         "--seconds",
         type=float,
@@ -124,43 +115,21 @@ def add_evaluation_commands(commands: Any) -> None:
     report.set_defaults(command_function=_run_report)
 
 
-def _run(
-    run: Callable[[J], Entry | list[Entry]],
-    jobs: list[J],
-    name: str,
-    key: Callable[[Mapping[str, Any]], str] | None,
-    describe: Callable[[Mapping[str, Any]], str],
-    arguments: argparse.Namespace,
-) -> list[Entry]:
-    """`run_jobs` into a file of the output folder."""
-    path, scheduler = arguments.output / name, arguments.dask_scheduler
-    return run_jobs(run, jobs, path, key, describe, arguments.processes, scheduler)
-
-
-_run_trials = functools.partial(_run, run_trial, key=record_key, describe=describe)
-
-
 def _run_cases(arguments: argparse.Namespace) -> int:
     """1 where a run, be it recorded before, has no solution."""
     if arguments.group is not None:
         arguments.object = GROUPS[arguments.group]
     if arguments.carry is not None:
         return _run_carried(arguments)
+    path, given = arguments.output / RUNS_FILE, (arguments.seconds, arguments.enough)
     jobs = [
-        Trial(
-            case,
-            arguments.variant,
-            seed,
-            arguments.seconds,
-            arguments.enough,
-            arguments.output / "solutions",
-        )
+        Trial(case, arguments.variant, seed, *given, arguments.output / "solutions")
         for case in wanted_cases(all_cases(arguments.cloud, ALL_OBJECTS), arguments)
         for seed in range(arguments.seeds)
     ]
-    _run_trials(jobs, RUNS_FILE, arguments=arguments)
+    run_jobs(run_trial, jobs, path, describe_run, workers_of(arguments))
     wanted = {job.key for job in jobs}
-    records = [r for r in read_lines(arguments.output / RUNS_FILE) if record_key(r) in wanted]
+    records = [record for record in read_lines(path) if record.get("key") in wanted]
     solved = sum(bool(record["solutions"]) for record in records)
     say(f"{solved} of {len(records)} runs solved; recorded in {arguments.output}")
     return 0 if solved == len(records) else 1
@@ -168,21 +137,21 @@ def _run_cases(arguments: argparse.Namespace) -> int:
 
 def _run_carried(arguments: argparse.Namespace) -> int:
     """1 where something is found without the limit alone."""
-    folder = arguments.output / CARRIED
+    path, limits = arguments.output / CARRY_FILE, (arguments.carry, arguments.seconds)
     jobs = [
-        CarryJob(case, seed, arguments.carry, arguments.seconds, arguments.opposite, folder)
+        CarryJob(case, seed, *limits, arguments.opposite, arguments.output / CARRIED)
         for seed in range(arguments.seeds)
         for case in wanted_cases(all_cases(arguments.cloud, ALL_OBJECTS), arguments)
     ]
-    _run(run_carry, jobs, CARRY_FILE, lambda e: str(e["key"]), describe_carry, arguments)
-    entries = read_lines(arguments.output / CARRY_FILE)
+    run_jobs(run_carry, jobs, path, describe_carry, workers_of(arguments))
+    entries = read_lines(path)
     say(carry_table(entries))
     tried = [entry for entry in entries if not entry["failure"]]
     return int(any(e["free"]["found"] > e["limited"]["found"] for e in tried))
 
 
 def _run_paper(arguments: argparse.Namespace) -> int:
-    preset = PRESETS[arguments.preset]
+    preset, path = PRESETS[arguments.preset], arguments.output / RUNS_FILE
     preset = replace(preset, cases=wanted_cases(preset.cases, arguments))
     if arguments.seeds is not None:
         seeds = arguments.seeds
@@ -190,36 +159,37 @@ def _run_paper(arguments: argparse.Namespace) -> int:
     if arguments.seconds is not None:
         preset = replace(preset, seconds=arguments.seconds)
     trials = preset_trials(preset, arguments.variant or PAPER_VARIANTS)
-    records = _run_trials(trials, RUNS_FILE, arguments=arguments)
+    records = run_jobs(run_trial, trials, path, describe_run, workers_of(arguments))
     failed = sum(not record["solutions"] for record in records)
-    say(f"{failed} runs without a placement; recorded in {arguments.output / RUNS_FILE}")
+    say(f"{failed} runs without a placement; recorded in {path}")
     return 0
 
 
 def _run_yardstick(arguments: argparse.Namespace) -> int:
     """Objectives of one scene and object share the grid; those that are recorded are left out."""
-    known = {yardstick_key(entry) for entry in read_lines(arguments.output / YARDSTICK_FILE)}
+    path = arguments.output / YARDSTICK_FILE
+    known = {case_of(entry) for entry in read_lines(path)}
     wanted: dict[tuple[str, str], list[str]] = {}
     for case in wanted_cases(PRESETS[arguments.preset].cases, arguments):
-        if str(case) not in known:
+        if case not in known:
             wanted.setdefault((case.scene, case.object), []).append(case.objective)
-    resolution = GridResolution(arguments.step / 1000.0, math.radians(arguments.turn))
     jobs = [
-        YardstickJob(scene, name, tuple(objectives), resolution, arguments.seconds)
-        for (scene, name), objectives in wanted.items()
+        YardstickJob(*of, tuple(objectives), grid_resolution(arguments), arguments.seconds)
+        for of, objectives in wanted.items()
     ]
-    say(f"{len(known)} cases are recorded in {arguments.output / YARDSTICK_FILE}")
-    _run(measure, jobs, YARDSTICK_FILE, None, describe_yardstick, arguments)
+    say(f"{len(known)} cases are recorded in {path}")
+    run_jobs(measure_yardstick, jobs, path, describe_yardstick, workers_of(arguments))
     return 0
 
 
 def _run_scaling(arguments: argparse.Namespace) -> int:
-    jobs = scaling_jobs(arguments.seeds, arguments.seconds, tuple(arguments.axis or ()))
-    _run(run_scaling_job, jobs, SCALING_FILE, scaling_key, describe_scaling, arguments)
     from benchmarks.scaling.report import draw_scaling
 
+    path = arguments.output / SCALING_FILE
+    jobs = scaling_jobs(arguments.seeds, arguments.seconds, tuple(arguments.axis or ()))
+    run_jobs(run_scaling, jobs, path, describe_scaling, workers_of(arguments))
     picture = arguments.output / "scaling.png"
-    picture.write_bytes(draw_scaling(growths(read_lines(arguments.output / SCALING_FILE))))
+    picture.write_bytes(draw_scaling(growths(read_lines(path))))
     say(f"wrote {picture}")
     return 0
 
@@ -228,7 +198,7 @@ def _run_report(arguments: argparse.Namespace) -> int:
     from benchmarks.evaluation.report import write_report
 
     yardstick = arguments.yardstick or arguments.folder / YARDSTICK_FILE
-    results = Results.read(arguments.folder / RUNS_FILE, yardstick)
+    results = EvaluationResults.read(arguments.folder / RUNS_FILE, yardstick)
     scaling = read_lines(arguments.folder / SCALING_FILE)
     for path in write_report(results, arguments.folder, not arguments.no_pictures, scaling):
         say(f"wrote {path}")

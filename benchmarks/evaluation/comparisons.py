@@ -12,7 +12,7 @@ import numpy as np
 from benchmarks.cases import Case
 from benchmarks.evaluation.relative import area_under_curve, time_to_reach, values_at
 from benchmarks.evaluation.resampling import Interval, holm, mean_interval
-from benchmarks.evaluation.results import Results, final
+from benchmarks.evaluation.results import EvaluationResults, final
 from benchmarks.variants import VARIANTS
 from placement_planner_ros.core.types import Array
 
@@ -22,7 +22,9 @@ BASELINE = "baseline"
 _SEED = 0
 
 
-def curve(results: Results, variant: str, cases: Sequence[Case], times: Array) -> Interval:
+def curve(
+    results: EvaluationResults, variant: str, cases: Sequence[Case], times: Array
+) -> Interval:
     """Mean relative objective at each of the (k,) times over the cases, each counting the same."""
     groups = [
         [values_at(times, results.steps(record)) for record in results.of_variant(variant, case)]
@@ -32,7 +34,7 @@ def curve(results: Results, variant: str, cases: Sequence[Case], times: Array) -
     return mean_interval(groups, np.random.default_rng(_SEED))
 
 
-def areas(results: Results, variant: str, case: Case) -> dict[int, float]:
+def areas(results: EvaluationResults, variant: str, case: Case) -> dict[int, float]:
     """Seed -> area under the curve up to the common horizon."""
     return {
         int(record["seed"]): area_under_curve(results.steps(record), results.horizon)
@@ -74,7 +76,7 @@ class Comparison:
         ]
 
 
-def compare(results: Results, other: str) -> Comparison | None:
+def compare(results: EvaluationResults, other: str) -> Comparison | None:
     """The reference against another variant on all cases both were run on; None without any."""
     rng = np.random.default_rng(_SEED)
     cases, groups = [], []
@@ -92,7 +94,7 @@ def compare(results: Results, other: str) -> Comparison | None:
     return Comparison(other, mean_interval(groups, rng), by_case)
 
 
-def first_times(results: Results, variant: str, cases: Sequence[Case]) -> Array:
+def first_times(results: EvaluationResults, variant: str, cases: Sequence[Case]) -> Array:
     """(n,) seconds to the first placement of every run; inf where there is none."""
     return np.array(
         [
@@ -103,7 +105,7 @@ def first_times(results: Results, variant: str, cases: Sequence[Case]) -> Array:
     )
 
 
-def sample_rates(results: Results, variant: str) -> Array:
+def sample_rates(results: EvaluationResults, variant: str) -> Array:
     """(n,) goal samples per second of search of every run that ended without an error."""
     return np.array(
         [
@@ -115,7 +117,7 @@ def sample_rates(results: Results, variant: str) -> Array:
     )
 
 
-def rejections(results: Results, variant: str, cases: Sequence[Case]) -> dict[str, float]:
+def rejections(results: EvaluationResults, variant: str, cases: Sequence[Case]) -> dict[str, float]:
     """Constraint -> share of all samples it rejected; `goals` is the share that passed."""
     total: Counter[str] = Counter()
     samples = 0
@@ -126,7 +128,7 @@ def rejections(results: Results, variant: str, cases: Sequence[Case]) -> dict[st
     return {**shares, "goals": 1.0 - sum(shares.values())} if samples else {}
 
 
-def times_to_pass_baseline(results: Results) -> Array:
+def times_to_pass_baseline(results: EvaluationResults) -> Array:
     """(n,) seconds until each run of the reference has what the baseline ended with (its median).
 
     inf where it never does.
@@ -142,7 +144,7 @@ def times_to_pass_baseline(results: Results) -> Array:
     return np.array(times)
 
 
-def solved_in_every_run(results: Results, variant: str) -> int:
+def solved_in_every_run(results: EvaluationResults, variant: str) -> int:
     """Number of cases of which every run has a placement."""
     return sum(
         all(record["solutions"] for record in results.of_variant(variant, case))
@@ -150,7 +152,7 @@ def solved_in_every_run(results: Results, variant: str) -> int:
     )
 
 
-def finals(results: Results, variant: str, case: Case) -> Array:
+def finals(results: EvaluationResults, variant: str, case: Case) -> Array:
     """(n,) relative objective each run of the case has at the common horizon."""
     horizon = np.array([results.horizon])
     return np.array(

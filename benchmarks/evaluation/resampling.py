@@ -70,10 +70,9 @@ def _p_value(means: Array) -> float:
 
 def holm(p_values: Sequence[float]) -> list[float]:
     """p-values adjusted so that comparing each with α keeps the family-wise error below α."""
-    order = np.argsort(p_values, kind="stable")
-    adjusted = [0.0] * len(p_values)
-    largest = 0.0
-    for rank, index in enumerate(order):
-        largest = max(largest, min(1.0, (len(p_values) - rank) * p_values[index]))
-        adjusted[int(index)] = largest
-    return adjusted
+    p = np.asarray(p_values, dtype=np.float64)
+    order = np.argsort(p, kind="stable")
+    compared = np.arange(len(p), 0, -1)
+    adjusted = np.empty(len(p))
+    adjusted[order] = np.maximum.accumulate(np.minimum(1.0, compared * p[order]))
+    return [float(each) for each in adjusted]

@@ -14,11 +14,11 @@ from benchmarks.json_lines import read_lines
 from benchmarks.variants import VARIANTS
 from placement_planner_ros.core.errors import ParameterError
 
-Record = Mapping[str, Any]
+RunEntry = Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Results:
+class EvaluationResults:
     """The runs of an evaluation.
 
     Attributes:
@@ -32,13 +32,13 @@ class Results:
 
     cases: tuple[Case, ...]
     variants: tuple[str, ...]
-    runs: Mapping[tuple[Case, str], tuple[Record, ...]]
-    yardsticks: Mapping[Case, Record]
+    runs: Mapping[tuple[Case, str], tuple[RunEntry, ...]]
+    yardsticks: Mapping[Case, RunEntry]
     scales: Mapping[Case, Scale]
     horizon: float
 
     @classmethod
-    def read(cls, runs_file: Path, yardstick_file: Path) -> Results:
+    def read(cls, runs_file: Path, yardstick_file: Path) -> EvaluationResults:
         """Read what `python -m benchmarks paper` and `yardstick` have written.
 
         Raises:
@@ -47,13 +47,13 @@ class Results:
         return cls.of(read_lines(runs_file), read_lines(yardstick_file))
 
     @classmethod
-    def of(cls, records: Sequence[Record], yardsticks: Sequence[Record]) -> Results:
+    def of(cls, records: Sequence[RunEntry], yardsticks: Sequence[RunEntry]) -> EvaluationResults:
         """Group records, and scale each case by the best of its yardstick and its runs."""
         if not records:
             raise ParameterError(
                 "runs", "none recorded", "run python -m benchmarks paper --output on the folder"
             )
-        groups: defaultdict[tuple[Case, str], list[Record]] = defaultdict(list)
+        groups: defaultdict[tuple[Case, str], list[RunEntry]] = defaultdict(list)
         for record in records:
             groups[Case(**record["case"]), record["variant"]].append(record)
         cases = tuple(dict.fromkeys(case for case, _ in groups))
@@ -73,11 +73,11 @@ class Results:
             tuple(name for name in VARIANTS if name in names),
             runs,
             {case: measured[case] for case in cases},
-            {case: _scale(case, runs, measured[case]) for case in cases},
+            {case: _scale_of(case, runs, measured[case]) for case in cases},
             min(float(record["time_limit"]) for record in records),
         )
 
-    def of_variant(self, variant: str, case: Case) -> tuple[Record, ...]:
+    def of_variant(self, variant: str, case: Case) -> tuple[RunEntry, ...]:
         """Its runs on a case; none where it was not run."""
         return self.runs.get((case, variant), ())
 
@@ -85,17 +85,17 @@ class Results:
         """Cases that every one of the variants was run on."""
         return [c for c in self.cases if all(self.of_variant(v, c) for v in variants)]
 
-    def steps(self, record: Record) -> list[tuple[float, float]]:
+    def steps(self, record: RunEntry) -> list[tuple[float, float]]:
         """(seconds, relative objective) of a run's placements."""
         scale = self.scales[Case(**record["case"])]
         return [(s["time"], scale.relative(s["objective"])) for s in record["solutions"]]
 
-    def best_run(self, case: Case) -> Record | None:
+    def best_run(self, case: Case) -> RunEntry | None:
         """The run that found the best placement of the case."""
         solved = [r for v in self.variants for r in self.of_variant(v, case) if r["solutions"]]
         return max(solved, key=lambda r: float(r["solutions"][-1]["objective"]), default=None)
 
-    def failed(self) -> list[Record]:
+    def failed(self) -> list[RunEntry]:
         """Runs without a placement."""
         return [r for group in self.runs.values() for r in group if not r["solutions"]]
 
@@ -105,8 +105,8 @@ def final(steps: Steps) -> float:
     return steps[-1][1] if steps else 0.0
 
 
-def _scale(
-    case: Case, runs: Mapping[tuple[Case, str], tuple[Record, ...]], yardstick: Record
+def _scale_of(
+    case: Case, runs: Mapping[tuple[Case, str], tuple[RunEntry, ...]], yardstick: RunEntry
 ) -> Scale:
     known = [] if yardstick["best"] is None else [float(yardstick["best"])]
     for (other, _), group in runs.items():

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.cases import Case, case_label, words
+from benchmarks.cases import Case, case_label, in_words
 from benchmarks.evaluation.comparisons import (
     BASELINE,
     REFERENCE,
@@ -16,43 +14,21 @@ from benchmarks.evaluation.comparisons import (
     curve,
     finals,
     first_times,
+    rejections,
     sample_rates,
     solved_in_every_run,
     times_to_pass_baseline,
 )
 from benchmarks.evaluation.resampling import Interval
-from benchmarks.evaluation.results import Results
+from benchmarks.evaluation.results import EvaluationResults
+from benchmarks.record import last_line
+from benchmarks.text_table import TextTable
 
 MARGIN = 0.02
 """By how much a single case may be worse before it counts against the reference."""
 
 
-@dataclass(frozen=True, slots=True)
-class Table:
-    """Rows of text under a header, with a sentence that says how to read them."""
-
-    header: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    note: str = ""
-
-    def markdown(self) -> str:
-        """As a Markdown table."""
-        lines = [self.header, tuple("---" for _ in self.header), *self.rows]
-        text = "\n".join("| " + " | ".join(line) + " |" for line in lines)
-        return f"{text}\n\n{self.note}\n" if self.note else text + "\n"
-
-    def page(self) -> str:
-        """As HTML."""
-
-        def row(cells: Sequence[str], tag: str) -> str:
-            return "<tr>" + "".join(f"<{tag}>{html.escape(c)}</{tag}>" for c in cells) + "</tr>"
-
-        body = "".join(row(cells, "td") for cells in self.rows)
-        note = f"<p>{html.escape(self.note)}</p>" if self.note else ""
-        return f"<table>{row(self.header, 'th')}{body}</table>{note}"
-
-
-def aims_table(results: Results, comparisons: Sequence[Comparison]) -> Table:
+def aims_table(results: EvaluationResults, comparisons: Sequence[Comparison]) -> TextTable:
     """What the search is to reach on the 24 cases within 10 s, and what it has reached."""
     rows = []
     if REFERENCE in results.variants:
@@ -63,67 +39,63 @@ def aims_table(results: Results, comparisons: Sequence[Comparison]) -> Table:
             if seconds <= results.horizon:
                 found = curve(results, REFERENCE, results.cases, np.array([seconds]))
                 what = f"mean relative objective of {REFERENCE} after {seconds:g} s"
-                rows.append((what, f"≥ {wanted}", _number(found, 0)))
+                rows.append((what, f"≥ {wanted}", _mean_at(found, 0)))
     passed = times_to_pass_baseline(results)
     if len(passed):
         never = int(np.isinf(passed).sum())
-        rows.append(
-            (
-                f"time at which {REFERENCE} passes what the baseline ends with, median",
-                "≤ 3 s",
-                f"{_seconds(float(np.median(passed)))}; never in {never} of {len(passed)} runs",
-            )
-        )
+        what = f"time at which {REFERENCE} passes what the baseline ends with, median"
+        told = f"{_in_seconds(float(np.median(passed)))}; never in {never} of {len(passed)} runs"
+        rows.append((what, "≤ 3 s", told))
     for comparison in comparisons:
         if comparison.other != BASELINE:
             what = f"{REFERENCE} minus {comparison.other}, area under the curve, pooled"
-            rows.append((what, "interval above 0", _signed(comparison.pooled)))
+            rows.append((what, "interval above 0", _signed_mean(comparison.pooled)))
             worse = comparison.worse_by(MARGIN)
             what = f"cases where {REFERENCE} is worse than {comparison.other} by over {MARGIN}"
             named = "none" if not worse else "; ".join(case_label(case) for case in worse)
             rows.append((what, "none after Holm", named))
-    return Table(("what", "aim", "reached"), tuple(rows))
+    return TextTable(("what", "aim", "reached"), rows)
 
 
-def level_table(results: Results) -> Table:
+def level_table(results: EvaluationResults) -> TextTable:
     """Mean relative objective after some seconds, all cases and by scene and objective."""
     early = [t for t in (1.0, 2.0, 5.0, 10.0, 30.0) if t < results.horizon]
     moments = np.array([*early, results.horizon])
     groups: dict[str, list[Case]] = {"all cases": list(results.cases)}
     for case in results.cases:
         sign = "max" if case.objective == "maximize_clearance" else "min"
-        groups.setdefault(f"{words(case.scene)}, {sign}", []).append(case)
+        groups.setdefault(f"{in_words(case.scene)}, {sign}", []).append(case)
     rows = []
     for name, cases in groups.items():
         for variant in results.variants:
             if any(results.of_variant(variant, case) for case in cases):
                 found = curve(results, variant, cases, moments)
-                cells = (_number(found, k) for k in range(len(moments)))
+                cells = (_mean_at(found, k) for k in range(len(moments)))
                 rows.append((name, variant, *cells))
-    return Table(
+    return TextTable(
         ("cases", "variant", *(f"after {t:g} s" for t in moments)),
-        tuple(rows),
+        rows,
         "Means over cases and runs; 95 % bootstrap intervals where cases have several runs.",
     )
 
 
-def first_solution_table(results: Results) -> Table:
+def first_solution_table(results: EvaluationResults) -> TextTable:
     """How soon the first placement is there."""
     rows = []
     for variant in results.variants:
         times = first_times(results, variant, results.cases)
         solved = int(np.isfinite(times).sum())
         quantiles = np.quantile(times, [0.5, 0.95, 1.0], method="higher")
-        rows.append((variant, f"{solved} of {len(times)}", *(_seconds(q) for q in quantiles)))
-    return Table(
+        rows.append((variant, f"{solved} of {len(times)}", *(_in_seconds(q) for q in quantiles)))
+    return TextTable(
         ("variant", "runs with a placement", "median", "95 %", "slowest"),
-        tuple(rows),
+        rows,
         "Seconds from the start, the environment's construction included; runs without a "
         "placement count as endless.",
     )
 
 
-def difference_table(comparisons: Sequence[Comparison]) -> Table:
+def difference_table(comparisons: Sequence[Comparison]) -> TextTable:
     """What each part contributes."""
     rows = []
     for comparison in comparisons:
@@ -133,21 +105,21 @@ def difference_table(comparisons: Sequence[Comparison]) -> Table:
         rows.append(
             (
                 f"{REFERENCE} minus {comparison.other}",
-                _signed(comparison.pooled),
+                _signed_mean(comparison.pooled),
                 f"{better} of {cases}",
                 f"{len(decided) - better} of {cases}",
                 str(len(comparison.worse_by(MARGIN))),
             )
         )
-    return Table(
+    return TextTable(
         ("difference", "area under the curve", "cases better", "worse", f"worse by > {MARGIN}"),
-        tuple(rows),
+        rows,
         "Paired by seed, 95 % bootstrap intervals; single cases after Holm at 5 %. With few seeds "
         "the bootstrap calls a case different as soon as all seeds agree.",
     )
 
 
-def rate_table(results: Results) -> Table:
+def rate_table(results: EvaluationResults) -> TextTable:
     """Samples per second."""
     rows = []
     for variant in results.variants:
@@ -155,77 +127,78 @@ def rate_table(results: Results) -> Table:
         if len(rates):
             low, middle, high = np.quantile(rates, [0.25, 0.5, 0.75])
             rows.append((variant, f"{middle:.0f}", f"{low:.0f} … {high:.0f}"))
-    return Table(
+    return TextTable(
         ("variant", "goal samples per second, median of the runs", "quartiles"),
-        tuple(rows),
+        rows,
         "Over the whole search, motion planning and local optimisation included.",
     )
 
 
-def gap_table(results: Results) -> Table:
+def rejection_table(results: EvaluationResults) -> TextTable:
+    """Where samples end, for each scene and variant."""
+    rows = []
+    for scene in dict.fromkeys(case.scene for case in results.cases):
+        cases = [case for case in results.cases if case.scene == scene]
+        for variant in results.variants:
+            found = sorted(rejections(results, variant, cases).items(), key=lambda each: -each[1])
+            told = ", ".join(f"{in_words(name)} {share:.1%}" for name, share in found)
+            rows.append((in_words(scene), variant, told))
+    note = "Shares of the samples, by the first check that failed."
+    return TextTable(("scene", "variant", "samples"), rows, note)
+
+
+def gap_table(results: EvaluationResults) -> TextTable:
     """Each case's scale, and how near the reference and the best run come to its top."""
     rows = []
     for case in results.cases:
         yardstick, scale = results.yardsticks[case], results.scales[case]
-        best = results.best_run(case)
-        dense = yardstick["best"]
+        best, dense = results.best_run(case), yardstick["best"]
+        cut_off = "" if yardstick["complete"] else " (cut off)"
         reached = finals(results, REFERENCE, case)
-        rows.append(
-            (
-                case_label(case),
-                f"{scale.random:+.4f}",
-                "none"
-                if dense is None
-                else f"{dense:+.4f}" + ("" if yardstick["complete"] else " (cut off)"),
-                "none" if best is None else f"{best['solutions'][-1]['objective']:+.4f}",
-                "" if best is None else str(best["variant"]),
-                "" if len(reached) == 0 else f"{np.mean(reached):.2f}",
-                "" if len(reached) == 0 else f"{np.min(reached):.2f}",
-            )
+        cells = [case_label(case), f"{scale.random:+.4f}"]
+        cells.append("none" if dense is None else f"{dense:+.4f}{cut_off}")
+        cells += (
+            ["none", ""]
+            if best is None
+            else [f"{best['solutions'][-1]['objective']:+.4f}", best["variant"]]
         )
-    return Table(
-        (
-            "case",
-            "ξ random [m]",
-            "ξ dense search [m]",
-            "ξ best run [m]",
-            "by",
-            f"{REFERENCE} after {results.horizon:g} s, mean",
-            "worst run",
-        ),
-        tuple(rows),
-        "Relative objective: 0 is the median of random feasible placements, 1 the best known by "
-        "the dense search or any run.",
-    )
+        cells += [f"{each(reached):.2f}" if len(reached) else "" for each in (np.mean, np.min)]
+        rows.append(cells)
+    header = (
+        "case", "ξ random [m]", "ξ dense search [m]", "ξ best run [m]", "by",
+        f"{REFERENCE} after {results.horizon:g} s, mean", "worst run",
+    )  # fmt: skip
+    note = "Relative objective: 0 is the median of random feasible placements, 1 the best known by "
+    return TextTable(header, rows, note + "the dense search or any run.")
 
 
-def failure_table(results: Results) -> Table:
+def failure_table(results: EvaluationResults) -> TextTable:
     """Runs without a placement, and why."""
-    rows = tuple(
+    rows = [
         (
             case_label(Case(**record["case"])),
             str(record["variant"]),
             str(record["seed"]),
-            str(record["failure"]).strip().splitlines()[-1],
+            last_line(record["failure"]),
         )
         for record in results.failed()
-    )
-    return Table(("case", "variant", "seed", "why"), rows)
+    ]
+    return TextTable(("case", "variant", "seed", "why"), rows)
 
 
-def _number(found: Interval, k: int) -> str:
+def _mean_at(found: Interval, k: int) -> str:
     mean, low, high = found.mean[k], found.low[k], found.high[k]
-    return f"{mean:.3f}{_interval(float(low), float(high), '.3f')}"
+    return f"{mean:.3f}{_in_brackets(float(low), float(high), '.3f')}"
 
 
-def _signed(found: Interval) -> str:
-    return f"{float(found.mean):+.3f}{_interval(float(found.low), float(found.high), '+.3f')}"
+def _signed_mean(found: Interval) -> str:
+    return f"{float(found.mean):+.3f}{_in_brackets(float(found.low), float(found.high), '+.3f')}"
 
 
-def _interval(low: float, high: float, form: str) -> str:
+def _in_brackets(low: float, high: float, form: str) -> str:
     """Nothing where the interval has no width, as with one run per case."""
     return f" [{low:{form}}, {high:{form}}]" if high > low else ""
 
 
-def _seconds(value: float) -> str:
+def _in_seconds(value: float) -> str:
     return f"{value:.2f} s" if np.isfinite(value) else "never"

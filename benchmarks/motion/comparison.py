@@ -21,11 +21,11 @@ from ompl import base as ob
 from ompl import geometric as og
 from ompl import util as ou
 
-from benchmarks.jobs import Progress, Tell, say
+from benchmarks.jobs import Tell, WorkProgress, say
 from benchmarks.motion.ompl_planner import GoalSetPlanner
 from benchmarks.motion.ompl_space import EdgeSpace
 from benchmarks.motion.problems import MotionProblem, panda_problems
-from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
+from benchmarks.text_table import TextTable
 from placement_planner_ros.core.motion.birrt import GoalSetRRT, GoalSetRRTSettings
 from placement_planner_ros.core.motion.shortcut import shorten
 from placement_planner_ros.core.timing.timing import parameterize
@@ -46,7 +46,6 @@ class Planned:
         edges: edges checked.
     """
 
-    problem: str
     seconds: float
     path: Array | None
     edges: int
@@ -62,7 +61,6 @@ class Shortened:
         trajectory: timed and certified; None where no timed curve could be.
     """
 
-    problem: str
     seconds: float
     path: Array
     length: float
@@ -76,14 +74,9 @@ class Workbench:
         limit: seconds a planner may search.
     """
 
-    def __init__(
-        self,
-        problem: MotionProblem,
-        limit: float = 10.0,
-        settings: CollisionSettings | None = None,
-    ) -> None:
+    def __init__(self, problem: MotionProblem, limit: float = 10.0) -> None:
         self.problem = problem
-        self.collision: ArmCollision = problem.collision(settings)
+        self.collision = problem.collision()
         self._limit = limit
         self._edges = 0
         self._edge_free = functools.partial(
@@ -113,7 +106,7 @@ class Workbench:
         search.add_goal(0, self.problem.q_goal)
         found = search.solve(_UNBOUNDED, lambda: time.perf_counter() - started > self._limit)
         path = None if found is None else found[1]
-        return Planned(self.problem.name, time.perf_counter() - started, path, self._edges)
+        return Planned(time.perf_counter() - started, path, self._edges)
 
     def goal_set_planner(self, seed: int) -> Planned:
         """The same search as one of OMPL's planners."""
@@ -140,7 +133,7 @@ class Workbench:
         started = time.perf_counter()
         path = solve(self._limit)
         seconds = time.perf_counter() - started
-        return Planned(self.problem.name, seconds, path, self._space.edges)
+        return Planned(seconds, path, self._space.edges)
 
     def shorten(self, path: Array, seed: int) -> Shortened:
         """This project's shortcutting, as much of it as planning does."""
@@ -163,7 +156,7 @@ class Workbench:
             return self.collision.edge_free(a, b, deviation=deviation)
 
         trajectory = parameterize(path, arm.joints, arm.velocity, acceleration, timed_free)
-        return Shortened(self.problem.name, seconds, path, path_length(path), trajectory)
+        return Shortened(seconds, path, path_length(path), trajectory)
 
 
 def path_length(path: Array) -> float:
@@ -176,25 +169,26 @@ def planning_table(runs: Mapping[str, Sequence[Planned]]) -> str:
 
     Ratios are those to the first planner's: of the medians, the 95th percentiles and the sums.
     """
-    rows = [
-        "planner                           solved      median ms     95 % ms    edges  length rad"
-        "   ratio: median   95 %    sum"
-    ]
-    first = _summary(next(iter(runs.values())))
+    rows = []
+    first = _time_summary(next(iter(runs.values())))
     for name, planned in runs.items():
-        paths = [run.path for run in planned if run.path is not None]
-        lengths = [path_length(path) for path in paths]
-        own = _summary(planned)
-        ratios = "".join(f"{a / b:8.2f}" for a, b in zip(own, first, strict=True))
-        rows.append(
-            f"{name:<32} {len(paths):4d} of {len(planned):3d} {1e3 * own[0]:12.1f} "
-            f"{1e3 * own[1]:11.1f} {np.median([run.edges for run in planned]):8.0f} "
-            f"{np.median(lengths) if lengths else np.nan:11.2f}       {ratios}"
+        lengths = [path_length(run.path) for run in planned if run.path is not None]
+        own = _time_summary(planned)
+        told = (
+            name,
+            f"{len(lengths)} of {len(planned)}",
+            *(f"{1e3 * seconds:.1f}" for seconds in own[:2]),
+            f"{np.median([run.edges for run in planned]):.0f}",
+            f"{np.median(lengths) if lengths else np.nan:.2f}",
+            *(f"{a / b:.2f}" for a, b in zip(own, first, strict=True)),
         )
-    return "\n".join(rows)
+        rows.append(told)
+    header = ("planner", "solved", "median ms", "95 % ms", "edges", "length rad", "ratio: median",
+              "95 %", "sum")  # fmt: skip
+    return TextTable(header, rows).markdown()
 
 
-def _summary(runs: Sequence[Planned]) -> tuple[float, float, float]:
+def _time_summary(runs: Sequence[Planned]) -> tuple[float, float, float]:
     """Median, 95th percentile and sum of the times, seconds."""
     seconds = np.array([run.seconds for run in runs])
     return float(np.median(seconds)), float(np.percentile(seconds, 95)), float(seconds.sum())
@@ -202,37 +196,33 @@ def _summary(runs: Sequence[Planned]) -> tuple[float, float, float]:
 
 def shortening_table(ours: Sequence[Shortened], theirs: Sequence[Shortened]) -> str:
     """Length and duration of the same paths after either way of shortening, and the ratios."""
-    rows = ["shortened by     timed      median ms   length rad   duration s   (means)"]
+    rows = []
     for name, runs in (("shorten", ours), ("OMPL simplifyMax", theirs)):
         durations = [run.trajectory.duration for run in runs if run.trajectory is not None]
-        rows.append(
-            f"{name:<16} {len(durations):3d} of {len(runs):3d} "
-            f"{1e3 * np.median([run.seconds for run in runs]):9.1f} "
-            f"{np.mean([run.length for run in runs]):12.3f} "
-            f"{np.mean(durations) if durations else np.nan:12.3f}"
+        told = (
+            name,
+            f"{len(durations)} of {len(runs)}",
+            f"{1e3 * np.median([run.seconds for run in runs]):.1f}",
+            f"{np.mean([run.length for run in runs]):.3f}",
+            f"{np.mean(durations) if durations else np.nan:.3f}",
         )
+        rows.append(told)
     both = [
         (a.length / b.length, a.trajectory.duration / b.trajectory.duration)
         for a, b in zip(ours, theirs, strict=True)
         if a.trajectory is not None and b.trajectory is not None
     ]
-    if both:
-        length, duration = np.array([a for a, _ in both]), np.array([b for _, b in both])
-        rows.append(
-            f"ratio shorten : simplifyMax   length median {np.median(length):.3f} worst "
-            f"{length.max():.3f}   duration median {np.median(duration):.3f} worst "
-            f"{duration.max():.3f}   shorter {np.mean(length <= 1.0):.0%}, "
-            f"faster {np.mean(duration <= 1.0):.0%}"
-        )
-    return "\n".join(rows)
+    note = " ".join(
+        f"{what}, shorten : simplifyMax: median {np.median(ratio):.3f}, worst {ratio.max():.3f}, "
+        f"at most 1 in {np.mean(ratio <= 1.0):.0%}."
+        for what, ratio in zip(("Length", "Duration"), np.array(both).T, strict=False)
+    )
+    header = ("shortened by", "timed", "median ms", "length rad, mean", "duration s, mean")
+    return TextTable(header, rows, note).markdown()
 
 
-def compare(
-    problems: Sequence[MotionProblem],
-    seeds: Sequence[int],
-    paths: int,
-    limit: float,
-    tell: Tell,
+def compare_planners(
+    problems: Sequence[MotionProblem], seeds: Sequence[int], paths: int, limit: float, tell: Tell
 ) -> bool:
     """Plan and shorten in all ways, and tell the tables.
 
@@ -255,7 +245,7 @@ def compare(
     shortened: list[Shortened] = []
     simplified: list[Shortened] = []
     wanted = set(np.linspace(0, len(problems) - 1, min(paths, len(problems))).astype(int).tolist())
-    progress = Progress([1.0] * len(problems), tell)
+    progress = WorkProgress([1.0] * len(problems), tell)
     for number, problem in enumerate(problems):
         bench = Workbench(problem, limit)
         if number == 0:  # fill caches
@@ -304,5 +294,7 @@ def _run_motion(arguments: argparse.Namespace) -> int:
     problems = panda_problems(arguments.data)
     for note in dict.fromkeys(note for problem in problems for note in problem.notes):
         say(f"start states: {note}")
-    solved = compare(problems, range(arguments.seeds), arguments.paths, arguments.limit, say)
+    solved = compare_planners(
+        problems, range(arguments.seeds), arguments.paths, arguments.limit, say
+    )
     return 0 if solved else 1

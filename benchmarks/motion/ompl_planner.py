@@ -12,8 +12,8 @@ from collections.abc import Callable
 
 import numpy as np
 from ompl import base as ob
-from ompl import geometric as og
 
+from benchmarks.motion.ompl_space import joints_of, ompl_path, state_of
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.motion.birrt import GoalSetRRT, GoalSetRRTSettings
 from placement_planner_ros.core.types import Array
@@ -74,9 +74,9 @@ class GoalSetPlanner(ob.Planner):
             start = inputs.nextStart()
             if start is None:
                 return ob.PlannerStatus(status.INVALID_START)
-            self._search = self._plant(self._values(start))
+            self._search = self._plant(joints_of(self.getSpaceInformation(), start))
         while self._goals_read < self._max_goals and (goal := inputs.nextGoal()) is not None:
-            self._search.add_goal(self._goals_read, self._values(goal))
+            self._search.add_goal(self._goals_read, joints_of(self.getSpaceInformation(), goal))
             self._goals_read += 1
         if self._goals_read == 0:
             return ob.PlannerStatus(status.INVALID_GOAL)
@@ -87,9 +87,7 @@ class GoalSetPlanner(ob.Planner):
             found = self._search.solve(_UNBOUNDED, lambda: time.monotonic() >= deadline)
         if found is None:
             return ob.PlannerStatus(status.TIMEOUT)
-        path = og.PathGeometric(self.getSpaceInformation())
-        for q in found[1]:
-            path.append(self._state(q))
+        path = ompl_path(self.getSpaceInformation(), found[1])
         self.getProblemDefinition().addSolutionPath(path, False, 0.0, self.getName())
         return ob.PlannerStatus(status.EXACT_SOLUTION)
 
@@ -103,21 +101,9 @@ class GoalSetPlanner(ob.Planner):
         si = self.getSpaceInformation()
         bounds = si.getStateSpace().getBounds()
         validator = si.getMotionValidator()
-        a, b = si.allocState(), si.allocState()
 
-        def edge_is_free(p: Array, q: Array) -> bool:
-            for i, (x, y) in enumerate(zip(p.tolist(), q.tolist(), strict=True)):
-                a[i], b[i] = x, y
-            return bool(validator.checkMotion(a, b))
+        def edge_is_free(a: Array, b: Array) -> bool:
+            return bool(validator.checkMotion(state_of(si, a), state_of(si, b)))
 
         lower, upper = np.array(list(bounds.low)), np.array(list(bounds.high))
         return GoalSetRRT(lower, upper, start, edge_is_free, self._settings, self._rng)
-
-    def _values(self, state: ob.State) -> Array:
-        return np.array([state[i] for i in range(self.getSpaceInformation().getStateDimension())])
-
-    def _state(self, q: Array) -> ob.State:
-        state = self.getSpaceInformation().allocState()
-        for i, x in enumerate(q.tolist()):
-            state[i] = x
-        return state

@@ -28,13 +28,12 @@ class EdgeSpace:
 
     def __init__(self, lower: Array, upper: Array, edge_free: EdgeFree) -> None:
         self.edges = 0
-        self._dof = len(lower)
         self._edge_free = edge_free
-        space = ob.RealVectorStateSpace(self._dof)
-        bounds = ob.RealVectorBounds(self._dof)
-        for i in range(self._dof):
-            bounds.setLow(i, float(lower[i]))
-            bounds.setHigh(i, float(upper[i]))
+        space = ob.RealVectorStateSpace(len(lower))
+        bounds = ob.RealVectorBounds(len(lower))
+        for i, (low, high) in enumerate(zip(lower, upper, strict=True)):
+            bounds.setLow(i, float(low))
+            bounds.setHigh(i, float(high))
         space.setBounds(bounds)
         self.information = ob.SpaceInformation(space)
         self.information.setMotionValidator(_EdgeTest(self))
@@ -44,7 +43,7 @@ class EdgeSpace:
     def free(self, a: ob.State, b: ob.State) -> bool:
         """The edge test."""
         self.edges += 1
-        return bool(self._edge_free(self._joints(a), self._joints(b)))
+        return bool(self._edge_free(joints_of(self.information, a), joints_of(self.information, b)))
 
     def planner(
         self,
@@ -62,10 +61,10 @@ class EdgeSpace:
             What takes seconds, or what is True when to stop, and gives a path (n, dof) or None.
         """
         problem = ob.ProblemDefinition(self.information)
-        problem.addStartState(self._state(start))
+        problem.addStartState(state_of(self.information, start))
         region = ob.GoalStates(self.information)
         for q in goals:
-            region.addState(self._state(q))
+            region.addState(state_of(self.information, q))
         problem.setGoal(region)
         planner = make(self.information)
         planner.setProblemDefinition(problem)
@@ -75,29 +74,41 @@ class EdgeSpace:
             end = ob.PlannerTerminationCondition(until) if callable(until) else until
             if planner.solve(end).getStatus() != ob.PlannerStatus.EXACT_SOLUTION:
                 return None
-            return self._values(problem.getSolutionPath())
+            return path_joints(self.information, problem.getSolutionPath())
 
         return solve
 
     def simplified(self, path: Array) -> Array:
         """A path (n, dof) after OMPL's simplifier has done all it can."""
-        geometric = og.PathGeometric(self.information)
-        for q in path:
-            geometric.append(self._state(q))
+        geometric = ompl_path(self.information, path)
         og.PathSimplifier(self.information).simplifyMax(geometric)
-        return self._values(geometric)
+        return path_joints(self.information, geometric)
 
-    def _state(self, q: Array) -> ob.State:
-        state = self.information.allocState()
-        for i, x in enumerate(q.tolist()):
-            state[i] = x
-        return state
 
-    def _joints(self, state: ob.State) -> Array:
-        return np.array([state[i] for i in range(self._dof)])
+def state_of(information: ob.SpaceInformation, q: Array) -> ob.State:
+    """Joint values (dof,) as a state of OMPL."""
+    state = information.allocState()
+    for i, x in enumerate(q.tolist()):
+        state[i] = x
+    return state
 
-    def _values(self, path: og.PathGeometric) -> Array:
-        return np.array([self._joints(state) for state in path.getStates()])
+
+def joints_of(information: ob.SpaceInformation, state: ob.State) -> Array:
+    """(dof,) joint values of a state of OMPL."""
+    return np.array([state[i] for i in range(information.getStateDimension())])
+
+
+def ompl_path(information: ob.SpaceInformation, path: Array) -> og.PathGeometric:
+    """A path (n, dof) as OMPL's."""
+    made = og.PathGeometric(information)
+    for q in path:
+        made.append(state_of(information, q))
+    return made
+
+
+def path_joints(information: ob.SpaceInformation, path: og.PathGeometric) -> Array:
+    """(n, dof) joint values of OMPL's path."""
+    return np.array([joints_of(information, state) for state in path.getStates()])
 
 
 class _EdgeTest(ob.MotionValidator):

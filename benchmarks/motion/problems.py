@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 import yaml
 
-from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
+from placement_planner_ros.core.collision.arm import ArmCollision
 from placement_planner_ros.core.errors import JointStateError, ParameterError
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.robot.arm import Arm
@@ -106,11 +106,9 @@ class MotionProblem:
             complete_cloud(scene, spacing, bounds), GridSettings(), bounds
         )
 
-    def collision(self, settings: CollisionSettings | None = None) -> ArmCollision:
+    def collision(self) -> ArmCollision:
         """C_free of the arm with an empty hand among the primitives."""
-        return ArmCollision(
-            MovingArm(self.robot, self.arm, self.q_start), None, self.obstacles(), settings
-        )
+        return ArmCollision(MovingArm(self.robot, self.arm, self.q_start), None, self.obstacles())
 
 
 def read_problem(
@@ -127,15 +125,17 @@ def read_problem(
         ParameterError: a file holds something else.
         JointStateError: the arm itself starts or shall end beyond its limits.
     """
-    world = _load(scene)
-    asked = _load(request)
+    world = _load_yaml(scene)
+    asked = _load_yaml(request)
     try:
         state = asked["start_state"]["joint_state"]
         q_start = robot.configuration(dict(zip(state["name"], state["position"], strict=True)))
         (goal,) = asked["goal_constraints"]
         wanted = {c["joint_name"]: float(c["position"]) for c in goal["joint_constraints"]}
         things = [
-            primitive for thing in world["world"]["collision_objects"] for primitive in _read(thing)
+            primitive
+            for thing in world["world"]["collision_objects"]
+            for primitive in _read_solids(thing)
         ]
     except (KeyError, TypeError, ValueError) as error:
         raise ParameterError(
@@ -186,14 +186,14 @@ def panda_problems(data: Path) -> list[MotionProblem]:
     return found
 
 
-def _load(path: Path) -> Any:
+def _load_yaml(path: Path) -> Any:
     try:
         return yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, yaml.YAMLError) as error:
         raise ParameterError("problem", str(path), f"cannot be read: {error}") from error
 
 
-def _read(thing: dict[str, Any]) -> list[Primitive]:
+def _read_solids(thing: dict[str, Any]) -> list[Primitive]:
     sizes = {"box": 3, "cylinder": 2}
     extra = set(thing) - {"id", "primitives", "primitive_poses"}
     if extra:

@@ -2,21 +2,19 @@
 
 How long start and stop take to answer, how many samples of a search the clouds cost, and how long
 it takes from a cloud that cuts through the best placement until `~/status` says so.
-`python -m benchmarks speed --only load` starts this as a process of its own.
+`python -m benchmarks speed --rows load` starts this as a process of its own.
 """
 
 from __future__ import annotations
 
 import argparse
-import os
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Bool, Header
@@ -26,12 +24,14 @@ from trajectory_msgs.msg import JointTrajectory
 from benchmarks.node.cloud_load import POINTS, TOPICS, many_points
 from benchmarks.node.node_speed import (
     NAMESPACE,
-    Caller,
+    OBJECT,
+    SCENE,
+    NodeCaller,
     NodeSpeedError,
     measure_processes,
     node_command,
     report_stop,
-    tell,
+    tell_entry,
     wait_until_ready,
 )
 from placement_planner_ros.client import Status
@@ -39,14 +39,14 @@ from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 from placement_planner_ros.ros.qos import LATCHED
 from placement_planner_ros.ros.tools.scene_publisher import FRAME, RELIABLE
-from placement_planner_ros.scenes.objects import ALL_OBJECTS
-from placement_planner_ros.scenes.scenes import SCENE_NAMES
 from placement_planner_ros.scenes.yumi import TIP_FRAMES, load_yumi, start_configuration
 
 _SETTLED = 1.0
 """Seconds after which the clouds come, or come no more."""
 _TURN = 3.0
 """Seconds that clouds come, or do not, while samples are counted."""
+_SEARCH = 48.0
+"""Seconds of a search with clouds in turns."""
 _PAUSE = 0.15
 """Seconds between calls."""
 _FAR = 0.2
@@ -58,7 +58,7 @@ _SHARE = 0.01
 _TOLD_WITHIN = 5.0
 
 
-class LoadCaller(Caller):
+class LoadCaller(NodeCaller):
     """Also publishes clouds of its own, and turns those of `cloud_load` on and off."""
 
     def __init__(self) -> None:
@@ -100,65 +100,48 @@ class LoadCaller(Caller):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point."""
-    options = _parser().parse_args(arguments)
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    names = "[" + ",".join(TOPICS) + "]"
-    node = node_command(options.scene, options.object)
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--calls", type=int, default=100, help="starts and stops")
+    parser.add_argument("--searches", type=int, default=2, help="of 48 s, clouds in turns")
+    parser.add_argument("--alarms", type=int, default=200, help="clouds that cut through the best")
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args(arguments)
     # The three cameras are silent for longer than their clouds would do.
-    node += ["-p", f"cloud_topics:={names}", "-p", "cloud.max_age:=0.0"]
-    load = ["-m", "benchmarks.node.cloud_load", options.scene, options.object]
+    topics = ["-p", f"cloud_topics:=[{','.join(TOPICS)}]", "-p", "cloud.max_age:=0.0"]
+    load = ["-m", "benchmarks.node.cloud_load", SCENE, OBJECT]
     load += ["--ros-args", "-r", f"__ns:={NAMESPACE}", "--log-level", "warn"]
 
     def measure(processes: Sequence[subprocess.Popen[bytes]]) -> None:
         caller = LoadCaller()
         wait_until_ready(caller, processes[0])
         rng = np.random.default_rng(options.seed)
-        if "calls" in options.only:
-            _calls(caller, options.calls, rng)
-        if "samples" in options.only:
-            _samples(caller, options.searches, options.seconds)
-        if "alarms" in options.only:
-            _alarms(caller, options, rng)
+        _tell_calls(caller, options.calls, rng)
+        _tell_samples(caller, options.searches)
+        _tell_alarms(caller, options.alarms, rng)
 
-    return measure_processes([node, load], measure)
+    return measure_processes([node_command() + topics, load], measure)
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parts = ("calls", "samples", "alarms")
-    parser.add_argument("--only", nargs="+", choices=parts, default=parts)
-    parser.add_argument("--scene", choices=SCENE_NAMES, default="cabinet_high_clutter")
-    parser.add_argument("--object", choices=ALL_OBJECTS, default="small_crayons_box")
-    parser.add_argument("--calls", type=int, default=100, help="starts and stops")
-    parser.add_argument("--searches", type=int, default=2, help="with and without clouds in turns")
-    parser.add_argument("--seconds", type=float, default=48.0, help="of each of those searches")
-    parser.add_argument("--alarms", type=int, default=200, help="clouds that cut through the best")
-    parser.add_argument("--seed", type=int, default=0)
-    return parser
-
-
-def _calls(caller: LoadCaller, number: int, rng: np.random.Generator) -> None:
+def _tell_calls(caller: LoadCaller, number: int, rng: np.random.Generator) -> None:
     """Starts and stops beside the clouds, stopped anywhere in the first half second."""
     caller.load(True)
     caller.spin(2.0)
     for _ in range(number):
         _, _, seconds = caller.begin(int(rng.integers(1000)))
-        tell("load", kind="start", seconds=seconds)
+        tell_entry("load", kind="start", seconds=seconds)
         caller.spin(float(rng.uniform(0.0, 0.5)))
         report_stop(caller, "load")
         caller.spin(_PAUSE)
 
 
-def _samples(caller: LoadCaller, searches: int, seconds: float) -> None:
+def _tell_samples(caller: LoadCaller, searches: int) -> None:
     """Samples per second while clouds come and while none do, in turns within one search."""
     for number in range(searches):
         caller.load(False)
         caller.spin(_SETTLED)
-        run, _, _ = caller.begin(number)
-        if not caller.wait(lambda run=run: run in caller.first, 20.0):  # type: ignore[misc]
-            raise NodeSpeedError("no placement was found in 20 s")
+        begin_search(caller, number)
         rates: dict[bool, list[float]] = {False: [], True: []}
-        end = time.perf_counter() + seconds
+        end = time.perf_counter() + _SEARCH
         clouds = bool(number % 2)
         while time.perf_counter() < end:
             caller.load(clouds)
@@ -167,29 +150,27 @@ def _samples(caller: LoadCaller, searches: int, seconds: float) -> None:
             caller.ages.clear()
             caller.spin(_TURN)
             for age in caller.ages if clouds else ():
-                tell("load", kind="age", seconds=age)
+                tell_entry("load", kind="age", seconds=age)
             (begun, before), (ended, after) = caller.counts[0], caller.counts[-1]
             rates[clouds].append((after - before) / (ended - begun))
             clouds = not clouds
         caller.call(caller.stop, Trigger.Request())
         caller.wait(lambda: caller.state[1] == "stopped", 5.0)
         without, beside = (float(np.mean(rates[clouds])) for clouds in (False, True))
-        tell("load", kind="samples", without=without, beside=beside, turns=len(rates[True]))
+        tell_entry("load", kind="samples", without=without, beside=beside, turns=len(rates[True]))
     caller.load(False)
 
 
-def _alarms(caller: LoadCaller, options: argparse.Namespace, rng: np.random.Generator) -> None:
+def _tell_alarms(caller: LoadCaller, number: int, rng: np.random.Generator) -> None:
     """Clouds that cut through the best placement, half of them during a search."""
     caller.load(False)
-    points = many_points(options.scene, 99)
+    points = many_points(SCENE, 99)
     clean = message_from_points(points, Header(frame_id=FRAME))
     robot = load_yumi()
-    q_start = robot.configuration(start_configuration(options.object))
+    q_start = robot.configuration(start_configuration(OBJECT))
     done = 0
-    while done < options.alarms:
-        run, _, _ = caller.begin(done)
-        if not caller.wait(lambda run=run: run in caller.first, 20.0):  # type: ignore[misc]
-            raise NodeSpeedError("no placement was found in 20 s")
+    while done < number:
+        begin_search(caller, done)
         caller.spin(0.5)
         for searching in (True, False):
             if not searching:
@@ -206,36 +187,52 @@ def _alarms(caller: LoadCaller, options: argparse.Namespace, rng: np.random.Gene
                 cut = points.copy()
                 rows = rng.choice(POINTS, int(POINTS * _SHARE), replace=False)
                 cut[rows] = place + rng.normal(0.0, _BLOCK, (len(rows), 3))
-                message = message_from_points(cut, Header(frame_id=FRAME))
-                path = caller.trajectory
-                began = time.perf_counter()
-                caller.cloud.publish(message)
-                told = caller.wait(lambda: not caller.valid, _TOLD_WITHIN)
-                if caller.trajectory is not path:
-                    continue  # another one is the best now, that it need not cut through
-                seconds = caller.changed - began if told else _TOLD_WITHIN
-                done += 1
-                tell("load", kind="alarm", seconds=seconds, searching=searching, told=told)
+                seconds = _seconds_to_alarm(caller, message_from_points(cut, clean.header))
+                if seconds is not None:
+                    done += 1
+                    told = seconds < _TOLD_WITHIN
+                    tell_entry(
+                        "load", kind="alarm", seconds=seconds, searching=searching, told=told
+                    )
         caller.cloud.publish(clean)
         caller.spin(0.3)
+
+
+def begin_search(caller: LoadCaller, seed: int) -> None:
+    """Start a run, and wait for its first placement.
+
+    Raises:
+        NodeSpeedError: there is none.
+    """
+    run, _, _ = caller.begin(seed)
+    if not caller.wait(lambda: run in caller.first, 20.0):
+        raise NodeSpeedError("no placement was found in 20 s")
+
+
+def _seconds_to_alarm(caller: LoadCaller, message: PointCloud2) -> float | None:
+    """From publishing a cloud until the best placement is told to be invalid; None where another
+    one has become the best meanwhile, that the cloud need not cut through."""
+    path, began = caller.trajectory, time.perf_counter()
+    caller.cloud.publish(message)
+    told = caller.wait(lambda: not caller.valid, _TOLD_WITHIN)
+    if caller.trajectory is not path:
+        return None
+    return caller.changed - began if told else _TOLD_WITHIN
 
 
 def _on_the_way(
     robot: Any, q_start: Array, trajectory: JointTrajectory, rng: np.random.Generator
 ) -> Array | None:
     """(3,) where the hand comes along far from where it starts; None where it does nowhere."""
-    arm = "left" if trajectory.joint_names[0].endswith("_l") else "right"
-    tip = TIP_FRAMES[arm]
+    tip = TIP_FRAMES["left" if trajectory.joint_names[0].endswith("_l") else "right"]
     begin = robot.link_pose(q_start, tip).translation
-    places = [T.translation for T in _tips(robot, q_start, trajectory, tip)]
-    far = [place for place in places if np.linalg.norm(place - begin) > _FAR]
-    return np.array(far[int(rng.integers(len(far)))]) if far else None
-
-
-def _tips(robot: Any, q_start: Array, trajectory: JointTrajectory, tip: str) -> Iterator[pin.SE3]:
+    far = []
     for point in trajectory.points:
         values = dict(zip(trajectory.joint_names, point.positions, strict=True))
-        yield robot.link_pose(robot.with_positions(q_start, values), tip)
+        place = robot.link_pose(robot.with_positions(q_start, values), tip).translation
+        if np.linalg.norm(place - begin) > _FAR:
+            far.append(place)
+    return np.array(far[int(rng.integers(len(far)))]) if far else None
 
 
 if __name__ == "__main__":

@@ -28,14 +28,15 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
+from benchmarks.machine import resident_megabytes
 from placement_planner_ros.client import Answer, PlacementError, Status
 from placement_planner_ros.client.calls import parameter_message
 from placement_planner_ros.ros.qos import LATCHED
-from placement_planner_ros.scenes.objects import ALL_OBJECTS
-from placement_planner_ros.scenes.scenes import SCENE_NAMES, scene_by_name
+from placement_planner_ros.scenes.scenes import scene_by_name
 from placement_planner_ros.share import share_path
 
 NAMESPACE = "/placement_speed"
+SCENE, OBJECT = "cabinet_high_clutter", "small_crayons_box"
 _COMMON = ("--ros-args", "-r", f"__ns:={NAMESPACE}", "--log-level", "warn")
 _READY_WITHIN = 600.0
 """Seconds until the node is warm; after installation it first compiles its kernels."""
@@ -50,7 +51,7 @@ class NodeSpeedError(Exception):
     """The node could not be measured."""
 
 
-class Caller(Node):
+class NodeCaller(Node):
     """Calls the node's services and notes when results arrive."""
 
     def __init__(self) -> None:
@@ -123,24 +124,25 @@ class Caller(Node):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point."""
-    options = _parser().parse_args(arguments)
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    scene = [
-        *("-m", "placement_planner_ros.ros.tools.scene_publisher", *_COMMON),
-        *("-p", f"name:={options.scene}", "-p", f"object:={options.object}"),
-    ]
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--stops", type=int, default=20, help="runs stopped at a random moment")
+    parser.add_argument("--minutes", type=float, default=1.0, help="of one search, for memory")
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args(arguments)
+    scene = ["-m", "placement_planner_ros.ros.tools.scene_publisher", *_COMMON]
+    scene += ["-p", f"name:={SCENE}", "-p", f"object:={OBJECT}"]
 
     def measure(processes: Sequence[subprocess.Popen[bytes]]) -> None:
-        _measure(Caller(), processes[0], options)
+        _tell_latencies(NodeCaller(), processes[0], options)
 
-    return measure_processes([node_command(options.scene, options.object), scene], measure)
+    return measure_processes([node_command(), scene], measure)
 
 
 def measure_processes(
-    commands: Sequence[Sequence[str]],
-    measure: Callable[[Sequence[subprocess.Popen[bytes]]], None],
+    commands: Sequence[Sequence[str]], measure: Callable[[Sequence[subprocess.Popen[bytes]]], None]
 ) -> int:
     """Run Python commands beside each other while measuring; 1 where that failed."""
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     rclpy.init()
     with tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "node.log"
@@ -166,40 +168,35 @@ def measure_processes(
     return 0
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--scene", choices=SCENE_NAMES, default="cabinet_high_clutter")
-    parser.add_argument("--object", choices=ALL_OBJECTS, default="small_crayons_box")
-    parser.add_argument("--stops", type=int, default=20, help="runs stopped at a random moment")
-    parser.add_argument("--minutes", type=float, default=1.0, help="of one search, for memory")
-    parser.add_argument("--seed", type=int, default=0)
-    return parser
-
-
-def node_command(scene: str, held: str) -> list[str]:
-    """Starts the node for a bundled scene; its runs go on until they are stopped."""
-    volume = scene_by_name(scene).volume
+def node_command() -> list[str]:
+    """Starts the node for the scene; its runs go on until they are stopped."""
+    volume = scene_by_name(SCENE).volume
     corners = [*volume.lower.tolist(), *volume.upper.tolist()]
     return [
         *("-m", "placement_planner_ros.ros.node", *_COMMON),
-        *("--params-file", str(share_path("config", f"{held}.yaml"))),
+        *("--params-file", str(share_path("config", f"{OBJECT}.yaml"))),
         *("-p", f"target_volume:={corners}", "-p", "time_limit:=0.0"),
     ]
 
 
-def _measure(caller: Caller, process: subprocess.Popen[bytes], options: argparse.Namespace) -> None:
+def _tell_latencies(
+    caller: NodeCaller, process: subprocess.Popen[bytes], options: argparse.Namespace
+) -> None:
     wait_until_ready(caller, process)
     rng = np.random.default_rng(options.seed)
     for number in range(options.stops):
         run, asked = _timed_start(caller, int(rng.integers(1000)))
         caller.spin(float(rng.uniform(0.0, 2.0)))
         if number % 2:  # every other one is stopped wherever it is, the rest after a placement
-            _report_first(caller, run, asked)
+            left = _FIRST_WITHIN - (time.perf_counter() - asked)
+            solved = caller.wait(lambda run=run: run in caller.first, left)  # type: ignore[misc]
+            seconds = caller.first[run] - asked if solved else _FIRST_WITHIN
+            tell_entry(kind="first", seconds=seconds, solved=solved)
         report_stop(caller)
-    _search(caller, process, options.minutes)
+    _tell_search(caller, process, options.minutes)
 
 
-def wait_until_ready(caller: Caller, process: subprocess.Popen[bytes]) -> None:
+def wait_until_ready(caller: NodeCaller, process: subprocess.Popen[bytes]) -> None:
     """Wait for the kernels, and for the inputs: a run that is not measured.
 
     Raises:
@@ -227,21 +224,14 @@ def wait_until_ready(caller: Caller, process: subprocess.Popen[bytes]) -> None:
     caller.call(caller.stop, Trigger.Request())
 
 
-def _timed_start(caller: Caller, seed: int) -> tuple[int, float]:
+def _timed_start(caller: NodeCaller, seed: int) -> tuple[int, float]:
     """The run's number and when it was asked for; its latency is told."""
     run, asked, seconds = caller.begin(seed)
-    tell(kind="start", seconds=seconds)
+    tell_entry(kind="start", seconds=seconds)
     return run, asked
 
 
-def _report_first(caller: Caller, run: int, asked: float) -> None:
-    solved = caller.wait(lambda: run in caller.first, _FIRST_WITHIN - (time.perf_counter() - asked))
-    tell(
-        kind="first", seconds=caller.first[run] - asked if solved else _FIRST_WITHIN, solved=solved
-    )
-
-
-def report_stop(caller: Caller, row: str = "node") -> None:
+def report_stop(caller: NodeCaller, row: str = "node") -> None:
     """`~/stop` answers once the worker is idle, or after a second that it is not."""
     answer, asked, seconds = caller.call(caller.stop, Trigger.Request())
     code = Answer.of(answer).code
@@ -251,10 +241,10 @@ def report_stop(caller: Caller, row: str = "node") -> None:
         seconds = time.perf_counter() - asked
     elif code != "OK":
         raise NodeSpeedError(f"stop is refused: {answer.message}")
-    tell(row, kind="stop", seconds=seconds)
+    tell_entry(row, kind="stop", seconds=seconds)
 
 
-def _search(caller: Caller, process: subprocess.Popen[bytes], minutes: float) -> None:
+def _tell_search(caller: NodeCaller, process: subprocess.Popen[bytes], minutes: float) -> None:
     """One long search: memory, and the latency of services beside it."""
     _timed_start(caller, 0)
     started = time.perf_counter()
@@ -267,23 +257,14 @@ def _search(caller: Caller, process: subprocess.Popen[bytes], minutes: float) ->
         client, request = requests[number % len(requests)]
         number += 1
         _, _, seconds = caller.call(client, request)
-        tell(kind="service", seconds=seconds, service=client.srv_name.split("/")[-1])
-        used = resident_bytes(process.pid)
-        if used is not None:
-            tell(row="memory", run=0, time=elapsed, bytes=used)
+        tell_entry(kind="service", seconds=seconds, service=client.srv_name.split("/")[-1])
+        used = 1e6 * resident_megabytes(process.pid)
+        tell_entry(row="memory", time=elapsed, bytes=used)
         caller.spin(_PERIOD)
     report_stop(caller)
 
 
-def resident_bytes(pid: int) -> int | None:
-    """Resident memory of a process; None where there is no /proc."""
-    path = Path(f"/proc/{pid}/statm")
-    if not path.exists():
-        return None
-    return int(path.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-
-
-def tell(row: str = "node", **values: object) -> None:
+def tell_entry(row: str = "node", **values: object) -> None:
     """Print an entry."""
     print(json.dumps({"row": row, **values}), flush=True)
 

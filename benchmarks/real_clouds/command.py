@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.cases import in_words
 from benchmarks.jobs import say
 from benchmarks.machine import versions
 from benchmarks.real_clouds.runs import RealRun, place_on
 from benchmarks.real_clouds.table import on_table
 from benchmarks.record import warm_process
+from benchmarks.text_table import TextTable
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.scenes.objects import HOUSEHOLD, OBJECT_NAMES
 from placement_planner_ros.scenes.pcd_file import read_pcd
@@ -47,28 +49,30 @@ def run_clouds(arguments: argparse.Namespace) -> int:
     warm_process()
     arguments.output.mkdir(parents=True, exist_ok=True)
     every: list[RealRun] = []
-    rows = ["| cloud | object | first placement | inside it at most | a foot's nearest point |"]
-    rows.append("|---|---|---|---|---|")
+    rows = []
     for file in files:
         cloud = on_table(read_pcd(file), np.random.default_rng(arguments.seed))
         runs = []
         for thing in arguments.object or OBJECT_NAMES + HOUSEHOLD:
             runs.append(place_on(cloud, thing, arguments.seconds, arguments.seed))
-            rows.append(_row(file.stem, runs[-1]))
-            say(rows[-1])
+            rows.append((file.stem, *_row_of(runs[-1])))
+            say(", ".join(rows[-1]))
         picture = arguments.output / f"cloud_{file.stem}.png"
         draw_real_cloud(picture, cloud, runs, file.name)
         say(f"wrote {picture}")
         every += runs
     placed = sum(run.pose is not None for run in every)
-    rows += ["", f"{placed} of {len(every)} placed; of commit {versions()['commit']}."]
-    (arguments.output / "clouds.md").write_text("\n".join(rows) + "\n", encoding="utf-8")
-    say(rows[-1])
+    note = f"{placed} of {len(every)} placed; of commit {versions()['commit']}."
+    header = ("cloud", "object", "first placement", "inside it at most", "a foot's nearest point")
+    text = TextTable(header, rows, note).markdown()
+    (arguments.output / "clouds.md").write_text(text, encoding="utf-8")
+    say(note)
     return int(placed < len(every))
 
 
-def _row(cloud: str, run: RealRun) -> str:
+def _row_of(run: RealRun) -> tuple[str, str, str, str]:
+    thing = in_words(run.thing)
     if run.pose is None:
-        return f"| {cloud} | {run.thing.replace('_', ' ')} | none: {run.failure} | | |"
-    found = f"{run.seconds:.2f} s | {1e3 * run.deepest:.1f} mm | {1e3 * run.farthest:.1f} mm"
-    return f"| {cloud} | {run.thing.replace('_', ' ')} | {found} |"
+        return thing, f"none: {run.failure}", "", ""
+    inside, foot = (f"{1e3 * metres:.1f} mm" for metres in (run.deepest, run.farthest))
+    return thing, f"{run.seconds:.2f} s", inside, foot

@@ -48,7 +48,7 @@ def on_table(measured: Array, rng: np.random.Generator) -> TableCloud:
     near = points[np.linalg.norm(points, axis=1) < _FARTHEST]
     if len(near) < 1000:
         raise ParameterError("cloud", f"{len(near)} points", "give a cloud of a table within 1.6 m")
-    normal, offset = _plane(near, rng)
+    normal, offset = _best_plane(near, rng)
     if offset > 0.0:  # the sensor, at the origin, is above
         normal, offset = -normal, -offset
     of_table = near[np.abs(near @ normal - offset) < _NEAR_PLANE]
@@ -64,7 +64,7 @@ def on_table(measured: Array, rng: np.random.Generator) -> TableCloud:
     return TableCloud(points @ T.rotation.T + T.translation, T.translation, volume)
 
 
-def _plane(points: Array, rng: np.random.Generator) -> tuple[npt.NDArray[np.float64], float]:
+def _best_plane(points: Array, rng: np.random.Generator) -> tuple[npt.NDArray[np.float64], float]:
     """Unit normal n and n @ x of the plane near most points, by random triples."""
     sample = points[rng.choice(len(points), min(len(points), 5000), replace=False)]
     best, most = (np.array([0.0, 0.0, 1.0]), 0.0), -1

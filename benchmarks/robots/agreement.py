@@ -13,7 +13,6 @@ import pinocchio as pin
 from benchmarks.robots.triangles import Boxes, TriangleRobot
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
 from placement_planner_ros.core.robot.arm import Arm
-from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 from placement_planner_ros.core.types import Array
@@ -49,7 +48,7 @@ class RobotFiles:
 
 
 @dataclass(frozen=True, slots=True)
-class Agreement:
+class TriangleAgreement:
     """Answers about configurations, by the judge.
 
     Attributes:
@@ -75,42 +74,39 @@ class Agreement:
         return self.clear_called_free / self.clear if self.clear else 1.0
 
 
-def judge_of(robot: Robot, arm: Arm, files: RobotFiles) -> TriangleRobot:
+def judge_of(moving: MovingArm, files: RobotFiles) -> TriangleRobot:
     """The robot's triangles, with the pairs of links that the planner keeps apart."""
+    robot = moving.robot
     links = robot.geometry_links
     pairs = {
         frozenset({links[pair.first], links[pair.second]}) for pair in robot.geometry.collisionPairs
     }
-    return TriangleRobot(files.urdf, files.package_dirs, arm.joints, pairs)
+    return TriangleRobot(files.urdf, files.package_dirs, moving.arm.joints, pairs)
 
 
-def compare(
-    robot: Robot,
-    arm: Arm,
-    q_rest: Array,
+def compare_answers(
+    moving: MovingArm,
     files: RobotFiles,
     obstacles: ObstacleSet,
     count: int,
     rng: np.random.Generator,
-    settings: CollisionSettings | None = None,
-) -> Agreement:
+) -> TriangleAgreement:
     """Ask the planner and the judge about configurations, half of them within `NEAR` of contact.
 
     Args:
-        q_rest: (nq,) where the joints are that are not the arm's.
         count: how many.
     """
-    settings = settings or CollisionSettings()
-    collision = ArmCollision(MovingArm(robot, arm, q_rest), None, obstacles, settings)
-    judge = judge_of(robot, arm, files)
-    margin, boxes = settings.collision_margin, Boxes(obstacles.lower, obstacles.upper)
-    called_free = wrongly_free = clear = clear_called_free = 0
+    collision, judge = ArmCollision(moving, None, obstacles), judge_of(moving, files)
+    margin = CollisionSettings().collision_margin
+    boxes = Boxes(obstacles.lower, obstacles.upper)
+    asked = called_free = wrongly_free = clear = clear_called_free = 0
     wrong: list[str] = []
     for begin in range(0, count, _BLOCK):
-        Q = _drawn(collision, arm, min(_BLOCK, count - begin), rng)
+        half = -(-min(_BLOCK, count - begin) // 2)
+        Q = np.vstack(drawn_configurations(collision, moving.arm, half, NEAR, rng))
         for q, free in zip(Q, collision.free_batch(Q), strict=True):
-            judge.place(_positions(robot, arm, q_rest, q))
-            called_free += bool(free)
+            judge.place(_joint_positions(moving, q))
+            asked, called_free = asked + 1, called_free + bool(free)
             # What is clear keeps the margin, too: asked first, as it spares the second question.
             if not (
                 judge.near_itself(TOLERANCE + _TIES)
@@ -123,27 +119,22 @@ def compare(
                 if met:
                     wrongly_free += 1
                     wrong += [f"{met} at {q.tolist()}"] if len(wrong) < _SHOWN else []
-    return Agreement(count, called_free, wrongly_free, clear, clear_called_free, tuple(wrong))
+    counts = called_free, wrongly_free, clear, clear_called_free
+    return TriangleAgreement(asked, *counts, tuple(wrong))
 
 
 def small_boxes_inside(
-    robot: Robot,
-    arm: Arm,
-    q_rest: Array,
-    files: RobotFiles,
-    rng: np.random.Generator,
-    settings: CollisionSettings | None = None,
+    moving: MovingArm, files: RobotFiles, rng: np.random.Generator
 ) -> tuple[int, list[str]]:
     """Put a small box deep into each closed component of the arm's links, at the arm's middle.
 
     Returns:
         how many were put there, and the links for which the planner called that free.
     """
-    settings = settings or CollisionSettings()
-    judge = judge_of(robot, arm, files)
-    q = np.asarray(q_rest)[arm.q_index]
-    judge.place(_positions(robot, arm, q_rest, q))
-    depth = settings.collision_margin + TOLERANCE + 2.0 * _SMALL + _TIES
+    judge = judge_of(moving, files)
+    q = np.asarray(moving.q_rest)[moving.arm.q_index]
+    judge.place(_joint_positions(moving, q))
+    depth = CollisionSettings().collision_margin + TOLERANCE + 2.0 * _SMALL + _TIES
     put, missed = 0, []
     for i, thing in enumerate(judge.things):
         for part in thing.components if thing.arm_joints else ():
@@ -151,30 +142,28 @@ def small_boxes_inside(
             if not part.closed or (low >= high).any():
                 continue
             for point in rng.uniform(low, high, (_TRIES, 3)):
-                if part.encloses(point) and _away(thing.shape, point) > depth:
+                if part.encloses(point) and _distance_from(thing.shape, point) > depth:
                     at = judge.placement(i).act(point)
                     ticks = np.linspace(-_SMALL, _SMALL, 6)
                     points = at + np.array(np.meshgrid(*[ticks] * 3)).reshape(3, -1).T
                     box = ObstacleSet.from_points(points, GridSettings(), (at - 0.1, at + 0.1))
-                    collision = ArmCollision(MovingArm(robot, arm, q_rest), None, box, settings)
                     put += 1
-                    if collision.free(q):
+                    if ArmCollision(moving, None, box).free(q):
                         missed.append(thing.link)
                     break
     return put, missed
 
 
-def _away(shape: coal.CollisionGeometry, point: Array) -> float:
+def _distance_from(shape: coal.CollisionGeometry, point: Array) -> float:
     """Distance of a point (3,) from a mesh's triangles."""
     there, here = coal.Transform3s(np.eye(3), point), coal.Transform3s.Identity()
     request, result = coal.DistanceRequest(), coal.DistanceResult()
     return float(coal.distance(shape, here, coal.Sphere(1e-9), there, request, result))
 
 
-def clutter(
-    robot: Robot, arm: Arm, q_rest: Array, number: int, rng: np.random.Generator
-) -> ObstacleSet:
+def clutter_around(moving: MovingArm, number: int, rng: np.random.Generator) -> ObstacleSet:
     """Boxes of 1 to 8 cm where the outer half of the arm comes to be, away from its inner half."""
+    robot, arm = moving.robot, moving.arm
     data = robot.model.createData()
     tip = robot.frame_id(arm.tip_frame)
     ids = [robot.model.getJointId(name) for name in arm.joints]
@@ -183,7 +172,7 @@ def clutter(
     for _ in range(_TRIES):
         if len(points) == number:
             break
-        q = q_rest.copy()
+        q = np.array(moving.q_rest)
         q[arm.q_index] = rng.uniform(arm.lower, arm.upper)
         pin.framesForwardKinematics(robot.model, data, q)
         places = [data.oMi[i].translation for i in outer] + [data.oMf[tip].translation]
@@ -197,28 +186,28 @@ def clutter(
     return ObstacleSet.from_points(cloud, GridSettings(cell_size=0.02), bounds)
 
 
-def _positions(robot: Robot, arm: Arm, q_rest: Array, q: Array) -> dict[str, float]:
-    whole = np.array(q_rest, dtype=np.float64)
-    whole[arm.q_index] = q
+def _joint_positions(moving: MovingArm, q: Array) -> dict[str, float]:
+    robot, whole = moving.robot, np.array(moving.q_rest, dtype=np.float64)
+    whole[moving.arm.q_index] = q
     names = zip(robot.joint_names, whole.tolist(), strict=True)
     return {name: value for name, value in names if name not in robot.mimics}
 
 
-def _drawn(collision: ArmCollision, arm: Arm, count: int, rng: np.random.Generator) -> Array:
-    """(count, dof) configurations: half of them anywhere, half where the answer changes."""
+def drawn_configurations(
+    collision: ArmCollision, arm: Arm, count: int, near: float, rng: np.random.Generator
+) -> tuple[Array, Array]:
+    """(count, dof) each: where the answer changes, within so many metres, and anywhere."""
     anywhere = rng.uniform(arm.lower, arm.upper, (count, arm.dof))
     free = collision.free_batch(anywhere)
     begins, ends = anywhere[free], anywhere[~free]
     if len(begins) == 0 or len(ends) == 0:
-        return anywhere
-    half = count // 2
-    a = begins[rng.integers(len(begins), size=half)]
-    b = ends[rng.integers(len(ends), size=half)]
+        return anywhere, anywhere
+    a = begins[rng.integers(len(begins), size=count)]
+    b = ends[rng.integers(len(ends), size=count)]
     for _ in range(_HALVINGS):
         middle = (a + b) / 2.0
         still = collision.free_batch(middle)[:, None]
         a, b = np.where(still, middle, a), np.where(still, b, middle)
-    way = rng.normal(size=(half, arm.dof))
-    way *= NEAR * rng.random((half, 1)) / (_REACH * np.abs(way).sum(axis=1, keepdims=True))
-    near = np.clip(a + way, arm.lower, arm.upper)
-    return np.vstack([near, anywhere[: count - half]])
+    way = rng.normal(size=a.shape)
+    way *= near * rng.random((count, 1)) / (_REACH * np.abs(way).sum(axis=1, keepdims=True))
+    return np.clip(a + way, arm.lower, arm.upper), anywhere

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
-import subprocess
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,16 +10,19 @@ from typing import Any
 import numpy as np
 
 from benchmarks.jobs import say
-from benchmarks.json_lines import append_line, read_lines
+from benchmarks.json_lines import append_line, lines_told_by, read_lines, replace_lines
 from benchmarks.machine import machine, versions
+from benchmarks.options import add_table_options
 from benchmarks.page import between_marks, require_marks
 from benchmarks.robots.measures import ROWS, Entry
 from benchmarks.robots.subject import SHARE
+from benchmarks.text_table import TextTable
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.share import share_path
 
 RAW_FILE, TABLE_FILE = "raw.jsonl", "robots.md"
 _BESIDE = "panda"
+_MEASURES = "benchmarks.robots.measures"
 
 
 def add_robots_command(commands: Any) -> None:
@@ -45,16 +45,13 @@ def add_robots_command(commands: Any) -> None:
     robots.add_argument(
         "--beside", type=Path, help=f"file of the robot to compare edges with; {_BESIDE}.yaml"
     )
-    robots.add_argument("--rows", nargs="+", choices=ROWS, default=ROWS)
     robots.add_argument(
         "--configurations",
         type=int,
         default=10_000,
         help="of each robot put to the check of its triangles; 1000000 takes up to 40 minutes",
     )
-    robots.add_argument("--output", type=Path, default=Path("results/robots"))
-    robots.add_argument("--page", type=Path, help="a page: replace the table between its marks")
-    robots.add_argument("--report-only", action="store_true", help="show what the folder holds")
+    add_table_options(robots, "results/robots", ROWS)
     robots.set_defaults(command_function=run_robots)
 
 
@@ -67,8 +64,8 @@ def run_robots(arguments: argparse.Namespace) -> int:
     page, raw = arguments.page, arguments.output / RAW_FILE
     if page is not None:
         require_marks(page)
-    failed = [] if arguments.report_only else _measure(arguments, raw)
-    table = markdown(read_lines(raw))
+    failed = [] if arguments.report_only else _measure_robots(arguments, raw)
+    table = robots_table(read_lines(raw))
     arguments.output.mkdir(parents=True, exist_ok=True)
     (arguments.output / TABLE_FILE).write_text(table, encoding="utf-8")
     if page is not None:
@@ -77,77 +74,65 @@ def run_robots(arguments: argparse.Namespace) -> int:
     return 1 if failed else 0
 
 
-def _measure(arguments: argparse.Namespace, raw: Path) -> list[str]:
+def _measure_robots(arguments: argparse.Namespace, raw: Path) -> list[str]:
     """The robots that failed; what the file held of these rows and robots is replaced."""
     files = arguments.files or sorted(share_path("config", "robots").glob("*.yaml"))
     beside = arguments.beside or share_path("config", "robots", f"{_BESIDE}.yaml")
     if not files:
         raise ParameterError("files", [], "there are none; name parameter files")
     names = {file.stem for file in files}
-    kept = [e for e in read_lines(raw) if not (e["robot"] in names and e["row"] in arguments.rows)]
-    raw.unlink(missing_ok=True)
-    for entry in kept:
-        append_line(raw, entry)
+    replace_lines(
+        raw,
+        (e for e in read_lines(raw) if e["robot"] not in names or e["row"] not in arguments.rows),
+    )
+    options = ["--beside", beside, "--configurations", arguments.configurations]
+    options += ["--rows", *arguments.rows, "--packages", *arguments.packages, SHARE]
     failed = []
     for file in files:
         say(f"{file.stem}: {', '.join(arguments.rows)}")
-        command = [sys.executable, "-m", "benchmarks.robots.measures"]
-        command += [str(file), "--beside", str(beside), "--rows", *arguments.rows]
-        command += ["--configurations", str(arguments.configurations), "--packages"]
-        command += map(str, (*arguments.packages, SHARE))
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-        assert process.stdout is not None
-        with process:
-            for line in process.stdout:
-                if line.startswith("{"):
-                    append_line(raw, json.loads(line))
-        if process.returncode:
+        try:
+            for entry in lines_told_by("-m", _MEASURES, str(file), *map(str, options)):
+                append_line(raw, entry)
+        except RuntimeError as error:
             failed.append(file.stem)
-            say(f"{file.stem}: FAILED")
+            say(f"{file.stem}: FAILED: {error}")
     return failed
 
 
-def markdown(entries: Sequence[Entry]) -> str:
-    """One row for each robot and figure, with its target."""
-    rows = ["| robot | what | measured | target | met |", "|---|---|---|---|---|"]
+def robots_table(entries: Sequence[Entry]) -> str:
+    """One row for each robot and figure, with its target, as Markdown."""
+    rows = []
     for robot in dict.fromkeys(entry["robot"] for entry in entries):
         own = [entry for entry in entries if entry["robot"] == robot]
         for row, lines in _LINES.items():
             found = [entry for entry in own if entry["row"] == row]
             for what, shown, target, met in lines(found) if found else ():
-                rows.append(f"| {robot} | {what} | {shown} | {target} | {_word(met)} |")
+                rows.append((robot, what, shown, target, "yes" if met else "**no**"))
     made = ", ".join(f"{key} {value}" for key, value in {**machine(), **versions()}.items())
-    rows += ["", f"Written with: {made}."]
-    return "\n".join(rows) + "\n"
+    header = ("robot", "what", "measured", "target", "met")
+    return TextTable(header, rows, f"Written with: {made}.").markdown()
 
 
-Line = tuple[str, str, str, bool]
+RobotLine = tuple[str, str, str, bool]
 
 
-def _word(met: bool) -> str:
-    return "yes" if met else "**no**"
-
-
-def _first(entries: Sequence[Entry]) -> Iterator[Line]:
+def _first_lines(entries: Sequence[Entry]) -> Iterator[RobotLine]:
     seconds = [entry["seconds"] for entry in entries]
     median, most = float(np.median(seconds)), max(seconds)
     unsolved = sum(not entry["solutions"] for entry in entries)
     over = f"{len(entries)} runs, {unsolved} unsolved"
     yield "first placement, median", f"{median:.2f} s; {over}", "<= 1 s", median <= 1.0
     yield "first placement, slowest", f"{most:.2f} s", "<= 5 s", most <= 5.0 and not unsolved
-    judged = [entry for entry in entries if entry.get("refused") is not None]
-    if judged:
-        refused = [words for entry in judged for words in entry["refused"]]
-        published = sum(entry["solutions"] for entry in judged)
-        words = f"{len(refused)} faults in {published} solutions"
-        yield "solutions that the checker refuses", words, "0", not refused
+    refused = [words for entry in entries for words in entry.get("refused", ())]
+    words = f"{len(refused)} faults in {sum(entry['solutions'] for entry in entries)} solutions"
+    yield "solutions that the checker refuses", words, "0", not refused
     for entry in entries:
         if "megabytes" in entry:
             size = entry["megabytes"]
             yield "memory after the tenth run", f"{size:.0f} MB", "<= 700 MB", size <= 700.0
 
 
-def _edges(entries: Sequence[Entry]) -> Iterator[Line]:
+def _edges_lines(entries: Sequence[Entry]) -> Iterator[RobotLine]:
     for entry in entries:
         for word in ("certified", "refused"):
             own, other = entry[f"own_{word}"], entry[f"other_{word}"]
@@ -158,7 +143,7 @@ def _edges(entries: Sequence[Entry]) -> Iterator[Line]:
             yield f"edge of 0.5 rad, {word}", shown, "<= 3 x", own <= 3.0 * other
 
 
-def _collision(entries: Sequence[Entry]) -> Iterator[Line]:
+def _collision_lines(entries: Sequence[Entry]) -> Iterator[RobotLine]:
     for entry in entries:
         for word, most in (("first", 0.150), ("again", 0.020)):
             shown = f"{1e3 * entry[word]:.0f} ms"
@@ -166,13 +151,13 @@ def _collision(entries: Sequence[Entry]) -> Iterator[Line]:
             yield f"collision checker of an arm, {word}", shown, target, entry[word] <= most
 
 
-def _samples(entries: Sequence[Entry]) -> Iterator[Line]:
+def _samples_lines(entries: Sequence[Entry]) -> Iterator[RobotLine]:
     for entry in entries:
         rate = entry["samples"] / max(entry["seconds"], 1e-9)
         yield "goal samples", f"{rate:,.0f} /s", ">= 10,000 /s", rate >= 10_000.0
 
 
-def _node(entries: Sequence[Entry]) -> Iterator[Line]:
+def _node_lines(entries: Sequence[Entry]) -> Iterator[RobotLine]:
     for entry in entries:
         for word, most in (("cached", 5.0), ("made", 60.0)):
             seconds, used = entry[word], entry[f"{word}_processor"]
@@ -181,7 +166,7 @@ def _node(entries: Sequence[Entry]) -> Iterator[Line]:
             yield f"node start to warm, covers {word}", shown, f"<= {most:g} s", met
 
 
-def _agreement(entries: Sequence[Entry]) -> Iterator[Line]:
+def _agreement_lines(entries: Sequence[Entry]) -> Iterator[RobotLine]:
     total = {
         key: sum(entry[key] for entry in entries)
         for key in ("configurations", "called_free", "wrongly_free", "clear", "clear_called_free")
@@ -197,11 +182,11 @@ def _agreement(entries: Sequence[Entry]) -> Iterator[Line]:
     yield "small boxes inside closed links, called free", f"{missed} of {put}", "0", not missed
 
 
-_LINES: dict[str, Callable[[Sequence[Entry]], Iterator[Line]]] = {
-    "first": _first,
-    "edges": _edges,
-    "collision": _collision,
-    "samples": _samples,
-    "node": _node,
-    "agreement": _agreement,
+_LINES: dict[str, Callable[[Sequence[Entry]], Iterator[RobotLine]]] = {
+    "first": _first_lines,
+    "edges": _edges_lines,
+    "collision": _collision_lines,
+    "samples": _samples_lines,
+    "node": _node_lines,
+    "agreement": _agreement_lines,
 }

@@ -5,25 +5,36 @@ from __future__ import annotations
 import argparse
 import importlib
 import importlib.util
+import itertools
 import json
 import os
 import re
-import resource
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
+from dataclasses import asdict
 from functools import partial
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 
-from benchmarks.robots.agreement import RobotFiles, clutter, compare, small_boxes_inside
-from benchmarks.robots.subject import Subject, read_subject
+from benchmarks.cases import CaseInputs, build_problem
+from benchmarks.json_lines import ROOT
+from benchmarks.machine import resident_megabytes
+from benchmarks.record import RecordedRun
+from benchmarks.robots.agreement import (
+    RobotFiles,
+    clutter_around,
+    compare_answers,
+    drawn_configurations,
+    small_boxes_inside,
+)
+from benchmarks.robots.subject import MeasuredRobot, read_measured_robot
 from benchmarks.robots.things import (
     CLOUDS,
     OBJECTS,
@@ -31,32 +42,30 @@ from benchmarks.robots.things import (
     object_of,
     observe,
     outside_boxes,
-    table_for,
+    table_of,
 )
 from benchmarks.situations.observing import Observation
-from benchmarks.speed.searches import _TimedSampler
+from benchmarks.speed.searches import sampling_rate
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
+from placement_planner_ros.core.collision.arm import ArmCollision
 from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.collision.boxes import box_arrays
 from placement_planner_ros.core.disk_cache import cache_folder
 from placement_planner_ros.core.errors import PlacementPlannerError
-from placement_planner_ros.core.objective.by_name import make_objective
-from placement_planner_ros.core.objective.objective import ObjectiveContext
+from placement_planner_ros.core.disk_cache import cache_folder
+from placement_planner_ros.core.objective.objective import Objective
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.problem import Problem, workspace
 from placement_planner_ros.core.robot.moving_arm import MovingArm
-from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.flying_pixels import flying_pixels
 from placement_planner_ros.core.scene.grid import GridSettings
-from placement_planner_ros.core.scene.regions import RegionSettings
 from placement_planner_ros.core.scene.visibility import View
 from placement_planner_ros.core.types import Array, Placement
 from placement_planner_ros.core.warmup import warm_up
 
 Entry = dict[str, Any]
 ROWS = ("first", "edges", "collision", "samples", "node", "agreement")
-_TESTS = Path(__file__).resolve().parents[2] / "test"
+_TESTS = ROOT / "test"
 _SEEDS = 3
 _LIMIT = 10.0
 """s of processor time for a first placement."""
@@ -64,17 +73,16 @@ _MORE = 1.0
 """s of processor time that a run goes on after it."""
 _EDGES, _EDGE, _BESIDE = 400, 0.5, 0.030
 """Edges, their length in rad, and how near to contact half of them begin, m."""
-_TRIES = 100_000
+_DRAWN = 20_000
+"""Configurations from which the free ones are taken."""
 _SAMPLING = 2.0
 _REPEATS = 5
 _RUNS = 10
 _WARM = 300.0
-_REACH = 1.5
-"""m, no point of an arm moves further for one rad."""
 
 
-def problem_of(subject: Subject, name: str, seen: Observation) -> Problem:
-    """The problem with one of `OBJECTS`.
+def problem_of(subject: MeasuredRobot, name: str, seen: Observation) -> tuple[Problem, Objective]:
+    """The problem with one of `OBJECTS`, and the node's default objective in it.
 
     What a camera does not see is occupied up to the highest that it saw (`unknown_space:
     occupied_below`), but where the robot and its object are at the start: only so can what is
@@ -91,77 +99,49 @@ def problem_of(subject: Subject, name: str, seen: Observation) -> Problem:
     lower, upper = workspace(robot, arms, q, body, volume)
     within = points[((points >= lower) & (points <= upper)).all(axis=1)]
     rim = 2.0 * GridSettings().cell_size
-    bounds = (
-        np.maximum(lower, within.min(axis=0) - rim),
-        np.minimum(upper, within.max(axis=0) + rim),
-    )
-    environment = Environment.from_points(
-        points,
-        volume,
-        GridSettings(),
-        RegionSettings(),
-        bounds,
+    ends = within.min(axis=0) - rim, within.max(axis=0) + rim
+    return build_problem(
+        CaseInputs(robot, arms, q, body, volume, points),
+        "maximize_clearance",
+        bounds=(np.maximum(lower, ends[0]), np.minimum(upper, ends[1])),
         views=sights,
         outside_robot=partial(outside_boxes, boxes_at_start(subject)),
         unknown_below=True,
-        beyond_volume=False,
     )
-    return Problem(robot, arms, q, body, volume, environment)
 
 
-def planner_of(problem: Problem, rng: np.random.Generator) -> PlacementPlanner:
-    """With the node's default objective and settings."""
-    context = ObjectiveContext(problem.environment, problem.volume, problem.body)
-    objective = make_objective("maximize_clearance", context)
-    return PlacementPlanner(problem, objective, PlannerSettings(), rng)
-
-
-def measure_first(subject: Subject) -> Iterator[Entry]:
+def measure_first(subject: MeasuredRobot) -> Iterator[Entry]:
     """First placements, in processor time from the cloud on, and what the checker says of all."""
-    runs = 0
-    for name in OBJECTS:
-        for cloud in CLOUDS:
-            for seed in range(_SEEDS):
-                rng = np.random.default_rng(seed)
-                scene = table_for(subject, np.random.default_rng(seed))
-                seen = observe(scene, cloud, rng)
-                entry: Entry = {"row": "first", "object": name, "cloud": cloud, "seed": seed}
-                found: list[Placement] = []
-                began, first, failure = time.process_time(), _LIMIT, ""
-                problem = None
-                try:
-                    problem = problem_of(subject, name, seen)
-                    planner = planner_of(problem, rng)
-                    until = began + _LIMIT
-                    for placement in planner.run(lambda: time.process_time() > until):  # noqa: B023
-                        if not found:
-                            first = time.process_time() - began
-                            until = time.process_time() + _MORE
-                        found.append(placement)
-                    failure = "" if found else planner.explain().cause
-                except PlacementPlannerError as error:
-                    failure = f"{error.code}: {error}"
-                entry |= {"seconds": first, "solutions": len(found), "failure": failure}
-                runs += 1
-                if runs == _RUNS:
-                    entry["megabytes"] = _resident()
-                if problem is not None:
-                    entry["refused"] = _refused(subject, scene, name, problem, found)
-                yield entry
+    kinds = itertools.product(OBJECTS, CLOUDS, range(_SEEDS))
+    for number, (name, cloud, seed) in enumerate(kinds, start=1):
+        rng = np.random.default_rng(seed)
+        around = boxes_at_start(subject)
+        scene = table_of(subject.volume, np.random.default_rng(seed), around)
+        seen = observe(scene, cloud, rng)
+        entry: Entry = {"row": "first", "object": name, "cloud": cloud, "seed": seed}
+        found: list[Placement] = []
+        run, started = RecordedRun(seed, _LIMIT), time.process_time()
+        try:
+            problem, objective = problem_of(subject, name, seen)
+            planner = PlacementPlanner(problem, objective, PlannerSettings(), rng)
+            for placement in run.follow(planner, started):
+                if not found:
+                    run.time_limit = run.elapsed + _MORE
+                found.append(placement)
+            entry["refused"] = _checker_refusals(subject, scene, name, problem, found)
+        except PlacementPlannerError as error:
+            run.failure = f"{error.code}: {error}"
+        seconds = run.solutions[0].time if found else _LIMIT
+        entry |= {"seconds": seconds, "solutions": len(found), "failure": run.failure}
+        if number == _RUNS:
+            entry["megabytes"] = resident_megabytes(os.getpid())
+        yield entry
 
 
-def _resident() -> float:
-    """Of this process, MB."""
-    pages = int(Path("/proc/self/statm").read_text(encoding="utf-8").split()[1])
-    return pages * resource.getpagesize() / 1e6
-
-
-def _refused(
-    subject: Subject, scene: Any, name: str, problem: Problem, found: Sequence[Placement]
-) -> list[str] | None:
-    """What the checker says; None where there is no checkout with it."""
-    if not (_TESTS / "checker").exists():
-        return None
+def _checker_refusals(
+    subject: MeasuredRobot, scene: Any, name: str, problem: Problem, found: Sequence[Placement]
+) -> list[str]:
+    """What the checker says."""
     if str(_TESTS) not in sys.path:
         sys.path.append(str(_TESTS))
     checker: Any = importlib.import_module("checker")
@@ -202,39 +182,22 @@ def _refused(
 
 
 def edges_of(
-    subject: Subject, rng: np.random.Generator
+    subject: MeasuredRobot, rng: np.random.Generator
 ) -> tuple[ArmCollision, list[tuple[Array, Array]]]:
     """An arm with the object in hand among clutter, and free starts of edges with their ends."""
     arm = subject.arms[0]
-    obstacles = clutter(subject.robot, arm, subject.q_start, 20, rng)
-    body = Body.from_mesh(subject.vertices, subject.triangles)
     moving = MovingArm(subject.robot, arm, subject.q_start)
+    obstacles = clutter_around(moving, 20, rng)
+    body = Body.from_mesh(subject.vertices, subject.triangles)
     collision = ArmCollision(moving, AttachedObject(body, 0), obstacles)
-    edges: list[tuple[Array, Array]] = []
-    for _ in range(_TRIES):
-        if len(edges) == _EDGES:
-            break
-        q = rng.uniform(arm.lower, arm.upper)
-        if not collision.free(q):
-            continue
-        if len(edges) % 2:  # up to a collision, and a little back
-            other = rng.uniform(arm.lower, arm.upper)
-            if collision.free(other):
-                continue
-            for _ in range(14):
-                middle = (q + other) / 2.0
-                q, other = (middle, other) if collision.free(middle) else (q, middle)
-            back = rng.normal(size=arm.dof)
-            back *= _BESIDE * rng.random() / (_REACH * np.abs(back).sum())
-            q = np.clip(q + back, arm.lower, arm.upper)
-            if not collision.free(q):
-                continue
-        way = rng.normal(size=arm.dof)
-        edges.append((q, np.clip(q + _EDGE * way / np.linalg.norm(way), arm.lower, arm.upper)))
-    return collision, edges
+    drawn = drawn_configurations(collision, arm, _DRAWN, _BESIDE, rng)
+    starts = np.vstack([Q[collision.free_batch(Q)][: _EDGES // 2] for Q in drawn])
+    ways = rng.normal(size=starts.shape)
+    ways *= _EDGE / np.linalg.norm(ways, axis=1, keepdims=True)
+    return collision, list(zip(starts, np.clip(starts + ways, arm.lower, arm.upper), strict=True))
 
 
-def measure_edges(subject: Subject, beside: Subject) -> Iterator[Entry]:
+def measure_edges(subject: MeasuredRobot, beside: MeasuredRobot) -> Iterator[Entry]:
     """Mean time of edges, certified and refused apart, and those of another robot meanwhile."""
     made = [edges_of(each, np.random.default_rng(0)) for each in (subject, beside)]
     times: list[dict[bool, list[float]]] = [{True: [], False: []} for _ in made]
@@ -251,36 +214,31 @@ def measure_edges(subject: Subject, beside: Subject) -> Iterator[Entry]:
     yield entry
 
 
-def measure_collision(subject: Subject) -> Iterator[Entry]:
+def measure_collision(subject: MeasuredRobot) -> Iterator[Entry]:
     """Seconds of processor time that the collision checker of an arm takes to make."""
-    rng = np.random.default_rng(0)
-    arm = subject.arms[0]
-    obstacles = clutter(subject.robot, arm, subject.q_start, 20, rng)
+    moving = MovingArm(subject.robot, subject.arms[0], subject.q_start)
+    obstacles = clutter_around(moving, 20, np.random.default_rng(0))
     box_arrays(obstacles)  # of the environment, like a node's
     bodies = [Body.from_mesh(*object_of(subject, name)) for name in OBJECTS]
     seconds = []
     for k in range(1 + _REPEATS):
         held = AttachedObject(Body.from_mesh(bodies[k % 2].vertices, bodies[k % 2].triangles), 0)
         began = time.process_time()
-        ArmCollision(MovingArm(subject.robot, arm, subject.q_start), held, obstacles)
+        ArmCollision(MovingArm(subject.robot, subject.arms[0], subject.q_start), held, obstacles)
         seconds.append(time.process_time() - began)
     yield {"row": "collision", "first": seconds[0], "again": float(np.median(seconds[1:]))}
 
 
-def measure_samples(subject: Subject) -> Iterator[Entry]:
+def measure_samples(subject: MeasuredRobot) -> Iterator[Entry]:
     """Goal samples per second of processor time spent on them."""
     rng = np.random.default_rng(0)
-    scene = table_for(subject, np.random.default_rng(0))
-    problem = problem_of(subject, OBJECTS[0], observe(scene, CLOUDS[0], rng))
-    planner = planner_of(problem, rng)
-    timed = planner.sampler = _TimedSampler(planner.sampler)
-    until = time.process_time() + _SAMPLING
-    for _ in planner.run(lambda: time.process_time() > until):
-        pass
-    yield {"row": "samples", "samples": planner.statistics.samples, "seconds": timed.seconds}
+    scene = table_of(subject.volume, np.random.default_rng(0), boxes_at_start(subject))
+    problem, objective = problem_of(subject, OBJECTS[0], observe(scene, CLOUDS[0], rng))
+    planner = PlacementPlanner(problem, objective, PlannerSettings(), rng)
+    yield sampling_rate(planner, _SAMPLING)
 
 
-def measure_node(subject: Subject) -> Iterator[Entry]:
+def measure_node(subject: MeasuredRobot) -> Iterator[Entry]:
     """Seconds from the start of the node's process to `warm`, without and with covers on disk.
 
     By the clock, and of processor time, which other work on the machine changes little.
@@ -305,7 +263,7 @@ _KERNELS = re.compile(r"-[0-9a-f]{16}$")
 
 
 def _seconds_to_warm(
-    subject: Subject, environment: dict[str, str]
+    subject: MeasuredRobot, environment: dict[str, str]
 ) -> tuple[float | None, float | None]:
     paths = [str(folder) for folder in subject.package_dirs]
     command = [sys.executable, "-m", f"{_PACKAGE}.ros.node", "--ros-args"]
@@ -330,35 +288,23 @@ def _seconds_to_warm(
         process.stderr.close()
 
 
-def _processor_time(pid: int) -> float:
+def _processor_time(process: int) -> float:
     """Seconds that a process has used, with those of its children that have ended."""
-    stat = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8")
-    after_name = stat.rpartition(")")[2].split()
-    return sum(map(int, after_name[11:15])) / os.sysconf("SC_CLK_TCK")
+    return float(sum(psutil.Process(process).cpu_times()[:4]))
 
 
-def measure_agreement(subject: Subject, count: int) -> Iterator[Entry]:
+def measure_agreement(subject: MeasuredRobot, count: int) -> Iterator[Entry]:
     """The planner's answers about its arms by the original triangles."""
     rng = np.random.default_rng(0)
     files = RobotFiles(subject.urdf, subject.package_dirs)
     share = -(-count // len(subject.arms))
     for arm in subject.arms:
-        obstacles = clutter(subject.robot, arm, subject.q_start, 20, rng)
-        settings = CollisionSettings()
-        found = compare(subject.robot, arm, subject.q_start, files, obstacles, share, rng, settings)
-        put, missed = small_boxes_inside(subject.robot, arm, subject.q_start, files, rng)
-        yield {
-            "row": "agreement",
-            "arm": arm.name,
-            "configurations": found.configurations,
-            "called_free": found.called_free,
-            "wrongly_free": found.wrongly_free,
-            "clear": found.clear,
-            "clear_called_free": found.clear_called_free,
-            "wrong": list(found.wrong),
-            "inside": put,
-            "inside_missed": missed,
-        }
+        moving = MovingArm(subject.robot, arm, subject.q_start)
+        obstacles = clutter_around(moving, 20, rng)
+        found = compare_answers(moving, files, obstacles, share, rng)
+        put, missed = small_boxes_inside(moving, files, rng)
+        told = {"row": "agreement", "arm": arm.name, **asdict(found)}
+        yield told | {"inside": put, "inside_missed": missed}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -370,13 +316,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--rows", nargs="+", choices=ROWS, default=ROWS)
     parser.add_argument("--configurations", type=int, required=True)
     given = parser.parse_args(arguments)
-    subject = read_subject(given.file, given.packages)
+    subject = read_measured_robot(given.file, given.packages)
     if "node" in given.rows:
-        _tell(subject, measure_node(subject))
-    beside = read_subject(given.beside, given.packages)
-    for each in (beside, subject)[: 1 if given.file == given.beside else 2]:
-        if each is beside:
-            warm_up(each.robot, each.arms, each.q_start)
+        _tell_entries(subject, measure_node(subject))
+    beside = read_measured_robot(given.beside, given.packages)
+    warm_up(beside.robot, beside.arms, beside.q_start)
     rows = {
         "collision": measure_collision(subject),
         "edges": measure_edges(subject, beside),
@@ -386,12 +330,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     }
     for row, entries in rows.items():
         if row in given.rows:
-            _tell(subject, entries)
+            _tell_entries(subject, entries)
     return 0
 
 
-def _tell(subject: Subject, entries: Iterator[Entry]) -> None:
-    for entry in islice(entries, None):
+def _tell_entries(subject: MeasuredRobot, entries: Iterator[Entry]) -> None:
+    for entry in entries:
         print(json.dumps({"robot": subject.name, **entry}), flush=True)
 
 

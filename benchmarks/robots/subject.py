@@ -22,7 +22,7 @@ SHARE = Path(pin.__file__).parents[4] / "share"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Subject:
+class MeasuredRobot:
     """What is measured.
 
     Attributes:
@@ -47,7 +47,7 @@ class Subject:
     triangles: Any
 
 
-def read_subject(file: Path, package_dirs: Sequence[Path] = (SHARE,)) -> Subject:
+def read_measured_robot(file: Path, package_dirs: Sequence[Path] = (SHARE,)) -> MeasuredRobot:
     """The robot of a parameter file.
 
     Its meshes are looked for where the node looks for them: in `package_paths`, and in packages
@@ -65,22 +65,22 @@ def read_subject(file: Path, package_dirs: Sequence[Path] = (SHARE,)) -> Subject
     try:
         values = tree["/**"]["ros__parameters"]
         package_dirs = (*package_dirs, *map(Path, values.get("package_paths") or ()))
-        urdf_file = _found("robot_description", values["robot_description"], package_dirs)
+        urdf_file = _find_file("robot_description", values["robot_description"], package_dirs)
         semantic = values.get("robot_description_semantic")
-        srdf_file = semantic and _found("robot_description_semantic", semantic, package_dirs)
+        srdf_file = semantic and _find_file("robot_description_semantic", semantic, package_dirs)
         srdf = srdf_file.read_text(encoding="utf-8") if srdf_file else ""
         urdf = urdf_file.read_text(encoding="utf-8")
-        folders = (*package_dirs, urdf_file.parent, *_above(urdf_file, urdf))
+        folders = (*package_dirs, urdf_file.parent, *_folders_above(urdf_file, urdf))
         robot = Robot.from_urdf(urdf, folders, srdf or None)
-        arms = tuple(_arm(robot, name, values[name]) for name in values["arms"])
+        arms = tuple(_read_arm(robot, name, values[name]) for name in values["arms"])
         start = tree.get("placement_scene", {}).get("ros__parameters", {}).get("start", {})
-        vertices, triangles = _object(values["object"], package_dirs)
+        vertices, triangles = _read_object(values["object"], package_dirs)
     except (KeyError, TypeError) as error:
         raise ParameterError("file", str(file), f"it does not give {error}") from error
     at_rest = np.clip(np.zeros(len(robot.joint_names)), robot.lower, robot.upper)
     given = {name: float(value) for name, value in zip(robot.joint_names, at_rest, strict=True)}
     given |= {name: float(value) for name, value in start.items()}
-    return Subject(
+    return MeasuredRobot(
         file.stem,
         file,
         urdf,
@@ -95,7 +95,7 @@ def read_subject(file: Path, package_dirs: Sequence[Path] = (SHARE,)) -> Subject
     )
 
 
-def _arm(robot: Robot, name: str, values: Mapping[str, Any]) -> Arm:
+def _read_arm(robot: Robot, name: str, values: Mapping[str, Any]) -> Arm:
     poses = np.array(values["grasps"], dtype=np.float64).reshape(-1, 7)
     tip = values["tip_frame"]
     return robot.arm(
@@ -109,20 +109,20 @@ def _arm(robot: Robot, name: str, values: Mapping[str, Any]) -> Arm:
     )
 
 
-def _above(urdf_file: Path, urdf: str) -> list[Path]:
+def _folders_above(urdf_file: Path, urdf: str) -> list[Path]:
     """Folders above a URDF that hold a package that it names."""
     names = set(re.findall(r"package://([^/\"']+)/", urdf))
     above = urdf_file.absolute().parents
     return [folder for folder in above if any((folder / name).is_dir() for name in names)]
 
 
-def _object(values: Mapping[str, Any], package_dirs: Sequence[Path]) -> tuple[Array, Any]:
+def _read_object(values: Mapping[str, Any], package_dirs: Sequence[Path]) -> tuple[Array, Any]:
     """Vertices (n, 3) in metres and triangles (t, 3) of the object, as the node reads them."""
     scale = float(values.get("scale", 1.0))
     if "mesh" not in values:
         vertices = np.array(values["vertices"], dtype=np.float64).reshape(-1, 3)
         return scale * vertices, np.array(values["triangles"], dtype=np.int64).reshape(-1, 3)
-    file = _found("object.mesh", values["mesh"], package_dirs)
+    file = _find_file("object.mesh", values["mesh"], package_dirs)
     try:
         vertices, triangles = read_mesh(file)
     except Exception as error:  # whatever loaders raise at what they are given
@@ -130,7 +130,7 @@ def _object(values: Mapping[str, Any], package_dirs: Sequence[Path]) -> tuple[Ar
     return scale * vertices, triangles
 
 
-def _found(field: str, name: str, package_dirs: Sequence[Path]) -> Path:
+def _find_file(field: str, name: str, package_dirs: Sequence[Path]) -> Path:
     """The file of a path or a `package://` URI."""
     inside = name.removeprefix("package://")
     for path in [folder / inside for folder in package_dirs] if inside != name else [Path(name)]:

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from benchmarks.robots.subject import Subject
+from benchmarks.robots.subject import MeasuredRobot
 from benchmarks.situations.observing import Observation
 from placement_planner_ros.core.scene.visibility import View
 from placement_planner_ros.core.types import Array, TargetVolume
@@ -27,12 +27,7 @@ _WOOD: Colour = (0.80, 0.68, 0.50)
 _THING: Colour = (0.55, 0.60, 0.68)
 
 
-def table_for(subject: Subject, rng: np.random.Generator) -> Scene:
-    """`table_of` V, its things away from the robot as it stands."""
-    return table_of(subject.volume, rng, boxes_at_start(subject))
-
-
-def boxes_at_start(subject: Subject) -> Array:
+def boxes_at_start(subject: MeasuredRobot) -> Array:
     """(n, 2, 3) lower and upper ends of boxes that hold each of the robot's shapes at q_0, and the
     object in each grasp.
     """
@@ -41,7 +36,9 @@ def boxes_at_start(subject: Subject) -> Array:
     for thing, T in zip(robot.geometry.geometryObjects, robot.geometry_poses(q), strict=True):
         thing.geometry.computeLocalAABB()
         around = thing.geometry.aabb_local
-        clouds.append(_corners(np.array((around.min_, around.max_))) @ T.rotation.T + T.translation)
+        clouds.append(
+            _corners_of(np.array((around.min_, around.max_))) @ T.rotation.T + T.translation
+        )
     for arm in subject.arms:
         tip = robot.link_pose(q, arm.tip_frame)
         for T in (tip * grasp for grasp in arm.grasps):
@@ -49,7 +46,7 @@ def boxes_at_start(subject: Subject) -> Array:
     return np.array([(cloud.min(axis=0), cloud.max(axis=0)) for cloud in clouds])
 
 
-def _corners(ends: Array) -> Array:
+def _corners_of(ends: Array) -> Array:
     """(8, 3) of a box from its lower and upper ends (2, 3)."""
     x, y, z = ends.T
     return np.stack(np.meshgrid(x, y, z), axis=-1).reshape(-1, 3)
@@ -111,7 +108,7 @@ def outside_boxes(boxes: Array, points: Array, distance: float) -> npt.NDArray[n
     return np.logical_not(np.any(np.all(within, axis=2), axis=1))
 
 
-def object_of(subject: Subject, name: str) -> tuple[Array, Array]:
+def object_of(subject: MeasuredRobot, name: str) -> tuple[Array, Array]:
     """Vertices and triangles of one of `OBJECTS`, for the same grasps."""
     if name == OBJECTS[0]:
         return subject.vertices, subject.triangles

@@ -81,7 +81,7 @@ def components(vertices: Array, triangles: Triangles) -> tuple[Component, ...]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Thing:
+class LinkSolid:
     """One collision geometry of a link.
 
     Attributes:
@@ -163,7 +163,9 @@ class TriangleRobot:
         )
         self._data, self._shapes = self._model.createData(), self._geometry.createData()
         arm = {self._model.getJointId(name) for name in arm_joints}
-        self.things = [_thing(thing, self._model, arm) for thing in self._geometry.geometryObjects]
+        self.things = [
+            _link_solid(thing, self._model, arm) for thing in self._geometry.geometryObjects
+        ]
         self._moving = [i for i, thing in enumerate(self.things) if thing.arm_joints]
         wanted = set(pairs)
         self._pairs = [
@@ -206,7 +208,7 @@ class TriangleRobot:
             for row in rows[some][np.argsort(away[some].max(axis=1))].tolist():
                 box = coal.Box(2.0 * np.maximum(boxes.half[row], 1e-9))
                 there = coal.Transform3s(_UPRIGHT, boxes.middle[row])
-                if _nearer(thing.shape, place, box, there, limit):
+                if _are_nearer(thing.shape, place, box, there, limit):
                     return f"{thing.link} is nearer than {limit:.6f} m to box {row}"
             if some.any() and thing.encloses_any(middles[some]):
                 return f"{thing.link} is around a box"
@@ -226,15 +228,19 @@ class TriangleRobot:
             places = [coal.Transform3s(T.rotation, T.translation) for T in (T_one, T_other)]
             shapes = one.shape, places[0], other.shape, places[1]
             if limit > 0.0:
-                near = _nearer(*shapes, limit)
+                near = _are_nearer(*shapes, limit)
             else:
                 near = bool(coal.collide(*shapes, coal.CollisionRequest(), coal.CollisionResult()))
-            if near or _within(one, T_one, other, T_other) or _within(other, T_other, one, T_one):
+            if (
+                near
+                or _inside_of(one, T_one, other, T_other)
+                or _inside_of(other, T_other, one, T_one)
+            ):
                 return f"{one.link} and {other.link}"
         return ""
 
 
-def _within(inner: Thing, T_inner: pin.SE3, outer: Thing, T_outer: pin.SE3) -> bool:
+def _inside_of(inner: LinkSolid, T_inner: pin.SE3, outer: LinkSolid, T_outer: pin.SE3) -> bool:
     """Whether a component of one, which meets nothing of the other, is inside of it."""
     if not outer.closed:
         return False
@@ -242,7 +248,7 @@ def _within(inner: Thing, T_inner: pin.SE3, outer: Thing, T_outer: pin.SE3) -> b
     return outer.encloses_any((points - T_outer.translation) @ T_outer.rotation)
 
 
-def _nearer(
+def _are_nearer(
     a: coal.CollisionGeometry,
     T_a: coal.Transform3s,
     b: coal.CollisionGeometry,
@@ -255,7 +261,7 @@ def _nearer(
     return bool(coal.distance(a, T_a, b, T_b, coal.DistanceRequest(), result) < limit)
 
 
-def _thing(thing: pin.GeometryObject, model: pin.Model, arm: set[int]) -> Thing:
+def _link_solid(thing: pin.GeometryObject, model: pin.Model, arm: set[int]) -> LinkSolid:
     shape = thing.geometry
     shape.computeLocalAABB()
     box = shape.aabb_local
@@ -267,7 +273,7 @@ def _thing(thing: pin.GeometryObject, model: pin.Model, arm: set[int]) -> Thing:
         parts = components(np.array(shape.vertices()), triangles)
     above = frozenset(arm & set(model.supports[thing.parentJoint].tolist()))
     link = str(model.frames[thing.parentFrame].name)
-    return Thing(link, above, shape, parts, (low + high) / 2.0, (high - low) / 2.0)
+    return LinkSolid(link, above, shape, parts, (low + high) / 2.0, (high - low) / 2.0)
 
 
 def _with_one_coordinate_each(urdf: str) -> tuple[str, dict[str, tuple[str, float, float]]]:

@@ -52,28 +52,28 @@ def growths(records: Sequence[Mapping[str, Any]]) -> list[Growth]:
     for record in records:
         groups[record["axis"], record["case"]["objective"]][record["factor"]].append(record)
     return [
-        _growth(axis, objective, dict(sorted(by_factor.items())))
+        _growth_of(axis, objective, dict(sorted(by_factor.items())))
         for (axis, objective), by_factor in groups.items()
         if len(by_factor) > 1
     ]
 
 
-def _growth(
+def _growth_of(
     axis: str, objective: str, by_factor: Mapping[int, Sequence[Mapping[str, Any]]]
 ) -> Growth:
     factors = np.array(list(by_factor), dtype=np.float64)
-    times = tuple(_times(records) for records in by_factor.values())
+    times = tuple(_times_of(records) for records in by_factor.values())
     sizes = np.array([_known_size(records) for records in by_factor.values()])
     rng = np.random.default_rng(0)
     drawn = np.array(
         [
-            _slope(factors, np.array([_median(rng.choice(t, len(t))) for t in times]))
+            _log_slope(factors, np.array([_upper_median(rng.choice(t, len(t))) for t in times]))
             for _ in range(_DRAWS)
         ]
     )
-    medians = np.array([_median(t) for t in times])
+    medians = np.array([_upper_median(t) for t in times])
     low, high = np.quantile(drawn, [0.025, 0.975], method="nearest")
-    slope = _slope(factors, medians)
+    slope = _log_slope(factors, medians)
     return Growth(axis, objective, factors, sizes, times, medians, slope, (float(low), float(high)))
 
 
@@ -81,7 +81,7 @@ def _known_size(records: Sequence[Mapping[str, Any]]) -> float:
     return next((float(r["size"]) for r in records if r["size"] is not None), float("nan"))
 
 
-def _times(records: Sequence[Mapping[str, Any]]) -> Array:
+def _times_of(records: Sequence[Mapping[str, Any]]) -> Array:
     random = next((r["random"] for r in records if r["random"] is not None), None)
     best = max((s["objective"] for r in records for s in r["solutions"]), default=None)
     if random is None or best is None or best <= random:
@@ -97,11 +97,11 @@ def _times(records: Sequence[Mapping[str, Any]]) -> Array:
     )
 
 
-def _median(times: Array) -> float:
+def _upper_median(times: Array) -> float:
     return float(np.quantile(times, 0.5, method="higher"))  # an endless half is endless
 
 
-def _slope(factors: Array, medians: Array) -> float:
+def _log_slope(factors: Array, medians: Array) -> float:
     if not np.isfinite(medians).all():
         return float("inf")
     return float(np.polyfit(np.log(factors), np.log(medians), 1)[0])

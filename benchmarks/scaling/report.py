@@ -8,9 +8,9 @@ import numpy as np
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from benchmarks.cases import OBJECTIVE_WORDS
-from benchmarks.evaluation.tables import Table
 from benchmarks.scaling.growth import WANTED, Growth
 from benchmarks.scaling.runs import AXES
+from benchmarks.text_table import TextTable
 from placement_planner_ros.pictures.plots import new_figure, png
 
 _COLOURS = {"maximize_clearance": "#0072b2", "minimize_clearance": "#d55e00"}
@@ -56,7 +56,7 @@ def draw_scaling(found: Sequence[Growth]) -> bytes:
     return png(figure)
 
 
-def scaling_table(found: Sequence[Growth]) -> Table:
+def scaling_table(found: Sequence[Growth]) -> TextTable:
     """Medians and exponents."""
     rows = []
     for growth in found:
@@ -66,14 +66,14 @@ def scaling_table(found: Sequence[Growth]) -> Table:
             (
                 AXES[growth.axis],
                 OBJECTIVE_WORDS[growth.objective],
-                " → ".join(_size(size) for size in growth.sizes[[0, -1]]),
+                " → ".join(_size_words(size) for size in growth.sizes[[0, -1]]),
                 " → ".join(f"{t:.2f}" if np.isfinite(t) else "never" for t in growth.medians),
                 f"{growth.exponent:.2f} [{low:.2f}, {high:.2f}]",
                 "too few runs" if fewest < _FEWEST else "yes" if high < 1.0 else "no",
             )
         )
     factors = " → ".join(f"×{f:g}" for f in found[0].factors) if found else ""
-    return Table(
+    return TextTable(
         ("doubled", "objective", "from, to", f"median seconds ({factors})", "exponent", "below 1"),
         tuple(rows),
         f"Processor time from the start to relative objective {WANTED}, environment construction "
@@ -83,5 +83,5 @@ def scaling_table(found: Sequence[Growth]) -> Table:
     )
 
 
-def _size(size: float) -> str:
+def _size_words(size: float) -> str:
     return f"{size:,.0f}" if size >= 1.0 else f"{size:.4f} m³"

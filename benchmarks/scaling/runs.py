@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 
 from benchmarks.cases import OBJECTIVES, Case, CaseInputs, build_problem, read_inputs
-from benchmarks.record import Trial, describe, record_key, run_trial
+from benchmarks.record import Trial, describe_run, run_trial
 from benchmarks.variants import VARIANTS
 from benchmarks.yardstick.dense_search import sampled_placements
-from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.types import TargetVolume
 from placement_planner_ros.scenes.clouds import complete_cloud
@@ -53,12 +52,6 @@ class ScalingJob:
     factor: int
     trial: Trial
 
-    def __post_init__(self) -> None:
-        if self.axis not in AXES:
-            raise ParameterError("axis", self.axis, f"choose one of {', '.join(AXES)}")
-        if self.factor not in FACTORS:
-            raise ParameterError("factor", self.factor, f"choose one of {FACTORS}")
-
     @property
     def work(self) -> float:
         """Seconds at most."""
@@ -82,14 +75,9 @@ def scaling_jobs(seeds: int, seconds: float, axes: tuple[str, ...] = ()) -> list
     ]
 
 
-def scaling_key(record: Mapping[str, Any]) -> str:
-    """The key of the job that a record is of."""
-    return f"{record['axis']} x{record['factor']} {record_key(record)}"
-
-
 def describe_scaling(record: Mapping[str, Any]) -> str:
     """One line for the terminal."""
-    return f"{record['axis']:<8} x{record['factor']} {describe(record)}"
+    return f"{record['axis']:<8} x{record['factor']} {describe_run(record)}"
 
 
 def scaled_volume(volume: TargetVolume, factor: int) -> TargetVolume:
@@ -110,8 +98,8 @@ def scaled_inputs(axis: str, factor: int) -> CaseInputs:
     return replace(inputs, volume=volume, points=complete_cloud(scene, float(spacing)))
 
 
-def run_scaling_job(job: ScalingJob) -> dict[str, Any]:
-    """A `Record` as a dictionary of plain values, also of a run that failed.
+def run_scaling(job: ScalingJob) -> dict[str, Any]:
+    """What `run_trial` makes, also of a run that failed.
 
     Further keys: axis, factor, size (m³, points, or things), random (median ξ of random feasible
     placements, None where there is none).
@@ -120,7 +108,7 @@ def run_scaling_job(job: ScalingJob) -> dict[str, Any]:
 
     def inputs(case: Case, _: np.random.Generator) -> CaseInputs:
         found = scaled_inputs(job.axis, job.factor)
-        extra["size"] = _size(job, found)
+        extra["size"] = _size_of(job, found)
         extra["random"] = random_value(job.axis, job.factor, case.objective)
         return found
 
@@ -128,7 +116,7 @@ def run_scaling_job(job: ScalingJob) -> dict[str, Any]:
     return {**extra, **record}
 
 
-def _size(job: ScalingJob, inputs: CaseInputs) -> float:
+def _size_of(job: ScalingJob, inputs: CaseInputs) -> float:
     if job.axis == "volume":
         return float(np.prod(inputs.volume.upper - inputs.volume.lower))
     return float(len(inputs.points) if job.axis == "cloud" else 2 * job.factor)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.situations import containers, hollow, slopes, supports, volumes
+from benchmarks.situations import containers, slopes, supports, volumes
 from benchmarks.situations.situation import Situation
 from placement_planner_ros.core.errors import ParameterError
 
@@ -12,7 +12,7 @@ _DRAWS = (
     *slopes.SITUATIONS,
     *containers.SITUATIONS,
     *supports.SITUATIONS,
-    *hollow.SITUATIONS,
+    *containers.HOLLOW_THINGS,
     *volumes.SITUATIONS,
 )
 

@@ -9,19 +9,18 @@ from typing import Any
 import numpy as np
 
 from benchmarks.jobs import run_jobs, say
-from benchmarks.json_lines import append_line, read_lines
-from benchmarks.options import add_job_options
+from benchmarks.json_lines import read_lines, replace_lines
+from benchmarks.options import add_job_options, add_table_options, workers_of
 from benchmarks.page import between_marks, require_marks
 from benchmarks.situations.catalogue import all_situations
 from benchmarks.situations.feasible_share import SHARES_FILE, measure_shares, shares_table
-from benchmarks.situations.report import VERDICTS_FILE, markdown
+from benchmarks.situations.report import VERDICTS_FILE, situations_report
 from benchmarks.situations.runs import (
     OUTCOMES,
     RUNS_FILE,
     SOLUTIONS,
     SituationJob,
-    describe,
-    job_key,
+    describe_situation,
     outcome,
     run_situation,
 )
@@ -45,12 +44,11 @@ def add_situations_command(commands: Any) -> None:
     situations.add_argument("--first-seed", type=int, default=0)
     situations.add_argument("--seconds", type=float, default=5.0, help="processor time of a run")
     situations.add_argument("--enough", type=int, default=1, help="end a run after so many")
-    situations.add_argument("--page", type=Path, help="a page: replace what is between its marks")
     situations.add_argument("--picture", type=Path, help="draw every situation into this file")
     situations.add_argument(
         "--shares", type=int, metavar="POSES", help="feasible shares of tables off level instead"
     )
-    situations.add_argument("--report-only", action="store_true", help="show what is recorded")
+    add_table_options(situations, None)
     add_job_options(situations, "results/situations")
     situations.set_defaults(command_function=run_situations)
 
@@ -73,22 +71,15 @@ def run_situations(arguments: argparse.Namespace) -> int:
         say(f"wrote {arguments.picture}")
     path = arguments.output / RUNS_FILE
     if arguments.shares is not None:
-        _measure_shares(arguments)
+        shares = measure_shares(arguments.shares, arguments.first_seed)
+        replace_lines(arguments.output / SHARES_FILE, shares)
     elif not arguments.report_only:
-        jobs = _jobs(arguments, seeds)
-        run_jobs(
-            run_situation,
-            jobs,
-            path,
-            job_key,
-            describe,
-            arguments.processes,
-            arguments.dask_scheduler,
-        )
+        jobs = _situation_jobs(arguments, seeds)
+        run_jobs(run_situation, jobs, path, describe_situation, workers_of(arguments))
     entries = read_lines(path)
-    text = markdown(entries, read_lines(arguments.output / VERDICTS_FILE))
-    if shares := shares_table(read_lines(arguments.output / SHARES_FILE)):
-        text += f"\n## Tables off level\n\n{shares}"
+    text = situations_report(entries, read_lines(arguments.output / VERDICTS_FILE))
+    if told := shares_table(read_lines(arguments.output / SHARES_FILE)):
+        text += f"\n## Tables off level\n\n{told}"
     arguments.output.mkdir(parents=True, exist_ok=True)
     (arguments.output / TABLE_FILE).write_text(text, encoding="utf-8")
     if arguments.page is not None:
@@ -97,24 +88,11 @@ def run_situations(arguments: argparse.Namespace) -> int:
     return int(any(outcome(entry) in OUTCOMES[2:] for entry in entries))
 
 
-def _measure_shares(arguments: argparse.Namespace) -> None:
-    path = arguments.output / SHARES_FILE
-    path.unlink(missing_ok=True)
-    for entry in measure_shares(arguments.shares, arguments.first_seed):
-        append_line(path, entry)
-
-
-def _jobs(arguments: argparse.Namespace, seeds: range) -> list[SituationJob]:
+def _situation_jobs(arguments: argparse.Namespace, seeds: range) -> list[SituationJob]:
     known = list(all_situations(np.random.default_rng(0)))
+    limits = arguments.seconds, arguments.enough
     return [
-        SituationJob(
-            name,
-            cloud,
-            seed,
-            arguments.seconds,
-            arguments.enough,
-            arguments.output / SOLUTIONS,
-        )
+        SituationJob(name, cloud, seed, *limits, arguments.output / SOLUTIONS)
         for seed in seeds
         for name in arguments.situation or known
         for cloud in arguments.cloud or CLOUDS

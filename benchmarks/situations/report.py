@@ -8,21 +8,26 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.cases import in_words
+from benchmarks.record import last_line
 from benchmarks.situations.runs import OUTCOMES, job_key, outcome
 from benchmarks.situations.situation import CLOUDS
+from benchmarks.text_table import TextTable
 
 Entry = Mapping[str, Any]
 VERDICTS_FILE = "verdicts.jsonl"
 """What `test/by_hand/verify_situations.py` writes beside the runs: a line for each placement."""
 
-RIGHT = 0.95
-"""Share of the runs that must be right."""
 _WORDS = {"complete": "complete cloud", "camera": "one camera"}
 
 
-def markdown(entries: Sequence[Entry], verdicts: Sequence[Entry]) -> str:
+def situations_report(entries: Sequence[Entry], verdicts: Sequence[Entry]) -> str:
     """Counts, what was wrong, and the table."""
-    parts = [summary(entries, verdicts), wrong(entries, verdicts), table(entries)]
+    parts = [
+        _count_table(entries, verdicts),
+        _wrong_runs(entries, verdicts),
+        _table_of_runs(entries),
+    ]
     commits = ", ".join(sorted({entry["versions"]["commit"] for entry in entries}))
     limits = ", ".join(f"{each:g}" for each in sorted({e["time_limit"] for e in entries}))
     seeds = ", ".join(map(str, sorted({entry["seed"] for entry in entries})))
@@ -30,40 +35,41 @@ def markdown(entries: Sequence[Entry], verdicts: Sequence[Entry]) -> str:
     return "\n".join([made, "", *(part for part in parts if part)])
 
 
-def summary(entries: Sequence[Entry], verdicts: Sequence[Entry]) -> str:
+def _count_table(entries: Sequence[Entry], verdicts: Sequence[Entry]) -> str:
     """A row for each kind of cloud, and what became of the placements."""
-    rows = ["| | runs | right | " + " | ".join(OUTCOMES[1:]) + " | of the impossible, proven |"]
-    rows.append("|---" * (len(OUTCOMES) + 3) + "|")
+    rows = []
     for cloud in CLOUDS:
         own = [entry for entry in entries if entry["cloud"] == cloud]
         if not own:
             continue
         count = Counter(map(outcome, own))
         right = f"{count['right']} ({100.0 * count['right'] / len(own):.1f} %)"
-        others = " | ".join(str(count[each]) for each in OUTCOMES[1:])
+        others = [str(count[each]) for each in OUTCOMES[1:]]
         none = [entry for entry in own if not entry["possible"]]
         proven = f"{sum(entry['exhausted'] for entry in none)} of {len(none)}"
-        rows.append(f"| {_WORDS[cloud]} | {len(own)} | {right} | {others} | {proven} |")
+        rows.append((_WORDS[cloud], str(len(own)), right, *others, proven))
+    header = ("", "runs", "right", *OUTCOMES[1:], "of the impossible, proven")
+    parts = [TextTable(header, rows).markdown()]
     times = [entry["solutions"][0]["time"] for entry in entries if entry["solutions"]]
     if times:
         middle, most = np.median(times), max(times)
-        rows += ["", f"First placement: median {middle:.2f} s, latest {most:.2f} s."]
+        parts.append(f"First placement: median {middle:.2f} s, latest {most:.2f} s.\n")
     if verdicts:
         refused = sum(bool(each["refused"]) for each in verdicts)
         fallen = sum(not each["stays"] for each in verdicts)
         told = f"Of {len(verdicts)} placements the checker refuses {refused or 'none'}; released "
-        rows += ["", f"{told}in mujoco, {fallen or 'none'} moved by 5 mm or tilted by 2°."]
-    return "\n".join(rows) + "\n"
+        parts.append(f"{told}in mujoco, {fallen or 'none'} moved by 5 mm or tilted by 2°.\n")
+    return "\n".join(parts)
 
 
-def wrong(entries: Iterable[Entry], verdicts: Iterable[Entry]) -> str:
+def _wrong_runs(entries: Iterable[Entry], verdicts: Iterable[Entry]) -> str:
     """A line for each run that was wrong, and for each placement that is."""
     lines = []
     for entry in entries:
         said = outcome(entry)
         if said != "right":
-            why = entry["failure"].strip().splitlines()[-1:] or [entry["why"]]
-            lines.append(f"- `{job_key(entry)}`: {said}. {why[0]}")
+            why = last_line(entry["failure"]) or entry["why"]
+            lines.append(f"- `{job_key(entry)}`: {said}. {why}")
     for each in verdicts:
         told = list(each["refused"])
         if not each["stays"]:
@@ -73,10 +79,9 @@ def wrong(entries: Iterable[Entry], verdicts: Iterable[Entry]) -> str:
     return "\n".join(["Wrong:", "", *lines]) + "\n" if lines else ""
 
 
-def table(entries: Sequence[Entry]) -> str:
+def _table_of_runs(entries: Sequence[Entry]) -> str:
     """Markdown: the true answer, and what the planner said."""
-    rows = ["| situation | object | s(x) | true answer | complete cloud | one camera |"]
-    rows.append("|---|---|---|---|---|---|")
+    rows = []
     by_name: dict[str, list[Entry]] = {}
     for entry in entries:
         by_name.setdefault(entry["name"], []).append(entry)
@@ -85,14 +90,17 @@ def table(entries: Sequence[Entry]) -> str:
         truth = "possible" if first["possible"] else "impossible"
         if first["pose_exists"] and not first["possible"]:
             truth = "a pose, but the robot cannot"
-        cells = [_words(name), _words(first["thing"]), first["support"]]
+        cells = [in_words(name), in_words(first["thing"]), first["support"]]
         cells.append(f"{truth}: {first['why']}")
-        cells += [_said([e for e in own if e["cloud"] == cloud], first) for cloud in CLOUDS]
-        rows.append("| " + " | ".join(cells) + " |")
-    return "\n".join(rows) + "\n"
+        cells += [
+            _what_was_said([e for e in own if e["cloud"] == cloud], first) for cloud in CLOUDS
+        ]
+        rows.append(cells)
+    header = ("situation", "object", "s(x)", "true answer", "complete cloud", "one camera")
+    return TextTable(header, rows).markdown()
 
 
-def _said(runs: Sequence[Entry], first: Entry) -> str:
+def _what_was_said(runs: Sequence[Entry], first: Entry) -> str:
     """What was said, how often, and where it was wrong; the truth where the camera's differs."""
     told: Counter[str] = Counter()
     for run in runs:
@@ -103,7 +111,3 @@ def _said(runs: Sequence[Entry], first: Entry) -> str:
         truth = "possible" if runs[0]["possible"] else "impossible"
         words += f" ({truth} for it{runs[0]['why'].removeprefix(first['why'])})"
     return words
-
-
-def _words(name: str) -> str:
-    return name.replace("_", " ")

@@ -4,27 +4,21 @@ from __future__ import annotations
 
 import json
 import time
-import traceback
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.machine import machine, versions
-from benchmarks.record import Solution, save_placement, warm_process
+from benchmarks.cases import build_problem, inputs_of
+from benchmarks.record import RecordedRun, failure_of, save_placement, warm_process
 from benchmarks.situations.catalogue import situation_by_name
 from benchmarks.situations.observing import observe
 from benchmarks.situations.situation import Cloud, Situation
-from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.objective.by_name import make_objective
-from placement_planner_ros.core.objective.objective import Objective, ObjectiveContext
+from placement_planner_ros.core.objective.objective import Objective
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
-from placement_planner_ros.core.problem import Problem, workspace
-from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.scenes.objects import object_by_name
-from placement_planner_ros.scenes.yumi import load_yumi, start_configuration, yumi_arm
+from placement_planner_ros.core.problem import Problem
 
 OBJECTIVE = "maximize_clearance"
 RUNS_FILE, SOLUTIONS = "situations.jsonl", "solutions"
@@ -39,15 +33,15 @@ class SituationJob:
         seed: draws the situation's sizes, the cloud's noise and the search.
         time_limit: seconds of processor time, the environment's construction included.
         enough: placements after which the run ends.
-        solutions: folder where each placement is written, if given.
+        solutions: folder where each placement is written.
     """
 
     name: str
     cloud: Cloud
     seed: int
     time_limit: float
-    enough: int = 1
-    solutions: Path | None = None
+    enough: int
+    solutions: Path
 
     @property
     def work(self) -> float:
@@ -65,36 +59,6 @@ def job_key(entry: Mapping[str, Any]) -> str:
     return f"{entry['name']}-{entry['cloud']}-{entry['seed']}"
 
 
-@dataclass(slots=True)
-class Answer:
-    """What the planner said; seconds are of processor time since it had the cloud.
-
-    Attributes:
-        possible: the true answer.
-        pose_exists: whether the object could stand there, robot or not.
-        exhausted: whether the search ended because there is provably nothing.
-        failure: why nothing was found, or the error that ended the run.
-    """
-
-    name: str
-    group: str
-    thing: str
-    cloud: str
-    seed: int
-    time_limit: float
-    support: str
-    why: str
-    possible: bool
-    pose_exists: bool
-    solutions: list[Solution] = field(default_factory=list)
-    exhausted: bool = False
-    failure: str = ""
-    samples: int = 0
-    elapsed: float = 0.0
-    machine: dict[str, str | int] = field(default_factory=machine)
-    versions: dict[str, str] = field(default_factory=versions)
-
-
 def situation_problem(
     situation: Situation, cloud: Cloud, rng: np.random.Generator
 ) -> tuple[Problem, Objective]:
@@ -103,73 +67,53 @@ def situation_problem(
     Args:
         rng: noise of the camera.
     """
-    robot, thing = load_yumi(), object_by_name(situation.thing)
-    arms = tuple(yumi_arm(robot, name, grasps) for name, grasps in thing.grasps.items())
-    q_start = robot.configuration(start_configuration(situation.thing))
-    body = Body.from_mesh(thing.vertices, thing.triangles, thing.center_of_mass)
-    volume = situation.scene.volume
     seen = observe(situation, cloud, rng)
-    environment = Environment.from_points(
-        seen.points,
-        volume,
-        bounds=workspace(robot, arms, q_start, body, volume),
+    inputs = inputs_of(situation.thing, situation.scene.volume, seen.points)
+    return build_problem(
+        inputs,
+        OBJECTIVE,
         views=() if situation.unknown == "free" else seen.sights,
         sights=seen.sights if situation.unknown == "free" else (),
         unknown_below=situation.unknown == "occupied_below",
-        beyond_volume=False,
     )
-    problem = Problem(robot, arms, q_start, body, volume, environment)
-    return problem, make_objective(OBJECTIVE, ObjectiveContext(environment, volume, body))
-
-
-def planner_settings(situation: Situation) -> PlannerSettings:
-    """The defaults, with the situation's s(x)."""
-    return PlannerSettings(support=situation.support)
 
 
 def run_situation(job: SituationJob) -> dict[str, Any]:
-    """The `Answer` as a dictionary of plain values; errors are in it, not raised."""
+    """The situation, its true answer and the `RecordedRun` as plain values; errors are in it.
+
+    Further keys: possible (the true answer), pose_exists (whether the object could stand there,
+    robot or not) and why.
+    """
     warm_process()
     situation = situation_by_name(job.name, job.seed)
-    answer = Answer(
-        job.name,
-        situation.group,
-        situation.thing,
-        job.cloud,
-        job.seed,
-        job.time_limit,
-        situation.support,
-        _why(situation, job.cloud),
-        situation.possible(job.cloud),
-        situation.pose_exists,
-    )
-    try:
-        _run(job, situation, answer)
-    except Exception:
-        answer.failure = traceback.format_exc()
-    return asdict(answer)
+    run = RecordedRun(job.seed, job.time_limit)
+    run.failure = failure_of(_place_object, job, situation, run) or run.failure
+    return {
+        "name": job.name,
+        "group": situation.group,
+        "thing": situation.thing,
+        "cloud": job.cloud,
+        "support": situation.support,
+        "why": _why_of(situation, job.cloud),
+        "possible": situation.possible(job.cloud),
+        "pose_exists": situation.pose_exists,
+        **asdict(run),
+    }
 
 
-def _run(job: SituationJob, situation: Situation, answer: Answer) -> None:
+def _place_object(job: SituationJob, situation: Situation, run: RecordedRun) -> None:
     rng = np.random.default_rng(job.seed)
     started = time.process_time()
     problem, objective = situation_problem(situation, job.cloud, rng)
-    planner = PlacementPlanner(problem, objective, planner_settings(situation), rng)
-    for placement in planner.run(lambda: time.process_time() - started > job.time_limit):
-        answer.solutions.append(Solution.of(placement, time.process_time() - started))
-        if job.solutions is not None:
-            path = job.solutions / f"{job.key}-{len(answer.solutions)}.npz"
-            save_placement(path, placement, situation=json.dumps([job.name, job.seed, job.cloud]))
-        if len(answer.solutions) == job.enough:
+    settings = PlannerSettings(support=situation.support)
+    for placement in run.follow(PlacementPlanner(problem, objective, settings, rng), started):
+        path = job.solutions / f"{job.key}-{len(run.solutions)}.npz"
+        save_placement(path, placement, situation=json.dumps([job.name, job.seed, job.cloud]))
+        if len(run.solutions) == job.enough:
             break
-    answer.elapsed = time.process_time() - started
-    answer.samples = planner.statistics.samples
-    answer.exhausted = bool(planner.exhausted)
-    if not answer.solutions:
-        answer.failure = planner.exhausted or planner.explain().short
 
 
-def _why(situation: Situation, cloud: Cloud) -> str:
+def _why_of(situation: Situation, cloud: Cloud) -> str:
     unseen = situation.unseen if cloud == "camera" else ""
     return "; but ".join(words for words in (situation.why, unseen) if words)
 
@@ -184,7 +128,7 @@ def outcome(entry: Mapping[str, Any]) -> str:
     return missed if entry["possible"] else wrong
 
 
-def describe(entry: Mapping[str, Any]) -> str:
+def describe_situation(entry: Mapping[str, Any]) -> str:
     """One line for the terminal."""
     said = "placed" if entry["solutions"] else "exhausted" if entry["exhausted"] else "nothing"
     took = entry["solutions"][0]["time"] if entry["solutions"] else entry["elapsed"]

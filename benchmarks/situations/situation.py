@@ -135,11 +135,11 @@ class SituationKind:
         """The situation: V, what stands on the bundled table, and where the object would stand.
 
         Args:
-            at, z, yaw: see `standing`; not used without a stance.
+            at, z, yaw: see `standing_pose`; not used without a stance.
             given: further fields of `Situation`.
         """
-        witness = None if self.stance is None else standing(at, z, self.stance, yaw)
-        return self.in_scene(volume, (table(), *solids), witness, **given)
+        witness = None if self.stance is None else standing_pose(at, z, self.stance, yaw)
+        return self.in_scene(volume, (table_top(), *solids), witness, **given)
 
     def in_scene(
         self,
@@ -158,24 +158,24 @@ Draw = Callable[[np.random.Generator], Situation]
 """A situation with sizes of its own."""
 
 
-def place(rng: np.random.Generator) -> Point:
+def some_place(rng: np.random.Generator) -> Point:
     """Somewhere on the table that both the hand and its way out reach easily."""
     side = 1.0 if rng.random() < 0.5 else -1.0
     return rng.uniform(0.36, 0.42), side * rng.uniform(0.08, 0.18)
 
 
-def table(top: float = 0.0) -> ConvexPrimitive:
+def table_top(top: float = 0.0) -> ConvexPrimitive:
     """The bundled table, its top at that height."""
     return box("table", (0.139, -0.426, top - 0.04), (0.695, 0.474, top), WOOD)
 
 
-def slab(centre: Point, half: Point, z: float, height: float = SLAB) -> TargetVolume:
+def slab_around(centre: Point, half: Point, z: float, height: float = SLAB) -> TargetVolume:
     """V around a surface: half of its sides, and so much below and above the surface, metres."""
     low = np.array([centre[0] - half[0], centre[1] - half[1], z - height])
     return TargetVolume(low, np.array([centre[0] + half[0], centre[1] + half[1], z + height]))
 
 
-def standing(
+def standing_pose(
     at: Point, z: float = 0.0, stance: ObjectStance = UPRIGHT, yaw: float = 0.0
 ) -> pin.SE3:
     """T_world_object of what stands on the plane at `z`, its front turned by `yaw` (rad)."""
@@ -186,13 +186,8 @@ def standing(
     return pin.SE3(world @ own.T, np.array([*at, z + stance.height]))
 
 
-def walls(
-    name: str,
-    centre: Point,
-    inner: Point,
-    height: float,
-    thick: float = 0.010,
-    bottom: float = 0.0,
+def four_walls(
+    name: str, centre: Point, inner: Point, height: float, thick: float = 0.010, bottom: float = 0.0
 ) -> tuple[ConvexPrimitive, ...]:
     """Four walls around a space of those inner sides: a bin whose floor is the table."""
     (x, y), (length, width) = centre, inner

@@ -40,7 +40,7 @@ def measure_clouds(scene_name: str, repeats: int, rng: np.random.Generator) -> I
     middle = (scene.volume.lower + scene.volume.upper) / 2
     bounds = middle - SIZE / 2, middle + SIZE / 2
     for kind in KINDS:
-        points = cloud(scene, kind, bounds, rng)
+        points = make_cloud(scene, kind, bounds, rng)
         for repeat in range(-1, repeats):
             started, cpu = time.perf_counter(), time.process_time()
             environment = Environment.from_points(
@@ -68,7 +68,9 @@ def measure_clouds(scene_name: str, repeats: int, rng: np.random.Generator) -> I
                 }
 
 
-def cloud(scene: Scene, kind: str, bounds: tuple[Array, Array], rng: np.random.Generator) -> Array:
+def make_cloud(
+    scene: Scene, kind: str, bounds: tuple[Array, Array], rng: np.random.Generator
+) -> Array:
     """(POINTS, 3) points within the bounds: of the whole surface, or as depth cameras see it.
 
     The spacing of the points, or the cameras' resolution, is the coarsest that gives enough.

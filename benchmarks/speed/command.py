@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator
@@ -14,20 +13,18 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.baselines.plain import PlainPlanner
 from benchmarks.cases import Case, all_cases
-from benchmarks.jobs import Progress, say
-from benchmarks.json_lines import read_lines
-from benchmarks.options import add_case_options, wanted_cases
-from benchmarks.page import require_marks
-from benchmarks.record import RUNS_FILE, warm_process
+from benchmarks.jobs import WorkProgress, say
+from benchmarks.json_lines import append_line, lines_told_by, read_lines, replace_lines
+from benchmarks.options import add_case_options, add_table_options, wanted_cases
+from benchmarks.page import between_marks, require_marks
+from benchmarks.record import RUNS_FILE, Trial, warm_process
 from benchmarks.speed.clouds import measure_clouds
-from benchmarks.speed.processes import check_recorded, measure_load, measure_node
-from benchmarks.speed.queries import Bench, CompareSettings
-from benchmarks.speed.recorder import RecordSettings, record
-from benchmarks.speed.report import fill_page, markdown, plain_text
-from benchmarks.speed.rows import MADE_WITH, ROWS, Entry, lines_of, made_with
+from benchmarks.speed.queries import QueryBench
+from benchmarks.speed.recorder import RecordingSettings, record_queries
+from benchmarks.speed.rows import MADE_WITH, ROWS, Entry, lines_of, made_with, speed_table
 from benchmarks.speed.searches import measure_first, measure_goal_sets, measure_sampling
+from benchmarks.variants import VARIANTS
 from placement_planner_ros.core.errors import ParameterError
 
 RAW_FILE, TABLE_FILE, PICTURE_FILE = "raw.jsonl", "speed.md", "speed.png"
@@ -43,8 +40,20 @@ _CLOUD_REPEATS = 5
 _LOAD_SECONDS = 300.0
 
 
+_VERIFY = """
+import json, sys
+from pathlib import Path
+from verify_cases import verify
+runs, refusals = verify(Path(sys.argv[1]))
+checked = sum(len(run["solutions"]) for run in runs)
+told = {"row": "checked", "checked": checked, "refused": len(refusals), "refusals": refusals}
+print(json.dumps(told))
+"""
+"""What has `test/by_hand/verify_cases.py` check a folder of placements."""
+
+
 @dataclass(frozen=True, slots=True)
-class Job:
+class SpeedJob:
     """A piece of work, about so many seconds long, that yields raw entries."""
 
     name: str
@@ -60,54 +69,17 @@ def add_speed_command(commands: Any) -> None:
         commands: what `ArgumentParser.add_subparsers` returned.
     """
     speed = commands.add_parser("speed", help="every speed figure beside its target")
-    speed.add_argument(
-        "--only",
-        type=_row_names,
-        default=ROWS,
-        metavar="ROW,ROW",
-        help=f"of {', '.join(ROWS)}; what the folder holds of other rows is kept",
-    )
     add_case_options(speed)
+    add_table_options(speed, "results/speed", ROWS)
     for name, default, what in (
         ("runs", 3, "recorded per case"),
         ("samples", 2000, "goal samples of a recorded run"),
-        (
-            "agreement",
-            2000,
-            "configurations per scene put to the exact check too; 1000000 takes some hours",
-        ),
+        ("agreement", 2000, "configurations per scene put to coal too; 1000000 takes some hours"),
         ("stops", 30, "runs of the node, stopped anywhere"),
         ("minutes", 1.0, "of the node's search, for its memory"),
     ):
-        speed.add_argument(
-            f"--{name}", type=partial(_positive, type(default)), default=default, help=what
-        )
-    speed.add_argument("--output", type=Path, default=Path("results/speed"))
-    speed.add_argument(
-        "--page",
-        type=Path,
-        help="a markdown page: replace the table between its marks, and images/speed.png beside it",
-    )
-    speed.add_argument(
-        "--report-only", action="store_true", help="measure nothing: show what the folder holds"
-    )
+        speed.add_argument(f"--{name}", type=type(default), default=default, help=what)
     speed.set_defaults(command_function=run_speed)
-
-
-def _row_names(text: str) -> tuple[str, ...]:
-    rows = tuple(dict.fromkeys(text.split(",")))
-    unknown = [row for row in rows if row not in ROWS]
-    if unknown:
-        raise argparse.ArgumentTypeError(
-            f"no row {', '.join(unknown)}; choose from {', '.join(ROWS)}"
-        )
-    return rows
-
-
-def _positive(kind: Callable[[str], float], text: str) -> float:
-    if not 0.0 < kind(text) < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text}: give a number above zero")
-    return kind(text)
 
 
 def run_speed(arguments: argparse.Namespace) -> int:
@@ -119,34 +91,31 @@ def run_speed(arguments: argparse.Namespace) -> int:
     raw = arguments.output / RAW_FILE
     if arguments.page is not None:
         require_marks(arguments.page)
-    entries = read_lines(raw) if arguments.report_only else _measure(arguments, raw)
+    entries = read_lines(raw) if arguments.report_only else _measure_rows(arguments, raw)
     if not entries:
         raise ParameterError("output", str(raw), "holds no figures yet: run without --report-only")
     lines = lines_of(entries)
-    text = markdown(lines, entries)
+    text = speed_table(lines, entries)
     (arguments.output / TABLE_FILE).write_text(text, encoding="utf-8")
-    say(plain_text(lines))
-    met = sum(line.met for line in lines)
-    say(f"{met} of {len(lines)} targets met; wrote {arguments.output}")
-    from benchmarks.speed.picture import draw
+    say(f"{text}\nwrote {arguments.output}")
+    from benchmarks.speed.picture import draw_speed
 
-    picture = draw(lines, entries)
+    picture = draw_speed(lines, entries)
     (arguments.output / PICTURE_FILE).write_bytes(picture)
     if arguments.page is not None:
-        fill_page(arguments.page, text, picture)
+        between_marks(arguments.page, text)
+        images = arguments.page.parent / "images"
+        images.mkdir(exist_ok=True)
+        (images / "speed.png").write_bytes(picture)
     return 1 if any("error" in entry for entry in entries) else 0
 
 
-def _measure(arguments: argparse.Namespace, raw: Path) -> list[Entry]:
+def _measure_rows(arguments: argparse.Namespace, raw: Path) -> list[Entry]:
     """All entries: the new ones, and those of other rows that the file held before."""
-    jobs = list(_jobs(arguments))
+    jobs = list(_jobs_of(arguments))
     if not jobs:
-        raise ParameterError(
-            "only",
-            ",".join(arguments.only),
-            "these rows have nothing to measure in the chosen cases",
-        )
-    again = {name for row in arguments.only for name in (row, *_BROUGHT.get(row, ()))}
+        raise ParameterError("rows", arguments.rows, "have nothing to measure in the chosen cases")
+    again = {name for row in arguments.rows for name in (row, *_BROUGHT.get(row, ()))}
     entries = []
     for entry in read_lines(raw):
         if entry["row"] == MADE_WITH:
@@ -155,23 +124,19 @@ def _measure(arguments: argparse.Namespace, raw: Path) -> list[Entry]:
                 continue
         if entry["row"] not in again:
             entries.append(entry)
-    entries.append(made_with(arguments.only))
-    raw.parent.mkdir(parents=True, exist_ok=True)
+    entries.append(made_with(arguments.rows))
     say("warming up")
     warm_process()
-    with raw.open("w", encoding="utf-8") as file:
-        for entry in entries:
-            file.write(json.dumps(entry) + "\n")
-        for entry in _run_all(jobs):
-            entries.append(entry)
-            file.write(json.dumps(entry) + "\n")
-            file.flush()
+    replace_lines(raw, entries)
+    for entry in _run_all(jobs):
+        entries.append(entry)
+        append_line(raw, entry)
     return entries
 
 
-def _run_all(jobs: list[Job]) -> Iterator[Entry]:
+def _run_all(jobs: list[SpeedJob]) -> Iterator[Entry]:
     """Every job's entries; one that fails leaves an entry with `error`, and the rest goes on."""
-    progress = Progress([job.seconds for job in jobs])
+    progress = WorkProgress([job.seconds for job in jobs])
     for job in jobs:
         began, failed = time.monotonic(), ""
         try:
@@ -184,8 +149,8 @@ def _run_all(jobs: list[Job]) -> Iterator[Entry]:
         progress.done(f"{job.name}: {time.monotonic() - began:.1f} s{failed}", job.seconds)
 
 
-def _jobs(arguments: argparse.Namespace) -> Iterator[Job]:
-    rows = set(arguments.only)
+def _jobs_of(arguments: argparse.Namespace) -> Iterator[SpeedJob]:
+    rows = set(arguments.rows)
     cases = wanted_cases(all_cases(), arguments)
     scenes = [case.scene for case in cases]
     recorded = [row for row in _RECORDED if row in rows]
@@ -194,41 +159,45 @@ def _jobs(arguments: argparse.Namespace) -> Iterator[Job]:
         if wanted:
             share = -(-arguments.agreement // scenes.count(case.scene))
             seconds = 5.0 + 2.0 * len(wanted) + 2e-4 * share * ("agreement" in rows)
-            run = partial(_recorded, case, wanted, share, arguments)
-            yield Job(f"recorded queries of {case}", tuple(wanted), seconds, run)
+            run = partial(_recorded_entries, case, wanted, share, arguments)
+            yield SpeedJob(f"recorded queries of {case}", tuple(wanted), seconds, run)
     if "samples" in rows:
         for case in cases:
-            seconds, run = 1.5 + _SAMPLING_SECONDS, partial(_sampling, case)
-            yield Job(f"sampling, {case}", ("samples",), seconds, run)
+            seconds, run = 1.5 + _SAMPLING_SECONDS, partial(_sampling_entries, case)
+            yield SpeedJob(f"sampling, {case}", ("samples",), seconds, run)
     if "clouds" in rows:
         for scene in dict.fromkeys(scenes):
             rng = np.random.default_rng(_SEED)
             run = partial(measure_clouds, scene, _CLOUD_REPEATS, rng)
-            yield Job(f"clouds, {scene}", ("clouds",), 5.0 + _CLOUD_REPEATS, run)
+            yield SpeedJob(f"clouds, {scene}", ("clouds",), 5.0 + _CLOUD_REPEATS, run)
     if "first" in rows and cases:
-        seconds, run = 2.5 * _FIRST_SEEDS * len(cases), partial(_first, cases, arguments.output)
-        yield Job("first placements", ("first", "checked"), seconds, run)
+        seconds, run = (
+            2.5 * _FIRST_SEEDS * len(cases),
+            partial(_first_entries, cases, arguments.output),
+        )
+        yield SpeedJob("first placements", ("first", "checked"), seconds, run)
     if "plain" in rows:
         for case in cases:
             name = f"first placements by the plain path, {case}"
-            run = partial(_plain, case, arguments.output / "plain")
-            yield Job(name, ("plain",), 10.0 * _PLAIN_SEEDS, run)
+            run = partial(_plain_entries, case)
+            yield SpeedJob(name, ("plain",), 10.0 * _PLAIN_SEEDS, run)
     if "node" in rows:
         seconds = 30.0 + 2.5 * arguments.stops + 60.0 * arguments.minutes
-        run = partial(measure_node, arguments.stops, arguments.minutes, _SEED)
-        yield Job("the node", ("node", "memory"), seconds, run)
+        options = ["--stops", str(arguments.stops), "--minutes", str(arguments.minutes)]
+        run = partial(lines_told_by, "-m", "benchmarks.node.node_speed", *options)
+        yield SpeedJob("the node", ("node", "memory"), seconds, run)
     if "load" in rows:
-        run = partial(measure_load, _SEED)
-        yield Job("the node beside large clouds", ("load",), _LOAD_SECONDS, run)
+        run = partial(lines_told_by, "-m", "benchmarks.node.node_load")
+        yield SpeedJob("the node beside large clouds", ("load",), _LOAD_SECONDS, run)
 
 
-def _recorded(
+def _recorded_entries(
     case: Case, rows: list[str], agreement: int, arguments: argparse.Namespace
 ) -> Iterator[Entry]:
-    settings = RecordSettings(runs=arguments.runs, samples=arguments.samples)
-    recording = record(case, _SEED, settings)
+    settings = RecordingSettings(runs=arguments.runs, samples=arguments.samples)
+    recording = record_queries(case, _SEED, settings)
     rng = np.random.default_rng([_SEED, *str(case).encode()])  # differs from case to case
-    bench = Bench(recording, CompareSettings(), rng)
+    bench = QueryBench(recording, rng)
     for row, measure in (
         ("configurations", bench.configurations),
         ("answers", bench.answers),
@@ -243,25 +212,26 @@ def _recorded(
         yield from measure_goal_sets(recording, _PLAIN_QUERIES, _QUERY_LIMIT, rng)
 
 
-def _sampling(case: Case) -> Iterator[Entry]:
+def _sampling_entries(case: Case) -> Iterator[Entry]:
     yield measure_sampling(case, _SEED, _SAMPLING_SECONDS)
 
 
-def _first(cases: tuple[Case, ...], output: Path) -> Iterator[Entry]:
+def _first_entries(cases: tuple[Case, ...], output: Path) -> Iterator[Entry]:
     """The first one of a process is not counted: it fills what no warm-up reaches."""
     folder = output / "first"
-    folder.mkdir(parents=True, exist_ok=True)
-    measure_first(cases[0], _SEED, _FIRST_LIMIT, folder)
-    with (folder / RUNS_FILE).open("w", encoding="utf-8") as runs:
-        for case in cases:
-            for seed in range(_SEED, _SEED + _FIRST_SEEDS):
-                entry, run = measure_first(case, seed, _FIRST_LIMIT, folder)
-                runs.write(json.dumps(run) + "\n")
-                yield entry
-    yield from check_recorded(folder)
+    variant = next(iter(VARIANTS))
+    measure_first(Trial(cases[0], variant, _SEED, _FIRST_LIMIT), "first")
+    runs = []
+    for case in cases:
+        for seed in range(_SEED, _SEED + _FIRST_SEEDS):
+            trial = Trial(case, variant, seed, _FIRST_LIMIT, solutions=folder / "solutions")
+            entry, run = measure_first(trial, "first")
+            runs.append(run)
+            yield entry
+    replace_lines(folder / RUNS_FILE, runs)
+    yield from lines_told_by("-c", _VERIFY, str(folder))
 
 
-def _plain(case: Case, folder: Path) -> Iterator[Entry]:
+def _plain_entries(case: Case) -> Iterator[Entry]:
     for seed in range(_SEED, _SEED + _PLAIN_SEEDS):
-        make, ready = PlainPlanner, PlainPlanner.register
-        yield measure_first(case, seed, _FIRST_LIMIT, folder, make, "plain", ready)[0]
+        yield measure_first(Trial(case, "plain", seed, _FIRST_LIMIT), "plain")[0]

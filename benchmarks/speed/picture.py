@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from benchmarks.speed.rows import Entry, Line, first_seconds
+from benchmarks.speed.rows import Entry, SpeedLine, first_seconds
 from placement_planner_ros.pictures.plots import new_figure, png
 
 _MET, _MISSED, _OTHER, _PLAIN = "#009e73", "#d55e00", "#0072b2", "#777777"
@@ -19,19 +19,15 @@ _DECADES = 3.0
 """From this many on, numbers between powers of ten would touch each other."""
 
 
-def draw(lines: Sequence[Line], entries: Sequence[Entry]) -> bytes:
+def draw_speed(lines: Sequence[SpeedLine], entries: Sequence[Entry]) -> bytes:
     """A PNG: every figure against its target, and the distributions behind the latencies."""
     sound = [entry for entry in entries if "error" not in entry]
     figure = new_figure(17.0, max(7.0, 1.5 + 0.3 * len(lines)))
     halves = figure.subfigures(1, 2, width_ratios=[1.7, 1.0], squeeze=False)
     left, right = halves[0]
     _draw_margins(left.subplots(), lines)
-    panels = right.subplots(3, 2).ravel()
-    for axes, drawing in zip(
-        panels,
-        (_draw_first, _draw_goal_sets, _draw_ratios, _draw_clouds, _draw_node, _draw_memory),
-        strict=True,
-    ):
+    drawings = (_draw_first, _draw_goal_sets, _draw_ratios, _draw_node)
+    for axes, drawing in zip(right.subplots(2, 2).flat, drawings, strict=True):
         axes.tick_params(labelsize=8)
         drawing(axes, sound)
         if not axes.has_data():
@@ -44,23 +40,14 @@ def draw(lines: Sequence[Line], entries: Sequence[Entry]) -> bytes:
     return png(figure)
 
 
-def _draw_margins(axes: Axes, lines: Sequence[Line]) -> None:
+def _draw_margins(axes: Axes, lines: Sequence[SpeedLine]) -> None:
     for place, line in enumerate(lines):
-        shown = line.shown if math.isfinite(line.value) else "not measured"
         colour = _MET if line.met else _MISSED
-        margin = min(max(line.margin, 1.0 / _WIDEST), _WIDEST)
+        margin = math.log10(min(max(line.margin, 1.0 / _WIDEST), _WIDEST))
         if line.target != 0.0:
-            axes.barh(place, math.log10(margin), color=colour, height=0.62)
-        beside = math.log10(margin) if line.target != 0.0 else 0.0
-        axes.annotate(
-            shown,
-            (max(beside, 0.0), place),
-            xytext=(4, 0),
-            textcoords="offset points",
-            va="center",
-            fontsize=8,
-            color=colour,
-        )
+            axes.barh(place, margin, color=colour, height=0.62)
+        beside = max(margin, 0.0) if line.target != 0.0 else 0.0
+        axes.text(beside + 0.03, place, line.told, va="center", fontsize=8, color=colour)
     labels = [
         f"{line.what[: _LABEL - 1] + '…' if len(line.what) > _LABEL else line.what}  {line.wanted}"
         for line in lines
@@ -84,54 +71,23 @@ def _draw_first(axes: Axes, entries: Sequence[Entry]) -> None:
         ("environment included", ours, True, _OTHER),
         ("uniform + RRTConnect + coal", plain, False, _PLAIN),
     ):
-        _cumulate(axes, [first_seconds(e, environment=environment) for e in group], name, colour)
+        _draw_shares(axes, [first_seconds(e, environment=environment) for e in group], name, colour)
     _finish_latencies(axes, "first placement", "seconds from start")
 
 
 def _draw_goal_sets(axes: Axes, entries: Sequence[Entry]) -> None:
     own = [e for e in entries if e["row"] == "goal_sets"]
-    _cumulate(axes, [e["seconds"] for e in own], "goal-set RRT", _MET)
+    _draw_shares(axes, [e["seconds"] for e in own], "goal-set RRT", _MET)
     plain = [e["plain_seconds"] for e in own if "plain_seconds" in e]
-    _cumulate(axes, plain, "RRTConnect, coal every 5 mm", _PLAIN)
+    _draw_shares(axes, plain, "RRTConnect, coal every 5 mm", _PLAIN)
     _finish_latencies(axes, "planning to a goal set", "seconds")
 
 
 def _draw_ratios(axes: Axes, entries: Sequence[Entry]) -> None:
     for row, colour in (("answers", _OTHER), ("edges", _MET)):
         own = [e["exact_seconds"] / e["seconds"] for e in entries if e["row"] == row]
-        _cumulate(axes, own, row, colour)
+        _draw_shares(axes, own, row, colour)
     _finish_latencies(axes, "times faster than coal alone, by case", "ratio")
-
-
-def _draw_clouds(axes: Axes, entries: Sequence[Entry]) -> None:
-    own = [e for e in entries if e["row"] == "clouds"]
-    if not own:
-        return
-    groups = list(dict.fromkeys((e["scene"], e["kind"]) for e in own))
-    base = np.zeros(len(groups))
-    for name, colour in (
-        ("environment", _OTHER),
-        ("clearance", _MET),
-        ("collision_field", "#e69f00"),
-    ):
-        heights = np.array(
-            [
-                np.median(
-                    [1e3 * e[f"{name}_seconds"] for e in own if (e["scene"], e["kind"]) == group]
-                )
-                for group in groups
-            ]
-        )
-        axes.bar(range(len(groups)), heights, bottom=base, color=colour, label=name)
-        base += heights
-    axes.axhline(250.0, color="black", linewidth=0.8, linestyle="--")
-    axes.set_xticks(
-        range(len(groups)),
-        [f"{scene.replace('_', chr(10))}\n{kind}" for scene, kind in groups],
-        fontsize=5,
-    )
-    axes.set_ylabel("ms", fontsize=8)
-    axes.set_title("300,000 points to environment", fontsize=9)
 
 
 def _draw_node(axes: Axes, entries: Sequence[Entry]) -> None:
@@ -142,22 +98,11 @@ def _draw_node(axes: Axes, entries: Sequence[Entry]) -> None:
         ("stop", "stop to idle", _MISSED),
         ("first", "start to ~/solution", _MET),
     ):
-        _cumulate(axes, [e["seconds"] for e in own if e["kind"] == kind], name, colour)
+        _draw_shares(axes, [e["seconds"] for e in own if e["kind"] == kind], name, colour)
     _finish_latencies(axes, "the node", "seconds")
 
 
-def _draw_memory(axes: Axes, entries: Sequence[Entry]) -> None:
-    own = [e for e in entries if e["row"] == "memory"]
-    if own:
-        axes.plot([e["time"] / 60 for e in own], [e["bytes"] / 1e6 for e in own], color=_OTHER)
-        axes.axhline(700.0, color="black", linewidth=0.8, linestyle="--")
-        axes.set_ylim(bottom=0.0)
-        axes.set_xlabel("minutes of one search", fontsize=8)
-        axes.set_ylabel("MB", fontsize=8)
-        axes.set_title("resident memory of the node", fontsize=9)
-
-
-def _cumulate(axes: Axes, values: Sequence[float], name: str, colour: str) -> None:
+def _draw_shares(axes: Axes, values: Sequence[float], name: str, colour: str) -> None:
     if values:
         axes.ecdf(values, label=f"{name} ({len(values)})", color=colour)
 

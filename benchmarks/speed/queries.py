@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -12,9 +13,8 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from benchmarks.baselines.exact_collision import Agreement, ExactCollision, compare
-from benchmarks.speed.measures import cpu_seconds
-from benchmarks.speed.recorder import HeldQueries, Recording
+from benchmarks.baselines.exact_collision import CollisionAgreement, ExactCollision, compare
+from benchmarks.speed.recorder import Recording
 from benchmarks.speed.rows import Entry
 from placement_planner_ros.core.collision.arm import ArmCollision
 from placement_planner_ros.core.collision.separation import COLLIDING, FREE
@@ -23,45 +23,41 @@ from placement_planner_ros.core.reach.ik import InverseKinematics
 from placement_planner_ros.core.types import Array, Verdict
 
 EXHAUSTIVE_SEEDS = 256
+_REPEATS = 10_000
+_STATES, _EDGES = 400, 60
+"""Of a case that are put to coal too, which takes milliseconds for each."""
+_COUNTED = ("free", "undecided", "ties", "contradictions")
+_Asked = tuple[ArmCollision, ExactCollision, bool, Array]
+"""Both checks, whether the object rests on its support, and what they are asked."""
 _NOISE = 0.05
 """rad, of configurations around recorded ones."""
 
 
-@dataclass(frozen=True, slots=True)
-class CompareSettings:
-    """How many queries of a case are put to coal too, which takes milliseconds for each."""
-
-    states: int = 400
-    edges: int = 60
-    poses: int = 600
-
-
-class Bench:
+class QueryBench:
     """The queries of one recorded run, put to the fast path and to coal alone.
 
     Args:
         rng: chooses what coal is asked too.
     """
 
-    def __init__(
-        self, recording: Recording, settings: CompareSettings, rng: np.random.Generator
-    ) -> None:
+    def __init__(self, recording: Recording, rng: np.random.Generator) -> None:
         self._recording = recording
-        self._settings = settings
         self._rng = rng
-        self._exact: dict[int, ExactCollision] = {}
+        obstacles, settings = recording.problem.environment.obstacles, recording.settings.collision
+        self._held = [
+            (q, ExactCollision(q.holding.moving, q.holding.held, obstacles, settings))
+            for q in recording.held
+        ]
 
-    def exact(self, queries: HeldQueries) -> ExactCollision:
-        """coal alone for that arm and grasp."""
-        if id(queries) not in self._exact:
-            holding, recording = queries.holding, self._recording
-            self._exact[id(queries)] = ExactCollision(
-                holding.moving,
-                holding.held,
-                recording.problem.environment.obstacles,
-                recording.settings.collision,
-            )
-        return self._exact[id(queries)]
+    def _chosen(self, kind: str, most: int) -> Iterator[_Asked]:
+        """So many states or edges of the run, by holding, with and without support contact."""
+        every = max(1, sum(len(getattr(queries, kind)) for queries, _ in self._held))
+        for queries, exact in self._held:
+            rows = getattr(queries, kind)
+            kept = self._choice(len(rows), -(-len(rows) * most // every))
+            contacts = queries.contact if kind == "states" else queries.edge_contact
+            for contact, chosen in _by_contact(rows[kept], contacts[kept]):
+                yield queries.holding.collision, exact, contact, chosen
 
     def configurations(self) -> Entry:
         """The fast tier on every recorded configuration, in the order they came; then by answer."""
@@ -75,43 +71,36 @@ class Bench:
                 parts.append(
                     {"queries": len(states), "free": int(clear.sum())}
                     | {"undecided": int((~decided).sum())}
-                    | _timed("seconds", classify, states, contact=contact)
-                    | _timed("free_seconds", classify, states[clear], contact=contact)
-                    | _timed("colliding_seconds", classify, states[~clear], contact=contact)
+                    | _cpu_time("seconds", classify, states, contact=contact)
+                    | _cpu_time("free_seconds", classify, states[clear], contact=contact)
+                    | _cpu_time("colliding_seconds", classify, states[~clear], contact=contact)
                 )
         return self._entry("configurations", parts)
 
     def answers(self) -> Entry:
         """Configurations answered to the end, by the fast path and by coal alone."""
         parts = []
-        shares = _shares([len(q.states) for q in self._recording.held], self._settings.states)
-        for queries, share in zip(self._recording.held, shares, strict=True):
-            kept = self._choice(len(queries.states), share)
-            exact, collision = self.exact(queries), queries.holding.collision
-            for contact, states in _by_contact(queries.states[kept], queries.contact[kept]):
-                parts.append(
-                    _agreement(compare(collision, exact, states, contact=contact), len(states))
-                    | _timed("seconds", collision.free_batch, states, contact=contact)
-                    | _timed("exact_seconds", exact.free_batch, states, contact=contact)
-                )
+        for collision, exact, contact, states in self._chosen("states", _STATES):
+            both = compare(collision, exact, states, contact=contact)
+            parts.append(
+                _agreement_counts(both, len(states))
+                | _cpu_time("seconds", collision.free_batch, states, contact=contact)
+                | _cpu_time("exact_seconds", exact.free_batch, states, contact=contact)
+            )
         return self._entry("answers", parts)
 
     def edges(self) -> Entry:
         """Edges certified to the end beside coal's samples every 5 mm."""
         parts = []
-        shares = _shares([len(q.edges) for q in self._recording.held], self._settings.edges)
-        for queries, share in zip(self._recording.held, shares, strict=True):
-            kept = self._choice(len(queries.edges), share)
-            exact, collision = self.exact(queries), queries.holding.collision
-            for contact, edges in _by_contact(queries.edges[kept], queries.edge_contact[kept]):
-                ours = _edges_free(collision, edges, contact)
-                theirs = _edges_free(exact, edges, contact)
-                parts.append(
-                    {"queries": len(edges), "certified": sum(ours), "sampled_free": sum(theirs)}
-                    | {"refuted": sum(a and not b for a, b in zip(ours, theirs, strict=True))}
-                    | _timed("seconds", _edges_free, collision, edges, contact)
-                    | _timed("exact_seconds", _edges_free, exact, edges, contact)
-                )
+        for collision, exact, contact, edges in self._chosen("edges", _EDGES):
+            ours = _edges_free(collision, edges, contact)
+            theirs = _edges_free(exact, edges, contact)
+            parts.append(
+                {"queries": len(edges), "certified": sum(ours), "sampled_free": sum(theirs)}
+                | {"refuted": sum(a and not b for a, b in zip(ours, theirs, strict=True))}
+                | _cpu_time("seconds", _edges_free, collision, edges, contact)
+                | _cpu_time("exact_seconds", _edges_free, exact, edges, contact)
+            )
         return self._entry("edges", parts)
 
     def kinematics(self) -> Entry:
@@ -122,13 +111,10 @@ class Bench:
         keeps the solutions of all its seeds, but sweeps no self-motions.
         """
         settings, parts = self._recording.settings, []
-        shares = _shares([len(q.poses) for q in self._recording.held], self._settings.poses)
-        for queries, share in zip(self._recording.held, shares, strict=True):
-            kept = self._choice(len(queries.poses), share)
-            if not len(kept):
+        for queries, _ in self._held:
+            holding, poses = queries.holding, list(queries.poses)
+            if not poses:
                 continue
-            holding = queries.holding
-            poses = [queries.poses[i] for i in kept]
             T = np.array([holding.tip_pose(x) for x in poses])
 
             def solve(poses: list[pin.SE3], holding: Holding = holding) -> npt.NDArray[np.int64]:
@@ -141,13 +127,13 @@ class Bench:
             random = solver.random_seeds(self._rng, (len(T), EXHAUSTIVE_SEEDS))
             solvable = _free_counts(holding, *solver.solve_batch(T, random)) > 0
             ours = solve(poses)
-            part = {"poses": len(T), "found": int(ours.sum()), **_timed("seconds", solve, poses)}
+            part = {"poses": len(T), "found": int(ours.sum()), **_cpu_time("seconds", solve, poses)}
             part |= {"reached": int((ours > 0).sum()), "exhaustive": int(solvable.sum())}
             part |= {"missed": int((solvable & (ours == 0)).sum())}
             part |= {"solvable_found": int(ours[solvable].sum()), "solvable_seconds": 0.0}
             if solvable.any():
                 solved = [poses[i] for i in np.flatnonzero(solvable)]
-                part |= _timed("solvable_seconds", solve, solved)
+                part |= _cpu_time("solvable_seconds", solve, solved)
             parts.append(part)
         return self._entry("ik", parts)
 
@@ -157,10 +143,10 @@ class Bench:
         Args:
             number: of configurations in this case; with and without support contact in turn.
         """
-        held = [queries for queries in self._recording.held if len(queries.states)]
-        for queries, share in zip(held, _shares([1] * len(held), number), strict=True):
-            exact, collision = self.exact(queries), queries.holding.collision
-            arm = queries.holding.arm
+        held = [(queries, exact) for queries, exact in self._held if len(queries.states)]
+        share = -(-number // max(1, len(held)))
+        for queries, exact in held:
+            collision, arm = queries.holding.collision, queries.holding.arm
             around = self._rng.choice(len(queries.states), share)
             states = queries.states[around] + self._rng.normal(0.0, _NOISE, (share, arm.dof))
             random = self._rng.uniform(arm.lower, arm.upper, states.shape)
@@ -172,7 +158,9 @@ class Bench:
                 for kind, group in _by_contact(states, contact)
             ]
             yield {
-                **self._entry("agreement", [_agreement(found, number) for number, found in both]),
+                **self._entry(
+                    "agreement", [_agreement_counts(found, number) for number, found in both]
+                ),
                 "arm": arm.name,
                 "grasp": queries.holding.grasp,
                 "where": [q for _, found in both for q in found.disagreements.tolist()],
@@ -191,19 +179,29 @@ class Bench:
         return {"row": row, "case": str(self._recording.case), **total}
 
 
-def _timed(name: str, action: Callable[..., object], *args: Any, **kwargs: Any) -> dict[str, float]:
+def cpu_seconds(action: Callable[[], object], at_least: float = 0.05) -> float:
+    """CPU time of one call, mean over as many as take `at_least` seconds together.
+
+    It counts this process alone, so that other processes on the machine do not count.
+    """
+    calls, started = 0, time.process_time()
+    while True:
+        action()
+        calls += 1
+        spent = time.process_time() - started
+        if spent >= at_least or calls == _REPEATS:
+            return spent / calls
+
+
+def _cpu_time(
+    name: str, action: Callable[..., object], *args: Any, **kwargs: Any
+) -> dict[str, float]:
     return {name: cpu_seconds(partial(action, *args, **kwargs))}
 
 
-def _agreement(both: Agreement, queries: int) -> dict[str, float]:
-    return {
-        "queries": queries,
-        "free": both.free,
-        "undecided": both.undecided,
-        "ties": both.ties,
-        "contradictions": both.contradictions,
-        "disagreements": len(both.disagreements),
-    }
+def _agreement_counts(both: CollisionAgreement, queries: int) -> dict[str, float]:
+    counts = {"queries": queries, "disagreements": len(both.disagreements)}
+    return counts | {name: getattr(both, name) for name in _COUNTED}
 
 
 def _by_contact(rows: Array, contact: npt.NDArray[np.bool_]) -> Iterator[tuple[bool, Array]]:
@@ -219,12 +217,6 @@ def _edges_free(
 ) -> list[bool]:
     """Of (n, 2, dof) edges, by coal with samples every 5 mm, its default."""
     return [collision.edge_free(a, b, contact=contact) for a, b in edges]
-
-
-def _shares(sizes: list[int], total: int) -> list[int]:
-    """`total` divided in proportion to the sizes, rounded up where there is anything."""
-    every = max(1, sum(sizes))
-    return [-(-size * total // every) for size in sizes]
 
 
 def _free_counts(

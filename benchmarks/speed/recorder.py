@@ -14,7 +14,6 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from benchmarks.cases import Case, make_problem
-from benchmarks.speed.measures import Reservoir
 from placement_planner_ros.core.collision.arm import ArmCollision
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.grasp.holding import Holding
@@ -25,7 +24,7 @@ from placement_planner_ros.core.types import Array, Goal
 
 
 @dataclass(frozen=True, slots=True)
-class RecordSettings:
+class RecordingSettings:
     """How long to record and how much to keep of each kind of query.
 
     Attributes:
@@ -86,13 +85,13 @@ class Recording:
 
 
 @dataclass(slots=True)
-class _Streams:
-    """Reservoirs that fill while the planner runs; checkers stand for their holdings."""
+class _Asked:
+    """All that is asked while planners run; checkers stand for their holdings."""
 
-    states: Reservoir[tuple[ArmCollision, Array, bool]]
-    edges: Reservoir[tuple[ArmCollision, Array, Array, bool]]
-    poses: Reservoir[tuple[Holding, pin.SE3]]
-    goal_sets: Reservoir[tuple[tuple[str, int], tuple[Goal, ...]]]
+    states: list[tuple[ArmCollision, Array, bool]] = field(default_factory=list)
+    edges: list[tuple[ArmCollision, Array, Array, bool]] = field(default_factory=list)
+    poses: list[tuple[Holding, pin.SE3]] = field(default_factory=list)
+    goal_sets: list[tuple[tuple[str, int], tuple[Goal, ...]]] = field(default_factory=list)
     holdings: dict[int, Holding] = field(default_factory=dict)
     goals: dict[tuple[str, int], list[Goal]] = field(default_factory=dict)
     changed: set[tuple[str, int]] = field(default_factory=set)
@@ -102,7 +101,7 @@ class _Streams:
     ) -> None:
         """`ArmCollision.free` and `free_batch`."""
         for row in np.array(q, dtype=np.float64).reshape(-1, np.shape(q)[-1]):
-            self.states.offer((checker, row, contact))
+            self.states.append((checker, row, contact))
 
     def edge(
         self,
@@ -116,12 +115,12 @@ class _Streams:
     ) -> None:
         """`ArmCollision.edge_free`; motions that may stray from the line are no plain edges."""
         if deviation is None:
-            self.edges.offer((checker, np.array(a), np.array(b), contact))
+            self.edges.append((checker, np.array(a), np.array(b), contact))
 
     def pose(self, holding: Holding, T_world_object: pin.SE3, *_: object, **__: object) -> None:
         """`Holding.configurations`."""
         self.holdings[id(holding.collision)] = holding
-        self.poses.offer((holding, T_world_object))
+        self.poses.append((holding, T_world_object))
 
     def added(self, _: MotionPlanner, goal: Goal) -> None:
         """`MotionPlanner.add`."""
@@ -140,7 +139,7 @@ class _Streams:
         """`MotionPlanner.plan`: goal sets as they stand, where goals have come."""
         for key in sorted(self.changed):
             if self.goals[key]:
-                self.goal_sets.offer((key, tuple(self.goals[key])))
+                self.goal_sets.append((key, tuple(self.goals[key])))
         self.changed.clear()
 
     def _keep(self, wanted: Callable[[Goal], bool]) -> None:
@@ -149,8 +148,8 @@ class _Streams:
 
 
 @contextmanager
-def _listening(streams: _Streams) -> Iterator[None]:
-    """Tell the streams of every call from outside; what those call in turn does not count."""
+def _noting_calls(asked: _Asked) -> Iterator[None]:
+    """Note every call from outside; what those call in turn does not count."""
     inside = False
 
     def listened(kind: type, name: str, tell: Callable[..., None]) -> Any:
@@ -173,88 +172,75 @@ def _listening(streams: _Streams) -> Iterator[None]:
 
     with ExitStack() as stack:
         for kind, name, tell in (
-            (ArmCollision, "free", streams.state),
-            (ArmCollision, "free_batch", streams.state),
-            (ArmCollision, "edge_free", streams.edge),
-            (Holding, "configurations", streams.pose),
-            (MotionPlanner, "add", streams.added),
-            (MotionPlanner, "retire", streams.retired),
-            (MotionPlanner, "retire_up_to", streams.retired_up_to),
-            (MotionPlanner, "plan", streams.planned),
+            (ArmCollision, "free", asked.state),
+            (ArmCollision, "free_batch", asked.state),
+            (ArmCollision, "edge_free", asked.edge),
+            (Holding, "configurations", asked.pose),
+            (MotionPlanner, "add", asked.added),
+            (MotionPlanner, "retire", asked.retired),
+            (MotionPlanner, "retire_up_to", asked.retired_up_to),
+            (MotionPlanner, "plan", asked.planned),
         ):
             stack.enter_context(listened(kind, name, tell))
         yield
 
 
-def record(case: Case, first_seed: int, settings: RecordSettings) -> Recording:
+def record_queries(case: Case, first_seed: int, settings: RecordingSettings) -> Recording:
     """Run the planner on a case, several times, and keep a random subset of what it asks.
 
     Raises:
         PlacementPlannerError: the runs asked for no state, edge or pose.
     """
     problem, objective = make_problem(case, np.random.default_rng(first_seed))
-    planner_settings = PlannerSettings()
-    chooser = np.random.default_rng(first_seed)
-    streams = _Streams(
-        Reservoir(settings.states, chooser),
-        Reservoir(settings.edges, chooser),
-        Reservoir(settings.poses, chooser),
-        Reservoir(settings.goal_sets, chooser),
-    )
+    planner_settings, asked = PlannerSettings(), _Asked()
     for seed in range(first_seed, first_seed + settings.runs):
-        planner = PlacementPlanner(
-            problem, objective, planner_settings, np.random.default_rng(seed)
-        )
-        started = time.monotonic()
+        rng = np.random.default_rng(seed)
+        planner = PlacementPlanner(problem, objective, planner_settings, rng)
+        ends = time.monotonic() + settings.seconds
 
-        def enough(planner: PlacementPlanner = planner, started: float = started) -> bool:
-            return (
-                planner.statistics.samples >= settings.samples
-                or time.monotonic() - started > settings.seconds
-            )
+        def enough(planner: PlacementPlanner = planner, ends: float = ends) -> bool:
+            return planner.statistics.samples >= settings.samples or time.monotonic() > ends
 
-        streams.goals.clear()
-        with _listening(streams):
+        asked.goals.clear()
+        with _noting_calls(asked):
             for _ in planner.run(enough):
                 pass
-    return _recording(case, problem, planner_settings, streams)
+    kinds = ("states", "edges", "poses", "goal_sets")
+    seen = {kind: len(getattr(asked, kind)) for kind in kinds}
+    rng = np.random.default_rng(first_seed)
+    for kind in kinds:
+        kept = np.sort(rng.permutation(seen[kind])[: getattr(settings, kind)])
+        setattr(asked, kind, [getattr(asked, kind)[row] for row in kept])
+    holdings, held = _by_holding(asked)
+    for kind in kinds[:3]:
+        if not sum(len(getattr(queries, kind)) for queries in held):
+            raise PlacementPlannerError(
+                f"{kind} of {case}", seen, "the runs asked for none: give them more samples"
+            )
+    goal_sets = tuple(GoalSetQuery(holdings[key], goals) for key, goals in asked.goal_sets)
+    return Recording(case, problem, planner_settings, tuple(held), goal_sets, seen)
 
 
-def _recording(
-    case: Case, problem: Problem, settings: PlannerSettings, streams: _Streams
-) -> Recording:
+def _by_holding(asked: _Asked) -> tuple[dict[tuple[str, int], Holding], list[HeldQueries]]:
     """One arm with one grasp is alike in all runs: its first holding stands for all."""
     holdings: dict[tuple[str, int], Holding] = {}
     keys: dict[int, tuple[str, int]] = {}
-    for checker, holding in streams.holdings.items():
+    for checker, holding in asked.holdings.items():
         keys[checker] = holding.arm.name, holding.grasp
         holdings.setdefault(keys[checker], holding)
-    states, edges = streams.states.items, streams.edges.items
-    poses, held = streams.poses.items, []
+    held = []
     for key, holding in holdings.items():
-        asked = [(q, contact) for c, q, contact in states if keys.get(id(c)) == key]
-        moves = [(a, b, contact) for c, a, b, contact in edges if keys.get(id(c)) == key]
+        states = [(q, contact) for c, q, contact in asked.states if keys.get(id(c)) == key]
+        moves = [(a, b, contact) for c, a, b, contact in asked.edges if keys.get(id(c)) == key]
         dof = len(holding.q_start)
         held.append(
             HeldQueries(
                 holding,
-                np.array([q for q, _ in asked]).reshape(-1, dof),
-                np.array([contact for _, contact in asked], dtype=np.bool_),
+                np.array([q for q, _ in states]).reshape(-1, dof),
+                np.array([contact for _, contact in states], dtype=np.bool_),
                 np.array([(a, b) for a, b, _ in moves]).reshape(-1, 2, dof),
                 np.array([contact for _, _, contact in moves], dtype=np.bool_),
-                tuple(pose for h, pose in poses if (h.arm.name, h.grasp) == key),
+                tuple(pose for h, pose in asked.poses if (h.arm.name, h.grasp) == key),
             )
         )
-    seen = {
-        "states": streams.states.seen,
-        "edges": streams.edges.seen,
-        "poses": streams.poses.seen,
-        "goal_sets": streams.goal_sets.seen,
-    }
-    for name in ("states", "edges", "poses"):
-        if not sum(len(getattr(queries, name)) for queries in held):
-            raise PlacementPlannerError(
-                f"{name} of {case}", seen, "the runs asked for none: give them more samples"
-            )
-    goal_sets = tuple(GoalSetQuery(holdings[key], goals) for key, goals in streams.goal_sets.items)
-    return Recording(case, problem, settings, tuple(held), goal_sets, seen)
+    return holdings, held

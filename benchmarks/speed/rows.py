@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.machine import machine, versions
-from benchmarks.speed.measures import median, percentile
+from benchmarks.text_table import TextTable
 
 Entry = dict[str, Any]
 
@@ -25,8 +25,18 @@ def made_with(rows: Sequence[str]) -> Entry:
     return {"row": MADE_WITH, "rows": list(rows), "day": day, **machine(), **versions()}
 
 
+def median(values: Sequence[float]) -> float:
+    """NaN of nothing."""
+    return float(np.median(values)) if len(values) else float("nan")
+
+
+def percentile(values: Sequence[float], share: float) -> float:
+    """The value below which `share` percent of the values lie; NaN of nothing."""
+    return float(np.percentile(values, share)) if len(values) else float("nan")
+
+
 @dataclass(frozen=True, slots=True)
-class Line:
+class SpeedLine:
     """One measured figure beside its target.
 
     Attributes:
@@ -36,13 +46,17 @@ class Line:
         detail: over what it was measured, and what did not go well.
     """
 
-    row: str
     what: str
     value: float
     target: float
     shown: str
     wanted: str
     detail: str
+
+    @property
+    def told(self) -> str:
+        """What was measured, in words."""
+        return self.shown if math.isfinite(self.value) else "not measured"
 
     @property
     def margin(self) -> float:
@@ -62,43 +76,66 @@ class Line:
 
 
 def _over_cases(
-    row: str, what: str, values: Sequence[float], target: float, unit: str, detail: str
-) -> Line:
+    what: str, values: Sequence[float], target: float, unit: str, detail: str
+) -> SpeedLine:
     """Rates or ratios over cases: the median counts, what 95 % of the cases exceed is told."""
     digits = ",.0f" if unit == " /s" else ".1f"
     middle, low = f"{median(values):{digits}}{unit}", f"{percentile(values, 5):{digits}}"
     shown = f"{middle} (95 % of the cases above {low}{unit.strip(' /s')})"
     wanted = f">= {target:,.0f}{unit}"
-    return Line(row, what, median(values), target, shown, wanted, detail)
+    return SpeedLine(what, median(values), target, shown, wanted, detail)
 
 
-def _latency(
-    row: str, what: str, seconds: Sequence[float], limits: Mapping[int, float], detail: str
-) -> list[Line]:
+def _none_wanted(what: str, value: float, detail: str) -> SpeedLine:
+    return SpeedLine(what, value, 0.0, f"{value:.0f}", "0", detail)
+
+
+def _ratio_line(what: str, plain: Sequence[float], own: Sequence[float], detail: str) -> SpeedLine:
+    """Of medians; ten is wanted."""
+    ratio = median(plain) / median(own)
+    return SpeedLine(what, ratio, 10.0, f"{ratio:.1f}x", ">= 10x", detail)
+
+
+def _latency_lines(
+    what: str, seconds: Sequence[float], limits: Mapping[int, float], detail: str
+) -> list[SpeedLine]:
     """A line for each percentile that has a target, in milliseconds."""
     lines = []
     for share, target in limits.items():
         value = percentile(seconds, share)
         named = f"{what}, {'median' if share == 50 else f'{share:g} %'}"
         shown, wanted = f"{1e3 * value:,.0f} ms", f"<= {1e3 * target:,.0f} ms"
-        lines.append(Line(row, named, value, target, shown, wanted, detail))
+        lines.append(SpeedLine(named, value, target, shown, wanted, detail))
     return lines
 
 
-def _total(entries: Sequence[Entry], key: str) -> float:
+def _call_lines(
+    entries: Sequence[Entry], kind: str, what: str, limits: Mapping[int, float]
+) -> list[SpeedLine]:
+    """`_latency` of the entries of a kind; those that were not answered count at their limit."""
+    own = [e for e in entries if e["kind"] == kind]
+    if not own:
+        return []
+    seconds = [e["seconds"] for e in own]
+    never = sum(not e.get("solved", True) or not e.get("told", True) for e in own)
+    detail = f"{len(own)} times, slowest {1e3 * max(seconds):,.0f} ms"
+    return _latency_lines(what, seconds, limits, detail + (f"; {never} never" if never else ""))
+
+
+def _sum_of(entries: Sequence[Entry], key: str) -> float:
     return float(sum(entry[key] for entry in entries))
 
 
-def _count(entries: Sequence[Entry], key: str) -> int:
-    return int(_total(entries, key))
+def _count_of(entries: Sequence[Entry], key: str) -> int:
+    return int(_sum_of(entries, key))
 
 
-def _share(part: float, whole: float) -> str:
+def _share_of(part: float, whole: float) -> str:
     return f"{part / whole:.1%}" if whole else "none"
 
 
-def _each(entries: Sequence[Entry], key: str, count: float) -> str:
-    return f"{1e6 * _total(entries, key) / count:.1f} µs" if count else "none measured"
+def _time_each(entries: Sequence[Entry], key: str, count: float) -> str:
+    return f"{1e6 * _sum_of(entries, key) / count:.1f} µs" if count else "none measured"
 
 
 def _by_scene(entries: Sequence[Entry]) -> dict[str, list[Entry]]:
@@ -108,7 +145,7 @@ def _by_scene(entries: Sequence[Entry]) -> dict[str, list[Entry]]:
     return scenes
 
 
-def _parts(entries: Sequence[Entry], *names: str) -> str:
+def _part_times(entries: Sequence[Entry], *names: str) -> str:
     """Median milliseconds of each part."""
     return ", ".join(
         f"{name.replace('_', ' ')} {1e3 * median([e[f'{name}_seconds'] for e in entries]):.0f}"
@@ -116,95 +153,98 @@ def _parts(entries: Sequence[Entry], *names: str) -> str:
     )
 
 
-def _configurations(entries: Sequence[Entry]) -> list[Line]:
-    asked, free = _total(entries, "queries"), _total(entries, "free")
+def _configurations_lines(entries: Sequence[Entry]) -> list[SpeedLine]:
+    asked, free = _sum_of(entries, "queries"), _sum_of(entries, "free")
     rates = [e["queries"] / e["seconds"] for e in entries]
     detail = (
         f"{asked:,.0f} recorded configurations of {len(entries)} cases, "
-        f"{_share(free, asked)} free, "
-        f"{_share(_total(entries, 'undecided'), asked)} left undecided; "
-        f"{_each(entries, 'free_seconds', free)} for a free one, "
-        f"{_each(entries, 'colliding_seconds', asked - free)} for a colliding one"
+        f"{_share_of(free, asked)} free, "
+        f"{_share_of(_sum_of(entries, 'undecided'), asked)} left undecided; "
+        f"{_time_each(entries, 'free_seconds', free)} for a free one, "
+        f"{_time_each(entries, 'colliding_seconds', asked - free)} for a colliding one"
     )
     what = "configurations per second and core, fast tier"
-    return [_over_cases("configurations", what, rates, 400_000.0, " /s", detail)]
+    return [_over_cases(what, rates, 400_000.0, " /s", detail)]
 
 
-def _answers(entries: Sequence[Entry]) -> list[Line]:
-    asked = _total(entries, "queries")
+def _answers_lines(entries: Sequence[Entry]) -> list[SpeedLine]:
+    asked = _sum_of(entries, "queries")
     ratios = [e["exact_seconds"] / e["seconds"] for e in entries]
     detail = (
-        f"{asked:,.0f} of the same, {_share(_total(entries, 'free'), asked)} free, "
-        f"{_count(entries, 'disagreements')} answers differ; coal alone "
-        f"{asked / _total(entries, 'exact_seconds'):,.0f} /s"
+        f"{asked:,.0f} of the same, {_share_of(_sum_of(entries, 'free'), asked)} free, "
+        f"{_count_of(entries, 'disagreements')} answers differ; coal alone "
+        f"{asked / _sum_of(entries, 'exact_seconds'):,.0f} /s"
     )
     what = "the same answered to the end, against coal alone"
-    return [_over_cases("answers", what, ratios, 20.0, "x", detail)]
+    return [_over_cases(what, ratios, 20.0, "x", detail)]
 
 
-def _agreement(entries: Sequence[Entry]) -> list[Line]:
+def _agreement_lines(entries: Sequence[Entry]) -> list[SpeedLine]:
     lines = []
     for scene, own in _by_scene(entries).items():
-        wrong, asked = _total(own, "disagreements"), _total(own, "queries")
+        wrong, asked = _sum_of(own, "disagreements"), _sum_of(own, "queries")
         detail = (
-            f"{asked:,.0f} configurations, {_share(_total(own, 'free'), asked)} free, "
-            f"{_count(own, 'ties')} ties, {_count(own, 'contradictions')} where coal contradicts "
-            "itself or a ball lies in both of what it calls apart"
+            f"{asked:,.0f} configurations, {_share_of(_sum_of(own, 'free'), asked)} free, "
+            f"{_count_of(own, 'ties')} ties, {_count_of(own, 'contradictions')} where coal "
+            "contradicts itself or a ball lies in both of what it calls apart"
         )
         what = f"disagreements with the exact check, {scene}"
-        lines.append(Line("agreement", what, wrong, 0.0, f"{wrong:.0f}", "0", detail))
+        lines.append(_none_wanted(what, wrong, detail))
     return lines
 
 
-def _edges(entries: Sequence[Entry]) -> list[Line]:
-    asked, certified = _total(entries, "queries"), _total(entries, "certified")
-    missed = _total(entries, "sampled_free") - certified + _total(entries, "refuted")
+def _edges_lines(entries: Sequence[Entry]) -> list[SpeedLine]:
+    asked, certified = _sum_of(entries, "queries"), _sum_of(entries, "certified")
+    missed = _sum_of(entries, "sampled_free") - certified + _sum_of(entries, "refuted")
     ratios = [e["exact_seconds"] / e["seconds"] for e in entries]
     detail = (
-        f"{asked:,.0f} recorded edges, {_share(certified, asked)} certified free; coal refutes "
-        f"{_count(entries, 'refuted')} of those, and finds {missed:.0f} free that are not certified"
+        f"{asked:,.0f} recorded edges, {_share_of(certified, asked)} certified free; coal refutes "
+        f"{_count_of(entries, 'refuted')} of those, and finds {missed:.0f} free that are not "
+        "certified"
     )
     what = "edges certified to the end, against coal every 5 mm"
-    return [_over_cases("edges", what, ratios, 30.0, "x", detail)]
+    return [_over_cases(what, ratios, 30.0, "x", detail)]
 
 
-def _kinematics(entries: Sequence[Entry]) -> list[Line]:
+def _kinematics_lines(entries: Sequence[Entry]) -> list[SpeedLine]:
     lines = []
     for name, found, seconds, over in (
         ("poses that 256 seeds solve", "solvable_found", "solvable_seconds", "exhaustive"),
         ("all recorded poses", "found", "seconds", "poses"),
     ):
         for scene, own in _by_scene(entries).items():
-            spent = _total(own, seconds)
-            rate = _total(own, found) / spent if spent else math.nan
+            spent = _sum_of(own, seconds)
+            rate = _sum_of(own, found) / spent if spent else math.nan
             what = f"collision-free IK solutions per second, {name}, {scene}"
-            detail = f"{_count(own, over)} poses, {_count(own, found)} solutions"
-            lines.append(Line("ik", what, rate, 7000.0, f"{rate:,.0f} /s", ">= 7,000 /s", detail))
-    solvable, missed = _total(entries, "exhaustive"), _total(entries, "missed")
+            detail = f"{_count_of(own, over)} poses, {_count_of(own, found)} solutions"
+            lines.append(SpeedLine(what, rate, 7000.0, f"{rate:,.0f} /s", ">= 7,000 /s", detail))
+    solvable, missed = _sum_of(entries, "exhaustive"), _sum_of(entries, "missed")
     share = 1.0 - missed / solvable if solvable else math.nan
     what = "of the poses that 256 random seeds solve, solved"
-    detail = f"{solvable:.0f} such poses of {_count(entries, 'poses')}; {missed:.0f} not solved"
-    return [*lines, Line("ik", what, share, 0.99, f"{share:.1%}", ">= 99 %", detail)]
+    detail = f"{solvable:.0f} such poses of {_count_of(entries, 'poses')}; {missed:.0f} not solved"
+    return [*lines, SpeedLine(what, share, 0.99, f"{share:.1%}", ">= 99 %", detail)]
 
 
-def _samples(entries: Sequence[Entry]) -> list[Line]:
+def _samples_lines(entries: Sequence[Entry]) -> list[SpeedLine]:
     rates = [e["samples"] / e["seconds"] for e in entries]
     slowest = min(zip(rates, (e["case"] for e in entries), strict=True))
-    detail = f"{_count(entries, 'samples'):,} samples; slowest {slowest[1]}: {slowest[0]:,.0f} /s"
+    detail = (
+        f"{_count_of(entries, 'samples'):,} samples; slowest {slowest[1]}: {slowest[0]:,.0f} /s"
+    )
     what = "goal samples tried per second in search"
-    return [_over_cases("samples", what, rates, 10_000.0, " /s", detail)]
+    return [_over_cases(what, rates, 10_000.0, " /s", detail)]
 
 
-def _clouds(entries: Sequence[Entry]) -> list[Line]:
+def _clouds_lines(entries: Sequence[Entry]) -> list[SpeedLine]:
     lines = []
     for kind in dict.fromkeys(e["kind"] for e in entries):
         own = [e for e in entries if e["kind"] == kind]
-        parts = _parts(own, "environment", "clearance", "collision_field")
+        parts = _part_times(own, "environment", "clearance", "collision_field")
         detail = f"{len(own)} times over {len({e['scene'] for e in own})} scenes; ms: {parts}"
         detail += f"; CPU {1e3 * median([e['cpu_seconds'] for e in own]):.0f}"
         what = f"{kind} cloud of {own[0]['points']:,} points to obstacle set, regions and fields"
         slowest = {50: 0.25, 95: 0.25}
-        lines += _latency("clouds", what, [e["seconds"] for e in own], slowest, detail)
+        lines += _latency_lines(what, [e["seconds"] for e in own], slowest, detail)
     return lines
 
 
@@ -216,29 +256,28 @@ def first_seconds(entry: Entry, *, environment: bool) -> float:
     return seconds if entry["solved"] else max(seconds, float(entry["limit"]))
 
 
-def _first(entries: Sequence[Entry]) -> list[Line]:
+def _first_lines(entries: Sequence[Entry]) -> list[SpeedLine]:
     lines = []
     unsolved = sum(not e["solved"] for e in entries)
-    parts = _parts(entries, "environment", "planner", "search")
+    parts = _part_times(entries, "environment", "planner", "search")
     cpu = 1e3 * median([e["cpu_seconds"] for e in entries])
     detail = f"{len(entries)} runs, {unsolved} unsolved; median ms: {parts}"
     detail += f"; CPU of planner and search {cpu:.0f}"
     for name, environment in (("environment ready", False), ("environment built from it", True)):
         seconds = [first_seconds(e, environment=environment) for e in entries]
         what = f"first placement from the start call, {name}"
-        lines += _latency("first", what, seconds, {50: 0.25, 95: 1.0}, detail)
+        lines += _latency_lines(what, seconds, {50: 0.25, 95: 1.0}, detail)
     return lines
 
 
-def _checked(entries: Sequence[Entry]) -> list[Line]:
-    refused, checked = _total(entries, "refused"), _total(entries, "checked")
+def _checked_lines(entries: Sequence[Entry]) -> list[SpeedLine]:
+    refused, checked = _sum_of(entries, "refused"), _sum_of(entries, "checked")
     detail = f"{checked:.0f} first placements looked at by test/checker"
     what = "first placements that the independent checker refuses"
-    value = refused if checked else math.nan
-    return [Line("checked", what, value, 0.0, f"{refused:.0f}", "0", detail)]
+    return [_none_wanted(what, refused if checked else math.nan, detail)]
 
 
-def _plain(entries: Sequence[Entry]) -> list[Line]:
+def _plain_lines(entries: Sequence[Entry]) -> list[SpeedLine]:
     """Entries of the plain path, beside those of the same runs by the planner."""
     stock = [e for e in entries if e["row"] == "plain"]
     unsolved = sum(not e["solved"] for e in stock)
@@ -246,17 +285,16 @@ def _plain(entries: Sequence[Entry]) -> list[Line]:
     runs = {(e["case"], e["seed"]) for e in stock}
     ours = (e for e in entries if e["row"] == "first" and (e["case"], e["seed"]) in runs)
     own = [first_seconds(e, environment=False) for e in ours]
-    ratio = median(plain) / median(own) if own else math.nan
     detail = (
         f"{len(plain)} runs, {unsolved} unsolved at their limit; median {median(plain):.2f} s, "
         f"95 % {percentile(plain, 95):.2f} s, beside {median(own):.2f} s and "
         f"{percentile(own, 95):.2f} s of the same runs"
     )
     what = "first placement against uniform + RRTConnect + coal, medians"
-    return [Line("plain", what, ratio, 10.0, f"{ratio:.1f}x", ">= 10x", detail)]
+    return [_ratio_line(what, plain, own, detail)]
 
 
-def _goal_sets(entries: Sequence[Entry]) -> list[Line]:
+def _goal_sets(entries: Sequence[Entry]) -> list[SpeedLine]:
     seconds = [e["seconds"] for e in entries]
     unsolved = sum(not e["solved"] for e in entries)
     goals = median([e["goals"] for e in entries])
@@ -265,61 +303,48 @@ def _goal_sets(entries: Sequence[Entry]) -> list[Line]:
         f"median CPU {1e3 * median([e['cpu_seconds'] for e in entries]):.0f} ms"
     )
     limits = {50: 0.02, 95: 0.2}
-    lines = _latency("goal_sets", "planning to a goal set in a cabinet", seconds, limits, detail)
+    lines = _latency_lines("planning to a goal set in a cabinet", seconds, limits, detail)
     both = [e for e in entries if "plain_seconds" in e]
     if both:
         ours, plain = ([e[key] for e in both] for key in ("seconds", "plain_seconds"))
-        ratio = median(plain) / median(ours)
         unsolved = sum(not e["plain_solved"] for e in both)
         detail = (
             f"{len(both)} of the queries, medians {1e3 * median(plain):,.0f} and "
             f"{1e3 * median(ours):,.0f} ms; RRTConnect leaves {unsolved} unsolved at its limit"
         )
         what = "the same against RRTConnect with coal every 5 mm, medians"
-        lines.append(Line("goal_sets", what, ratio, 10.0, f"{ratio:.1f}x", ">= 10x", detail))
+        lines.append(_ratio_line(what, plain, ours, detail))
     return lines
 
 
-def _node(entries: Sequence[Entry]) -> list[Line]:
-    lines = []
-    for kind, what, limits in (
-        ("start", "node: answer of ~/start", {50: 0.1, 95: 0.1}),
-        ("service", "node: answers of other services during a search", {50: 0.02}),
-        ("stop", "node: from the stop call to idle", {50: 0.1, 99: 0.1}),
-        ("first", "node: from the start call to ~/solution", {50: 0.25, 95: 1.0}),
-    ):
-        own = [e for e in entries if e["kind"] == kind]
-        seconds = [e["seconds"] for e in own]
-        if own:
-            unsolved = sum(not e.get("solved", True) for e in own)
-            detail = f"{len(seconds)} calls, slowest {1e3 * max(seconds):,.0f} ms"
-            detail += f"; {unsolved} without one at the limit" if unsolved else ""
-            lines += _latency("node", what, seconds, limits, detail)
-    return lines
+def _node_lines(entries: Sequence[Entry]) -> list[SpeedLine]:
+    services = "node: answers of other services during a search"
+    return [
+        *_call_lines(entries, "start", "node: answer of ~/start", {50: 0.1, 95: 0.1}),
+        *_call_lines(entries, "service", services, {50: 0.02}),
+        *_call_lines(entries, "stop", "node: from the stop call to idle", {50: 0.1, 99: 0.1}),
+        *_call_lines(
+            entries, "first", "node: from the start call to ~/solution", {50: 0.25, 95: 1.0}
+        ),
+    ]
 
 
-def _load(entries: Sequence[Entry]) -> list[Line]:
+def _load_lines(entries: Sequence[Entry]) -> list[SpeedLine]:
     """The node beside three clouds of 300,000 points at 10 Hz."""
-    lines = []
-    for kind, what, limits in (
-        ("start", "beside 3 clouds at 10 Hz: answer of ~/start", {50: 0.1, 99: 0.1}),
-        ("stop", "beside 3 clouds at 10 Hz: from the stop call to idle", {50: 0.1, 99: 0.1}),
-        ("age", "beside 3 clouds at 10 Hz: age of the newest one known", {100: 0.5}),
-        ("alarm", "from a cloud in the way to best_valid: false", {50: 0.1, 95: 0.1, 99: 0.2}),
-    ):
-        seconds = [e["seconds"] for e in entries if e["kind"] == kind]
-        if seconds:
-            untold = sum(not e.get("told", True) for e in entries if e["kind"] == kind)
-            detail = f"{len(seconds)} times, slowest {1e3 * max(seconds):,.0f} ms"
-            detail += f"; {untold} never" if untold else ""
-            lines += _latency("load", what, seconds, limits, detail)
+    beside, alarm = "beside 3 clouds at 10 Hz", "from a cloud in the way to best_valid: false"
+    lines = [
+        *_call_lines(entries, "start", f"{beside}: answer of ~/start", {50: 0.1, 99: 0.1}),
+        *_call_lines(entries, "stop", f"{beside}: from the stop call to idle", {50: 0.1, 99: 0.1}),
+        *_call_lines(entries, "age", f"{beside}: age of the newest one known", {100: 0.5}),
+        *_call_lines(entries, "alarm", alarm, {50: 0.1, 95: 0.1, 99: 0.2}),
+    ]
     turns = [e for e in entries if e["kind"] == "samples"]
     if turns:
-        without, beside = (_total(turns, key) / len(turns) for key in ("without", "beside"))
-        fall = 100.0 * (1.0 - beside / without)
+        alone, loaded = (_sum_of(turns, key) / len(turns) for key in ("without", "beside"))
+        fall = 100.0 * (1.0 - loaded / alone)
         what = "samples per second that 3 clouds at 10 Hz cost a search"
-        detail = f"{without:,.0f} /s without them and {beside:,.0f} /s beside them, in turns"
-        lines.append(Line("load", what, fall, 25.0, f"{fall:.0f} %", "<= 25 %", detail))
+        detail = f"{alone:,.0f} /s without them and {loaded:,.0f} /s beside them, in turns"
+        lines.append(SpeedLine(what, fall, 25.0, f"{fall:.0f} %", "<= 25 %", detail))
     return lines
 
 
@@ -331,38 +356,32 @@ def slope_per_hour(seconds: Sequence[float], values: Sequence[float]) -> float:
     return float(np.polyfit(seconds[skipped:], values[skipped:], 1)[0] * 3600.0)
 
 
-def _memory(entries: Sequence[Entry]) -> list[Line]:
-    lines = []
-    for run in dict.fromkeys(e["run"] for e in entries):
-        own = [e for e in entries if e["run"] == run]
-        seconds, used = [e["time"] for e in own], [e["bytes"] / 1e6 for e in own]
-        slope = slope_per_hour(seconds, used)
-        detail = (
-            f"{(seconds[-1] - seconds[0]) / 60:.1f} minutes of one search, {len(own)} readings; "
-            f"{used[0]:.0f} MB at its start, {used[-1]:.0f} MB at its end, "
-            f"slope {slope:+.0f} MB per hour after the first fifth"
-        )
-        what = "resident memory of the node in a search, most"
-        most = max(used)
-        lines.append(Line("memory", what, most, 700.0, f"{most:.0f} MB", "<= 700 MB", detail))
-    return lines
+def _memory_lines(entries: Sequence[Entry]) -> list[SpeedLine]:
+    seconds, used = [e["time"] for e in entries], [e["bytes"] / 1e6 for e in entries]
+    detail = (
+        f"{(seconds[-1] - seconds[0]) / 60:.1f} minutes of one search, {len(used)} readings; "
+        f"{used[0]:.0f} MB at its start, {used[-1]:.0f} MB at its end, "
+        f"slope {slope_per_hour(seconds, used):+.0f} MB per hour after the first fifth"
+    )
+    what, most = "resident memory of the node in a search, most", max(used)
+    return [SpeedLine(what, most, 700.0, f"{most:.0f} MB", "<= 700 MB", detail)]
 
 
-_LINES: dict[str, Callable[[Sequence[Entry]], list[Line]]] = {
-    "configurations": _configurations,
-    "answers": _answers,
-    "agreement": _agreement,
-    "edges": _edges,
-    "ik": _kinematics,
-    "samples": _samples,
-    "clouds": _clouds,
-    "first": _first,
-    "checked": _checked,
-    "plain": _plain,
+_LINES: dict[str, Callable[[Sequence[Entry]], list[SpeedLine]]] = {
+    "configurations": _configurations_lines,
+    "answers": _answers_lines,
+    "agreement": _agreement_lines,
+    "edges": _edges_lines,
+    "ik": _kinematics_lines,
+    "samples": _samples_lines,
+    "clouds": _clouds_lines,
+    "first": _first_lines,
+    "checked": _checked_lines,
+    "plain": _plain_lines,
     "goal_sets": _goal_sets,
-    "node": _node,
-    "memory": _memory,
-    "load": _load,
+    "node": _node_lines,
+    "memory": _memory_lines,
+    "load": _load_lines,
 }
 """Row -> its lines, in the table's order."""
 
@@ -370,9 +389,9 @@ ROWS = tuple(row for row in _LINES if row not in ("checked", "memory"))
 """What can be chosen; `first` brings the checker's answers, `node` its memory."""
 
 
-def lines_of(entries: Sequence[Entry]) -> list[Line]:
+def lines_of(entries: Sequence[Entry]) -> list[SpeedLine]:
     """The table's lines, in its order; failed jobs count as a line that is not met."""
-    lines: list[Line] = []
+    lines: list[SpeedLine] = []
     for row, make in _LINES.items():
         asked = (row, "first") if row == "plain" else (row,)  # which is compared with it
         own = [e for e in entries if e["row"] in asked and "error" not in e]
@@ -380,10 +399,24 @@ def lines_of(entries: Sequence[Entry]) -> list[Line]:
             lines += make(own)
         failed = [e["error"] for e in entries if e["row"] == row and "error" in e]
         if failed:
-            what, why, number = (
-                f"{row}: jobs that failed",
-                "; ".join(dict.fromkeys(failed)),
-                len(failed),
-            )
-            lines.append(Line(row, what, float(number), 0.0, str(number), "0", why))
+            why = "; ".join(dict.fromkeys(failed))
+            lines.append(_none_wanted(f"{row}: jobs that failed", float(len(failed)), why))
     return lines
+
+
+def speed_table(lines: Sequence[SpeedLine], entries: Sequence[Entry]) -> str:
+    """The table as Markdown, and below it what it was measured with."""
+    rows = [
+        (line.what, line.told, line.wanted, "yes" if line.met else "**no**", line.detail)
+        for line in lines
+    ]
+    notes = [
+        f"{sum(line.met for line in lines)} of {len(lines)} targets met. Rates and ratios are of "
+        "CPU time of one core (`time.process_time`), medians over cases; latencies are wall time. "
+        "Runs and queries without an answer count at their limit."
+    ]
+    for made in (entry for entry in entries if entry["row"] == MADE_WITH):
+        told = [f"{key} {value}" for key, value in made.items() if key not in ("row", "rows")]
+        notes.append(f"{', '.join(made['rows'])} measured with: {', '.join(told)}.")
+    header = ("what", "measured", "target", "met", "over")
+    return TextTable(header, rows, "\n\n".join(notes)).markdown()

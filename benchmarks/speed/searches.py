@@ -5,9 +5,7 @@ from __future__ import annotations
 import gc
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import asdict
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,19 +13,16 @@ import numpy as np
 from benchmarks.baselines.exact_collision import ExactCollision
 from benchmarks.baselines.rrt_connect import rrt_connect
 from benchmarks.cases import Case, make_problem, read_inputs
-from benchmarks.record import Record, boxes_ready, recorded_run, save_last
+from benchmarks.record import RecordedRun, Trial, run_case, save_last, trial_entry
 from benchmarks.speed.recorder import GoalSetQuery, Recording
 from benchmarks.speed.rows import Entry
 from placement_planner_ros.core.plan_motion.transit import MotionPlanner
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
-from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.search.sampler import GoalSampler
 from placement_planner_ros.core.types import Array, Goal
 
-MakePlanner = Callable[..., PlacementPlanner]
 
-
-class _TimedSampler:
+class TimedSampler:
     """A sampler, and the seconds of processor time spent in it."""
 
     def __init__(self, sampler: GoalSampler) -> None:
@@ -42,8 +37,8 @@ class _TimedSampler:
         return goals
 
 
-def measure_sampling(case: Case, seed: int, seconds: float) -> Entry:
-    """Goal samples tried per second of SampleGoals in a run, its choice of where included.
+def sampling_rate(planner: PlacementPlanner, seconds: float) -> Entry:
+    """Goal samples tried in a run, its choice of where included, and the seconds they took.
 
     The time is that spent in `sample_goals`: s(x), c_f(x), ξ(x), inverse kinematics and C_free,
     and for the few that pass them release, approach and retreat.
@@ -51,80 +46,64 @@ def measure_sampling(case: Case, seed: int, seconds: float) -> Entry:
     Args:
         seconds: CPU time of the run.
     """
+    timed = planner.sampler = TimedSampler(planner.sampler)
+    started = time.process_time()
+    for _ in planner.run(lambda: time.process_time() - started > seconds):
+        pass
+    spent = time.process_time() - started
+    return {
+        "row": "samples",
+        "samples": planner.statistics.samples,
+        "seconds": timed.seconds,
+        "run_seconds": spent,
+        "rejected": planner.statistics.rejected,
+        "goals": planner.statistics.goals,
+    }
+
+
+def measure_sampling(case: Case, seed: int, seconds: float) -> Entry:
+    """`sampling_rate` of a run of a case."""
     rng = np.random.default_rng(seed)
     problem, objective = make_problem(case, rng)
     planner = PlacementPlanner(problem, objective, PlannerSettings(), rng)
-    timed = planner.sampler = _TimedSampler(planner.sampler)
-    started = time.process_time()
-    placements = sum(1 for _ in planner.run(lambda: time.process_time() - started > seconds))
-    statistics = planner.statistics
-    return {
-        "row": "samples",
-        "case": str(case),
-        "samples": statistics.samples,
-        "seconds": timed.seconds,
-        "run_seconds": time.process_time() - started,
-        "rejected": statistics.rejected,
-        "goals": statistics.goals,
-        "placements": placements,
-    }
+    return sampling_rate(planner, seconds) | {"case": str(case)}
 
 
-def measure_first(
-    case: Case,
-    seed: int,
-    limit: float,
-    folder: Path,
-    make: MakePlanner = PlacementPlanner,
-    row: str = "first",
-    ready: Callable[[Problem], object] = boxes_ready,
-) -> tuple[Entry, dict[str, Any]]:
-    """Seconds (wall time) from the start call's inputs to the first placement.
+def measure_first(trial: Trial, row: str) -> tuple[Entry, Entry]:
+    """Seconds (wall time) from the start call's inputs to the first placement of a trial.
 
     The clock starts when robot, object and cloud are there. It is read when the environment is
-    built, when the planner is made, and at the first placement.
+    built, when the planner is made, and at the first placement. A run that has found nothing by its
+    limit, or fails, counts as unsolved.
 
     Args:
-        limit: seconds; a run that has found nothing by then, or fails, counts as unsolved.
-        folder: where the placement is written, for the checker.
-        make: of problem, objective, settings and rng.
         row: name of the entry.
-        ready: what else belongs to the environment's construction.
 
     Returns:
-        The entry, and the `Record` that `test/by_hand/verify_cases.py` reads.
+        The entry, and the trial's that `test/by_hand/verify_cases.py` reads.
     """
-    rng = np.random.default_rng(seed)
-    inputs = read_inputs(case, rng)
-    record = Record(case, seed, limit)
+    rng = np.random.default_rng(trial.seed)
+    inputs = read_inputs(trial.case, rng)
+    run = RecordedRun(trial.seed, trial.time_limit)
     gc.collect()
-    cpu = 0.0
-
-    def made(*arguments: Any) -> PlacementPlanner:
-        nonlocal cpu
-        cpu = time.process_time()
-        return make(*arguments)
-
-    run = recorded_run(record, inputs, rng, time.perf_counter, made, ready)
-    placement = next(run, None)
-    cpu = time.process_time() - cpu
-    if placement is not None:
-        save_last(folder / "solutions", record, placement)
+    placement = next(run_case(trial, run, inputs, rng, time.perf_counter), None)
+    if placement is not None and trial.solutions is not None:
+        save_last(trial.solutions, trial, run, placement)
     entry = {
         "row": row,
-        "case": str(case),
-        "seed": seed,
-        "limit": limit,
+        "case": str(trial.case),
+        "seed": trial.seed,
+        "limit": trial.time_limit,
         "solved": placement is not None,
-        "environment_seconds": record.environment,
-        "planner_seconds": record.preparation - record.environment,
-        "search_seconds": record.elapsed - record.preparation,
-        "cpu_seconds": cpu,
-        "samples": record.samples,
-        "goals": record.goals,
-        "failure": record.failure,
+        "environment_seconds": run.environment,
+        "planner_seconds": run.preparation - run.environment,
+        "search_seconds": run.elapsed - run.preparation,
+        "cpu_seconds": run.cpu,
+        "samples": run.samples,
+        "goals": run.goals,
+        "failure": run.failure,
     }
-    return entry, asdict(record)
+    return entry, trial_entry(trial, run)
 
 
 def measure_goal_sets(
@@ -143,7 +122,7 @@ def measure_goal_sets(
         entry: Entry = {"row": "goal_sets", "case": str(recording.case)}
         entry |= {"goals": len(query.goals), "limit": limit}
         cpu = time.process_time()
-        entry |= _timed("", partial(_goal_set_planner, recording, query, rng), limit)
+        entry |= _timed_plan("", partial(_goal_set_planner, recording, query, rng), limit)
         entry["cpu_seconds"] = time.process_time() - cpu
         if number in both:
             exact = ExactCollision(
@@ -152,7 +131,7 @@ def measure_goal_sets(
             edge_free = partial(exact.edge_free, reserve=settings.collision.planning_reserve)
             goals = [goal.q_raised for goal in query.goals]
             stock = partial(rrt_connect, query.holding, goals, edge_free)
-            entry |= _timed("plain_", stock, limit)
+            entry |= _timed_plan("plain_", stock, limit)
         yield entry
 
 
@@ -173,7 +152,7 @@ def _goal_set_planner(
     return None
 
 
-def _timed(
+def _timed_plan(
     prefix: str, plan: Callable[[Callable[[], bool]], Array | None], limit: float
 ) -> dict[str, Any]:
     started = time.perf_counter()

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import argparse
-import math
 from typing import Any
 
 from benchmarks.cases import all_cases
 from benchmarks.jobs import run_jobs, say
 from benchmarks.json_lines import read_lines
-from benchmarks.options import add_case_options, add_job_options, wanted_cases
-from benchmarks.wishes.comparison import WishesJob, describe_wishes, run_wishes
+from benchmarks.options import (
+    add_case_options,
+    add_grid_options,
+    add_job_options,
+    grid_resolution,
+    wanted_cases,
+    workers_of,
+)
+from benchmarks.wishes.comparison import WishesJob, describe_wishes, run_wishes, wishes_table
 from benchmarks.wishes.mixtures import MIXTURES
-from benchmarks.wishes.report import markdown
-from benchmarks.yardstick.placement_grid import GridResolution
 
 RUNS_FILE = "wishes.jsonl"
 
@@ -33,8 +37,7 @@ def add_wishes_command(commands: Any) -> None:
     parser.add_argument(
         "--dense-seconds", type=float, default=60.0, help="for reaching the grid's best poses"
     )
-    parser.add_argument("--step", type=float, default=10.0, help="of the grid's positions, mm")
-    parser.add_argument("--turn", type=float, default=5.0, help="of the grid's angles, degrees")
+    add_grid_options(parser, 10.0, 5.0)
     add_case_options(parser)
     add_job_options(parser, "results/wishes")
     parser.set_defaults(command_function=run_wishes_command)
@@ -43,28 +46,13 @@ def add_wishes_command(commands: Any) -> None:
 def run_wishes_command(arguments: argparse.Namespace) -> int:
     """1 where a run failed."""
     path = arguments.output / RUNS_FILE
-    resolution = GridResolution(arguments.step / 1000.0, math.radians(arguments.turn))
+    budget = tuple(range(arguments.seeds)), arguments.seconds, arguments.dense_seconds
     jobs = [
-        WishesJob(
-            case,
-            mixture,
-            tuple(range(arguments.seeds)),
-            arguments.seconds,
-            arguments.dense_seconds,
-            resolution,
-        )
+        WishesJob(case, mixture, *budget, grid_resolution(arguments))
         for case in wanted_cases(all_cases(), arguments)
         for mixture in arguments.mixture or MIXTURES
     ]
-    run_jobs(
-        run_wishes,
-        jobs,
-        path,
-        lambda entry: str(entry["key"]),
-        describe_wishes,
-        arguments.processes,
-        arguments.dask_scheduler,
-    )
+    run_jobs(run_wishes, jobs, path, describe_wishes, workers_of(arguments))
     entries = read_lines(path)
-    say(markdown(entries))
+    say(wishes_table(entries))
     return int(any(entry["failure"] for entry in entries))

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import time
-import traceback
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from benchmarks.cases import Case, build_problem, read_inputs
-from benchmarks.record import boxes_ready, warm_process
-from benchmarks.wishes.mixtures import wishes
+from benchmarks.cases import Case, boxes_ready, build_problem, read_inputs
+from benchmarks.record import RecordedRun, failure_of, last_line, warm_process
+from benchmarks.text_table import TextTable
+from benchmarks.wishes.mixtures import MIXTURES, wishes
 from benchmarks.yardstick.dense_search import DenseSearch, sampled_placements
 from benchmarks.yardstick.placement_grid import GridPlacements, GridResolution, grid_placements
 from placement_planner_ros.core.objective.by_name import make_objective
@@ -21,7 +21,6 @@ from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.types import Array
 
-_IK_SEEDS = 32
 _RANDOM = 50
 """Feasible placements drawn for the median."""
 _AT_ONCE = 4096
@@ -58,25 +57,16 @@ class WishesJob:
 def run_wishes(job: WishesJob) -> dict[str, Any]:
     """Runs and yardstick as a dictionary of plain values; errors are in it, not raised.
 
-    Keys: key; case; mixture; best (ξ of the dense search, None where nothing was reached), complete
+    Keys: case; mixture; best (ξ of the dense search, None where nothing was reached), complete
     (whether no better pose of the grid was left untried) and best_free_pose; random (median ξ of
     random feasible placements); runs: for each seed ξ at its end, when that was found, the number
     of placements and of samples; failure.
     """
-    entry: dict[str, Any] = {
-        "key": job.key,
-        "case": asdict(job.case),
-        "mixture": job.mixture,
-        "failure": "",
-    }
-    try:
-        _run(job, entry)
-    except Exception:
-        entry["failure"] = traceback.format_exc()
-    return entry
+    entry: dict[str, Any] = {"case": asdict(job.case), "mixture": job.mixture}
+    return entry | {"failure": failure_of(_run_all, job, entry)}
 
 
-def _run(job: WishesJob, entry: dict[str, Any]) -> None:
+def _run_all(job: WishesJob, entry: dict[str, Any]) -> None:
     warm_process()
     inputs = read_inputs(job.case, np.random.default_rng(0))
     began = time.process_time()
@@ -84,37 +74,34 @@ def _run(job: WishesJob, entry: dict[str, Any]) -> None:
     boxes_ready(problem)
     environment = time.process_time() - began
     settings = PlannerSettings(wishes=wishes(job.mixture, job.case.objective, inputs.volume))
-    entry["runs"] = [_search(problem, settings, seed, job, environment) for seed in job.seeds]
-    entry |= _yardstick(problem, settings, job)
+    entry["runs"] = []
+    for seed in job.seeds:
+        run = RecordedRun(seed, job.seconds)
+        started = time.process_time() - environment
+        for _ in run.follow(_weighted_planner(problem, settings, seed), started):
+            pass
+        last = run.solutions[-1] if run.solutions else None
+        entry["runs"].append(
+            {
+                "seed": seed,
+                "best": last and last.objective,
+                "found_after": last and last.time,
+                "placements": len(run.solutions),
+                "samples": run.samples,
+            }
+        )
+    entry |= _dense_yardstick(problem, settings, job)
 
 
-def _search(
-    problem: Problem, settings: PlannerSettings, seed: int, job: WishesJob, environment: float
-) -> dict[str, Any]:
-    began = time.process_time() - environment
-    planner = _planner(problem, settings, seed)
-    best, found_after, number = None, None, 0
-    for placement in planner.run(lambda: time.process_time() - began > job.seconds):
-        best, found_after = placement.objective, time.process_time() - began
-        number += 1
-    return {
-        "seed": seed,
-        "best": best,
-        "found_after": found_after,
-        "placements": number,
-        "samples": planner.statistics.samples,
-    }
-
-
-def _planner(problem: Problem, settings: PlannerSettings, seed: int) -> PlacementPlanner:
+def _weighted_planner(problem: Problem, settings: PlannerSettings, seed: int) -> PlacementPlanner:
     """A planner with an objective of its own, as that learns."""
     context = settings.context(problem.environment, problem.volume, problem.body)
     objective = make_objective("weighted", context)
     return PlacementPlanner(problem, objective, settings, np.random.default_rng(seed))
 
 
-def _yardstick(problem: Problem, settings: PlannerSettings, job: WishesJob) -> dict[str, Any]:
-    uniform = _planner(problem, replace(settings, sampler="uniform"), 0)
+def _dense_yardstick(problem: Problem, settings: PlannerSettings, job: WishesJob) -> dict[str, Any]:
+    uniform = _weighted_planner(problem, replace(settings, sampler="uniform"), 0)
     random = sampled_placements(uniform, _RANDOM, job.dense_seconds)
     context = settings.context(problem.environment, problem.volume, problem.body)
     objective = make_objective("weighted", context)
@@ -124,15 +111,9 @@ def _yardstick(problem: Problem, settings: PlannerSettings, job: WishesJob) -> d
         evaluate_batch(objective, poses[k : k + _AT_ONCE]) for k in range(0, len(poses), _AT_ONCE)
     ]
     values = np.concatenate([np.zeros(0), *parts])
-    rng = np.random.default_rng(0)
-    search = DenseSearch(problem, objective, settings, rng, placements, values, _IK_SEEDS)
-    best, complete = search.best(job.dense_seconds)
-    return {
-        "best": None if best is None else best.objective,
-        "complete": complete,
-        "best_free_pose": float(values.max()) if len(values) else None,
-        "random": float(np.median(random)) if len(random) else None,
-        "free_poses": len(values),
+    search = DenseSearch(problem, objective, settings, placements, values)
+    return search.best(job.dense_seconds) | {
+        "random": float(np.median(random)) if len(random) else None
     }
 
 
@@ -151,8 +132,42 @@ def poses_of(problem: Problem, placements: GridPlacements) -> Array:
 def describe_wishes(entry: Mapping[str, Any]) -> str:
     """A job in a line."""
     if entry["failure"]:
-        return f"{entry['key']}: {entry['failure'].splitlines()[-1]}"
+        return f"{entry['key']}: {last_line(entry['failure'])}"
     shown = ["none" if b is None else f"{b:+.3f}" for b in (entry["best"], entry["random"])]
     runs = ", ".join("none" if r["best"] is None else f"{r['best']:+.3f}" for r in entry["runs"])
     cut = "" if entry["complete"] else " (cut off)"
     return f"{entry['key']}: dense {shown[0]}{cut}, random {shown[1]}, runs {runs}"
+
+
+def relative_objectives(entry: Mapping[str, Any]) -> list[float]:
+    """Of each run: 0 is a random placement, 1 the best of the dense search and of the runs; a run
+    without a placement counts as 0. Empty where the dense search has nothing to compare with."""
+    found = [run["best"] for run in entry["runs"] if run["best"] is not None]
+    random = entry["random"]
+    if entry["best"] is None or random is None:
+        return []
+    best = max([entry["best"], *found])
+    if best - random < 1e-6:
+        return []
+    return [
+        0.0 if run["best"] is None else max(0.0, (run["best"] - random) / (best - random))
+        for run in entry["runs"]
+    ]
+
+
+def wishes_table(entries: Sequence[Mapping[str, Any]]) -> str:
+    """A row for each mixture and one of all, as Markdown."""
+    rows = []
+    made = [entry for entry in entries if not entry["failure"]]
+    for name in (*MIXTURES, "all"):
+        of = [entry for entry in made if name in (entry["mixture"], "all")]
+        values = np.array([value for entry in of for value in relative_objectives(entry)])
+        if len(values):
+            numbers = len(of), len(values), f"{values.mean():.3f}", f"{values.min():.3f}"
+            good, cut_off = int((values >= 0.95).sum()), sum(not e["complete"] for e in of)
+            rows.append([name, *map(str, (*numbers, good, cut_off))])
+    header = (
+        "mixture", "cases", "runs", "mean relative objective", "worst", "runs above 0.95",
+        "dense search cut off",
+    )  # fmt: skip
+    return TextTable(header, rows).markdown()

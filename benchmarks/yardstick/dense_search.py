@@ -12,15 +12,14 @@ import numpy as np
 
 from benchmarks.cases import Case, build_problem, read_inputs
 from benchmarks.machine import machine, versions
-from benchmarks.record import Solution, warm_process
+from benchmarks.record import RecordedSolution, warm_process
 from benchmarks.yardstick.placement_grid import GridPlacements, GridResolution, grid_placements
-from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.objective.objective import Objective
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy
 from placement_planner_ros.core.search.sampler import Draws, GoalChecker, SampleCount
-from placement_planner_ros.core.types import Array, Goal, Placement
+from placement_planner_ros.core.types import Array, Goal
 
 _SIGNS = {"maximize_clearance": 1.0, "minimize_clearance": -1.0}
 _CELL = 0.02
@@ -29,6 +28,8 @@ _TRIES_PER_CELL = 8
 _GOALS_PER_CALL = 8
 _CANDIDATES_PER_CALL = 2000
 _LAST_ITERATIONS = 40_000
+_IK_SEEDS = 32
+"""Starts of the inverse kinematics per pose."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +38,6 @@ class YardstickJob:
 
     Attributes:
         seconds: of processor time for inverse kinematics and motion planning, per objective.
-        ik_seeds: starts of the inverse kinematics per pose.
         random_placements: feasible placements drawn for the median.
     """
 
@@ -46,15 +46,7 @@ class YardstickJob:
     objectives: tuple[str, ...] = tuple(_SIGNS)
     resolution: GridResolution = field(default_factory=GridResolution)
     seconds: float = 300.0
-    ik_seeds: int = 32
     random_placements: int = 200
-
-    def __post_init__(self) -> None:
-        for name in self.objectives:
-            if name not in _SIGNS:
-                raise ParameterError(
-                    "objective", name, f"the grid knows clearance only: {', '.join(_SIGNS)}"
-                )
 
     @property
     def work(self) -> float:
@@ -159,14 +151,13 @@ class DenseSearch(PlacementPlanner):
         problem: Problem,
         objective: Objective,
         settings: PlannerSettings,
-        rng: np.random.Generator,
         placements: GridPlacements,
         values: Array,
-        ik_seeds: int,
     ) -> None:
         self._grid = placements
         self._grid_values = values
-        super().__init__(problem, objective, replace(settings, ik_seeds=ik_seeds), rng)
+        settings = replace(settings, ik_seeds=_IK_SEEDS)
+        super().__init__(problem, objective, settings, np.random.default_rng(0))
         if len(values) == 0:
             self.exhausted = "no pose of the grid is stable and free"
 
@@ -179,11 +170,14 @@ class DenseSearch(PlacementPlanner):
         )
         return self._dense
 
-    def best(self, seconds: float) -> tuple[Placement | None, bool]:
-        """The best placement reached, and whether nothing better was left to be tried.
+    def best(self, seconds: float) -> dict[str, Any]:
+        """What the search comes to, as plain values.
 
         Goals better than the best are planned for until `seconds` of processor time are over or a
-        large number of further iterations has reached none of them.
+        large number of further iterations has reached none of them. Keys: best (ξ, None where
+        nothing was reached) and its solution; complete (whether no better pose of the grid was left
+        untried); free_poses (of the grid: stable and free of collision without regard to the arms)
+        and best_free_pose (the best ξ of those).
         """
         deadline = time.process_time() + seconds
         since = 0
@@ -197,8 +191,15 @@ class DenseSearch(PlacementPlanner):
 
         best = None
         for placement in self.run(should_stop):
-            best = placement
-        return best, self._dense.finished or bool(self.exhausted)
+            best = RecordedSolution.of(placement, placement.search_time)
+        values = self._grid_values
+        return {
+            "best": best and best.objective,
+            "solution": best and asdict(best),
+            "complete": self._dense.finished or bool(self.exhausted),
+            "free_poses": len(values),
+            "best_free_pose": float(np.max(values)) if len(values) else None,
+        }
 
 
 def sampled_placements(planner: PlacementPlanner, number: int, seconds: float) -> Array:
@@ -215,9 +216,9 @@ def sampled_placements(planner: PlacementPlanner, number: int, seconds: float) -
     return np.array(values)
 
 
-def yardstick_key(entry: Mapping[str, Any]) -> str:
+def case_of(entry: Mapping[str, Any]) -> Case:
     """The case that an entry is of."""
-    return str(Case(**entry["case"]))
+    return Case(**entry["case"])
 
 
 def describe_yardstick(entry: Mapping[str, Any]) -> str:
@@ -226,19 +227,17 @@ def describe_yardstick(entry: Mapping[str, Any]) -> str:
         "none" if entry[key] is None else f"{entry[key]:+.4f}" for key in ("best", "random")
     )
     return (
-        f"{yardstick_key(entry):<62} best {best}{'' if entry['complete'] else ' (cut off)'}"
+        f"{case_of(entry)!s:<62} best {best}{'' if entry['complete'] else ' (cut off)'}"
         f"  random {random}  {entry['free_poses']} free poses"
     )
 
 
-def measure(job: YardstickJob) -> list[dict[str, Any]]:
+def measure_yardstick(job: YardstickJob) -> list[dict[str, Any]]:
     """One record for each objective, as dictionaries of plain values.
 
-    Keys: case; best (ξ, None where nothing was reached) and its solution; complete (whether no
-    better pose of the grid was left untried); random (median ξ of random feasible placements, None
-    where there is none); random_placements (their number); grid_poses; free_poses (stable and free
-    of collision without regard to the arms) and best_free_pose (the best ξ of those); resolution;
-    seconds of processor time spent; machine, versions.
+    Keys: case; those of `DenseSearch.best`; random (median ξ of random feasible placements, None
+    where there is none); random_placements (their number); grid_poses; resolution; seconds of
+    processor time spent; machine, versions.
     """
     warm_process()
     rng = np.random.default_rng(0)
@@ -256,25 +255,17 @@ def measure(job: YardstickJob) -> list[dict[str, Any]]:
     for name in job.objectives:
         started = time.process_time()
         problem, objective = build_problem(inputs, name)
-        sign = _SIGNS[name]
-        values = sign * placements.clearance
-        search = DenseSearch(problem, objective, settings, rng, placements, values, job.ik_seeds)
-        best, complete = search.best(job.seconds)
-        records.append(
-            {
-                "case": asdict(Case(job.scene, job.object, name)),
-                "best": None if best is None else best.objective,
-                "solution": None if best is None else asdict(Solution.of(best, best.search_time)),
-                "complete": complete,
-                "random": float(sign * np.median(random)) if len(random) else None,
-                "random_placements": len(random),
-                "grid_poses": placements.tried,
-                "free_poses": len(values),
-                "best_free_pose": float(np.max(values)) if len(values) else None,
-                "resolution": asdict(job.resolution),
-                "seconds": shared + time.process_time() - started,
-                "machine": machine(),
-                "versions": versions(),
-            }
-        )
+        values = _SIGNS[name] * placements.clearance
+        search = DenseSearch(problem, objective, settings, placements, values)
+        entry = {"case": asdict(Case(job.scene, job.object, name)), **search.best(job.seconds)}
+        entry |= {
+            "random": float(_SIGNS[name] * np.median(random)) if len(random) else None,
+            "random_placements": len(random),
+            "grid_poses": placements.tried,
+            "resolution": asdict(job.resolution),
+            "seconds": shared + time.process_time() - started,
+            "machine": machine(),
+            "versions": versions(),
+        }
+        records.append(entry)
     return records

@@ -4,11 +4,9 @@ import json
 import subprocess
 import sys
 
-import pytest
-
 from benchmarks import jobs
 from benchmarks.__main__ import main
-from benchmarks.jobs import Progress
+from benchmarks.jobs import WorkProgress
 from benchmarks.json_lines import read_lines
 
 ONE_CASE = ["--scene", "table", "--object", "small_crayons_box"]
@@ -18,7 +16,7 @@ ONE_CASE += ["--objective", "maximize_clearance"]
 def test_progress_is_by_work_not_by_number(monkeypatch):
     now, told = [100.0], []
     monkeypatch.setattr(jobs.time, "monotonic", lambda: now[0])
-    progress = Progress([30.0, 60.0, 10.0], told.append)
+    progress = WorkProgress([30.0, 60.0, 10.0], told.append)
     for seconds, work in ((15.0, 30.0), (30.0, 60.0), (5.0, 10.0)):
         now[0] += seconds
         progress.done("it", work)
@@ -53,6 +51,10 @@ def test_cases_that_find_nothing_are_recorded_and_counted(tmp_path, capsys):
     assert len(read_lines(tmp_path / "runs.jsonl")) == 1
 
 
+COMMANDS = (
+    "cases", "paper", "yardstick", "scaling", "wishes", "report", "motion", "speed", "robots",
+    "situations", "clouds", "concepts",
+)  # fmt: skip
 WITHOUT = """
 import sys
 import toppra  # which imports matplotlib itself
@@ -72,20 +74,16 @@ def without_drawing(*arguments):
 def test_the_commands_are_there_without_matplotlib():
     ended = without_drawing("--help")
     assert ended.returncode == 0
-    for command in ("cases", "paper", "yardstick", "scaling", "report", "motion", "speed"):
+    for command in COMMANDS:
         assert f"    {command} " in ended.stdout
 
 
-@pytest.mark.parametrize("command", ["report", "speed"])
-def test_without_matplotlib_all_but_the_figures_is_written(tmp_path, command):
-    if command == "report":
-        ended = without_drawing("report", tmp_path)
-    else:
-        entry = {"row": "samples", "case": "a", "samples": 9, "seconds": 1}
-        (tmp_path / "raw.jsonl").write_text(json.dumps(entry) + "\n")
-        ended = without_drawing("speed", "--report-only", "--output", tmp_path)
-        assert "goal samples tried per second" in (tmp_path / "speed.md").read_text()
-        assert "goal samples tried per second" in ended.stdout
+def test_without_matplotlib_all_but_the_figures_is_written(tmp_path):
+    entry = {"row": "samples", "case": "a", "samples": 9, "seconds": 1}
+    (tmp_path / "raw.jsonl").write_text(json.dumps(entry) + "\n")
+    ended = without_drawing("speed", "--report-only", "--output", tmp_path)
+    assert "goal samples tried per second" in (tmp_path / "speed.md").read_text()
+    assert "goal samples tried per second" in ended.stdout
     assert ended.returncode == 2
     assert "figures need matplotlib" in ended.stderr
     assert "Traceback" not in ended.stderr

@@ -99,18 +99,6 @@ def test_goal_states_are_reached_one_after_the_other():
     assert problem.getSolutionCount() == len(reached) >= 2
 
 
-def test_the_termination_condition_ends_it():
-    space, si, wall = make_space()
-    problem = ob.ProblemDefinition(si)
-    problem.setStartAndGoalStates(state(space, [1.0, 1.0]), state(space, [5.0, 5.0]))
-    planner = make_planner(si)
-    planner.setProblemDefinition(problem)
-    assert not planner.solve(lambda: wall.asked >= 30)
-    assert wall.asked == 30
-    assert not planner.solve(0.01)
-    assert planner.solve(0.01).getStatus() == ob.PlannerStatus.TIMEOUT
-
-
 def test_missing_states_are_told():
     space, si, _ = make_space()
     problem = ob.ProblemDefinition(si)

@@ -14,10 +14,7 @@ from placement_planner_ros.core.errors import JointStateError, ParameterError
 from placement_planner_ros.core.timing.timing import evaluate
 
 DATA = SHARED / "data"
-SOME = (
-    "bookshelf_small/0009",
-    "table_pick/0005",
-)
+SOME = ("bookshelf_small/0009", "table_pick/0005")
 STEP = 0.02
 """rad between checked states, norm over the joints."""
 

@@ -7,18 +7,14 @@ import trimesh
 from benchmarks.robots import agreement
 from benchmarks.robots.agreement import (
     RobotFiles,
-    clutter,
-    compare,
+    clutter_around,
+    compare_answers,
     small_boxes_inside,
 )
-from benchmarks.robots.triangles import (
-    Boxes,
-    TriangleRobot,
-    components,
-    winding_number,
-)
+from benchmarks.robots.triangles import Boxes, TriangleRobot, components, winding_number
 from placement_planner_ros.core.collision.arm import ArmCollision
 from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.core.robot.moving_arm import MovingArm
 
 JOINT = """
 <joint name="j{n}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>
@@ -100,9 +96,9 @@ def files(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def planner(files):
-    """Robot and arm, and where all joints rest."""
+    """The arm, all joints at zero."""
     robot = Robot.from_urdf(files.urdf, files.package_dirs)
-    return robot, robot.arm("arm", "tip"), np.zeros(4)
+    return MovingArm(robot, robot.arm("arm", "tip"), np.zeros(4))
 
 
 def test_components_are_told_apart_and_closed_ones_from_sheets():
@@ -149,7 +145,7 @@ def brute_force(judge, lower, upper):
 
 
 def test_the_judge_is_right_about_boxes(files, planner):
-    _, arm, _ = planner
+    arm = planner.arm
     judge = TriangleRobot(files.urdf, files.package_dirs, arm.joints, ())
     rng = np.random.default_rng(1)
     seen = set()
@@ -195,22 +191,20 @@ def test_links_within_links_meet(tmp_path):
 
 
 def test_the_planner_agrees_with_the_triangles(files, planner):
-    robot, arm, q = planner
     rng = np.random.default_rng(0)
-    obstacles = clutter(robot, arm, q, 12, rng)
-    found = compare(robot, arm, q, files, obstacles, 2000, rng)
+    obstacles = clutter_around(planner, 12, rng)
+    found = compare_answers(planner, files, obstacles, 2000, rng)
     assert found.wrongly_free == 0, found.wrong
     assert found.share >= 0.999
     assert 200 < found.clear < found.called_free < 1800
 
 
 def test_wrong_answers_are_found(files, planner, monkeypatch):
-    robot, arm, q = planner
     rng = np.random.default_rng(0)
-    obstacles = clutter(robot, arm, q, 12, rng)
+    obstacles = clutter_around(planner, 12, rng)
     asked = ArmCollision.free_batch
     monkeypatch.setattr(agreement, "ArmCollision", lambda *a: _Wrong(ArmCollision(*a), asked))
-    found = compare(robot, arm, q, files, obstacles, 300, rng)
+    found = compare_answers(planner, files, obstacles, 300, rng)
     assert found.wrongly_free > 0
     assert found.share < 0.99
     assert found.wrong
@@ -229,7 +223,6 @@ class _Wrong:
 
 
 def test_small_boxes_within_closed_links_collide(files, planner):
-    robot, arm, q = planner
-    put, missed = small_boxes_inside(robot, arm, q, files, np.random.default_rng(0))
+    put, missed = small_boxes_inside(planner, files, np.random.default_rng(0))
     assert put == 2  # in both Ls; the wall of the tube is too thin, and the sheet holds nothing
     assert missed == []

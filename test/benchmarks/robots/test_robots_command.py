@@ -8,9 +8,9 @@ import pytest
 import trimesh
 
 from benchmarks.__main__ import main
-from benchmarks.robots.command import RAW_FILE, markdown
+from benchmarks.robots.command import RAW_FILE, robots_table
 from benchmarks.robots.measures import problem_of
-from benchmarks.robots.subject import read_subject
+from benchmarks.robots.subject import read_measured_robot
 from benchmarks.robots.things import (
     CLOUDS,
     OBJECTS,
@@ -18,7 +18,6 @@ from benchmarks.robots.things import (
     object_of,
     observe,
     outside_boxes,
-    table_for,
     table_of,
 )
 from placement_planner_ros.core.errors import ObjectError, ParameterError
@@ -54,17 +53,17 @@ def given(tmp_path):
 
 def test_what_a_file_gives_is_read(given):
     file, packages = given
-    subject = read_subject(file, [packages])
+    subject = read_measured_robot(file, [packages])
     assert (subject.name, subject.arms[0].tip_frame) == ("two_arms", "gripper_l_base")
     assert subject.q_start[subject.robot.index("yumi_joint_2_l")] == -1.0
     assert len(subject.vertices) == 4
     vertices, triangles = object_of(subject, OBJECTS[1])
     assert (len(vertices), len(triangles)) == (16, 24)
     with pytest.raises(ParameterError, match="example-robot-data"):
-        read_subject(file, [packages / "elsewhere"])
+        read_measured_robot(file, [packages / "elsewhere"])
     file.write_text("/**: {ros__parameters: {arms: [left]}}")
     with pytest.raises(ParameterError, match="robot_description"):
-        read_subject(file, [packages])
+        read_measured_robot(file, [packages])
 
 
 def test_the_object_is_read_from_its_file(given):
@@ -74,28 +73,28 @@ def test_the_object_is_read_from_its_file(given):
     listed = FILE.index("      vertices:"), FILE.index("placement_scene:")
     lines = f"      mesh: {mesh}\n      scale: 0.001\n"
     file.write_text(FILE[: listed[0]] + lines + FILE[listed[1] :])
-    subject = read_subject(file, [packages])
+    subject = read_measured_robot(file, [packages])
     assert subject.triangles.shape == (12, 3)
     np.testing.assert_allclose(np.ptp(subject.vertices, axis=0), (0.06, 0.08, 0.1), rtol=1e-5)
     mesh.write_text("nothing")
     with pytest.raises(ObjectError, match=r"box\.stl"):
-        read_subject(file, [packages])
+        read_measured_robot(file, [packages])
     mesh.unlink()
     with pytest.raises(ParameterError, match=r"object\.mesh"):
-        read_subject(file, [packages])
+        read_measured_robot(file, [packages])
 
 
 def test_packages_are_found_where_the_file_says_and_above_the_urdf(given):
     file, packages = given
     file.write_text(FILE.replace("    arms:", f"    package_paths: [{packages}]\n    arms:"))
-    assert packages in read_subject(file).package_dirs
+    assert packages in read_measured_robot(file).package_dirs
     own = packages.parent / "own"
     (own / "robot").mkdir(parents=True)
     (own / "placement_planner_ros").symlink_to(share_path("urdf").parent)
     urdf = own / "robot" / "yumi.urdf"
     urdf.write_text(share_path("urdf/yumi.urdf").read_text())
     file.write_text(re.sub(r"robot_description: \S+", f"robot_description: {urdf}", FILE))
-    assert own in read_subject(file, [packages]).package_dirs
+    assert own in read_measured_robot(file, [packages]).package_dirs
 
 
 def test_rows_are_measured_and_written(given, tmp_path, capsys):
@@ -136,7 +135,7 @@ def test_the_table_says_what_is_met():
             inside_missed=[],
         ),
     ]
-    table = markdown(entries)
+    table = robots_table(entries)
     for line in (
         "| r | first placement, slowest | 10.00 s | <= 5 s | **no** |",
         "| r | solutions that the checker refuses | 0 faults in 3 solutions | 0 | yes |",
@@ -150,7 +149,7 @@ def test_the_table_says_what_is_met():
 
 @pytest.mark.parametrize("cloud", CLOUDS)
 def test_clouds_show_the_table_and_what_stands_on_it(given, cloud):
-    subject = read_subject(given[0], [given[1]])
+    subject = read_measured_robot(given[0], [given[1]])
     scene = table_of(subject.volume, np.random.default_rng(0))
     seen = observe(scene, cloud, np.random.default_rng(0))
     points = seen.points
@@ -162,7 +161,7 @@ def test_clouds_show_the_table_and_what_stands_on_it(given, cloud):
 
 
 def test_nothing_stands_where_the_robot_and_its_object_are_at_the_start(given):
-    subject = read_subject(given[0], [given[1]])
+    subject = read_measured_robot(given[0], [given[1]])
     middle = (subject.volume.lower + subject.volume.upper) / 2
     half = np.array([0.08, 0.08, 0.5])
     held = (np.array([middle - half, middle + half]),)
@@ -177,7 +176,7 @@ def test_nothing_stands_where_the_robot_and_its_object_are_at_the_start(given):
 
 
 def test_boxes_at_the_start_hold_links_and_object(given):
-    subject = read_subject(given[0], [given[1]])
+    subject = read_measured_robot(given[0], [given[1]])
     boxes = boxes_at_start(subject)
     arm = subject.arms[0]
     shapes = len(subject.robot.geometry.geometryObjects)
@@ -189,10 +188,10 @@ def test_boxes_at_the_start_hold_links_and_object(given):
 
 
 def test_what_the_camera_does_not_see_is_occupied_but_not_where_the_robot_starts(given):
-    subject = read_subject(given[0], [given[1]])
-    scene = table_for(subject, np.random.default_rng(0))
+    subject = read_measured_robot(given[0], [given[1]])
+    scene = table_of(subject.volume, np.random.default_rng(0), boxes_at_start(subject))
     seen = observe(scene, CLOUDS[1], np.random.default_rng(0))
-    environment = problem_of(subject, OBJECTS[0], seen).environment
+    environment = problem_of(subject, OBJECTS[0], seen)[0].environment
     assert len(environment.obstacles.cells) > len(environment.measured.cells) + 100
     middles = (environment.obstacles.lower + environment.obstacles.upper) / 2
     assert outside_boxes(boxes_at_start(subject), middles, 0.0).all()

@@ -12,14 +12,7 @@ from benchmarks.cases import Case
 from benchmarks.record import Trial
 from benchmarks.scaling.growth import growths
 from benchmarks.scaling.report import draw_scaling, scaling_table
-from benchmarks.scaling.runs import (
-    FACTORS,
-    ScalingJob,
-    run_scaling_job,
-    scaled_volume,
-    scaling_jobs,
-    scaling_key,
-)
+from benchmarks.scaling.runs import FACTORS, ScalingJob, run_scaling, scaled_volume, scaling_jobs
 from benchmarks.variants import VARIANTS
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.scenes.cluttered_table import MOST_THINGS, cluttered_table
@@ -92,8 +85,8 @@ def test_runs_that_never_get_there_count_as_endless():
 def test_a_run_that_finds_nothing_is_recorded_with_its_setting():
     case = Case("table", "small_crayons_box", "minimize_clearance")
     job = ScalingJob("volume", 1, Trial(case, next(iter(VARIANTS)), 3, 1e-3))
-    found = run_scaling_job(job)
-    assert scaling_key(found) == job.key
+    found = run_scaling(job)
+    assert (found["axis"], found["factor"], found["seed"]) == ("volume", 1, 3)
     assert found["solutions"] == []
     assert "no sample was tried" in found["failure"]
     whole = scene_by_name("table").volume
@@ -101,12 +94,9 @@ def test_a_run_that_finds_nothing_is_recorded_with_its_setting():
     assert -0.5 < found["random"] < 0.0
 
 
-def test_jobs_cover_every_setting_and_refuse_others():
+def test_jobs_cover_every_setting():
     jobs = scaling_jobs(2, 5.0)
     assert len({job.key for job in jobs}) == len(jobs) == 2 * 3 * 4 * 2
     assert {job.axis for job in scaling_jobs(1, 5.0, ("cloud",))} == {"cloud"}
-    for wrong in (("height", 1), ("volume", 3)):
-        with pytest.raises(ParameterError):
-            ScalingJob(*wrong, jobs[0].trial)
     with pytest.raises(ParameterError, match="seconds"):
         scaling_jobs(1, 0.0)

@@ -11,12 +11,9 @@ from helpers.impossible import pose_that_stands
 
 from benchmarks.__main__ import main
 from benchmarks.json_lines import append_line, read_lines
-from benchmarks.situations.catalogue import (
-    all_situations,
-    situation_by_name,
-)
+from benchmarks.situations.catalogue import all_situations, situation_by_name
 from benchmarks.situations.observing import camera_of, observe, pixels
-from benchmarks.situations.report import markdown
+from benchmarks.situations.report import situations_report
 from benchmarks.situations.runs import RUNS_FILE, outcome
 from placement_planner_ros.scenes.objects import object_by_name
 
@@ -191,7 +188,7 @@ def test_the_table_tells_what_is_wrong(tmp_path, capsys):
     entries = [entry_of(), wrong, entry_of(cloud="camera", possible=True, why="narrow; but seen")]
     fell = {"run": "a_bin-complete-1", "number": 1, "refused": ["collision: x"], "stays": False,
             "moved": 0.02, "tilted": 9.0}  # fmt: skip
-    text = markdown(entries, [fell])
+    text = situations_report(entries, [fell])
     assert "| complete cloud | 2 | 1 (50.0 %) | 0 | 1 | 0 | 1 of 2 |" in text
     assert "`a_bin-complete-1`: placed though impossible" in text
     assert "collision: x; moves 20.0 mm, tilts 9.0°" in text

@@ -5,68 +5,33 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections import Counter
 
 import numpy as np
 import pytest
 
 from benchmarks.__main__ import main
 from benchmarks.baselines.exact_collision import ExactCollision
-from benchmarks.baselines.plain import PlainPlanner
-from benchmarks.baselines.rrt_connect import rrt_connect
+from benchmarks.baselines.rrt_connect import STOCK_SETTINGS, PlainPlanner, rrt_connect
 from benchmarks.cases import Case, make_problem
-from benchmarks.speed.measures import (
-    Reservoir,
-    cpu_seconds,
-    median,
-    percentile,
-)
-from benchmarks.speed.picture import draw
-from benchmarks.speed.recorder import Recording, RecordSettings, record
-from benchmarks.speed.report import markdown, plain_text
+from benchmarks.speed.picture import draw_speed
+from benchmarks.speed.queries import cpu_seconds
+from benchmarks.speed.recorder import Recording, RecordingSettings, record_queries
 from benchmarks.speed.rows import (
     MADE_WITH,
-    Line,
+    SpeedLine,
     first_seconds,
     lines_of,
     made_with,
+    median,
+    percentile,
     slope_per_hour,
+    speed_table,
 )
 from benchmarks.speed.searches import measure_sampling
-from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.planner import PlannerSettings
 
-SHORT = RecordSettings(runs=1, samples=150, seconds=600.0, states=60, edges=40, poses=10)
+SHORT = RecordingSettings(runs=1, samples=150, seconds=600.0, states=60, edges=40, poses=10)
 CASE = Case("table", "small_crayons_box", "maximize_clearance")
 ONE_CASE = ["--scene", CASE.scene, "--object", CASE.object, "--objective", CASE.objective]
-
-
-def test_a_reservoir_keeps_each_item_equally_often_and_in_order():
-    kept = Counter()
-    for seed in range(400):
-        reservoir = Reservoir(5, np.random.default_rng(seed))
-        for item in range(20):
-            reservoir.offer(item)
-        assert reservoir.seen == 20
-        assert reservoir.items == sorted(reservoir.items)
-        assert len(set(reservoir.items)) == 5
-        kept.update(reservoir.items)
-    # 100 times each on average; the standard deviation is 8.7.
-    assert all(abs(kept[item] - 100) < 45 for item in range(20))
-
-
-def test_a_reservoir_is_the_same_for_the_same_seed_and_keeps_all_of_a_short_stream():
-    def fill(seed, number):
-        reservoir = Reservoir(7, np.random.default_rng(seed))
-        for item in range(number):
-            reservoir.offer(item)
-        return reservoir.items
-
-    assert fill(3, 500) == fill(3, 500)
-    assert fill(3, 500) != fill(4, 500)
-    assert fill(3, 6) == [0, 1, 2, 3, 4, 5]
-    with pytest.raises(ParameterError, match="reservoir size = 0"):
-        Reservoir(0, np.random.default_rng(0))
 
 
 def test_percentiles():
@@ -89,7 +54,7 @@ def test_cpu_time_is_that_of_one_call():
 
 def line(value, target, higher):
     bound = ">=" if higher else "<="
-    return Line("row", "what", value, target, f"{value:g}", f"{bound} {target:g}", "detail")
+    return SpeedLine("what", value, target, f"{value:g}", f"{bound} {target:g}", "detail")
 
 
 @pytest.mark.parametrize(
@@ -133,7 +98,7 @@ def test_a_run_without_a_placement_counts_at_its_limit():
 def test_the_plain_path_places_by_coal_alone():
     rng = np.random.default_rng(0)
     problem, objective = make_problem(CASE, rng)
-    planner = PlainPlanner(problem, objective, PlannerSettings(), rng)
+    planner = PlainPlanner(problem, objective, STOCK_SETTINGS, rng)
     placement = next(planner.run(lambda: planner.statistics.samples > 500))
     assert placement.objective == pytest.approx(objective(placement.T_world_object))
 
@@ -141,7 +106,7 @@ def test_the_plain_path_places_by_coal_alone():
 def test_the_plain_path_is_compared_on_the_same_runs():
     entries = [first("a", seed, 0.1) for seed in range(3)] + [first("b", 0, 5.0)]
     entries += [first("a", 0, 2.0, row="plain"), first("a", 1, 0.1, solved=False, row="plain")]
-    plain = next(line for line in lines_of(entries) if line.row == "plain")
+    plain = next(line for line in lines_of(entries) if "RRTConnect" in line.what)
     assert plain.value == pytest.approx((2.0 + 10.0) / 2 / 0.1)
     assert "2 runs, 1 unsolved" in plain.detail
 
@@ -177,19 +142,18 @@ def test_the_slope_of_memory_leaves_out_the_beginning():
 
 def test_tables_and_picture_show_every_line():
     lines = [line(300.0, 100.0, True), line(math.nan, 5.0, True), line(1.0, 0.0, False)]
-    text = markdown(lines, [made_with(["edges"])])
+    text = speed_table(lines, [made_with(["edges"])])
     assert text.count("**no**") == 2
     assert text.count("not measured") == 1
     assert "1 of 3 targets met" in text
     assert f"edges measured with: day {time.strftime('%Y')}" in text
     assert "numba" in text
-    assert plain_text(lines).count("MISS") == 2
-    assert draw(lines, []).startswith(b"\x89PNG")
+    assert draw_speed(lines, []).startswith(b"\x89PNG")
 
 
 @pytest.fixture(scope="module")
 def recording() -> Recording:
-    return record(CASE, 0, SHORT)
+    return record_queries(CASE, 0, SHORT)
 
 
 def test_recorded_queries_are_those_of_the_run(recording):
@@ -215,7 +179,7 @@ def test_recording_leaves_the_checks_as_they_were(recording):
     queries = max(recording.held, key=lambda held: len(held.states))
     collision = queries.holding.collision
     assert "mock" not in repr(type(collision).free)
-    again = record(CASE, 0, SHORT)
+    again = record_queries(CASE, 0, SHORT)
     assert again.seen == recording.seen
 
 
@@ -255,7 +219,7 @@ def test_the_command_on_one_case(tmp_path, capsys):
         + json.dumps({"row": "edges", "job": "old", "error": "of an earlier run"})
         + "\n"
     )
-    only = ["--only", "configurations,answers,agreement,edges,ik"]
+    only = ["--rows", "configurations", "answers", "agreement", "edges", "ik"]
     assert main(["speed", *only, *ONE_CASE, *small, "--output", str(tmp_path)]) == 0
     entries = [json.loads(text) for text in (tmp_path / "raw.jsonl").read_text().splitlines()]
     rows = {entry["row"] for entry in entries}
@@ -297,8 +261,8 @@ def test_a_page_is_filled_between_its_marks(tmp_path, capsys):
 
 def test_rows_that_do_not_exist_or_have_nothing_to_measure(tmp_path, capsys):
     with pytest.raises(SystemExit):
-        main(["speed", "--only", "edges,wheels", "--output", str(tmp_path)])
-    assert "no row wheels" in capsys.readouterr().err
-    arguments = ["speed", "--only", "goal_sets", *ONE_CASE, "--output", str(tmp_path)]
+        main(["speed", "--rows", "edges", "wheels", "--output", str(tmp_path)])
+    assert "wheels" in capsys.readouterr().err
+    arguments = ["speed", "--rows", "goal_sets", *ONE_CASE, "--output", str(tmp_path)]
     assert main(arguments) == 2
     assert "goal_sets" in capsys.readouterr().err
