@@ -250,7 +250,7 @@ def last_line(text: str) -> str:
 
 
 def save_last(folder: Path, trial: Trial, run: RecordedRun, placement: Placement) -> None:
-    """Write the run's last placement under the name that `test/by_hand/verify_cases.py` looks for."""
+    """Write the run's last placement as `test/by_hand/verify_cases.py` looks for it."""
     name = f"{str(trial.case).replace('/', '-')}-{run.seed}-{len(run.solutions)}.npz"
     save_solution(folder / name, trial.case, run.seed, placement)
 

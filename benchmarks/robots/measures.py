@@ -52,7 +52,6 @@ from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.collision.boxes import box_arrays
 from placement_planner_ros.core.disk_cache import cache_folder
 from placement_planner_ros.core.errors import PlacementPlannerError
-from placement_planner_ros.core.disk_cache import cache_folder
 from placement_planner_ros.core.objective.objective import Objective
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.problem import Problem, workspace

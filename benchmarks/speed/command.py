@@ -43,7 +43,7 @@ _LOAD_SECONDS = 300.0
 _VERIFY = """
 import json, sys
 from pathlib import Path
-from verify_cases import verify
+from by_hand.verify_cases import verify
 runs, refusals = verify(Path(sys.argv[1]))
 checked = sum(len(run["solutions"]) for run in runs)
 told = {"row": "checked", "checked": checked, "refused": len(refusals), "refusals": refusals}
