@@ -13,16 +13,13 @@ from itertools import product
 from typing import Any
 
 import numpy as np
+from toppra.constraint import DiscretizationType, LinearConstraint
+from toppra.constraint.linear_constraint import canlinear_colloc_to_interpolate
+from toppra.interpolator import AbstractGeometricPath
 
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.reach.kinematics import Chain, Flags, chain_frames, kernel_input
 from placement_planner_ros.core.reach.reach_bound import levers
-from placement_planner_ros.core.timing.only_toppra import (
-    AbstractGeometricPath,
-    DiscretizationType,
-    LinearConstraint,
-    canlinear_colloc_to_interpolate,
-)
 from placement_planner_ros.core.timing.quintic import halved
 from placement_planner_ros.core.types import Array
 

@@ -14,18 +14,15 @@ from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import PPoly
+from toppra.algorithm import TOPPRA
+from toppra.constraint import JointAccelerationConstraint, JointVelocityConstraint
+from toppra.interpolator import AbstractGeometricPath
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.timing.carried_point import (
     CarriedPoint,
     PointAccelerationConstraint,
-)
-from placement_planner_ros.core.timing.only_toppra import (
-    TOPPRA,
-    AbstractGeometricPath,
-    JointAccelerationConstraint,
-    JointVelocityConstraint,
 )
 from placement_planner_ros.core.timing.quintic import (
     concatenate,
