@@ -8,6 +8,7 @@ import sys
 import time
 from importlib import import_module
 
+from placement_planner_ros.core.disk_cache import TROUBLES
 from placement_planner_ros.core.practice.compiling import (
     CompilationError,
     CompilationProgress,
@@ -37,6 +38,10 @@ class _Bar:
         line = f"[{'#' * filled}{'.' * (_WIDTH - filled)}] {progress}"
         self._line.show(line, always=progress.done == progress.kernels)
 
+    def say(self, words: str) -> None:
+        """Say what keeps kernels from being kept or loaded."""
+        self._line.say(words)
+
     def end(self) -> None:
         """Leave the line."""
         self._line.end()
@@ -47,6 +52,7 @@ def main() -> int:
     # As an exception, so that the processes that compile are ended too.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     bar = _Bar()
+    TROUBLES.listen(bar.say)
     try:
         return _compile(bar)
     except CompilationError as error:

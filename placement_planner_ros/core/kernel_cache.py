@@ -84,8 +84,12 @@ class KernelCache:
         return bool(self._folder) and any(Path(self._folder).glob(f"{self._name}.*.nbk"))
 
     def keeps(self, signature: object, target_context: Any) -> bool:
-        """Whether the version for these arguments is on disk, sound or not."""
-        return self._enabled and self._path(signature, target_context.codegen()).is_file()
+        """Whether the version for these arguments is on disk, and whole."""
+        path = self._path(signature, target_context.codegen())
+        try:
+            return self._enabled and bool(unsealed(path.read_bytes(), path.name))
+        except (OSError, ValueError):
+            return False
 
     def enable(self) -> None:
         """Read and write from now on."""
@@ -233,20 +237,29 @@ def versions(of: str) -> bytes:
 
 
 def load(versions: bytes) -> bool:
-    """Have all these versions, compiled where they are not on disk.
+    """Have all these versions, from disk.
 
     Args:
         versions: of kernels whose modules are imported, as `versions` said.
 
     Returns:
-        whether it knew all of these kernels.
+        whether all of them are there; if not, none is loaded.
     """
-    made: list[tuple[_Maker, object]] = pickle.loads(versions)
-    if any(maker not in _MAKERS for maker, _ in made):
+    made: list[tuple[_Maker, Any]] = pickle.loads(versions)
+    if not all(_is_there(maker, signature) for maker, signature in made):
         return False
     for maker, signature in made:
         _MAKERS[maker].compile(signature)
     return True
+
+
+def _is_there(maker: _Maker, signature: Any) -> bool:
+    """Whether that version is loaded, or on disk and whole."""
+    dispatcher = _MAKERS.get(maker)
+    return dispatcher is not None and (
+        signature in dispatcher.overloads
+        or dispatcher._cache.keeps(signature, dispatcher.targetctx)
+    )
 
 
 _Called = dict[str, tuple[_Maker, object]]

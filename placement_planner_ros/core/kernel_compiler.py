@@ -4,24 +4,17 @@ Numba links what a function calls into it, and optimises and emits all of it aga
 of twenty callees twenty times. Here a kernel is compiled once: its callers get it to write it into
 themselves where it is short, then call the one that is there. So its name has to be the same in
 each process, which numba's, with a number that it counts up, is not.
-
-Numba also finds its own functions by comparing all flags of the compiler for each, which costs a
-tenth of the time. To say which shapes do not fit where an array is put into another, it compiles
-what makes words of numbers, and again in each kernel that does so.
 """
 
 from __future__ import annotations
 
-import contextlib
 import weakref
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import llvmlite.binding as llvm
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import Compiler, Flags
-from numba.core.extending import overload
-from numba.np import arrayobj
+from numba.core.compiler import Compiler
 
 _WRITTEN_IN = 500
 """Instructions beside its arguments from which on a kernel is too long to be written into others.
@@ -42,11 +35,7 @@ _LONG: weakref.WeakSet[Any] = weakref.WeakSet()
 
 
 class KernelCompiler(Compiler):
-    """Numba's, with libraries, flags and names as kernels need them."""
-
-    def __init__(self, *given: Any) -> None:
-        super().__init__(*given)
-        self.state.flags = _Flags(self.state.flags)
+    """Numba's, with libraries and names as kernels need them."""
 
     def _compile_bytecode(self) -> Any:
         state = self.state
@@ -55,8 +44,7 @@ class KernelCompiler(Compiler):
             state.func_id.unique_id = name
             state.library = KernelLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
             state.library.enable_object_caching()
-        with _misfits_told_briefly():
-            return super()._compile_bytecode()
+        return super()._compile_bytecode()
 
 
 class KernelLibrary(JITCodeLibrary):
@@ -110,74 +98,6 @@ class KernelLibrary(JITCodeLibrary):
 
     def _finalize_dynamic_globals(self) -> None:
         """Kernels are kept all the same: their files name what they call."""
-
-
-class _Flags(Flags):
-    """Those of one compilation, of which numba makes a copy to look others up with."""
-
-    def copy(self) -> Flags:
-        """The same for all compilations with these flags."""
-        for known in _FROZEN:
-            if known == self:
-                return known
-        _FROZEN.append(_FrozenFlags(self))
-        return _FROZEN[-1]
-
-
-class _FrozenFlags(Flags):
-    """Compared and hashed in no time."""
-
-    __slots__ = ("_all", "_hash")
-
-    def __init__(self, flags: Flags) -> None:
-        super().__init__(flags)
-        self._all = flags.values()
-        self._hash = super().__hash__()
-
-    def values(self) -> dict[str, Any]:
-        """By name."""
-        return self._all
-
-    def copy(self) -> Flags:
-        """To be changed."""
-        return Flags(self)
-
-    def __hash__(self) -> int:
-        return self._hash
-
-    def __eq__(self, other: object) -> bool:
-        return self is other or super().__eq__(other)
-
-
-_FROZEN: list[_FrozenFlags] = []
-_TELLING = "raise_with_shape_context"
-"""Numba's function that says which shapes do not fit."""
-
-
-@contextlib.contextmanager
-def _misfits_told_briefly() -> Iterator[None]:
-    """While a kernel is compiled, arrays that do not fit into others raise without their shapes."""
-    telling = getattr(arrayobj, _TELLING, None)
-    if telling is None:  # numba before 0.62 tells no shapes
-        yield
-        return
-    setattr(arrayobj, _TELLING, _raise_briefly)
-    try:
-        yield
-    finally:
-        setattr(arrayobj, _TELLING, telling)
-
-
-def _raise_briefly(source: Any, target: Any) -> None:
-    """What numba calls with both shapes."""
-
-
-@overload(_raise_briefly)
-def _raising_briefly(source: Any, target: Any) -> Any:
-    def told(source: Any, target: Any) -> None:
-        raise ValueError("an array is put into one of another shape")
-
-    return told
 
 
 def is_long(compiled: Any) -> bool:

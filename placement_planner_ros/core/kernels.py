@@ -63,6 +63,16 @@ def not_kept() -> tuple[list[str], int]:
     return [cache.name for cache in core if not cache.is_kept], len(core)
 
 
+def forget_all() -> None:
+    """Remove all versions of the core's kernels from disk.
+
+    Raises:
+        OSError: one cannot be removed.
+    """
+    for cache in _of_core():
+        cache.flush()
+
+
 def version_of_kernels() -> str:
     """Of all kernels of the core, this Python and this processor, in a few characters."""
     names = sorted({Path(cache.cache_path).name for cache in _of_core()})

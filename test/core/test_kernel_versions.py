@@ -71,15 +71,3 @@ def test_kernels_of_others_make_no_other_version_of_the_cores():
     double.__module__ = "elsewhere.core.numbers"
     kernels.kernel()(double)
     assert kernels.version_of_kernels() == before
-
-
-@pytest.mark.usefixtures("fresh_cache")
-def test_an_array_that_does_not_fit_is_told_without_compiling_words():
-    def put(target, source):
-        target[:] = source
-
-    kernel = kernels.kernel()(put)
-    with pytest.raises(ValueError, match="into one of another shape"):
-        kernel(np.zeros(3), np.ones(2))
-    (code,) = kernel.inspect_llvm().values()
-    assert "unicode" not in code

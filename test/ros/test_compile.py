@@ -1,9 +1,11 @@
-"""`placement_planner --compile` where it is interrupted, or can keep nothing."""
+"""`placement_planner --compile` where it is interrupted or killed, or can keep nothing."""
 
 import os
+import select
 import signal
 import subprocess
 import sys
+import time
 
 import pytest
 
@@ -23,26 +25,49 @@ def compiling(folder):
     )
 
 
-def compilers(process):
-    """Processes that it has started."""
-    with open(f"/proc/{process.pid}/task/{process.pid}/children") as file:
-        return [int(number) for number in file.read().split()]
+def child_of(pid):
+    """The process that it starts."""
+    while True:
+        with open(f"/proc/{pid}/task/{pid}/children") as file:
+            begun = [int(number) for number in file.read().split()]
+        if begun:
+            return begun[0]
+        time.sleep(0.05)
+
+
+def both_compilers(process):
+    """Files that can be read once the processes that compile, which have begun, have ended."""
+    while "kernels compiled" not in process.stdout.readline():
+        assert process.poll() is None, process.stderr.read()
+    first = child_of(process.pid)
+    return [os.pidfd_open(first), os.pidfd_open(child_of(first))]
+
+
+def assert_given_up(compilers, folder):
+    """They end, and not because all is compiled."""
+    for each in compilers:
+        select.select([each], [], [])
+        os.close(each)
+    assert list(folder.rglob("passed-*")) == []
+
+
+def test_killed_it_leaves_no_process(tmp_path):
+    process = compiling(tmp_path)
+    compilers = both_compilers(process)
+    process.kill()
+    process.communicate()
+    assert_given_up(compilers, tmp_path)
 
 
 def test_interrupted_it_says_so_and_leaves_no_process(tmp_path):
     process = compiling(tmp_path)
-    while "kernels compiled" not in process.stdout.readline():
-        assert process.poll() is None, process.stderr.read()
-    begun = compilers(process)
-    assert begun
+    compilers = both_compilers(process)
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=300.0)
     assert process.returncode == 130
     assert err.startswith("interrupted")
     assert "Traceback" not in err
-    for each in begun:
-        with pytest.raises(ProcessLookupError):
-            os.killpg(each, 0)
+    assert_given_up(compilers, tmp_path)
 
 
 def test_where_nothing_can_be_kept_it_says_what_to_try(tmp_path):

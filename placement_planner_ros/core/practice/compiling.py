@@ -2,28 +2,25 @@
 
 A process that compiles keeps what the compiler took, for its life, and compiles on one core only.
 Two processes begin with different stages of `Practice` and keep each kernel on disk as it is done,
-where the other finds it.
+where the other finds it. Both end where the process that began them does.
 """
 
 from __future__ import annotations
 
-import contextlib
 import os
-import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import IO
 
 from placement_planner_ros.core.disk_cache import cache_folder
-from placement_planner_ros.core.kernel_cache import claim_versions, write_whole
-from placement_planner_ros.core.kernels import not_kept, version_of_kernels
-from placement_planner_ros.core.practice.hastening import hasten
-from placement_planner_ros.core.practice.passing import pass_every_stage
+from placement_planner_ros.core.kernel_cache import claim_versions
+from placement_planner_ros.core.kernels import not_kept
+from placement_planner_ros.core.practice.passing import load_passed, pass_every_stage
 from placement_planner_ros.core.practice.practice import Practice
 from placement_planner_ros.core.stopping import step
 
@@ -83,7 +80,8 @@ class CompilationProgress:
 
 
 def compile_kernels(told: Callable[[CompilationProgress], None]) -> None:
-    """Compile what is not on disk yet; stoppable, as `core.stopping` says.
+    """Compile what is not on disk yet, all where that cannot be loaded; stoppable, as
+    `core.stopping` says.
 
     Args:
         told: how far it is, whenever that changed.
@@ -92,8 +90,7 @@ def compile_kernels(told: Callable[[CompilationProgress], None]) -> None:
         CompilationError: it failed, or what is compiled cannot be kept.
         StoppedError: nobody wants them any more.
     """
-    mark = _mark()
-    if mark is not None and mark.exists():
+    if load_passed():
         return
     _require_room()
     missing, kernels = not_kept()
@@ -108,9 +105,6 @@ def compile_kernels(told: Callable[[CompilationProgress], None]) -> None:
     with tempfile.TemporaryFile() as errors:  # a file, since a pipe that nobody reads would fill
         _run(errors, lambda: tell(kernels - len(not_kept()[0])))
     tell(kernels)
-    if mark is not None:
-        with contextlib.suppress(OSError):  # the kernels are there all the same
-            write_whole(mark, b"")
 
 
 def _run(errors: IO[bytes], look: Callable[[], None]) -> None:
@@ -120,26 +114,18 @@ def _run(errors: IO[bytes], look: Callable[[], None]) -> None:
         CompilationError: one failed.
         StoppedError: nobody wants them any more.
     """
-    process = _spawn(errors)
-    try:
-        while process.poll() is None:
-            step("compiling kernels")
-            look()
-            time.sleep(_LOOK)
-    finally:
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)  # the other too
-        process.wait()
+    with _spawn(errors) as process:
+        try:
+            while process.poll() is None:
+                step("compiling kernels")
+                look()
+                time.sleep(_LOOK)
+        finally:
+            process.kill()  # the copy of it ends as the pipe is closed
     if process.returncode != 0:
         errors.seek(0)
         last = " ".join(errors.read().decode(errors="replace").split())[-300:]
         raise CompilationError(f"a process that compiled ended by {process.returncode}: {last}")
-
-
-def _mark() -> Path | None:
-    """A file that says that all kernels of this version are compiled for this processor."""
-    folder = cache_folder()
-    return None if folder is None else folder / f"all-{version_of_kernels()}"
 
 
 def _require_room() -> None:
@@ -152,21 +138,17 @@ def _require_room() -> None:
     if folder is None:
         raise CompilationError("there is no home folder")
     try:
-        with tempfile.TemporaryFile(dir=_made(folder)) as probe:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder) as probe:
             probe.write(bytes(_ROOM))
     except OSError as error:
         raise CompilationError(f"{folder}: {error.strerror or error}") from error
 
 
-def _made(folder: Path) -> Path:
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder
-
-
 def _spawn(errors: IO[bytes]) -> subprocess.Popen[bytes]:
     return subprocess.Popen(
         [sys.executable, "-m", __name__],
-        stdin=subprocess.DEVNULL,
+        stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         stderr=errors,
         start_new_session=True,  # a terminal's Ctrl-C is the caller's to handle
@@ -180,11 +162,17 @@ def _work() -> int:
     Returns:
         0 where neither failed.
     """
-    hasten()
     claim_versions()
     other = os.fork()
+    threading.Thread(target=_end_with_caller, daemon=True).start()
     pass_every_stage(_ORDERS[0 if other else 1])
     return os.waitstatus_to_exitcode(os.waitpid(other, 0)[1]) if other else 0
+
+
+def _end_with_caller() -> None:
+    """End this process once nobody has the other end of its standard input any more."""
+    os.read(sys.stdin.fileno(), 1)
+    os._exit(1)
 
 
 if __name__ == "__main__":

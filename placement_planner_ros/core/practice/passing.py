@@ -13,8 +13,14 @@ import pinocchio as pin
 import scipy
 
 from placement_planner_ros.core import kernel_cache
-from placement_planner_ros.core.disk_cache import bypassed, cache_folder, sealed, unsealed
-from placement_planner_ros.core.kernels import version_of_kernels
+from placement_planner_ros.core.disk_cache import (
+    TROUBLES,
+    bypassed,
+    cache_folder,
+    sealed,
+    unsealed,
+)
+from placement_planner_ros.core.kernels import forget_all, version_of_kernels
 from placement_planner_ros.core.practice.practice import Practice
 
 _CORE = Path(__file__).parents[1]
@@ -30,21 +36,32 @@ def pass_every_stage(first: Sequence[Callable[[Practice], None]] = ()) -> None:
     Raises:
         PracticeError: a stage was not passed.
     """
+    path = _path()  # of the code that was loaded, should it change meanwhile
     with bypassed():
         Practice().solve(first)
-    path = _path()
     if path is not None:
         with contextlib.suppress(OSError):  # the next process solves it too
             kernel_cache.write_whole(path, sealed(kernel_cache.versions(_NAME), path.name))
 
 
 def load_passed() -> bool:
-    """Load the kernels with which every stage was passed, if that has been kept."""
+    """Load the kernels with which every stage was passed, if that has been kept.
+
+    Where not all of them can be loaded, none is kept any longer, and `TROUBLES` is told.
+    """
     path = _path()
-    try:
-        return path is not None and kernel_cache.load(unsealed(path.read_bytes(), path.name))
-    except (OSError, ValueError):
+    if path is None or not path.is_file():
         return False
+    with contextlib.suppress(OSError, ValueError):
+        if kernel_cache.load(unsealed(path.read_bytes(), path.name)):
+            return True
+    TROUBLES.note(
+        "unloadable", f"the kernels in {path.parent} cannot be loaded; all are compiled anew"
+    )
+    with contextlib.suppress(OSError):  # then what is damaged is compiled anew
+        path.unlink()
+        forget_all()
+    return False
 
 
 def _path() -> Path | None:

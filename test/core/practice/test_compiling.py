@@ -2,6 +2,10 @@
 
 import os
 import shutil
+import subprocess
+import sys
+import time
+from contextlib import suppress
 
 import pytest
 from numba.core import config
@@ -38,7 +42,7 @@ def without_one(all_kept, tmp_path, monkeypatch):
     here = tmp_path / "placement_planner_ros"
     for _, cache in compiling_caches():
         monkeypatch.setattr(cache, "_folder", str(here / cache.cache_path.rsplit("/", 1)[-1]))
-    for path in [*here.glob(f"*/{A_KERNEL}-*.nbk"), *here.glob("all-*")]:
+    for path in [*here.glob(f"*/{A_KERNEL}-*.nbk"), *here.glob("passed-*")]:
         path.unlink()
     return A_KERNEL
 
@@ -67,6 +71,36 @@ def test_nothing_is_begun_where_nothing_is_missing(all_kept, monkeypatch):
     compile_kernels(lambda _: None)
 
 
+UNLOADABLE = """
+from placement_planner_ros.core.disk_cache import TROUBLES
+from placement_planner_ros.core.practice import compiling
+
+TROUBLES.listen(print)
+compiling._run = lambda errors, look: look()  # compiles nothing
+compiling.compile_kernels(print)
+"""
+
+
+@pytest.mark.parametrize("cut", ["*/*.nbk", f"*/{A_KERNEL}-*.nbk", "passed-*"])
+def test_a_cache_that_cannot_be_loaded_is_emptied_and_that_is_said(all_kept, tmp_path, cut):
+    """In a process of its own, as this one has loaded all."""
+    here = shutil.copytree(all_kept, tmp_path / "placement_planner_ros")
+    for path in here.glob(cut):
+        os.truncate(path, path.stat().st_size // 2)
+    environment = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"}
+    done = subprocess.run(
+        [sys.executable, "-c", UNLOADABLE],
+        env=environment | {"XDG_CACHE_HOME": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    said, begun, _ = done.stdout.splitlines()
+    assert f"{here} cannot be loaded" in said
+    assert begun.startswith("0 of ")
+
+
 def test_it_can_be_stopped(without_one, monkeypatch):
     begun = []
     spawn = compiling._spawn
@@ -76,8 +110,11 @@ def test_it_can_be_stopped(without_one, monkeypatch):
     with stoppable(lambda: True), pytest.raises(StoppedError):
         compile_kernels(lambda _: None)
     assert [process.wait(30.0) != 0 for process in begun] == [True]
-    with pytest.raises(ProcessLookupError):
-        os.killpg(begun[0].pid, 0)
+    with suppress(ProcessLookupError):
+        while True:
+            os.killpg(begun[0].pid, 0)
+            time.sleep(0.05)
+    assert len(not_kept()[0]) == 1, "the other process went on"
 
 
 def test_a_folder_that_cannot_be_written_is_told_at_once(without_one, monkeypatch, tmp_path):

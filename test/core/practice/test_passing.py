@@ -40,10 +40,11 @@ def kept():
 
 @pytest.fixture
 def of_its_own(kept, tmp_path, monkeypatch):
-    """A copy, for this test alone."""
+    """A copy, for this test alone; kernels stay where they are."""
     path = tmp_path / kept.name
     path.write_bytes(kept.read_bytes())
     monkeypatch.setattr(passing, "_path", lambda: path)
+    monkeypatch.setattr(passing, "forget_all", lambda: None)
     return path
 
 
@@ -77,6 +78,7 @@ def test_a_kernel_that_there_is_not_any_more_is_no_reason_to_fail(of_its_own):
     assert gone != whole
     of_its_own.write_bytes(sealed(gone, of_its_own.name))
     assert not load_passed()
+    assert not of_its_own.exists()
 
 
 def test_without_a_home_it_is_not_kept(monkeypatch):
