@@ -7,8 +7,6 @@ import subprocess
 import sys
 import time
 
-import pytest
-
 
 def compiling(folder):
     """The program with its kernels in that folder."""
