@@ -7,7 +7,6 @@ from collections.abc import Mapping
 import numpy as np
 import pinocchio as pin
 
-from placement_planner_ros.core.errors import RobotError
 from placement_planner_ros.core.robot.description import read_urdf
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.view.coarsening import coarse_enough
@@ -34,11 +33,7 @@ class ShownRobot:
 
     def __init__(self, urdf: str, find: FindFile) -> None:
         description = read_urdf(urdf)
-        try:
-            self._model = pin.buildModelFromXML(description.text)
-        except Exception as error:  # whatever pinocchio raises at what it is given
-            words = f"is refused: {error}"
-            raise RobotError("robot_description", description.root.get("name"), words) from error
+        self._model = description.build_model()
         self._data = self._model.createData()
         self._mimics = {
             name: joint.mimic for name, joint in description.joints.items() if joint.mimic

@@ -1,35 +1,26 @@
-"""URDF text: read, checked, and brought to one coordinate per movable joint.
+"""URDF text: read as urdfdom does, checked, and brought to one form.
 
-What a description leaves open or states badly is decided here, once, and said in `warnings`:
-a continuous joint gets a range that no plan comes to the end of, a missing or useless velocity
-limit a cautious default.
+In that form every movable joint has one coordinate with limits, and every origin its rotation as
+roll, pitch and yaw. What a description leaves open or states badly is decided here, once, and said
+in `warnings`: a continuous joint gets a range that no plan comes to the end of, a useless
+velocity limit a cautious default.
 """
 
 from __future__ import annotations
 
 import math
+import sys
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from xml.parsers import expat
 
 import numpy as np
 import pinocchio as pin
 
-from placement_planner_ros.core.errors import RobotError
-from placement_planner_ros.core.robot.joint_limits import (
-    ANGULAR_ACCELERATION,
-    FIELD,
-    LINEAR_ACCELERATION,
-    Assumed,
-    JointLimit,
-)
+from placement_planner_ros.core.errors import RobotError, listed
+from placement_planner_ros.core.robot.joint_limits import FIELD, Assumed, JointLimit, assumed_rate
 from placement_planner_ros.core.types import Array
-
-DEFAULT_ANGULAR_VELOCITY = 1.0
-"""rad/s, for a revolute joint whose URDF states no usable velocity limit."""
-
-DEFAULT_LINEAR_VELOCITY = 0.1
-"""m/s, the same for a prismatic joint."""
 
 MAX_VELOCITY = 100.0
 """Velocity limits above this (rad/s or m/s) are read as "not stated"."""
@@ -55,6 +46,9 @@ MAX_ATTRIBUTES = 100
 _NAMED = 5
 """Joints that are named at most."""
 
+_SHOWN = 60
+"""Characters of what is no XML that are shown."""
+
 MAX_DEPTH = 50
 """Elements that may lie within each other: what reads URDF calls itself for each."""
 
@@ -75,23 +69,22 @@ class Joint:
     Attributes:
         name: of the joint.
         lower, upper: its range, rad or m.
-        velocity: its limit, rad/s or m/s.
+        velocity, acceleration: their limits, rad/s and rad/s², or m/s and m/s².
         mimic: what it follows.
         continuous: whether it turns without end stops.
         prismatic: whether it slides.
-        acceleration: its limit, rad/s² or m/s²; None where nobody states one.
-        assumed: the limits that nobody states, and what they are taken to be.
+        assumed: those of the limits that nobody states.
     """
 
     name: str
     lower: float
     upper: float
     velocity: float
+    acceleration: float
     mimic: Mimic | None
-    continuous: bool = False
-    prismatic: bool = False
-    acceleration: float | None = None
-    assumed: tuple[Assumed, ...] = ()
+    continuous: bool
+    prismatic: bool
+    assumed: tuple[Assumed, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +92,7 @@ class Description:
     """A URDF that is known to be sound.
 
     Attributes:
-        root: the normalised XML tree; every movable joint is revolute or prismatic with limits.
+        root: the normalised XML tree.
         joints: movable joints by name.
         warnings: sentences on what was decided where the URDF was silent.
     """
@@ -108,10 +101,29 @@ class Description:
     joints: dict[str, Joint]
     warnings: tuple[str, ...]
 
-    @property
-    def text(self) -> str:
-        """The normalised URDF."""
-        return ET.tostring(self.root, encoding="unicode")
+    def build_model(self) -> pin.Model:
+        """Pinocchio's model of links and movable joints, one coordinate each.
+
+        Raises:
+            RobotError: pinocchio refuses it.
+        """
+        bare = ET.Element("robot", name=self.root.get("name", ""))
+        for link in self.root.findall("link"):
+            ET.SubElement(bare, "link", name=_name(link))
+        for joint in self.root.findall("joint"):
+            # what urdfdom would refuse a joint for that has been read here is left out
+            copy = ET.SubElement(bare, "joint", joint.attrib)
+            copy.extend(part for part in joint if part.tag in _KINEMATIC)
+        try:
+            return pin.buildModelFromXML(ET.tostring(bare, encoding="unicode"))
+        except Exception as error:  # whatever pinocchio raises at what it is given
+            raise RobotError(
+                "robot_description", self.root.get("name"), f"is refused: {error}"
+            ) from error
+
+
+_KINEMATIC = ("parent", "child", "origin", "axis", "limit")
+"""Parts of a joint that say where it is and how it moves."""
 
 
 class _Bounded(ET.TreeBuilder):
@@ -144,7 +156,7 @@ class _Bounded(ET.TreeBuilder):
 
 
 def read_xml(text: str, field: str) -> ET.Element:
-    """The root of URDF or SRDF text.
+    """The root of URDF or SRDF text, names as they are written: a prefix need not be bound.
 
     Raises:
         RobotError: not XML, or beyond `MAX_TEXT`, `MAX_DEPTH` or `MAX_ATTRIBUTES`.
@@ -155,38 +167,46 @@ def read_xml(text: str, field: str) -> ET.Element:
         raise RobotError(
             field, f"{len(text)} characters", f"is longer than {MAX_TEXT}; simplify it"
         )
+    builder, parser = _Bounded(field), expat.ParserCreate()
+    parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
     try:
-        return ET.fromstring(text, ET.XMLParser(target=_Bounded(field)))
-    except (ET.ParseError, ValueError) as error:  # ValueError: characters that no XML has
+        parser.Parse(text, True)
+        return builder.close()
+    except expat.ExpatError as error:
+        lines = text.splitlines()
+        line = lines[min(error.lineno, len(lines)) - 1].strip() if lines else ""
         remedy = f"is not XML ({error}); give the text of the file"
-        raise RobotError(field, text[:60], remedy) from error
+        raise RobotError(f"{field}, line {error.lineno}", line[:_SHOWN], remedy) from error
+    except ValueError as error:  # characters that no XML has
+        remedy = f"is not XML ({error}); give the text of the file"
+        raise RobotError(field, text[:_SHOWN], remedy) from error
 
 
 def read_urdf(text: str, limits: Mapping[str, JointLimit] | None = None) -> Description:
     """Read URDF `text`.
 
     Args:
-        limits: what else is stated of joints. The narrower range and the lower velocity count.
+        limits: what else is stated of joints. The narrower range and the lower rates count.
 
     Raises:
         RobotError: not XML, too much of it, not a tree of links, a joint of a kind or with a range
             that planning cannot use.
     """
-    root = read_xml(text, "robot_description")
+    root, limits = read_xml(text, "robot_description"), limits or {}
     if root.tag != "robot":
         raise RobotError(
             "robot_description", f"<{root.tag}>", "give a URDF: its root element is <robot>"
         )
     _check_tree(root)
-    warnings: list[str] = []
+    warnings = [*_unexpanded(root), *_rotations_as_rpy(root)]
     elements = {_name(e): e for e in root.findall("joint")}
     joints = {}
     for name, element in elements.items():
         read_origin(element, f"joint {name}")
         kind = element.get("type", "")
         if kind in MOVABLE:
-            limit = (limits or {}).get(name, JointLimit())
-            joints[name] = _read_joint(name, element, elements, limit, warnings)
+            stated = limits.get(name, JointLimit())
+            joints[name] = _read_joint(name, element, elements, stated, warnings)
         elif kind != "fixed":
             raise RobotError(
                 f"joint {name}",
@@ -194,11 +214,9 @@ def read_urdf(text: str, limits: Mapping[str, JointLimit] | None = None) -> Desc
                 "only fixed, revolute, continuous and prismatic joints have one coordinate;"
                 " fix this joint or replace it by a chain of those",
             )
-    strangers = sorted(set(limits or {}) - set(joints))
-    if strangers:
+    if strangers := sorted(set(limits) - set(joints)):
         warnings.append(
-            f"{FIELD} has limits of {', '.join(strangers[:_NAMED])}"
-            f"{' and others' if len(strangers) > _NAMED else ''}, no movable joints of the URDF"
+            f"{FIELD} has limits of {listed(strangers, most=_NAMED)}, no movable joints of the URDF"
         )
     if len(joints) > MAX_JOINTS:
         raise RobotError(
@@ -210,6 +228,38 @@ def read_urdf(text: str, limits: Mapping[str, JointLimit] | None = None) -> Desc
     return Description(root, joints, tuple(warnings))
 
 
+def _unexpanded(root: ET.Element) -> list[str]:
+    """A sentence on xacro that nobody has expanded, if any: like urdfdom, nobody here reads it."""
+    found = sorted({each.tag for each in root.iter() if each.tag.startswith("xacro:")})
+    names = listed([f"<{tag}>" for tag in found], most=_NAMED)
+    return [f"{names}: ignored; expand the file by xacro where it matters"] if found else []
+
+
+def _rotations_as_rpy(root: ET.Element) -> list[str]:
+    """Write the quaternions of URDF 1.1 as the angles that every reader knows.
+
+    Returns:
+        a sentence on those of URDF 1.0, which has none: urdfdom does not read them either.
+
+    Raises:
+        RobotError: an origin has both, or four numbers that are no quaternion.
+    """
+    turned = [origin for origin in root.iter("origin") if origin.get("quat_xyzw") is not None]
+    if turned and root.get("version", "1.0") == "1.0":
+        words = "quat_xyzw is of URDF 1.1 and ignored, as everywhere; write <robot version='1.1'>"
+        return [f"{len(turned)} origins: {words}"]
+    for origin in turned:
+        text = origin.attrib.pop("quat_xyzw")
+        xyzw = read_floats(text, 4, "origin quat_xyzw")
+        if origin.get("rpy") is not None:
+            raise RobotError("origin quat_xyzw", text, "stands beside rpy; give one of the two")
+        if not xyzw.any():
+            raise RobotError("origin quat_xyzw", text, "is no rotation; give x y z w")
+        R = pin.Quaternion(xyzw / np.linalg.norm(xyzw)).toRotationMatrix()
+        origin.set("rpy", " ".join(map(repr, pin.rpy.matrixToRpy(R).tolist())))
+    return []
+
+
 def _only_drawn(root: ET.Element) -> list[str]:
     """A sentence on links that are to be seen but nothing to collision checks, if any."""
     drawn = [
@@ -217,13 +267,9 @@ def _only_drawn(root: ET.Element) -> list[str]:
         for link in root.findall("link")
         if link.find("visual") is not None and link.find("collision") is None
     ]
-    if not drawn:
-        return []
-    names = ", ".join(drawn[:_NAMED]) + (
-        f" and {len(drawn) - _NAMED} more" if drawn[_NAMED:] else ""
-    )
     what = "links with <visual> but no <collision>, which nothing is kept away from"
-    return [f"{names}: {what}; give them one where they are solid"]
+    names = listed(drawn, most=_NAMED)
+    return [f"{names}: {what}; give them one where they are solid"] if drawn else []
 
 
 def read_floats(text: str, count: int, field: str) -> Array:
@@ -326,64 +372,114 @@ def _read_joint(
     stated: JointLimit,
     warnings: list[str],
 ) -> Joint:
-    field = f"joint {name}"
-    kind = element.get("type")
-    axis = element.find("axis")
+    field, kind = f"joint {name}", element.get("type")
+    axis, limit = element.find("axis"), element.find("limit")
     if axis is not None and not read_floats(axis.get("xyz", ""), 3, f"{field}: axis").any():
         raise RobotError(f"{field}: axis", axis.get("xyz"), "must not be zero")
-    limit = element.find("limit")
     if limit is None and kind != "continuous":
         raise RobotError(field, kind, "give it a <limit> with lower and upper")
-    lower = _number(limit, "lower", 0.0, field)
-    upper = _number(limit, "upper", 0.0, field)
-    velocity = _number(limit, "velocity", math.nan, field)
-    if math.isnan(lower) or math.isnan(upper) or lower > upper:
-        raise RobotError(field, (lower, upper), "give lower <= upper")
-    endless = kind == "continuous" or (kind == "revolute" and math.isinf(upper - lower))
-    if endless:
-        lower, upper = -CONTINUOUS_RANGE, CONTINUOUS_RANGE
-    lower = lower if stated.lower is None else max(lower, stated.lower)
-    upper = upper if stated.upper is None else min(upper, stated.upper)
-    if lower > upper:
-        remedy = f"leaves nothing of the URDF's range with {FIELD}; make them fit each other"
-        raise RobotError(field, (lower, upper), remedy)
-    if math.isinf(upper - lower):
-        raise RobotError(field, (lower, upper), "give a prismatic joint finite limits in metres")
-    if endless and (lower, upper) != (-CONTINUOUS_RANGE, CONTINUOUS_RANGE):
-        endless = False
-    if lower == upper:
-        warnings.append(f"{field} has the empty range [{lower:g}, {upper:g}]: it cannot move")
-    angular, assumed = kind != "prismatic", []
-    if stated.velocity is not None:
-        velocity = min(velocity, stated.velocity) if velocity > 0.0 else stated.velocity
-    if not 0.0 < velocity <= MAX_VELOCITY:
-        default = DEFAULT_ANGULAR_VELOCITY if angular else DEFAULT_LINEAR_VELOCITY
-        unit = "rad/s" if angular else "m/s"
-        warnings.append(f"{field} has no usable velocity limit: planned with {default:g} {unit}")
-        velocity = default
-        assumed.append(Assumed(name, "velocity", velocity, unit))
-    if stated.acceleration is None:
-        default = ANGULAR_ACCELERATION if angular else LINEAR_ACCELERATION
-        unit = "rad/s^2" if angular else "m/s^2"
-        assumed.append(Assumed(name, "acceleration", default, unit))
+    lower, upper, endless = _read_range(element, field, stated, warnings)
+    prismatic, assumed = kind == "prismatic", []
+    velocity = _lowest(limit, ("velocity",), stated.velocity, MAX_VELOCITY, field)
+    if velocity is None:
+        assumed.append(rate := assumed_rate(name, "velocity", prismatic=prismatic))
+        words = f"planned with {rate.value:g} {rate.unit}"
+        warnings.append(f"{field} has no usable velocity limit: {words}")
+        velocity = rate.value
+    both = ("acceleration", "deceleration")
+    acceleration = _lowest(limit, both, stated.acceleration, sys.float_info.max, field)
+    if acceleration is None:
+        assumed.append(rate := assumed_rate(name, "acceleration", prismatic=prismatic))
+        acceleration = rate.value
 
-    element.set("type", "prismatic" if kind == "prismatic" else "revolute")
+    element.set("type", "prismatic" if prismatic else "revolute")
     if limit is None:
         limit = ET.SubElement(element, "limit")
-    limit.attrib.update(lower=repr(lower), upper=repr(upper), velocity=repr(velocity))
-    limit.attrib.setdefault("effort", "0")
-    mimic = _read_mimic(name, elements)
+    limit.attrib = {
+        "lower": repr(lower),
+        "upper": repr(upper),
+        "velocity": repr(velocity),
+        "effort": "0",
+    }
     return Joint(
         name,
         lower,
         upper,
         velocity,
-        mimic,
+        acceleration,
+        _read_mimic(name, elements),
         endless,
-        not angular,
-        stated.acceleration,
+        prismatic,
         tuple(assumed),
     )
+
+
+def _read_range(
+    element: ET.Element, field: str, stated: JointLimit, warnings: list[str]
+) -> tuple[float, float, bool]:
+    """A joint's lower and upper limit, rad or m, and whether it turns without end stops.
+
+    The narrowest counts of the URDF's range, of what else is stated, and of the soft limits that
+    MoveIt keeps to.
+    """
+    kind, limit = element.get("type"), element.find("limit")
+    lower, upper = (_number(limit, end, 0.0, field) for end in ("lower", "upper"))
+    if math.isnan(lower) or math.isnan(upper) or lower > upper:
+        raise RobotError(field, (lower, upper), "give lower <= upper")
+    if kind == "continuous" or (kind == "revolute" and math.isinf(upper - lower)):
+        lower, upper = -CONTINUOUS_RANGE, CONTINUOUS_RANGE
+    around = (lower, upper)
+    lower = lower if stated.lower is None else max(lower, stated.lower)
+    upper = upper if stated.upper is None else min(upper, stated.upper)
+    if lower > upper:
+        remedy = f"leaves nothing of the URDF's range with {FIELD}; make them fit each other"
+        raise RobotError(field, (lower, upper), remedy)
+    if kind != "continuous" and lower < upper:
+        lower, upper = _within_soft_limits(element, field, lower, upper, warnings)
+    if math.isinf(upper - lower):
+        raise RobotError(field, (lower, upper), "give a prismatic joint finite limits in metres")
+    if lower == upper:
+        warnings.append(f"{field} has the empty range [{lower:g}, {upper:g}]: it cannot move")
+    return lower, upper, (lower, upper) == around == (-CONTINUOUS_RANGE, CONTINUOUS_RANGE)
+
+
+def _within_soft_limits(
+    element: ET.Element, field: str, lower: float, upper: float, warnings: list[str]
+) -> tuple[float, float]:
+    """The range with the soft limits of the joint's safety controller, as MoveIt takes them.
+
+    What is no number, as a variable that nobody replaced, and what leaves no range, is told and
+    ignored. One that is not stated is 0, as for urdfdom.
+    """
+    names = ("soft_lower_limit", "soft_upper_limit")
+    safety = element.find("safety_controller")
+    texts = [None if safety is None else safety.get(name) for name in names]
+    if texts == [None, None]:
+        return lower, upper
+    said = f"{field}: the soft limits [{texts[0] or 0}, {texts[1] or 0}] of its safety_controller"
+    try:
+        soft = [float(text or 0.0) for text in texts]
+    except ValueError:
+        warnings.append(f"{said} are no numbers, and ignored")
+        return lower, upper
+    inside = max(lower, soft[0]), min(upper, soft[1])
+    if not (inside[0] < inside[1] and all(map(math.isfinite, soft))):
+        warnings.append(f"{said} leave nothing of [{lower:g}, {upper:g}], and are ignored")
+        return lower, upper
+    return inside
+
+
+def _lowest(
+    limit: ET.Element | None,
+    attributes: Collection[str],
+    stated: float | None,
+    most: float,
+    field: str,
+) -> float | None:
+    """The lowest of the rates in a <limit> and the one stated elsewhere, up to `most`; or None."""
+    rates = [_number(limit, attribute, math.nan, field) for attribute in attributes]
+    rates += [math.nan if stated is None else stated]
+    return min((rate for rate in rates if 0.0 < rate <= most), default=None)
 
 
 def _read_mimic(name: str, elements: dict[str, ET.Element]) -> Mimic | None:

@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal
+
+import yaml
 
 from placement_planner_ros.core.errors import RobotError
 
 FIELD = "robot_description_planning"
 """Under which MoveIt's limits are given."""
+
+DEFAULT_ANGULAR_VELOCITY = 1.0
+"""rad/s, for a joint that turns and has no usable velocity limit."""
+
+DEFAULT_LINEAR_VELOCITY = 0.1
+"""m/s, the same for one that slides."""
 
 ANGULAR_ACCELERATION = 5.0
 """rad/s², for a joint that turns and whose limit nobody states."""
@@ -18,8 +26,14 @@ ANGULAR_ACCELERATION = 5.0
 LINEAR_ACCELERATION = 0.5
 """m/s², the same for one that slides: lifts and rails carry what hangs on them."""
 
-_NUMBERS = ("min_position", "max_position", "max_velocity", "max_acceleration")
-_KINDS = ("position", "velocity", "acceleration")
+_NUMBERS = (
+    "min_position",
+    "max_position",
+    "max_velocity",
+    "max_acceleration",
+    "max_deceleration",
+)
+_KINDS = ("position", "velocity", "acceleration", "deceleration")
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,12 +66,47 @@ class Assumed:
         return f"{self.what} {self.value:g} {self.unit} of {self.joint}"
 
 
+def assumed_rate(
+    joint: str, what: Literal["velocity", "acceleration"], *, prismatic: bool
+) -> Assumed:
+    """The limit that a joint is taken to have where nobody states one."""
+    if what == "velocity":
+        value = DEFAULT_LINEAR_VELOCITY if prismatic else DEFAULT_ANGULAR_VELOCITY
+        return Assumed(joint, what, value, "m/s" if prismatic else "rad/s")
+    value = LINEAR_ACCELERATION if prismatic else ANGULAR_ACCELERATION
+    return Assumed(joint, what, value, "m/s^2" if prismatic else "rad/s^2")
+
+
+class _Angles(yaml.SafeLoader):
+    """Reads the tags for angles that MoveIt's configurations use."""
+
+
+def _angle(unit: float) -> Callable[[_Angles, yaml.ScalarNode], float]:
+    return lambda loader, node: float(loader.construct_scalar(node)) * unit
+
+
+_Angles.add_constructor("!radians", _angle(1.0))
+_Angles.add_constructor("!degrees", _angle(math.pi / 180.0))
+
+
+def parse_joint_limits(text: str) -> dict[str, JointLimit]:
+    """Limits by joint, from the text of MoveIt's joint_limits.yaml, `!degrees` included.
+
+    Raises:
+        RobotError: not YAML, or as `read_joint_limits`.
+    """
+    try:
+        return read_joint_limits(yaml.load(text, _Angles))
+    except (yaml.YAMLError, ValueError) as error:  # ValueError: an angle that is no number
+        raise RobotError(FIELD, text[:60], f"is not YAML of MoveIt's form: {error}") from error
+
+
 def read_joint_limits(given: object) -> dict[str, JointLimit]:
     """Limits by joint, from what MoveIt's joint_limits.yaml holds, with or without the levels
     `robot_description_planning` and `joint_limits` around it.
 
-    A limit counts unless its `has_…_limits` is false. What is known of other kinds, as jerk, is
-    passed over.
+    A limit counts unless its `has_…_limits` is false. Of a greatest acceleration and a greatest
+    deceleration the smaller counts. Jerk is passed over, as by MoveIt's own time parametrisation.
 
     Raises:
         RobotError: not of that form, or a limit is no number, or not above zero.
@@ -95,7 +144,11 @@ def _read(joint: str, values: Mapping[object, object]) -> JointLimit:
         field = f"{FIELD}.joint_limits.{joint}.{name}"
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             raise RobotError(field, value, "give a number")
+        if kind == "deceleration":
+            value = abs(value)  # MoveIt's is negative
         if not math.isfinite(value) or (kind != "position" and value <= 0.0):
             raise RobotError(field, value, "give a finite number, above zero unless a position")
         numbers[name] = float(value)
-    return JointLimit(*(numbers[name] for name in _NUMBERS))
+    lower, upper, velocity, up, down = (numbers[name] for name in _NUMBERS)
+    rates = [rate for rate in (up, down) if rate is not None]
+    return JointLimit(lower, upper, velocity, min(rates, default=None))

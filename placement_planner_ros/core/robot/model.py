@@ -22,12 +22,7 @@ from placement_planner_ros.core.errors import (
 )
 from placement_planner_ros.core.robot import allowed_pairs as pairs
 from placement_planner_ros.core.robot.arm import Arm
-from placement_planner_ros.core.robot.description import (
-    Description,
-    Joint,
-    Mimic,
-    read_urdf,
-)
+from placement_planner_ros.core.robot.description import Mimic, read_urdf
 from placement_planner_ros.core.robot.geometry import (
     CoverMaker,
     LinkCover,
@@ -36,12 +31,7 @@ from placement_planner_ros.core.robot.geometry import (
     build_geometry,
     make_covers,
 )
-from placement_planner_ros.core.robot.joint_limits import (
-    ANGULAR_ACCELERATION,
-    LINEAR_ACCELERATION,
-    Assumed,
-    JointLimit,
-)
+from placement_planner_ros.core.robot.joint_limits import Assumed, JointLimit
 from placement_planner_ros.core.types import Array, frozen_array
 from placement_planner_ros.core.weak_cache import weak_lru_cache
 
@@ -128,7 +118,7 @@ class Robot:
             RobotError: the description or its geometry is unusable; the message names the part.
         """
         description = read_urdf(urdf_text, joint_limits)
-        model = _build_model(description)
+        model = description.build_model()
         joints = [description.joints[name] for name in model.names[1:]]
         geometry, geometry_links, covers, notes = build_geometry(
             description.root, model, package_dirs, cover
@@ -154,7 +144,7 @@ class Robot:
             lower=np.array([joint.lower for joint in joints]),
             upper=np.array([joint.upper for joint in joints]),
             velocity_limits=np.array([joint.velocity for joint in joints]),
-            acceleration_limits=np.array([_acceleration(joint) for joint in joints]),
+            acceleration_limits=np.array([joint.acceleration for joint in joints]),
             assumed=tuple(each for joint in joints for each in joint.assumed),
             mimics={joint.name: joint.mimic for joint in joints if joint.mimic is not None},
             continuous=frozenset(joint.name for joint in joints if joint.continuous),
@@ -523,11 +513,6 @@ def _without(robot: Robot, found: tuple[pairs.LeftOut, ...]) -> Robot:
     return replace(robot, geometry=geometry, allowed_pairs=allowed, left_out=(*known, *found))
 
 
-def _acceleration(joint: Joint) -> float:
-    assumed = LINEAR_ACCELERATION if joint.prismatic else ANGULAR_ACCELERATION
-    return assumed if joint.acceleration is None else joint.acceleration
-
-
 def _said_of(left_out: tuple[pairs.LeftOut, ...]) -> list[str]:
     """What to say of pairs that were left out without an SRDF."""
     hidden = [each for each in left_out if each.can_hide]
@@ -549,21 +534,12 @@ def place_of(link: str, urdf_text: str) -> tuple[str, pin.SE3 | None, bool]:
     Raises:
         RobotError: the description is unusable.
     """
-    model = _build_model(read_urdf(urdf_text))
+    model = read_urdf(urdf_text).build_model()
     root = str(next(f.name for f in model.frames if f.type == pin.FrameType.BODY))
     if not model.existFrame(link, pin.FrameType.BODY):
         return root, None, False
     frame = model.frames[model.getFrameId(link, pin.FrameType.BODY)]
     return root, pin.SE3(frame.placement), frame.parentJoint != 0
-
-
-def _build_model(description: Description) -> pin.Model:
-    try:
-        return pin.buildModelFromXML(description.text)
-    except Exception as error:  # whatever pinocchio raises at what it is given
-        raise RobotError(
-            "robot_description", description.root.get("name"), f"is refused: {error}"
-        ) from error
 
 
 def _add_collision_pairs(

@@ -11,7 +11,6 @@ from typing import Any, Protocol
 
 import numpy as np
 import pinocchio as pin
-import yaml
 from builtin_interfaces.msg import Time
 
 from placement_planner_ros.core.body.convex_cover import Cover
@@ -20,8 +19,14 @@ from placement_planner_ros.core.meshes.collada import Triangles
 from placement_planner_ros.core.meshes.headers import check_header
 from placement_planner_ros.core.meshes.read import read_mesh
 from placement_planner_ros.core.robot.announcement import Announcement, announce
+from placement_planner_ros.core.robot.description import read_xml
 from placement_planner_ros.core.robot.geometry import LinkMesh
-from placement_planner_ros.core.robot.joint_limits import FIELD, JointLimit, read_joint_limits
+from placement_planner_ros.core.robot.joint_limits import (
+    FIELD,
+    JointLimit,
+    parse_joint_limits,
+    read_joint_limits,
+)
 from placement_planner_ros.core.robot.model import Arm, Robot, place_of
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.weak_cache import weak_lru_cache
@@ -369,11 +374,11 @@ def _joint_limits(parameters: ParameterSet, files: Files) -> dict[str, JointLimi
     if given:
         try:
             path = files.find(given, trusted=True)
-            content = yaml.safe_load(path.read_text(encoding="utf-8"))
-        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+            text = path.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
             words = f"give MoveIt's joint_limits.yaml, a path or a URI: {error}"
             raise RobotError(FIELD, given[:60], words) from error
-        return read_joint_limits(content)
+        return parse_joint_limits(text)
     for name, value in parameters.joint_limits.items():
         joint, _, what = name.rpartition(".")
         limits.setdefault(joint, {})[what] = value
@@ -434,7 +439,7 @@ def _explain(error: Exception) -> PlacementPlannerError:
 
 def _with_root(urdf: str, frame: str, root_link: str, T_frame_root: pin.SE3) -> str:
     """The URDF with a new root link that carries the old one."""
-    tree = ET.fromstring(urdf)
+    tree = read_xml(urdf, "robot_description")
     taken = tree.find(f"link[@name='{frame}']")
     if taken is not None:
         # The planning frame is a link of the robot: the new root takes its name, so the link

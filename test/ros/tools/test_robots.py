@@ -1,5 +1,7 @@
 """Robots as their makers ship them, from PyPI's example-robot-data, as `config/robots` has them."""
 
+import xml.etree.ElementTree as ET
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +20,7 @@ from placement_planner_ros.scenes.table_of_things import table_of_things
 
 CONFIG = Path(__file__).parents[3] / "config" / "robots"
 ALL = sorted(CONFIG.glob("*.yaml"))
+LIMITS = ("lower", "upper")
 
 
 def subject_of(name):
@@ -51,13 +54,37 @@ def test_a_robot_reaches_what_its_file_asks_for(name):
     assert reached_share(subject, subject.arms[0], 0, subject.parameters.volume) > 0.5
 
 
-def test_a_panda_places_its_object_among_things():
-    subject = subject_of("panda")
+def placements_among_things(subject):
+    """Placements of the first arm, one better than the other."""
     volume = subject.parameters.volume
     points = complete_cloud(table_of_things(volume))
     environment = Environment.from_points(points, volume, bounds=(points.min(0), volume.upper))
-    arm, q, robot = subject.arms[0], subject.q, subject.robot
-    found = next(plan(robot, arm, q, subject.body, volume, environment, time_limit=60.0, seed=0))
+    given = subject.arms[0], subject.q, subject.body, volume, environment
+    return plan(subject.robot, *given, time_limit=60.0, seed=0)
+
+
+def test_a_pr2_stays_within_the_limits_that_moveit_keeps():
+    subject = subject_of("pr2")
+    file = package_share("example-robot-data") / "robots/pr2_description/urdf/pr2.urdf"
+    soft = {}
+    for joint in ET.parse(file).getroot().findall("joint"):
+        safety = joint.find("safety_controller")
+        if safety is not None and "soft_lower_limit" in safety.attrib:
+            soft[joint.get("name")] = [float(safety.get(f"soft_{e}_limit")) for e in LIMITS]
+    ways = [found.trajectory for found in islice(placements_among_things(subject), 3)]
+    assert len(ways) == 3
+    bounded = [joint for joint in subject.arms[0].joints if joint in soft]
+    assert len(bounded) >= 4
+    for joint in bounded:
+        column = subject.arms[0].joints.index(joint)
+        positions = np.concatenate([way.positions[:, column] for way in ways])
+        assert soft[joint][0] <= positions.min() <= positions.max() <= soft[joint][1], joint
+
+
+def test_a_panda_places_its_object_among_things():
+    subject = subject_of("panda")
+    volume, arm, q = subject.parameters.volume, subject.arms[0], subject.q
+    found = next(placements_among_things(subject))
     T = found.T_world_object
     lowest = (subject.body.vertices @ T.rotation.T + T.translation)[:, 2].min()
     assert lowest >= volume.lower[2] + 0.03 - 0.004
