@@ -81,8 +81,9 @@ def plan(
     _require(Body, "body", body, "Body.from_mesh")
     _require(TargetVolume, "volume", volume, "TargetVolume")
     _require((PlannerSettings, type(None)), "settings", settings, "PlannerSettings")
-    q = _configuration(robot, q_start)
-    robot.require_plausible(q)
+    moving = [joint for arm in arms for joint in arm.joints]
+    q = _configuration(robot, q_start, moving)
+    robot.require_plausible(q, moving)
     robot = robot.standing_at(q)  # the same one for the same q, so that nothing is made twice
     if not (isinstance(time_limit, Real) and time_limit > 0.0):
         raise ParameterError("time_limit", time_limit, "give seconds above 0, or math.inf")
@@ -136,9 +137,11 @@ def _arms(robot: Robot, arms: Arm | Sequence[Arm]) -> tuple[Arm, ...]:
     return arms
 
 
-def _configuration(robot: Robot, q_start: Mapping[str, float] | npt.ArrayLike) -> Array:
+def _configuration(
+    robot: Robot, q_start: Mapping[str, float] | npt.ArrayLike, moving: Sequence[str]
+) -> Array:
     if isinstance(q_start, Mapping):
-        return robot.configuration(q_start)
+        return robot.configuration(q_start, moving)
     try:
         q = np.array(q_start, dtype=np.float64)
     except (TypeError, ValueError):

@@ -96,7 +96,7 @@ def test_turns_are_no_fault_at_the_start(problem):
     robot = problem.robot
     q = problem.q_start + 2 * np.pi * turns_of(robot, (3, -64, 1))
     assert robot.limit_violations(q) == []
-    robot.require_plausible(q)
+    robot.require_plausible(q, robot.joint_names)
     settings = PlannerSettings().collision
     assert faults_at_start(robot, problem.arms, q, problem.body, settings) == ()
 

@@ -1,5 +1,7 @@
 """A robot with a lift, an endless wrist and no SRDF: what the node makes of it, and says."""
 
+import time
+
 import numpy as np
 import pytest
 import yaml
@@ -58,7 +60,8 @@ TOWER = {
 
 
 def stand(b, **changes):
-    values = {**CARRIED, **changes}
+    """Stand there; a joint at None is told by nobody."""
+    values = {name: value for name, value in (CARRIED | changes).items() if value is not None}
 
     def publish():
         b._joints.publish(
@@ -200,3 +203,58 @@ def test_without_a_description_the_robot_in_use_is_named(bench):
     assert "YuMi" in answer.text
     assert "robot_description" in answer.text
     assert "yumi_joint_1_l" not in answer.text
+
+
+def test_what_is_barely_beyond_a_limit_is_planned_from_there_and_told(bench):
+    b = bench(**TOWER)
+    stand(b, lift=-0.0008, pan=2.5)
+    answer = b.call("start")
+    assert answer.code == "OK", answer.text
+    assert "lift = -0.0008 is beyond its limits [0, 0.3]: taken to be at the limit" in answer.words
+    assert "pan = 2.5 is beyond" in answer.words, "of no arm, so no reason to refuse"
+    b.wait(lambda: b.snapshots)
+    (snapshot,) = b.snapshots
+    assert snapshot.q_start[snapshot.robot.index("lift")] == 0.0
+    assert b.node._reporter.left_start(b.node._commands.run) == ""
+    b.call("stop")
+    stand(b, lift=-0.04)
+    b.wait(lambda: b.call("start").code == "BAD_START", again=lambda: stand(b, lift=-0.04))
+    assert "lift = -0.0400 is not in" in b.call("start").words
+    assert b.call("start_with", start_limit_tolerance=0.05).code == "OK"
+
+
+def test_a_joint_that_nobody_publishes_may_be_told_instead(bench):
+    b = bench(**TOWER)
+    stand(b, pan=None)
+    answer = b.call("start")
+    assert answer.code == "JOINTS_MISSING"
+    assert "pan" in answer.text
+    assert b.call("start_with", assumed_joints=["pn=0.2"]).code == "BAD_PARAMETER"
+    assert b.call("start_with", assumed_joints=["pan"]).code == "BAD_PARAMETER"
+    assert b.call("start_with", assumed_joints=["pan=0.2"]).code == "OK"
+    b.wait(lambda: b.snapshots)
+    (snapshot,) = b.snapshots
+    assert snapshot.q_start[snapshot.robot.index("pan")] == 0.2
+
+
+def move(b, joint, value):
+    b.node._inputs.joints.update([joint], [value], time.monotonic(), time.time())
+
+
+def test_only_what_an_arm_or_a_sensor_hangs_on_must_be_at_rest(bench):
+    b = bench(**TOWER)
+    stand(b)
+    move(b, "pan", 0.3)
+    answer = b.call("start")
+    assert answer.code == "OK", answer.text
+    assert "pan: moving, but of no arm and no sensor" in answer.words
+    b.wait(lambda: b.snapshots)
+    move(b, "pan", 0.5)
+    assert b.node._reporter.left_start(b.node._commands.run) == ""
+    b.call("stop")
+    move(b, "pan", 0.6)
+    move(b, "bend", 0.5)
+    answer = b.call("start")
+    assert answer.code == "ROBOT_MOVING"
+    assert "bend" in answer.text
+    assert "pan" not in answer.text

@@ -229,7 +229,10 @@ def beyond_limits(arm: Arm, q_start: Array) -> Fault | None:
         return None
     return Fault(
         f"beyond the joint limits: {listed(beyond)}",
-        ("move these joints back between their limits, or correct the limits in the URDF",),
+        (
+            "move these joints back between their limits, raise start_limit_tolerance where they "
+            "are barely beyond, or correct the limits in the URDF",
+        ),
     )
 
 

@@ -99,10 +99,26 @@ def srdf_line(links: Pair, reason: str = "User") -> str:
     return f"<disable_collisions link1={first} link2={second} reason={quoteattr(reason)}/>"
 
 
-def read_srdf(text: str, links: tuple[str, ...]) -> tuple[frozenset[Pair], tuple[str, ...]]:
-    """Disabled pairs of an SRDF, and warnings on the links it names that the robot has not.
+@dataclass(frozen=True, slots=True)
+class Semantic:
+    """What an SRDF says.
 
-    Understands <disable_collisions>, <disable_default_collisions> and <enable_collisions>.
+    Attributes:
+        allowed: sorted link pairs that self-collision checks leave out.
+        passive: joints that no motor drives.
+        warnings: on links that it names and the robot has not.
+    """
+
+    allowed: frozenset[Pair]
+    passive: frozenset[str]
+    warnings: tuple[str, ...]
+
+
+def read_srdf(text: str, links: tuple[str, ...]) -> Semantic:
+    """What an SRDF says of a robot with these links.
+
+    Understands <disable_collisions>, <disable_default_collisions>, <enable_collisions> and
+    <passive_joint>.
 
     Raises:
         RobotError: not an SRDF.
@@ -124,7 +140,9 @@ def read_srdf(text: str, links: tuple[str, ...]) -> tuple[frozenset[Pair], tuple
     warnings = [_unknown(link, links) for link in unknown[:_NAMED]]
     if len(unknown) > _NAMED:
         warnings.append(f"the SRDF names {len(unknown) - _NAMED} more that the URDF has not")
-    return frozenset(p for p in disabled if set(p) <= set(links)), tuple(warnings)
+    allowed = frozenset(p for p in disabled if set(p) <= set(links))
+    passive = frozenset(e.get("name", "") for e in root.findall("passive_joint"))
+    return Semantic(allowed, passive, tuple(warnings))
 
 
 def _unknown(link: str, links: tuple[str, ...]) -> str:

@@ -68,6 +68,7 @@ class Robot:
         mimics: joints that follow another.
         allowed_pairs: sorted link pairs that self-collision checks leave out.
         left_out: those of them that no SRDF names, and why; None where there is an SRDF.
+        passive: joints that no motor drives, as the SRDF says.
         warnings: what was decided where the description was silent.
     """
 
@@ -86,6 +87,7 @@ class Robot:
     continuous: frozenset[str]
     allowed_pairs: frozenset[pairs.Pair]
     left_out: tuple[pairs.LeftOut, ...] | None
+    passive: frozenset[str]
     warnings: tuple[str, ...]
 
     def __post_init__(self) -> None:
@@ -126,13 +128,15 @@ class Robot:
         links = tuple(f.name for f in model.frames if f.type == pin.FrameType.BODY)
         warnings = [*description.warnings, *notes]
         left_out: tuple[pairs.LeftOut, ...] | None = None
+        passive: frozenset[str] = frozenset()
         if srdf is None:
             left_out = pairs.derive(description, model, geometry, geometry_links, covers)
             allowed = frozenset(each.links for each in left_out)
             warnings.extend(_said_of(left_out))
         else:
-            allowed, ignored = pairs.read_srdf(srdf, links)
-            warnings.extend(ignored)
+            semantic = pairs.read_srdf(srdf, links)
+            allowed, passive = semantic.allowed, semantic.passive
+            warnings.extend(semantic.warnings)
         _add_collision_pairs(geometry, geometry_links, allowed)
         return cls(
             name=str(description.root.get("name")),
@@ -150,6 +154,7 @@ class Robot:
             continuous=frozenset(joint.name for joint in joints if joint.continuous),
             allowed_pairs=allowed,
             left_out=left_out,
+            passive=passive,
             warnings=tuple(warnings),
         )
 
@@ -193,19 +198,39 @@ class Robot:
             raise RobotError("joint", joint, f"name one of {list(self.joint_names)}")
         return self.joint_names.index(joint)
 
-    def configuration(self, positions: Mapping[str, float]) -> Array:
+    @property
+    def needed_joints(self) -> tuple[str, ...]:
+        """Joints whose values must be known: all but those that mimic another, are passive, or move
+        no shape."""
+        moving = {g.parentJoint for g in self.geometry.geometryObjects}
+        carrying = {joint for shape in moving for joint in self.model.supports[shape]}
+        movers = {str(self.model.names[joint]) for joint in carrying}
+        movers |= {mimic.master for name, mimic in self.mimics.items() if name in movers}
+        return tuple(
+            name
+            for name in self.joint_names
+            if name in movers and name not in self.mimics and name not in self.passive
+        )
+
+    def configuration(self, positions: Mapping[str, float], also: Iterable[str] = ()) -> Array:
         """q (nq,) from joint values; other names are ignored, mimicking joints follow.
 
-        Values beyond the limits are taken as they are: see `limit_violations`.
+        Joints that need no value and have none are at zero, or the limit next to it. Values beyond
+        the limits are taken as they are: see `limit_violations`.
+
+        Args:
+            also: joints that must have a value besides `needed_joints`.
 
         Raises:
             JointStateError: a joint is missing or not finite; the message names them.
         """
-        wanted = [name for name in self.joint_names if name not in self.mimics]
-        missing = [name for name in wanted if name not in positions]
+        wanted = {*self.needed_joints, *also}.difference(self.mimics)
+        missing = [name for name in self.joint_names if name in wanted and name not in positions]
         if missing:
             raise JointStateError("joint_states: missing", missing, "give these joints too")
-        return self._filled(np.zeros(len(self.joint_names)), {n: positions[n] for n in wanted})
+        known = [n for n in self.joint_names if n in positions and n not in self.mimics]
+        q = np.clip(np.zeros(len(self.joint_names)), self.lower, self.upper)
+        return self._filled(q, {name: positions[name] for name in known})
 
     def with_positions(self, q: Array, positions: Mapping[str, float]) -> Array:
         """A copy of q (nq,) with some joints set, mimicking joints following their masters.
@@ -244,20 +269,14 @@ class Robot:
         """A copy of q (nq,) with the arm's gripper open."""
         return self.with_positions(q, dict(zip(arm.gripper_joints, arm.gripper_open, strict=True)))
 
-    def require_plausible(self, q: Array, joints: Collection[str] | None = None) -> None:
-        """Refuse a configuration q (nq,) with joints far beyond their limits.
-
-        Args:
-            joints: of these alone; None: of all.
+    def require_plausible(self, q: Array, joints: Collection[str]) -> None:
+        """Refuse a configuration q (nq,) in which one of these joints is far beyond its limits.
 
         Raises:
-            StartError: a joint is further than `FAR_BEYOND` from them.
+            StartError: by more than `FAR_BEYOND`.
         """
-        far = np.maximum(self.lower - q, q - self.upper) > FAR_BEYOND
-        # a mimicking joint follows its master, whatever its own limits say
-        far &= ~np.isin(self.joint_names, [*self.continuous, *self.mimics])
-        if joints is not None:
-            far &= np.isin(self.joint_names, list(joints))
+        far = self._beyond(q) > FAR_BEYOND
+        far &= np.isin(self.joint_names, list(joints))
         if far.any():
             raise StartError(
                 "joint_states",
@@ -266,19 +285,40 @@ class Robot:
                 + f", by more than {FAR_BEYOND:g}: publish rad or m",
             )
 
+    def within_limits(self, q: Array, tolerance: float) -> Array:
+        """A copy of q (nq,) in which what is beyond a limit by no more than that is at the limit.
+
+        Args:
+            tolerance: rad or m.
+        """
+        near = self._beyond(q) <= tolerance * (1.0 + 1e-9)
+        return np.where(near & self._has_limits, np.clip(q, self.lower, self.upper), q)
+
+    @property
+    def _has_limits(self) -> npt.NDArray[np.bool_]:
+        """(nq,) of joints with end stops; a mimicking one follows its master, whatever its own."""
+        return ~np.isin(self.joint_names, [*self.continuous, *self.mimics])
+
+    def _beyond(self, q: Array) -> Array:
+        """(nq,) by how much each joint of q (nq,) is beyond its limits, rad or m; 0 inside."""
+        beyond = np.maximum(np.maximum(self.lower - q, q - self.upper), 0.0)
+        return np.where(self._has_limits, beyond, 0.0)
+
     def _those(self, q: Array, which: npt.NDArray[np.bool_]) -> list[tuple[str, float]]:
         return [(self.joint_names[i], float(q[i])) for i in np.flatnonzero(which)]
 
     def limit_violations(self, q: Array) -> list[str]:
         """One sentence per joint of q (nq,) that is beyond its limits."""
         return [
-            f"joint {name} = {value:.6g} is beyond its limits [{low:.6g}, {high:.6g}]"
-            for name, value, low, high in zip(
-                self.joint_names, q, self.lower, self.upper, strict=True
-            )
-            if name not in self.continuous
-            and not low - LIMIT_TOLERANCE <= value <= high + LIMIT_TOLERANCE
+            f"joint {name} = {value:.6g} is beyond its limits [{self.lower[i]:.6g}, "
+            f"{self.upper[i]:.6g}]"
+            for i in np.flatnonzero(self._beyond(q) > LIMIT_TOLERANCE)
+            for name, value in [(self.joint_names[i], q[i])]
         ]
+
+    def has_link(self, name: str) -> bool:
+        """Whether there is a link of that name."""
+        return bool(self.model.existFrame(name, pin.FrameType.BODY))
 
     def frame_id(self, link: str) -> int:
         """Index of a link in model.frames.
@@ -286,7 +326,7 @@ class Robot:
         Raises:
             RobotError: no such link.
         """
-        if not self.model.existFrame(link, pin.FrameType.BODY):
+        if not self.has_link(link):
             raise RobotError("link", link, f"name a link of the robot {self.name!r}")
         return int(self.model.getFrameId(link, pin.FrameType.BODY))
 
@@ -366,7 +406,7 @@ class Robot:
         where = f"arm {name}"
         if not isinstance(grasps, Iterable):
             raise GraspError(f"{where}: grasps", grasps, "give a list of poses")
-        if not self.model.existFrame(tip_frame, pin.FrameType.BODY):
+        if not self.has_link(tip_frame):
             raise RobotError(
                 f"{where}: tip_frame", tip_frame, f"name a link of the robot {self.name!r}"
             )
@@ -397,7 +437,7 @@ class Robot:
             touch_links = self._hand_links(tip_frame)
         touch_links = tuple(dict.fromkeys([*touch_links, *also_touch]))
         for link in touch_links:
-            if not self.model.existFrame(link, pin.FrameType.BODY):
+            if not self.has_link(link):
                 raise RobotError(f"{where}: touch_links", link, "name a link of the robot")
         index, turnable = [self.index(joint) for joint in joints], self.turnable
         return Arm(

@@ -18,6 +18,7 @@ from placement_planner_ros.core.errors import (
     JointStateError,
     PlacementPlannerError,
 )
+from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.scene.flying_pixels import flying_pixels
 from placement_planner_ros.ros.inputs.cloud_store import CloudStore, StoredCloud
 from placement_planner_ros.ros.inputs.frames import ChainMovingError, CloudFrameError, cloud_pose
@@ -65,6 +66,7 @@ class Inputs:
         self._waiting: dict[str, tuple[PointCloud2, float, int]] = {}
         self._declared: dict[str, tuple[PointCloud2, float, int, pin.SE3]] = {}
         self._arrivals = 0
+        self._frames: dict[str, str] = {}
 
     def take_joint_state(self, message: JointState) -> None:
         """Merge a joint state.
@@ -72,7 +74,7 @@ class Inputs:
         Raises:
             JointStateError: it is malformed; joints of which it tells a position are taken.
         """
-        names, position, velocity = message.name, message.position, message.velocity
+        names, position = message.name, message.position
         if len(names) > MAX_NAMES:
             raise JointStateError(
                 "joint_states", f"{len(names)} names", f"a message may have {MAX_NAMES}"
@@ -89,10 +91,9 @@ class Inputs:
             mine = [i for i, name in enumerate(names) if name in known]
             if len(mine) < len(names):
                 names, position = [names[i] for i in mine], [position[i] for i in mine]
-                velocity = [velocity[i] for i in mine if i < len(velocity)]
         if stamp is None:
             stamp = self._now()
-        self.joints.update(names, position, velocity, time.monotonic(), stamp)
+        self.joints.update(names, position, time.monotonic(), stamp)
 
     def take_cloud(self, topic: str, message: PointCloud2, parameters: ParameterSet) -> None:
         """Store a cloud in the planning frame.
@@ -104,6 +105,7 @@ class Inputs:
                 has delivered before.
         """
         with self._lock:
+            self._frames[topic] = message.header.frame_id
             self._waiting.pop(topic, None)
             self._declared.pop(topic, None)
             self._arrivals += 1
@@ -121,6 +123,17 @@ class Inputs:
                 with self._lock:
                     self._waiting[topic] = (message, taken, arrival)
             raise
+
+    def joints_to_sensors(self, robot: Robot, parameters: ParameterSet) -> set[str]:
+        """Joints on which the place of a cloud's frame depends."""
+        with self._lock:
+            frames = set(self._frames.values())
+        return {
+            joint
+            for frame in frames
+            if parameters.sensor_pose(frame) is None and robot.has_link(frame)
+            for joint in robot.joints_to(frame)
+        }
 
     def state(self, parameters: ParameterSet) -> tuple[object, ...]:
         """Equal at two moments where nothing that a snapshot is taken of has changed."""
@@ -172,7 +185,8 @@ class Inputs:
         stamp = _seconds(message.header.stamp)
 
         def joints(names: Sequence[str]) -> dict[str, float]:
-            moving = self.joints.moving(names, stamp) if merged else []
+            rest_speed = parameters["rest_speed"]
+            moving = self.joints.moving(names, stamp, rest_speed) if merged else []
             if moving:
                 raise ChainMovingError(
                     "cloud frame_id",
@@ -180,8 +194,14 @@ class Inputs:
                     f"was moved by {', '.join(moving)} when the cloud was taken, and such clouds "
                     "are not merged; publish one from where the sensor stands still",
                 )
-            timeout = parameters["joint_state_timeout"]
-            return self.joints.at(names, stamp, time.monotonic(), timeout)
+            return self.joints.at(
+                names,
+                stamp,
+                time.monotonic(),
+                parameters["joint_state_timeout"],
+                rest_speed,
+                parameters.assumed_joints,
+            )
 
         T_planning_cloud = cloud_pose(
             message.header.frame_id,

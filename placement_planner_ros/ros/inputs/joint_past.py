@@ -14,25 +14,21 @@ SPACING = 0.005
 GAP = 0.5
 """Seconds between two values beyond which nobody knows what lay between them."""
 
-REST_SPEED = 0.02
-"""rad/s or m/s; a faster joint is moving."""
-
 REST_SPREAD = 0.005
 """rad or m by which a joint that is at rest changes at most."""
 
-_WINDOW = 0.2
+WINDOW = 0.3
 """Seconds over which a speed is measured."""
-_SHORTEST = 0.05
+SHORTEST = 0.05
 """Seconds for which a shorter window counts, as encoders are noisy."""
 _MOST = round(HISTORY / SPACING) + 2
 
 
 class Sample(NamedTuple):
-    """A joint's position (rad or m) and velocity (rad/s or m/s) at a stamp (seconds)."""
+    """A joint's position (rad or m) at a time (seconds)."""
 
-    stamp: float
+    time: float
     position: float
-    velocity: float
 
 
 class JointPast:
@@ -49,66 +45,72 @@ class JointPast:
     @property
     def newest(self) -> float:
         """Stamp of the newest value; −∞ before the first."""
-        return self._samples[-1].stamp if self._samples else float("-inf")
+        return self._samples[-1].time if self._samples else float("-inf")
+
+    @property
+    def latest(self) -> float:
+        """The newest value."""
+        return self._samples[-1].position
 
     def add(self, sample: Sample) -> None:
         """Take in a value, be it in order or not."""
         samples = self._samples
         self._note_rest(sample)
-        if samples and sample.stamp < samples[-1].stamp:
-            insort(samples, sample, key=_stamp)
-        elif len(samples) > 1 and sample.stamp - samples[-2].stamp < SPACING:
+        if samples and sample.time < samples[-1].time:
+            insort(samples, sample, key=_time)
+        elif len(samples) > 1 and sample.time - samples[-2].time < SPACING:
             samples[-1] = sample
         else:
             samples.append(sample)
-        oldest = samples[-1].stamp - HISTORY
-        if samples[0].stamp < oldest or len(samples) > _MOST:
-            kept = max(bisect_left(samples, oldest, key=_stamp), len(samples) - _MOST)
+        oldest = samples[-1].time - HISTORY
+        if samples[0].time < oldest or len(samples) > _MOST:
+            kept = max(bisect_left(samples, oldest, key=_time), len(samples) - _MOST)
             del samples[:kept]
 
     def forget(self) -> None:
         """Begin anew: the clock that stamps the values was set back."""
         self._samples.clear()
 
-    def at(self, stamp: float | None) -> float | None:
+    def at(self, stamp: float | None, rest_speed: float) -> float | None:
         """Where the joint was at a stamp; None where that is not known.
 
         Outside of what is kept, and without a stamp, that is where the joint is now, if it has
         been at rest since, as far as anybody heard; without a stamp, for as long as is kept.
+
+        Args:
+            rest_speed: rad/s or m/s up to which it is at rest.
         """
         samples = self._samples
         if not samples:
             return None
-        if stamp is None or stamp < samples[0].stamp:
-            resting = self._rested_since(samples[0].stamp if stamp is None else stamp)
-            return samples[-1].position if resting and not self.moves(self.newest) else None
-        if stamp > self.newest:
-            return None if self.moves(self.newest) else samples[-1].position
+        oldest = samples[0].time if stamp is None else min(stamp, samples[0].time)
+        if (stamp is None or stamp < samples[0].time) and not self._rested_since(oldest):
+            return None
+        if stamp is None or not samples[0].time <= stamp <= self.newest:
+            return None if self.moves(self.newest, rest_speed) else samples[-1].position
         before, after = self._around(stamp)
-        far = after.stamp - before.stamp > GAP
+        far = after.time - before.time > GAP
         if far and abs(after.position - before.position) > REST_SPREAD:
             return None
         return _between(before, after, stamp)
 
-    def moves(self, stamp: float) -> bool:
-        """Whether the joint was faster than `REST_SPEED` at a stamp; at one older than what is
-        kept, whether it has moved since."""
+    def moves(self, stamp: float, rest_speed: float) -> bool:
+        """Whether the joint was faster than that (rad/s or m/s) around a stamp; at one older than
+        what is kept, whether it has moved since."""
         samples = self._samples
         if not samples:
             return False
-        if stamp < samples[0].stamp and not self._rested_since(stamp):
+        if stamp < samples[0].time and not self._rested_since(stamp):
             return True
-        end = min(max(stamp + _WINDOW / 2, samples[0].stamp), self.newest)
-        begin = max(end - _WINDOW, samples[0].stamp)
-        inside = samples[
-            bisect_right(samples, begin, key=_stamp) - 1 : bisect_left(samples, end, key=_stamp) + 1
-        ]
-        if any(abs(sample.velocity) > REST_SPEED for sample in inside):
-            return True
+        end = min(max(stamp + WINDOW / 2, samples[0].time), self.newest)
+        begin = max(end - WINDOW, samples[0].time)
+        inside = slice(
+            bisect_right(samples, begin, key=_time), bisect_left(samples, end, key=_time)
+        )
         positions = [_between(*self._around(time), time) for time in (begin, end)]
-        positions += [sample.position for sample in inside[1:-1]]
-        spread = max(positions) - min(positions)
-        return spread > REST_SPEED * max(end - begin, _SHORTEST) * (1.0 + 1e-6)
+        positions += [sample.position for sample in samples[inside]]
+        farthest = rest_speed * max(end - begin, SHORTEST) * (1.0 + 1e-6)
+        return max(positions) - min(positions) > farthest
 
     def _note_rest(self, sample: Sample) -> None:
         position = sample.position
@@ -119,8 +121,8 @@ class JointPast:
         elif high - low <= REST_SPREAD:
             self._low, self._high = low, high
         else:
-            self._resting_since = max(self._resting_since, sample.stamp)
-            if sample.stamp >= self.newest:
+            self._resting_since = max(self._resting_since, sample.time)
+            if sample.time >= self.newest:
                 self._low = self._high = position
 
     def _rested_since(self, stamp: float) -> bool:
@@ -130,16 +132,16 @@ class JointPast:
     def _around(self, stamp: float) -> tuple[Sample, Sample]:
         """The values next to a stamp within what is kept, before and after it."""
         samples = self._samples
-        before = samples[bisect_right(samples, stamp, key=_stamp) - 1]
-        return before, samples[bisect_left(samples, stamp, key=_stamp)]
+        before = samples[bisect_right(samples, stamp, key=_time) - 1]
+        return before, samples[bisect_left(samples, stamp, key=_time)]
 
 
 def _between(before: Sample, after: Sample, stamp: float) -> float:
     """The position at a stamp, on the line between two values."""
-    time = after.stamp - before.stamp
-    share = (stamp - before.stamp) / time if time > 0.0 else 0.0
+    time = after.time - before.time
+    share = (stamp - before.time) / time if time > 0.0 else 0.0
     return before.position + share * (after.position - before.position)
 
 
-def _stamp(sample: Sample) -> float:
-    return sample.stamp
+def _time(sample: Sample) -> float:
+    return sample.time

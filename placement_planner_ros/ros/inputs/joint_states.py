@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import math
 import threading
-from collections import deque
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from placement_planner_ros.core.errors import JointStateError, PlacementPlannerError
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.ros.inputs.joint_past import HISTORY, REST_SPEED, JointPast, Sample
+from placement_planner_ros.ros.inputs.joint_past import HISTORY, WINDOW, JointPast, Sample
 
-REST_WINDOW = 0.3
-"""Seconds over which a joint at rest must have stayed where it is."""
+PUBLISH = "publish these joints too, or set assumed_joints"
+"""What to do about joints that nobody publishes."""
 
 
 class JointsStaleError(PlacementPlannerError):
@@ -33,31 +32,29 @@ class JointStates:
 
     How old a value is and whether the robot is at rest is told by a steady clock, passed in as
     `now`, whatever clocks the stamps are of. A value whose stamp is older than that of one before
-    it is the newest only where nothing newer came within `REST_WINDOW`: then that clock was set
-    back.
+    it is the newest only where nothing newer came within `joint_past.WINDOW`: then that clock
+    was set back.
 
     The past of a joint without end stops is kept in turns that go on from each other, whatever
     turns its values are reported in: one that rests where they wrap is at rest.
     """
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
         self._continuous: frozenset[str] = frozenset()
         self._newest: dict[str, float] = {}
-        self._history: dict[str, deque[tuple[float, float]]] = {}
-        self._velocity: dict[str, float] = {}
-        self._past: dict[str, JointPast] = {}
+        self._heard: dict[str, JointPast] = {}  # by the steady clock
+        self._past: dict[str, JointPast] = {}  # by the stamps
         self._refused: tuple[float, str] = (-math.inf, "")
 
     def update(
         self,
         names: Sequence[str],
         positions: Sequence[float],
-        velocities: Sequence[float],
         now: float,
         stamp: float | None = None,
     ) -> None:
-        """Take in one message; velocities may be empty.
+        """Take in one message.
 
         Args:
             stamp: of the values, seconds of the clock that stamps clouds; None: `now`.
@@ -72,19 +69,11 @@ class JointStates:
                 self._refused = now, str(bad)
             for i in taken:
                 name, position = names[i], positions[i]
-                velocity = velocities[i] if i < len(velocities) else 0.0
-                velocity = velocity if math.isfinite(velocity) else 0.0
                 turned = self._going_on(name, position)
-                sample = Sample(now if stamp is None else stamp, turned, velocity)
-                if not self._is_newest(name, sample, now):
-                    continue
-                self._newest[name] = position
-                history = self._history.setdefault(name, deque())
-                history.append((now, turned))
-                # One value from before the window stays: where the joint was when it began.
-                while len(history) > 1 and history[1][0] <= now - REST_WINDOW:
-                    history.popleft()
-                self._velocity[name] = velocity
+                sample = Sample(now if stamp is None else stamp, turned)
+                if self._is_newest(name, sample, now):
+                    self._newest[name] = position
+                    self._heard.setdefault(name, JointPast()).add(Sample(now, turned))
         if bad is not None:
             raise bad
 
@@ -96,12 +85,18 @@ class JointStates:
         """
         with self._lock:
             self._continuous = frozenset(continuous)
-            for known in (self._newest, self._history, self._velocity, self._past):
+            for known in (self._newest, self._heard, self._past):
                 for name in [name for name in known if name not in names]:
                     del known[name]
 
     def at(
-        self, joints: Sequence[str], stamp: float | None, now: float, timeout: float
+        self,
+        joints: Sequence[str],
+        stamp: float | None,
+        now: float,
+        timeout: float,
+        rest_speed: float,
+        assumed: Mapping[str, float],
     ) -> dict[str, float]:
         """Where joints were at a stamp, rad or m.
 
@@ -110,6 +105,8 @@ class JointStates:
 
         Args:
             timeout: age from which on what is newest now is stale, seconds.
+            rest_speed: rad/s or m/s up to which a joint is at rest.
+            assumed: values of joints that nobody publishes.
 
         Raises:
             JointStateError: a joint has never been heard of.
@@ -117,16 +114,16 @@ class JointStates:
             RobotMovingError: a joint moved, and where it was is not known.
         """
         with self._lock:
-            missing = [name for name in joints if name not in self._past]
+            pasts = {name: self._past[name] for name in joints if name in self._past}
+            missing = [name for name in joints if name not in pasts and name not in assumed]
             if missing:
-                raise JointStateError("joint_states: missing", missing, "publish these joints too")
-            pasts = {name: self._past[name] for name in joints}
+                raise JointStateError("joint_states: missing", missing, PUBLISH)
             self._require_fresh(
                 [n for n, past in pasts.items() if stamp is None or stamp > past.newest],
                 now,
                 timeout,
             )
-            values = {name: past.at(stamp) for name, past in pasts.items()}
+            values = {name: past.at(stamp, rest_speed) for name, past in pasts.items()}
         unknown = [name for name, value in values.items() if value is None]
         if unknown:
             when = "without a stamp" if stamp is None else "then"
@@ -136,16 +133,18 @@ class JointStates:
                 f"is not known {when}, and they moved; what is known are the last {HISTORY:g} s of "
                 "stamps: stamp clouds and joint states by the same clock, or keep the robot still",
             )
-        return {name: value for name, value in values.items() if value is not None}
+        known = {name: value for name, value in values.items() if value is not None}
+        return {name: known.get(name, assumed.get(name, 0.0)) for name in joints}
 
-    def moving(self, joints: Sequence[str], stamp: float | None) -> list[str]:
-        """Those of these joints that were moving at a stamp; without one, that are now."""
+    def moving(self, joints: Iterable[str], stamp: float | None, rest_speed: float) -> list[str]:
+        """Those of these joints that were faster than that at a stamp; without one, are now."""
         with self._lock:
-            pasts = {name: self._past[name] for name in joints if name in self._past}
+            pasts = self._heard if stamp is None else self._past
             return [
                 name
-                for name, past in pasts.items()
-                if past.moves(past.newest if stamp is None else stamp)
+                for name in joints
+                if (past := pasts.get(name)) is not None
+                and past.moves(past.newest if stamp is None else stamp, rest_speed)
             ]
 
     def positions(self) -> dict[str, float]:
@@ -156,47 +155,58 @@ class JointStates:
     def age(self, now: float) -> float:
         """Seconds since any joint was heard of; infinite before the first."""
         with self._lock:
-            newest = max((h[-1][0] for h in self._history.values()), default=-math.inf)
-        return now - newest
+            return now - max((each.newest for each in self._heard.values()), default=-math.inf)
 
-    def resting(self, robot: Robot, now: float, timeout: float, tolerance: float) -> Array:
-        """q_0 (nq,), complete, fresh and at rest.
+    def stale(self, joints: Iterable[str], now: float, timeout: float) -> dict[str, float]:
+        """Those of these joints whose newest value is older than `timeout`, with its age; seconds.
+
+        Joints that have never been heard of are none of them.
+        """
+        with self._lock:
+            ages = {n: now - self._heard[n].newest for n in joints if n in self._heard}
+        return {name: age for name, age in ages.items() if age > timeout}
+
+    def resting(
+        self,
+        robot: Robot,
+        matter: Collection[str],
+        assumed: Mapping[str, float],
+        now: float,
+        timeout: float,
+        rest_speed: float,
+    ) -> Array:
+        """q_0 (nq,), complete, fresh, and at rest as far as that matters.
 
         Args:
+            matter: joints that must be known and at rest.
+            assumed: values of joints that nobody publishes, rad or m.
             timeout: age from which on a value is stale, seconds.
-            tolerance: change within `REST_WINDOW` from which on a joint is moving, rad or m.
+            rest_speed: rad/s or m/s up to which a joint is at rest.
 
         Raises:
-            JointStateError: a joint has never been heard of.
-            JointsStaleError: a value is too old.
-            RobotMovingError: a joint is moving.
+            JointStateError: a joint that must be known has never been heard of.
+            JointsStaleError: its value is too old.
+            RobotMovingError: a joint that matters is moving.
         """
         try:
-            q = robot.configuration(self.positions())
+            q = robot.configuration({**assumed, **self.positions()}, matter)
         except JointStateError as error:
-            remedy = f"{error.remedy}{self._refusal(now, timeout)}"
+            remedy = f"{PUBLISH}{self._refusal(now, timeout)}"
             raise JointStateError(error.field, error.value, remedy) from None
-        needed = [name for name in robot.joint_names if name not in robot.mimics]
-        with self._lock:
-            gone = [name for name in needed if name not in self._newest]
-            if gone:  # meanwhile, as another robot has come
-                raise JointStateError("joint_states: missing", gone, "publish these joints too")
-            self._require_fresh(needed, now, timeout)
-            moving = [
-                name
-                for name in needed
-                if abs(self._velocity[name]) > REST_SPEED
-                or _spread(self._history[name], now - REST_WINDOW) > tolerance
-            ]
+        self._require_fresh({*robot.needed_joints, *matter}, now, timeout)
+        moving = self.moving(matter, None, rest_speed)
         if moving:
-            raise RobotMovingError("joint_states", moving, "start when the robot is at rest")
+            words = (
+                f"start when the robot is at rest: no joint faster than rest_speed = {rest_speed:g}"
+            )
+            raise RobotMovingError("joint_states", moving, words)
         return q
 
     def _going_on(self, name: str, position: float) -> float:
         """A position in the turn next to the newest of a joint without end stops. Lock held."""
-        if name not in self._continuous or name not in self._history:
+        if name not in self._continuous or name not in self._heard:
             return position
-        last = self._history[name][-1][1]
+        last = self._heard[name].latest
         return last + math.remainder(position - last, 2.0 * math.pi)
 
     def _is_newest(self, name: str, sample: Sample, now: float) -> bool:
@@ -204,17 +214,16 @@ class JointStates:
         past = self._past.get(name)
         if past is None:
             past = self._past[name] = JointPast()
-        late = sample.stamp < past.newest
-        if late and now - self._history[name][-1][0] >= REST_WINDOW:
+        late = sample.time < past.newest
+        if late and now - self._heard[name].newest >= WINDOW:
             late = False
             past.forget()
         past.add(sample)
         return not late
 
     def _require_fresh(self, joints: Iterable[str], now: float, timeout: float) -> None:
-        """Lock held; a JointsStaleError names what is older than `timeout` seconds."""
-        ages = {name: now - self._history[name][-1][0] for name in joints}
-        stale = {name: f"{age:.1f} s" for name, age in ages.items() if age > timeout}
+        """Raise a JointsStaleError that names what is older than `timeout` seconds."""
+        stale = {name: f"{age:.1f} s" for name, age in self.stale(joints, now, timeout).items()}
         if stale:
             words = f"no value within joint_state_timeout = {timeout:g} s"
             words += self._refusal(now, timeout)
@@ -229,13 +238,6 @@ class JointStates:
         """What to add where values are missing, as messages came but were refused."""
         why = self.refused(now, timeout)
         return f"; of what came, some was refused: {why}" if why else ""
-
-
-def _spread(history: deque[tuple[float, float]], since: float) -> float:
-    """How far a joint moved since then, from where it was at that time."""
-    values = [position for time, position in history if time >= since]
-    values += [position for time, position in history if time < since][-1:]
-    return max(values) - min(values)
 
 
 def _positions(

@@ -14,7 +14,7 @@ import pinocchio as pin
 from builtin_interfaces.msg import Time
 
 from placement_planner_ros.core.body.convex_cover import Cover
-from placement_planner_ros.core.errors import PlacementPlannerError, RobotError
+from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError, RobotError
 from placement_planner_ros.core.meshes.collada import Triangles
 from placement_planner_ros.core.meshes.headers import check_header
 from placement_planner_ros.core.meshes.read import read_mesh
@@ -529,7 +529,24 @@ def require_known(robot: Robot, parameters: ParameterSet, names: Iterable[str]) 
     for name in names:
         value = parameters[name] if name in links | joints else []
         for each in filter(None, [value] if isinstance(value, str) else value):
-            if name in links and not robot.model.existFrame(each, pin.FrameType.BODY):
+            if name in links and not robot.has_link(each):
                 raise RobotError(name, each, f"is no link of robot {robot.name!r}")
             if name in joints and each not in robot.joint_names:
                 raise RobotError(name, each, f"is no movable joint of robot {robot.name!r}")
+        if name == "assumed_joints":
+            require_assumed(robot, parameters)
+
+
+def require_assumed(robot: Robot, parameters: ParameterSet) -> None:
+    """Refuse assumed values of joints that the robot does not have, or that follow others.
+
+    Raises:
+        ParameterError: there is one.
+    """
+    for joint in parameters.assumed_joints:
+        if joint in robot.mimics:
+            master = robot.mimics[joint].master
+            raise ParameterError("assumed_joints", joint, f"follows {master}; give that one")
+        if joint not in robot.joint_names:
+            words = f"is no movable joint of robot {robot.name!r}"
+            raise ParameterError("assumed_joints", joint, words)

@@ -52,12 +52,13 @@ def trajectory_message(trajectory: Trajectory | None, key: str) -> JointTrajecto
 
 
 def with_all_joints(trajectory: Trajectory, robot: Robot, q_start: Array) -> Trajectory:
-    """The same motion naming every joint that does not mimic another, the others held at q_start.
+    """The same motion naming every joint that is driven, the others held at q_start.
 
     Args:
         q_start: (nq,) configuration at which the other joints stay.
     """
-    joints = tuple(name for name in robot.joint_names if name not in robot.mimics)
+    undriven = {*robot.mimics, *robot.passive}
+    joints = tuple(name for name in robot.joint_names if name not in undriven)
     column = {name: i for i, name in enumerate(trajectory.joints)}
     shape = (len(trajectory.times), len(joints))
     positions, velocities, accelerations = np.zeros(shape), np.zeros(shape), np.zeros(shape)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -73,6 +74,32 @@ def names(name: str, value: Sequence[str]) -> None:
             raise ParameterError(name, list(value), "give names that are not empty, without spaces")
     if len(set(value)) < len(value):
         raise ParameterError(name, list(value), "name each once")
+
+
+def named_numbers(name: str, value: Sequence[str]) -> dict[str, float]:
+    """Numbers by name, from texts `name=number`.
+
+    Raises:
+        ParameterError: a text is not of that form, or a name is given twice.
+    """
+    numbers: dict[str, float] = {}
+    for each in value:
+        key, equals, number = (part.strip() for part in each.rpartition("="))
+        try:
+            read = float(number)
+        except ValueError:
+            read = math.nan
+        if not (key and equals and math.isfinite(read)):
+            raise ParameterError(name, each, "give name=number, such as wheel_joint=0.0")
+        if key in numbers:
+            raise ParameterError(name, each, "name each once")
+        numbers[key] = read
+    return numbers
+
+
+def joint_values(name: str, value: Sequence[str]) -> None:
+    """Texts `joint=value`."""
+    named_numbers(name, value)
 
 
 def terms(name: str, value: Sequence[str]) -> None:

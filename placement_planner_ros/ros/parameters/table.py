@@ -248,6 +248,30 @@ def _robot() -> list[Spec]:
             "[0.0001, 1]",
         ),
         _own(
+            "start_limit_tolerance",
+            0.001,
+            "Joints beyond a limit by no more than this are taken to be at the limit, and that is "
+            "told; a joint of an arm that is further beyond is BAD_START.",
+            "rad or m",
+            "[0, 0.05]",
+        ),
+        _own(
+            "rest_speed",
+            0.02,
+            "A joint of an arm, or on the way to a sensor, that is faster than this by its "
+            "positions, over 0.3 s, is moving.",
+            "rad/s or m/s",
+            "[0.0001, 1]",
+        ),
+        _own(
+            "assumed_joints",
+            [],
+            "Values joint=value, rad or m, of joints that nobody publishes. Joints that move no "
+            "shape, and passive ones of the SRDF, need none.",
+            kind="string[]",
+            check=checks.joint_values,
+        ),
+        _own(
             "joint_state_timeout",
             1.0,
             "Joint values older than this are stale.",

@@ -18,7 +18,7 @@ from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.regions import RegionSettings
 from placement_planner_ros.core.settings import Settings
 from placement_planner_ros.core.types import TargetVolume
-from placement_planner_ros.ros.parameters.checks import poses_from_list
+from placement_planner_ros.ros.parameters.checks import named_numbers, poses_from_list
 from placement_planner_ros.ros.parameters.spec import Spec
 from placement_planner_ros.ros.parameters.table import (
     BODY,
@@ -161,6 +161,11 @@ class ParameterSet:
             for name in self.specs
             if name.startswith(JOINT_LIMITS)
         }
+
+    @property
+    def assumed_joints(self) -> dict[str, float]:
+        """Values of joints that nobody publishes, rad or m."""
+        return named_numbers("assumed_joints", self["assumed_joints"])
 
     def sensor_pose(self, frame: str) -> pin.SE3 | None:
         """Pose of a sensor's frame in the planning frame, where one is given."""

@@ -25,6 +25,9 @@ class Snapshot:
         object_key: `ObjectInput.key` of what the robot holds by default, which this run may
             hold another in place of.
         robot_key: `RobotInput.key` of the robot.
+        joints: whose values it was taken of, which must stay fresh.
+        moving: those of them that moved already, which may leave q_0.
+        notes: what to know of q_0.
     """
 
     robot: Robot
@@ -38,3 +41,6 @@ class Snapshot:
     placed: tuple[bool, ...] = ()
     object_key: Hashable = None
     robot_key: Hashable = None
+    joints: tuple[str, ...] = ()
+    moving: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()

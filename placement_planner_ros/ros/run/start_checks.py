@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from placement_planner_ros.core.errors import (
     ObjectError,
     ParameterError,
     PlacementPlannerError,
+    listed,
 )
 from placement_planner_ros.core.grasp.object_size import size_doubt
 from placement_planner_ros.core.grasp.start_state_check import (
@@ -29,7 +30,7 @@ from placement_planner_ros.core.scene.keep_out import boxes_of
 from placement_planner_ros.core.timing.trajectory_maker import TimingSettings
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.inputs import Inputs
-from placement_planner_ros.ros.inputs.robot_input import announced, make_arm
+from placement_planner_ros.ros.inputs.robot_input import announced, make_arm, require_assumed
 from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.run.surroundings import require_grid, sight_notes
@@ -71,14 +72,12 @@ def take_snapshot(
     clouds = None if faults else attempt(lambda: inputs.clouds.snapshot(mode, max_age, now))
     robot_key = inputs.robot.key
     robot = attempt(lambda: inputs.robot.robot)
-    q_start: Array | None = None
+    standing: _Standing | None = None
     arms: tuple[Arm, ...] = ()
     if robot is not None:
-        standing = attempt(partial(_standing, inputs, robot, parameters, now))
-        if standing is not None:
-            robot, q_start = standing
         made = [attempt(partial(make_arm, robot, parameters, name)) for name in parameters["arms"]]
         arms = tuple(arm for arm in made if arm is not None)
+        standing = attempt(partial(_standing, inputs, robot, arms, parameters, now))
         if len(arms) == len(made):
             attempt(lambda: require_grasp(arms))
             attempt(lambda: require_limits(arms, parameters.planner_settings.timing))
@@ -87,46 +86,77 @@ def take_snapshot(
     attempt(lambda: require_terms(parameters))
     object_key = inputs.object.key
     body = attempt(lambda: inputs.object.body(parameters, overridden))
-    if faults or robot is None or clouds is None or q_start is None or body is None:
+    if faults or standing is None or clouds is None or body is None:
         return faults
     points = tuple(cloud.points for cloud in clouds)
     origins = tuple(cloud.origin for cloud in clouds)
     placed = tuple(cloud.placed for cloud in clouds)
     snapshot = Snapshot(
-        robot,
+        standing.robot,
         arms,
-        q_start,
+        standing.q,
         body,
         points,
         parameters,
-        robot.root_link,
+        standing.robot.root_link,
         origins,
         placed,
         object_key,
         robot_key,
+        standing.joints,
+        standing.moving,
+        standing.notes,
     )
     attempt(lambda: require_face(body))
     attempt(lambda: require_grid(snapshot))
     return faults or snapshot
 
 
+class _Standing(NamedTuple):
+    """Where the robot stands: the robot, with what that shows of it, and parts of a `Snapshot`."""
+
+    robot: Robot
+    q: Array
+    joints: tuple[str, ...]
+    moving: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
 def _standing(
-    inputs: Inputs, robot: Robot, parameters: ParameterSet, now: float
-) -> tuple[Robot, Array]:
-    """The robot, with what is learned from where it stands, and q_0 (nq,).
+    inputs: Inputs, robot: Robot, arms: Sequence[Arm], parameters: ParameterSet, now: float
+) -> _Standing:
+    """Where the robot stands.
 
     Raises:
         PlacementPlannerError: q_0 is not known, or cannot be.
     """
-    timeout, tolerance = parameters["joint_state_timeout"], parameters["start_tolerance"]
+    require_assumed(robot, parameters)
+    timeout, rest_speed = parameters["joint_state_timeout"], parameters["rest_speed"]
+    moved = {joint for arm in arms for joint in arm.joints}
+    matter = moved.union(*(robot.joints_to(arm.tip_frame) for arm in arms))
+    matter.update(*(arm.gripper_joints for arm in arms))
+    matter |= inputs.joints_to_sensors(robot, parameters)
     try:
-        q = inputs.joints.resting(robot, now, timeout, tolerance)
+        assumed = parameters.assumed_joints
+        q = inputs.joints.resting(robot, matter, assumed, now, timeout, rest_speed)
     except JointStateError as error:
         if inputs.robot.is_given:
             raise
         raise JointStateError("robot_description", "none has come", BUNDLED) from error
-    robot.require_plausible(q)
-    return inputs.robot.standing_at(robot, q), q
+    robot.require_plausible(q, moved)
+    within = robot.within_limits(q, parameters["start_limit_tolerance"])
+    notes = [
+        f"{words}: taken to be at the limit, as it is no further beyond than start_limit_tolerance"
+        for words in robot.limit_violations(q)
+        if words not in robot.limit_violations(within)
+    ]
+    moving = inputs.joints.moving(set(robot.needed_joints) - matter, None, rest_speed)
+    if moving:
+        names = f"{listed(sorted(moving))}: moving"
+        notes.append(f"{names}, but of no arm and no sensor; planned with where they are now")
+    joints = (*robot.needed_joints, *sorted(matter.difference(robot.needed_joints)))
+    standing = inputs.robot.standing_at(robot, within)
+    return _Standing(standing, within, joints, tuple(moving), tuple(notes))
 
 
 def start_notes(snapshot: Snapshot, environment: Environment | None) -> list[str]:
@@ -169,7 +199,7 @@ def start_notes(snapshot: Snapshot, environment: Environment | None) -> list[str
     deep = deep_fingers(snapshot.robot, snapshot.arms, snapshot.q_start, snapshot.body)
     of_object = [*snapshot.body.warnings, *([doubt] if doubt else deep)]
     sights = sight_notes(snapshot, environment)
-    return [*of_object, *beyond, *of_arms, *left_out, *without, *tilts, *sights]
+    return [*of_object, *snapshot.notes, *beyond, *of_arms, *left_out, *without, *tilts, *sights]
 
 
 def require_face(body: Body) -> None:

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import math
 import time
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
 from placement_planner_ros.core.collision.attached_object import AttachedObject, PlacedObject
-from placement_planner_ros.core.errors import JointStateError, PlacementPlannerError, listed
+from placement_planner_ros.core.errors import JointStateError, listed
 from placement_planner_ros.core.grasp.hand_sweep import with_opening_hand
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.flying_pixels import flying_among
@@ -20,7 +18,6 @@ from placement_planner_ros.core.swept.space import Stretch, SweptSpace, evenly
 from placement_planner_ros.core.timing.quintic import positions_at
 from placement_planner_ros.core.types import Array, Placement, Trajectory
 from placement_planner_ros.ros.inputs.inputs import Inputs
-from placement_planner_ros.ros.inputs.joint_states import JointsStaleError
 from placement_planner_ros.ros.inputs.self_filter import Outline
 from placement_planner_ros.ros.run.snapshot import Snapshot
 
@@ -156,7 +153,7 @@ def outdated(snapshot: Snapshot, inputs: Inputs) -> str:
         return "the object was replaced"
     parameters, now = snapshot.parameters, time.monotonic()
     timeout = parameters["joint_state_timeout"]
-    stale = _stale_joints(snapshot, inputs, now, timeout)
+    stale = list(inputs.joints.stale(snapshot.joints, now, timeout))
     if stale:
         named = listed(stale, most=_NAMED)
         return f"joint values of {named} are older than joint_state_timeout = {timeout:g} s"
@@ -171,30 +168,18 @@ def outdated(snapshot: Snapshot, inputs: Inputs) -> str:
 
 def moved(snapshot: Snapshot, inputs: Inputs) -> str:
     """Why the robot is no more where a run began; '' where it is, as far as anybody knows."""
-    tolerance = snapshot.parameters["start_tolerance"]
+    robot, parameters = snapshot.robot, snapshot.parameters
+    tolerance = parameters["start_tolerance"]
     try:
-        q = snapshot.robot.configuration(inputs.joints.positions())
+        q = robot.configuration({**parameters.assumed_joints, **inputs.joints.positions()})
     except JointStateError:
         pass
     else:
-        apart = snapshot.robot.apart(q, snapshot.q_start)
-        if apart.max() > tolerance:
+        q = robot.within_limits(q, parameters["start_limit_tolerance"])
+        left = robot.apart(q, snapshot.q_start) > tolerance
+        left &= np.isin(robot.joint_names, list(set(snapshot.joints) - set(snapshot.moving)))
+        if left.any():
             # The first of them and no distance: words that change as it moves would be told anew.
-            joint = snapshot.robot.joint_names[int(np.argmax(apart > tolerance))]
+            joint = robot.joint_names[int(np.argmax(left))]
             return f"the robot has left q_0: {joint} by more than start_tolerance = {tolerance:g}"
-    return inputs.robot.strayed(snapshot.robot, snapshot.robot_key, tolerance)
-
-
-def _stale_joints(snapshot: Snapshot, inputs: Inputs, now: float, timeout: float) -> list[str]:
-    try:
-        inputs.joints.resting(snapshot.robot, now, timeout, math.inf)
-    except JointsStaleError as error:
-        return _named(error)
-    except PlacementPlannerError:
-        pass  # whether it has left q_0 is looked at elsewhere
-    return []
-
-
-def _named(error: PlacementPlannerError) -> list[str]:
-    """What the error is about, by name."""
-    return list(error.value) if isinstance(error.value, Mapping) else [str(error.value)]
+    return inputs.robot.strayed(robot, snapshot.robot_key, tolerance)

@@ -103,8 +103,8 @@ def test_the_bundled_robot_could_plan(start, tmp_path, capsys):
                   "left, grasp 0: ", "edges of 0.5 rad a second", "samples of goals a second",
                   "nothing is wrong"):  # fmt: skip
         assert words in said, words
-    given = read_srdf(share_path("urdf", "yumi.srdf").read_text(), links_of("yumi.urdf"))[0]
-    written = read_srdf((tmp_path / "a.srdf").read_text(), links_of("yumi.urdf"))[0]
+    given = read_srdf(share_path("urdf", "yumi.srdf").read_text(), links_of("yumi.urdf")).allowed
+    written = read_srdf((tmp_path / "a.srdf").read_text(), links_of("yumi.urdf")).allowed
     assert written == given
 
 
@@ -200,10 +200,14 @@ def test_missing_meshes_are_told_at_once(robot, capsys):
         assert words in said, words
 
 
-def test_a_grasp_in_which_nothing_holds_the_object_is_wrong(robot, capsys):
+def test_a_grasp_in_which_nothing_holds_the_object_is_worth_a_look(robot, capsys):
     file = parameters(robot, **{"arm.grasps": "[0.0, 0.0, 0.4, 0.0, 0.0, 0.0, 1.0]"})
-    assert main(["--params-file", str(file)]) == 1
-    assert "comes no closer to the object than" in faults(capsys.readouterr().out)
+    main(["--params-file", str(file)])
+    remarks, _, wrong = (
+        capsys.readouterr().out.partition("though the node would plan")[2].partition(" wrong\n")
+    )
+    assert "comes no closer to the object than" in remarks
+    assert "comes no closer" not in wrong
 
 
 def test_a_hand_that_cannot_let_go_is_wrong_wherever_the_robot_stands(robot, capsys):

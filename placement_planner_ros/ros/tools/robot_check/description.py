@@ -74,7 +74,9 @@ def describe_arms(subject: Subject, findings: Findings) -> None:
 def describe_joint_states(subject: Subject, findings: Findings) -> None:
     """Which joints the node waits for."""
     robot = subject.robot
-    names = [name for name in robot.joint_names if name not in robot.mimics]
+    matter = {joint for arm in subject.arms for joint in robot.joints_to(arm.tip_frame)}
+    matter = matter.union(robot.needed_joints) - set(subject.parameters.assumed_joints)
+    names = [name for name in robot.joint_names if name in matter]
     findings.title("joint_states must have, in one or several messages")
     findings.say(", ".join(names))
 

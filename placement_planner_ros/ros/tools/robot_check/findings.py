@@ -20,11 +20,13 @@ class Findings:
     """Prints what is understood as it comes, and remembers what is wrong.
 
     Attributes:
-        faults: everything for which the node could not plan, or would not as it is meant.
+        faults: everything for which the node could not plan.
+        remarks: what may not be as it is meant, though the node would plan.
     """
 
     def __init__(self) -> None:
         self.faults: list[str] = []
+        self.remarks: list[str] = []
 
     def title(self, words: str) -> None:
         """Begin a section."""
@@ -59,6 +61,10 @@ class Findings:
             if line not in self.faults:
                 self.faults.append(line)
 
+    def remark(self, words: str) -> None:
+        """Remember something that may not be as it is meant."""
+        self.remarks.append(words)
+
     def attempt(self, make: Callable[[], Made]) -> Made | None:
         """What it makes; None where it raises what is wrong."""
         try:
@@ -68,7 +74,11 @@ class Findings:
             return None
 
     def conclude(self) -> None:
-        """Say everything that is wrong."""
+        """Say everything that is remarkable, and everything that is wrong."""
+        if self.remarks:
+            self.title("to look at, though the node would plan")
+        for remark in self.remarks:
+            self.say(f"- {remark}")
         if not self.faults:
             self.title("nothing is wrong: the node could plan")
             return

@@ -72,10 +72,11 @@ def check_grasps(subject: Subject, findings: Findings) -> bool:
                 findings.say(f"closing: {closing}", 2)
                 best = min(best, closing.closest, *opened.distances.values())
             if best > _FAR:
-                findings.wrong(
+                findings.remark(
                     f"{arm.name}.grasps: in grasp {number} the hand comes no closer to the object "
-                    f"than {1e3 * min(best, 9.999):.0f} mm, so nothing holds it; check the pose of "
-                    f"the object in {arm.tip_frame}, its quaternion (x y z w) and object.scale"
+                    f"than {1e3 * min(best, 9.999):.0f} mm; unless something holds it that the "
+                    "description lacks, as a suction cup, check the pose of the object in "
+                    f"{arm.tip_frame}, its quaternion (x y z w) and object.scale"
                 )
             fault = _held_fast(subject, arm, number, body)
             findings.say(f"letting go: {'as it should' if fault is None else fault.remedy}", 2)

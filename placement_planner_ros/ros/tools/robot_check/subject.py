@@ -18,7 +18,12 @@ from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.object_input import ObjectInput
 from placement_planner_ros.ros.inputs.resources import Files
-from placement_planner_ros.ros.inputs.robot_input import RobotInput, UnplacedError, make_arm
+from placement_planner_ros.ros.inputs.robot_input import (
+    RobotInput,
+    UnplacedError,
+    make_arm,
+    require_assumed,
+)
 from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.ros.run.start_checks import require_face, require_grasp, require_limits
 from placement_planner_ros.ros.tools.robot_check.findings import Findings
@@ -70,7 +75,7 @@ def read_subject(
     robot = _robot(parameters, files, findings)
     if robot is None:
         return None
-    q = _start(robot, joints, start, findings)
+    q = _start(robot, joints, start, parameters, findings)
     standing = findings.attempt(lambda: robot.standing_at(q)) or robot
     if "arms" in given.names or not parameters["robot_description"]:
         arms = _arms(standing, parameters, findings)
@@ -80,6 +85,9 @@ def read_subject(
             "arms: none is named; set arms and, of each, tip_frame and grasps; tip_frame such as "
         )
         findings.wrong(words + _proposed(robot))
+    findings.attempt(
+        lambda: robot.require_plausible(q, [joint for arm in arms for joint in arm.joints])
+    )
     return Subject(given, standing, q, joints is None and start is None, arms, body)
 
 
@@ -118,12 +126,19 @@ def _body(parameters: ParameterSet, files: Files, findings: Findings) -> Body | 
 
 
 def _start(
-    robot: Robot, joints: Path | None, start: Mapping[str, Any] | None, findings: Findings
+    robot: Robot,
+    joints: Path | None,
+    start: Mapping[str, Any] | None,
+    parameters: ParameterSet,
+    findings: Findings,
 ) -> Array:
-    """q (nq,): as a file has it, what it leaves out at zero or at the limit next to it."""
+    """q (nq,): as a file has it; what it leaves out as `assumed_joints` has it, or else at zero or
+    at the limit next to it."""
     zero = np.clip(np.zeros(len(robot.joint_names)), robot.lower, robot.upper)
     free = [name for name in robot.joint_names if name not in robot.mimics]
-    at = dict(zip(robot.joint_names, zero.tolist(), strict=True))
+    findings.attempt(lambda: require_assumed(robot, parameters))
+    assumed = parameters.assumed_joints
+    at = dict(zip(robot.joint_names, zero.tolist(), strict=True)) | assumed
     if joints is None and start is None:
         return robot.configuration({name: at[name] for name in free})
     where = "start" if joints is None else str(joints)
@@ -135,15 +150,14 @@ def _start(
         if meant is not None and meant not in positions:
             findings.wrong(f"{where}: {name} is no joint of the robot; the nearest is {meant}")
         del positions[name]
-    missing = [name for name in free if name not in positions]
+    missing = [name for name in robot.needed_joints if name not in {*positions, *assumed}]
     if joints is not None and read is not None and missing:
-        findings.wrong(f"{where}: these joints are missing, which joint_states must have: "
-                       f"{', '.join(missing)}")  # fmt: skip
+        findings.wrong(f"{where}: these joints are missing, which joint_states must have, or "
+                       f"assumed_joints: {', '.join(missing)}")  # fmt: skip
     q = robot.configuration({name: positions.get(name, at[name]) for name in free})
-    findings.attempt(lambda: robot.require_plausible(q))
     for words in robot.limit_violations(q):
         findings.say(f"{where}: {words}")
-    return q
+    return robot.within_limits(q, parameters["start_limit_tolerance"])
 
 
 def positions_of(tree: Any, where: str) -> dict[str, float]:
