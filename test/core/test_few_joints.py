@@ -19,6 +19,8 @@ HELD = {
     "four": few_joints.FROM_ABOVE,
     "four aside": few_joints.FROM_ASIDE,
     "scara": few_joints.FROM_ABOVE,
+    "gantry": few_joints.FROM_ABOVE,
+    "gantry yaw": few_joints.FROM_ABOVE,
 }
 MANY = OptimisticSettings(batch=150)
 

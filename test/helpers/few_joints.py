@@ -1,4 +1,4 @@
-"""Arms of four and five joints at a table, all made of boxes, with an object in hand."""
+"""Arms of three to five joints at a table, all made of boxes, with an object in hand."""
 
 import numpy as np
 import pinocchio as pin
@@ -21,7 +21,7 @@ SIZE = np.array([0.05, 0.05, 0.12])
 FROM_ASIDE = pin.SE3(np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]), np.zeros(3))
 FROM_ABOVE = pin.SE3(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 0.03]))
 """T_tip_object: the object upright where the hand points ahead, and where it points down."""
-ARMS = ("five", "five aside", "four", "four aside", "scara")
+ARMS = ("five", "five aside", "four", "four aside", "scara", "gantry", "gantry yaw")
 """Of how many joints; those aside move in a plane that does not hold the axis of the base."""
 _ASIDE = 0.05
 """m"""
@@ -95,15 +95,38 @@ def _scara() -> str:
     return "".join(links) + "".join(_JOINT.format(*joint) for joint in joints)
 
 
+def _gantry(yaw: bool) -> str:
+    """A bridge on rails of 12 m, a cart on it, and a mast that may turn its hand."""
+    links = [
+        _LINK.format("base", "0 1 1.5", "12.4 0.1 0.1"),
+        _LINK.format("bridge", "0 0 0.1", "0.1 2.2 0.1"),
+        _LINK.format("cart", "0 0 0.1", "0.12 0.12 0.06"),
+        _LINK.format("mast", "0 0 0.4", "0.05 0.05 0.8"),
+    ]
+    kind = "revolute" if yaw else "fixed"
+    joints = [
+        ("rail", "prismatic", "base", "bridge", "0 0 1.5", "0 0 0", "1 0 0", -6, 6),
+        ("across", "prismatic", "bridge", "cart", "0 0 0.1", "0 0 0", "0 1 0", -0.9, 0.9),
+        ("down", "prismatic", "cart", "mast", "0.1 0 -0.7", "0 0 0", "0 0 -1", 0, 0.7),
+        ("roll", kind, "mast", "hand", "0 0 -0.01", "0 1.5708 0", "1 0 0", -3, 3),
+    ]
+    return "".join(links) + "".join(_JOINT.format(*joint) for joint in joints)
+
+
 def urdf_of(name: str) -> str:
     """One of `ARMS`."""
     aside = _ASIDE if name.endswith("aside") else 0.0
-    body = _scara() if name == "scara" else _pitching(name.startswith("five"), aside)
+    if name.startswith("gantry"):
+        body = _gantry(yaw=name.endswith("yaw"))
+    else:
+        body = _scara() if name == "scara" else _pitching(name.startswith("five"), aside)
     return f'<robot name="{name.replace(" ", "_")}">{body}{_HAND}</robot>'
 
 
 def start_of(name: str) -> dict[str, float]:
     """The object upright above the table, held from aside; by the SCARA, from above."""
+    if name.startswith("gantry"):
+        return {"rail": 0.5, "across": 0.0, "down": 0.1, "finger": _CLOSED}
     if name == "scara":
         return {"turn": -0.8, "elbow": 1.2, "lift": 0.0, "finger": _CLOSED}
     return {"pitch_1": -0.9, "pitch_2": 1.9, "pitch_3": -1.0, "finger": _CLOSED}

@@ -30,8 +30,9 @@ from placement_planner_ros.core.meshes.read import read_mesh
 from placement_planner_ros.core.robot.description import read_floats, read_origin
 from placement_planner_ros.core.types import Array
 
-MAX_EXTENT = 10.0
-"""m; a mesh larger than this is taken to be in millimetres."""
+MAX_EXTENT = 15.0
+"""m; a mesh larger than this is taken to be in millimetres: rails are up to 12 m long, and what a
+finger has in millimetres is more than 15 long."""
 
 PRIMITIVES = {
     "box": (coal.Box, {"size": 3}),

@@ -85,9 +85,8 @@ def read_subject(
             "arms: none is named; set arms and, of each, tip_frame and grasps; tip_frame such as "
         )
         findings.wrong(words + _proposed(robot))
-    findings.attempt(
-        lambda: robot.require_plausible(q, [joint for arm in arms for joint in arm.joints])
-    )
+    moved = [joint for arm in arms for joint in arm.joints] or robot.joint_names
+    findings.attempt(lambda: robot.require_plausible(q, moved))
     return Subject(given, standing, q, joints is None and start is None, arms, body)
 
 
