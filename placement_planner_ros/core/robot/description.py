@@ -407,7 +407,7 @@ def _read_joint(
         upper,
         velocity,
         acceleration,
-        _read_mimic(name, elements),
+        _read_mimic(name, elements, warnings),
         endless,
         prismatic,
         tuple(assumed),
@@ -482,8 +482,8 @@ def _lowest(
     return min((rate for rate in rates if 0.0 < rate <= most), default=None)
 
 
-def _read_mimic(name: str, elements: dict[str, ET.Element]) -> Mimic | None:
-    """The mimic of a joint, followed to a joint that mimics none."""
+def _read_mimic(name: str, elements: dict[str, ET.Element], warnings: list[str]) -> Mimic | None:
+    """The mimic of a joint, followed to a joint that mimics none; None where it names no joint."""
     multiplier, offset, current = 1.0, 0.0, name
     seen = [name]
     while (mimic := elements[current].find("mimic")) is not None:
@@ -492,7 +492,9 @@ def _read_mimic(name: str, elements: dict[str, ET.Element]) -> Mimic | None:
         multiplier *= _number(mimic, "multiplier", 1.0, field)
         current = mimic.get("joint", "")
         if current not in elements or elements[current].get("type") not in MOVABLE:
-            raise RobotError(field, current, "name a movable joint of this description")
+            words = f"{current!r} is no movable joint of this description"
+            warnings.append(f"{field}: {words}, so joint {name} is one by itself")
+            return None
         if current in seen:
             raise RobotError(field, current, "joints mimic each other in a circle")
         if not math.isfinite(multiplier) or not math.isfinite(offset):

@@ -10,6 +10,7 @@ from placement_planner_ros.core.robot.model import Robot
 
 BOX = '<collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>'
 LIMIT = '<limit lower="-1" upper="1" velocity="2" effort="1"/>'
+MIMIC = '<mimic joint="gone"/>'
 TURN = [0.3, -0.5, 0.2, 0.8]
 """x y z w, not of length 1."""
 
@@ -156,6 +157,12 @@ def test_what_urdfdom_does_not_know_is_ignored(stray):
     robot = Robot.from_urdf(text)
     assert (robot.joint_names, robot.geometry_links) == (("j",), ("a", "b"))
     assert any("xacro" in words for words in robot.warnings) == ("xacro" in stray)
+
+
+def test_a_joint_that_mimics_nothing_known_is_one_by_itself_and_that_is_said():
+    robot = Robot.from_urdf(urdf(link("a"), link("b"), joint("j", "a", "b", more=MIMIC)))
+    assert robot.mimics == {}
+    assert any("gone" in words and "j" in words for words in robot.warnings)
 
 
 def test_the_line_of_a_merge_conflict_is_named():

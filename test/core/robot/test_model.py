@@ -131,10 +131,6 @@ def test_one_coordinate_per_joint():
             "joint j.*finite limits",
         ),
         (
-            urdf(link("a"), link("b"), joint("j", "a", "b", more='<mimic joint="none"/>')),
-            "joint j: mimic = 'none'",
-        ),
-        (
             urdf(
                 link("a"),
                 link("b"),
