@@ -91,7 +91,7 @@ class SolutionChecker:
 
     def _check_start(self, solution: Solution) -> list[str]:
         curve = solution.trajectory
-        q0 = np.array([self.task.q_start[name] for name in curve.joints])
+        q0 = self._q_start()[[self.robot.index[name] for name in curve.joints]]
         error = np.abs(curve.positions[0] - q0).max()
         found = [f"start: {error:.2g} from q_0"] if error > 1e-6 else []
         if np.abs(curve.velocities[0]).max() > 1e-6:

@@ -22,6 +22,7 @@ HELD = {
     "gantry": few_joints.FROM_ABOVE,
     "gantry yaw": few_joints.FROM_ABOVE,
 }
+TELESCOPE = "telescope"
 MANY = OptimisticSettings(batch=150)
 
 
@@ -91,3 +92,21 @@ def test_local_optimisation_moves_as_the_arm_can(table):
     given = holding.object_pose(better.q)
     assert given.translation == pytest.approx(better.T_world_object.translation, abs=3e-5)
     assert given.rotation == pytest.approx(better.T_world_object.rotation, abs=2e-4)
+
+
+def test_sections_that_slide_together_are_planned_timed_and_published_as_one(table):
+    problem, objective, task = few_joints.made(TELESCOPE, few_joints.FROM_ASIDE, *table)
+    rng = np.random.default_rng(3)
+    planner = PlacementPlanner(problem, objective, PlannerSettings(optimistic=MANY), rng)
+    judge, (arm,) = SolutionChecker(task), problem.arms
+    previous = None
+    for placement in itertools.islice(planner.run(lambda: planner.statistics.samples >= 3000), 3):
+        assert judge.check(Solution.of(placement, arm), previous) == []
+        previous = placement.objective
+        for way in (placement.trajectory, placement.retreat):
+            first = way.positions[:, arm.joints.index("slide_0")]
+            assert np.ptp(first) > 0.0
+            for name, factor, offset in (("1", 0.9, 0.005), ("2", 1.0, 0.0), ("3", 0.9, 0.005)):
+                follows = way.positions[:, arm.joints.index(f"slide_{name}")]
+                np.testing.assert_allclose(follows, factor * first + offset, atol=1e-9)
+    assert previous is not None, planner.explain()

@@ -21,7 +21,7 @@ SIZE = np.array([0.05, 0.05, 0.12])
 FROM_ASIDE = pin.SE3(np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]), np.zeros(3))
 FROM_ABOVE = pin.SE3(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 0.03]))
 """T_tip_object: the object upright where the hand points ahead, and where it points down."""
-ARMS = ("five", "five aside", "four", "four aside", "scara", "gantry", "gantry yaw")
+ARMS = ("five", "five aside", "four", "four aside", "scara", "gantry", "gantry yaw", "telescope")
 """Of how many joints; those aside move in a plane that does not hold the axis of the base."""
 _ASIDE = 0.05
 """m"""
@@ -113,10 +113,41 @@ def _gantry(yaw: bool) -> str:
     return "".join(links) + "".join(_JOINT.format(*joint) for joint in joints)
 
 
+def _telescope() -> str:
+    """A mast that turns, a lift, an arm of four sections that slide out together, a wrist."""
+    links = [
+        _LINK.format("base", "0 0 0.05", "0.2 0.2 0.1"),
+        _LINK.format("mast", "-0.06 0 0.45", "0.05 0.05 0.9"),
+        _LINK.format("carriage", "0 0 0", "0.06 0.06 0.06"),
+        *(_LINK.format(f"section_{k}", "0 0 0", "0.1 0.04 0.04") for k in range(4)),
+        _LINK.format("yawing", "0 0 -0.03", "0.03 0.03 0.03"),
+        _LINK.format("pitching", "0 0 0", "0.02 0.02 0.02"),
+    ]
+    kind, at, turned, axis, low, high = "prismatic", "0.035 0 0", "0 0 0", "1 0 0", 0.0, 0.13
+    follow = '<mimic joint="slide_0"/>', '<mimic joint="slide_0" multiplier=".9" offset=".005"/>'
+    joints = [
+        _JOINT.format("turn", "revolute", "base", "mast", "0 0 0.11", turned, "0 0 1", -3, 3),
+        _JOINT.format("lift", "prismatic", "mast", "carriage", at, turned, "0 0 1", 0.05, 0.85),
+    ]
+    for k in range(4):
+        below = f"section_{k - 1}" if k else "carriage"
+        made = _JOINT.format(f"slide_{k}", kind, below, f"section_{k}", at, turned, axis, low, high)
+        joints.append(made.replace("<limit", f"{follow[k % 2]}<limit") if k else made)
+    for name, below, above, at, axis in (
+        ("yaw", "section_3", "yawing", "0.06 0 -0.03", "0 0 1"),
+        ("pitch", "yawing", "pitching", "0 0 -0.07", "0 1 0"),
+        ("roll", "pitching", "hand", "0.04 0 0", "1 0 0"),
+    ):
+        joints.append(_JOINT.format(name, "revolute", below, above, at, turned, axis, -3, 3))
+    return "".join(links) + "".join(joints)
+
+
 def urdf_of(name: str) -> str:
     """One of `ARMS`."""
     aside = _ASIDE if name.endswith("aside") else 0.0
-    if name.startswith("gantry"):
+    if name == "telescope":
+        body = _telescope()
+    elif name.startswith("gantry"):
         body = _gantry(yaw=name.endswith("yaw"))
     else:
         body = _scara() if name == "scara" else _pitching(name.startswith("five"), aside)
@@ -125,6 +156,8 @@ def urdf_of(name: str) -> str:
 
 def start_of(name: str) -> dict[str, float]:
     """The object upright above the table, held from aside; by the SCARA, from above."""
+    if name == "telescope":
+        return {"lift": 0.5, "slide_0": 0.05, "finger": _CLOSED}
     if name.startswith("gantry"):
         return {"rail": 0.5, "across": 0.0, "down": 0.1, "finger": _CLOSED}
     if name == "scara":
@@ -164,7 +197,8 @@ def made(
     """The task of one of `ARMS` that holds the object so."""
     text = urdf_of(name)
     robot = Robot.from_urdf(text)
-    start = dict.fromkeys(robot.joint_names, 0.0) | start_of(name)
+    free = [joint for joint in robot.joint_names if joint not in robot.mimics]
+    start = dict.fromkeys(free, 0.0) | start_of(name)
     arm = robot.arm("arm", "tip", grasps=[grasp], gripper_joints=("finger",), gripper_open=(_OPEN,))
     held = body()
     mesh = trimesh.creation.box(SIZE)

@@ -9,6 +9,7 @@ import numpy as np
 from placement_planner_ros.core.carry.settings import TiltLimit
 from placement_planner_ros.core.carry.tilt_kernels import edge_keeps_tilt, project_tilt
 from placement_planner_ros.core.reach.kinematics import Chain, kernel_input
+from placement_planner_ros.core.robot.arm import follow_masters
 from placement_planner_ros.core.types import Array
 
 _RESERVE_SHARE = 0.1
@@ -67,6 +68,9 @@ class TiltConstraint:
             self._frames,
             self._work,
         )
+        if projected and len(chain.ties):
+            near = follow_masters(chain.ties, near)
+            projected = self.tilt(near) <= self.planned
         return near if projected else None
 
     def keeps(self, a: Array, b: Array) -> bool:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -131,8 +130,6 @@ def _within_limits(arm: Arm, q_start: Array) -> Arm:
     A curve may stray from its chords by up to the timing's `chord_tolerance`.
     """
     inset = np.minimum(_LIMIT_INSET, 0.25 * (arm.upper - arm.lower))
-    return replace(
-        arm,
-        lower=np.minimum(arm.lower + inset, q_start),
-        upper=np.maximum(arm.upper - inset, q_start),
+    return arm.with_limits(
+        np.minimum(arm.lower + inset, q_start), np.maximum(arm.upper - inset, q_start)
     )

@@ -149,6 +149,7 @@ class GoalSetRRT:
         settings: GoalSetRRTSettings,
         rng: np.random.Generator,
         constraint: Constraint | None = None,
+        tied: Callable[[Array], Array] | None = None,
     ) -> None:
         """Plant the forward tree.
 
@@ -161,6 +162,8 @@ class GoalSetRRT:
             rng: the only source of randomness.
             constraint: what whole edges must keep besides; samples and steps are projected onto it.
                 Start, goals and branches keep it.
+            tied: makes of a sample (dof,) one whose joints move together as they have to; straight
+                motions between such configurations keep that, and start, goals and branches do.
 
         Raises:
             ParameterError: bounds, start or weights do not fit each other.
@@ -178,6 +181,7 @@ class GoalSetRRT:
         self._scale = np.array(weights, dtype=np.float64) ** 2
         self._settings = settings
         self._edge_is_free = edge_is_free
+        self._tied = tied or (lambda q: q)
         self._projected: ProjectedSteps | None = None
         if constraint is not None:
             self._projected = ProjectedSteps(constraint, settings.max_step, self._scale)
@@ -358,9 +362,9 @@ class GoalSetRRT:
             start, tip = self._q(0), self._q(goal.tip)
             mean, spread = start + rng.random() * (tip - start), settings.max_step
         else:
-            return rng.uniform(self._lower, self._upper)
+            return self._tied(rng.uniform(self._lower, self._upper))
         q = mean + spread / np.sqrt(self._scale) * rng.standard_normal(len(mean))
-        return np.asarray(np.minimum(np.maximum(q, self._lower), self._upper))
+        return self._tied(np.minimum(np.maximum(q, self._lower), self._upper))
 
     def _extend(self, label: int) -> int:
         """Grow a tree by one step towards a sample; the new node, or -1 where blocked."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.motion.birrt import GoalSetRRT, GoalSetRRTSettings
 from placement_planner_ros.core.plan_motion.withdrawal import straight_way, winding_way
+from placement_planner_ros.core.robot.arm import follow_masters
 from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.types import Array, Goal
 
@@ -118,6 +120,7 @@ class _Trees:
             settings.rrt,
             rng,
             holding.upright,
+            partial(follow_masters, holding.arm.ties),
         )
 
     def _is_free(self, a: Array, b: Array) -> bool:

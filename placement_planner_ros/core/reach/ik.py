@@ -67,6 +67,7 @@ class InverseKinematics:
             chain.prismatic,
             chain.lower,
             chain.upper,
+            chain.ties,
             self.settings.position_tolerance,
             self.settings.rotation_tolerance,
         )
@@ -77,7 +78,7 @@ class InverseKinematics:
     def random_seeds(self, rng: np.random.Generator, shape: int | tuple[int, ...]) -> Array:
         """(*shape, dof) configurations, uniform within the limits."""
         shape = (shape,) if isinstance(shape, int) else shape
-        return rng.uniform(self.chain.lower, self.chain.upper, (*shape, self.chain.dof))
+        return self.chain.random(rng, shape)
 
     def reachable(self, T_world_tip: Array) -> bool:
         """False where the pose (4, 4) is further away than the arm is long: no q reaches it."""

@@ -45,6 +45,7 @@ class IKArm(NamedTuple):
     prismatic: Flags
     lower: Array
     upper: Array
+    ties: Array
     position_tolerance: float
     """m"""
     rotation_tolerance: float
@@ -148,8 +149,18 @@ def solve_spd(M: Array, b: Array) -> None:
 
 
 @kernel(inline=True)
+def follow_in_place(ties: Array, q: Array) -> None:
+    """`arm.follow_masters` of q (n,) itself."""
+    for k in range(len(ties)):
+        q[int(ties[k, 0])] = ties[k, 2] * q[int(ties[k, 1])] + ties[k, 3]
+
+
+@kernel(inline=True)
 def weighted_jacobian(arm: IKArm, scratch: IKScratch) -> None:
-    """J of the tip where the frames are, a radian weighing as much as ROTATION_SCALE metres."""
+    """J of the tip where the frames are, a radian weighing as much as ROTATION_SCALE metres.
+
+    What tied joints move is in the column of the joint that they follow.
+    """
     frames, J = scratch.frames, scratch.J
     dof = len(arm.lower)
     frames_jacobian(
@@ -158,6 +169,11 @@ def weighted_jacobian(arm: IKArm, scratch: IKScratch) -> None:
     for a in range(3, 6):
         for i in range(dof):
             J[a, i] *= ROTATION_SCALE
+    for k in range(len(arm.ties)):
+        joint, other = int(arm.ties[k, 0]), int(arm.ties[k, 1])
+        for a in range(6):
+            J[a, other] += arm.ties[k, 2] * J[a, joint]
+            J[a, joint] = 0.0
 
 
 @kernel(inline=True)
@@ -258,6 +274,7 @@ def descend(arm: IKArm, target: Array, q: Array, max_iterations: int, scratch: I
         scale = min(1.0, MAX_STEP / max(largest, 1e-300))
         for i in range(dof):
             q[i] = min(max(q[i] + scale * dq[i], arm.lower[i]), arm.upper[i])
+        follow_in_place(arm.ties, q)
     return False
 
 
@@ -294,6 +311,7 @@ def solve_batch(
                 break
             for i in range(dof):
                 q[i] = min(max(seeds[t, s, i], arm.lower[i]), arm.upper[i])
+            follow_in_place(arm.ties, q)
             if not descend(arm, targets[t], q, max_iterations, scratch):
                 continue
             new = True
@@ -324,7 +342,8 @@ def track(
     dof = len(arm.lower)
     scratch = ik_scratch(dof)
     q = q0.copy()
-    previous = q0.copy()
+    follow_in_place(arm.ties, q)
+    previous = q.copy()
     between = np.empty(dof)
     error = np.empty(6)
     other = np.empty(6)

@@ -23,7 +23,7 @@ import pinocchio as pin
 
 from placement_planner_ros.core.errors import RobotError
 from placement_planner_ros.core.kernels import kernel
-from placement_planner_ros.core.robot.arm import Arm
+from placement_planner_ros.core.robot.arm import Arm, follow_masters
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.types import Array, frozen_array
 
@@ -193,6 +193,7 @@ class Chain:
         aligned: (dof, 3, 3) rotation from the URDF's (pinocchio's) joint frame to the one with
             its axis along z, R_aligned_joint.
         lower, upper: (dof,) joint limits, rad or m.
+        ties: (k, 4) of `Arm`.
     """
 
     joints: tuple[str, ...]
@@ -201,9 +202,11 @@ class Chain:
     aligned: Array
     lower: Array
     upper: Array
+    ties: Array
 
     def __post_init__(self) -> None:
         dof = len(self.joints)
+        object.__setattr__(self, "ties", frozen_array(self.ties, (len(self.ties), 4)))
         object.__setattr__(self, "fixed", frozen_array(self.fixed, (dof + 1, 4, 4)))
         object.__setattr__(self, "aligned", frozen_array(self.aligned, (dof, 3, 3)))
         prismatic = np.array(self.prismatic, dtype=np.bool_)
@@ -250,6 +253,7 @@ class Chain:
             aligned=np.array(aligned),
             lower=arm.lower,
             upper=arm.upper,
+            ties=arm.ties,
         )
 
     def __eq__(self, other: object) -> bool:
@@ -260,13 +264,18 @@ class Chain:
 
     @property
     def _content(self) -> tuple[Hashable, ...]:
-        arrays = (self.fixed, self.prismatic, self.aligned, self.lower, self.upper)
+        arrays = (self.fixed, self.prismatic, self.aligned, self.lower, self.upper, self.ties)
         return (self.joints, *(array.tobytes() for array in arrays))
 
     @property
     def dof(self) -> int:
         """Number of joints."""
         return len(self.joints)
+
+    def random(self, rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
+        """(*shape, dof) configurations, uniform within the limits."""
+        Q = rng.uniform(self.lower, self.upper, (*shape, self.dof))
+        return follow_masters(self.ties, Q)
 
     @property
     def freedom(self) -> int:
@@ -279,7 +288,11 @@ class Chain:
         Q = rng.uniform(
             np.maximum(self.lower, -np.pi), np.minimum(self.upper, np.pi), (16, self.dof)
         )
-        return int(np.linalg.matrix_rank(self.jacobian_batch(Q, np.eye(4)), tol=1e-3).max())
+        J = self.jacobian_batch(follow_masters(self.ties, Q), np.eye(4))
+        for joint, other, factor, _ in self.ties.tolist():
+            J[..., int(other)] += factor * J[..., int(joint)]
+            J[..., int(joint)] = 0.0
+        return int(np.linalg.matrix_rank(J, tol=1e-3).max())
 
     def forward(self, q: Array) -> Array:
         """T_world_tip (4, 4) at q (dof,)."""

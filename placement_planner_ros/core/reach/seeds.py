@@ -70,9 +70,7 @@ class SeedTable:
     def __init__(self, chain: Chain, rng: np.random.Generator, size: int = 8192) -> None:
         if size < WINDOW:
             raise ParameterError("seed table size", size, f"must be at least {WINDOW}")
-        self._configurations = frozen_array(
-            rng.uniform(chain.lower, chain.upper, (size, chain.dof))
-        )
+        self._configurations = frozen_array(chain.random(rng, (size,)))
         self._features = frozen_array(_features(chain.forward_batch(self._configurations)))
 
     def near(self, T_world_tip: Array, count: int, rng: np.random.Generator) -> Array:

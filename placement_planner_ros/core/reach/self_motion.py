@@ -53,10 +53,13 @@ def _project(arm: IKArm, tangent: Array, scratch: IKScratch) -> bool:
             y[a] += J[a, i] * tangent[i]
     scratch.free[:] = True
     solve_normal(scratch, REGULARIZATION)
-    squared = 0.0
     for i in range(dof):
         for a in range(6):
             tangent[i] -= J[a, i] * y[a]
+    for k in range(len(arm.ties)):
+        tangent[int(arm.ties[k, 0])] = arm.ties[k, 2] * tangent[int(arm.ties[k, 1])]
+    squared = 0.0
+    for i in range(dof):
         squared += tangent[i] ** 2
     if squared < MIN_TANGENT**2:
         return False
@@ -165,7 +168,7 @@ def sweep_batch(
         step: rad or m, the largest change of a joint from one configuration to the next.
     """
     dof = len(arm.lower)
-    spare = dof - 6
+    spare = dof - len(arm.ties) - 6
     counts[:] = 0
     if spare < 1:
         return

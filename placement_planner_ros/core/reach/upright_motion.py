@@ -66,7 +66,7 @@ def upright_motion(chain: Chain, T_tip_face: Array) -> UprightMotion:
     """
     rng = np.random.default_rng(0)
     axis = T_tip_face[:3, 2]
-    Q = rng.uniform(chain.lower, chain.upper, (_DRAWN, chain.dof))
+    Q = chain.random(rng, (_DRAWN,))
     most = np.argsort(-chain.forward_batch(Q)[:, 2, :3] @ axis)[:_TRIED]
 
     def off(q: Array) -> Array:

@@ -3,13 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Hashable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from placement_planner_ros.core.errors import RobotError
 from placement_planner_ros.core.types import Array, frozen_array
+
+_ROUNDING = 1e-12
+"""rad or m"""
+
+
+def follow_masters(ties: Array, Q: Array) -> Array:
+    """A copy of configurations Q (..., dof) in which tied joints follow; ties (k, 4) of an arm."""
+    Q = np.array(Q, dtype=np.float64)
+    for joint, other, factor, offset in ties.tolist():
+        Q[..., int(joint)] = factor * Q[..., int(other)] + offset
+    return Q
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,6 +43,8 @@ class Arm:
         continuous: those of `joints` that turn without end stops.
         turnable: those, and the ones that turn two times around or more: what such a joint reaches
             it reaches in another turn, too.
+        ties: (k, 4) a row for each joint that follows another one of the arm: its place in
+            `joints`, that of the other, factor and offset. Of such joints limits fit each other.
     """
 
     name: str
@@ -47,8 +61,10 @@ class Arm:
     acceleration: Array
     continuous: tuple[str, ...] = ()
     turnable: tuple[str, ...] = ()
+    ties: Array = field(default_factory=lambda: np.zeros((0, 4)))
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "ties", frozen_array(self.ties, (len(self.ties), 4)))
         index = np.array(self.q_index, dtype=np.int64)
         index.setflags(write=False)
         object.__setattr__(self, "q_index", index)
@@ -78,12 +94,32 @@ class Arm:
             self.acceleration.tobytes(),
             self.continuous,
             self.turnable,
+            self.ties.tobytes(),
         )
 
     @property
     def dof(self) -> int:
         """Number of joints."""
         return len(self.joints)
+
+    def with_limits(self, lower: Array, upper: Array) -> Arm:
+        """The arm within these (dof,), narrowed so that those of tied joints fit each other.
+
+        Raises:
+            RobotError: they leave a joint no range.
+        """
+        lower, upper = np.array(lower, np.float64), np.array(upper, np.float64)
+        for joint, other, factor, offset in self.ties.tolist():
+            if factor == 0.0:
+                continue
+            low, high = sorted((end[int(joint)] - offset) / factor for end in (lower, upper))
+            lower[int(other)] = max(lower[int(other)], low - _ROUNDING)
+            upper[int(other)] = min(upper[int(other)], high + _ROUNDING)
+        ends = np.sort(follow_masters(self.ties, np.stack([lower, upper])), axis=0)
+        if (ends[0] > ends[1]).any() or (lower > upper)[self.ties[:, 1].astype(int)].any():
+            remedy = "limits of joints that mimic each other leave them no range; widen them"
+            raise RobotError(f"arm {self.name}: joints", list(self.joints), remedy)
+        return replace(self, lower=ends[0], upper=ends[1])
 
     def nearest_turns(self, Q: Array, q: Array) -> Array:
         """Q (n, dof), turned by whole turns to where its joints are next to q (dof,).

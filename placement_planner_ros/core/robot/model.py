@@ -180,8 +180,13 @@ class Robot:
         return frozenset(
             name
             for name, far, kind in zip(self.joint_names, around, kinds, strict=True)
-            if far and "JointModelP" not in kind
+            if far and "JointModelP" not in kind and name not in self._coupled
         )
+
+    @property
+    def _coupled(self) -> set[str]:
+        """Joints that follow another, and those that are followed."""
+        return {*self.mimics, *(mimic.master for mimic in self.mimics.values())}
 
     @property
     def root_link(self) -> str:
@@ -233,25 +238,21 @@ class Robot:
         return self._filled(q, {name: positions[name] for name in known})
 
     def with_positions(self, q: Array, positions: Mapping[str, float]) -> Array:
-        """A copy of q (nq,) with some joints set, mimicking joints following their masters.
+        """A copy of q (nq,) with some joints set; mimicking joints follow their masters, whatever
+        is given for them.
 
         Raises:
-            RobotError: no movable joint of that name, or it mimics another.
+            RobotError: no movable joint of that name.
             JointStateError: a value is not finite.
         """
-        for name in positions:
-            self.index(name)
-            if name in self.mimics:
-                raise RobotError("joint", name, f"follows {self.mimics[name].master}; set that one")
         return self._filled(np.array(q, dtype=np.float64), positions)
 
     def unwound(self, q: Array) -> Array:
         """q (nq,), continuous joints turned by whole turns to within half a turn of zero.
 
-        A plan begins there. Coupled joints stay as they are, as no arm has any.
+        A plan begins there. Coupled joints stay as they are.
         """
-        coupled = {*self.mimics, *(mimic.master for mimic in self.mimics.values())}
-        endless = np.isin(self.joint_names, list(self.continuous - coupled))
+        endless = np.isin(self.joint_names, list(self.continuous - self._coupled))
         return np.asarray(q - np.where(endless, 2.0 * np.pi * np.round(q / (2.0 * np.pi)), 0.0))
 
     def apart(self, a: Array, b: Array) -> Array:
@@ -424,15 +425,7 @@ class Robot:
             raise RobotError(
                 f"{where}: joints", list(joints), f"list each once, root to tip: {ordered}"
             )
-        for follower, mimic in self.mimics.items():
-            if follower in joints or mimic.master in joints:
-                others = [j for j in joints if j not in (follower, mimic.master)]
-                raise RobotError(
-                    f"{where}: joints",
-                    follower,
-                    f"mimics {mimic.master}; coupled joints in an arm cannot be planned: leave "
-                    f"both out, which then stay where they are: {others}",
-                )
+        ties = self._ties(where, joints, chain)
         if touch_links is None:
             touch_links = self._hand_links(tip_frame)
         touch_links = tuple(dict.fromkeys([*touch_links, *also_touch]))
@@ -440,7 +433,7 @@ class Robot:
             if not self.has_link(link):
                 raise RobotError(f"{where}: touch_links", link, "name a link of the robot")
         index, turnable = [self.index(joint) for joint in joints], self.turnable
-        return Arm(
+        arm = Arm(
             name=name,
             tip_frame=tip_frame,
             joints=joints,
@@ -455,7 +448,39 @@ class Robot:
             acceleration=self.acceleration_limits[index],
             continuous=tuple(joint for joint in joints if joint in self.continuous),
             turnable=tuple(joint for joint in joints if joint in turnable),
+            ties=ties,
         )
+        return arm.with_limits(arm.lower, arm.upper)
+
+    def _ties(self, where: str, joints: Sequence[str], chain: Sequence[str]) -> Array:
+        """`Arm.ties` of these joints, of all joints on the way to the tip.
+
+        Raises:
+            RobotError: one of them moves with a joint that is not among them.
+        """
+        ties = []
+        for follower, mimic in self.mimics.items():
+            if follower in joints and mimic.master in joints:
+                places = joints.index(follower), joints.index(mimic.master)
+                ties.append((*places, mimic.multiplier, mimic.offset))
+            elif follower in joints or (
+                mimic.master in joints and (follower in chain or self._moves_shapes(follower))
+            ):
+                together = (f for f, each in self.mimics.items() if each.master == mimic.master)
+                group = {mimic.master, *together}
+                others = [joint for joint in joints if joint not in group]
+                raise RobotError(
+                    f"{where}: joints",
+                    follower,
+                    f"mimics {mimic.master}, and not both are joints of the arm: where they should "
+                    f"stay where they are, leave out what moves together: {others}",
+                )
+        return np.array(ties, dtype=np.float64).reshape(-1, 4)
+
+    def _moves_shapes(self, joint: str) -> bool:
+        """Whether shapes hang on a joint."""
+        below = set(self.model.subtrees[self.model.getJointId(joint)])
+        return any(thing.parentJoint in below for thing in self.geometry.geometryObjects)
 
     def _filled(self, q: Array, positions: Mapping[str, float]) -> Array:
         bad = [

@@ -57,7 +57,7 @@ def with_all_joints(trajectory: Trajectory, robot: Robot, q_start: Array) -> Tra
     Args:
         q_start: (nq,) configuration at which the other joints stay.
     """
-    undriven = {*robot.mimics, *robot.passive}
+    undriven = {*robot.mimics, *robot.passive}.difference(trajectory.joints)
     joints = tuple(name for name in robot.joint_names if name not in undriven)
     column = {name: i for i, name in enumerate(trajectory.joints)}
     shape = (len(trajectory.times), len(joints))

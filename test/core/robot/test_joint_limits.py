@@ -136,15 +136,25 @@ def test_chosen_joints_and_plain_arms_are_no_news():
     assert "as chosen: swing, spin" in known.chain
 
 
-def test_an_arm_may_leave_coupled_joints_where_they_are():
-    """A lift of two stages: what the second does is the first's."""
-    links = "".join(f'<link name="{n}"/>' for n in ("foot", *"abc"))
+def test_joints_that_move_together_have_limits_that_fit_each_other():
+    """A lift of two stages: what the second does is the first's; a head that rises with both."""
+    shape = '<collision><geometry><sphere radius="0.1"/></geometry></collision>'
+    links = "".join(f'<link name="{n}"/>' for n in ("foot", *"abcd"))
     stages = joint("first", "foot", "a", "prismatic", 'lower="0" upper="0.4" velocity="0.1"')
-    second = joint("second", "a", "b", "prismatic", 'lower="0" upper="0.4" velocity="0.1"')
-    second = second.replace("</joint>", '<mimic joint="first"/></joint>')
-    robot = Robot.from_urdf(
-        f'<robot name="lift">{links}{stages}{second}{joint("swing", "b", "c")}</robot>'
-    )
-    with pytest.raises(RobotError, match=r"leave both out.*\['swing'\]"):
-        robot.arm("arm", "c")
+    second = joint("second", "a", "b", "prismatic", 'lower="0" upper="0.15" velocity="0.1"')
+    follows = '<mimic joint="first" multiplier="0.5" offset="0.01"/></joint>'
+    second = second.replace("</joint>", follows)
+    head = joint("head", "foot", "d", "prismatic").replace("</joint>", follows)
+    text = f'<robot name="lift">{links}{stages}{second}{joint("swing", "b", "c")}{head}</robot>'
+    robot = Robot.from_urdf(text)
+    arm = robot.arm("arm", "c")
+    assert arm.joints == ("first", "second", "swing")
+    np.testing.assert_allclose(arm.upper[:2], [0.28, 0.15])
+    np.testing.assert_allclose(arm.lower[:2], [0.0, 0.01])
+    np.testing.assert_array_equal(arm.ties, [[1, 0, 0.5, 0.01]])
     assert robot.arm("arm", "c", joints=["swing"]).joints == ("swing",)
+    with pytest.raises(RobotError, match=r"second.*mimics first.*\['swing'\]"):
+        robot.arm("arm", "c", joints=["first", "swing"])
+    seen = Robot.from_urdf(text.replace('<link name="d"/>', f'<link name="d">{shape}</link>'))
+    with pytest.raises(RobotError, match=r"head.*mimics first.*\['swing'\]"):
+        seen.arm("arm", "c")
