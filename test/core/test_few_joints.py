@@ -104,9 +104,11 @@ def test_sections_that_slide_together_are_planned_timed_and_published_as_one(tab
         assert judge.check(Solution.of(placement, arm), previous) == []
         previous = placement.objective
         for way in (placement.trajectory, placement.retreat):
-            first = way.positions[:, arm.joints.index("slide_0")]
-            assert np.ptp(first) > 0.0
+            moved = way.positions, way.velocities, way.accelerations
+            first = [of_all[:, arm.joints.index("slide_0")] for of_all in moved]
+            assert np.ptp(first[0]) > 0.0
             for name, factor, offset in (("1", 0.9, 0.005), ("2", 1.0, 0.0), ("3", 0.9, 0.005)):
-                follows = way.positions[:, arm.joints.index(f"slide_{name}")]
-                np.testing.assert_allclose(follows, factor * first + offset, atol=1e-9)
+                column = arm.joints.index(f"slide_{name}")
+                for of_all, leads, more in zip(moved, first, (offset, 0.0, 0.0), strict=True):
+                    np.testing.assert_allclose(of_all[:, column], factor * leads + more, atol=1e-9)
     assert previous is not None, planner.explain()

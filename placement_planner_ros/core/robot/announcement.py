@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import pinocchio as pin
-
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.joint_limits import Assumed
 from placement_planner_ros.core.robot.model import Robot
@@ -125,8 +123,7 @@ def announce(robot: Robot, arm: Arm, *, derived: bool) -> Announcement:
         more = carried - hand - set(ids)
         others = [str(model.names[i]) for i in sorted(more)]
         free = tuple(name for name in others if name not in robot.mimics)
-        # what only joints further out carry is theirs to name
-        if free and not _carries(model, ids[k + 1 :], more):
+        if free:
             shared.append(
                 SharedJoint(
                     joint,
@@ -148,11 +145,6 @@ def announce(robot: Robot, arm: Arm, *, derived: bool) -> Announcement:
 
 def _some(joints: list[str]) -> str:
     return ", ".join(joints) if len(joints) <= _NAMED else f"{len(joints)} joints"
-
-
-def _carries(model: pin.Model, ids: list[int], joints: set[int]) -> bool:
-    """Whether one of the joints `ids` carries all of these."""
-    return any(joints <= set(model.subtrees[i]) for i in ids)
 
 
 def _unit(robot: Robot, joint: str) -> str:

@@ -53,6 +53,7 @@ class Robot:
 
     Attributes:
         name: of the robot.
+        root_link: the frame in which everything is, by default the link that nothing carries.
         model: pinocchio model, nq == nv == len(joint_names).
         geometry: collision geometry; its collision pairs are those self-collision checks need.
         geometry_links: link of each of geometry.geometryObjects.
@@ -73,6 +74,7 @@ class Robot:
     """
 
     name: str
+    root_link: str
     model: pin.Model
     geometry: pin.GeometryModel
     geometry_links: tuple[str, ...]
@@ -140,6 +142,7 @@ class Robot:
         _add_collision_pairs(geometry, geometry_links, allowed)
         return cls(
             name=str(description.root.get("name")),
+            root_link=links[0],
             model=model,
             geometry=geometry,
             geometry_links=geometry_links,
@@ -187,11 +190,6 @@ class Robot:
     def _coupled(self) -> set[str]:
         """Joints that follow another, and those that are followed."""
         return {*self.mimics, *(mimic.master for mimic in self.mimics.values())}
-
-    @property
-    def root_link(self) -> str:
-        """The link that nothing carries: the default planning frame."""
-        return str(next(f.name for f in self.model.frames if f.type == pin.FrameType.BODY))
 
     def index(self, joint: str) -> int:
         """Coordinate of a joint in q.
@@ -361,19 +359,29 @@ class Robot:
         masters = (self.mimics[name].master if name in self.mimics else name for name in chain)
         return tuple(dict.fromkeys(masters))
 
-    def carried(self, T_root_body: pin.SE3) -> Robot:
-        """This robot with all that its root link carries moved by T_root_body."""
+    def carried(self, T: pin.SE3, frame: str) -> Robot:
+        """This robot, all of it moved by T, in a frame of that name."""
         model, geometry = self.model.copy(), self.geometry.copy()
         for joint in range(1, model.njoints):
             if model.parents[joint] == 0:
-                model.jointPlacements[joint] = T_root_body * model.jointPlacements[joint]
-        for frame in model.frames:
-            if frame.parentJoint == 0 and frame.name not in ("universe", self.root_link):
-                frame.placement = T_root_body * frame.placement
-        for shape in geometry.geometryObjects:
-            if shape.parentJoint == 0:
-                shape.placement = T_root_body * shape.placement
-        return replace(self, model=model, geometry=geometry)
+                model.jointPlacements[joint] = T * model.jointPlacements[joint]
+        for each in [*model.frames, *geometry.geometryObjects]:
+            if each.parentJoint == 0 and each.name != "universe":
+                each.placement = T * each.placement
+        return replace(self, model=model, geometry=geometry, root_link=frame)
+
+    def seen_from(self, frame: str) -> Robot:
+        """This robot in the frame of one of its links.
+
+        Raises:
+            RobotError: no such link, or a joint moves it.
+        """
+        link = self.model.frames[self.frame_id(frame)]
+        if link.parentJoint != 0:
+            raise RobotError(
+                "planning_frame", frame, "moves; name a frame fixed to the robot's root"
+            )
+        return self.carried(link.placement.inverse(), frame)
 
     def arm(
         self,
@@ -587,24 +595,6 @@ def _said_of(left_out: tuple[pairs.LeftOut, ...]) -> list[str]:
         return [words]
     remedy = "give robot_description_semantic where these can really meet"
     return [f"{words}, and {len(hidden)} more; {remedy}", *(f"left out: {each}" for each in hidden)]
-
-
-def place_of(link: str, urdf_text: str) -> tuple[str, pin.SE3 | None, bool]:
-    """Where a link of a URDF is, without a look at its geometry.
-
-    Returns:
-        the root link, T_root_link with all joints at zero (None where there is no such link), and
-        whether a joint moves it.
-
-    Raises:
-        RobotError: the description is unusable.
-    """
-    model = read_urdf(urdf_text).build_model()
-    root = str(next(f.name for f in model.frames if f.type == pin.FrameType.BODY))
-    if not model.existFrame(link, pin.FrameType.BODY):
-        return root, None, False
-    frame = model.frames[model.getFrameId(link, pin.FrameType.BODY)]
-    return root, pin.SE3(frame.placement), frame.parentJoint != 0
 
 
 def _add_collision_pairs(

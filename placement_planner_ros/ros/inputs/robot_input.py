@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import xml.etree.ElementTree as ET
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +18,6 @@ from placement_planner_ros.core.meshes.collada import Triangles
 from placement_planner_ros.core.meshes.headers import check_header
 from placement_planner_ros.core.meshes.read import read_mesh
 from placement_planner_ros.core.robot.announcement import Announcement, announce
-from placement_planner_ros.core.robot.description import read_xml
 from placement_planner_ros.core.robot.geometry import LinkMesh
 from placement_planner_ros.core.robot.joint_limits import (
     FIELD,
@@ -27,7 +25,7 @@ from placement_planner_ros.core.robot.joint_limits import (
     parse_joint_limits,
     read_joint_limits,
 )
-from placement_planner_ros.core.robot.model import Arm, Robot, place_of
+from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.weak_cache import weak_lru_cache
 from placement_planner_ros.ros.inputs.covers import cover_in, read_kept
@@ -253,7 +251,7 @@ class RobotInput:
             way = placed[1].actInv(T_planning_base)
             if np.abs(pin.log6(way).vector).max() < NEGLIGIBLE:
                 return placed[2]
-        robot = self._robot_of(read).carried(T_planning_base)
+        robot = self._robot_of(read).carried(T_planning_base, self._frame)
         self._placed = read, T_planning_base, robot
         return robot
 
@@ -342,25 +340,14 @@ class RobotInput:
 
     def _read(self, urdf: str, srdf: str | None, meshes: _ReadMeshes, covers: _Covers) -> _Read:
         try:
-            base = ""
-            if self._frame:
-                urdf, base = self._from_planning_frame(urdf)
-            return _Read(Robot.from_urdf(urdf, meshes, srdf, self._limits, covers), base)
+            robot = Robot.from_urdf(urdf, meshes, srdf, self._limits, covers)
+            if not self._frame or self._frame == robot.root_link:
+                return _Read(robot)
+            if robot.has_link(self._frame):
+                return _Read(robot.seen_from(self._frame))
+            return _Read(robot.carried(pin.SE3.Identity(), self._frame), base=robot.root_link)
         except RobotError as error:
             raise DescriptionError(error.field, error.value, error.remedy) from error
-
-    def _from_planning_frame(self, urdf: str) -> tuple[str, str]:
-        """The URDF with the planning frame as its root, and `_Read.base`."""
-        root, T_root_frame, moves = place_of(self._frame, urdf)
-        if self._frame == root:
-            return urdf, ""
-        if T_root_frame is None:  # and carried from there
-            return _with_root(urdf, self._frame, root, pin.SE3.Identity()), root
-        if moves:
-            raise RobotError(
-                "planning_frame", self._frame, "moves; name a frame fixed to the robot's root"
-            )
-        return _with_root(urdf, self._frame, root, T_root_frame.inverse()), ""
 
 
 def _joint_limits(parameters: ParameterSet, files: Files) -> dict[str, JointLimit]:
@@ -415,7 +402,6 @@ class _Covers:
     def __init__(self, process: MeshProcess, tell: Callable[[str], None]) -> None:
         self._process = process
         self._tell = tell
-        self._made: dict[int, Cover] = {}
 
     def __call__(self, meshes: Sequence[LinkMesh]) -> list[Cover]:
         """The cover of each mesh; its hull where that takes too long, or too much memory."""
@@ -425,38 +411,12 @@ class _Covers:
         def tell() -> None:
             self._tell(f"cover {number} of {count} (link {mesh.link})")
 
-        if number not in self._made:  # a description may be read twice, with another root
-            self._made[number] = cover_in(
-                self._process, mesh.vertices, mesh.triangles, mesh.tolerance, tell
-            )
-        return self._made[number]
+        return cover_in(self._process, mesh.vertices, mesh.triangles, mesh.tolerance, tell)
 
 
 def _explain(error: Exception) -> PlacementPlannerError:
     words = f"cannot be read: {type(error).__name__}: {error}"
     return DescriptionError("robot_description", "the newest", words)
-
-
-def _with_root(urdf: str, frame: str, root_link: str, T_frame_root: pin.SE3) -> str:
-    """The URDF with a new root link that carries the old one."""
-    tree = read_xml(urdf, "robot_description")
-    taken = tree.find(f"link[@name='{frame}']")
-    if taken is not None:
-        # The planning frame is a link of the robot: the new root takes its name, so the link
-        # itself needs another.
-        renamed = f"{frame}_of_robot"
-        for element in tree.iter():
-            for key in ("link", "name") if element.tag in ("parent", "child", "link") else ():
-                if element.get(key) == frame:
-                    element.set(key, renamed)
-    ET.SubElement(tree, "link", name=frame)
-    joint = ET.SubElement(tree, "joint", name=f"{frame}_to_{root_link}", type="fixed")
-    ET.SubElement(joint, "parent", link=frame)
-    ET.SubElement(joint, "child", link=root_link)
-    xyz = " ".join(f"{v:.17g}" for v in T_frame_root.translation)
-    rpy = " ".join(f"{v:.17g}" for v in pin.rpy.matrixToRpy(T_frame_root.rotation))
-    ET.SubElement(joint, "origin", xyz=xyz, rpy=rpy)
-    return ET.tostring(tree, encoding="unicode")
 
 
 def make_arms(robot: Robot, parameters: ParameterSet) -> tuple[Arm, ...]:

@@ -30,6 +30,7 @@ def holding(arm, grasp=0, free=sealed_corner):
         joints=("first", "second"),
         dof=2,
         turnable=(),
+        ties=np.zeros((0, 4)),
     )
     return SimpleNamespace(
         arm=bounds,

@@ -215,7 +215,7 @@ def test_the_joints_that_a_link_hangs_on_are_those_that_others_mimic():
 def test_a_carried_robot_is_the_same_elsewhere():
     robot = load_yumi()
     T = pin.SE3(pin.utils.rotate("y", 0.5), np.array([1.0, 2.0, 3.0]))
-    moved, q = robot.carried(T), robot.configuration(HOME)
+    moved, q = robot.carried(T, "world"), robot.configuration(HOME)
 
     def shapes(robot):
         data, placements = robot.model.createData(), robot.geometry.createData()
@@ -223,12 +223,24 @@ def test_a_carried_robot_is_the_same_elsewhere():
         return np.array([place.homogeneous for place in placements.oMg])
 
     np.testing.assert_allclose(shapes(moved), T.homogeneous @ shapes(robot), atol=1e-12)
-    for link in ("gripper_l_base", "yumi_link_3_r"):
+    for link in ("yumi_body", "gripper_l_base", "yumi_link_3_r"):
         expected = (T * robot.link_pose(q, link)).homogeneous
         np.testing.assert_allclose(moved.link_pose(q, link).homogeneous, expected, atol=1e-12)
-    assert moved.root_link == robot.root_link
-    np.testing.assert_array_equal(moved.link_pose(q, moved.root_link), np.eye(4))
+    assert moved.root_link == "world"
     assert len(moved.geometry.collisionPairs) == len(robot.geometry.collisionPairs)
+
+
+def test_a_robot_is_the_same_seen_from_a_link_that_is_fixed_to_its_root():
+    floor = joint("floor", "base", "floor", "fixed", "0.1 0.2 -0.3", limit=None)
+    text = hand_urdf().replace("</robot>", f"{link('floor')}{floor}</robot>")
+    robot, seen = Robot.from_urdf(text), Robot.from_urdf(text).seen_from("floor")
+    q = robot.configuration({"j1": 0.3, "j2": -0.2, "fa": 0.01})
+    np.testing.assert_allclose(seen.link_pose(q, "floor").homogeneous, np.eye(4), atol=1e-15)
+    for each in ("base", "hand"):
+        between = [r.link_pose(q, "floor").actInv(r.link_pose(q, each)) for r in (robot, seen)]
+        assert between[0].isApprox(between[1])
+    with pytest.raises(RobotError, match="planning_frame = 'hand': moves"):
+        robot.seen_from("hand")
 
 
 @pytest.mark.parametrize("tip", ["hand", "tool", "flange"])
