@@ -19,16 +19,12 @@ from placement_planner_ros.core.meshes.headers import check_header
 from placement_planner_ros.core.meshes.read import read_mesh
 from placement_planner_ros.core.robot.announcement import Announcement, announce
 from placement_planner_ros.core.robot.geometry import LinkMesh
-from placement_planner_ros.core.robot.joint_limits import (
-    FIELD,
-    JointLimit,
-    parse_joint_limits,
-    read_joint_limits,
-)
+from placement_planner_ros.core.robot.joint_limits import FIELD, JointLimit, read_joint_limits
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.weak_cache import weak_lru_cache
 from placement_planner_ros.ros.inputs.covers import cover_in, read_kept
+from placement_planner_ros.ros.inputs.joint_limits_file import parse_joint_limits
 from placement_planner_ros.ros.inputs.mesh_process import MeshProcess
 from placement_planner_ros.ros.inputs.reading import NotReadyError, Reading, ShouldStop, State
 from placement_planner_ros.ros.inputs.resources import Files, description_text

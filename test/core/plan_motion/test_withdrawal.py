@@ -31,6 +31,7 @@ def holding(free, limit=2.0):
             name="arm",
             joints=("x", "y"),
             turnable=(),
+            ties=np.zeros((0, 4)),
             lower=np.full(2, -limit),
             upper=np.full(2, limit),
         ),

@@ -5,8 +5,9 @@ import pinocchio as pin
 import pytest
 
 from placement_planner_ros.core.errors import RobotError
-from placement_planner_ros.core.robot.joint_limits import JointLimit, parse_joint_limits
+from placement_planner_ros.core.robot.joint_limits import JointLimit
 from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.ros.inputs.joint_limits_file import parse_joint_limits
 
 BOX = '<collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>'
 LIMIT = '<limit lower="-1" upper="1" velocity="2" effort="1"/>'
