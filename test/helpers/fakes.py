@@ -259,9 +259,9 @@ class Bench:
 
 
 def started(bench, **parameters):
-    """Inputs given, run started, planner searching; where they are too old by then, again."""
+    """Inputs given, run started, planner searching; again where they are read, or old, by then."""
     code = None
-    while code in (None, "CLOUD_STALE", "JOINTS_STALE"):
+    while code in (None, "NOT_READY", "CLOUD_STALE", "JOINTS_STALE"):
         bench.feed()
         answer = bench.call("start_with" if parameters else "start", **parameters)
         code = answer.code

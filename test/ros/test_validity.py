@@ -48,6 +48,8 @@ def until(b, valid, words="", again=None):
 
 def test_joint_states_that_die_are_told_until_they_come_again(bench):
     b = placed(bench, joint_state_timeout=0.5)
+    timeout = Parameter("joint_state_timeout", value=0.5)
+    assert b.node.set_parameters([timeout])[0].successful
     until(b, "false", "joint_state_timeout = 0.5 s")
     assert "yumi_joint" in b.status()["best_invalid_reason"]
     b.wait(lambda: b.status()["inputs"] == "no recent joint states")
