@@ -15,7 +15,7 @@ from placement_planner_ros.ros.tools.robot_check.assumed_start import holding
 from placement_planner_ros.ros.tools.robot_check.findings import Findings
 from placement_planner_ros.ros.tools.robot_check.given import read_given, start_in
 from placement_planner_ros.ros.tools.robot_check.grasps import check_grasps
-from placement_planner_ros.ros.tools.robot_check.reach import check_reach, check_speed
+from placement_planner_ros.ros.tools.robot_check.reach import check_planner, check_reach
 from placement_planner_ros.ros.tools.robot_check.subject import read_subject
 from placement_planner_ros.scenes.yumi import START_CONFIGURATION
 
@@ -67,7 +67,7 @@ def _check(options: argparse.Namespace) -> int:
             findings.say(f"wrote {options.picture}")
         check_reach(subject, findings)
         if can_begin:
-            check_speed(subject, findings)
+            check_planner(subject, findings)
     findings.conclude()
     return 1 if findings.faults else 0
 

@@ -1,4 +1,4 @@
-"""How much of the target volume the arms reach, and how fast the planner is with this robot."""
+"""How much of the target volume the arms reach, and whether a planner can be made of it all."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import pinocchio as pin
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.grasp.free_yaw_ik import FreeYawIK
-from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.objective.objective import ObjectiveContext
 from placement_planner_ros.core.planner import PlacementPlanner
@@ -23,7 +22,6 @@ from placement_planner_ros.core.reach.upright_motion import most_upright
 from placement_planner_ros.core.robot.model import Arm
 from placement_planner_ros.core.stopping import StoppedError, stoppable
 from placement_planner_ros.core.types import Array, TargetVolume
-from placement_planner_ros.core.warmup import warm_up
 from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.run.surroundings import Surroundings
 from placement_planner_ros.ros.tools.robot_check.findings import Findings
@@ -32,10 +30,6 @@ from placement_planner_ros.ros.tools.robot_check.subject import Subject
 POSES = 200
 """Random poses in V per arm and grasp."""
 _SEEDS = 31
-_EDGE = 0.5
-"""rad or m, the length of an edge."""
-SECONDS = 1.0
-"""That edges and samples are counted for."""
 _PATIENCE = 60.0
 """Seconds of processor time after which making a planner is given up."""
 
@@ -145,13 +139,12 @@ def _upright(rng: np.random.Generator) -> Array:
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def check_speed(subject: Subject, findings: Findings) -> None:
-    """Say how many edges and samples a second there are, over a plane through V."""
+def check_planner(subject: Subject, findings: Findings) -> None:
+    """Say whether a planner can be made over a plane through V, and what it does without."""
     arms = tuple(arm for arm in subject.arms if arm.grasps)
     if subject.body is None or not arms:
         return
-    findings.title("speed, over a plane at the bottom of target_volume")
-    warm_up(subject.robot, arms, subject.q)
+    findings.title("a planner, over a plane at the bottom of target_volume")
     began = time.process_time()
     try:
         with stoppable(lambda: time.process_time() > began + _PATIENCE):
@@ -163,27 +156,9 @@ def check_speed(subject: Subject, findings: Findings) -> None:
         findings.say("no planner can be made, for what is wrong below")
         findings.wrong(error)
         return
-    findings.say(f"making a planner: {time.process_time() - began:.2f} s")
+    findings.say(f"making one: {time.process_time() - began:.2f} s")
     for words in planner.unusable:
         findings.say(f"does without {words}")
-    of_arm: dict[str, Holding] = {}
-    for (name, _), holding in planner.holdings.items():
-        of_arm.setdefault(name, holding)
-    for name, holding in of_arm.items():
-        number, free, seconds = count_edges(holding)
-        findings.say(
-            f"{name}: {number / seconds:,.0f} edges of {_EDGE:g} rad a second of processor time, "
-            f"object in hand, {free / number:.0%} of them free"
-        )
-    began = time.process_time()
-    while time.process_time() < began + SECONDS:
-        planner.sampler.sample_goals(-np.inf, lambda: time.process_time() > began + SECONDS)
-    samples = planner.statistics.samples
-    seconds = time.process_time() - began
-    findings.say(
-        f"{samples / seconds:,.0f} samples of goals a second of processor time, each followed to "
-        "its end as before the first solution; with one, most are ruled out at once"
-    )
 
 
 def _planner(subject: Subject, arms: tuple[Arm, ...], body: Body) -> PlacementPlanner:
@@ -216,20 +191,3 @@ def plane_in(volume: TargetVolume) -> Array:
         grid = np.meshgrid(x, y, [height], indexing="ij")
         planes.append(np.column_stack([axis.ravel() for axis in grid]))
     return np.concatenate(planes)
-
-
-def count_edges(holding: Holding) -> tuple[int, int, float]:
-    """Edges between random configurations: how many, how many free, seconds of processor time."""
-    rng = np.random.default_rng(2)
-    arm = holding.arm
-    number = free = 0
-    began = time.process_time()
-    while True:
-        a = rng.uniform(arm.lower, arm.upper)
-        way = rng.normal(size=arm.dof)
-        b = np.clip(a + _EDGE * way / np.linalg.norm(way), arm.lower, arm.upper)
-        free += holding.transit_free(a, b)
-        number += 1
-        seconds = time.process_time() - began
-        if seconds > SECONDS:
-            return number, free, seconds
