@@ -39,7 +39,7 @@ from placement_planner_ros.core.collision.object_solids import (
     object_solids,
 )
 from placement_planner_ros.core.collision.placed_object import PlacedObjectRows
-from placement_planner_ros.core.collision.separation import COLLIDING, FREE
+from placement_planner_ros.core.collision.separation import COLLIDING, FREE, TOLERANCE
 from placement_planner_ros.core.collision.states import NOT_FINITE, check_states
 from placement_planner_ros.core.errors import JointStateError
 from placement_planner_ros.core.reach.kinematics import Chain, kernel_input
@@ -95,6 +95,12 @@ class CollisionSettings(Settings):
     self_resolution: float = setting(0.00005, "[0.00001, 0.1]", "m")
     cover_excess: float = setting(0.02, "[0.00001, 0.1]", "m")
 
+    @property
+    def clear(self) -> float:
+        """Metres from obstacles at which an arm can be left, as `can_be_left` has it, for certain."""
+        kept = self.collision_margin + self.planning_reserve + self.edge_resolution
+        return kept + 2.0 * TOLERANCE
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Meeting:
@@ -126,6 +132,8 @@ class ArmCollision:
         load: the object, held or standing; None for an empty hand with nothing around it.
         obstacles: the environment.
         settings: margins.
+        aside: those of the obstacles that are no support, whatever the held object comes to stand
+            on: it keeps the margins from them at contact too. None where there are none.
 
     Raises:
         GraspError: the held object overlaps a link that it does not move against and that is not
@@ -139,6 +147,7 @@ class ArmCollision:
         load: AttachedObject | PlacedObject | None,
         obstacles: ObstacleSet,
         settings: CollisionSettings | None = None,
+        aside: ObstacleSet | None = None,
     ) -> None:
         self.settings = settings or CollisionSettings()
         self._obstacles = obstacles
@@ -169,6 +178,11 @@ class ArmCollision:
         self._queue = np.zeros((_QUEUE, 2))
         self._settled = np.zeros((_QUEUE, arrays.moving + len(arrays.pairs)), dtype=np.bool_)
         self._no_deviation = np.zeros(self._dof)
+        self._aside: ArmCollision | None = None
+        if aside is not None:
+            other = copy.copy(self)  # works in the same buffers
+            other._obstacles, other._boxes = aside, box_arrays(aside)
+            self._aside = other
 
     @property
     def arrays(self) -> ArmArrays:
@@ -193,7 +207,9 @@ class ArmCollision:
         Raises:
             JointStateError: a value is not finite.
         """
-        return self._collision(q, reserve, contact) is None
+        if self._collision(q, reserve, contact) is not None:
+            return False
+        return not contact or self._aside is None or self._aside.free(q, reserve)
 
     def free_batch(
         self, Q: Array, reserve: float = 0.0, contact: bool = False
@@ -213,7 +229,10 @@ class ArmCollision:
 
         `separation.FREE`, `COLLIDING` or `UNDECIDED`, or `states.NOT_FINITE`.
         """
-        return self._classified(Q, *self._margins(reserve), contact)
+        answers = self._classified(Q, *self._margins(reserve), contact)
+        if contact and self._aside is not None:
+            answers = np.where(answers == FREE, self._aside.classify(Q, reserve), answers)
+        return answers
 
     def can_be_left(self, q: Array, reserve: float = 0.0) -> bool:
         """Whether q (dof,) is free by so much that an edge which begins there can be certified: by
@@ -314,7 +333,9 @@ class ArmCollision:
             return self.edge_free(
                 a, middle, contact=contact, deviation=deviation, reserve=reserve
             ) and self.edge_free(middle, b, contact=contact, deviation=deviation, reserve=reserve)
-        return bool(answer == FREE)
+        if answer != FREE or not contact or self._aside is None:
+            return bool(answer == FREE)
+        return self._aside.edge_free(a, b, deviation=deviation, reserve=reserve)
 
     def explain(self, q: Array, reserve: float = 0.0, contact: bool = False) -> str:
         """Which link meets what, and where, at q (dof,); '' where it is free."""
@@ -325,7 +346,8 @@ class ArmCollision:
         """A collision at q (dof,), or what is not certain to be free of one; None where free."""
         found = self._collision(q, reserve, contact)
         if found is None:
-            return None
+            met = self._aside.meeting(q, reserve) if contact and self._aside is not None else None
+            return None if met is None else replace(met, box=-1)  # which is of another set
         kind, s, other = found
         if kind == 2:
             kind, s, other = self._ball_in_box(s)
@@ -363,6 +385,9 @@ class ArmCollision:
         other.settings = settings or self.settings
         if not environment:
             other._boxes = self._boxes._replace(number=0)
+        other._aside = None
+        if environment and self._aside is not None:
+            other._aside = self._aside.with_pairs(kept, settings)
         return other
 
     def _margins(self, reserve: float) -> tuple[float, float]:
@@ -372,7 +397,7 @@ class ArmCollision:
 
     def _collision(self, q: Array, reserve: float, contact: bool) -> tuple[int, int, int] | None:
         """A collision at q, or what is not certain to be free of one, as `ArmScratch.hit`."""
-        answer = self.classify(q, reserve, contact)[0]
+        answer = self._classified(q, *self._margins(reserve), contact)[0]
         if answer == NOT_FINITE:
             raise _not_finite(q)
         if answer == FREE:

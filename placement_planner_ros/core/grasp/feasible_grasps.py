@@ -44,7 +44,7 @@ def usable_holdings(
         StartError: q_0 is free for no arm and grasp.
         GraspError: in every grasp the object overlaps the arm, or the hand could not let it go.
     """
-    body, obstacles = problem.body, problem.environment.obstacles
+    body, environment = problem.body, problem.environment
     keep_out, margin = problem.environment.keep_out, settings.collision.collision_margin
     holdings: list[list[Holding]] = []
     faults: list[Fault] = []
@@ -60,12 +60,20 @@ def usable_holdings(
         step(f"making the open hand of arm {arm.name}")
         arm = _within_limits(arm, q_start)
         moving = MovingArm(problem.robot, arm, problem.q_start)
-        open_hand = OpenHand(moving, body, obstacles, settings)
+        open_hands: dict[int, OpenHand] = {}
         for grasp in range(len(arm.grasps)):
             step(f"making arm {arm.name} with grasp {grasp}")
+            obstacles, aside = environment.obstacles_of(arm.name, grasp)
+            if id(obstacles) not in open_hands:
+                open_hands[id(obstacles)] = OpenHand(moving, body, obstacles, settings)
             try:
                 holding = Holding(
-                    moving, AttachedObject(body, grasp), obstacles, open_hand, settings
+                    moving,
+                    AttachedObject(body, grasp),
+                    obstacles,
+                    open_hands[id(obstacles)],
+                    settings,
+                    aside,
                 )
             except GraspError as error:
                 bad_grasps.append(error)

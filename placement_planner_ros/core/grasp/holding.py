@@ -55,6 +55,7 @@ class Holding:
     Args:
         moving: the arm at q_0.
         open_hand: the same arm once it has let go, shared by its grasps.
+        aside: those of the obstacles that never are support, as `ArmCollision` has it.
 
     Attributes:
         moving, held: as given.
@@ -77,6 +78,7 @@ class Holding:
         obstacles: ObstacleSet,
         open_hand: OpenHand,
         settings: GraspSettings,
+        aside: ObstacleSet | None = None,
     ) -> None:
         self.moving = moving
         self.held = held
@@ -87,7 +89,7 @@ class Holding:
         self.require_retreat = settings.require_retreat
         errors = []
         try:
-            self.collision = ArmCollision(moving, held, obstacles, settings.collision)
+            self.collision = ArmCollision(moving, held, obstacles, settings.collision, aside)
         except GraspError as error:
             errors.append(error)
         if self.require_retreat:

@@ -14,6 +14,7 @@ from placement_planner_ros.core.scene.distance import CAP, ClearanceField
 from placement_planner_ros.core.scene.extent import finite_extent
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet, checked_cloud
 from placement_planner_ros.core.scene.keep_out import cut, kept_out
+from placement_planner_ros.core.scene.near_points import NearPoints, laid_over
 from placement_planner_ros.core.scene.planes import Plane, Planes
 from placement_planner_ros.core.scene.regions import (
     Region,
@@ -113,6 +114,7 @@ class Environment:
         extent: (2, 3) lower and upper corner of these, NaN where there are none.
         beyond_volume: things up to the cap outside V count for the clearance, not only those in it.
         seen: share of V that the views saw, free or what was measured; None without views.
+        near: points beside the robot; the common ones are part of `obstacles`.
     """
 
     obstacles: ObstacleSet
@@ -128,6 +130,35 @@ class Environment:
     max_slope: float = field(default_factory=lambda: RegionSettings().max_slope)
     keep_out: Array = field(default_factory=lambda: np.zeros((0, 2, 3)))
     seen: float | None = None
+    near: NearPoints = field(default_factory=NearPoints)
+    _of_grasps: dict[bytes, tuple[ObstacleSet, ObstacleSet | None]] = field(
+        default_factory=dict, init=False, repr=False
+    )
+
+    def with_near(self, near: NearPoints) -> Environment:
+        """The same with points beside the robot as obstacles.
+
+        Raises:
+            CloudError: they make the grid too large.
+        """
+        return replace(self, obstacles=laid_over(self.obstacles, near.common), near=near)
+
+    def obstacles_of(self, arm: str, grasp: int) -> tuple[ObstacleSet, ObstacleSet | None]:
+        """The obstacle set for an arm with the object in one of its grasps; and of that what `near`
+        has for this grasp alone, which is no support either. None where that is nothing."""
+        points = self.near.of_grasps.get((arm, grasp))
+        if points is None or not len(points):
+            return self.obstacles, None
+        key = points.tobytes()
+        if key not in self._of_grasps:
+            size = GridSettings(cell_size=self.obstacles.cell_size)
+            nothing = ObstacleSet.from_points(np.zeros((0, 3)), size, (points[0], points[0] + 1e-6))
+            self._of_grasps[key] = laid_over(self.obstacles, points), laid_over(nothing, points)
+        return self._of_grasps[key]
+
+    def of_grasp(self, arm: str, grasp: int) -> Environment:
+        """The same with the obstacle set of one grasp."""
+        return replace(self, obstacles=self.obstacles_of(arm, grasp)[0])
 
     def keeping_out(self, boxes: Array, lower: Array, upper: Array) -> Environment:
         """The same with boxes (k, 2, 3) as obstacles, see `keep_out`.

@@ -1,84 +1,167 @@
-"""Leaves the robot and what it holds out of a cloud."""
+"""Tells what of a cloud is the robot, or what it holds, by their true surfaces."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from itertools import product
 
 import numpy as np
 import numpy.typing as npt
+import pinocchio as pin
+from scipy.spatial import ConvexHull, cKDTree
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.collision.shapes import Shape, polytope, shape_of
-from placement_planner_ros.core.kernels import kernel
+from placement_planner_ros.core.collision.shapes import ConvexSet, shape_of
+from placement_planner_ros.core.meshes.triangle_tree import TriangleTree
+from placement_planner_ros.core.remembering import remembered_with
 from placement_planner_ros.core.robot.model import Arm, Robot
+from placement_planner_ros.core.robot.overlap import is_mesh, triangles_of
+from placement_planner_ros.core.scene.grid import GridSettings
+from placement_planner_ros.core.scene.near_points import NearPoints
 from placement_planner_ros.core.types import Array
+
+OWN = 0.002
+"""m off a surface up to which a point is of that surface: joint values, grasps and meshes are no
+truer."""
+_TAIL = 99.9
+"""Percentile of the depths of a surface's own points, which is how far outside others of them may
+be."""
+_FEWEST = 20
+"""Points inside a solid from which on their depths tell how well is measured."""
+_CROWD = 4
+"""Times the fewest points that a thing has: of so many around it, a thing has the fewest itself."""
+_PUSHES = 4
+"""Times that a point is pushed off what it is too near to."""
+_ROUNDING = 1e-6
+"""m."""
+
+Mask = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Part:
-    """A convex solid n·x ≤ d within a box, in the frame of what carries it."""
+class Look:
+    """How points (n, 3) lie to surfaces.
 
-    normals: Array
-    offsets: Array
-    center: Array
-    half: Array
+    Attributes:
+        apart: (n,) metres to the nearest; infinite beyond what was looked for.
+        nearest: (n, 3) where that is; NaN there.
+        solid: (n,) which surface that is of; -1 there.
+        inside: (n,) whether they are enclosed by one.
+        padded: (n,) whether they are inside, or within the padding of one.
+    """
+
+    apart: Array
+    nearest: Array
+    solid: npt.NDArray[np.int64]
+    inside: Mask
+    padded: Mask
+
+    @classmethod
+    def nothing(cls, n: int) -> Look:
+        """Where there are no surfaces."""
+        far, none = np.full(n, np.inf), np.zeros(n, np.bool_)
+        return cls(far, np.full((n, 3), np.nan), np.full(n, -1), none, none.copy())
+
+    def joined(self, other: Look) -> Look:
+        """How they lie to the surfaces of both."""
+        mine = self.apart <= other.apart
+        return Look(
+            np.where(mine, self.apart, other.apart),
+            np.where(mine[:, None], self.nearest, other.nearest),
+            np.where(mine, self.solid, other.solid + self.solid.max(initial=-1) + 1),
+            self.inside | other.inside,
+            self.padded | other.padded,
+        )
+
+    def own(self) -> Mask:
+        """(n,) those that are of the surfaces, or inside: no farther off than what is measured of
+        them is.
+
+        Nothing but the robot is inside its solids. So how far inside of where most are the deepest
+        points of a solid lie shows how far outside of that others of its own may be. Farther off
+        than the padding they are not its own.
+        """
+        signed = np.where(self.inside, -self.apart, self.apart)
+        limit = np.full(int(self.solid.max(initial=-1)) + 2, OWN)
+        near = np.flatnonzero(self.padded & np.isfinite(signed))
+        order = near[np.argsort(self.solid[near], kind="stable")]
+        for rows in np.split(order, np.flatnonzero(np.diff(self.solid[order])) + 1):
+            depths = -signed[rows]
+            if (depths > 0.0).sum() >= _FEWEST:
+                most = max(float(np.median(depths)), 0.0)
+                deepest = float(np.percentile(depths[depths >= most], _TAIL))
+                limit[self.solid[rows[0]]] = max(OWN, deepest - 2.0 * most)
+        return self.padded & (self.inside | (self.apart <= limit[self.solid]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outline:
-    """The space that robot and held object fill at one configuration.
+    """Solids and sheets where they are, with the padding of each, metres."""
 
-    Attributes:
-        lower, upper: (p, 3) boxes around its convex parts.
-        first: (p + 1,) the first plane of each.
-        normals, offsets: (f, 3) and (f,) of the planes, in the world.
-    """
-
-    lower: Array
-    upper: Array
-    first: npt.NDArray[np.int64]
-    normals: Array
-    offsets: Array
+    placed: tuple[tuple[pin.SE3, TriangleTree, float], ...]
 
     @classmethod
-    def of(
-        cls, robot: Robot, q: Array, arms: Sequence[Arm], body: Body | None, padding: float
+    def of_robot(
+        cls, robot: Robot, q: Array, padding: float, of_links: Mapping[str, float] | None = None
     ) -> Outline:
-        """Each link as its convex parts, a mesh that is not convex as its hull, and the object in
-        every grasp of every candidate arm.
+        """The links at q (nq,).
 
         Args:
-            q: (nq,) configuration.
-            body: what the hands hold, None for nothing.
-            padding: metres by which every part grows.
+            padding: metres; `of_links` of some links instead.
         """
-        placed = list(zip(robot.geometry_poses(q), _robot_parts(robot), strict=True))
-        solids = () if body is None else body.parts
-        held = [_part(part.vertices, part.normals, part.offsets, 0.0) for part in solids]
-        for arm in arms:
-            T_world_tip = robot.link_pose(q, arm.tip_frame)
-            placed += [(T_world_tip * grasp, part) for grasp in arm.grasps for part in held]
-        first = np.cumsum([0, *(len(part.offsets) for _, part in placed)])
-        normals = np.vstack([part.normals @ T.rotation.T for T, part in placed])
-        shifts = np.repeat([T.translation for T, _ in placed], np.diff(first), axis=0)
-        offsets = np.concatenate([part.offsets for _, part in placed]) + padding
-        offsets += np.einsum("ij,ij->i", normals, shifts)
-        centers = np.array([T.act(part.center) for T, part in placed])
-        halves = np.array([np.abs(T.rotation) @ part.half for T, part in placed]) + padding
-        return cls(centers - halves, centers + halves, first, normals, offsets)
-
-    def outside(self, points: Array) -> npt.NDArray[np.bool_]:
-        """Which of the (n, 3) points are in none of it."""
-        return _outside(
-            np.ascontiguousarray(points),
-            self.lower,
-            self.upper,
-            self.first,
-            self.normals,
-            self.offsets,
+        paddings = [(of_links or {}).get(link, padding) for link in robot.geometry_links]
+        return cls(
+            tuple(
+                (T, tree, own)
+                for T, trees, own in zip(
+                    robot.geometry_poses(q), _link_trees(robot), paddings, strict=True
+                )
+                for tree in trees
+            )
         )
+
+    @classmethod
+    def of_object(cls, body: Body, T_world_object: pin.SE3, padding: float) -> Outline:
+        """The object at that pose."""
+        return cls(tuple((T_world_object, tree, padding) for tree in _body_trees(body)))
+
+    def look(self, points: Array, least: float = 0.0) -> Look:
+        """How points (n, 3) lie to these, up to the padding of each and `least` metres."""
+        found = Look.nothing(len(points))
+        for number, (T, tree, padding) in enumerate(self.placed):
+            cap = max(padding, least) + _ROUNDING
+            rows = _near(points, T, tree, cap)
+            if not len(rows):
+                continue
+            local = (points[rows] - T.translation) @ T.rotation
+            signed, nearest = tree.distances(local, cap)
+            apart, inside = np.abs(signed), signed <= 0.0
+            found.inside[rows] |= inside
+            found.padded[rows] |= inside | (apart <= padding)
+            better = apart < found.apart[rows]
+            found.apart[rows[better]] = apart[better]
+            found.solid[rows[better]] = number
+            found.nearest[rows[better]] = nearest[better] @ T.rotation.T + T.translation
+        return found
+
+    def outside(self, points: Array) -> Mask:
+        """Which of the (n, 3) points are neither in it nor within its padding."""
+        return ~self.look(points).padded
+
+
+def held_outlines(
+    robot: Robot, q: Array, arms: Sequence[Arm], body: Body, padding: float
+) -> dict[tuple[str, int], Outline]:
+    """The object in every grasp of every arm, by the arm's name and the grasp's number."""
+    return {
+        (arm.name, grasp): Outline.of_object(
+            body, robot.link_pose(q, arm.tip_frame) * T_tip_object, padding
+        )
+        for arm in arms
+        for grasp, T_tip_object in enumerate(arm.grasps)
+    }
 
 
 def outside_robot(
@@ -88,78 +171,138 @@ def outside_robot(
     arms: Sequence[Arm],
     body: Body | None,
     padding: float,
-) -> npt.NDArray[np.bool_]:
-    """Which of the (n, 3) points are outside of an `Outline`."""
-    return Outline.of(robot, q, arms, body, padding).outside(points)
-
-
-@kernel(nogil=True)
-def _outside(
-    points: Array,
-    lower: Array,
-    upper: Array,
-    first: npt.NDArray[np.int64],
-    normals: Array,
-    offsets: Array,
-) -> npt.NDArray[np.bool_]:
-    """Points (n, 3) in no part k: planes first[k] … first[k + 1] − 1, box lower[k] … upper[k]."""
-    outside = np.ones(len(points), dtype=np.bool_)
-    everything_lower = np.array([np.min(lower[:, i]) for i in range(3)])
-    everything_upper = np.array([np.max(upper[:, i]) for i in range(3)])
-    for i in range(len(points)):
-        x, y, z = points[i]
-        if (
-            x < everything_lower[0]
-            or x > everything_upper[0]
-            or y < everything_lower[1]
-            or y > everything_upper[1]
-            or z < everything_lower[2]
-            or z > everything_upper[2]
-        ):
-            continue
-        for k in range(len(lower)):
-            if (
-                x < lower[k, 0]
-                or x > upper[k, 0]
-                or y < lower[k, 1]
-                or y > upper[k, 1]
-                or z < lower[k, 2]
-                or z > upper[k, 2]
-            ):
-                continue
-            inside = True
-            for p in range(first[k], first[k + 1]):
-                if normals[p, 0] * x + normals[p, 1] * y + normals[p, 2] * z > offsets[p]:
-                    inside = False
-                    break
-            if inside:
-                outside[i] = False
-                break
+) -> Mask:
+    """Which of the (n, 3) points are farther than `padding` metres from the robot at q (nq,), and
+    from what it may hold, None for nothing."""
+    outlines = [Outline.of_robot(robot, q, padding)]
+    if body is not None:
+        outlines += held_outlines(robot, q, arms, body, padding).values()
+    outside = np.ones(len(points), np.bool_)
+    for outline in outlines:
+        outside[outside] = outline.outside(points[outside])
     return outside
 
 
-@lru_cache(maxsize=2)
-def _robot_parts(robot: Robot) -> tuple[_Part, ...]:
-    """Each of the robot's geometries in its own frame."""
-    return tuple(
-        _hull(shape_of(shape.geometry, shape.name)) for shape in robot.geometry.geometryObjects
+def near_points(
+    points: Array,
+    robot: Outline,
+    held: Mapping[tuple[str, int], Outline],
+    clear: float,
+    grid: GridSettings,
+) -> tuple[Mask, NearPoints]:
+    """What of a cloud is not the robot's, and what of the rest is an obstacle all the same.
+
+    Left out of surfaces is what lies within the padding of the robot, or of the object in any
+    grasp. Of that, what lies on none of these surfaces stays an obstacle. With the object in one
+    grasp only what lies on it in that grasp is its own. As it may be nearer than the margins that
+    the arm keeps, it is moved off the robot, straight, to where the arm can just leave from: by
+    less than the margin, so that what keeps the margin from it there does not meet it where it is.
+
+    Args:
+        points: (n, 3) metres.
+        held: of the object in each grasp.
+        clear: metres, the margin and what more an arm needs to leave.
+        grid: fewer points than its `min_points` within a cell's edge are errors of the sensor.
+
+    Returns:
+        (n,) which are farther away; and the obstacles among the others.
+    """
+    of_robot = robot.look(points)
+    of_grasps = {grasp: outline.look(points) for grasp, outline in held.items()}
+    beside_held = np.zeros(len(points), np.bool_)
+    for look in of_grasps.values():
+        beside_held |= look.padded
+    tree = cKDTree(points[of_robot.padded | beside_held])
+
+    def things(others: Mask) -> Array:
+        return _not_alone(points[others], tree, grid)
+
+    others = of_robot.padded & ~beside_held & ~of_robot.own()
+    common = _pushed(things(others), (robot,), clear)
+    aside = {}
+    for grasp, look in of_grasps.items():
+        others = beside_held & ~of_robot.joined(look).own()
+        aside[grasp] = _pushed(things(others), (robot, held[grasp]), clear)
+    return ~(of_robot.padded | beside_held), NearPoints(common, aside)
+
+
+def _not_alone(points: Array, everything: cKDTree, grid: GridSettings) -> Array:
+    """Those of points (n, 3) that have others of them around, or few points of any kind."""
+    if not len(points):
+        return points
+    together, around = (
+        tree.query_ball_point(points, grid.cell_size, return_length=True)
+        for tree in (cKDTree(points), everything)
     )
+    return points[(together >= grid.min_points) | (around < _CROWD * grid.min_points)]
 
 
-def _hull(shape: Shape) -> _Part:
-    radius = max(s.radius for s in shape.sets)
-    vertices = np.vstack([s.vertices for s in shape.sets])
-    if len(shape.sets) == 1 and len(shape.sets[0].normals):
-        return _part(vertices, shape.sets[0].normals, shape.sets[0].offsets, radius)
-    if np.linalg.matrix_rank(vertices - vertices[0], tol=1e-6) == 3:
-        hull = polytope(vertices)
-        return _part(vertices, hull.normals, hull.offsets, radius)
-    # A sphere, a capsule or a flat sheet: its box stands for it.
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
-    normals = np.vstack([np.eye(3), -np.eye(3)])
-    return _part(vertices, normals, np.concatenate([high, -low]), radius)
+def _pushed(points: Array, outlines: Sequence[Outline], clear: float) -> Array:
+    """(k, 3) of points (n, 3) where they are at least `clear` from all outlines; without those that
+    are between surfaces which are too near to each other for that."""
+    points = points.copy()
+    for _ in range(_PUSHES):
+        look = outlines[0].look(points, clear)
+        for outline in outlines[1:]:
+            look = look.joined(outline.look(points, clear))
+        rows = np.flatnonzero((look.apart < clear) | look.inside)
+        if not len(rows):
+            return points
+        away = points[rows] - look.nearest[rows]
+        away[look.inside[rows]] *= -1.0
+        length = np.maximum(look.apart[rows], _ROUNDING)[:, None]
+        points[rows] = look.nearest[rows] + away / length * (clear + _ROUNDING)
+    kept = np.isfinite(points).all(axis=1)
+    kept[rows] = False
+    return points[kept]
 
 
-def _part(vertices: Array, normals: Array, offsets: Array, radius: float) -> _Part:
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
-    return _Part(normals, offsets + radius, (low + high) / 2, (high - low) / 2 + radius)
+def _near(points: Array, T: pin.SE3, tree: TriangleTree, cap: float) -> npt.NDArray[np.int64]:
+    """Rows of points (n, 3) in the upright box around a solid at T, grown by `cap` metres."""
+    low, high = tree.boxes[1, :3], tree.boxes[1, 3:]
+    middle, half = T.act((low + high) / 2), np.abs(T.rotation) @ ((high - low) / 2)
+    half += cap + tree.radius
+    near = np.ones(len(points), np.bool_)
+    for axis in range(3):
+        near &= np.abs(points[:, axis] - middle[axis]) <= half[axis]
+    return np.flatnonzero(near)
+
+
+@remembered_with("robot", most=1)
+def _link_trees(robot: Robot) -> tuple[tuple[TriangleTree, ...], ...]:
+    """Of each of the robot's geometries, in its own frame."""
+    found = []
+    for shape, cover in zip(robot.geometry.geometryObjects, robot.covers, strict=True):
+        if is_mesh(shape.geometry):
+            corners, closed = triangles_of(shape.geometry), cover is not None and cover.closed
+            found.append((TriangleTree.of(corners, closed),))
+        else:
+            found.append(tuple(map(_convex_tree, shape_of(shape.geometry, shape.name).sets)))
+    return tuple(found)
+
+
+@remembered_with("body", most=1)
+def _body_trees(body: Body) -> tuple[TriangleTree, ...]:
+    """Of the object's convex pieces, and of all others together."""
+    trees = [TriangleTree.of(_hull_triangles(part.vertices), True) for part in body.solids]
+    if body.mesh is not None:
+        corners = body.mesh.vertices[body.mesh.triangles]
+        trees.append(TriangleTree.of(corners, body.mesh.cover.closed))
+    return tuple(trees)
+
+
+def _convex_tree(shape: ConvexSet) -> TriangleTree:
+    """A polytope, or a point or a line, and what is within its radius."""
+    if len(shape.normals):
+        return TriangleTree.of(_hull_triangles(shape.vertices), True, shape.radius)
+    return TriangleTree.of(shape.vertices[[0, -1, -1]][None], False, shape.radius)
+
+
+def _hull_triangles(vertices: Array) -> Array:
+    """(t, 3, 3) the hull of points (n, 3), wound counter-clockwise from outside."""
+    hull = ConvexHull(vertices)
+    corners = vertices[hull.simplices]
+    sides = corners[:, 1:] - corners[:, :1]
+    inward = (np.cross(sides[:, 0], sides[:, 1]) * hull.equations[:, :3]).sum(axis=1) < 0.0
+    corners[inward] = corners[inward][:, ::-1]
+    return np.asarray(corners)

@@ -109,6 +109,17 @@ def terms(name: str, value: Sequence[str]) -> None:
             raise ParameterError(name, each, f"is no term; choose of {', '.join(known)}")
 
 
+MAX_PADDING = 0.2
+"""m around a link."""
+
+
+def paddings(name: str, value: Sequence[str]) -> None:
+    """Distances by link."""
+    for link, padding in named_numbers(name, value).items():
+        if not 0.0 <= padding <= MAX_PADDING:
+            raise ParameterError(name, f"{link}={padding:g}", f"give 0 to {MAX_PADDING} m")
+
+
 def triples(name: str, value: Sequence[float]) -> None:
     """Points or triangles."""
     require_few(*(len(value) // 3 if name.endswith(of) else 0 for of in ("vertices", "triangles")))

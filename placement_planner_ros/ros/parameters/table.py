@@ -326,9 +326,17 @@ def _environment() -> list[Spec]:
         _own(
             "self_filter.padding",
             0.02,
-            "Points this close to the robot or the held object are left out.",
+            "Points this close to the surface of the robot or of the held object carry nothing. Those "
+            "that lie on it are left out; the others are obstacles to whatever moves.",
             "m",
             "[0, 0.2]",
+        ),
+        _own(
+            "self_filter.padding_of",
+            [],
+            "Links with a padding of their own, each as link=metres, up to 0.2 m.",
+            kind="string[]",
+            check=checks.paddings,
         ),
     ]
 

@@ -167,6 +167,12 @@ class ParameterSet:
         """Values of joints that nobody publishes, rad or m."""
         return named_numbers("assumed_joints", self["assumed_joints"])
 
+    @property
+    def padding_of(self) -> dict[str, float]:
+        """The self-filter's padding of links that have one of their own, metres."""
+        name = "self_filter.padding_of"
+        return named_numbers(name, self[name])
+
     def sensor_pose(self, frame: str) -> pin.SE3 | None:
         """Pose of a sensor's frame in the planning frame, where one is given."""
         name = f"sensor_poses.{frame}"

@@ -13,10 +13,16 @@ from placement_planner_ros.core.scene.environment import Environment, require_ro
 from placement_planner_ros.core.scene.extent import cropped
 from placement_planner_ros.core.scene.flying_pixels import flying_pixels
 from placement_planner_ros.core.scene.grid import GridSettings
+from placement_planner_ros.core.scene.near_points import NearPoints
 from placement_planner_ros.core.scene.regions import RegionSettings
 from placement_planner_ros.core.scene.visibility import View
 from placement_planner_ros.core.types import Array, TargetVolume
-from placement_planner_ros.ros.inputs.self_filter import outside_robot
+from placement_planner_ros.ros.inputs.self_filter import (
+    Outline,
+    held_outlines,
+    near_points,
+    outside_robot,
+)
 from placement_planner_ros.ros.run.snapshot import Snapshot
 
 
@@ -25,7 +31,8 @@ class Surroundings:
     """All that an environment is made from, and nothing else.
 
     Attributes:
-        points: (n, 3) neither on the robot nor on the held object, nor flying, planning frame.
+        points: (n, 3) neither near the robot nor near the held object, nor flying, planning frame.
+        near: of those that are near, what may be something else.
         bounds: lower (3,) and upper (3,) corner of what the obstacle set covers.
         sights: of clouds whose sensor's place is known, without flying pixels.
         snapshot: where the robot is, which only `unknown` looks at.
@@ -36,6 +43,7 @@ class Surroundings:
     """
 
     points: Array
+    near: NearPoints
     bounds: tuple[Array, Array]
     volume: TargetVolume
     grid: GridSettings
@@ -58,15 +66,17 @@ class Surroundings:
             return before
         points = np.vstack(snapshot.clouds)
         flying = _flying(snapshot, before)
-        kept = np.ones(len(points), np.bool_)
+        real = ~np.concatenate(flying)
+        kept, near = np.ones(len(points), np.bool_), NearPoints()
         if snapshot.parameters["self_filter.enabled"]:
-            kept = _outside(snapshot, points, snapshot.parameters["self_filter.padding"])
-            if any(snapshot.placed):
-                kept |= np.repeat(snapshot.placed, [len(cloud) for cloud in snapshot.clouds])
+            measured = ~np.repeat(snapshot.placed, [len(cloud) for cloud in snapshot.clouds])
+            rows = np.flatnonzero(measured & real)
+            kept[rows], near = _near(snapshot, points[rows])
         sights = _sights(snapshot, kept, flying)
-        points = points[kept & ~np.concatenate(flying)]
+        points = points[kept & real]
         return cls(
             points,
+            near,
             grid_bounds(snapshot, points),
             snapshot.parameters.volume,
             snapshot.parameters.grid_settings,
@@ -92,6 +102,7 @@ class Surroundings:
             and self.beyond_volume == other.beyond_volume
             and _equal(self.bounds, other.bounds)
             and np.array_equal(self.points, other.points)
+            and self.near.same(other.near)
             and len(self.sights) == len(other.sights)
             and (not self.sights or self.unknown == other.unknown)
             and (not self.sights or self.unknown_below == other.unknown_below)
@@ -107,7 +118,7 @@ class Surroundings:
         """
         parameters = self.snapshot.parameters
         around = max(parameters["self_filter.padding"], parameters["collision_margin"])
-        return Environment.from_points(
+        made = Environment.from_points(
             self.points,
             self.volume,
             self.grid,
@@ -121,6 +132,20 @@ class Surroundings:
             unknown_below=self.unknown_below,
             beyond_volume=self.beyond_volume,
         )
+        return made.with_near(self.near)
+
+
+def _near(
+    snapshot: Snapshot, points: Array
+) -> tuple[npt.NDArray[np.bool_], NearPoints]:
+    """Which of points (n, 3) are not near the robot, and what of the others may be something else."""
+    parameters, q = snapshot.parameters, snapshot.q_start
+    padding = parameters["self_filter.padding"]
+    robot = Outline.of_robot(snapshot.robot, q, padding, parameters.padding_of)
+    held = held_outlines(snapshot.robot, q, snapshot.arms, snapshot.body, padding)
+    clear = parameters.planner_settings.collision.clear
+    kept, near = near_points(points, robot, held, clear, parameters.grid_settings)
+    return kept, near.within(*_workspace(snapshot))
 
 
 def _flying(snapshot: Snapshot, before: Surroundings | None) -> tuple[npt.NDArray[np.bool_], ...]:
@@ -229,7 +254,7 @@ def _known(origin: Array | None) -> Array:
 
 def _same_hands(a: Snapshot, b: Snapshot) -> bool:
     """Whether robot and held object fill the same space."""
-    names = ("self_filter.padding", "collision_margin")
+    names = ("self_filter.padding", "self_filter.padding_of", "collision_margin")
     return (
         a.robot is b.robot
         and a.body is b.body

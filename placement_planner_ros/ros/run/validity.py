@@ -12,13 +12,14 @@ from placement_planner_ros.core.collision.attached_object import AttachedObject,
 from placement_planner_ros.core.errors import JointStateError, listed
 from placement_planner_ros.core.grasp.hand_sweep import with_opening_hand
 from placement_planner_ros.core.robot.moving_arm import MovingArm
+from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.flying_pixels import flying_among
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.swept.space import Stretch, SweptSpace, evenly
 from placement_planner_ros.core.timing.quintic import positions_at
-from placement_planner_ros.core.types import Array, Placement, Trajectory
+from placement_planner_ros.core.types import Array, Goal, Placement, Trajectory
 from placement_planner_ros.ros.inputs.inputs import Inputs
-from placement_planner_ros.ros.inputs.self_filter import Outline
+from placement_planner_ros.ros.inputs.self_filter import Outline, held_outlines
 from placement_planner_ros.ros.run.snapshot import Snapshot
 
 _SAMPLES = 400
@@ -33,20 +34,14 @@ class Ways:
     """Makes the ways of a run's placements.
 
     Args:
-        obstacles: what they are planned with.
+        environment: what they are planned in.
     """
 
-    def __init__(self, snapshot: Snapshot, obstacles: ObstacleSet) -> None:
+    def __init__(self, snapshot: Snapshot, environment: Environment) -> None:
         self._snapshot = snapshot
-        self._obstacles = obstacles
+        self._environment = environment
         self._settings = snapshot.parameters.planner_settings.collision
-        self._density = sum(map(len, snapshot.clouds)) / max(len(obstacles), 1)
-        self._outline: Outline | None = None
-        if snapshot.parameters["self_filter.enabled"]:
-            padding = snapshot.parameters["self_filter.padding"]
-            self._outline = Outline.of(
-                snapshot.robot, snapshot.q_start, snapshot.arms, snapshot.body, padding
-            )
+        self._density = sum(map(len, snapshot.clouds)) / max(len(environment.measured), 1)
 
     def of(self, placement: Placement) -> Way:
         """The way of one of them.
@@ -57,9 +52,11 @@ class Ways:
         Raises:
             PlacementPlannerError: the arm cannot hold the object like that.
         """
-        stretches = _stretches(placement, self._snapshot, self._obstacles, self._settings)
-        margin = self._settings.collision_margin
-        return Way(SweptSpace(stretches, self._obstacles, margin, self._density), self._outline)
+        goal, margin = placement.goal, self._settings.collision_margin
+        obstacles = self._environment.obstacles_of(goal.arm, goal.grasp)[0]
+        stretches = _stretches(placement, self._snapshot, obstacles, self._settings)
+        space = SweptSpace(stretches, obstacles, margin, self._density)
+        return Way(space, _outline(self._snapshot, goal))
 
 
 class Way:
@@ -100,6 +97,18 @@ class Way:
             f"a newer cloud cuts through it: {hit.body} meets something new "
             f"at ({x:.3f}, {y:.3f}, {z:.3f}) in the {hit.stretch}"
         )
+
+
+def _outline(snapshot: Snapshot, goal: Goal) -> Outline | None:
+    """What the robot fills at the start with the object in that grasp; None where that counts."""
+    parameters, robot, q = snapshot.parameters, snapshot.robot, snapshot.q_start
+    if not parameters["self_filter.enabled"]:
+        return None
+    padding = parameters["self_filter.padding"]
+    arm = next(a for a in snapshot.arms if a.name == goal.arm)
+    held = held_outlines(robot, q, [arm], snapshot.body, padding)[goal.arm, goal.grasp]
+    of_robot = Outline.of_robot(robot, q, padding, parameters.padding_of)
+    return Outline(of_robot.placed + held.placed)
 
 
 def _stretches(

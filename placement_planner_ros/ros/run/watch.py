@@ -124,7 +124,7 @@ class Watch:
                 self._changed()  # it holds, so nobody need wait
             way, fault = None, ""
             try:
-                ways = ways or Ways(snapshot, environment.obstacles)
+                ways = ways or Ways(snapshot, environment)
                 way = ways.of(placement)
             except Exception as error:
                 # The thread's outermost frame: what cannot be looked at is not called valid.
