@@ -5,7 +5,8 @@ import trimesh
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.robot.model import Robot
-from placement_planner_ros.ros.inputs.self_filter import outside_robot
+from placement_planner_ros.core.scene.grid import GridSettings
+from placement_planner_ros.ros.inputs.self_filter import Outline, near_points, outside_robot
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.yumi import START_CONFIGURATION, load_yumi, yumi_arm
 
@@ -81,3 +82,32 @@ def test_points_on_a_flat_mesh_go_and_those_above_it_stay(tmp_path):
     sheet = Robot.from_urdf(URDF.replace('<box size="0.2 0.2 0.2"/>', mesh))
     points = [[0.05, 0.02, 0.0], [0.05, 0.02, 0.01], [0.11, 0.0, 0.0]]
     assert kept(sheet, np.zeros(1), points) == [False, True, True]
+
+
+def test_what_is_in_a_hollow_of_a_link_stays(tmp_path):
+    trimesh.creation.annulus(0.08, 0.1, 0.1).export(tmp_path / "ring.stl")
+    mesh = f'<mesh filename="{tmp_path}/ring.stl"/>'
+    ring = Robot.from_urdf(URDF.replace('<box size="0.2 0.2 0.2"/>', mesh))
+    points = [[0.0, 0.0, 0.0], [0.05, 0.0, 0.0], [0.09, 0.0, 0.0], [0.078, 0.0, 0.0]]
+    assert kept(ring, np.zeros(1), points, padding=0.005) == [True, True, False, False]
+
+
+def test_links_may_have_a_padding_of_their_own(robot):
+    points = np.array([[0.109, 0, 0], [0.5, 0, 1.109]])
+    outline = Outline.of_robot(robot, np.zeros(1), 0.02, {"base": 0.001})
+    assert outline.outside(points).tolist() == [True, False]
+
+
+@pytest.mark.parametrize("deviation", [0.0, 0.001])
+def test_only_what_is_on_the_surface_as_far_as_can_be_told_is_the_robot(robot, deviation):
+    rng = np.random.default_rng(0)
+    sides = rng.uniform(-0.1, 0.1, (20_000, 3))
+    sides[:, 0] = 0.1 + rng.normal(0.0, deviation, len(sides))
+    rod = np.array([[0.108, 0.02, z] for z in np.arange(-0.1, 0.1, 0.002)])
+    outline = Outline.of_robot(robot, np.zeros(1), 0.02)
+    points = np.vstack([sides, rod])
+    kept, near = near_points(points, outline, {}, 0.005, GridSettings())
+    assert not kept.any()
+    left = {tuple(p) for p in near.common.round(6)}
+    assert all(tuple(p) in left for p in rod.round(6))
+    assert len(near.common) < len(rod) + 5

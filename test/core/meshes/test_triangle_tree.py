@@ -1,0 +1,40 @@
+import numpy as np
+import pytest
+import trimesh
+
+from placement_planner_ros.core.meshes.triangle_tree import TriangleTree
+
+RING = trimesh.creation.torus(0.3, 0.1)
+BOX = trimesh.creation.box((0.2, 0.3, 0.4))
+
+
+@pytest.mark.parametrize("mesh", [RING, BOX], ids=["ring", "box"])
+def test_distances_are_those_of_all_triangles(mesh):
+    points = np.random.default_rng(0).uniform(-0.5, 0.5, (100, 3))
+    found, nearest = TriangleTree.of(mesh.triangles, True).distances(points, 2.0)
+    for point, distance, spot in zip(points, found, nearest, strict=True):
+        every = trimesh.triangles.closest_point(
+            mesh.triangles, np.repeat(point[None], len(mesh.triangles), 0)
+        )
+        least = np.linalg.norm(every - point, axis=1).min()
+        assert abs(distance) == pytest.approx(least, abs=1e-9)
+        assert np.linalg.norm(point - spot) == pytest.approx(least, abs=1e-9)
+
+
+def test_only_what_is_enclosed_is_inside():
+    points = np.random.default_rng(1).uniform(-0.45, 0.45, (5000, 3))
+    depth = 0.1 - np.hypot(np.hypot(points[:, 0], points[:, 1]) - 0.3, points[:, 2])
+    sure = np.abs(depth) > 0.003  # the mesh is not quite round
+    found, _ = TriangleTree.of(RING.triangles, True).distances(points, 0.01)
+    assert np.array_equal(found[sure] < 0.0, depth[sure] > 0.0)
+    assert (np.isinf(found) == (np.abs(found) > 0.01)).all()
+    sheet, _ = TriangleTree.of(RING.triangles, False).distances(points, 0.01)
+    assert (sheet > 0.0).all()
+
+
+def test_points_and_lines_have_a_radius():
+    line = np.array([[[0.0, 0, 0], [1.0, 0, 0], [1.0, 0, 0]]])
+    found, _ = TriangleTree.of(line, False, 0.1).distances(
+        np.array([[0.5, 0.3, 0.0], [1.2, 0.0, 0.0], [0.5, 0.05, 0.0]]), 1.0
+    )
+    assert found == pytest.approx([0.2, 0.1, -0.05])

@@ -1,0 +1,136 @@
+"""What stands beside the robot, or beside what it holds, is not driven through."""
+
+from dataclasses import replace
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from placement_planner_ros.core.body.body import Body
+from placement_planner_ros.core.collision.object_solids import coal_transform, object_solids
+from placement_planner_ros.core.timing.quintic import positions_at
+from placement_planner_ros.ros.inputs.standing_object import StandingObject
+from placement_planner_ros.ros.parameters.table import arm_specs, arms_spec, fixed_specs
+from placement_planner_ros.ros.parameters.values import ParameterSet
+from placement_planner_ros.ros.run.planning import make_planner
+from placement_planner_ros.ros.run.snapshot import Snapshot
+from placement_planner_ros.ros.run.surroundings import Surroundings
+from placement_planner_ros.scenes.objects import object_by_name
+from placement_planner_ros.scenes.yumi import START_CONFIGURATION, load_yumi, yumi_arm
+
+VOLUME = [0.2, -0.3, -0.1, 0.6, 0.3, 0.2]
+TABLE = np.stack(np.meshgrid(np.arange(0.2, 0.6, 0.005), np.arange(-0.3, 0.3, 0.005)), -1)
+TABLE = np.column_stack([TABLE.reshape(-1, 2), np.zeros(TABLE.size // 2)])
+RADIUS = 0.002
+
+
+@pytest.fixture(scope="module")
+def holding():
+    """The robot, the left hand holding the object, over a table; no cloud but that."""
+    held = object_by_name("small_crayons_box")
+    specs = [*fixed_specs(), arms_spec(["left"]), *arm_specs("left", yumi=True)]
+    parameters = ParameterSet({s.name: s for s in specs})
+    robot = load_yumi()
+    return Snapshot(
+        robot,
+        (yumi_arm(robot, "left", held.grasps["left"]),),
+        robot.configuration(START_CONFIGURATION),
+        Body.from_mesh(held.vertices, held.triangles, held.center_of_mass),
+        (TABLE,),
+        parameters.changed({"target_volume": VOLUME, "seed": 3}),
+        robot.root_link,
+        (None,),
+        (False,),
+    )
+
+
+def pose_in_hand(snapshot, grasp=0):
+    arm = snapshot.arms[0]
+    return snapshot.robot.link_pose(snapshot.q_start, arm.tip_frame) * arm.grasps[grasp]
+
+
+def rod_beside(snapshot, gap):
+    """A rod on the table, as high as the object, `gap` beside it: its middle, its half length, and
+    points all over it."""
+    T = pose_in_hand(snapshot)
+    corners = snapshot.body.vertices @ T.rotation.T + T.translation
+    foremost = corners[np.argmax(corners[:, 0])]
+    top = corners[:, 2].max() + 0.05
+    middle = np.array([foremost[0] + gap + RADIUS, foremost[1], top / 2])
+    turns = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
+    around = RADIUS * np.column_stack([np.cos(turns), np.sin(turns), np.zeros(8)])
+    along = np.arange(0.004, top, 0.002)
+    points = [middle * (1, 1, 0) + (0, 0, z) + around for z in along]
+    return middle, top / 2, np.vstack(points)
+
+
+def own_points(snapshot, deviation=0.0):
+    """What a camera would see of the object in its first grasp."""
+    points = StandingObject.at(snapshot.body, pose_in_hand(snapshot)).points
+    return points + np.random.default_rng(0).normal(0.0, deviation, points.shape)
+
+
+def cuts(snapshot, placement, rod, T_rod):
+    """Whether anything that moves, or the object, meets the rod on the way to the placement."""
+    arm = next(a for a in snapshot.arms if a.name == placement.goal.arm)
+    solids = object_solids(snapshot.body)
+    curve = placement.trajectory
+    for positions in positions_at(curve, np.linspace(0.0, curve.duration, 400)):
+        q = snapshot.q_start.copy()
+        q[arm.q_index] = positions
+        T_object = snapshot.robot.link_pose(q, arm.tip_frame) * arm.grasps[placement.goal.grasp]
+        things = [(solid.geometry, T_object) for solid in solids]
+        things += [
+            (shape.geometry, T)
+            for shape, T in zip(
+                snapshot.robot.geometry.geometryObjects,
+                snapshot.robot.geometry_poses(q),
+                strict=True,
+            )
+        ]
+        for geometry, T in things:
+            result = coal.CollisionResult()
+            if coal.collide(
+                geometry, coal_transform(T), rod, T_rod, coal.CollisionRequest(), result
+            ):
+                return True
+    return False
+
+
+def found(snapshot, samples=1500):
+    planner = make_planner(snapshot, Surroundings.of(snapshot).environment()).planner
+    return list(planner.run(lambda: planner.statistics.samples >= samples))
+
+
+@pytest.mark.parametrize("gap", [0.003, 0.008])
+@pytest.mark.parametrize("deviation", [0.0, 0.0005])
+def test_a_rod_beside_the_held_object_is_not_cut(holding, gap, deviation):
+    middle, half, points = rod_beside(holding, gap)
+    seen = np.vstack([TABLE, points, own_points(holding, deviation)])
+    snapshot = replace(holding, clouds=(seen,))
+    rod, T_rod = coal.Capsule(RADIUS - 1e-4, 2 * half), coal.Transform3s(np.eye(3), middle)
+    placements = found(snapshot)
+    assert placements
+    assert not any(cuts(snapshot, each, rod, T_rod) for each in placements)
+
+
+def test_the_rod_is_in_the_way_of_some_placement_where_nobody_sees_it(holding):
+    """Else the test above could not fail."""
+    middle, half, _ = rod_beside(holding, 0.008)
+    rod, T_rod = coal.Capsule(RADIUS - 1e-4, 2 * half), coal.Transform3s(np.eye(3), middle)
+    assert any(cuts(holding, each, rod, T_rod) for each in found(holding))
+
+
+def test_what_is_held_in_one_grasp_is_an_obstacle_in_another(holding):
+    turned = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.03])) * holding.arms[0].grasps[0]
+    arm = yumi_arm(holding.robot, "left", [holding.arms[0].grasps[0], turned])
+    points = own_points(holding)
+    snapshot = replace(holding, arms=(arm,), clouds=(np.vstack([TABLE, points]),))
+    environment = Surroundings.of(snapshot).environment()
+    assert environment.obstacles_of("left", 0)[0] is environment.obstacles
+    others = environment.near.of_grasps["left", 1]
+    away = np.linalg.norm(points[:, None] - others[None], axis=2).min(axis=1)
+    moved = points - pose_in_hand(snapshot, 1).translation  # those farthest from the other pose
+    assert away[np.argmax(np.linalg.norm(moved, axis=1))] < 1e-6
+    assert len(environment.obstacles_of("left", 1)[0]) >= len(environment.obstacles) + len(others)
