@@ -55,7 +55,7 @@ class PointSet:
     Attributes:
         points: (n, 3) metres.
         origin: (3,) of the sensor that saw all of it; None where that is not known.
-        placed: whether it is a confirmed object, hence no part of the robot nor in its hand.
+        placed: whether it is known, hence no part of the robot nor in its hand.
     """
 
     points: Array

@@ -18,9 +18,15 @@ from placement_planner_ros.core.errors import (
     JointStateError,
     PlacementPlannerError,
 )
-from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.scene.flying_pixels import flying_pixels
 from placement_planner_ros.ros.inputs.cloud_store import CloudStore, StoredCloud
+from placement_planner_ros.ros.inputs.furniture import (
+    WORLD_LINKS,
+    FixedLinks,
+    fixed_links,
+    require_links,
+)
 from placement_planner_ros.ros.inputs.frames import ChainMovingError, CloudFrameError, cloud_pose
 from placement_planner_ros.ros.inputs.joint_states import JointStates, RobotMovingError
 from placement_planner_ros.ros.inputs.object_input import ObjectInput
@@ -143,6 +149,20 @@ class Inputs:
             robot = None
         return self.clouds.changes, self.joints.positions(), self.object.key, robot, parameters
 
+    def fixed_links(
+        self, robot: Robot, arms: Sequence[Arm], parameters: ParameterSet
+    ) -> FixedLinks:
+        """The robot without its furniture, and that furniture.
+
+        Raises:
+            ParameterError: `world_links` or `self_filter.padding_of` name what is none.
+        """
+        require_links(robot, parameters)
+        sensors = {*parameters["sensor_frames"], *self._frames.values()}
+        ends = {arm.tip_frame for arm in arms}
+        ends.update(f for f in sensors if robot.model.existFrame(f, pin.FrameType.BODY))
+        return fixed_links(robot, ends, parameters[WORLD_LINKS])
+
     @property
     def reading(self) -> bool:
         """Whether a description or a mesh is being read."""
@@ -214,6 +234,7 @@ class Inputs:
             lambda: self.robot.moved(message.header.stamp),
         )
         points = points_from_message(message, T_planning_cloud)
+        self._frames[topic] = message.header.frame_id
         # In the planning frame a cloud no longer tells where it was seen from.
         moved = message.header.frame_id != robot.root_link
         origin = np.array(T_planning_cloud.translation) if moved else None

@@ -10,10 +10,11 @@ from itertools import product
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
-from scipy.spatial import ConvexHull, cKDTree
+from scipy.spatial import cKDTree
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.shapes import ConvexSet, shape_of
+from placement_planner_ros.core.meshes.hull_triangles import hull_triangles
 from placement_planner_ros.core.meshes.triangle_tree import TriangleTree
 from placement_planner_ros.core.remembering import remembered_with
 from placement_planner_ros.core.robot.model import Arm, Robot
@@ -284,7 +285,7 @@ def _link_trees(robot: Robot) -> tuple[tuple[TriangleTree, ...], ...]:
 @remembered_with("body", most=1)
 def _body_trees(body: Body) -> tuple[TriangleTree, ...]:
     """Of the object's convex pieces, and of all others together."""
-    trees = [TriangleTree.of(_hull_triangles(part.vertices), True) for part in body.solids]
+    trees = [TriangleTree.of(hull_triangles(part.vertices), True) for part in body.solids]
     if body.mesh is not None:
         corners = body.mesh.vertices[body.mesh.triangles]
         trees.append(TriangleTree.of(corners, body.mesh.cover.closed))
@@ -294,15 +295,6 @@ def _body_trees(body: Body) -> tuple[TriangleTree, ...]:
 def _convex_tree(shape: ConvexSet) -> TriangleTree:
     """A polytope, or a point or a line, and what is within its radius."""
     if len(shape.normals):
-        return TriangleTree.of(_hull_triangles(shape.vertices), True, shape.radius)
+        return TriangleTree.of(hull_triangles(shape.vertices), True, shape.radius)
     return TriangleTree.of(shape.vertices[[0, -1, -1]][None], False, shape.radius)
 
-
-def _hull_triangles(vertices: Array) -> Array:
-    """(t, 3, 3) the hull of points (n, 3), wound counter-clockwise from outside."""
-    hull = ConvexHull(vertices)
-    corners = vertices[hull.simplices]
-    sides = corners[:, 1:] - corners[:, :1]
-    inward = (np.cross(sides[:, 0], sides[:, 1]) * hull.equations[:, :3]).sum(axis=1) < 0.0
-    corners[inward] = corners[inward][:, ::-1]
-    return np.asarray(corners)

@@ -36,8 +36,8 @@ class StandingObject:
     @classmethod
     def at(cls, body: Body, T_world_object: pin.SE3) -> StandingObject:
         """The body at that pose."""
-        points = _surface_points(body.vertices, body.triangles)
         T = T_world_object
+        points = surface_points(body.vertices[body.triangles])
         return cls(body, pin.SE3(T), np.asarray(points @ T.rotation.T + T.translation))
 
     def holds(self, points: Array, padding: float) -> npt.NDArray[np.bool_]:
@@ -51,12 +51,12 @@ class StandingObject:
         return held
 
 
-def _surface_points(vertices: Array, triangles: npt.NDArray[np.int64]) -> Array:
-    """(n, 3) points on triangles (t, 3): their corners, and a lattice on each that is larger.
+def surface_points(corners: Array) -> Array:
+    """(n, 3) points on triangles (t, 3, 3), at most `SPACING` apart: their corners, and a lattice on
+    each that is larger.
 
     To divide triangles by four until they are small made a box of 2 m 17 s of work and 2.7 GB.
     """
-    corners = vertices[triangles]
     edges = _edges(corners)
     length, last = edges.max(axis=1), edges.argmax(axis=1)
     sides = corners[:, 1:] - corners[:, :1]

@@ -272,6 +272,13 @@ def _robot() -> list[Spec]:
             check=checks.joint_values,
         ),
         _own(
+            "world_links",
+            [],
+            "Links of the robot's description that are furniture, obstacle and support, instead of "
+            "those found: links that no joint moves, but for the robot's foot.",
+            kind="string[]",
+        ),
+        _own(
             "joint_state_timeout",
             1.0,
             "Joint values older than this are stale.",

@@ -21,13 +21,16 @@ class Snapshot:
         parameters: of this run.
         frame: the planning frame.
         origins: per cloud, (3,) where its sensor was, None where that is not known.
-        placed: per cloud, whether it is an object placed before, which is never filtered.
+        placed: per cloud, whether it is known rather than measured: an object placed before,
+            furniture, or one of `~/known_objects`. It is never filtered.
         object_key: `ObjectInput.key` of what the robot holds by default, which this run may
             hold another in place of.
         robot_key: `RobotInput.key` of the robot.
         joints: whose values it was taken of, which must stay fresh.
         moving: those of them that moved already, which may leave q_0.
         notes: what to know of q_0.
+        fixed: which links are furniture and which the robot's foot, in words; empty where none is
+            furniture.
     """
 
     robot: Robot
@@ -44,3 +47,4 @@ class Snapshot:
     joints: tuple[str, ...] = ()
     moving: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    fixed: str = ""

@@ -88,11 +88,15 @@ def take_snapshot(
     body = attempt(lambda: inputs.object.body(parameters, overridden))
     if faults or standing is None or clouds is None or body is None:
         return faults
+    fixed = attempt(partial(inputs.fixed_links, standing.robot, arms, parameters))
+    if fixed is None:
+        return faults
+    clouds += fixed.sets
     points = tuple(cloud.points for cloud in clouds)
     origins = tuple(cloud.origin for cloud in clouds)
     placed = tuple(cloud.placed for cloud in clouds)
     snapshot = Snapshot(
-        standing.robot,
+        fixed.robot,
         arms,
         standing.q,
         body,
@@ -106,6 +110,7 @@ def take_snapshot(
         standing.joints,
         standing.moving,
         standing.notes,
+        str(fixed) if fixed.furniture else "",
     )
     attempt(lambda: require_face(body))
     attempt(lambda: require_grid(snapshot))
@@ -199,7 +204,9 @@ def start_notes(snapshot: Snapshot, environment: Environment | None) -> list[str
     deep = deep_fingers(snapshot.robot, snapshot.arms, snapshot.q_start, snapshot.body)
     of_object = [*snapshot.body.warnings, *([doubt] if doubt else deep)]
     sights = sight_notes(snapshot, environment)
-    return [*of_object, *snapshot.notes, *beyond, *of_arms, *left_out, *without, *tilts, *sights]
+    fixed = [snapshot.fixed] if snapshot.fixed else []
+    told = [*of_object, *snapshot.notes, *fixed, *beyond, *of_arms, *left_out, *without]
+    return [*told, *tilts, *sights]
 
 
 def require_face(body: Body) -> None:

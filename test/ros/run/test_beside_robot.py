@@ -9,7 +9,9 @@ import pytest
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.object_solids import coal_transform, object_solids
+from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.timing.quintic import positions_at
+from placement_planner_ros.ros.inputs.furniture import fixed_links
 from placement_planner_ros.ros.inputs.standing_object import StandingObject
 from placement_planner_ros.ros.parameters.table import arm_specs, arms_spec, fixed_specs
 from placement_planner_ros.ros.parameters.values import ParameterSet
@@ -18,6 +20,7 @@ from placement_planner_ros.ros.run.snapshot import Snapshot
 from placement_planner_ros.ros.run.surroundings import Surroundings
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.yumi import START_CONFIGURATION, load_yumi, yumi_arm
+from placement_planner_ros.share import PACKAGE, share_path
 
 VOLUME = [0.2, -0.3, -0.1, 0.6, 0.3, 0.2]
 TABLE = np.stack(np.meshgrid(np.arange(0.2, 0.6, 0.005), np.arange(-0.3, 0.3, 0.005)), -1)
@@ -134,3 +137,39 @@ def test_what_is_held_in_one_grasp_is_an_obstacle_in_another(holding):
     moved = points - pose_in_hand(snapshot, 1).translation  # those farthest from the other pose
     assert away[np.argmax(np.linalg.norm(moved, axis=1))] < 1e-6
     assert len(environment.obstacles_of("left", 1)[0]) >= len(environment.obstacles) + len(others)
+
+
+FURNITURE = """<link name="table"><collision><origin xyz="0.4 0 -0.02"/>
+<geometry><box size="0.4 0.6 0.04"/></geometry></collision></link>
+<joint name="stands" type="fixed"><parent link="yumi_body"/><child link="table"/></joint></robot>"""
+
+
+def test_furniture_of_the_description_carries_and_is_kept_clear_of(holding):
+    urdf, srdf = (share_path("urdf", f"yumi.{kind}") for kind in ("urdf", "srdf"))
+    robot = Robot.from_urdf(
+        urdf.read_text().replace("</robot>", FURNITURE),
+        package_dirs={PACKAGE: urdf.parent.parent},
+        srdf=srdf.read_text(),
+    )
+    fixed = fixed_links(robot, ["gripper_l_base", "gripper_r_base"])
+    assert (fixed.furniture, fixed.foot) == (("table",), ("yumi_body",))
+    _, _, rod = rod_beside(holding, 0.1)
+    clouds = (rod, *(each.points for each in fixed.sets))
+    arm = yumi_arm(fixed.robot, "left", holding.arms[0].grasps)
+    snapshot = replace(
+        holding,
+        robot=fixed.robot,
+        arms=(arm,),
+        clouds=clouds,
+        origins=(None, None),
+        placed=(False, True),
+    )
+    placements = found(snapshot)
+    assert placements
+    lowest = (
+        min(each.T_world_object.act(v)[2] for v in snapshot.body.vertices) for each in placements
+    )
+    assert np.abs(list(lowest)).max() < 1e-3
+    table = coal.Box(0.4, 0.6, 0.038)
+    T = coal.Transform3s(np.eye(3), np.array([0.4, 0.0, -0.021]))
+    assert not any(cuts(snapshot, each, table, T) for each in placements)

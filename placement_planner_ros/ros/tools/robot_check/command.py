@@ -50,6 +50,8 @@ def _check(options: argparse.Namespace) -> int:
     if subject is not None:
         robot = subject.robot
         description.describe_robot(robot, bool(given.parameters["robot_description"]), findings)
+        if subject.fixed:
+            findings.say(subject.fixed)
         description.describe_arms(subject, findings)
         description.describe_joint_states(subject, findings)
         subject = holding(subject, findings)

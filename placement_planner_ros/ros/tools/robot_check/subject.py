@@ -16,6 +16,7 @@ from placement_planner_ros.core.did_you_mean import did_you_mean
 from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.ros.inputs.furniture import WORLD_LINKS, fixed_links, require_links
 from placement_planner_ros.ros.inputs.object_input import ObjectInput
 from placement_planner_ros.ros.inputs.resources import Files
 from placement_planner_ros.ros.inputs.robot_input import (
@@ -46,6 +47,7 @@ class Subject:
         assumed: whether nobody gave it.
         arms: that could be made.
         body: the object; None where there is none.
+        fixed: which links are furniture and which the robot's foot, in words.
     """
 
     given: Given
@@ -54,6 +56,7 @@ class Subject:
     assumed: bool
     arms: tuple[Arm, ...]
     body: Body | None
+    fixed: str = ""
 
     @property
     def parameters(self) -> ParameterSet:
@@ -87,7 +90,12 @@ def read_subject(
         findings.wrong(words + _proposed(robot))
     moved = [joint for arm in arms for joint in arm.joints] or robot.joint_names
     findings.attempt(lambda: robot.require_plausible(q, moved))
-    return Subject(given, standing, q, joints is None and start is None, arms, body)
+    findings.attempt(lambda: require_links(standing, parameters))
+    ends = [arm.tip_frame for arm in arms]
+    ends += [f for f in parameters["sensor_frames"] if standing.model.existFrame(f)]
+    fixed = fixed_links(standing, ends, parameters[WORLD_LINKS])
+    words = str(fixed) if fixed.furniture or fixed.foot else ""
+    return Subject(given, fixed.robot, q, joints is None and start is None, arms, body, words)
 
 
 def _robot(parameters: ParameterSet, files: Files, findings: Findings) -> Robot | None:

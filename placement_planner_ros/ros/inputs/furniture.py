@@ -1,0 +1,197 @@
+"""Which links of a description are furniture: fixed, and no part of what the robot stands on."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+import coal
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+import trimesh
+
+from placement_planner_ros.core.collision.shapes import shape_of
+from placement_planner_ros.core.errors import ParameterError
+from placement_planner_ros.core.meshes.hull_triangles import hull_triangles
+from placement_planner_ros.core.remembering import remembered_with
+from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.core.robot.overlap import Overlaps, is_mesh, triangles_of
+from placement_planner_ros.core.types import Array
+from placement_planner_ros.ros.inputs.cloud_store import PointSet
+from placement_planner_ros.ros.inputs.standing_object import surface_points
+from placement_planner_ros.ros.parameters.values import ParameterSet
+
+WORLD_LINKS = "world_links"
+"""The parameter that names furniture."""
+
+_SAMPLES = 20
+"""Configurations at which a moving link must be beside a fixed one."""
+_DEEP = 0.001
+"""m that fixed links are in each other where one is the other's foot, and does not stand on it."""
+_BESIDE = 0.005
+"""m between a moving link and a fixed one that is no furniture if they are never farther apart: an
+arm could not begin to move beside that."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FixedLinks:
+    """The links with shapes that no joint moves.
+
+    Attributes:
+        robot: the robot, without the shapes of its furniture.
+        furniture, foot: links that are, and are no, part of the surroundings.
+        sets: points on the surface of each link of `furniture`.
+    """
+
+    robot: Robot
+    furniture: tuple[str, ...]
+    foot: tuple[str, ...]
+    sets: tuple[PointSet, ...]
+
+    def __str__(self) -> str:
+        own = ", ".join(self.foot) or "none"
+        return (
+            f"links that no joint moves: {', '.join(self.furniture) or 'none'} are furniture, "
+            f"obstacle and support; {own} are the robot's ({WORLD_LINKS} names furniture instead)"
+        )
+
+
+def fixed_links(robot: Robot, ends: Collection[str], named: Sequence[str] = ()) -> FixedLinks:
+    """Tell furniture from the robot's foot.
+
+    Of the foot is, on each chain from the root to an end, the link that carries the first joint,
+    and fixed links that this one, or a moving one, touches in every configuration, sampled.
+
+    Args:
+        ends: links that arms and sensors have at their ends.
+        named: the links that are furniture, instead of those found.
+    """
+    return _fixed_links(robot, tuple(sorted(ends)), tuple(named))
+
+
+def require_links(robot: Robot, parameters: ParameterSet) -> None:
+    """Refuse names of links that the robot does not have, and furniture that moves.
+
+    Raises:
+        ParameterError: there is one.
+    """
+    named = {"self_filter.padding_of": parameters.padding_of, WORLD_LINKS: parameters[WORLD_LINKS]}
+    for name, links in named.items():
+        for link in links:
+            if not robot.model.existFrame(link, pin.FrameType.BODY):
+                raise ParameterError(name, link, f"is no link of robot {robot.name!r}")
+    for link in parameters[WORLD_LINKS]:
+        if robot.joints_to(link):
+            raise ParameterError(WORLD_LINKS, link, "a joint moves it; name links that none moves")
+
+
+@remembered_with("robot", most=4)
+def _fixed_links(robot: Robot, ends: tuple[str, ...], named: tuple[str, ...]) -> FixedLinks:
+    """Remembered, so that what is made of a robot is made once."""
+    joints = [shape.parentJoint for shape in robot.geometry.geometryObjects]
+    pairs = zip(robot.geometry_links, joints, strict=True)
+    fixed = tuple(dict.fromkeys(link for link, joint in pairs if joint == 0))
+    foot = frozenset(fixed).difference(named) if named else _foot(robot, ends, fixed)
+    furniture = tuple(link for link in fixed if link not in foot)
+    sets = tuple(
+        PointSet(surface_points(_surface(robot, link)), placed=True) for link in furniture
+    )
+    own = tuple(link for link in fixed if link in foot)
+    return FixedLinks(_without(robot, furniture), furniture, own, sets)
+
+
+def _foot(robot: Robot, ends: Sequence[str], fixed: Sequence[str]) -> frozenset[str]:
+    """Those of the fixed links that belong to the robot."""
+    model, links = robot.model, np.array(robot.geometry_links)
+    carrying = set()
+    for end in ends:
+        joint = model.frames[robot.frame_id(end)].parentJoint
+        while joint != 0 and model.parents[joint] != 0:
+            joint = model.parents[joint]
+        if joint != 0:
+            frame = model.getFrameId(model.names[joint], pin.FrameType.JOINT)
+            carrying.add(model.frames[model.frames[frame].parentFrame].name)
+    others = [link for link in fixed if link not in carrying]
+    if not others:
+        return frozenset(carrying)
+    overlaps, rng = Overlaps.of(robot.geometry, robot.covers), np.random.default_rng(0)
+    placements = robot.geometry_poses(np.zeros(model.nq))
+
+    def rows(of: npt.NDArray[np.bool_], link: str) -> list[tuple[int, int]]:
+        mine = np.flatnonzero(links == link)
+        return [(i, j) for i in np.flatnonzero(of).tolist() for j in mine.tolist()]
+
+    foot = set(carrying)
+    for link in others:
+        near = rows(np.isin(links, list(carrying)), link)
+        if any(
+            overlaps.depth(i, j, placements[i], placements[j], beyond=_DEEP) > 0.0 for i, j in near
+        ):
+            foot.add(link)
+    # what moves must touch it at every sample; most do not at the first
+    moving = [shape.parentJoint != 0 for shape in robot.geometry.geometryObjects]
+    touched = {link: set(links[moving].tolist()) for link in others if link not in foot}
+    for _ in range(_SAMPLES):
+        q = robot.with_positions(np.zeros(model.nq), _drawn(robot, rng))
+        placements = robot.geometry_poses(q)
+        for link, by in touched.items():
+            near = rows(np.isin(links, list(by)), link)
+            touched[link] = {
+                str(links[i])
+                for i, j in near
+                if overlaps.meet(i, j, placements[i], placements[j], _BESIDE)
+            }
+    return frozenset(foot.union(link for link, by in touched.items() if by))
+
+
+def _drawn(robot: Robot, rng: np.random.Generator) -> dict[str, float]:
+    """Values of all joints that follow no other."""
+    low, high = (np.clip(limits, -np.pi, np.pi) for limits in (robot.lower, robot.upper))
+    values = dict(zip(robot.joint_names, rng.uniform(low, high).tolist(), strict=True))
+    return {name: value for name, value in values.items() if name not in robot.mimics}
+
+
+def _without(robot: Robot, links: Collection[str]) -> Robot:
+    """The robot without the shapes of some links."""
+    if not links:
+        return robot
+    rows = [i for i, link in enumerate(robot.geometry_links) if link not in links]
+    numbers, geometry = {row: k for k, row in enumerate(rows)}, pin.GeometryModel()
+    for row in rows:
+        geometry.addGeometryObject(robot.geometry.geometryObjects[row])
+    for pair in robot.geometry.collisionPairs:
+        if pair.first in numbers and pair.second in numbers:
+            geometry.addCollisionPair(
+                pin.CollisionPair(numbers[pair.first], numbers[pair.second])
+            )
+    return replace(
+        robot,
+        geometry=geometry,
+        geometry_links=tuple(robot.geometry_links[row] for row in rows),
+        covers=tuple(robot.covers[row] for row in rows),
+    )
+
+
+def _surface(robot: Robot, link: str) -> Array:
+    """(t, 3, 3) triangles of a fixed link, where it is, metres."""
+    found = []
+    for shape, of in zip(robot.geometry.geometryObjects, robot.geometry_links, strict=True):
+        if of == link:
+            T = shape.placement
+            found.append(_triangles(shape.geometry, link) @ T.rotation.T + T.translation)
+    return np.vstack(found)
+
+
+def _triangles(geometry: coal.CollisionGeometry, link: str) -> Array:
+    """(t, 3, 3) triangles of a shape, metres."""
+    if is_mesh(geometry):
+        return triangles_of(geometry)
+    if isinstance(geometry, coal.Sphere):
+        ball = trimesh.creation.icosphere(radius=geometry.radius)
+        return np.asarray(ball.triangles)
+    if isinstance(geometry, coal.Capsule):
+        length = 2.0 * geometry.halfLength
+        pill = trimesh.creation.capsule(length, geometry.radius)
+        return np.asarray(pill.triangles) - (0.0, 0.0, pill.bounds.mean(axis=0)[2])
+    return hull_triangles(shape_of(geometry, link).sets[0].vertices)
