@@ -231,7 +231,11 @@ def _crossings(
                 _from(point, corners[t, 1]),
                 _from(point, corners[t, 2]),
             )
-            ab, bc, ca = _dot(line, _cross(a, b)), _dot(line, _cross(b, c)), _dot(line, _cross(c, a))
+            ab, bc, ca = (
+                _dot(line, _cross(a, b)),
+                _dot(line, _cross(b, c)),
+                _dot(line, _cross(c, a)),
+            )
             same = (ab >= 0.0 and bc >= 0.0 and ca >= 0.0) or (ab < 0.0 and bc < 0.0 and ca < 0.0)
             volume = ab + bc + ca
             if same and volume != 0.0 and _dot(a, _cross(b, c)) / volume > 0.0:

@@ -207,12 +207,16 @@ class CloudStore:
         """
         return {t: age for t, age in self.ages(now).items() if 0.0 < max_age < age}
 
-    def faults(self, mode: str, max_age: float, now: float) -> list[PlacementPlannerError]:
+    def faults(
+        self, mode: str, max_age: float, now: float, needed: bool = True
+    ) -> list[PlacementPlannerError]:
         """Everything that keeps `snapshot` from being taken."""
         with self._lock:
-            return self._faults(mode, max_age, now)
+            return self._faults(mode, max_age, now, needed)
 
-    def snapshot(self, mode: str, max_age: float, now: float) -> tuple[PointSet, ...]:
+    def snapshot(
+        self, mode: str, max_age: float, now: float, needed: bool = True
+    ) -> tuple[PointSet, ...]:
         """Every point set that makes up the environment.
 
         Accumulated points come without an origin, as they were seen from several.
@@ -220,6 +224,7 @@ class CloudStore:
         Args:
             mode: `latest` or `merge`.
             max_age: seconds, for `latest`; 0 for any age.
+            needed: False where other things are known: then clouds need not have come.
 
         Raises:
             CloudError: a required topic has no cloud, or there is no point in any.
@@ -227,7 +232,7 @@ class CloudStore:
             PlacementPlannerError: a topic's newest cloud was refused; the reason it was refused.
         """
         with self._lock:
-            for fault in self._faults(mode, max_age, now):
+            for fault in self._faults(mode, max_age, now, needed):
                 raise fault.with_traceback(None)  # which would grow each time
             sets = [PointSet(cloud.points, cloud.origin) for cloud in self._latest.values()]
             if mode == "merge":
@@ -235,7 +240,9 @@ class CloudStore:
             sets += [PointSet(thing.points, placed=True) for thing in self._standing.values()]
             return tuple(part for part in sets if len(part.points))
 
-    def _faults(self, mode: str, max_age: float, now: float) -> list[PlacementPlannerError]:
+    def _faults(
+        self, mode: str, max_age: float, now: float, needed: bool
+    ) -> list[PlacementPlannerError]:
         """With the lock held."""
         faults = list(self._refused.values())
         missing = [
@@ -243,7 +250,7 @@ class CloudStore:
             for topic in self._required
             if topic not in self._latest and topic not in self._refused
         ]
-        if missing:
+        if missing and needed:
             faults.append(CloudError("clouds", missing, "no cloud has arrived on this topic yet"))
         stale = {
             topic: f"{now - cloud.time:.1f} s"
@@ -259,7 +266,7 @@ class CloudStore:
         known += [thing.points for thing in self._standing.values()]
         if mode == "merge":
             known.append(self._merged.points)
-        if not faults and not any(len(points) for points in known):
+        if needed and not faults and not any(len(points) for points in known):
             faults.append(
                 CloudError(
                     "clouds",

@@ -18,8 +18,7 @@ from placement_planner_ros.core.remembering import remembered_with
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.overlap import Overlaps, is_mesh, triangles_of
 from placement_planner_ros.core.types import Array
-from placement_planner_ros.ros.inputs.cloud_store import PointSet
-from placement_planner_ros.ros.inputs.standing_object import surface_points
+from placement_planner_ros.ros.inputs.known_surface import KnownSurface
 from placement_planner_ros.ros.parameters.values import ParameterSet
 
 WORLD_LINKS = "world_links"
@@ -41,13 +40,13 @@ class FixedLinks:
     Attributes:
         robot: the robot, without the shapes of its furniture.
         furniture, foot: links that are, and are no, part of the surroundings.
-        sets: points on the surface of each link of `furniture`.
+        surfaces: of each link of `furniture`.
     """
 
     robot: Robot
     furniture: tuple[str, ...]
     foot: tuple[str, ...]
-    sets: tuple[PointSet, ...]
+    surfaces: tuple[KnownSurface, ...]
 
     def __str__(self) -> str:
         own = ", ".join(self.foot) or "none"
@@ -94,11 +93,9 @@ def _fixed_links(robot: Robot, ends: tuple[str, ...], named: tuple[str, ...]) ->
     fixed = tuple(dict.fromkeys(link for link, joint in pairs if joint == 0))
     foot = frozenset(fixed).difference(named) if named else _foot(robot, ends, fixed)
     furniture = tuple(link for link in fixed if link not in foot)
-    sets = tuple(
-        PointSet(surface_points(_surface(robot, link)), placed=True) for link in furniture
-    )
+    surfaces = tuple(KnownSurface(_surface(robot, link)) for link in furniture)
     own = tuple(link for link in fixed if link in foot)
-    return FixedLinks(_without(robot, furniture), furniture, own, sets)
+    return FixedLinks(_without(robot, furniture), furniture, own, surfaces)
 
 
 def _foot(robot: Robot, ends: Sequence[str], fixed: Sequence[str]) -> frozenset[str]:
@@ -162,9 +159,7 @@ def _without(robot: Robot, links: Collection[str]) -> Robot:
         geometry.addGeometryObject(robot.geometry.geometryObjects[row])
     for pair in robot.geometry.collisionPairs:
         if pair.first in numbers and pair.second in numbers:
-            geometry.addCollisionPair(
-                pin.CollisionPair(numbers[pair.first], numbers[pair.second])
-            )
+            geometry.addCollisionPair(pin.CollisionPair(numbers[pair.first], numbers[pair.second]))
     return replace(
         robot,
         geometry=geometry,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -29,9 +30,11 @@ from placement_planner_ros.ros.inputs.furniture import (
 )
 from placement_planner_ros.ros.inputs.frames import ChainMovingError, CloudFrameError, cloud_pose
 from placement_planner_ros.ros.inputs.joint_states import JointStates, RobotMovingError
+from placement_planner_ros.ros.inputs.known_objects import KnownObjects
+from placement_planner_ros.ros.inputs.known_surface import KnownSurface
 from placement_planner_ros.ros.inputs.object_input import ObjectInput
 from placement_planner_ros.ros.inputs.point_cloud import points_from_message
-from placement_planner_ros.ros.inputs.reading import NotReadyError
+from placement_planner_ros.ros.inputs.reading import NotReadyError, Reading
 from placement_planner_ros.ros.inputs.resources import Files
 from placement_planner_ros.ros.inputs.robot_input import DescriptionError, RobotInput
 from placement_planner_ros.ros.inputs.standing_object import StandingObject
@@ -65,6 +68,7 @@ class Inputs:
         self.joints = JointStates()
         self.object = ObjectInput(parameters, files)
         self.clouds = CloudStore(tuple(topics))
+        self.known = KnownObjects(files)
         self._transforms = transforms
         self._clock = clock
         self._lock = threading.Lock()
@@ -147,7 +151,8 @@ class Inputs:
             robot = self.robot.robot
         except PlacementPlannerError:
             robot = None
-        return self.clouds.changes, self.joints.positions(), self.object.key, robot, parameters
+        changes = self.clouds.changes + self.known.changes
+        return changes, self.joints.positions(), self.object.key, robot, parameters
 
     def fixed_links(
         self, robot: Robot, arms: Sequence[Arm], parameters: ParameterSet
@@ -163,15 +168,29 @@ class Inputs:
         ends.update(f for f in sensors if robot.model.existFrame(f, pin.FrameType.BODY))
         return fixed_links(robot, ends, parameters[WORLD_LINKS])
 
+    def known_surfaces(self, robot: Robot, parameters: ParameterSet) -> tuple[KnownSurface, ...]:
+        """The known objects, in the planning frame.
+
+        Raises:
+            PlacementPlannerError: one is unusable, being read, or in a frame that nobody knows.
+        """
+        return self.known.surfaces(
+            lambda frame: self._frame_pose(frame, Time(), robot, parameters)
+        )
+
     @property
     def reading(self) -> bool:
         """Whether a description or a mesh is being read."""
-        return self.robot.reading.busy or self.object.reading.busy
+        return any(each.busy for each in self._readings)
+
+    @property
+    def _readings(self) -> tuple[Reading[Any], ...]:
+        return self.robot.reading, self.object.reading, self.known.reading
 
     def close(self) -> None:
         """Read nothing more."""
-        self.robot.reading.close()
-        self.object.reading.close()
+        for each in self._readings:
+            each.close()
 
     def confirm(self, run: int, body: Body, T_world_object: pin.SE3) -> None:
         """What the run placed stands there: its surface is part of the environment now."""
@@ -200,38 +219,10 @@ class Inputs:
         *,
         wait: bool = False,
     ) -> None:
-        robot = self.robot.robot
+        robot, header = self.robot.robot, message.header
         merged = parameters["cloud.mode"] == "merge"
-        stamp = _seconds(message.header.stamp)
-
-        def joints(names: Sequence[str]) -> dict[str, float]:
-            rest_speed = parameters["rest_speed"]
-            moving = self.joints.moving(names, stamp, rest_speed) if merged else []
-            if moving:
-                raise ChainMovingError(
-                    "cloud frame_id",
-                    message.header.frame_id,
-                    f"was moved by {', '.join(moving)} when the cloud was taken, and such clouds "
-                    "are not merged; publish one from where the sensor stands still",
-                )
-            return self.joints.at(
-                names,
-                stamp,
-                time.monotonic(),
-                parameters["joint_state_timeout"],
-                rest_speed,
-                parameters.assumed_joints,
-            )
-
-        T_planning_cloud = cloud_pose(
-            message.header.frame_id,
-            parameters,
-            robot,
-            joints,
-            lambda frame: self._transforms.pose(
-                robot.root_link, frame, message.header.stamp, wait=wait
-            ),
-            lambda: self.robot.moved(message.header.stamp),
+        T_planning_cloud = self._frame_pose(
+            header.frame_id, header.stamp, robot, parameters, still=merged, wait=wait
         )
         points = points_from_message(message, T_planning_cloud)
         self._frames[topic] = message.header.frame_id
@@ -246,6 +237,52 @@ class Inputs:
             if origin is not None:  # once among others, they cannot be told any more
                 points = points[~flying_pixels(points, origin)]
             self.clouds.merge(points, parameters["cloud.cell_size"])
+
+    def _frame_pose(
+        self,
+        frame: str,
+        stamp: Time,
+        robot: Robot,
+        parameters: ParameterSet,
+        *,
+        still: bool = False,
+        wait: bool = False,
+    ) -> pin.SE3:
+        """T_planning_frame at a stamp; see `cloud_pose`.
+
+        Args:
+            still: whether what carries it must have been at rest.
+            wait: a little for its transform.
+        """
+        seconds = _seconds(stamp)
+
+        def joints(names: Sequence[str]) -> dict[str, float]:
+            rest_speed = parameters["rest_speed"]
+            moving = self.joints.moving(names, seconds, rest_speed) if still else []
+            if moving:
+                raise ChainMovingError(
+                    "cloud frame_id",
+                    frame,
+                    f"was moved by {', '.join(moving)} when the cloud was taken, and such clouds "
+                    "are not merged; publish one from where the sensor stands still",
+                )
+            return self.joints.at(
+                names,
+                seconds,
+                time.monotonic(),
+                parameters["joint_state_timeout"],
+                rest_speed,
+                parameters.assumed_joints,
+            )
+
+        return cloud_pose(
+            frame,
+            parameters,
+            robot,
+            joints,
+            lambda name: self._transforms.pose(robot.root_link, name, stamp, wait=wait),
+            lambda: self.robot.moved(stamp),
+        )
 
     def retry_clouds(self, parameters: ParameterSet) -> None:
         """Take clouds whose frame was unknown when they came, where it is known now.

@@ -6,10 +6,11 @@ from collections.abc import Callable, Sequence
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState, PointCloud2
 from shape_msgs.msg import Mesh
 from std_msgs.msg import String
+from visualization_msgs.msg import MarkerArray
 
 from placement_planner_ros.core.errors import JointStateError, PlacementPlannerError, listed
 from placement_planner_ros.ros.call_priority import CallPriority
@@ -28,6 +29,12 @@ from placement_planner_ros.ros.spinning import waiting
 
 _KEPT = 10
 """Joint states that the middleware keeps until they are looked at."""
+_KNOWN = QoSProfile(
+    depth=100,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+"""Of known objects, of which each message may tell of others."""
 
 
 class Reception:
@@ -81,11 +88,18 @@ class Reception:
         node.create_subscription(
             Mesh, "~/object", self._take_object, LATCHED, callback_group=descriptions, raw=True
         )
+        node.create_subscription(
+            MarkerArray, "~/known_objects", self._take_known, _KNOWN, callback_group=descriptions
+        )
         robot.reading.listen(self._tell_of_robot)
         robot.follow_progress(self._log.event)
         inputs.object.reading.listen(self._tell_of_object)
         inputs.object.follow_progress(self._log.event)
         self._tell_of_fault()
+
+    def _take_known(self, message: MarkerArray) -> None:
+        for fault in self._inputs.known.take(message):
+            self._log.repeats("known object refused", str(fault))
 
     def _take_cloud(self, topic: str, message: PointCloud2) -> None:
         self._calls.give_way()

@@ -297,4 +297,3 @@ def _convex_tree(shape: ConvexSet) -> TriangleTree:
     if len(shape.normals):
         return TriangleTree.of(hull_triangles(shape.vertices), True, shape.radius)
     return TriangleTree.of(shape.vertices[[0, -1, -1]][None], False, shape.radius)
-

@@ -162,6 +162,7 @@ class Reporter:
         read: dict[str, str] = {
             "robot": robot.state,
             "object": self._inputs.object.state,
+            "known_objects": str(len(self._inputs.known)),
             "inputs": self._arriving(time.monotonic()),
         }
         told = {
@@ -177,7 +178,7 @@ class Reporter:
         lacking = []
         if self._inputs.joints.age(now) > self._parameters.current["joint_state_timeout"]:
             lacking.append("joint states")
-        if not self._inputs.clouds.ages(now):
+        if not self._inputs.clouds.ages(now) and not len(self._inputs.known):
             lacking.append("clouds")
         return f"no recent {', '.join(lacking)}" if lacking else _ARRIVE
 

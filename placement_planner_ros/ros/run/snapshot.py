@@ -31,6 +31,7 @@ class Snapshot:
         notes: what to know of q_0.
         fixed: which links are furniture and which the robot's foot, in words; empty where none is
             furniture.
+        known_changes: `KnownObjects.changes`.
     """
 
     robot: Robot
@@ -48,3 +49,4 @@ class Snapshot:
     moving: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     fixed: str = ""
+    known_changes: int = 0

@@ -11,6 +11,7 @@ import numpy as np
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.errors import (
+    CloudError,
     GraspError,
     JointStateError,
     ObjectError,
@@ -24,6 +25,7 @@ from placement_planner_ros.core.grasp.start_state_check import (
     faults_at_start,
     tilts_at_start,
 )
+from placement_planner_ros.core.problem import workspace
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.keep_out import boxes_of
@@ -68,9 +70,10 @@ def take_snapshot(
             return None
 
     mode, max_age = parameters["cloud.mode"], parameters["cloud.max_age"]
-    faults += inputs.clouds.faults(mode, max_age, now)
-    clouds = None if faults else attempt(lambda: inputs.clouds.snapshot(mode, max_age, now))
-    robot_key = inputs.robot.key
+    needed = not len(inputs.known)
+    faults += inputs.clouds.faults(mode, max_age, now, needed)
+    clouds = None if faults else attempt(lambda: inputs.clouds.snapshot(mode, max_age, now, needed))
+    robot_key, changes = inputs.robot.key, inputs.known.changes
     robot = attempt(lambda: inputs.robot.robot)
     standing: _Standing | None = None
     arms: tuple[Arm, ...] = ()
@@ -91,7 +94,14 @@ def take_snapshot(
     fixed = attempt(partial(inputs.fixed_links, standing.robot, arms, parameters))
     if fixed is None:
         return faults
-    clouds += fixed.sets
+    surfaces = attempt(partial(inputs.known_surfaces, fixed.robot, parameters))
+    if surfaces is None:
+        return faults
+    around = workspace(fixed.robot, arms, q_start, body, parameters.volume)
+    known = (surface.within(*around) for surface in (*fixed.surfaces, *surfaces))
+    clouds += tuple(each for each in known if len(each.points))
+    if not clouds:
+        return [CloudError("known_objects", "none near the arms", "there is nothing to place on")]
     points = tuple(cloud.points for cloud in clouds)
     origins = tuple(cloud.origin for cloud in clouds)
     placed = tuple(cloud.placed for cloud in clouds)
@@ -111,6 +121,7 @@ def take_snapshot(
         standing.moving,
         standing.notes,
         str(fixed) if fixed.furniture else "",
+        changes,
     )
     attempt(lambda: require_face(body))
     attempt(lambda: require_grid(snapshot))

@@ -135,9 +135,7 @@ class Surroundings:
         return made.with_near(self.near)
 
 
-def _near(
-    snapshot: Snapshot, points: Array
-) -> tuple[npt.NDArray[np.bool_], NearPoints]:
+def _near(snapshot: Snapshot, points: Array) -> tuple[npt.NDArray[np.bool_], NearPoints]:
     """Which of points (n, 3) are not near the robot, and what of the others may be something else."""
     parameters, q = snapshot.parameters, snapshot.q_start
     padding = parameters["self_filter.padding"]

@@ -160,6 +160,8 @@ def outdated(snapshot: Snapshot, inputs: Inputs) -> str:
         return "the robot was replaced"
     if inputs.object.key != snapshot.object_key:
         return "the object was replaced"
+    if inputs.known.changes != snapshot.known_changes:
+        return "the known objects are others now"
     parameters, now = snapshot.parameters, time.monotonic()
     timeout = parameters["joint_state_timeout"]
     stale = list(inputs.joints.stale(snapshot.joints, now, timeout))

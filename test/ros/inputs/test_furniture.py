@@ -73,7 +73,7 @@ def test_furniture_may_be_named_instead(cell):
 
 def test_furniture_is_part_of_the_surroundings_where_it_is_and_no_more_of_the_robot(cell):
     found = fixed_links(cell, ["tip"], ["shelf"])
-    (shelf,) = found.sets
+    shelf = found.surfaces[0].within(np.full(3, -2.0), np.full(3, 2.0))
     assert shelf.placed
     low, high = shelf.points.min(axis=0), shelf.points.max(axis=0)
     assert np.allclose([low, high], [[0.25, 0.25, 0.49], [0.55, 0.55, 0.51]])

@@ -154,7 +154,7 @@ def test_furniture_of_the_description_carries_and_is_kept_clear_of(holding):
     fixed = fixed_links(robot, ["gripper_l_base", "gripper_r_base"])
     assert (fixed.furniture, fixed.foot) == (("table",), ("yumi_body",))
     _, _, rod = rod_beside(holding, 0.1)
-    clouds = (rod, *(each.points for each in fixed.sets))
+    clouds = (rod, fixed.surfaces[0].within(np.full(3, -2.0), np.full(3, 2.0)).points)
     arm = yumi_arm(fixed.robot, "left", holding.arms[0].grasps)
     snapshot = replace(
         holding,
