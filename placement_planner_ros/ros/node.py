@@ -101,7 +101,7 @@ class PlacementPlannerNode(ParameterNode):
         if strange:
             self._log.warn(f"parameters without effect: {'; '.join(strange)}")
         parameters = self._settings.current
-        transforms = Transforms(self)
+        transforms = Transforms(self, parameters["frame_prefix"])
         files = Files.below(parameters["package_paths"], parameters["file_roots"])
         robot = RobotInput(parameters, transforms.pose, files)
         extra = parameters["cloud_topics"]

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from placement_planner_ros.core.errors import VolumeError
+from placement_planner_ros.core.scene.cloud_agreement import Disagreement
 from placement_planner_ros.core.scene.distance import CAP, ClearanceField
 from placement_planner_ros.core.scene.extent import finite_extent
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet, checked_cloud
@@ -115,6 +116,7 @@ class Environment:
         beyond_volume: things up to the cap outside V count for the clearance, not only those in it.
         seen: share of V that the views saw, free or what was measured; None without views.
         near: points beside the robot; the common ones are part of `obstacles`.
+        disagreements: of the clouds it was made of.
     """
 
     obstacles: ObstacleSet
@@ -131,6 +133,7 @@ class Environment:
     keep_out: Array = field(default_factory=lambda: np.zeros((0, 2, 3)))
     seen: float | None = None
     near: NearPoints = field(default_factory=NearPoints)
+    disagreements: tuple[Disagreement, ...] = ()
     _of_grasps: dict[bytes, tuple[ObstacleSet, ObstacleSet | None]] = field(
         default_factory=dict, init=False, repr=False
     )
@@ -142,6 +145,17 @@ class Environment:
             CloudError: they make the grid too large.
         """
         return replace(self, obstacles=laid_over(self.obstacles, near.common), near=near)
+
+    def with_disagreements(self, found: Sequence[Disagreement]) -> Environment:
+        """The same with nothing put down where clouds contradict each other."""
+        points = np.vstack([np.zeros((0, 3)), *(each.points for each in found)])
+        made = replace(self, disagreements=tuple(found))
+        if not len(points):
+            return made
+        cells = np.floor((points - self.obstacles.origin) / self.obstacles.cell_size)
+        # what is cleaned of noise may come to lie a layer higher or lower
+        around = np.unique(cells, axis=0)[:, None] + [(0, 0, -1), (0, 0, 0), (0, 0, 1)]
+        return replace(made, obstacles=self.obstacles.without_footing(around.reshape(-1, 3)))
 
     def obstacles_of(self, arm: str, grasp: int) -> tuple[ObstacleSet, ObstacleSet | None]:
         """The obstacle set for an arm with the object in one of its grasps; and of that what `near`

@@ -162,7 +162,7 @@ class ObstacleSet:
         if len(bins.cells):
             bins, noise, doubtful = _cleaned(bins, origin, settings, shape, lower, upper)
             made = cls._of(bins, origin, shape, settings, noise)
-            return made._without_footing(doubtful) if len(doubtful) else made
+            return made.without_footing(doubtful) if len(doubtful) else made
         return cls._of(bins, origin, shape, settings, noise)
 
     @classmethod
@@ -203,14 +203,13 @@ class ObstacleSet:
             noise=noise,
         )
 
-    def _without_footing(self, cells: npt.NDArray[np.int32]) -> ObstacleSet:
-        """The same, but nothing stands on the boxes in those cells (k, 3)."""
-        sizes = np.array(self.shape)[1:]
-        keys = [
-            (c[:, 0].astype(np.int64) * sizes[0] + c[:, 1]) * sizes[1] + c[:, 2]
-            for c in (self.cells, cells)
-        ]
-        return replace(self, barred=_read_only(np.isin(keys[0], keys[1])))
+    def without_footing(self, cells: npt.NDArray[np.integer] | Array) -> ObstacleSet:
+        """The same, but nothing stands on the boxes in those cells (k, 3), wherever they are."""
+        sizes = np.array(self.shape)
+        inside = cells[((cells >= 0) & (cells < sizes)).all(axis=1)].astype(np.int64)
+        keys = [(c[:, 0] * sizes[1] + c[:, 1]) * sizes[2] + c[:, 2] for c in (self.cells.astype(np.int64), inside)]
+        old = np.zeros(len(self), np.bool_) if self.barred is None else self.barred
+        return replace(self, barred=_read_only(old | np.isin(keys[0], keys[1])))
 
     def sheared(self, slope: Slope, lower: float, upper: float, through: float) -> ObstacleSet:
         """The same points with z - slope · (x, y) in place of z.

@@ -56,11 +56,15 @@ class PointSet:
         points: (n, 3) metres.
         origin: (3,) of the sensor that saw all of it; None where that is not known.
         placed: whether it is known, hence no part of the robot nor in its hand.
+        topic: of which it is the newest cloud, taken at a time, seconds of the steady clock; else
+            empty.
     """
 
     points: Array
     origin: Array | None = None
     placed: bool = False
+    topic: str = ""
+    time: float = 0.0
 
 
 OnCloud = Callable[[str, PointSet], None]
@@ -234,7 +238,10 @@ class CloudStore:
         with self._lock:
             for fault in self._faults(mode, max_age, now, needed):
                 raise fault.with_traceback(None)  # which would grow each time
-            sets = [PointSet(cloud.points, cloud.origin) for cloud in self._latest.values()]
+            sets = [
+                PointSet(cloud.points, cloud.origin, topic=topic, time=cloud.time)
+                for topic, cloud in self._latest.items()
+            ]
             if mode == "merge":
                 sets.append(PointSet(self._merged.points))
             sets += [PointSet(thing.points, placed=True) for thing in self._standing.values()]

@@ -9,6 +9,7 @@ import pinocchio as pin
 
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.robot.model import Robot
+from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.point_cloud import FAR
 from placement_planner_ros.ros.parameters.values import ParameterSet
 
@@ -22,6 +23,13 @@ class CloudFrameError(PlacementPlannerError):
 class ChainMovingError(CloudFrameError):
     """A cloud was taken while joints that move its sensor moved."""
 
+
+OPTICAL = "optical_frame"
+"""How the name of a camera's frame ends whose z looks forward, x right and y down (REP 103)."""
+_LOOKED_AT = 2000
+"""Points at which is looked to tell which way the axes point."""
+_FORWARD = 0.9
+"""Share of a camera's points that lie before it, at least."""
 
 JointValues = Callable[[Sequence[str]], Mapping[str, float]]
 """Where joints were when a cloud was taken, rad or m. Raises a PlacementPlannerError where nobody
@@ -53,6 +61,31 @@ def cloud_pose(
     if not np.abs(T_planning_cloud.translation).max() <= FAR:
         raise CloudFrameError("cloud frame_id", frame, f"is more than {FAR:g} m away")
     return T_planning_cloud
+
+
+def is_eye(frame: str, height: int, parameters: ParameterSet) -> bool:
+    """Whether a sensor looks from the frame's origin: its lines of sight begin there.
+
+    Args:
+        height: of the cloud; more than 1 where it is organised.
+    """
+    return frame in parameters["sensor_frames"] or (height > 1 and frame.endswith(OPTICAL))
+
+
+def turned_axes(frame: str, points: Array, T_planning_cloud: pin.SE3) -> str:
+    """In words, where an optical frame's points (n, 3), planning frame, lie as in a body's; '' where
+    they do not."""
+    if not frame.endswith(OPTICAL) or not len(points):
+        return ""
+    some = points[:: max(1, len(points) // _LOOKED_AT)]
+    ahead = ((some - T_planning_cloud.translation) @ T_planning_cloud.rotation > 0.0).mean(axis=0)
+    if ahead[2] >= _FORWARD or ahead[0] < _FORWARD:
+        return ""
+    return (
+        f"the points in {frame} lie along its x axis, as in the frame of a body: in an optical "
+        "frame z looks forward, x right and y down (REP 103); publish them with the body's frame, "
+        "or turned"
+    )
 
 
 def _pose(

@@ -28,7 +28,13 @@ from placement_planner_ros.ros.inputs.furniture import (
     fixed_links,
     require_links,
 )
-from placement_planner_ros.ros.inputs.frames import ChainMovingError, CloudFrameError, cloud_pose
+from placement_planner_ros.ros.inputs.frames import (
+    ChainMovingError,
+    CloudFrameError,
+    cloud_pose,
+    is_eye,
+    turned_axes,
+)
 from placement_planner_ros.ros.inputs.joint_states import JointStates, RobotMovingError
 from placement_planner_ros.ros.inputs.known_objects import KnownObjects
 from placement_planner_ros.ros.inputs.known_surface import KnownSurface
@@ -53,6 +59,9 @@ class Inputs:
         topics: cloud topics; of each a cloud is needed.
         clock: the node's, to judge how old a stamp is.
         files: finds mesh files.
+
+    Attributes:
+        turned: by topic, what is wrong with the axes of its clouds' frame, in words.
     """
 
     def __init__(
@@ -77,6 +86,7 @@ class Inputs:
         self._declared: dict[str, tuple[PointCloud2, float, int, pin.SE3]] = {}
         self._arrivals = 0
         self._frames: dict[str, str] = {}
+        self.turned: dict[str, str] = {}
 
     def take_joint_state(self, message: JointState) -> None:
         """Merge a joint state.
@@ -175,7 +185,9 @@ class Inputs:
             PlacementPlannerError: one is unusable, being read, or in a frame that nobody knows.
         """
         return self.known.surfaces(
-            lambda frame: self._frame_pose(frame, Time(), robot, parameters)
+            lambda frame: self._frame_pose(
+                frame.removeprefix(parameters["frame_prefix"]), Time(), robot, parameters
+            )
         )
 
     @property
@@ -220,17 +232,18 @@ class Inputs:
         wait: bool = False,
     ) -> None:
         robot, header = self.robot.robot, message.header
+        frame = header.frame_id.removeprefix(parameters["frame_prefix"])
         merged = parameters["cloud.mode"] == "merge"
         T_planning_cloud = self._frame_pose(
-            header.frame_id, header.stamp, robot, parameters, still=merged, wait=wait
+            frame, header.stamp, robot, parameters, still=merged, wait=wait
         )
         points = points_from_message(message, T_planning_cloud)
-        self._frames[topic] = message.header.frame_id
-        # In the planning frame a cloud no longer tells where it was seen from.
-        moved = message.header.frame_id != robot.root_link
-        origin = np.array(T_planning_cloud.translation) if moved else None
+        self._frames[topic] = frame
+        self.turned[topic] = turned_axes(frame, points, T_planning_cloud)
+        eye = is_eye(frame, message.height, parameters)
+        origin = np.array(T_planning_cloud.translation) if eye else None
         self.clouds.add(topic, StoredCloud(points, taken, origin, arrival))
-        if parameters.sensor_pose(message.header.frame_id) is not None and not merged:
+        if parameters.sensor_pose(frame) is not None and not merged:
             with self._lock:  # which may be told to be elsewhere
                 self._declared[topic] = message, taken, arrival, T_planning_cloud
         if merged:
@@ -292,7 +305,8 @@ class Inputs:
         with self._lock:
             waiting = dict(self._waiting)
             for topic, (message, taken, arrival, pose) in self._declared.items():
-                now = parameters.sensor_pose(message.header.frame_id)
+                frame = message.header.frame_id.removeprefix(parameters["frame_prefix"])
+                now = parameters.sensor_pose(frame)
                 if now is not None and now != pose and topic not in waiting:
                     waiting[topic] = self._waiting[topic] = message, taken, arrival
         for topic, (message, taken, arrival) in waiting.items():

@@ -28,7 +28,8 @@ def points_from_message(message: PointCloud2, T_frame_cloud: pin.SE3 | None = No
 
     Fields x, y and z may be float32 or float64, in any order, at any offset, of either byte
     order, with other fields and padding between points and rows. Points with coordinates that are
-    NaN or beyond `FAR` are left out.
+    NaN or beyond `FAR` are left out, and those at the frame's origin, as which some drivers send
+    pixels without a measurement.
 
     Raises:
         CloudError: a field is missing or of another type, the sizes contradict each other, or it
@@ -119,8 +120,8 @@ def _column(values: npt.NDArray[Any], kind: str) -> npt.NDArray[Any]:
 def _read(
     x: npt.NDArray[Any], y: npt.NDArray[Any], z: npt.NDArray[Any], T: Array, points: Array
 ) -> int:
-    """Fill `points` (h w, 3) with those of (h, w) no farther than `FAR`, moved by T (4, 4); how
-    many."""
+    """Fill `points` (h w, 3) with those of (h, w) that are not zero and no farther than `FAR`, moved by
+    T (4, 4); how many."""
     kept = 0
     for i in range(x.shape[0]):
         for j in range(x.shape[1]):
@@ -128,7 +129,8 @@ def _read(
             u = T[0, 0] * a + T[0, 1] * b + T[0, 2] * c + T[0, 3]
             v = T[1, 0] * a + T[1, 1] * b + T[1, 2] * c + T[1, 3]
             w = T[2, 0] * a + T[2, 1] * b + T[2, 2] * c + T[2, 3]
-            if abs(a) <= FAR and abs(b) <= FAR and abs(c) <= FAR:  # and they are numbers
+            measured = a != 0.0 or b != 0.0 or c != 0.0
+            if measured and abs(a) <= FAR and abs(b) <= FAR and abs(c) <= FAR:  # and are numbers
                 points[kept, 0] = u
                 points[kept, 1] = v
                 points[kept, 2] = w

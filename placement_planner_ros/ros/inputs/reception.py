@@ -105,6 +105,8 @@ class Reception:
         self._calls.give_way()
         try:
             self._inputs.take_cloud(topic, message, self._parameters.current)
+            if self._inputs.turned.get(topic):
+                self._log.repeats(f"cloud on {topic} turned", self._inputs.turned[topic])
         except PlacementPlannerError as error:
             self._inputs.clouds.refuse(topic, error)
             self._log.repeats(f"cloud on {topic} refused", str(error))

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import importlib.util
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -24,9 +26,13 @@ class Transforms:
     """Looks transforms up by tf2; knows none where tf2_ros is not installed.
 
     The wheels do not have it; a real Jazzy does.
+
+    Args:
+        prefix: that robot_state_publisher puts before the names of links.
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, prefix: str = "") -> None:
+        self._prefix = prefix
         self._buffer: Any = None
         if importlib.util.find_spec("tf2_ros") is None:
             return
@@ -51,10 +57,17 @@ class Transforms:
         if self._buffer is None:
             return None
         time = Time() if stamp is None else Time.from_msg(stamp)
-        patience = WAIT if wait else Duration()
-        try:
-            found = self._buffer.lookup_transform(target, source, time, timeout=patience).transform
-        except self._error:
+        for_target, for_source = (
+            [f"{self._prefix}{name}", name] if self._prefix else [name] for name in (target, source)
+        )
+        pairs = list(product(for_target, for_source))
+        found = None
+        for named in pairs:
+            patience = WAIT if wait and named is pairs[0] else Duration()
+            with contextlib.suppress(self._error):
+                found = self._buffer.lookup_transform(*named, time, timeout=patience).transform
+                break
+        if found is None:
             return None
         r, t = found.rotation, found.translation
         numbers = np.array([t.x, t.y, t.z, r.x, r.y, r.z, r.w])

@@ -67,6 +67,7 @@ class Reporter:
         self._saying = threading.Lock()
         self._run: Run | None = None
         self._left = ""
+        self._disagreements = ""
         self._reported: tuple[State, str, str, dict[str, str]] | None = None
         self._reported_at = -math.inf
         self._closed = False
@@ -79,12 +80,13 @@ class Reporter:
         """From now on report on this run."""
         self._watch.follow(run.snapshot)
         with self._lock:
-            self._run, self._left = run, ""
+            self._run, self._left, self._disagreements = run, "", ""
         self.report()
 
     def prepared(self, run: Run, environment: Environment) -> None:
         """The run has begun to search in this environment."""
         self._watch.planned_in(run.snapshot, environment)
+        self._disagreements = "; ".join(map(str, environment.disagreements))
         self.report()
 
     def placed(self, run: Run, placement: Placement) -> None:
@@ -128,6 +130,8 @@ class Reporter:
             values["best_valid_known"] = str(why_not != NOT_LOOKED_AT).lower()
             if run is not None:
                 values |= _tried(run)
+            if self._disagreements:
+                values["clouds_disagree"] = self._disagreements
             values["placed"] = " ".join(map(str, self._inputs.clouds.placed))
             values["warm"] = warm
             if warm == "failed":

@@ -186,10 +186,18 @@ def _start_up() -> list[Spec]:
         _own(
             "sensor_frames",
             [],
-            "Frames of clouds whose poses are given as sensor_poses.<frame>.",
+            "Frames that are a sensor's eye, besides optical frames of organised clouds: lines of "
+            "sight begin at their origin. Their poses may be given as sensor_poses.<frame>.",
             kind="string[]",
             startup=True,
             check=checks.names,
+        ),
+        _own(
+            "frame_prefix",
+            "",
+            "What robot_state_publisher puts before the names of links, as its own frame_prefix: "
+            "stripped from frames of clouds, known objects and tf.",
+            startup=True,
         ),
     ]
 

@@ -32,6 +32,9 @@ class Snapshot:
         fixed: which links are furniture and which the robot's foot, in words; empty where none is
             furniture.
         known_changes: `KnownObjects.changes`.
+        topics: per cloud, where it is the newest of a topic; empty for others.
+        times: per cloud, when it was taken, s of the steady clock; 0 for others.
+        of_clouds: what is wrong with clouds that are taken all the same, in words.
     """
 
     robot: Robot
@@ -50,3 +53,6 @@ class Snapshot:
     notes: tuple[str, ...] = ()
     fixed: str = ""
     known_changes: int = 0
+    of_clouds: tuple[str, ...] = ()
+    topics: tuple[str, ...] = ()
+    times: tuple[float, ...] = ()

@@ -35,7 +35,7 @@ from placement_planner_ros.ros.inputs.inputs import Inputs
 from placement_planner_ros.ros.inputs.robot_input import announced, make_arm, require_assumed
 from placement_planner_ros.ros.parameters.values import ParameterSet
 from placement_planner_ros.ros.run.snapshot import Snapshot
-from placement_planner_ros.ros.run.surroundings import require_grid, sight_notes
+from placement_planner_ros.ros.run.surroundings import disagreement_notes, require_grid, sight_notes
 
 Made = TypeVar("Made")
 
@@ -122,6 +122,9 @@ def take_snapshot(
         standing.notes,
         str(fixed) if fixed.furniture else "",
         changes,
+        tuple(f"{topic}: {words}" for topic, words in inputs.turned.items() if words),
+        tuple(cloud.topic for cloud in clouds),
+        tuple(cloud.time for cloud in clouds),
     )
     attempt(lambda: require_face(body))
     attempt(lambda: require_grid(snapshot))
@@ -215,7 +218,8 @@ def start_notes(snapshot: Snapshot, environment: Environment | None) -> list[str
     deep = deep_fingers(snapshot.robot, snapshot.arms, snapshot.q_start, snapshot.body)
     of_object = [*snapshot.body.warnings, *([doubt] if doubt else deep)]
     sights = sight_notes(snapshot, environment)
-    fixed = [snapshot.fixed] if snapshot.fixed else []
+    fixed = [*([snapshot.fixed] if snapshot.fixed else []), *snapshot.of_clouds]
+    fixed += disagreement_notes(environment)
     told = [*of_object, *snapshot.notes, *fixed, *beyond, *of_arms, *left_out, *without]
     return [*told, *tilts, *sights]
 

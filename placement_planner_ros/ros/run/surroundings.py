@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.problem import workspace
+from placement_planner_ros.core.scene.cloud_agreement import Disagreement, disagreements
 from placement_planner_ros.core.scene.environment import Environment, require_room
 from placement_planner_ros.core.scene.extent import cropped
 from placement_planner_ros.core.scene.flying_pixels import flying_pixels
@@ -39,6 +40,7 @@ class Surroundings:
         unknown: what sights leave unknown is occupied.
         unknown_below: `unknown_space` is occupied_below.
         beyond_volume: `clearance.beyond_volume`.
+        disagreements: of clouds whose heights contradict each other.
         flying: per cloud, (n,) which of its points are flying pixels.
     """
 
@@ -53,6 +55,7 @@ class Surroundings:
     unknown: bool = False
     unknown_below: bool = False
     beyond_volume: bool = True
+    disagreements: tuple[Disagreement, ...] = ()
     flying: tuple[npt.NDArray[np.bool_], ...] = ()
 
     @classmethod
@@ -86,6 +89,7 @@ class Surroundings:
             snapshot.parameters["unknown_space"] != "free",
             snapshot.parameters["unknown_space"] == "occupied_below",
             bool(snapshot.parameters["clearance.beyond_volume"]),
+            _disagreements(snapshot, np.vstack(snapshot.clouds), kept & real),
             flying,
         )
 
@@ -103,6 +107,7 @@ class Surroundings:
             and _equal(self.bounds, other.bounds)
             and np.array_equal(self.points, other.points)
             and self.near.same(other.near)
+            and list(map(str, self.disagreements)) == list(map(str, other.disagreements))
             and len(self.sights) == len(other.sights)
             and (not self.sights or self.unknown == other.unknown)
             and (not self.sights or self.unknown_below == other.unknown_below)
@@ -132,7 +137,7 @@ class Surroundings:
             unknown_below=self.unknown_below,
             beyond_volume=self.beyond_volume,
         )
-        return made.with_near(self.near)
+        return made.with_disagreements(self.disagreements).with_near(self.near)
 
 
 def _near(snapshot: Snapshot, points: Array) -> tuple[npt.NDArray[np.bool_], NearPoints]:
@@ -144,6 +149,23 @@ def _near(snapshot: Snapshot, points: Array) -> tuple[npt.NDArray[np.bool_], Nea
     clear = parameters.planner_settings.collision.clear
     kept, near = near_points(points, robot, held, clear, parameters.grid_settings)
     return kept, near.within(*_workspace(snapshot))
+
+
+def _disagreements(
+    snapshot: Snapshot, points: Array, kept: npt.NDArray[np.bool_]
+) -> tuple[Disagreement, ...]:
+    """Which of the topics' clouds contradict each other, by their points (n, 3) that are kept (n,)."""
+    ends = np.cumsum([len(cloud) for cloud in snapshot.clouds])[:-1]
+    clouds, each_kept = np.split(points, ends), np.split(kept, ends)
+    rows = [i for i, topic in enumerate(snapshot.topics) if topic]
+    return tuple(
+        disagreements(
+            [clouds[i][each_kept[i]] for i in rows],
+            [snapshot.topics[i] for i in rows],
+            [snapshot.times[i] for i in rows],
+            snapshot.parameters["contact_tolerance"],
+        )
+    )
 
 
 def _flying(snapshot: Snapshot, before: Surroundings | None) -> tuple[npt.NDArray[np.bool_], ...]:
@@ -229,6 +251,7 @@ def _same_view(a: View, b: View) -> bool:
 
 def _same_inputs(a: Snapshot, b: Snapshot) -> bool:
     names = (
+        "contact_tolerance",
         "target_volume",
         "cloud.cell_size",
         "max_slope",
@@ -324,6 +347,20 @@ def _is_unknown_occupied(snapshot: Snapshot) -> bool:
     )
 
 
+def disagreement_notes(environment: Environment | None) -> list[str]:
+    """Which clouds contradict each other.
+
+    Args:
+        environment: the run's; None where it is yet to be made.
+    """
+    found = () if environment is None else environment.disagreements
+    return [
+        f"clouds disagree: {each}, over a patch that both see; nothing is put down there where that "
+        "is more than contact_tolerance and noise: calibrate the cameras"
+        for each in found
+    ]
+
+
 def sight_notes(snapshot: Snapshot, environment: Environment | None) -> list[str]:
     """What to tell of `unknown_space`: how much of V was seen, or that nobody can tell.
 
@@ -335,8 +372,8 @@ def sight_notes(snapshot: Snapshot, environment: Environment | None) -> list[str
         return []
     if all(origin is None for origin in snapshot.origins):
         return [
-            f"unknown_space: {asked} has no effect, for every cloud is in the planning frame and "
-            "nobody knows where it was seen from; publish clouds in their sensor's frame"
+            f"unknown_space: {asked} has no effect, for nobody knows where any cloud was seen from; "
+            "publish organised clouds in their optical frame, or name their frame in sensor_frames"
         ]
     if environment is None or environment.seen is None:
         return []

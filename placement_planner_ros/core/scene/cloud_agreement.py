@@ -1,0 +1,176 @@
+"""Whether two clouds show the same surfaces at the same height."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from placement_planner_ros.core.types import Array
+
+Mask = npt.NDArray[np.bool_]
+Rows = npt.NDArray[np.int64]
+
+COLUMN = 0.02
+"""m, edge of the columns in which heights are compared."""
+_GAP = 0.005
+"""m without points between two surfaces of one column."""
+_THICK = 0.02
+"""m that the points of a level surface in one column reach up and down at most: noise and slope."""
+_FEWEST = 5
+"""Points of a surface in a column."""
+_INDEPENDENT = 9.0
+"""Points of a column whose errors are independent, at most: neighbouring pixels err alike."""
+_SURE = 3.0
+"""Times the mean's error that two means are apart by more than chance."""
+_REACH = 0.05
+"""m between two surfaces that may be one; calibrations are not off by more."""
+_PATCH = 9
+"""Columns, side by side, that make a patch: 6 cm by 6 cm."""
+_TOGETHER = 0.5
+"""s between two clouds between which nothing has moved."""
+_MOST = 0.5
+"""Share of what both see that differs alike where a camera is off, and not something has moved."""
+_ORDINARY = 0.005
+"""m that calibrated cameras differ by: what is put down there falls no deeper."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Disagreement:
+    """Where two clouds differ in height.
+
+    Attributes:
+        first, second: the names of the clouds.
+        height: by how much the second is above the first, metres; the median over the patches.
+        points: (k, 3) of both, where nothing is to be put down.
+    """
+
+    first: str
+    second: str
+    height: float
+    points: Array
+
+    def __str__(self) -> str:
+        way = "above" if self.height > 0.0 else "below"
+        return f"{self.second} is {abs(self.height):.4f} m {way} {self.first}"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Surfaces:
+    """Level surfaces of one cloud, column by column, ascending.
+
+    Attributes:
+        columns: (s, 2) numbers along x and y.
+        height, error: (s,) mean height and its standard error, metres.
+        rows: the cloud's points, sorted; surface k has those from first[k] to last[k].
+    """
+
+    columns: Rows
+    height: Array
+    error: Array
+    rows: Rows
+    first: Rows
+    last: Rows
+
+    @classmethod
+    def of(cls, points: Array) -> _Surfaces:
+        columns = np.floor(points[:, :2] / COLUMN).astype(np.int64)
+        rows = np.lexsort([points[:, 2], columns[:, 1], columns[:, 0]])
+        columns, z = columns[rows], points[rows, 2]
+        # a surface ends with its column, or where a gap is above it
+        ends = (np.diff(columns, axis=0) != 0).any(axis=1) | (np.diff(z) > _GAP)
+        first = np.append(0, np.flatnonzero(ends) + 1)
+        last = np.append(first[1:], len(z))
+        count = (last - first).astype(np.float64)
+        level = (count >= _FEWEST) & (z[last - 1] - z[first] <= _THICK)
+        height = np.add.reduceat(z, first) / count
+        square = np.add.reduceat((z - np.repeat(height, last - first)) ** 2, first)
+        error = np.sqrt(square / np.maximum(count - 1.0, 1.0) / np.minimum(count, _INDEPENDENT))
+        return cls(
+            columns[first[level]], height[level], error[level], rows, first[level], last[level]
+        )
+
+    def points(self, which: Rows) -> Rows:
+        """The rows of the cloud's points on some of them."""
+        parts = [self.rows[self.first[k] : self.last[k]] for k in which.tolist()]
+        return np.concatenate(parts) if parts else self.rows[:0]
+
+
+def disagreements(
+    clouds: Sequence[Array], names: Sequence[str], times: Sequence[float], tolerance: float
+) -> list[Disagreement]:
+    """Pairs of clouds whose surfaces differ in height over a patch, in one direction.
+
+    By more than the tolerance and three times the mean's error; where something has moved between
+    two clouds, only part of what both see differs.
+
+    Args:
+        clouds: (n, 3) metres each, without the robot.
+        times: when they were taken, s.
+        tolerance: metres that what stands may be off by.
+    """
+    surfaces = [_Surfaces.of(points) if len(points) else None for points in clouds]
+    found = []
+    for i, j in combinations(range(len(clouds)), 2):
+        first, second = surfaces[i], surfaces[j]
+        if first is None or second is None:
+            continue
+        a, b = _matched(first, second)
+        if not len(a):
+            continue
+        higher = second.height[b] - first.height[a]
+        doubt = _SURE * np.hypot(first.error[a], second.error[b])
+        together = abs(times[i] - times[j]) <= _TOGETHER
+        for way in (1.0, -1.0):
+            apart = way * higher > tolerance + doubt
+            apart &= _in_patches(first.columns[a], apart)
+            if not apart.any() or not (together or apart.mean() > _MOST):
+                continue
+            deep = apart & (np.abs(higher) > max(tolerance, _ORDINARY) + doubt)
+            where = [clouds[i][first.points(a[deep])], clouds[j][second.points(b[deep])]]
+            height = float(np.median(higher[apart]))
+            found.append(Disagreement(names[i], names[j], height, np.vstack(where)))
+    return found
+
+
+def _matched(first: _Surfaces, second: _Surfaces) -> tuple[Rows, Rows]:
+    """Rows of surfaces in the same column that are each other's nearest, within `_REACH`."""
+    low = np.minimum(first.columns.min(axis=0, initial=0), second.columns.min(axis=0, initial=0))
+    wide = 1 + max(int(s.columns[:, 1].max(initial=0)) for s in (first, second)) - low[1]
+    # one number for both: columns are farther apart in it than any two heights
+    step = 1.0 + 2.0 * max(float(np.abs(s.height).max(initial=0.0)) for s in (first, second))
+    keys = [
+        ((s.columns[:, 0] - low[0]) * wide + s.columns[:, 1] - low[1]) * step + s.height
+        for s in (first, second)
+    ]
+    there, back = _nearest(keys[0], keys[1]), _nearest(keys[1], keys[0])
+    if not len(keys[0]) or not len(keys[1]):
+        return there[:0], there[:0]
+    rows = np.flatnonzero(back[there] == np.arange(len(keys[0])))
+    rows = rows[np.abs(keys[0][rows] - keys[1][there[rows]]) <= _REACH]
+    return rows, there[rows]
+
+
+def _nearest(of: Array, among: Array) -> Rows:
+    """For each of some numbers the row of the nearest among others, ascending."""
+    after = np.clip(np.searchsorted(among, of), 1, max(len(among) - 1, 1))
+    if len(among) < 2:
+        return np.zeros(len(of), np.int64)
+    return after - (of - among[after - 1] <= among[np.minimum(after, len(among) - 1)] - of)
+
+
+def _in_patches(columns: Rows, which: Mask) -> Mask:
+    """(n,) those of some columns (n, 2) that have at least `_PATCH` of them side by side."""
+    if not which.any():
+        return which
+    at = columns - columns.min(axis=0)
+    grid = np.zeros(at.max(axis=0) + 1, np.bool_)
+    grid[tuple(at[which].T)] = True
+    labels, _ = ndimage.label(grid)
+    large = np.bincount(labels.ravel()) >= _PATCH
+    large[0] = False
+    return which & large[labels[tuple(at.T)]]

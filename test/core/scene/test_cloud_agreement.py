@@ -1,0 +1,64 @@
+"""Two cameras that see the same surfaces at different heights."""
+
+import numpy as np
+import pytest
+
+from placement_planner_ros.core.scene.cloud_agreement import disagreements
+from placement_planner_ros.core.scene.environment import Environment
+from placement_planner_ros.core.types import TargetVolume
+
+TOLERANCE = 0.003
+
+
+def table(height, seed, deviation=0.001, low=(0.2, -0.3), high=(0.8, 0.3), spacing=0.003):
+    rng = np.random.default_rng(seed)
+    x, y = (np.arange(a, b, spacing) for a, b in zip(low, high, strict=True))
+    points = np.stack([*np.meshgrid(x, y), np.full((len(y), len(x)), height)], -1).reshape(-1, 3)
+    return points + rng.normal(0.0, (1e-4, 1e-4, deviation), points.shape)
+
+
+def told(first, second, apart=0.0):
+    return disagreements([first, second], ["left", "right"], [0.0, apart], TOLERANCE)
+
+
+@pytest.mark.parametrize("off", [0.015, -0.015, 0.008])
+@pytest.mark.parametrize("deviation", [0.0, 0.002])
+def test_cameras_that_are_off_are_told_with_how_much_and_which_way(off, deviation):
+    (found,) = told(table(0.0, 0, deviation), table(off, 1, deviation), apart=30.0)
+    assert found.height == pytest.approx(off, abs=0.001)
+    words = str(found)
+    assert "above left" in words if off > 0.0 else "below left" in words
+    assert f"{abs(found.height):.4f}" in words
+
+
+@pytest.mark.parametrize("off", [0.003, 0.005])
+def test_ordinary_calibrations_are_no_reason_to_put_nothing_down(off):
+    found = told(table(0.0, 0), table(off, 1))
+    assert not sum(len(each.points) for each in found)
+
+
+def test_what_sees_the_same_does_not_contradict():
+    assert not told(table(0.0, 0, 0.003), table(0.0, 1, 0.003))
+    far = table(0.015, 1, low=(1.0, -0.3), high=(1.5, 0.3))
+    assert not told(table(0.0, 0), far)
+
+
+def test_what_was_put_down_between_two_clouds_is_no_contradiction():
+    book = table(0.03, 2, low=(0.4, -0.1), high=(0.6, 0.1))
+    around = table(0.0, 1)
+    inside = ((around[:, :2] > (0.4, -0.1)) & (around[:, :2] < (0.6, 0.1))).all(axis=1)
+    after = np.vstack([around[~inside], book])
+    assert not told(table(0.0, 0), after, apart=5.0)
+    assert told(table(0.0, 0), after)
+
+
+def test_nothing_is_put_down_where_they_contradict_and_elsewhere_it_is():
+    first, second = table(0.0, 0), table(0.012, 1, low=(0.5, -0.3))
+    found = told(first, second)
+    volume = TargetVolume(np.array([0.2, -0.3, -0.1]), np.array([0.8, 0.3, 0.2]))
+    made = Environment.from_points(np.vstack([first, second]), volume)
+    barred = made.with_disagreements(found).obstacles.barred
+    middle = (made.obstacles.lower + made.obstacles.upper) / 2
+    both = (middle[:, 0] > 0.52) & (np.abs(middle[:, 2]) < 0.05)
+    assert barred[both].mean() > 0.97
+    assert not barred[middle[:, 0] < 0.48].any()
