@@ -97,7 +97,7 @@ class CollisionSettings(Settings):
 
     @property
     def clear(self) -> float:
-        """Metres from obstacles at which an arm can be left, as `can_be_left` has it, for certain."""
+        """Metres from obstacles at which it is certain that `can_be_left`."""
         kept = self.collision_margin + self.planning_reserve + self.edge_resolution
         return kept + 2.0 * TOLERANCE
 

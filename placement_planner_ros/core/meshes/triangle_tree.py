@@ -203,7 +203,7 @@ def _from_triangle(corners: Array, point: Array, spot: Array) -> float:
 def _crossings(
     corners: Array, boxes: Array, point: Array, way: Array, waiting: npt.NDArray[np.int64]
 ) -> int:
-    """How often a line from a point (3,) along `way` leaves the surface, less how often it enters."""
+    """How often a line from a point (3,) along `way` leaves a surface, less how often it enters."""
     leaves = boxes.shape[0] // 2
     line = (way[0], way[1], way[2])
     total = 0

@@ -207,7 +207,10 @@ class ObstacleSet:
         """The same, but nothing stands on the boxes in those cells (k, 3), wherever they are."""
         sizes = np.array(self.shape)
         inside = cells[((cells >= 0) & (cells < sizes)).all(axis=1)].astype(np.int64)
-        keys = [(c[:, 0] * sizes[1] + c[:, 1]) * sizes[2] + c[:, 2] for c in (self.cells.astype(np.int64), inside)]
+        keys = [
+            (c[:, 0] * sizes[1] + c[:, 1]) * sizes[2] + c[:, 2]
+            for c in (self.cells.astype(np.int64), inside)
+        ]
         old = np.zeros(len(self), np.bool_) if self.barred is None else self.barred
         return replace(self, barred=_read_only(old | np.isin(keys[0], keys[1])))
 

@@ -22,18 +22,18 @@ from placement_planner_ros.core.errors import (
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.scene.flying_pixels import flying_pixels
 from placement_planner_ros.ros.inputs.cloud_store import CloudStore, StoredCloud
-from placement_planner_ros.ros.inputs.furniture import (
-    WORLD_LINKS,
-    FixedLinks,
-    fixed_links,
-    require_links,
-)
 from placement_planner_ros.ros.inputs.frames import (
     ChainMovingError,
     CloudFrameError,
     cloud_pose,
     is_eye,
     turned_axes,
+)
+from placement_planner_ros.ros.inputs.furniture import (
+    WORLD_LINKS,
+    FixedLinks,
+    fixed_links,
+    require_links,
 )
 from placement_planner_ros.ros.inputs.joint_states import JointStates, RobotMovingError
 from placement_planner_ros.ros.inputs.known_objects import KnownObjects

@@ -13,7 +13,7 @@ from placement_planner_ros.ros.inputs.cloud_store import PointSet
 from placement_planner_ros.ros.inputs.standing_object import surface_points
 
 STEP = 0.25
-"""m by which the space grows at a time that points are made in, so that few moves make them anew."""
+"""m, steps in which the space grows that points are made in: few moves make them anew."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
@@ -23,8 +23,7 @@ class KnownSurface:
     corners: Array
 
     def within(self, lower: Array, upper: Array) -> PointSet:
-        """What of it lies in a box of corners (3,), and a little around; the same as long as that is
-        the same."""
+        """What of it lies in a box of corners (3,), and a little around; remembered."""
         low, high = np.floor(lower / STEP) * STEP, np.ceil(upper / STEP) * STEP
         return _within(self, tuple(low.tolist()), tuple(high.tolist()))
 

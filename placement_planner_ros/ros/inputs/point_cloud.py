@@ -120,8 +120,8 @@ def _column(values: npt.NDArray[Any], kind: str) -> npt.NDArray[Any]:
 def _read(
     x: npt.NDArray[Any], y: npt.NDArray[Any], z: npt.NDArray[Any], T: Array, points: Array
 ) -> int:
-    """Fill `points` (h w, 3) with those of (h, w) that are not zero and no farther than `FAR`, moved by
-    T (4, 4); how many."""
+    """Fill `points` (h w, 3) with those of (h, w) that are not zero, nor farther than `FAR`, moved
+    by T (4, 4); how many."""
     kept = 0
     for i in range(x.shape[0]):
         for j in range(x.shape[1]):

@@ -52,8 +52,9 @@ class StandingObject:
 
 
 def surface_points(corners: Array) -> Array:
-    """(n, 3) points on triangles (t, 3, 3), at most `SPACING` apart: their corners, and a lattice on
-    each that is larger.
+    """(n, 3) points on triangles (t, 3, 3), at most `SPACING` apart.
+
+    Their corners, and a lattice on each that is larger.
 
     To divide triangles by four until they are small made a box of 2 m 17 s of work and 2.7 GB.
     """

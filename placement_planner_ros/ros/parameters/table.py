@@ -341,8 +341,8 @@ def _environment() -> list[Spec]:
         _own(
             "self_filter.padding",
             0.02,
-            "Points this close to the surface of the robot or of the held object carry nothing. Those "
-            "that lie on it are left out; the others are obstacles to whatever moves.",
+            "Points this close to the surface of the robot or of the held object carry nothing. "
+            "Those that lie on it are left out; the others are obstacles to whatever moves.",
             "m",
             "[0, 0.2]",
         ),

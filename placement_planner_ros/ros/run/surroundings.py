@@ -141,7 +141,7 @@ class Surroundings:
 
 
 def _near(snapshot: Snapshot, points: Array) -> tuple[npt.NDArray[np.bool_], NearPoints]:
-    """Which of points (n, 3) are not near the robot, and what of the others may be something else."""
+    """Which of points (n, 3) are not near the robot; of the others, what may be something else."""
     parameters, q = snapshot.parameters, snapshot.q_start
     padding = parameters["self_filter.padding"]
     robot = Outline.of_robot(snapshot.robot, q, padding, parameters.padding_of)
@@ -154,7 +154,7 @@ def _near(snapshot: Snapshot, points: Array) -> tuple[npt.NDArray[np.bool_], Nea
 def _disagreements(
     snapshot: Snapshot, points: Array, kept: npt.NDArray[np.bool_]
 ) -> tuple[Disagreement, ...]:
-    """Which of the topics' clouds contradict each other, by their points (n, 3) that are kept (n,)."""
+    """Which of the topics' clouds contradict each other, by those points (n, 3) that are kept."""
     ends = np.cumsum([len(cloud) for cloud in snapshot.clouds])[:-1]
     clouds, each_kept = np.split(points, ends), np.split(kept, ends)
     rows = [i for i, topic in enumerate(snapshot.topics) if topic]
@@ -355,8 +355,8 @@ def disagreement_notes(environment: Environment | None) -> list[str]:
     """
     found = () if environment is None else environment.disagreements
     return [
-        f"clouds disagree: {each}, over a patch that both see; nothing is put down there where that "
-        "is more than contact_tolerance and noise: calibrate the cameras"
+        f"clouds disagree: {each}, over a patch that both see; nothing is put down there where "
+        "that is more than contact_tolerance and noise: calibrate the cameras"
         for each in found
     ]
 

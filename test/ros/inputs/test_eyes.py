@@ -9,6 +9,7 @@ from std_msgs.msg import Header
 from placement_planner_ros.ros.inputs.frames import is_eye, turned_axes
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points, points_from_message
 
+
 @pytest.mark.parametrize(
     ("frame", "height", "eye"),
     [
