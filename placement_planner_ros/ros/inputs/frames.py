@@ -73,8 +73,10 @@ def is_eye(frame: str, height: int, parameters: ParameterSet) -> bool:
 
 
 def turned_axes(frame: str, points: Array, T_planning_cloud: pin.SE3) -> str:
-    """In words, where an optical frame's points (n, 3), planning frame, lie as in a body's frame; ''
-    where they do not."""
+    """In words, where an optical frame's points (n, 3), planning frame, lie as in a body's frame.
+
+    '' where they do not.
+    """
     if not frame.endswith(OPTICAL) or not len(points):
         return ""
     some = points[:: max(1, len(points) // _LOOKED_AT)]

@@ -97,7 +97,7 @@ def take_snapshot(
     surfaces = attempt(partial(inputs.known_surfaces, fixed.robot, parameters))
     if surfaces is None:
         return faults
-    around = workspace(fixed.robot, arms, q_start, body, parameters.volume)
+    around = workspace(fixed.robot, arms, standing.q, body, parameters.volume)
     known = (surface.within(*around) for surface in (*fixed.surfaces, *surfaces))
     clouds += tuple(each for each in known if len(each.points))
     if not clouds:

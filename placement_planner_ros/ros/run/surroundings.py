@@ -372,8 +372,9 @@ def sight_notes(snapshot: Snapshot, environment: Environment | None) -> list[str
         return []
     if all(origin is None for origin in snapshot.origins):
         return [
-            f"unknown_space: {asked} has no effect, for nobody knows where any cloud was seen from; "
-            "publish organised clouds in their optical frame, or name their frame in sensor_frames"
+            f"unknown_space: {asked} has no effect, for nobody knows where any cloud was seen "
+            "from; publish organised clouds in their optical frame, or name their frame in "
+            "sensor_frames"
         ]
     if environment is None or environment.seen is None:
         return []

@@ -16,7 +16,8 @@ def link(name, size="", xyz="0 0 0"):
 def joint(parent, child, xyz="0 0 0", kind="fixed"):
     limit = '<axis xyz="0 0 1"/><limit lower="-3" upper="3" velocity="1" effort="1"/>'
     return (
-        f'<joint name="{child}_joint" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<joint name="{child}_joint" type="{kind}">'
+        f'<parent link="{parent}"/><child link="{child}"/>'
         f'<origin xyz="{xyz}"/>{"" if kind == "fixed" else limit}</joint>'
     )
 
