@@ -246,12 +246,12 @@ def _pushed(points: Array, outlines: Sequence[Outline], clear: float) -> Array:
             look = look.joined(outline.look(points, clear))
         rows = np.flatnonzero((look.apart < clear) | look.inside)
         if not len(rows):
-            return points
+            break
         away = points[rows] - look.nearest[rows]
         away[look.inside[rows]] *= -1.0
         length = np.maximum(look.apart[rows], _ROUNDING)[:, None]
         points[rows] = look.nearest[rows] + away / length * (clear + _ROUNDING)
-    kept = np.isfinite(points).all(axis=1)
+    kept = np.asarray(np.isfinite(points).all(axis=1))
     kept[rows] = False
     return points[kept]
 
@@ -270,7 +270,7 @@ def _near(points: Array, T: pin.SE3, tree: TriangleTree, cap: float) -> npt.NDAr
 @remembered_with("robot", most=1)
 def _link_trees(robot: Robot) -> tuple[tuple[TriangleTree, ...], ...]:
     """Of each of the robot's geometries, in its own frame."""
-    found = []
+    found: list[tuple[TriangleTree, ...]] = []
     for shape, cover in zip(robot.geometry.geometryObjects, robot.covers, strict=True):
         if is_mesh(shape.geometry):
             corners, closed = triangles_of(shape.geometry), cover is not None and cover.closed
