@@ -47,17 +47,30 @@ class _Thing:
     """One of them.
 
     Attributes:
-        corners: (t, 3, 3) triangles in its own frame, metres; the key of a file that is read; or
-            what is wrong with it.
+        corners: (t, 3, 3) triangles in its own frame, metres; none where a file has them.
+        file: the key of that file; None without one.
         scale: of what the file holds.
+        fault: what is wrong with it.
         placed: the same where it was last asked for, and where that was.
     """
 
     frame: str
     T_frame_thing: pin.SE3
-    corners: Array | Hashable | PlacementPlannerError
+    corners: Array
+    file: Hashable
     scale: Array
+    fault: PlacementPlannerError | None = None
     placed: tuple[pin.SE3, KnownSurface] | None = None
+
+    def same(self, other: _Thing) -> bool:
+        """Whether both are the same thing at the same place."""
+        return (
+            self.fault is None
+            and (self.frame, self.file) == (other.frame, other.file)
+            and self.T_frame_thing == other.T_frame_thing
+            and np.array_equal(self.scale, other.scale)
+            and np.array_equal(self.corners, other.corners)
+        )
 
 
 class KnownObjects:
@@ -85,26 +98,27 @@ class KnownObjects:
 
         What is wrong with a thing stays until it is replaced or deleted: it is somewhere.
         """
-        faults = []
+        faults: list[PlacementPlannerError] = []
+        with self._lock:
+            things = dict(self._things)
         for marker in message.markers:
             name = marker.ns, int(marker.id)
-            thing: _Thing | None = None
-            if marker.action == Marker.ADD:
-                thing = self._thing(marker, f"{TOPIC}: {marker.ns}/{marker.id}")
-                if isinstance(thing.corners, PlacementPlannerError):
-                    faults.append(thing.corners)
-            with self._lock:
-                if thing is not None and (name in self._things or len(self._things) < MOST):
-                    self._things[name] = thing
-                elif thing is not None:
-                    faults.append(KnownObjectError(TOPIC, f"{MOST} things", "delete some"))
-                elif marker.action == Marker.DELETE:
-                    self._things.pop(name, None)
-                elif marker.action == Marker.DELETEALL:
-                    self._things = {
-                        n: t for n, t in self._things.items() if marker.ns not in ("", n[0])
-                    }
-                self.changes += 1
+            if marker.action == Marker.DELETE:
+                things.pop(name, None)
+            elif marker.action == Marker.DELETEALL:
+                things = {n: thing for n, thing in things.items() if marker.ns not in ("", n[0])}
+            elif name not in things and len(things) >= MOST:
+                faults.append(KnownObjectError(TOPIC, f"{MOST} things", "delete some"))
+            else:
+                made = things[name] = self._thing(marker, f"{TOPIC}: {marker.ns}/{marker.id}")
+                faults += [] if made.fault is None else [made.fault]
+        with self._lock:
+            before = self._things
+            for name, thing in things.items():  # many tell the same again and again
+                if name in before and thing.same(before[name]):
+                    things[name] = before[name]
+            self.changes += before != things
+            self._things = things
         return faults
 
     def surfaces(self, pose_of: PoseOf) -> tuple[KnownSurface, ...]:
@@ -132,19 +146,16 @@ class KnownObjects:
         return tuple(found)
 
     def _corners(self, thing: _Thing) -> Array:
-        corners = thing.corners
-        if isinstance(corners, PlacementPlannerError):
-            raise corners.with_traceback(None)  # which would grow each time
-        return (
-            corners if isinstance(corners, np.ndarray) else self.reading.get(corners) * thing.scale
-        )
+        if thing.fault is not None:
+            raise thing.fault.with_traceback(None)  # which would grow each time
+        return thing.corners if thing.file is None else self.reading.get(thing.file) * thing.scale
 
     def _thing(self, marker: Marker, field: str) -> _Thing:
         """A marker as a thing; with what is wrong with it where it is none."""
         p, r, s = marker.pose.position, marker.pose.orientation, marker.scale
         numbers = np.array([p.x, p.y, p.z, r.x, r.y, r.z, r.w])
         T, scale = pin.SE3.Identity(), np.array([s.x, s.y, s.z])
-        corners: Array | Hashable | PlacementPlannerError
+        corners, file, fault = np.zeros((0, 3, 3)), None, None
         try:
             if not abs(np.linalg.norm(numbers[3:]) - 1.0) < 1e-2:
                 raise KnownObjectError(
@@ -156,40 +167,14 @@ class KnownObjects:
             T = pin.SE3(rotation.toRotationMatrix(), numbers[:3])
             if not ((scale > 0.0) & (scale <= _FAR)).all():
                 raise KnownObjectError(f"{field}: scale", scale.tolist(), "give metres above zero")
-            corners = self._shape(marker, scale, field)
+            if marker.type == Marker.MESH_RESOURCE:
+                file = self._file(marker.mesh_resource, f"{field}: mesh_resource")
+            else:
+                corners = _triangles(marker, scale, field)
         except PlacementPlannerError as error:
             forget_where(error)
-            corners = error
-        return _Thing(marker.header.frame_id, T, corners, scale)
-
-    def _shape(self, marker: Marker, scale: Array, field: str) -> Array | Hashable:
-        """(t, 3, 3) triangles of a marker, or the key of the file that holds them."""
-        if marker.type == Marker.CUBE:
-            return np.asarray(trimesh.creation.box(scale).triangles)
-        if marker.type == Marker.CYLINDER:
-            sections = _sections(float(scale[:2].max()) / 2)
-            tube = trimesh.creation.cylinder(0.5, 1.0, sections)
-            return np.asarray(tube.triangles) * scale
-        if marker.type == Marker.SPHERE:
-            # each division halves the edges, of which there are five around a pole at first
-            fine = int(np.ceil(np.log2(_sections(float(scale.max()) / 2) / 5)))
-            ball = trimesh.creation.icosphere(min(max(fine, 3), _FINEST), 0.5)
-            return np.asarray(ball.triangles) * scale
-        if marker.type == Marker.TRIANGLE_LIST:
-            require_few(len(marker.points), len(marker.points) // 3)
-            points = np.array([[p.x, p.y, p.z] for p in marker.points]) * scale
-            if not len(points) or len(points) % 3 or not (np.abs(points) <= _FAR).all():
-                raise KnownObjectError(
-                    f"{field}: points", f"{len(points)} points", "give three for each triangle, m"
-                )
-            return points.reshape(-1, 3, 3)
-        if marker.type == Marker.MESH_RESOURCE:
-            return self._file(marker.mesh_resource, f"{field}: mesh_resource")
-        raise KnownObjectError(
-            f"{field}: type",
-            marker.type,
-            "give CUBE, SPHERE, CYLINDER, TRIANGLE_LIST or MESH_RESOURCE",
-        )
+            fault = error
+        return _Thing(marker.header.frame_id, T, corners, file, scale, fault)
 
     def _file(self, uri: str, field: str) -> Hashable:
         """Begin to read a mesh file, its header found in order; by what it is kept."""
@@ -211,6 +196,34 @@ class KnownObjects:
         key = path, found.st_size, found.st_mtime_ns
         self.reading.want(key, read, lasting=True)
         return key
+
+
+def _triangles(marker: Marker, scale: Array, field: str) -> Array:
+    """(t, 3, 3) triangles of a marker, metres."""
+    if marker.type == Marker.CUBE:
+        return np.asarray(trimesh.creation.box(scale).triangles)
+    if marker.type == Marker.CYLINDER:
+        sections = _sections(float(scale[:2].max()) / 2)
+        tube = trimesh.creation.cylinder(0.5, 1.0, sections)
+        return np.asarray(tube.triangles) * scale
+    if marker.type == Marker.SPHERE:
+        # each division halves the edges, of which there are five around a pole at first
+        fine = int(np.ceil(np.log2(_sections(float(scale.max()) / 2) / 5)))
+        ball = trimesh.creation.icosphere(min(max(fine, 3), _FINEST), 0.5)
+        return np.asarray(ball.triangles) * scale
+    if marker.type == Marker.TRIANGLE_LIST:
+        require_few(len(marker.points), len(marker.points) // 3)
+        points = np.array([[p.x, p.y, p.z] for p in marker.points]) * scale
+        if not len(points) or len(points) % 3 or not (np.abs(points) <= _FAR).all():
+            raise KnownObjectError(
+                f"{field}: points", f"{len(points)} points", "give three for each triangle, m"
+            )
+        return points.reshape(-1, 3, 3)
+    raise KnownObjectError(
+        f"{field}: type",
+        marker.type,
+        "give CUBE, SPHERE, CYLINDER, TRIANGLE_LIST or MESH_RESOURCE",
+    )
 
 
 def _sections(radius: float) -> int:

@@ -112,3 +112,14 @@ def test_a_large_floor_is_made_of_points_only_near_the_robot():
     assert np.allclose(points.min(axis=0), [-0.5, -0.5, -0.05])
     assert len(points) < 300_000
     assert surface.within(np.full(3, -0.45), np.full(3, 0.4)).points is points, "made once"
+
+
+def test_what_is_told_again_is_no_change():
+    again = [marker(0, ns="", action=Marker.DELETEALL), marker(Marker.CUBE)]
+    known, _ = told(*again)
+    changes, (surface,) = known.changes, known.surfaces(lambda frame: pin.SE3.Identity())
+    known.take(MarkerArray(markers=again))
+    assert known.changes == changes
+    assert known.surfaces(lambda frame: pin.SE3.Identity())[0] is surface
+    known.take(MarkerArray(markers=[marker(Marker.CUBE, at=(0.0, 0.0, 0.1))]))
+    assert known.changes > changes
