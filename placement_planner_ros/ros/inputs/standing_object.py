@@ -10,6 +10,7 @@ import pinocchio as pin
 
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.ros.inputs.self_filter import Outline
 
 SPACING = 0.004
 """Largest distance between neighbouring points on the surface, metres."""
@@ -41,14 +42,8 @@ class StandingObject:
         return cls(body, pin.SE3(T), np.asarray(points @ T.rotation.T + T.translation))
 
     def holds(self, points: Array, padding: float) -> npt.NDArray[np.bool_]:
-        """Which of (n, 3) points lie in it, or at most `padding` metres outside of its facets."""
-        lower, upper = self.points.min(axis=0) - padding, self.points.max(axis=0) + padding
-        held = np.zeros(len(points), dtype=np.bool_)
-        near = np.flatnonzero(((points >= lower) & (points <= upper)).all(axis=1))
-        local = (points[near] - self.T_world_object.translation) @ self.T_world_object.rotation
-        for part in self.body.parts:
-            held[near] |= (local @ part.normals.T <= part.offsets + padding).all(axis=1)
-        return held
+        """Which of (n, 3) points lie in it, or at most `padding` metres from its surface."""
+        return ~Outline.of_object(self.body, self.T_world_object, padding).outside(points)
 
 
 def surface_points(corners: Array) -> Array:
