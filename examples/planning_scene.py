@@ -8,6 +8,8 @@ cones and meshes as markers in `<node>/known_objects`. Needs moveit_msgs, which 
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pinocchio as pin
 import rclpy
@@ -48,7 +50,7 @@ def marker_of_triangles(corners: np.ndarray) -> Marker:
     return Marker(type=Marker.TRIANGLE_LIST, scale=Vector3(x=1.0, y=1.0, z=1.0), points=points)
 
 
-def markers_of(thing) -> list[Marker]:
+def markers_of(thing: Any) -> list[Marker]:
     """A moveit_msgs/CollisionObject as markers."""
     parts = [
         *zip(map(marker_of_primitive, thing.primitives), thing.primitive_poses, strict=True),
@@ -63,7 +65,7 @@ def markers_of(thing) -> list[Marker]:
     return [marker for marker, _ in parts]
 
 
-def marker_of_mesh(mesh) -> Marker:
+def marker_of_mesh(mesh: Any) -> Marker:
     """A shape_msgs/Mesh."""
     vertices = np.array([[p.x, p.y, p.z] for p in mesh.vertices])
     triangles = np.array([t.vertex_indices for t in mesh.triangles], dtype=np.int64)
@@ -84,7 +86,7 @@ class PlanningScene(Node):
         self._out = self.create_publisher(MarkerArray, f"{node}/known_objects", LATCHED)
         self.create_subscription(kind, "monitored_planning_scene", self._take, 10)
 
-    def _take(self, scene) -> None:
+    def _take(self, scene: Any) -> None:
         before = dict(self._known)
         if not scene.is_diff:
             self._known = {}

@@ -14,10 +14,10 @@ import trimesh
 from placement_planner_ros.core.collision.shapes import shape_of
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.meshes.hull_triangles import hull_triangles
-from placement_planner_ros.core.remembering import remembered_with
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.overlap import Overlaps, is_mesh, triangles_of
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.weak_cache import weak_lru_cache
 from placement_planner_ros.ros.inputs.known_surface import KnownSurface
 from placement_planner_ros.ros.parameters.values import ParameterSet
 
@@ -85,7 +85,7 @@ def require_links(robot: Robot, parameters: ParameterSet) -> None:
             raise ParameterError(WORLD_LINKS, link, "a joint moves it; name links that none moves")
 
 
-@remembered_with("robot", most=4)
+@weak_lru_cache("robot", maxsize=4)
 def _fixed_links(robot: Robot, ends: tuple[str, ...], named: tuple[str, ...]) -> FixedLinks:
     """Remembered, so that what is made of a robot is made once."""
     joints = [shape.parentJoint for shape in robot.geometry.geometryObjects]

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import trimesh
 
-from placement_planner_ros.core.remembering import remembered_with
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.weak_cache import weak_lru_cache
 from placement_planner_ros.ros.inputs.cloud_store import PointSet
 from placement_planner_ros.ros.inputs.standing_object import surface_points
 
@@ -28,7 +28,7 @@ class KnownSurface:
         return _within(self, tuple(low.tolist()), tuple(high.tolist()))
 
 
-@remembered_with("surface", most=2)
+@weak_lru_cache("surface", maxsize=2)
 def _within(surface: KnownSurface, lower: tuple[float, ...], upper: tuple[float, ...]) -> PointSet:
     vertices = surface.corners.reshape(-1, 3)
     faces = np.arange(len(vertices)).reshape(-1, 3)

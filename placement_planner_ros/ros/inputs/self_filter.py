@@ -14,12 +14,12 @@ from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.collision.shapes import ConvexSet, shape_of
 from placement_planner_ros.core.meshes.hull_triangles import hull_triangles
 from placement_planner_ros.core.meshes.triangle_tree import TriangleTree
-from placement_planner_ros.core.remembering import remembered_with
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.robot.overlap import is_mesh, triangles_of
 from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.near_points import NearPoints
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.weak_cache import weak_lru_cache
 
 OWN = 0.002
 """m off a surface up to which a point is of that surface: joint values, grasps and meshes are no
@@ -251,7 +251,7 @@ def _pushed(points: Array, outlines: Sequence[Outline], clear: float) -> Array:
         away[look.inside[rows]] *= -1.0
         length = np.maximum(look.apart[rows], _ROUNDING)[:, None]
         points[rows] = look.nearest[rows] + away / length * (clear + _ROUNDING)
-    kept = np.asarray(np.isfinite(points).all(axis=1))
+    kept: npt.NDArray[np.bool_] = np.asarray(np.isfinite(points).all(axis=1))
     kept[rows] = False
     return points[kept]
 
@@ -267,7 +267,7 @@ def _near(points: Array, T: pin.SE3, tree: TriangleTree, cap: float) -> npt.NDAr
     return np.flatnonzero(near)
 
 
-@remembered_with("robot", most=1)
+@weak_lru_cache("robot", maxsize=1)
 def _link_trees(robot: Robot) -> tuple[tuple[TriangleTree, ...], ...]:
     """Of each of the robot's geometries, in its own frame."""
     found: list[tuple[TriangleTree, ...]] = []
@@ -280,7 +280,7 @@ def _link_trees(robot: Robot) -> tuple[tuple[TriangleTree, ...], ...]:
     return tuple(found)
 
 
-@remembered_with("body", most=1)
+@weak_lru_cache("body", maxsize=1)
 def _body_trees(body: Body) -> tuple[TriangleTree, ...]:
     """Of the object's convex pieces, and of all others together."""
     trees = [TriangleTree.of(hull_triangles(part.vertices), True) for part in body.solids]
