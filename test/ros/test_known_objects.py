@@ -3,7 +3,7 @@
 import time
 
 import numpy as np
-from fakes import FRAME
+from helpers.fakes import FRAME
 from geometry_msgs.msg import Point, Vector3
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray

@@ -3,7 +3,7 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from fakes import FRAME, TABLE
+from helpers.fakes import FRAME, TABLE
 from std_msgs.msg import Header
 
 from placement_planner_ros.ros.inputs.frames import is_eye, turned_axes
