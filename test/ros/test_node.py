@@ -412,7 +412,7 @@ def test_a_newer_cloud_that_cuts_through_the_best_is_told(bench):
     planner = started(b)
     planner.offers.append(0.1)
     b.wait(lambda: b.manifests()[-1]["solution"] == "1")
-    b.wait(lambda: b.status().get("best_valid") == "true")
+    b.wait(lambda: b.status().get("best_valid") == "true", again=b.joint_state)
     robot, snapshot = b.node._inputs.robot.robot, b.snapshots[-1]
     q = robot.with_positions(
         snapshot.q_start,

@@ -201,7 +201,7 @@ def test_flying_pixels_are_left_out_before_clouds_are_merged(robot):
     points = np.vstack([wall, stray])
 
     def merged(frame, cloud):
-        world = World(robot, cloud__mode="merge")
+        world = World(robot, cloud__mode="merge", sensor_frames=[LINK])
         world.joints(100.0)
         world.cloud(100.0, cloud, frame)
         newest, merged = world.inputs.clouds.snapshot("merge", 0.0, time.monotonic())
