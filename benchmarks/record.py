@@ -19,7 +19,7 @@ from benchmarks.variants import VARIANTS
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.planner import PlacementPlanner
 from placement_planner_ros.core.types import Placement
-from placement_planner_ros.core.warmup import warm_up
+from placement_planner_ros.core.warmup.warm_up import warm_up
 from placement_planner_ros.scenes.yumi import START_CONFIGURATION, TIP_FRAMES, load_yumi, yumi_arm
 
 RUNS_FILE = "runs.jsonl"

@@ -9,7 +9,7 @@ import time
 from importlib import import_module
 
 from placement_planner_ros.core.disk_cache import TROUBLES
-from placement_planner_ros.core.practice.compiling import (
+from placement_planner_ros.core.warmup.compiling import (
     CompilationError,
     CompilationProgress,
     compile_kernels,

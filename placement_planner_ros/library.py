@@ -30,7 +30,7 @@ from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.extent import cropped
 from placement_planner_ros.core.scene.grid import GridSettings, checked_cloud
 from placement_planner_ros.core.types import Array, Placement, TargetVolume
-from placement_planner_ros.core.warmup import warm_up
+from placement_planner_ros.core.warmup.warm_up import warm_up
 from placement_planner_ros.core.wishes.settings import TurnSettings as TurnSettings
 from placement_planner_ros.core.wishes.settings import WishSettings as WishSettings
 

@@ -50,7 +50,6 @@ ORDER = [
     "core.explanation",
     "core.statistics",
     "core.planner",
-    "core.practice",
     "core.warmup",
 ]
 # The same of the node.

@@ -60,7 +60,7 @@ from placement_planner_ros.core.scene.flying_pixels import flying_pixels
 from placement_planner_ros.core.scene.grid import GridSettings
 from placement_planner_ros.core.scene.visibility import View
 from placement_planner_ros.core.types import Array, Placement
-from placement_planner_ros.core.warmup import warm_up
+from placement_planner_ros.core.warmup.warm_up import warm_up
 
 Entry = dict[str, Any]
 ROWS = ("first", "edges", "collision", "samples", "node", "agreement")

@@ -16,13 +16,13 @@ from rclpy.parameter import Parameter
 
 from placement_planner_ros.core.disk_cache import TROUBLES
 from placement_planner_ros.core.errors import PlacementPlannerError
-from placement_planner_ros.core.practice.compiling import (
+from placement_planner_ros.core.stopping import StoppedError, stoppable
+from placement_planner_ros.core.warmup.compiling import (
     CompilationError,
     CompilationProgress,
     compile_kernels,
 )
-from placement_planner_ros.core.stopping import StoppedError, stoppable
-from placement_planner_ros.core.warmup import warm_up
+from placement_planner_ros.core.warmup.warm_up import warm_up
 from placement_planner_ros.interrupts import catch_signals
 from placement_planner_ros.ros.call_priority import CallPriority
 from placement_planner_ros.ros.commands import STOP_PATIENCE, Commands

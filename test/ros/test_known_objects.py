@@ -3,8 +3,8 @@
 import time
 
 import numpy as np
-from helpers.fakes import FRAME
 from geometry_msgs.msg import Point, Vector3
+from helpers.fakes import FRAME
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 

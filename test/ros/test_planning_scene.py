@@ -7,8 +7,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from geometry_msgs.msg import Point, Pose
-from shape_msgs.msg import Mesh, MeshTriangle, SolidPrimitive
 from helpers.shared import ROOT
+from shape_msgs.msg import Mesh, MeshTriangle, SolidPrimitive
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 

@@ -44,7 +44,7 @@ START = {"finger_1": 0.03, "lift": 0.45}
 """Where it stands, an object 0.06 m wide between its fingers; all other joints at zero."""
 
 
-def practice_robot() -> tuple[Robot, Arm]:
+def known_robot() -> tuple[Robot, Arm]:
     """The robot, and its arm with one grasp: from above, of what is 0.06 m wide."""
     robot = Robot.from_urdf(_urdf(), _Bracket())
     grasp = np.eye(4)
@@ -57,9 +57,7 @@ def practice_robot() -> tuple[Robot, Arm]:
 
 def _urdf() -> str:
     links = [_link(name, given) for name, given in _LINKS.items()]
-    return "\n".join(
-        ['<robot name="practice">', *links, *(_joint(*j) for j in _JOINTS), "</robot>"]
-    )
+    return "\n".join(['<robot name="known">', *links, *(_joint(*j) for j in _JOINTS), "</robot>"])
 
 
 def _link(name: str, given: tuple[str, str] | None) -> str:

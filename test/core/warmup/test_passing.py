@@ -8,23 +8,23 @@ import pytest
 
 from placement_planner_ros.core import disk_cache
 from placement_planner_ros.core.disk_cache import sealed, stored, unsealed
-from placement_planner_ros.core.practice import passing
-from placement_planner_ros.core.practice.passing import load_passed
-from placement_planner_ros.core.practice.practice import Practice
-from placement_planner_ros.core.warmup import load_kernels
+from placement_planner_ros.core.warmup import passing
+from placement_planner_ros.core.warmup.known_task import KnownTask
+from placement_planner_ros.core.warmup.passing import load_passed
+from placement_planner_ros.core.warmup.warm_up import load_kernels
 
 PROGRAM = """
 import json
 from placement_planner_ros.core import kernel_cache
-from placement_planner_ros.core.practice.practice import STAGES, Practice
-from placement_planner_ros.core.warmup import load_kernels
+from placement_planner_ros.core.warmup.known_task import STAGES, KnownTask
+from placement_planner_ros.core.warmup.warm_up import load_kernels
 
 solved = []
-solve = Practice.solve
-Practice.solve = lambda *given: solved.append(1) or solve(*given)
+solve = KnownTask.solve
+KnownTask.solve = lambda *given: solved.append(1) or solve(*given)
 load_kernels()
 loaded = kernel_cache.versions("")
-solve(Practice(), STAGES[::-1])
+solve(KnownTask(), STAGES[::-1])
 print(json.dumps([len(solved), len(loaded), kernel_cache.versions("") == loaded]))
 """
 
@@ -66,7 +66,7 @@ def test_where_it_is_damaged_every_stage_is_passed(of_its_own, monkeypatch, dama
     of_its_own.write_bytes(damage(whole))
     assert not load_passed()
     passed = []
-    monkeypatch.setattr(Practice, "solve", lambda *given: passed.append(given))
+    monkeypatch.setattr(KnownTask, "solve", lambda *given: passed.append(given))
     load_kernels.__wrapped__()
     assert len(passed) == 1
     assert load_passed()
@@ -99,7 +99,7 @@ def test_what_is_on_disk_is_made_anew_so_that_what_makes_it_is_passed(kept, monk
     monkeypatch.setattr(passing, "_path", lambda: tmp_path / "passed")
     made = []
     monkeypatch.setattr(
-        Practice, "solve", lambda *_: made.append(stored("rows", "key", lambda: "anew"))
+        KnownTask, "solve", lambda *_: made.append(stored("rows", "key", lambda: "anew"))
     )
     monkeypatch.setattr(disk_cache, "cache_folder", lambda: tmp_path)
     stored("rows", "key", lambda: "kept")

@@ -8,13 +8,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from placement_planner_ros.core.collision.arm import ArmCollision
-from placement_planner_ros.core.practice.passing import load_passed, pass_every_stage
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.reach.seeds import seed_table
 from placement_planner_ros.core.robot.model import Arm, Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.core.warmup.passing import load_passed, pass_every_stage
 
 
 def warm_up(robot: Robot, arms: Sequence[Arm], q_robot: Array) -> None:
@@ -24,7 +24,7 @@ def warm_up(robot: Robot, arms: Sequence[Arm], q_robot: Array) -> None:
         q_robot: (nq,) any configuration of the robot.
 
     Raises:
-        PracticeError: a stage was not passed.
+        WarmupError: a stage was not passed.
         PlacementPlannerError: robot or arms are unusable.
     """
     load_kernels()
@@ -39,7 +39,7 @@ def load_kernels() -> None:
     """Load what every stage of a search needs, once in a process; before that was kept, pass all.
 
     Raises:
-        PracticeError: a stage was not passed.
+        WarmupError: a stage was not passed.
     """
     if not load_passed():
         pass_every_stage()

@@ -1,7 +1,7 @@
 """Compile all kernels in processes of their own, before anybody waits for one.
 
 A process that compiles keeps what the compiler took, for its life, and compiles on one core only.
-Two processes begin with different stages of `Practice` and keep each kernel on disk as it is done,
+Two processes begin with different stages of `KnownTask` and keep each kernel on disk as it is done,
 where the other finds it. Both end where the process that began them does.
 """
 
@@ -20,9 +20,9 @@ from typing import IO
 from placement_planner_ros.core.disk_cache import cache_folder
 from placement_planner_ros.core.kernel_cache import claim_versions
 from placement_planner_ros.core.kernels import not_kept
-from placement_planner_ros.core.practice.passing import load_passed, pass_every_stage
-from placement_planner_ros.core.practice.practice import Practice
 from placement_planner_ros.core.stopping import step
+from placement_planner_ros.core.warmup.known_task import KnownTask
+from placement_planner_ros.core.warmup.passing import load_passed, pass_every_stage
 
 _LOOK = 0.5
 """Seconds between looks at how far the processes are."""
@@ -38,8 +38,8 @@ _SPARING = {
 """For each process: one core, and no colours in what numba tells itself of what did not fit."""
 
 _ORDERS = (
-    (Practice.reach, Practice.carry, Practice.collision, Practice.swept),
-    (Practice.distances,),
+    (KnownTask.reach, KnownTask.carry, KnownTask.collision, KnownTask.swept),
+    (KnownTask.distances,),
 )
 """The stages that each process begins with: the robot's and the scene's take as long as each other.
 

@@ -21,24 +21,24 @@ from placement_planner_ros.core.disk_cache import (
     unsealed,
 )
 from placement_planner_ros.core.kernels import forget_all, version_of_kernels
-from placement_planner_ros.core.practice.practice import Practice
+from placement_planner_ros.core.warmup.known_task import KnownTask
 
 _CORE = Path(__file__).parents[1]
 _NAME = kernel_cache.__name__.removesuffix("kernel_cache")
 
 
-def pass_every_stage(first: Sequence[Callable[[Practice], None]] = ()) -> None:
-    """Solve the practice task, and keep on disk which kernels are there then.
+def pass_every_stage(first: Sequence[Callable[[KnownTask], None]] = ()) -> None:
+    """Solve the known task, and keep on disk which kernels are there then.
 
     Args:
-        first: as `Practice.solve` says.
+        first: as `KnownTask.solve` says.
 
     Raises:
-        PracticeError: a stage was not passed.
+        WarmupError: a stage was not passed.
     """
     path = _path()  # of the code that was loaded, should it change meanwhile
     with bypassed():
-        Practice().solve(first)
+        KnownTask().solve(first)
     if path is not None:
         with contextlib.suppress(OSError):  # the next process solves it too
             kernel_cache.write_whole(path, sealed(kernel_cache.versions(_NAME), path.name))

@@ -26,7 +26,6 @@ from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.objective.objective import ObjectiveContext, gradient
 from placement_planner_ros.core.planner import SAMPLERS, PlacementPlanner, PlannerSettings
-from placement_planner_ros.core.practice.robot import START, practice_robot
 from placement_planner_ros.core.problem import Problem, workspace
 from placement_planner_ros.core.reach.ik import InverseKinematics
 from placement_planner_ros.core.reach.kinematics import Chain
@@ -42,28 +41,29 @@ from placement_planner_ros.core.scene.visibility import View
 from placement_planner_ros.core.stability.protrusions import Protrusions
 from placement_planner_ros.core.swept.space import Stretch, SweptSpace
 from placement_planner_ros.core.types import LEVEL, Array, Placement, TargetVolume
+from placement_planner_ros.core.warmup.known_robot import START, known_robot
 from placement_planner_ros.core.wishes.settings import TurnSettings
 
 SAMPLES = 4000
 """Samples within which a task must be solved, or be known to be hopeless."""
 
 
-class PracticeError(PlacementPlannerError):
+class WarmupError(PlacementPlannerError):
     """A stage of the search was not passed."""
 
     code = "INTERNAL"
 
 
-class Practice:
+class KnownTask:
     """The task, and the stages of a search over it; each makes what it needs of those before."""
 
     def __init__(self) -> None:
-        self._robot, self._arm = practice_robot()
+        self._robot, self._arm = known_robot()
         self._q = self._robot.with_positions(np.zeros(self._robot.model.nq), START)
         self._moving = MovingArm(self._robot, self._arm, self._q)
         self._box = _body(trimesh.creation.box((0.06, 0.06, 0.1)))
 
-    def solve(self, first: Sequence[Callable[[Practice], None]] = ()) -> None:
+    def solve(self, first: Sequence[Callable[[KnownTask], None]] = ()) -> None:
         """Pass all stages.
 
         Args:
@@ -71,7 +71,7 @@ class Practice:
                 compile different kernels.
 
         Raises:
-            PracticeError: a stage was not passed.
+            WarmupError: a stage was not passed.
         """
         for stage in first:
             stage(self)
@@ -174,7 +174,7 @@ class Practice:
         wanted = 2 if settings.sampler == SAMPLERS[0] else 1
         found = list(islice(_bounded(planner), wanted))
         if not found or found[-1].retreat is None:
-            raise PracticeError("practice", settings.sampler, f"found nothing: {planner.explain()}")
+            raise WarmupError("warmup", settings.sampler, f"found nothing: {planner.explain()}")
         planner.explain()
 
     def _search_in_vain(self) -> None:
@@ -189,16 +189,16 @@ class Practice:
             objective = make_objective("maximize_clearance", context)
             planner = PlacementPlanner(there, objective, PlannerSettings(), _rng())
             if any(_bounded(planner)):
-                raise PracticeError("practice", name, "something was placed where nothing can be")
+                raise WarmupError("warmup", name, "something was placed where nothing can be")
             planner.explain()
 
 
 STAGES = (
-    Practice.reach,
-    Practice.collision,
-    Practice.distances,
-    Practice.swept,
-    Practice.carry,
+    KnownTask.reach,
+    KnownTask.collision,
+    KnownTask.distances,
+    KnownTask.swept,
+    KnownTask.carry,
 )
 """What only some searches need."""
 

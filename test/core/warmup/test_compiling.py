@@ -12,14 +12,14 @@ from numba.core import config
 
 from placement_planner_ros.core.disk_cache import cache_folder
 from placement_planner_ros.core.kernels import not_kept
-from placement_planner_ros.core.practice import compiling
-from placement_planner_ros.core.practice.compiling import (
+from placement_planner_ros.core.stopping import StoppedError, stoppable
+from placement_planner_ros.core.warmup import compiling
+from placement_planner_ros.core.warmup.compiling import (
     CompilationError,
     CompilationProgress,
     compile_kernels,
 )
-from placement_planner_ros.core.stopping import StoppedError, stoppable
-from placement_planner_ros.core.warmup import load_kernels
+from placement_planner_ros.core.warmup.warm_up import load_kernels
 
 A_KERNEL = "check_states"
 
@@ -53,7 +53,7 @@ def compiling_caches():
     return kernels._KERNELS
 
 
-def test_the_practice_calls_every_kernel(all_kept):
+def test_the_known_task_calls_every_kernel(all_kept):
     assert not_kept()[0] == []
 
 
@@ -73,7 +73,7 @@ def test_nothing_is_begun_where_nothing_is_missing(all_kept, monkeypatch):
 
 UNLOADABLE = """
 from placement_planner_ros.core.disk_cache import TROUBLES
-from placement_planner_ros.core.practice import compiling
+from placement_planner_ros.core.warmup import compiling
 
 TROUBLES.listen(print)
 compiling._run = lambda errors, look: look()  # compiles nothing

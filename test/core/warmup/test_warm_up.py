@@ -23,7 +23,7 @@ from placement_planner_ros.core.planner import PlacementPlanner
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.scene.visibility import View
 from placement_planner_ros.core.types import TargetVolume
-from placement_planner_ros.core.warmup import warm_up
+from placement_planner_ros.core.warmup.warm_up import warm_up
 from placement_planner_ros.scenes.yumi import start_configuration
 from placement_planner_ros.scenes.clouds import complete_cloud
 from placement_planner_ros.scenes.objects import object_by_name
