@@ -191,7 +191,6 @@ def test_an_objective_of_ones_own_is_used_by_library_and_node(planner, example, 
 
 
 def test_a_robot_of_ones_own_could_plan(monkeypatch, capsys):
-    monkeypatch.setattr(reach, "SECONDS", 0.05)
     monkeypatch.setattr(reach, "POSES", 20)
     try:
         package_share("example-robot-data")
@@ -204,8 +203,9 @@ def test_a_robot_of_ones_own_could_plan(monkeypatch, capsys):
 def test_every_example_is_run_here():
     here = Path(__file__).read_text()
     library = (Path(__file__).parents[1] / "test_library.py").read_text()
+    scene = (Path(__file__).parent / "test_planning_scene.py").read_text()
     for file in EXAMPLES.iterdir():
-        assert f'"{file.name}"' in here + library, file.name
+        assert f'"{file.name}"' in here + library + scene, file.name
 
 
 @pytest.mark.parametrize("kind", ["pcd", "pcd binary", "pcd compressed", "csv", "npy"])

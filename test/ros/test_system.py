@@ -197,10 +197,15 @@ def test_a_signal_ends_the_node_cleanly(ros_module, tmp_path, signals):
     assert "Traceback" not in log.read_text()
 
 
-def test_a_bad_parameter_at_start_up_is_named(tmp_path):
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        ("sampler:=magic", "sampler = 'magic': choose one of optimistic, mcts, uniform"),
+        ("cloud_topics:=['no topic']", "no topic"),
+    ],
+)
+def test_a_bad_parameter_at_start_up_is_named(tmp_path, value, said):
     log = tmp_path / "node.log"
-    given = ("-p", "sampler:=magic", "-p", "cloud_topics:=['no topic']")
-    assert start_node(log, *given).wait(120.0) != 0
-    assert "sampler = 'magic': choose one of optimistic, mcts, uniform" in log.read_text()
-    assert "no topic" in log.read_text()
+    assert start_node(log, "-p", value).wait(120.0) != 0
+    assert said in log.read_text()
     assert "Traceback" not in log.read_text()
