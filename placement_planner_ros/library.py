@@ -83,7 +83,7 @@ def plan(
     _require((PlannerSettings, type(None)), "settings", settings, "PlannerSettings")
     moving = [joint for arm in arms for joint in arm.joints]
     q = _configuration(robot, q_start, moving)
-    robot.require_plausible(q, moving)
+    robot.require_plausible(q, [joint for arm in arms for joint in arm.used_joints])
     robot = robot.standing_at(q)  # the same one for the same q, so that nothing is made twice
     if not (isinstance(time_limit, Real) and time_limit > 0.0):
         raise ParameterError("time_limit", time_limit, "give seconds above 0, or math.inf")

@@ -228,8 +228,8 @@ class PlacementPlanner:
     ) -> None:
         self._settings = settings
         settings.wishes.require_consistent()
-        moving = [joint for arm in problem.arms for joint in arm.joints]
-        problem.robot.require_plausible(problem.q_start, moving)
+        used = [joint for arm in problem.arms for joint in arm.used_joints]
+        problem.robot.require_plausible(problem.q_start, used)
         unwound = problem.robot.unwound(problem.q_start)
         self._turned = {arm.name: (problem.q_start - unwound)[arm.q_index] for arm in problem.arms}
         before = problem.environment

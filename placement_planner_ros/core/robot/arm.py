@@ -78,6 +78,11 @@ class Arm:
         return hash(self._content)
 
     @property
+    def used_joints(self) -> tuple[str, ...]:
+        """Its joints and those of its hand."""
+        return (*self.joints, *self.gripper_joints)
+
+    @property
     def _content(self) -> tuple[Hashable, ...]:
         return (
             self.name,

@@ -151,9 +151,8 @@ def _standing(
     """
     require_assumed(robot, parameters)
     timeout, rest_speed = parameters["joint_state_timeout"], parameters["rest_speed"]
-    moved = {joint for arm in arms for joint in arm.joints}
-    matter = moved.union(*(robot.joints_to(arm.tip_frame) for arm in arms))
-    matter.update(*(arm.gripper_joints for arm in arms))
+    used = {joint for arm in arms for joint in arm.used_joints}
+    matter = used.union(*(robot.joints_to(arm.tip_frame) for arm in arms))
     matter |= inputs.joints_to_sensors(robot, parameters)
     try:
         assumed = parameters.assumed_joints
@@ -162,7 +161,7 @@ def _standing(
         if inputs.robot.is_given:
             raise
         raise JointStateError("robot_description", "none has come", BUNDLED) from error
-    robot.require_plausible(q, moved)
+    robot.require_plausible(q, used)
     within = robot.within_limits(q, parameters["start_limit_tolerance"])
     notes = [
         f"{words}: taken to be at the limit, as it is no further beyond than start_limit_tolerance"

@@ -75,7 +75,7 @@ def test_all_are_read_with_their_notes(problems):
     assert len(problems) == 40
     for problem in problems.values():
         assert problem.primitives
-        assert len(problem.notes) == 2
+        assert len(problem.notes) == 1
         assert all("finger" in n and "0.065" in n and "beyond" in n for n in problem.notes)
 
 

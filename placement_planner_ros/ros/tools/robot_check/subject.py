@@ -88,8 +88,8 @@ def read_subject(
             "arms: none is named; set arms and, of each, tip_frame and grasps; tip_frame such as "
         )
         findings.wrong(words + _proposed(robot))
-    moved = [joint for arm in arms for joint in arm.joints] or robot.joint_names
-    findings.attempt(lambda: robot.require_plausible(q, moved))
+    used = [joint for arm in arms for joint in arm.used_joints] or robot.joint_names
+    findings.attempt(lambda: robot.require_plausible(q, used))
     findings.attempt(lambda: require_links(standing, parameters))
     ends = [arm.tip_frame for arm in arms]
     ends += [f for f in parameters["sensor_frames"] if standing.model.existFrame(f)]
