@@ -11,7 +11,6 @@ import time
 import traceback
 from collections.abc import Sequence
 
-import pinocchio as pin
 import rclpy
 import viser
 from rclpy.executors import SingleThreadedExecutor
@@ -25,7 +24,7 @@ from placement_planner_ros.ros.spinning import hand_out
 from placement_planner_ros.view.controls import Controls
 from placement_planner_ros.view.listening import Listener
 from placement_planner_ros.view.options import own_and_ros, parser
-from placement_planner_ros.view.page import Page, solution_shown
+from placement_planner_ros.view.page import Page
 from placement_planner_ros.view.world import World
 
 NICE = 19
@@ -53,11 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     conversation = Session(node, options.planner) if options.control else None
     listener = Listener(node, options.planner, conversation)
     transforms = Transforms(node)
-
-    def transform(target: str, source: str) -> pin.SE3 | None:
-        return transforms.pose(target, source)
-
-    page = Page(server, listener, World(listener, transform))
+    page = Page(server, listener, World(listener, transforms.pose))
     controls = None
     if conversation is not None:
         controls = Controls(
@@ -66,7 +61,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             conversation,
             listener.planner,
             lambda: page.record.run,
-            lambda: solution_shown(page),
+            lambda: page.solution,
         )
     executor, over = SingleThreadedExecutor(), threading.Event()
     executor.add_node(node)

@@ -70,12 +70,12 @@ class Listener:
         self._node = node
         self._group = MutuallyExclusiveCallbackGroup()
         self.planner = node.resolve_service_name(planner)
-        if conversation is None:
-            self.news = News()
-            self.hearing = Subscriptions(node, planner, self._group, self.news)
-        else:
-            self.news, self.hearing = conversation.news, conversation.hearing
-        self.parameters = NodeParameters(node, self.planner, self._group, self.news.tell)
+        self.hearing = (
+            Subscriptions(node, planner, self._group, News())
+            if conversation is None
+            else conversation.hearing
+        )
+        self.parameters = NodeParameters(node, self.planner, self._group)
         self.watched = True
         self.positions: dict[str, float] = {}
         self.clouds: dict[str, ThinCloud] = {}
@@ -109,9 +109,7 @@ class Listener:
         present = self._node.count_publishers(f"{self.planner}/status") > 0
         if present and not self._present:
             self.parameters.ask_again()
-        if present is not self._present:
-            self._present = present
-            self.news.tell()
+        self._present = present
         self.parameters.look()
         if not present:
             return
@@ -174,19 +172,15 @@ class Listener:
     def _take_description(self, message: String) -> None:
         if _URDF in message.data:  # the node's other string is the SRDF
             self.description = message.data
-            self.news.tell()
 
     def _take_object(self, message: Mesh) -> None:
         self.object = message
-        self.news.tell()
 
     def _take_markers(self, message: MarkerArray) -> None:
         self.markers = message
-        self.news.tell()
 
     def _take_occupancy(self, message: PointCloud2) -> None:
         self.occupancy = message
-        self.news.tell()
 
     def _fault(self, topic: str, words: str) -> None:
         with self._lock:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 from rcl_interfaces.msg import ParameterEvent
@@ -26,15 +25,12 @@ class NodeParameters:
 
     Args:
         planner: full name of the planning node.
-        changed: called when there are new ones.
     """
 
-    def __init__(
-        self, node: Node, planner: str, group: CallbackGroup, changed: Callable[[], None]
-    ) -> None:
+    def __init__(self, node: Node, planner: str, group: CallbackGroup) -> None:
         self.values: dict[str, Any] = {}
         self.count = 0
-        self._planner, self._changed = planner, changed
+        self._planner = planner
         self._wanted, self._waited = True, 0
         self._list = node.create_client(
             ListParameters, f"{planner}/list_parameters", callback_group=group
@@ -86,6 +82,5 @@ class NodeParameters:
                 for name, value in zip(names, response.values, strict=False)
             }
             self.count += 1
-            self._changed()
 
         self._get.call_async(GetParameters.Request(names=names)).add_done_callback(got)

@@ -1,4 +1,4 @@
-"""The clearance objective over the regions, estimated from what the node publishes.
+"""The clearance objective over the regions in colours, estimated from what the node publishes.
 
 C(x) is the mean distance from the object's points to what stands around, sideways and upwards, at
 most 0.5 m; what ends below a point does not count for it. The node publishes the middles of its
@@ -18,6 +18,9 @@ from scipy.ndimage import distance_transform_edt
 from scipy.spatial import ConvexHull, Delaunay, QhullError
 
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.view import colours
+from placement_planner_ros.view.record import Improvement
+from placement_planner_ros.view.world import Itself, Surface, World, pose_of
 
 CAP = 0.5
 """m, the greatest distance that counts."""
@@ -28,6 +31,8 @@ _SQUARE = 0.02
 """m, the side of the squares for each of which one distance is taken."""
 AGREES = 0.05
 """m by which the estimate and ξ as published may differ for the estimate to be shown."""
+_KNOWN = {"maximize_clearance", "minimize_clearance"}
+"""Objectives that are estimated."""
 
 
 def inner_points(vertices: Array) -> Array:
@@ -148,3 +153,63 @@ def sign_that_agrees(estimate: float, objective: float) -> int:
         if abs(sign * estimate - objective) <= AGREES:
             return sign
     return 0
+
+
+class RegionColours:
+    """Estimates the clearance objective over the regions.
+
+    Attributes:
+        ends: the least and the greatest ξ of the newest estimate; None where there is none.
+    """
+
+    def __init__(self) -> None:
+        self.ends: tuple[float, float] | None = None
+        self._inner: tuple[Array, Array] = (np.zeros((0, 3)), np.zeros((0, 3)))
+        self._layers: tuple[object, ObstacleLayers] | None = None
+
+    def of(
+        self,
+        pieces: Array,
+        best: Improvement | None,
+        surface: Surface | None,
+        obstacles: Array,
+        volume: Array,
+        world: World,
+    ) -> npt.NDArray[np.uint8] | None:
+        """(n, 3) colours of the pieces (n, 4, 3), the object being turned as in the best placement.
+
+        None where another objective is sought, or what is estimated of the best placement is not
+        what the node says of it.
+        """
+        self.ends = None
+        if best is None or surface is None or best.solution.terms:
+            return None
+        if len(pieces) == 0 or len(volume) == 0:
+            return None
+        if world.parameter("objective", "") not in _KNOWN:
+            return None
+        T = pose_of(best.solution.pose.pose)
+        if self._inner[0] is not surface[0]:
+            self._inner = surface[0], inner_points(surface[0])
+        points = self._inner[1]
+        beyond = CAP if world.parameter("clearance.beyond_volume", True) else 0.0
+        size = float(world.parameter("cloud.cell_size", 0.01))
+        key = (Itself(obstacles), volume.tobytes(), size, beyond)
+        if self._layers is None or self._layers[0] != key:
+            self._layers = key, ObstacleLayers.of(obstacles, size, volume, beyond)
+        places = np.vstack([pieces.mean(axis=1), _foot(surface[0], points, T)])
+        values = estimated_clearance(places, T, points, self._layers[1])
+        sign = sign_that_agrees(float(values[-1]), best.solution.objective)
+        if sign == 0:
+            return None
+        values = sign * values[:-1]
+        low, high = float(values.min()), float(values.max())
+        self.ends = low, high
+        return colours.scale((values - low) / max(high - low, 1e-6))
+
+
+def _foot(vertices: Array, points: Array, T: pin.SE3) -> Array:
+    """(1, 3) below the middle of the object at T, where it stands."""
+    placed = vertices @ T.rotation.T + T.translation
+    inside = points @ T.rotation.T + T.translation
+    return np.array([[*inside[:, :2].mean(axis=0), placed[:, 2].min()]])

@@ -18,18 +18,15 @@ from placement_planner_ros.core.types import Array
 from placement_planner_ros.joint_curve import JointCurve
 from placement_planner_ros.view import charts, words
 from placement_planner_ros.view.camera import FirstView, first_view
-from placement_planner_ros.view.drawn_markers import DrawnMarkers
-from placement_planner_ros.view.itself import Itself
+from placement_planner_ros.view.drawn_markers import DrawnMarkers, cut_rectangles
 from placement_planner_ros.view.listening import Listener
+from placement_planner_ros.view.objective_map import RegionColours
 from placement_planner_ros.view.panel import Panel
 from placement_planner_ros.view.playback import Playback
-from placement_planner_ros.view.poses import pose_of
 from placement_planner_ros.view.record import Improvement, RunRecord
-from placement_planner_ros.view.region_colours import RegionColours
-from placement_planner_ros.view.regions import pieces
 from placement_planner_ros.view.stage import Stage
 from placement_planner_ros.view.thinning import thinned
-from placement_planner_ros.view.world import World
+from placement_planner_ros.view.world import Itself, World, pose_of
 
 IDLE, SEARCHING, PLAYING, UNWATCHED = 0.1, 0.2, 0.05, 0.25
 """Seconds between looks; beside a search, which needs the processor; between moments of a motion;
@@ -77,6 +74,11 @@ class Page:
         self._view: FirstView | None = None
         self._coloured_at = -math.inf
         self._looked_at = time.monotonic()
+
+    @property
+    def solution(self) -> Solution | None:
+        """The solution that is looked at."""
+        return None if self.shown is None else self.shown.solution
 
     def refresh(self) -> float:
         """Show what is new; seconds until that is due again.
@@ -284,7 +286,7 @@ class Page:
         if self._is_new("regions heard", Itself(self._markers)) and self._is_new(
             "cut", self._markers.regions.tobytes()
         ):
-            self._pieces = pieces(self._markers.regions)
+            self._pieces = cut_rectangles(self._markers.regions)
         scene = (Itself(self._pieces), Itself(self._obstacles), Itself(surface), best is None)
         now = time.monotonic()
         # Another placement of the run only turns the object, which is worth no haste.
@@ -353,7 +355,7 @@ class Page:
         self._panel.write(
             heading=words.heading(record, self._listener.absent),
             placement=words.placement(
-                None if shown is None else shown.solution,
+                self.solution,
                 last,
                 reason,
                 self._world.parameter("objective", ""),
@@ -417,8 +419,3 @@ def _way(message: JointTrajectory) -> JointCurve | None:
     if not np.isfinite(positions).all() or (np.diff(times) < 0.0).any():
         raise ValueError("its points are not finite, or not in order")
     return JointCurve(tuple(message.joint_names), times, positions)
-
-
-def solution_shown(page: Page) -> Solution | None:
-    """The solution that is looked at."""
-    return None if page.shown is None else page.shown.solution

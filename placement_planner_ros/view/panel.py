@@ -56,7 +56,9 @@ class Panel:
             for name, words in LAYERS.items():
                 self._boxes[name] = gui.add_checkbox(words, name not in _HIDDEN)
                 show(name, name not in _HIDDEN)
-                self._boxes[name].on_update(_showing(show, name))
+                self._boxes[name].on_update(
+                    lambda event, name=name: show(name, bool(event.target.value))
+                )
         self._play.on_click(self._toggle)
 
     def _toggle(self, _: object) -> None:
@@ -122,10 +124,3 @@ class Panel:
             if self._shown.get(name) != html:
                 self._shown[name] = html
                 getattr(self, f"_{name}").content = html
-
-
-def _showing(show: Callable[[str, bool], None], name: str) -> Callable[[Any], None]:
-    def update(event: Any) -> None:
-        show(name, bool(event.target.value))
-
-    return update

@@ -47,8 +47,8 @@ class RunRecord:
         status: Status,
         solution_of: Callable[[int, int], Solution | None],
         positions: Mapping[str, float],
-    ) -> bool:
-        """Take the newest status and whatever it counts that has come; whether that is news.
+    ) -> None:
+        """Take the newest status and whatever it counts that has come.
 
         A node that was started again counts its runs on; a run of another number, whichever, is
         another run.
@@ -57,7 +57,6 @@ class RunRecord:
             solution_of: that solution of that run, once all of it has been heard.
             positions: of the joints now.
         """
-        news = self.status is not status
         self.status = status
         if status.run != self.run:
             self.run, self.improvements = status.run, {}
@@ -70,12 +69,10 @@ class RunRecord:
                 self.improvements[number] = Improvement(found, dict(positions))
                 # The run has gone on for so long at least, however late the page was opened.
                 self._began = min(self._began, time.monotonic() - found.search_time)
-                news = True
         while len(self.improvements) > MOST:
             del self.improvements[next(iter(self.improvements))]
         if status.ended and self._ended is None:
             self._ended = time.monotonic()
-        return news
 
     @property
     def best(self) -> Improvement | None:

@@ -17,7 +17,6 @@ class ShownRobot:
     """A robot's links and their shapes; nothing of what planning needs.
 
     Attributes:
-        name: of the robot.
         root: its root link.
         joints: movable joints that mimic no other.
         shapes: of the links that can be drawn, not too fine to be drawn quickly.
@@ -38,7 +37,6 @@ class ShownRobot:
         self._mimics = {
             name: joint.mimic for name, joint in description.joints.items() if joint.mimic
         }
-        self.name = str(self._model.name)
         self.root = str(self._model.frames[1].name)
         self._links = {
             str(frame.name): index

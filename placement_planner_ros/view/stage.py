@@ -14,7 +14,6 @@ import viser
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.view import colours
 from placement_planner_ros.view.camera import FIELD_OF_VIEW
-from placement_planner_ros.view.poses import wxyz
 from placement_planner_ros.view.robot_shapes import LinkShape
 from placement_planner_ros.view.world import Surface
 
@@ -142,7 +141,7 @@ class Stage:
             "/earlier/all",
             vertices=vertices.astype(np.float32),
             faces=triangles.astype(np.uint32),
-            batched_wxyzs=np.array([wxyz(T) for T in poses]),
+            batched_wxyzs=np.array([_wxyz(T) for T in poses]),
             batched_positions=np.array([T.translation for T in poses]),
             batched_colors=np.array(colours.EARLIER, np.uint8),
             opacity=0.2,
@@ -259,15 +258,20 @@ def _mesh(
         flat_shading=True,
         side="double",
         position=tuple(T.translation),
-        wxyz=wxyz(T),
+        wxyz=_wxyz(T),
     )
+
+
+def _wxyz(T: pin.SE3) -> Array:
+    """(4,) the rotation as a quaternion, real part first."""
+    return np.roll(pin.SE3ToXYZQUAT(T)[3:], 1)
 
 
 def _move(handles: Mapping[str, Any], poses: Mapping[str, pin.SE3]) -> None:
     for name, handle in handles.items():
         T = poses.get(name)
         if T is not None:
-            handle.position, handle.wxyz = T.translation, wxyz(T)
+            handle.position, handle.wxyz = T.translation, _wxyz(T)
 
 
 def _plain(topic: str) -> str:

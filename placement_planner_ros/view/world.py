@@ -2,26 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
+from geometry_msgs.msg import Pose
 
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.meshes.read import read_mesh
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.ros.inputs.resources import Files, description_text
 from placement_planner_ros.share import share_path
-from placement_planner_ros.view.itself import Itself
 from placement_planner_ros.view.listening import Listener
-from placement_planner_ros.view.poses import pose_of_numbers
 from placement_planner_ros.view.robot import ShownRobot
 from placement_planner_ros.view.thinning import ThinCloud, moved
 
 Surface = tuple[Array, npt.NDArray[np.int64]]
 """Vertices (n, 3) and triangles (t, 3)."""
+
+
+class Itself:
+    """A thing that is the same as nothing but itself, kept: the `id` of one that is gone may be
+    that of the next.
+
+    Args:
+        thing: what is kept.
+    """
+
+    def __init__(self, thing: object) -> None:
+        self._thing = thing
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Itself) and self._thing is other._thing
+
+    def __hash__(self) -> int:
+        return id(self._thing)
 
 
 class World:
@@ -50,11 +67,6 @@ class World:
         """The planning frame."""
         named = str(self._parameters.get("planning_frame", ""))
         return named or ("" if self.robot is None else self.robot.root)
-
-    @property
-    def arms(self) -> list[str]:
-        """Names of the arms that could be holding the object."""
-        return list(self._parameters.get("arms", []))
 
     @property
     def _parameters(self) -> Mapping[str, Any]:
@@ -122,10 +134,10 @@ class World:
             elif message is not None:
                 corners = np.array([(p.x, p.y, p.z) for p in message.vertices])
                 faces = np.array([t.vertex_indices for t in message.triangles], np.int64)
-                self.object = _surface(corners * scale, faces)
+                self.object = _checked_surface(corners * scale, faces)
             elif vertices and triangles:
                 corners, faces = np.array(vertices, np.float64), np.array(triangles, np.int64)
-                self.object = _surface(corners * scale, faces)
+                self.object = _checked_surface(corners * scale, faces)
             elif mesh:
                 corners, faces = read_mesh(self._files.find(mesh, trusted=True))
                 self.object = corners * scale, faces
@@ -154,7 +166,7 @@ class World:
     def held(self, poses: Mapping[str, pin.SE3]) -> list[pin.SE3]:
         """T_planning_object in the first grasp of each arm that could hold it."""
         found = []
-        for arm in self.arms:
+        for arm in self.parameter("arms", []):
             tip, grasps = self.tip(arm), self.parameter(f"{arm}.grasps", [])
             if tip in poses and len(grasps) >= 7:
                 found.append(poses[tip] * pose_of_numbers(grasps[:7]))
@@ -187,7 +199,30 @@ class World:
         return moved(cloud.points, T), ""
 
 
-def _surface(vertices: Array, triangles: npt.NDArray[np.int64]) -> Surface:
+def pose_of_numbers(values: Sequence[float]) -> pin.SE3:
+    """A pose from x y z qx qy qz qw; the quaternion need not be of unit length.
+
+    Raises:
+        ValueError: it is none.
+    """
+    numbers = np.array(values, dtype=np.float64)
+    if numbers.shape != (7,) or not np.isfinite(numbers).all() or not numbers[3:].any():
+        raise ValueError(f"{list(values)} is no pose")
+    numbers[3:] /= np.linalg.norm(numbers[3:])
+    return pin.XYZQUATToSE3(numbers)
+
+
+def pose_of(message: Pose) -> pin.SE3:
+    """A pose from a message.
+
+    Raises:
+        ValueError: it is none.
+    """
+    p, r = message.position, message.orientation
+    return pose_of_numbers([p.x, p.y, p.z, r.x, r.y, r.z, r.w])
+
+
+def _checked_surface(vertices: Array, triangles: npt.NDArray[np.int64]) -> Surface:
     """A surface of coordinates and indices in any shape.
 
     Raises:

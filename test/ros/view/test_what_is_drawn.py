@@ -17,6 +17,7 @@ from placement_planner_ros.scenes.yumi import START_CONFIGURATION, TIP_FRAMES, l
 from placement_planner_ros.share import share_path
 from placement_planner_ros.view.camera import first_view
 from placement_planner_ros.view.coarsening import coarse_enough
+from placement_planner_ros.view.drawn_markers import cut_rectangles, region_rectangles
 from placement_planner_ros.view.objective_map import (
     ObstacleLayers,
     estimated_clearance,
@@ -24,7 +25,6 @@ from placement_planner_ros.view.objective_map import (
     sign_that_agrees,
 )
 from placement_planner_ros.view.playback import Playback
-from placement_planner_ros.view.regions import pieces, rectangles
 from placement_planner_ros.view.robot import ShownRobot
 from placement_planner_ros.view.robot_shapes import LinkShape
 from placement_planner_ros.view.thinning import thinned
@@ -192,13 +192,13 @@ def test_a_malformed_cloud_is_refused(spoil):
 
 def test_regions_are_cut_into_pieces_that_cover_them():
     a, b, c, d = np.array([(0, 0, 1), (0.1, 0, 1), (0.1, 0.05, 1), (0, 0.05, 1)], float)
-    found = rectangles(np.array([a, b, c, a, c, d]))
+    found = region_rectangles(np.array([a, b, c, a, c, d]))
     assert found == pytest.approx(np.array([[a, b, c, d]]))
-    cut = pieces(found)
+    cut = cut_rectangles(found)
     sides = np.ptp(cut, axis=1)
     assert sides[:, :2].max() <= 0.02 + 1e-9
     assert sides[:, :2].prod(axis=1).sum() == pytest.approx(0.1 * 0.05)
-    assert len(pieces(np.zeros((0, 4, 3)))) == 0
+    assert len(cut_rectangles(np.zeros((0, 4, 3)))) == 0
 
 
 def test_the_estimate_is_the_planners_clearance_but_for_a_cell_or_two():
