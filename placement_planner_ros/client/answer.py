@@ -30,14 +30,13 @@ class Answer:
 
     @classmethod
     def of(cls, response: Any) -> Answer:
-        """Of a response to `Trigger` or `SetParametersAtomically`."""
+        """Of a response to `Trigger` or `SetParametersAtomically`: a first line such as
+        `code=OK run=17` and words after it.
+        """
         if hasattr(response, "result"):
-            return cls.read(response.result.successful, response.result.reason)
-        return cls.read(response.success, response.message)
-
-    @classmethod
-    def read(cls, success: bool, text: str) -> Answer:
-        """Of a first line such as `code=OK run=17` and words after it."""
+            success, text = response.result.successful, response.result.reason
+        else:
+            success, text = response.success, response.message
         first, _, words = text.partition("\n")
         values = dict(pair.split("=", 1) for pair in first.split() if "=" in pair)
         return cls(

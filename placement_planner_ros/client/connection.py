@@ -6,7 +6,6 @@ import atexit
 import itertools
 import os
 import threading
-from types import TracebackType
 from typing import Self
 
 import rclpy
@@ -123,10 +122,5 @@ class Connection:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()

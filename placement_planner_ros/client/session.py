@@ -1,8 +1,8 @@
 """The steps of a client's session: calls to the node, and waiting for its answers.
 
-Started is with a time limit of the deadline, so that a run ends by itself where the client is gone;
-else it is the client that ends it. A run that was left, by an exception or because nobody waits any
-more, is stopped.
+A run is started with a time limit of the deadline, so that it ends by itself where the client is
+gone; else it is the client that ends it. A run that was left, by an exception or because nobody
+waits any more, is stopped.
 """
 
 from __future__ import annotations
@@ -182,7 +182,9 @@ class Session:
     def _place(
         self, parameters: Mapping[str, Value], deadline: float, until: Enough | None
     ) -> Steps[Solution]:
-        _require_seconds(deadline)
+        if isinstance(deadline, str | bool) or not deadline >= 0.0:
+            remedy = "give seconds from now on, or math.inf for none"
+            raise ValueError(f"deadline = {deadline!r}: {remedy}")
         end, withdrawals = time.monotonic() + deadline, self._withdrawals
         limit = deadline if math.isfinite(deadline) else 0.0
         while True:
@@ -363,15 +365,6 @@ class Session:
             f"{words} within {within:g} s; has the node died, or the machine too much to "
             "do? Where a callback of this client's node waits, a MultiThreadedExecutor must spin it"
         )
-
-
-def _require_seconds(deadline: float) -> None:
-    """
-    Raises:
-        ValueError: it is no time to come.
-    """
-    if isinstance(deadline, str | bool) or not deadline >= 0.0:
-        raise ValueError(f"deadline = {deadline!r}: give seconds from now on, or math.inf for none")
 
 
 def _begun(started: Future) -> int | None:
