@@ -13,6 +13,7 @@ from std_msgs.msg import Header
 from placement_planner_ros.core.errors import CloudError
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
+from placement_planner_ros.ros.inputs.structured_points import KINDS, structured_points
 
 MAX_POINTS = 5_000_000
 """Points that a cloud may have."""
@@ -20,76 +21,26 @@ MAX_POINTS = 5_000_000
 FAR = 1e6
 """Metres from the sensor beyond which a coordinate is none."""
 
-_TYPES = {PointField.FLOAT32: "f4", PointField.FLOAT64: "f8"}
-
 
 def points_from_message(message: PointCloud2, T_frame_cloud: pin.SE3 | None = None) -> Array:
     """The cloud's finite points, (n, 3) metres in that frame, or in its own without one.
 
-    Fields x, y and z may be float32 or float64, in any order, at any offset, of either byte
-    order, with other fields and padding between points and rows. Points with coordinates that are
-    NaN or beyond `FAR` are left out, and those at the frame's origin, as which some drivers send
-    pixels without a measurement.
+    See `structured_points` for what is read. Points with coordinates that are NaN or beyond `FAR`
+    are left out, and those at the frame's origin, as which some drivers send pixels without a
+    measurement.
 
     Raises:
-        CloudError: a field is missing or of another type, the sizes contradict each other, or it
-            has more than `MAX_POINTS`.
+        CloudError: it cannot be read, or has more than `MAX_POINTS`.
     """
-    fields = {field.name: field for field in message.fields}
-    order = ">" if message.is_bigendian else "<"
-    kinds, offsets = [], []
-    for name in "xyz":
-        if name not in fields:
-            raise CloudError(f"cloud field {name}", sorted(fields), "is missing")
-        field = fields[name]
-        if field.datatype not in _TYPES:
-            raise CloudError(
-                f"cloud field {name}", f"datatype {field.datatype}", "must be float32 or float64"
-            )
-        if field.count > 1:
-            raise CloudError(f"cloud field {name}", f"count {field.count}", "must be 1")
-        size = int(_TYPES[field.datatype][1])
-        if field.offset + size > message.point_step:
-            raise CloudError(
-                f"cloud field {name}",
-                f"offset {field.offset}",
-                f"does not fit into point_step {message.point_step}",
-            )
-        kinds.append(_TYPES[field.datatype])
-        offsets.append(field.offset)
-    width, height = message.width, message.height
-    if width * height == 0:
+    count = message.width * message.height
+    if count > MAX_POINTS:
+        raise CloudError("cloud", f"{count} points", f"it may have {MAX_POINTS}; thin it")
+    view = structured_points(message)
+    if view.size == 0:
         return np.empty((0, 3))
-    if width * height > MAX_POINTS:
-        raise CloudError("cloud", f"{width * height} points", f"it may have {MAX_POINTS}; thin it")
-    if height > 1 and message.row_step < width * message.point_step:
-        raise CloudError(
-            "cloud row_step",
-            message.row_step,
-            f"is less than width {width} times point_step {message.point_step}",
-        )
-    row_step = message.row_step if height > 1 else width * message.point_step
-    needed = (height - 1) * row_step + width * message.point_step
-    if len(message.data) < needed:
-        raise CloudError(
-            "cloud data", f"{len(message.data)} bytes", f"{height} x {width} points need {needed}"
-        )
-    view = np.ndarray(
-        shape=(height, width),
-        dtype=np.dtype(
-            {
-                "names": ["x", "y", "z"],
-                "formats": [order + kind for kind in kinds],
-                "offsets": offsets,
-                "itemsize": message.point_step,
-            }
-        ),
-        buffer=memoryview(message.data),
-        strides=(row_step, message.point_step),
-    )
     T = np.eye(4) if T_frame_cloud is None else T_frame_cloud.homogeneous
-    widest = max(kinds)
-    points = np.empty((height * width, 3))
+    widest = max(view.dtype[name].str[1:] for name in "xyz")
+    points = np.empty((view.size, 3))
     x, y, z = (_column(view[name], widest) for name in "xyz")
     kept = _read(x, y, z, np.ascontiguousarray(T), points)
     return points[:kept]
@@ -97,7 +48,7 @@ def points_from_message(message: PointCloud2, T_frame_cloud: pin.SE3 | None = No
 
 def warm_up() -> None:
     """Compile for both kinds of coordinates, or load."""
-    for kind in _TYPES.values():
+    for kind in KINDS.values():
         column = _column(np.zeros((1, 1), kind), kind)
         _read(column, column, column, np.eye(4), np.empty((2, 3)))
 
