@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +15,10 @@ from benchmarks.situations.situation import Situation
 from placement_planner_ros.core.types import TargetVolume
 from placement_planner_ros.pictures.picture import (
     PLACED,
-    SEE_THROUGH,
     VOLUME,
     box_corners,
-    hiding,
     moved,
+    see_through,
 )
 from placement_planner_ros.pictures.rendering import Mesh, render
 from placement_planner_ros.scenes.objects import object_by_name
@@ -67,10 +65,7 @@ def _draw_panel(axes: Axes, situation: Situation) -> None:
     shown = box_corners(held.min(axis=0) - _AROUND, held.max(axis=0) + _AROUND)
     view = panel_view(axes, shown, _TOWARDS_EYE)
     solids = [Mesh(part.vertices, part.triangles, part.colour) for part in scene.parts]
-    meshes = [
-        replace(mesh, alpha=SEE_THROUGH) if hides else mesh
-        for mesh, hides in zip(solids, hiding(view, vertices, solids), strict=True)
-    ]
+    meshes = see_through(view, vertices, solids)
     image = render(view, [*meshes, Mesh(vertices, thing.triangles, colour)])
     show_image(axes, view, image, volume)
 

@@ -15,6 +15,7 @@ from markdown_it import MarkdownIt
 from PIL import Image
 
 from benchmarks.cases import Case, case_label
+from benchmarks.drawing.panels import draw_solution
 from benchmarks.evaluation.comparisons import REFERENCE, compare
 from benchmarks.evaluation.figures import draw_by_scene, draw_differences, draw_overall
 from benchmarks.evaluation.results import EvaluationResults, RunEntry
@@ -32,7 +33,7 @@ from benchmarks.scaling.growth import growths
 from benchmarks.scaling.report import draw_scaling, scaling_table
 from benchmarks.text_table import TextTable
 from benchmarks.variants import VARIANTS
-from placement_planner_ros.pictures.picture import draw_placement
+from placement_planner_ros.pictures.picture import robot_meshes
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.scenes import scene_by_name
 from placement_planner_ros.scenes.yumi import load_yumi, start_configuration, yumi_arm
@@ -169,15 +170,12 @@ def _placement_picture(case: Case, record: RunEntry) -> bytes:
     pose = np.array(solution["pose"])
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "placement.png"
-        draw_placement(
+        draw_solution(
             path,
-            robot=robot,
-            q=q,
-            body_vertices=held.vertices,
-            body_triangles=held.triangles,
-            T_world_object=pin.SE3(pose[:, :3], pose[:, 3]),
-            scene=scene_by_name(case.scene),
-            hand_links=arm.touch_links,
+            scene_by_name(case.scene),
+            held,
+            pin.SE3(pose[:, :3], pose[:, 3]),
+            robot_meshes(robot, q, arm.touch_links),
         )
         with Image.open(path) as image:
             small = image.convert("RGB")

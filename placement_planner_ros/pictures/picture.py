@@ -1,4 +1,4 @@
-"""Pictures for people: a placement in its scene, and the objective over time."""
+"""Parts of pictures for people: robots, target volumes, and the objective over time."""
 
 from __future__ import annotations
 
@@ -12,20 +12,13 @@ import numpy.typing as npt
 import pinocchio as pin
 import trimesh
 from matplotlib.axes import Axes
-from matplotlib.patches import Patch
 from scipy.spatial import ConvexHull
 
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.types import Array, TargetVolume
-from placement_planner_ros.pictures.plots import DPI, new_figure
-from placement_planner_ros.pictures.rendering import (
-    Image,
-    Mesh,
-    Viewpoint,
-    render,
-)
+from placement_planner_ros.pictures.plots import new_figure
+from placement_planner_ros.pictures.rendering import Image, Mesh, Viewpoint
 from placement_planner_ros.scenes.primitives import Colour
-from placement_planner_ros.scenes.scenes import Scene
 
 Triangles = npt.NDArray[np.int64]
 
@@ -34,70 +27,8 @@ START: Colour = (0.55, 0.55, 0.60)
 LINK: Colour = (0.88, 0.88, 0.90)
 HAND: Colour = (0.35, 0.36, 0.42)
 VOLUME: Colour = (0.85, 0.15, 0.55)
-_TOWARDS_EYE = (-2.3, 0.62)
-"""Azimuth and elevation, rad: over the robot's right shoulder."""
 SEE_THROUGH = 0.28
-CLOSE_BY = 0.3
-PLATE = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "boxstyle": "round"}
 OVERSAMPLING = 2
-_SIZE = (10.0, 7.5)
-
-
-def draw_placement(
-    path: str | Path,
-    *,
-    robot: Robot,
-    q: Array,
-    body_vertices: Array,
-    body_triangles: Triangles,
-    T_world_object: pin.SE3,
-    scene: Scene,
-    T_world_start: pin.SE3 | None = None,
-    hand_links: Sequence[str] = (),
-    title: str = "",
-) -> None:
-    """Write a PNG: the scene, V, and the robot that has just put the object down.
-
-    The view is over the robot's right shoulder. Whatever part of scene or robot stands between the
-    eye and the object is see-through.
-
-    Args:
-        q: (nq,) final configuration.
-        body_vertices, body_triangles: (n, 3) and (t, 3), the object in its own frame.
-        T_world_start: where the object was at first, drawn as a ghost.
-        hand_links: links in the darker colour, such as an arm's touch links.
-    """
-    placed = moved(body_vertices, T_world_object)
-    links = robot_meshes(robot, q, hand_links)
-    width, height = (int(side * DPI * OVERSAMPLING) for side in _SIZE)
-    view = Viewpoint.around(_shown(placed, scene.volume, links), *_TOWARDS_EYE, width, height)
-    solids = [Mesh(part.vertices, part.triangles, part.colour) for part in scene.parts] + links
-    meshes = [Mesh(placed, body_triangles, PLACED)]
-    for mesh, hides in zip(solids, hiding(view, placed, solids), strict=True):
-        meshes.append(replace(mesh, alpha=SEE_THROUGH) if hides else mesh)
-    if T_world_start is not None:
-        meshes.append(Mesh(moved(body_vertices, T_world_start), body_triangles, START, 0.5))
-    image = render(view, meshes)
-
-    figure = new_figure(*_SIZE, constrained=False)
-    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-    axes.imshow(averaged(image.colours), extent=(0, width, height, 0), interpolation="nearest")
-    axes.set_axis_off()
-    draw_volume(axes, view, image, scene.volume)
-    draw_frame(axes, view)
-    size = " × ".join(f"{side:.2f}" for side in scene.volume.upper - scene.volume.lower)
-    entries = [
-        Patch(color=PLACED, label="placed object"),
-        Patch(color=VOLUME, label=f"target volume, {size} m"),
-    ]
-    if T_world_start is not None:
-        entries.append(Patch(color=START, alpha=0.5, label="object at the start"))
-    axes.legend(handles=entries, loc="upper right", fontsize=10, framealpha=0.9)
-    if title:
-        axes.text(0.02, 0.97, title, transform=axes.transAxes, va="top", fontsize=13, bbox=PLATE)
-    axes.set_xlim(0, width)
-    axes.set_ylim(height, 0)
-    figure.savefig(path)
 
 
 def draw_objective(
@@ -149,15 +80,6 @@ def box_corners(lower: Array, upper: Array) -> Array:
     """(8, 3): bit k of the row says whether coordinate k is the upper one."""
     is_upper = (np.arange(8)[:, None] >> np.arange(3)) & 1
     return np.where(is_upper == 1, upper, lower)
-
-
-def _shown(placed: Array, volume: TargetVolume, links: Sequence[Mesh]) -> Array:
-    """(n, 3) points the picture has to hold: the object, V, and the robot's part close by."""
-    points = np.vstack([placed, box_corners(volume.lower, volume.upper)])
-    low, high = points.min(axis=0) - CLOSE_BY, points.max(axis=0) + CLOSE_BY
-    robot = np.vstack([mesh.vertices for mesh in links])
-    near = ((robot > low) & (robot < high)).all(axis=1)
-    return np.vstack([points, robot[near]])
 
 
 def averaged(colours: Array) -> Array:
@@ -226,6 +148,15 @@ def _primitive(shape: coal.CollisionGeometry) -> trimesh.Trimesh | None:
     return None
 
 
+def see_through(view: Viewpoint, placed: Array, solids: Sequence[Mesh]) -> list[Mesh]:
+    """The solids, translucent those that stand between the eye and the object (n, 3)."""
+    hides = hiding(view, placed, solids)
+    return [
+        replace(solid, alpha=SEE_THROUGH) if hide else solid
+        for solid, hide in zip(solids, hides, strict=True)
+    ]
+
+
 def hiding(view: Viewpoint, placed: Array, solids: Sequence[Mesh]) -> list[bool]:
     """Which solids (their hulls) stand between the eye and the object's corners or centre."""
     targets = np.vstack([placed, placed.mean(axis=0)])
@@ -265,22 +196,3 @@ def _seen(image: Image, line: Array) -> npt.NDArray[np.bool_]:
     u = np.clip(line[:, 0].astype(int), 0, width - 1)
     v = np.clip(line[:, 1].astype(int), 0, height - 1)
     return np.asarray(line[:, 2] < image.depth[v, u] + 2e-3)
-
-
-def draw_frame(axes: Axes, view: Viewpoint) -> None:
-    """The world's directions, 10 cm long, in the lower left corner."""
-    depth = float(np.linalg.norm(view.eye)) or 1.0
-    pixels = np.array([0.09 * view.width, 0.88 * view.height])
-    ray = np.append((pixels - (view.width / 2, view.height / 2)) / view.focal_length, 1.0)
-    origin = view.eye + view.rotation.T @ (ray * depth)
-    for axis, (name, colour) in enumerate(
-        zip("xyz", ("#d62728", "#2ca02c", "#1f77b4"), strict=True)
-    ):
-        tip = origin + 0.1 * np.eye(3)[axis]
-        ends = view.project(np.vstack([origin, tip]))[:, :2]
-        arrow = {"arrowstyle": "->", "color": colour, "linewidth": 2.0, "shrinkA": 0}
-        axes.annotate("", ends[1], ends[0], arrowprops=arrow)
-        u, v = ends[0] + 1.25 * (ends[1] - ends[0])
-        axes.text(float(u), float(v), name, color=colour, fontsize=11, ha="center", va="center")
-    below = float(pixels[1] + 0.05 * view.height)
-    axes.text(float(pixels[0]), below, "arrows: 10 cm", fontsize=9, ha="center", bbox=PLATE)

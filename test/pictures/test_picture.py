@@ -7,7 +7,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from placement_planner_ros.pictures.picture import draw_objective, draw_placement
+from benchmarks.drawing.panels import draw_solution
+from placement_planner_ros.pictures.picture import draw_objective, robot_meshes
 from placement_planner_ros.pictures.rendering import Mesh, Viewpoint, render
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.primitives import box
@@ -70,16 +71,9 @@ def test_a_placement_behind_boards_is_still_seen(tmp_path: Path) -> None:
     scene, thing = scene_by_name("cabinet_high_clutter"), object_by_name("wine_glass")
     robot = load_yumi()
     file = tmp_path / "placement.png"
-    draw_placement(
-        file,
-        robot=robot,
-        q=robot.configuration(START_CONFIGURATION),
-        body_vertices=thing.vertices,
-        body_triangles=thing.triangles,
-        T_world_object=pin.SE3(np.eye(3), np.array([0.6, 0.3, 0.176])),  # under both shelves
-        scene=scene,
-        T_world_start=pin.SE3(np.eye(3), np.array([0.3, 0.0, 0.5])),
-        title="test",
+    T = pin.SE3(np.eye(3), np.array([0.6, 0.3, 0.176]))  # under both shelves
+    draw_solution(
+        file, scene, thing, T, robot_meshes(robot, robot.configuration(START_CONFIGURATION), ())
     )
     red, green, blue = np.moveaxis(matplotlib.image.imread(file)[60:, :, :3], 2, 0)
     assert ((green > red + 0.05) & (green > blue + 0.05)).sum() > 300
