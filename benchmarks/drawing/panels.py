@@ -73,7 +73,7 @@ def show_image(axes: Axes, view: Viewpoint, image: Image, volume: TargetVolume) 
     axes.set_ylim(view.height, 0)
 
 
-def show_legend(figure: Figure, entries: list[Artist]) -> None:
+def show_legend(figure: Figure, entries: Sequence[Artist]) -> None:
     """One row below all panels."""
     figure.legend(handles=entries, loc="lower center", ncols=len(entries), fontsize=8,
                   frameon=False)  # fmt: skip

@@ -11,12 +11,12 @@ import numpy as np
 
 from benchmarks.cases import OBJECTIVES, Case, CaseInputs, build_problem, read_inputs
 from benchmarks.record import Trial, describe_run, run_trial
+from benchmarks.scaling.cluttered_table import cluttered_table
 from benchmarks.variants import VARIANTS
 from benchmarks.yardstick.dense_search import sampled_placements
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.types import TargetVolume
 from placement_planner_ros.scenes.clouds import complete_cloud
-from placement_planner_ros.scenes.cluttered_table import cluttered_table
 
 FACTORS = (1, 2, 4, 8)
 AXES: Mapping[str, str] = {

@@ -17,7 +17,7 @@ from typing import Self
 from placement_planner_ros.demo.errors import DemoError
 
 _ENDS_WITHIN = 10.0
-"""Seconds within which a node that is interrupted ends; after that it is killed."""
+"""Seconds within which a process that is interrupted ends; after that it is killed."""
 _TAIL = 15
 """Lines of its log that are shown where it has died."""
 
@@ -44,10 +44,7 @@ class NodeProcess:
         self._log = log
         command = [*_program(), "--ros-args", "-r", f"__ns:={namespace}", *arguments]
         try:
-            with log.open("wb") as stream:
-                self._process = subprocess.Popen(
-                    command, stdout=stream, stderr=subprocess.STDOUT, start_new_session=True
-                )
+            self._process = start_process(command, log)
         except OSError as error:
             raise DemoError(
                 f"the node cannot be started: {error}",
@@ -83,12 +80,25 @@ class NodeProcess:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._process.send_signal(signal.SIGINT)
-        try:
-            self._process.wait(_ENDS_WITHIN)
-        except BaseException:  # interrupted once more, too: it must not be left running
-            self._process.kill()
-            self._process.wait()
+        end_process(self._process)
+
+
+def start_process(command: list[str], log: Path) -> subprocess.Popen[bytes]:
+    """A process that writes all it says to the log, and that Ctrl-C in the terminal spares."""
+    with log.open("wb") as stream:
+        return subprocess.Popen(
+            command, stdout=stream, stderr=subprocess.STDOUT, start_new_session=True
+        )
+
+
+def end_process(process: subprocess.Popen[bytes]) -> None:
+    """Interrupt it, and kill it where that is not enough."""
+    process.send_signal(signal.SIGINT)
+    try:
+        process.wait(_ENDS_WITHIN)
+    except BaseException:  # interrupted once more, too: it must not be left running
+        process.kill()
+        process.wait()
 
 
 def _program() -> list[str]:

@@ -7,8 +7,6 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
-from geometry_msgs.msg import Pose
 from trajectory_msgs.msg import JointTrajectory
 
 from placement_planner_ros.client import Solution
@@ -24,6 +22,7 @@ from placement_planner_ros.pictures.motion import RecordedMotion
 from placement_planner_ros.pictures.picture import draw_objective
 from placement_planner_ros.pictures.stage_set import StageSet
 from placement_planner_ros.progress import ProgressLine
+from placement_planner_ros.view.poses import pose_of
 
 
 def require_folder(folder: Path) -> None:
@@ -107,7 +106,7 @@ def _motion(setting: Setting, best: Solution) -> RecordedMotion:
         arm,
         setting.q_start,
         arm.grasps[best.grasp],
-        _pose(best.pose.pose),
+        pose_of(best.pose.pose),
         _curve(best.trajectory),
         best.approach_start,
         _curve(retreat) if retreat is not None else None,
@@ -119,8 +118,3 @@ def _curve(message: JointTrajectory) -> JointCurve:
     times = [point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec for point in points]
     positions = np.array([point.positions for point in points])
     return JointCurve(tuple(message.joint_names), np.array(times), positions)
-
-
-def _pose(message: Pose) -> pin.SE3:
-    p, r = message.position, message.orientation
-    return pin.XYZQUATToSE3(np.array([p.x, p.y, p.z, r.x, r.y, r.z, r.w]))

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
-from geometry_msgs.msg import Pose
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from trajectory_msgs.msg import JointTrajectory
@@ -29,6 +28,7 @@ from placement_planner_ros.ros.tools.scene_publisher import ScenePublisher
 from placement_planner_ros.scenes.grasped_object import GraspedObject
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.yumi import start_configuration, yumi_arm
+from placement_planner_ros.view.poses import pose_of
 
 _SHOWN = 2.0
 """Seconds for which the robot is shown at rest before the next run begins, so that the node knows
@@ -138,7 +138,7 @@ class Tour:
             looks,
             CarryOutcome.of(
                 held.center_of_mass,
-                _pose(solution.pose.pose),
+                pose_of(solution.pose.pose),
                 carrying.arrived,
                 places[name],
                 carrying.struck,
@@ -186,7 +186,7 @@ class Tour:
                 held.name,
                 tuple(part.vertices for part in held.parts),
                 held.center_of_mass,
-                _pose(solution.pose.pose),
+                pose_of(solution.pose.pose),
             ),
             self._standing,
             _trajectory(solution.trajectory),
@@ -249,8 +249,3 @@ def _trajectory(message: JointTrajectory) -> Trajectory:
         np.array([p.velocities for p in points]),
         np.array([p.accelerations for p in points]),
     )
-
-
-def _pose(message: Pose) -> pin.SE3:
-    p, r = message.position, message.orientation
-    return pin.XYZQUATToSE3(np.array([p.x, p.y, p.z, r.x, r.y, r.z, r.w]))

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from matplotlib.patches import Rectangle
+from matplotlib.transforms import Bbox
 
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.types import Array
@@ -23,13 +23,13 @@ from placement_planner_ros.pictures.animation import (
 from placement_planner_ros.pictures.picture import (
     HAND,
     OVERSAMPLING,
-    SEE_THROUGH,
     RobotShapes,
     Triangles,
     averaged,
     box_corners,
     hiding,
     moved,
+    translucent,
 )
 from placement_planner_ros.pictures.plots import DPI, new_figure
 from placement_planner_ros.pictures.rendering import Image, Mesh, Viewpoint, joined, render
@@ -125,19 +125,15 @@ class TourStage:
     def _show(self, size: tuple[int, int]) -> None:
         width, height = (OVERSAMPLING * side for side in size)
         self.view = Viewpoint.around(self._points, *self._direction, width, height)
-        hides = self._hides(self.view)
-        parts = list(zip(self._parts, hides, strict=True))
-        self._glass = [replace(part, alpha=SEE_THROUGH) for part, hide in parts if hide]
-        solid = [part for part, hide in parts if not hide]
+        parts = translucent(self._parts, self._hides(self.view))
+        self._glass = [part for part in parts if part.alpha < 1.0]
+        solid = [part for part in parts if part.alpha == 1.0]
         self._behind = render(self.view, joined([*solid, *self._edges]))
         self._link_hides = [self._hidden_by_links(leg.looks[-1]) for leg in self.legs]
 
     def draw(self, leg: int, look: Look, all_ways: bool = False) -> Image:
         """The picture of that moment of a leg, with its way, or with those of all legs."""
-        links = [
-            replace(link, alpha=SEE_THROUGH) if hide else link
-            for link, hide in zip(self._robot.at(look.q), self._link_hides[leg], strict=True)
-        ]
+        links = translucent(self._robot.at(look.q), self._link_hides[leg])
         ways = self._ways if all_ways else [self._ways[leg]]
         shown = [*joined(links), *ways, *self._things(look), *self._glass]
         return render(self.view, shown, self._behind)
@@ -223,17 +219,14 @@ def draw_tour(
         averaged(stage.draw(last, stage.legs[last].looks[-1], all_ways=True).colours), aspect="auto"
     )
     axes.set_axis_off()
-    places = np.linspace(0.27, 0.97, len(columns) - 1)
-    for number, cells in enumerate([columns, *rows]):
-        y = below - (number + 0.5) * _ROW / height
-        weight = "bold" if number == 0 else "normal"
-        figure.text(0.06, y, cells[0], fontsize=11, va="center", weight=weight)
-        for x, cell in zip(places, cells[1:], strict=True):
-            figure.text(float(x), y, cell, fontsize=11, va="center", ha="right", weight=weight)
-        if number:
-            corner, size = (0.03, y - 0.07 / height), (0.02, 0.14 / height)
-            colour = COLOURS[(number - 1) % len(COLOURS)]
-            figure.add_artist(Rectangle(corner, *size, color=colour))
+    table = figure.add_axes((0.03, _FOOT / height, 0.94, below - _FOOT / height))
+    table.set_axis_off()
+    colours = [COLOURS[number % len(COLOURS)] for number in range(len(rows))]
+    cells = table.table(
+        rows, colLabels=columns, rowLabels=[" "] * len(rows), rowColours=colours, bbox=Bbox.unit()
+    )
+    cells.auto_set_font_size(False)
+    cells.set_fontsize(11)
     figure.savefig(path)
 
 

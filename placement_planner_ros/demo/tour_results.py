@@ -29,7 +29,7 @@ WORDS = (
 )
 
 
-def rows(stops: Sequence[Stop]) -> list[tuple[str, ...]]:
+def table_rows(stops: Sequence[Stop]) -> list[tuple[str, ...]]:
     """The table's cells, a row for each thing."""
     return [
         (
@@ -53,19 +53,9 @@ def _reached(stop: Stop) -> str:
     return f"no: {struck}" if struck else "no"
 
 
-def plain_table(stops: Sequence[Stop]) -> str:
-    """Lines for a terminal."""
-    lines = [COLUMNS, *rows(stops)]
-    widths = [max(len(line[k]) for line in lines) for k in range(len(COLUMNS))]
-    return "\n".join(
-        "  " + "  ".join([line[0].ljust(widths[0]), *map(str.rjust, line[1:], widths[1:])])
-        for line in lines
-    )
-
-
-def markdown(tour: Tour) -> str:
-    """The table and what it was taken with."""
-    lines = [COLUMNS, ("---",) * len(COLUMNS), *rows(tour.stops)]
+def tour_table(tour: Tour) -> str:
+    """The table in Markdown, and what it was taken with."""
+    lines = [COLUMNS, ("---",) * len(COLUMNS), *table_rows(tour.stops)]
     table = "\n".join(f"| {' | '.join(line)} |" for line in lines)
     made = f"{PACKAGE} {version(PACKAGE)}, with mujoco {version('mujoco')}"
     asked = (
@@ -84,7 +74,8 @@ def write_tour(folder: Path, tour: Tour, line: ProgressLine) -> list[tuple[Path,
     setting = tour.setting
     picture, animation, table = (folder / name for name in ("tour.png", "tour.gif", "tour.md"))
     try:
-        table.write_text(markdown(tour), encoding="utf-8")
+        words = tour_table(tour)
+        table.write_text(words, encoding="utf-8")
         line.show("  looking for the best view", always=True)
         hands = [link for name in ("left", "right") for link in setting.arm(name).touch_links]
         legs = [
@@ -96,7 +87,7 @@ def write_tour(folder: Path, tour: Tour, line: ProgressLine) -> list[tuple[Path,
         title = (
             f"{setting.scene.name.replace('_', ' ')}: four things put down, carried out by physics"
         )
-        draw_tour(picture, stage, title, COLUMNS, rows(tour.stops))
+        draw_tour(picture, stage, title, COLUMNS, table_rows(tour.stops))
 
         def told(done: int, count: int) -> None:
             line.show(f"  drawing the animation: {done} of {count} frames")
@@ -105,7 +96,7 @@ def write_tour(folder: Path, tour: Tour, line: ProgressLine) -> list[tuple[Path,
     except OSError as error:
         raise unwritten(folder, error) from error
     line.clear()
-    print(plain_table(tour.stops))
+    print(words)
     print(f"  {WORDS}")
     return [
         (picture, "where all stand at last, and how each was carried"),

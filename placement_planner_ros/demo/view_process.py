@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import signal
 import socket
 import subprocess
 import sys
@@ -15,12 +14,12 @@ from pathlib import Path
 
 from placement_planner_ros.__main__ import VIEW_REMEDY
 from placement_planner_ros.demo.errors import DemoError
+from placement_planner_ros.demo.node_process import end_process, start_process
 from placement_planner_ros.view.options import PORT
 
 _HOST = "127.0.0.1"
 _SERVES_WITHIN = 60.0
-_ENDS_WITHIN = 5.0
-"""Seconds within which it serves, and within which it ends when it is interrupted."""
+"""Seconds within which it serves."""
 
 
 @contextmanager
@@ -35,20 +34,12 @@ def page_served(namespace: str, log: Path) -> Iterator[str]:
     port = _free_port()
     command = [sys.executable, "-m", "placement_planner_ros", "placement_view"]
     command += ["--host", _HOST, "--port", str(port), "--ros-args", "-r", f"__ns:={namespace}"]
-    with log.open("wb") as stream:
-        process = subprocess.Popen(
-            command, stdout=stream, stderr=subprocess.STDOUT, start_new_session=True
-        )
+    process = start_process(command, log)
     try:
         _await_page(process, port, log)
         yield f"http://{_HOST}:{port}"
     finally:
-        process.send_signal(signal.SIGINT)
-        try:
-            process.wait(_ENDS_WITHIN)
-        except BaseException:  # interrupted once more, too: it must not be left running
-            process.kill()
-            process.wait()
+        end_process(process)
 
 
 def wait_until_interrupted() -> None:

@@ -148,13 +148,17 @@ def _primitive(shape: coal.CollisionGeometry) -> trimesh.Trimesh | None:
     return None
 
 
-def see_through(view: Viewpoint, placed: Array, solids: Sequence[Mesh]) -> list[Mesh]:
-    """The solids, translucent those that stand between the eye and the object (n, 3)."""
-    hides = hiding(view, placed, solids)
+def translucent(solids: Sequence[Mesh], which: Sequence[bool]) -> list[Mesh]:
+    """The solids, some of them see-through."""
     return [
         replace(solid, alpha=SEE_THROUGH) if hide else solid
-        for solid, hide in zip(solids, hides, strict=True)
+        for solid, hide in zip(solids, which, strict=True)
     ]
+
+
+def see_through(view: Viewpoint, placed: Array, solids: Sequence[Mesh]) -> list[Mesh]:
+    """The solids, see-through those that stand between the eye and the object (n, 3)."""
+    return translucent(solids, hiding(view, placed, solids))
 
 
 def hiding(view: Viewpoint, placed: Array, solids: Sequence[Mesh]) -> list[bool]:

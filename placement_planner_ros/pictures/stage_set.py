@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -12,13 +11,14 @@ from placement_planner_ros.pictures.motion import MotionMoment, RecordedMotion
 from placement_planner_ros.pictures.picture import (
     OVERSAMPLING,
     PLACED,
-    SEE_THROUGH,
     VOLUME,
     RobotShapes,
     Triangles,
     box_corners,
     hiding,
     moved,
+    see_through,
+    translucent,
 )
 from placement_planner_ros.pictures.rendering import Image, Mesh, Viewpoint, joined, render
 from placement_planner_ros.pictures.viewpoint import best_direction, seen_share
@@ -57,32 +57,20 @@ class StageSet:
         moments = [last, last, first, *(motion.at(s * motion.duration) for s in (0.4, 0.7))]
         self.view = self._best_view(shown, moments)
         placed = moved(body_vertices, last.T_world_object)
-        self._things = self._seen_through(placed, self._things)
-        links = self._seen_through(placed, self._robot.at(last.q))
-        self._link_alphas = [mesh.alpha for mesh in links]
+        self._things = see_through(self.view, placed, self._things)
+        self._link_hides = hiding(self.view, placed, self._robot.at(last.q))
         solid = [mesh for mesh in self._things if mesh.alpha == 1.0]
         marks = [tube(motion.path(), _PATH_RADIUS, PATH), *volume_edges(scene.volume)]
         self._behind = render(self.view, joined([*solid, *marks]))
 
     def draw(self, moment: MotionMoment) -> Image:
         """The picture of that moment."""
-        links = [
-            replace(mesh, alpha=alpha)
-            for mesh, alpha in zip(self._robot.at(moment.q), self._link_alphas, strict=True)
-        ]
+        links = translucent(self._robot.at(moment.q), self._link_hides)
         glass = [mesh for mesh in self._things if mesh.alpha < 1.0]
         return render(self.view, [*joined(links), self._thing(moment), *glass], self._behind)
 
     def _thing(self, moment: MotionMoment) -> Mesh:
         return Mesh(moved(self._body[0], moment.T_world_object), self._body[1], PLACED)
-
-    def _seen_through(self, placed: Array, meshes: Sequence[Mesh]) -> list[Mesh]:
-        """Those translucent that stand before the placed object."""
-        hides = hiding(self.view, placed, meshes)
-        return [
-            replace(mesh, alpha=SEE_THROUGH) if hide else mesh
-            for mesh, hide in zip(meshes, hides, strict=True)
-        ]
 
     def _shown(self, motion: RecordedMotion, volume: TargetVolume) -> Array:
         """(n, 3) points that the picture has to hold."""

@@ -69,23 +69,39 @@ def tilted(degrees: float) -> tuple[float, float, float]:
 
 def assemble(
     name: str,
+    surfaces: Sequence[tuple[Array, npt.NDArray[np.int64]]],
     parts: Sequence[ConvexPrimitive],
-    center_of_mass: Sequence[float],
     grasps: Sequence[pin.SE3],
     finger_opening: float,
+    center_of_mass: npt.ArrayLike | None = None,
 ) -> GraspedObject:
-    """An object whose mesh is that of its parts, held alike by both hands."""
-    counts = np.cumsum([0] + [len(part.vertices) for part in parts])
+    """An object that both hands hold alike.
+
+    Args:
+        surfaces: closed ones, vertices (n, 3) and triangles (t, 3); all together its mesh.
+        center_of_mass: of the surfaces' insides unless given; what overlaps counts twice then.
+    """
+    counts = np.cumsum([0, *(len(vertices) for vertices, _ in surfaces)])
+    vertices = np.vstack([each for each, _ in surfaces])
     triangles = np.vstack(
-        [part.triangles + count for part, count in zip(parts, counts, strict=False)]
-    )
+        [each + count for (_, each), count in zip(surfaces, counts, strict=False)]
+    ).astype(np.int64)
     triangles.setflags(write=False)
+    if center_of_mass is None:
+        corners = vertices[triangles]
+        volumes = np.linalg.det(corners)
+        center_of_mass = volumes @ corners.mean(axis=1) * 0.75 / volumes.sum()
     return GraspedObject(
         name=name,
-        vertices=frozen_array(np.vstack([part.vertices for part in parts])),
+        vertices=frozen_array(vertices),
         triangles=triangles,
         center_of_mass=frozen_array(center_of_mass, (3,)),
         grasps={"left": tuple(grasps), "right": tuple(grasps)},
         finger_opening=finger_opening,
         parts=tuple(parts),
     )
+
+
+def surfaces_of(parts: Sequence[ConvexPrimitive]) -> list[tuple[Array, npt.NDArray[np.int64]]]:
+    """Vertices (n, 3) and triangles (t, 3) of each."""
+    return [(part.vertices, part.triangles) for part in parts]

@@ -11,11 +11,16 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
-import pinocchio as pin
 
-from placement_planner_ros.core.types import Array, frozen_array
-from placement_planner_ros.scenes.grasped_object import STEM, GraspedObject, grasp, tilted
+from placement_planner_ros.core.types import Array
+from placement_planner_ros.scenes.grasped_object import (
+    STEM,
+    GraspedObject,
+    assemble,
+    grasp,
+    surfaces_of,
+    tilted,
+)
 from placement_planner_ros.scenes.primitives import Colour, ConvexPrimitive, box, circle, frustum
 from placement_planner_ros.scenes.single_mesh import Triangles, joined_boxes, tube, turned
 
@@ -43,7 +48,7 @@ def mug() -> GraspedObject:
         grasp((0, 1, 0), (-np.cos(slope), 0, np.sin(slope)), (0.070, 0, 0.048), STEM)
         for slope in np.deg2rad((0, -30, 30))
     ]
-    return _object("mug", [cup[:2], (vertices, triangles)], parts, grasps, 0.005)
+    return assemble("mug", [cup[:2], (vertices, triangles)], parts, grasps, 0.005)
 
 
 def bowl() -> GraspedObject:
@@ -58,7 +63,7 @@ def bowl() -> GraspedObject:
         grasp((1, 0, 0), (0, np.sin(slope), -np.cos(slope)), (0.0558, 0, 0.060), _RIM)
         for slope in np.deg2rad((0, 15, -15))
     ]
-    return _object("bowl", [made[:2]], made[2], grasps, 0.0042)
+    return assemble("bowl", [made[:2]], made[2], grasps, 0.0042)
 
 
 def tray() -> GraspedObject:
@@ -83,7 +88,7 @@ def drill() -> GraspedObject:
         grasp((0, 1, 0), tilted(degrees), (-0.040, 0, height), 0.110)
         for degrees, height in ((0, 0.070), (20, 0.074), (-20, 0.066))
     ]
-    return _object("drill", [(p.vertices, p.triangles) for p in parts], parts, grasps, 0.014)
+    return assemble("drill", surfaces_of(parts), parts, grasps, 0.014)
 
 
 def banana() -> GraspedObject:
@@ -98,7 +103,7 @@ def banana() -> GraspedObject:
         for slope in np.deg2rad((0, 30))
     ]
     parts = _lengths("banana", vertices, 16)
-    return _object("banana", [(vertices, triangles)], parts, grasps, 0.0194)
+    return assemble("banana", [(vertices, triangles)], parts, grasps, 0.0194)
 
 
 def _of_boxes(name: str, size: Sequence[float], wall: float = 0.004) -> GraspedObject:
@@ -123,7 +128,7 @@ def _of_boxes(name: str, size: Sequence[float], wall: float = 0.004) -> GraspedO
         for a in np.deg2rad((0, 30, -30))
     ]
     grasps.append(grasp((0, 1, 0), _DOWN, (0, -y + middle, z), _RIM))
-    return _object(name, [surface], parts, grasps, middle)
+    return assemble(name, [surface], parts, grasps, middle)
 
 
 def _vessel(
@@ -157,30 +162,3 @@ def _lying(name: str, radius: float, begin: float, end: float, height: float) ->
     solid = frustum(name, radius, radius, begin, end, _BLUE, sides=_SIDES)
     points = solid.vertices[:, [2, 1, 0]] * [1.0, 1.0, -1.0] + [0.0, 0.0, height]
     return ConvexPrimitive(name, points, _BLUE)
-
-
-def _object(
-    name: str,
-    surfaces: Sequence[tuple[Array, npt.NDArray[np.int64]]],
-    parts: Sequence[ConvexPrimitive],
-    grasps: Sequence[pin.SE3],
-    finger_opening: float,
-) -> GraspedObject:
-    """Held alike by both hands; what overlaps counts twice for the centre of mass."""
-    counts = np.cumsum([0, *(len(vertices) for vertices, _ in surfaces)])
-    vertices = np.vstack([each for each, _ in surfaces])
-    triangles = np.vstack(
-        [each + count for (_, each), count in zip(surfaces, counts, strict=False)]
-    ).astype(np.int64)
-    triangles.setflags(write=False)
-    corners = vertices[triangles]
-    volumes = np.linalg.det(corners)
-    return GraspedObject(
-        name=name,
-        vertices=frozen_array(vertices),
-        triangles=triangles,
-        center_of_mass=frozen_array(volumes @ corners.mean(axis=1) * 0.75 / volumes.sum(), (3,)),
-        grasps={"left": tuple(grasps), "right": tuple(grasps)},
-        finger_opening=finger_opening,
-        parts=tuple(parts),
-    )

@@ -23,6 +23,7 @@ from placement_planner_ros.scenes.grasped_object import (
     GraspedObject,
     assemble,
     grasp,
+    surfaces_of,
     tilted,
 )
 from placement_planner_ros.scenes.primitives import Colour, box, frustum
@@ -50,7 +51,7 @@ def _large_crayons_box() -> GraspedObject:
         grasp((0, 0, 1), (1, 1, 0), (-x, -y, 0), PALM),
     )
     parts = (box("large_crayons_box", (-x, -y, -z), (x, y, z), _GREEN),)
-    return assemble("large_crayons_box", parts, (0, 0, 0), grasps, z)
+    return assemble("large_crayons_box", surfaces_of(parts), parts, grasps, z, (0, 0, 0))
 
 
 def _small_crayons_box() -> GraspedObject:
@@ -62,7 +63,7 @@ def _small_crayons_box() -> GraspedObject:
         grasp((0, 1, 0), (1, 0, -1), (-x, 0, z), PALM),
     )
     parts = (box("small_crayons_box", (-x, -y, -z), (x, y, z), _GREEN),)
-    return assemble("small_crayons_box", parts, (0, 0, 0), grasps, y)
+    return assemble("small_crayons_box", surfaces_of(parts), parts, grasps, y, (0, 0, 0))
 
 
 def _wine_glass() -> GraspedObject:
@@ -85,7 +86,7 @@ def _wine_glass() -> GraspedObject:
         grasp((0, 1, 0), tilted(30), (0, 0, 0.034), STEM),
         grasp((0, 1, 0), tilted(-30), (0, 0, 0.060), STEM),
     )
-    return assemble("wine_glass", parts, (0, 0, 0.050), grasps, 0.004)
+    return assemble("wine_glass", surfaces_of(parts), parts, grasps, 0.004, (0, 0, 0.050))
 
 
 def _toy_table() -> GraspedObject:
@@ -106,7 +107,7 @@ def _toy_table() -> GraspedObject:
         grasp((0, 0, 1), (1, 0, 0), (-0.055, 0, middle), PALM),
         grasp((1, 0, 0), (0, 0, 1), (0.048, 0.027, 0), PALM),
     )
-    return assemble("toy_table", parts, (0, 0, 0.044), grasps, plate / 2)
+    return assemble("toy_table", surfaces_of(parts), parts, grasps, plate / 2, (0, 0, 0.044))
 
 
 def _wine_glass_mesh() -> GraspedObject:

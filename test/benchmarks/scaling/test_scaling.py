@@ -10,12 +10,12 @@ from helpers.scaling import record
 
 from benchmarks.cases import Case
 from benchmarks.record import Trial
+from benchmarks.scaling.cluttered_table import MOST_THINGS, cluttered_table
 from benchmarks.scaling.growth import growths
 from benchmarks.scaling.report import draw_scaling, scaling_table
 from benchmarks.scaling.runs import FACTORS, ScalingJob, run_scaling, scaled_volume, scaling_jobs
 from benchmarks.variants import VARIANTS
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.scenes.cluttered_table import MOST_THINGS, cluttered_table
 from placement_planner_ros.scenes.scenes import scene_by_name
 
 
