@@ -33,7 +33,7 @@ from placement_planner_ros.pictures.picture import (
 )
 from placement_planner_ros.pictures.plots import DPI, new_figure
 from placement_planner_ros.pictures.rendering import Image, Mesh, Viewpoint, joined, render
-from placement_planner_ros.pictures.stage_set import tube, volume_edges
+from placement_planner_ros.pictures.stage_set import tube, volume_edges, with_surroundings
 from placement_planner_ros.pictures.viewpoint import best_direction, seen_share
 from placement_planner_ros.scenes.primitives import Colour
 from placement_planner_ros.scenes.scenes import Scene
@@ -161,11 +161,8 @@ class TourStage:
         must += [leg.way for leg in self.legs]
         must += [moved(leg.vertices, leg.looks[0].places[leg.key]) for leg in self.legs]
         must += self._hands(self.legs[0].looks[0])
-        points = np.vstack(must)
-        low, high = points.min(axis=0) - _ROUND_WAY, points.max(axis=0) + _ROUND_WAY
-        robot = [link.vertices for leg in self.legs for link in self._robot.at(leg.looks[-1].q)]
-        others = np.vstack([*robot, *(part.vertices for part in self._parts)])
-        return np.vstack([points, others[((others > low) & (others < high)).all(axis=1)]])
+        robot = [link for leg in self.legs for link in self._robot.at(leg.looks[-1].q)]
+        return with_surroundings(np.vstack(must), [*robot, *self._parts], _ROUND_WAY)
 
     def _scored(self) -> Callable[[Viewpoint], float]:
         """How much the robot leaves to be seen of things, halfway and where they stand, and of

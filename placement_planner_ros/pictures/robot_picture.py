@@ -10,6 +10,7 @@ import numpy.typing as npt
 import pinocchio as pin
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.gridspec import SubplotSpec
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from scipy.spatial import ConvexHull, QhullError
@@ -29,7 +30,7 @@ from placement_planner_ros.pictures.picture import (
     robot_meshes,
 )
 from placement_planner_ros.pictures.plots import new_figure
-from placement_planner_ros.pictures.rendering import Mesh, Viewpoint, render
+from placement_planner_ros.pictures.rendering import Mesh, Viewpoint, joined, render
 from placement_planner_ros.scenes.primitives import Colour
 
 _COVER: tuple[Colour, ...] = (
@@ -64,15 +65,20 @@ def draw_robot(
     height = _TOP + rows * _ROW + _FOOT
     figure = new_figure(_WIDTH, height, constrained=False)
 
-    def panel(column: int, columns: int, top: float, tall: float, title: str) -> Axes:
-        axes = figure.add_axes(
-            (
-                (column + 0.02) / columns,
-                (height - top - tall) / height,
-                0.96 / columns,
-                (tall - _HEAD) / height,
-            )
-        )
+    grid = figure.add_gridspec(
+        1 + rows,
+        _IN_A_ROW,
+        height_ratios=[_TOP] + [_ROW] * rows,
+        left=0.005,
+        right=0.995,
+        bottom=_FOOT / height,
+        top=1.0 - _HEAD / height,
+        wspace=0.02,
+        hspace=_HEAD * (1 + rows) / (height - _FOOT - _HEAD * (1 + rows)),
+    )
+
+    def panel(place: SubplotSpec, title: str) -> Axes:
+        axes = figure.add_subplot(place)
         axes.set_axis_off()
         axes.set_title(title, fontsize=11, pad=4)
         return axes
@@ -87,12 +93,12 @@ def draw_robot(
     ]
     corners = box_corners(volume.lower, volume.upper)
     shown = np.vstack([mesh.vertices for mesh in links + held] + [corners])
-    axes = panel(0, 2, 0.0, _TOP, f"{robot.name} at the start, first grasp of each arm")
+    axes = panel(grid[0, :2], f"{robot.name} at the start, first grasp of each arm")
     _show(axes, shown, links + held, poses, volume)
 
     parts, count = _cover(robot, q)
-    axes = panel(1, 2, 0.0, _TOP, f"{count} convex parts over the meshes" if count else
-                 "no mesh needs convex parts")  # fmt: skip
+    covered = f"{count} convex parts over the meshes" if count else "no mesh needs convex parts"
+    axes = panel(grid[0, 2:], covered)
     robots = np.vstack([mesh.vertices for mesh in links]) if links else corners
     _show(axes, robots, links + parts, [], None)
 
@@ -110,9 +116,9 @@ def draw_robot(
             )
             if link in arm.touch_links
         ]
-        top = _TOP + (k // _IN_A_ROW) * _ROW
+        place = grid[1 + k // _IN_A_ROW, k % _IN_A_ROW]
         state = "open hand" if arm.gripper_joints else "hand"
-        axes = panel(k % _IN_A_ROW, _IN_A_ROW, top, _ROW, f"{arm.name}, grasp {number}, {state}")
+        axes = panel(place, f"{arm.name}, grasp {number}, {state}")
         near = np.vstack([mesh.vertices for mesh in [*of_hand, thing]] + [T_tip.translation[None]])
         _show(axes, near, [*of_hand, thing], [T_tip], None)
     _legend(figure, bool(held), count > 0)
@@ -159,15 +165,8 @@ def _cover(robot: Robot, q: Array) -> tuple[list[Mesh], int]:
         if cover is not None
         for part in cover.parts
     ]
-    meshes = []
-    for k, colour in enumerate(_COVER):
-        mine = parts[k :: len(_COVER)]
-        if not mine:
-            continue
-        first = np.cumsum([0, *map(len, mine)])
-        triangles = [_hull(part) + start for part, start in zip(mine, first, strict=False)]
-        meshes.append(Mesh(np.vstack(mine), np.vstack(triangles), colour, 0.4))
-    return meshes, len(parts)
+    meshes = [Mesh(part, _hull(part), _COVER[k % len(_COVER)], 0.4) for k, part in enumerate(parts)]
+    return joined(meshes), len(parts)
 
 
 def _legend(figure: Figure, held: bool, covered: bool) -> None:

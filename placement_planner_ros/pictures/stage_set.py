@@ -24,6 +24,7 @@ from placement_planner_ros.pictures.rendering import Image, Mesh, Viewpoint, joi
 from placement_planner_ros.pictures.viewpoint import best_direction, seen_share
 from placement_planner_ros.scenes.primitives import Colour
 from placement_planner_ros.scenes.scenes import Scene
+from placement_planner_ros.scenes.single_mesh import ring_triangles
 
 WIDTH, HEIGHT = 720, 540
 """Pixels of a picture once it is averaged."""
@@ -77,14 +78,8 @@ class StageSet:
         first, last = motion.at(0.0), motion.at(motion.duration)
         must = [box_corners(volume.lower, volume.upper), motion.path()]
         must += [self._thing(moment).vertices for moment in (first, last)]
-        points = np.vstack(must)
-        low, high = points.min(axis=0) - _NEAR, points.max(axis=0) + _NEAR
-        near = [
-            mesh.vertices
-            for mesh in [*self._things, *self._robot.at(first.q), *self._robot.at(last.q)]
-        ]
-        others = np.vstack(near)
-        return np.vstack([points, others[((others > low) & (others < high)).all(axis=1)]])
+        meshes = [*self._things, *self._robot.at(first.q), *self._robot.at(last.q)]
+        return with_surroundings(np.vstack(must), meshes, _NEAR)
 
     def _best_view(self, shown: Array, moments: Sequence[MotionMoment]) -> Viewpoint:
         """The one in which most of the object, over the moments, and of its way is seen."""
@@ -101,6 +96,13 @@ class StageSet:
         return Viewpoint.around(shown, *direction, OVERSAMPLING * WIDTH, OVERSAMPLING * HEIGHT)
 
 
+def with_surroundings(points: Array, meshes: Sequence[Mesh], margin: float) -> Array:
+    """Points (n, 3) and those corners of meshes that are in their box, widened by metres."""
+    low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
+    others = np.vstack([mesh.vertices for mesh in meshes])
+    return np.vstack([points, others[((others > low) & (others < high)).all(axis=1)]])
+
+
 def tube(points: Array, radius: float, colour: Colour, sides: int = 5) -> Mesh:
     """A tube along points (n, 3), n at least 2."""
     along = np.gradient(points, axis=0)
@@ -114,17 +116,8 @@ def tube(points: Array, radius: float, colour: Colour, sides: int = 5) -> Mesh:
         + np.sin(angles)[None, :, None] * other[:, None]
     )
     vertices = (points[:, None] + radius * ring).reshape(-1, 3)
-    first = (np.arange(len(points) - 1)[:, None] * sides + np.arange(sides)).ravel()
-    next_side = (
-        np.arange(len(points) - 1)[:, None] * sides + (np.arange(sides) + 1) % sides
-    ).ravel()
-    triangles = np.vstack(
-        [
-            np.column_stack([first, next_side, first + sides]),
-            np.column_stack([next_side, next_side + sides, first + sides]),
-        ]
-    )
-    return Mesh(vertices, triangles.astype(np.int64), colour)
+    open_ended = ring_triangles(len(points), sides)[: -2 * sides]
+    return Mesh(vertices, open_ended, colour)
 
 
 def volume_edges(volume: TargetVolume) -> list[Mesh]:

@@ -39,33 +39,34 @@ def read_pcd(path: Path) -> Array:
     number = int(header["POINTS"][0])
     how = header["DATA"][0]
     if how == "ascii":
-        words = data.split()
-        if len(words) < number * sum(counts):
-            raise ParameterError("cloud", str(path), "its data end too early")
-        rows = np.array(words[: number * sum(counts)], dtype=np.float64).reshape(number, -1)
+        words = data.split()[: number * sum(counts)]
+        _require_whole(path, len(words), number * sum(counts))
+        rows = np.array(words, dtype=np.float64).reshape(number, -1)
         first = np.cumsum([0, *counts])
         return rows[:, [first[names.index(name)] for name in _COORDINATES]]
-    if how == "binary_compressed":
+    if how == "binary":
+        _require_whole(path, len(data), number * record.itemsize)
+        points = np.frombuffer(data[: number * record.itemsize], record)
+    elif how == "binary_compressed":
         packed, whole = np.frombuffer(data[:8], "<u4").tolist()
         try:
             data = _unpacked(data[8 : 8 + packed], whole)
         except (IndexError, ValueError) as error:
             raise ParameterError("cloud", str(path), f"its data are damaged: {error}") from error
-        if len(data) < number * record.itemsize:
-            raise ParameterError("cloud", str(path), "its data end too early")
-        # field after field, not point after point
-        columns, at = {}, 0
-        for name in record.names or ():
-            size = number * record[name].itemsize
-            columns[name] = np.frombuffer(data[at : at + size], record[name].base)
-            at += size
-        return np.column_stack([columns[name].reshape(number, -1)[:, 0] for name in wanted]).astype(
-            np.float64
-        )
-    if how != "binary" or len(data) < number * record.itemsize:
-        raise ParameterError("cloud", str(path), "its data are of no known kind, or end too early")
-    points = np.frombuffer(data[: number * record.itemsize], record)
+        _require_whole(path, len(data), number * record.itemsize)
+        points, at = np.empty(number, record), 0
+        for name in record.names or ():  # field after field, not point after point
+            column = points[name]
+            column[:] = np.frombuffer(data, column.dtype, column.size, at).reshape(column.shape)
+            at += column.nbytes
+    else:
+        raise ParameterError("cloud", str(path), f"its data are {how}, which is of no known kind")
     return np.column_stack([points[name][:, 0] for name in wanted]).astype(np.float64)
+
+
+def _require_whole(path: Path, found: int, needed: int) -> None:
+    if found < needed:
+        raise ParameterError("cloud", str(path), "its data end too early")
 
 
 def _header(path: Path, content: bytes) -> tuple[Mapping[str, list[str]], bytes]:

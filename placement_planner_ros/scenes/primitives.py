@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import product
 
 import numpy as np
 import numpy.typing as npt
@@ -86,12 +87,7 @@ def box(
     name: str, lower: Sequence[float], upper: Sequence[float], colour: Colour
 ) -> ConvexPrimitive:
     """Axis-aligned box between two corners."""
-    corners = [
-        [x, y, z]
-        for x in (lower[0], upper[0])
-        for y in (lower[1], upper[1])
-        for z in (lower[2], upper[2])
-    ]
+    corners = list(product(*zip(lower, upper, strict=True)))
     return ConvexPrimitive(name, np.array(corners, dtype=np.float64), colour)
 
 

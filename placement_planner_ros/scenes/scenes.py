@@ -74,21 +74,19 @@ def _cabinet() -> tuple[ConvexPrimitive, ...]:
 _DECK, _LOWER_SHELF, _TABLE = 0.176, 0.263, 0.0
 
 
-def _bar(x: float, y: float, degrees: float, z: float, height: float = 0.033) -> ConvexPrimitive:
-    return standing_box("bar", (0.202, 0.036, height), (x, y), np.deg2rad(degrees), z, _BAR)
+_BOXES: dict[str, tuple[tuple[float, float, float], Colour]] = {
+    "bar": ((0.202, 0.036, 0.033), _BAR),
+    "tin": ((0.102, 0.057, 0.084), _TIN),
+    "box": ((0.217, 0.072, 0.167), _BOX),
+    "flat_bottle": ((0.096, 0.059, 0.191), _BOTTLE),
+    "small_box": ((0.094, 0.048, 0.176), _BOX),
+}
+"""Length, width and height in metres."""
 
 
-def _tin(x: float, y: float, degrees: float, z: float) -> ConvexPrimitive:
-    return standing_box("tin", (0.102, 0.057, 0.084), (x, y), np.deg2rad(degrees), z, _TIN)
-
-
-def _big_box(x: float, y: float, degrees: float, z: float) -> ConvexPrimitive:
-    return standing_box("box", (0.217, 0.072, 0.167), (x, y), np.deg2rad(degrees), z, _BOX)
-
-
-def _flat_bottle(x: float, y: float, degrees: float, z: float) -> ConvexPrimitive:
-    size = (0.096, 0.059, 0.191)
-    return standing_box("flat_bottle", size, (x, y), np.deg2rad(degrees), z, _BOTTLE)
+def _standing(name: str, x: float, y: float, degrees: float, z: float) -> ConvexPrimitive:
+    size, colour = _BOXES[name]
+    return standing_box(name, size, (x, y), np.deg2rad(degrees), z, colour)
 
 
 def _round(
@@ -103,8 +101,8 @@ CABINET_VOLUME = _volume(0.33, -0.53, 0.15, 0.75, 0.40, 0.44)
 
 def _cabinet_low_clutter() -> Scene:
     clutter = (
-        _bar(0.588, -0.369, 3, _DECK),
-        _tin(0.560, 0.223, -1, _LOWER_SHELF),
+        _standing("bar", 0.588, -0.369, 3, _DECK),
+        _standing("tin", 0.560, 0.223, -1, _LOWER_SHELF),
         _round("bottle", 0.068, 0.227, 0.507, -0.177, _DECK, _BOTTLE),
     )
     return Scene("cabinet_low_clutter", CABINET_VOLUME, _cabinet() + clutter)
@@ -112,12 +110,12 @@ def _cabinet_low_clutter() -> Scene:
 
 def _cabinet_high_clutter() -> Scene:
     clutter = (
-        _big_box(0.630, -0.332, -1, _DECK),
+        _standing("box", 0.630, -0.332, -1, _DECK),
         *bowl("bowl", 0.160, 0.055, (0.677, -0.078), _DECK, _BOWL),
-        _flat_bottle(0.499, -0.162, 170, _DECK),
+        _standing("flat_bottle", 0.499, -0.162, 170, _DECK),
         _round("can", 0.068, 0.102, 0.454, 0.269, _DECK, _CAN),
         _round("low_can", 0.085, 0.034, 0.549, 0.197, _LOWER_SHELF, _CAN),
-        _bar(0.488, 0.023, 134, _DECK),
+        _standing("bar", 0.488, 0.023, 134, _DECK),
     )
     return Scene("cabinet_high_clutter", CABINET_VOLUME, _cabinet() + clutter)
 
@@ -125,17 +123,15 @@ def _cabinet_high_clutter() -> Scene:
 def _table() -> Scene:
     parts = (
         box("table", (0.139, -0.426, -0.500), (0.695, 0.474, 0.0), _WOOD),
-        _bar(0.321, -0.330, 2, _TABLE, height=0.034),
-        _tin(0.467, 0.223, -1, _TABLE),
+        standing_box("bar", (0.202, 0.036, 0.034), (0.321, -0.330), np.deg2rad(2), _TABLE, _BAR),
+        _standing("tin", 0.467, 0.223, -1, _TABLE),
         _round("bottle", 0.068, 0.227, 0.507, -0.167, _TABLE, _BOTTLE),
-        _big_box(0.300, -0.082, 142, _TABLE),
+        _standing("box", 0.300, -0.082, 142, _TABLE),
         *bowl("bowl", 0.160, 0.055, (0.475, 0.072), _TABLE, _BOWL),
-        _flat_bottle(0.591, -0.305, 170, _TABLE),
+        _standing("flat_bottle", 0.591, -0.305, 170, _TABLE),
         _round("can", 0.068, 0.102, 0.440, 0.343, _TABLE, _CAN),
         _round("low_can", 0.085, 0.034, 0.599, 0.272, _TABLE, _CAN),
-        standing_box(
-            "small_box", (0.094, 0.048, 0.176), (0.267, 0.252), np.deg2rad(102), _TABLE, _BOX
-        ),
+        _standing("small_box", 0.267, 0.252, 102, _TABLE),
     )
     return Scene("table", _volume(0.17, -0.40, -0.10, 0.66, 0.40, 0.10), parts)
 

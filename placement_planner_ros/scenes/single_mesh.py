@@ -22,7 +22,7 @@ def turned(rings: Sequence[tuple[float, float]], sides: int) -> tuple[Array, Tri
     """
     circles = [circle(radius, height, sides) for height, radius in rings]
     ends = [[0.0, 0.0, rings[0][0]], [0.0, 0.0, rings[-1][0]]]
-    return np.vstack([*circles, ends]), _ring_triangles(len(rings), sides)
+    return np.vstack([*circles, ends]), ring_triangles(len(rings), sides)
 
 
 def joined_boxes(boxes: Sequence[tuple[Array, Array]]) -> tuple[Array, Triangles]:
@@ -77,10 +77,10 @@ def tube(path: Array, radii: Array, sides: int) -> tuple[Array, Triangles]:
     angle = 2.0 * np.pi * np.arange(sides) / sides
     spokes = np.cos(angle)[:, None] * across[:, None] + np.sin(angle)[:, None] * y
     rings = path[:, None] + radii[:, None, None] * spokes
-    return np.vstack([rings.reshape(-1, 3), path[:1], path[-1:]]), _ring_triangles(len(path), sides)
+    return np.vstack([rings.reshape(-1, 3), path[:1], path[-1:]]), ring_triangles(len(path), sides)
 
 
-def _ring_triangles(rings: int, sides: int) -> Triangles:
+def ring_triangles(rings: int, sides: int) -> Triangles:
     """(t, 3) outward triangles of rings of so many vertices each, one after the other, closed by
     fans around the first ring's middle and the last one's, which follow them."""
     i = np.arange(sides)
