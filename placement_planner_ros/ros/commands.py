@@ -7,7 +7,7 @@ import time
 from array import array
 from collections.abc import Callable, Mapping, Sequence
 from math import isfinite
-from typing import Any
+from typing import Any, Concatenate, ParamSpec
 
 import pinocchio as pin
 from rclpy.parameter import Parameter
@@ -25,12 +25,26 @@ from placement_planner_ros.ros.run.start_checks import start_notes, take_snapsho
 from placement_planner_ros.ros.run.warmth import Warmth
 from placement_planner_ros.ros.run.worker import Run, State
 
+Given = ParamSpec("Given")
+
 STAND_IN = "the bundled YuMi, as no robot_description has come"
 """The robot in use where none was given."""
 _FAR = 100.0
 """Metres from the robot within which an object stands."""
 STOP_PATIENCE = 1.0
 """Seconds that stop waits for the worker before it answers STOPPING."""
+
+
+def _when_idle(
+    command: Callable[Concatenate[Commands, Given], ServiceAnswer],
+) -> Callable[Concatenate[Commands, Given], ServiceAnswer]:
+    """A command that needs an idle planner: refused while a run is active, one at a time."""
+
+    def act(self: Commands, *given: Given.args, **named: Given.kwargs) -> ServiceAnswer:
+        with self._lock:
+            return self._busy() or command(self, *given, **named)
+
+    return act
 
 
 class Commands:
@@ -73,30 +87,27 @@ class Commands:
         run = self.run
         return run is not None and run.active
 
+    @_when_idle
     def start(self, changes: Sequence[Parameter] = ()) -> ServiceAnswer:
         """Check all inputs and begin a run, with some parameters changed for it alone."""
-        with self._lock:
-            busy = self._busy()
-            if busy is not None:
-                return busy
-            try:
-                parameters = self._parameters.with_changes(changes)
-            except PlacementPlannerError:
-                return refusal(self._parameters.faults(changes))
-            self._inputs.robot.look_up()
-            snapshot = take_snapshot(self._inputs, parameters, [p.name for p in changes])
-            if isinstance(snapshot, list):
-                return refusal(snapshot)
-            notes = start_notes(snapshot, self._environment_of(snapshot))
-            self._number += 1
-            run = Run(self._number, snapshot, self._prepare, self._announcer, self._warm)
-            self.run = run
-            try:
-                self._announcer.begun(run)
-                run.start()
-            except Exception as error:
-                run.fail(error)  # or it would count as active for ever
-                raise
+        try:
+            parameters = self._parameters.with_changes(changes)
+        except PlacementPlannerError:
+            return refusal(self._parameters.faults(changes))
+        self._inputs.robot.look_up()
+        snapshot = take_snapshot(self._inputs, parameters, [p.name for p in changes])
+        if isinstance(snapshot, list):
+            return refusal(snapshot)
+        notes = start_notes(snapshot, self._environment_of(snapshot))
+        self._number += 1
+        run = Run(self._number, snapshot, self._prepare, self._announcer, self._warm)
+        self.run = run
+        try:
+            self._announcer.begun(run)
+            run.start()
+        except Exception as error:
+            run.fail(error)  # or it would count as active for ever
+            raise
         words = f"planning for {' or '.join(arm.name for arm in snapshot.arms)}"
         if not self._inputs.robot.is_given:
             words += f" of {STAND_IN}"
@@ -104,64 +115,56 @@ class Commands:
 
     def stop(self) -> ServiceAnswer:
         """End the run; answers once its worker is idle."""
-        return _stop(self.run)
+        if self.run is None:
+            return answer("NOT_RUNNING", "no run was started", success=True)
+        return _stop_run(self.run)
 
     def stop_with(self, parameters: Sequence[Parameter]) -> ServiceAnswer:
         """End one run only."""
         wanted = _number(_values(parameters, ("run",)), "run")
         run = self.run
-        return _stop(run) if run is not None and run.number == wanted else _wrong(run, wanted)
+        if run is None or run.number != wanted:
+            return _wrong_run(run, wanted)
+        return _stop_run(run)
 
+    @_when_idle
     def confirm_placed(self) -> ServiceAnswer:
         """The best placement was carried out: the object is part of the environment now."""
-        with self._lock:
-            busy = self._busy()
-            if busy is not None:
-                return busy
-            run = self.run
-            if run is None or run.best is None:
-                return answer("NO_OBJECT", "there is no placement that could have been carried out")
-            return self._confirm(run, run.solutions, None)
+        run = self.run
+        if run is None or run.best is None:
+            return answer("NO_OBJECT", "there is no placement that could have been carried out")
+        return self._confirm(run, run.solutions, None)
 
+    @_when_idle
     def confirm_placed_with(self, parameters: Sequence[Parameter]) -> ServiceAnswer:
         """A placement of the last run was carried out, perhaps not quite where planned."""
         values = _values(parameters, ("run", "solution"), ("pose",))
         wanted, solution = _number(values, "run"), _number(values, "solution")
         pose = _pose(values["pose"]) if "pose" in values else None
-        with self._lock:
-            busy = self._busy()
-            if busy is not None:
-                return busy
-            run = self.run
-            if run is None or run.number != wanted:
-                return _wrong(run, wanted)
-            if solution not in run.poses:
-                known = f"{min(run.poses)} to {run.solutions}" if run.poses else "none"
-                raise ParameterError("solution", solution, f"run {wanted} has {known}")
-            return self._confirm(run, solution, pose)
+        run = self.run
+        if run is None or run.number != wanted:
+            return _wrong_run(run, wanted)
+        if solution not in run.poses:
+            known = f"{min(run.poses)} to {run.solutions}" if run.poses else "none"
+            raise ParameterError("solution", solution, f"run {wanted} has {known}")
+        return self._confirm(run, solution, pose)
 
+    @_when_idle
     def remove_placed(self, parameters: Sequence[Parameter]) -> ServiceAnswer:
         """What a run placed has been taken away."""
         wanted = _number(_values(parameters, ("run",)), "run")
-        with self._lock:
-            busy = self._busy()
-            if busy is not None:
-                return busy
-            padding = self._parameters.current["self_filter.padding"]
-            if not self._inputs.clouds.remove(wanted, padding):
-                placed = listed([str(n) for n in self._inputs.clouds.placed]) or "none"
-                words = f"nothing of that run stands; runs whose objects stand: {placed}"
-                return answer("WRONG_RUN", words, run=wanted)
+        padding = self._parameters.current["self_filter.padding"]
+        if not self._inputs.clouds.remove(wanted, padding):
+            placed = listed([str(n) for n in self._inputs.clouds.placed]) or "none"
+            words = f"nothing of that run stands; runs whose objects stand: {placed}"
+            return answer("WRONG_RUN", words, run=wanted)
         self._announcer.environment_changed()
         return answer("OK", "the object is no part of the environment any more", run=wanted)
 
+    @_when_idle
     def clear_environment(self) -> ServiceAnswer:
         """Forget accumulated points and confirmed objects."""
-        with self._lock:
-            busy = self._busy()
-            if busy is not None:
-                return busy
-            self._inputs.clouds.clear()
+        self._inputs.clouds.clear()
         self._announcer.environment_changed()
         return answer("OK", "accumulated points and confirmed objects are forgotten")
 
@@ -183,7 +186,6 @@ class Commands:
         return answer("ALREADY_RUNNING", words, run=run.number)
 
     def _confirm(self, run: Run, solution: int, measured: pin.SE3 | None) -> ServiceAnswer:
-        """With the lock held."""
         pose = run.poses[solution] if measured is None else measured
         self._inputs.confirm(run.number, run.snapshot.body, pose)
         run.confirmed = True
@@ -191,27 +193,20 @@ class Commands:
         return answer("OK", "the object is obstacle and support now", run=run.number)
 
 
-def _stop(run: Run | None) -> ServiceAnswer:
-    if run is None:
-        return answer("NOT_RUNNING", "no run was started", success=True)
+def _stop_run(run: Run) -> ServiceAnswer:
     if not run.active:
         return _outcome("NOT_RUNNING", run)
     run.end(State.STOPPED)
     if not run.wait(STOP_PATIENCE):
-        return answer(
-            "STOPPING",
-            f"the worker has not ended within {STOP_PATIENCE:g} s; it publishes nothing more",
-            run=run.number,
-        )
+        words = f"the worker has not ended within {STOP_PATIENCE:g} s; it publishes nothing more"
+        return answer("STOPPING", words, run=run.number)
     return _outcome("OK", run)
 
 
-def _wrong(run: Run | None, wanted: int) -> ServiceAnswer:
-    known = (
-        "this node has begun no run; was it restarted since that run was?"
-        if run is None
-        else f"the last run is {run.number}"
-    )
+def _wrong_run(run: Run | None, wanted: int) -> ServiceAnswer:
+    known = "this node has begun no run; was it restarted since that run was?"
+    if run is not None:
+        known = f"the last run is {run.number}"
     return answer("WRONG_RUN", known, run=wanted)
 
 

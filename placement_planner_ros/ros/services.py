@@ -11,6 +11,7 @@ from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.service import Service
 from std_srvs.srv import Trigger
 
 from placement_planner_ros.core.errors import ParameterError, PlacementPlannerError
@@ -68,33 +69,18 @@ def answer_always(node: Node, log: Log) -> None:
         log: hears of refusals, of what begins or changes something, and of the node's own faults.
     """
     for service in node.services:
-        kind: Any = service.srv_type
-        answering = _answering(service.callback, kind.Response, log)
-        name = service.service_name.rpartition("/")[2]
-        service.callback = _telling(answering, name, log)
+        service.callback = _always_answering(service, log)
 
 
-def _telling(respond: Callable[[Any, Any], Any], name: str, log: Log) -> Callable[[Any, Any], Any]:
-    """Who answers like that, and writes down what was refused or brought about."""
+def _always_answering(service: Service, log: Log) -> Callable[[Any, Any], Any]:
+    """The service's callback, which writes down what was refused or brought about."""
+    kind: Any = service.srv_type
+    name = service.service_name.rpartition("/")[2]
+    respond = service.callback
 
-    def telling(request: Any, response: Any) -> Any:
-        response = respond(request, response)
-        for success, words in _outcomes(response):
-            if not success:
-                log.refusal(f"{name} refused", words)
-            elif name in CHANGING:
-                log.event(f"{name}: {words}")
-        return response
-
-    return telling
-
-
-def _answering(
-    respond: Callable[[Any, Any], Any], empty: Callable[[], Any], log: Log
-) -> Callable[[Any, Any], Any]:
-    def always(request: Any, response: Any) -> Any:
+    def answered(request: Any, response: Any) -> Any:
         parameters = getattr(request, "parameters", [])
-        said = unreadable(parameters)
+        said = unreadable_parameters(parameters)
         if said is None:
             try:
                 return respond(request, response)
@@ -104,9 +90,18 @@ def _answering(
                 log.fault("a request met a fault", error)
                 words = " ".join(str(error).split())
                 said = answer("INTERNAL", f"{type(error).__name__}: {words}; the log has the rest")
-        return _saying(said, empty(), len(parameters))
+        return _saying(said, kind.Response(), len(parameters))
 
-    return always
+    def written_down(request: Any, response: Any) -> Any:
+        response = answered(request, response)
+        for success, words in _outcomes(response):
+            if not success:
+                log.refusal(f"{name} refused", words)
+            elif name in CHANGING:
+                log.event(f"{name}: {words}")
+        return response
+
+    return written_down
 
 
 def _saying(said: ServiceAnswer, response: Any, parameters: int = 0) -> Any:
@@ -131,7 +126,7 @@ def _outcomes(response: Any) -> list[tuple[bool, str]]:
     return [(each.successful, each.reason) for each in results]
 
 
-def unreadable(parameters: Sequence[ParameterMessage]) -> ServiceAnswer | None:
+def unreadable_parameters(parameters: Sequence[ParameterMessage]) -> ServiceAnswer | None:
     """A refusal of parameters whose type does not exist."""
     known = {kind.value for kind in Parameter.Type}
     bad = [p for p in parameters if p.value.type not in known]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
 from builtin_interfaces.msg import Duration, Time
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
@@ -59,34 +58,23 @@ def with_all_joints(trajectory: Trajectory, robot: Robot, q_start: Array) -> Tra
     """
     undriven = {*robot.mimics, *robot.passive}.difference(trajectory.joints)
     joints = tuple(name for name in robot.joint_names if name not in undriven)
-    column = {name: i for i, name in enumerate(trajectory.joints)}
-    shape = (len(trajectory.times), len(joints))
-    positions, velocities, accelerations = np.zeros(shape), np.zeros(shape), np.zeros(shape)
-    for i, name in enumerate(joints):
-        if name in column:
-            positions[:, i] = trajectory.positions[:, column[name]]
-            velocities[:, i] = trajectory.velocities[:, column[name]]
-            accelerations[:, i] = trajectory.accelerations[:, column[name]]
-        else:
-            positions[:, i] = q_start[robot.index(name)]
+    columns = [joints.index(name) for name in trajectory.joints]
+    held = np.array([q_start[robot.index(name)] for name in joints])
+    positions = np.tile(held, (len(trajectory.times), 1))
+    velocities, accelerations = np.zeros_like(positions), np.zeros_like(positions)
+    positions[:, columns] = trajectory.positions
+    velocities[:, columns] = trajectory.velocities
+    accelerations[:, columns] = trajectory.accelerations
     return Trajectory(joints, trajectory.times, positions, velocities, accelerations)
 
 
 def pose_message(T: pin.SE3) -> Pose:
     """A pose, its quaternion of unit length."""
-    x, y, z, w = pin.Quaternion(T.rotation).normalized().coeffs()
-    return Pose(
-        position=point_message(T.translation),
-        orientation=Quaternion(x=float(x), y=float(y), z=float(z), w=float(w)),
-    )
+    px, py, pz = T.translation.tolist()
+    x, y, z, w = pin.Quaternion(T.rotation).normalized().coeffs().tolist()
+    return Pose(position=Point(x=px, y=py, z=pz), orientation=Quaternion(x=x, y=y, z=z, w=w))
 
 
 def stamped_pose(T: pin.SE3, frame: str, stamp: Time) -> PoseStamped:
     """A pose in a frame."""
     return PoseStamped(header=Header(frame_id=frame, stamp=stamp), pose=pose_message(T))
-
-
-def point_message(point: npt.ArrayLike) -> Point:
-    """A point from (3,) metres."""
-    x, y, z = (float(v) for v in np.asarray(point))
-    return Point(x=x, y=y, z=z)

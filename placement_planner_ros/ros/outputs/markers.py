@@ -101,7 +101,7 @@ def _boxes(header: Header, ns: str, boxes: Array, color: ColorRGBA) -> list[Mark
             id=number,
             type=Marker.CUBE,
             pose=pose_message(pin.SE3(np.eye(3), (lower + upper) / 2)),
-            scale=_vector(upper - lower),
+            scale=Vector3(**dict(zip("xyz", (upper - lower).tolist(), strict=True))),
             color=color,
         )
         for number, (lower, upper) in enumerate(boxes)
@@ -134,8 +134,3 @@ def _triangles(header: Header, ns: str, corners: Array, T: pin.SE3, color: Color
 
 def _points(points: Array) -> list[Point]:
     return [Point(x=x, y=y, z=z) for x, y, z in points.tolist()]
-
-
-def _vector(size: Array) -> Vector3:
-    x, y, z = (float(v) for v in size)
-    return Vector3(x=x, y=y, z=z)

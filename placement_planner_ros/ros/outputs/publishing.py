@@ -6,6 +6,7 @@ import math
 import threading
 import time
 from collections.abc import Mapping
+from itertools import compress
 
 import numpy as np
 import pinocchio as pin
@@ -24,7 +25,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from placement_planner_ros.core.errors import sayable
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.keep_out import boxes_of, cut
-from placement_planner_ros.core.types import Array, Placement, Trajectory
+from placement_planner_ros.core.types import Array, Placement
 from placement_planner_ros.ros.inputs.point_cloud import message_from_points
 from placement_planner_ros.ros.outputs.answers import shown
 from placement_planner_ros.ros.outputs.conversions import (
@@ -117,11 +118,7 @@ class Outputs:
         if self._drawn is None or self._drawn[0] is not environment or self._drawn[1] != keep_out:
             boxes = boxes_of(keep_out)
             regions = cut(environment.regions, boxes) if keep_out else environment.regions
-            standing = [
-                points
-                for points, placed in zip(snapshot.clouds, snapshot.placed, strict=False)
-                if placed
-            ]
+            standing = list(compress(snapshot.clouds, snapshot.placed))
             self._scene = scene_markers(snapshot.frame, stamp, volume, boxes, regions, standing)
             self._drawn = environment, keep_out
         self._markers.publish(MarkerArray(markers=self._scene))
@@ -168,8 +165,12 @@ class Outputs:
             words = (
                 f"solution {number} after {search_time:.2f} s: arm {goal.arm}, to {where} in "
                 f"{snapshot.frame}, objective {placement.objective:.4g}, "
-                f"motion {trajectory.duration:.1f} s{_retreating(retreat)}{_terms(placement)}"
+                f"motion {trajectory.duration:.1f} s"
             )
+            if retreat is not None:
+                words += f", retreat {retreat.duration:.1f} s"
+            if placement.terms:
+                words += "; " + ", ".join(f"{name} {term:.3g}" for name, term in placement.terms)
             self._solution.publish(self._manifest(stamp, snapshot.frame, words, values))
             self._draw()
             shown = placement_markers(
@@ -183,34 +184,26 @@ class Outputs:
 
     def status(self, level: bytes, message: str, values: Mapping[str, object]) -> None:
         """What the node is doing."""
-        self._status.publish(
-            DiagnosticStatus(
-                level=level,
-                name=self._node.get_name(),
-                message=sayable(message),
-                values=_pairs(values),
-            )
-        )
+        self._status.publish(self._statement(level, message, values))
 
     def diagnostics(self, level: bytes, message: str, values: Mapping[str, object]) -> None:
         """Input ages and state, for whoever collects diagnostics."""
-        status = DiagnosticStatus(
-            level=level, name=self._node.get_name(), message=message, values=_pairs(values)
-        )
-        self._diagnostics.publish(
-            DiagnosticArray(header=Header(stamp=self._now()), status=[status])
-        )
+        status = self._statement(level, message, values)
+        header = Header(stamp=self._now())
+        self._diagnostics.publish(DiagnosticArray(header=header, status=[status]))
 
     def _manifest(
         self, stamp: Time, frame: str, words: str, values: Mapping[str, object]
     ) -> DiagnosticArray:
-        status = DiagnosticStatus(
-            level=DiagnosticStatus.OK,
-            name=self._node.get_name(),
-            message=words,
-            values=_pairs(values),
-        )
+        status = self._statement(DiagnosticStatus.OK, words, values)
         return DiagnosticArray(header=Header(frame_id=frame, stamp=stamp), status=[status])
+
+    def _statement(
+        self, level: bytes, words: str, values: Mapping[str, object]
+    ) -> DiagnosticStatus:
+        pairs = [KeyValue(key=name, value=sayable(shown(v))) for name, v in values.items()]
+        name = self._node.get_name()
+        return DiagnosticStatus(level=level, name=name, message=sayable(words), values=pairs)
 
     def _now(self) -> Time:
         return self._node.get_clock().now().to_msg()
@@ -219,15 +212,6 @@ class Outputs:
         """The time, later than that of any manifest before."""
         self._last_stamp = max(self._last_stamp + 1, self._node.get_clock().now().nanoseconds)
         return time_message(self._last_stamp)
-
-
-def _terms(placement: Placement) -> str:
-    named = ", ".join(f"{name} {value:.3g}" for name, value in placement.terms)
-    return f"; {named}" if named else ""
-
-
-def _retreating(retreat: Trajectory | None) -> str:
-    return "" if retreat is None else f", retreat {retreat.duration:.1f} s"
 
 
 def tip_path(placement: Placement, snapshot: Snapshot) -> Array:
@@ -245,7 +229,3 @@ def tip_path(placement: Placement, snapshot: Snapshot) -> Array:
         pin.framesForwardKinematics(robot.model, data, q)
         path.append(data.oMf[frame].translation.copy())
     return np.array(path)
-
-
-def _pairs(values: Mapping[str, object]) -> list[KeyValue]:
-    return [KeyValue(key=k, value=sayable(shown(v))) for k, v in values.items()]
