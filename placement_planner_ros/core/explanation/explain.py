@@ -177,7 +177,7 @@ def _no_motion(search: Search, progress: Progress) -> Explanation:
     ]
     inputs = remedies_for(search, Verdict.ARM_COLLIDING)
     more_time = Remedy("time_limit", "allow more time")
-    return Explanation(cause, _distinct([more_time, *bearing, *inputs]))
+    return Explanation(cause, _distinct([*bearing, more_time, *inputs]))
 
 
 def _all_refused(search: Search, progress: Progress) -> Explanation:

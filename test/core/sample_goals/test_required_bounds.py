@@ -94,6 +94,5 @@ def test_where_no_pose_reaches_it_the_search_ends_and_says_so(table, name, least
     assert planner.statistics.samples < 1000
     assert planner.cause is Cause.NO_SOLUTION
     assert set(planner._remainder.rulings) == {Ruling.BREAKS_RULE}
-    assert f"below what require_terms asks ({name} {least:g}), {name} " in planner.exhausted
-    parameters = [each.parameter for each in planner.explain().remedies]
-    assert parameters == ["require_at_least", "require_terms"]
+    assert "every pose on the placement regions is against a rule" in planner.exhausted
+    assert [each.parameter for each in planner.explain().remedies] == ["require_terms"]
