@@ -29,8 +29,8 @@ class ConstraintRow:
     inputs: tuple[tuple[str, str], ...]
 
 
-_ROOM = ("keep_out", "unknown_space", "collision_margin")
-_TURNED = ("object.front", "object.up", "carry.max_tilt", "require_terms")
+_ROOM = ("unknown_space", "collision_margin")
+_ASKED = ("keep_out", "object.front", "object.up", "carry.max_tilt", "require_terms")
 _GRASPS = ("<arm>.grasps", "give further ones")
 _MORE_ROOM = ("target_volume", "choose one with more room beside and above what stands there")
 
@@ -44,7 +44,7 @@ TABLE = {
     Verdict.UNSTABLE: ConstraintRow(
         "left the object without support",
         "without support",
-        ("edge_margin", "support_margin", "contact_tolerance", "support", *_TURNED),
+        ("edge_margin", "support_margin", "contact_tolerance", "support", *_ASKED),
         (
             ("target_volume", "choose one with larger surfaces"),
             ("cloud_topics", "name a denser or less noisy cloud, if ~/occupancy shows holes there"),
@@ -53,10 +53,10 @@ TABLE = {
     Verdict.COLLIDING: ConstraintRow(
         "let the object meet something, at rest or on its way down",
         "with the object in collision",
-        (*_ROOM, *_TURNED),
+        (*_ROOM, *_ASKED),
         (_MORE_ROOM,),
     ),
-    Verdict.BREAKS_RULE: ConstraintRow("broke a rule", "against a rule", _TURNED, ()),
+    Verdict.BREAKS_RULE: ConstraintRow("broke a rule", "against a rule", _ASKED, ()),
     Verdict.NOT_BETTER: ConstraintRow(
         "were no better by the objective",
         "no better",
@@ -66,7 +66,7 @@ TABLE = {
     Verdict.NO_IK: ConstraintRow(
         "had no arm reach them within its joint limits",
         "out of reach",
-        (*_TURNED, "keep_out"),
+        _ASKED,
         (
             ("target_volume", "move it closer to the robot"),
             _GRASPS,
@@ -76,13 +76,13 @@ TABLE = {
     Verdict.ARM_COLLIDING: ConstraintRow(
         "had arm, hand or object in collision",
         "with arm or hand in collision",
-        (*_ROOM, *_TURNED),
+        (*_ROOM, *_ASKED),
         (("<arm>.grasps", "give some that keep the hand away from what is there"), _MORE_ROOM),
     ),
     Verdict.NO_RELEASE: ConstraintRow(
         "left the fingers no room to open",
         "with no room to open the fingers",
-        ("collision_margin", *_TURNED),
+        ("collision_margin", *_ASKED),
         (
             ("<arm>.gripper_open", "open the fingers less"),
             ("<arm>.grasps", "give some that keep the fingers away from what is there"),
@@ -92,7 +92,7 @@ TABLE = {
     Verdict.NO_APPROACH: ConstraintRow(
         "had no free straight way down onto the support",
         "with no way down",
-        (*_ROOM, "approach_distance", *_TURNED),
+        (*_ROOM, "approach_distance", *_ASKED),
         (
             ("target_volume", "choose one with more free height"),
             ("<arm>.grasps", "give some with which the arm can come straight down"),
@@ -101,7 +101,7 @@ TABLE = {
     Verdict.NO_RETREAT: ConstraintRow(
         "left the open hand no straight way off the placed object",
         "with no way back for the hand",
-        ("retreat_distance", *_ROOM, *_TURNED),
+        ("retreat_distance", *_ROOM, *_ASKED),
         (
             ("<arm>.grasps", "give some from other sides"),
             ("require_retreat", "false, if the hand need not leave"),

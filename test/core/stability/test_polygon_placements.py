@@ -137,7 +137,7 @@ def test_where_vertices_find_nothing_polygon_is_named_and_helps():
     assert list(planner.run(lambda: planner.statistics.samples >= 1500)) == []
     told = planner.explain()
     words = next(each.words for each in told.remedies if each.parameter == "support")
-    assert words.startswith("polygon: ")
+    assert words.startswith("polygon, ")
     other = PlacementPlanner(problem, aside, POLYGON, np.random.default_rng(0))
     assert next(other.run(lambda: other.statistics.samples >= 3000), None) is not None
 
@@ -149,7 +149,8 @@ def test_where_polygon_finds_nothing_it_is_said_by_its_margin_and_no_more_named(
     assert list(planner.run(lambda: planner.statistics.samples >= 600)) == []
     told = planner.explain()
     assert "support" in str(told)
-    assert "0.028 m" in told.cause
+    (margin,) = [each.words for each in told.remedies if each.parameter == "support_margin"]
+    assert "0.028 m is set" in margin
     named = [each.parameter for each in told.remedies]
     assert "support" not in named
     assert "edge_margin" not in named
