@@ -3,8 +3,8 @@
 import numpy as np
 import pinocchio as pin
 import pytest
+from helpers.points import BOUNDS, plane
 from scipy.spatial import ConvexHull, QhullError
-from test_grid import BOUNDS, plane
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.scene.clearance import MOST_PIXELS, ClearanceField
