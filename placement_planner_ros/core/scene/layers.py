@@ -36,6 +36,8 @@ SCATTER_NOISES = 1.5
 """Standard deviations of the noise that points are off their surface by at most, once smoothed."""
 NOISY = 1.3
 """Times as wide are discs that chance explains where noise moves points sideways."""
+BESIDE_A_THING = 0.75
+"""Widest discs by chance from what rises within which points are taken for its foot."""
 BELOW_M = 0.010
 """m below a layer down to which points are of flanks of what carries."""
 PASSED_M, PASSED_NOISES = 0.005, 6.0
@@ -241,7 +243,7 @@ def make_layer(cloud: SlopeCloud, height: float, tolerance: float, headroom: flo
     from_end, plain = inside, np.ones(len(at), np.bool_)
     if len(rises):
         to_rise = raster.distance(rises)
-        plain = (to_rise > 0.5 * radius).ravel()[raster.cells(at)]
+        plain = (to_rise > BESIDE_A_THING * radius).ravel()[raster.cells(at)]
         to_surface = raster.distance(raster.middles(at[plain]))
         from_end = _from_discs(raster, np.where(to_surface <= to_rise, gap, np.float32(0.0)))
     surface, top = _heights(raster, at, heights, plain, noise, radius)
@@ -257,7 +259,7 @@ def make_layer(cloud: SlopeCloud, height: float, tolerance: float, headroom: flo
     )
 
 
-def _within(points: Array, low: Array, high: Array) -> npt.NDArray[np.bool_]:
+def _within(points: npt.NDArray[np.floating], low: Array, high: Array) -> npt.NDArray[np.bool_]:
     """(n,) which points (n, 2) lie between two corners, the upper one left out."""
     x, y = points[:, 0], points[:, 1]
     return np.asarray((x >= low[0]) & (x < high[0]) & (y >= low[1]) & (y < high[1]))
@@ -320,7 +322,7 @@ def _heights(
     if not kept.any():
         kept = plain if plain.any() else np.ones(len(at), np.bool_)
     low = float(heights[kept].mean())
-    side = HEIGHT_WINDOW_M if noise > 0.0 else 2.0 * float(np.median(radius)) * raster.pixel
+    side = HEIGHT_WINDOW_M if noise > 0.0 else float(np.median(radius)) * raster.pixel
     off, own = heights[kept] - low, cell[kept]
     count, total, squares = (raster.sums(own, off**power, side) for power in range(3))
     held = count > 0.5

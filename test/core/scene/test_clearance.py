@@ -3,7 +3,7 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from helpers.points import BOUNDS, plane
+from helpers.points import BOUNDS, floor_can_shelf_wall, plane
 from scipy.spatial import ConvexHull, QhullError
 
 from placement_planner_ros.core.errors import ParameterError
@@ -15,26 +15,9 @@ VOLUME = TargetVolume(np.array([-0.3, -0.3, -0.05]), np.array([0.3, 0.25, 0.35])
 CELL = 0.01
 
 
-def scene():
-    """A floor, a can, a shelf overhead and a wall that lies half outside V."""
-    angle = np.linspace(0.0, 2.0 * np.pi, 80, endpoint=False)
-    can = [
-        np.c_[0.1 + 0.034 * np.cos(angle), 0.05 + 0.034 * np.sin(angle), np.full(80, z)]
-        for z in np.arange(0.0, 0.12, 0.003)
-    ]
-    return np.vstack(
-        [
-            plane((-0.35, -0.35, 0.0042), (0.35, 0.35, 0.0042)),
-            plane((-0.2, -0.2, 0.2512), (0.0, 0.1, 0.2512)),
-            plane((0.271, -0.3, 0.0), (0.271, 0.0, 0.45)),
-            *can,
-        ]
-    )
-
-
 @pytest.fixture(scope="module")
 def obstacles():
-    return ObstacleSet.from_points(scene(), bounds=BOUNDS)
+    return ObstacleSet.from_points(floor_can_shelf_wall(), bounds=BOUNDS)
 
 
 @pytest.fixture(scope="module")

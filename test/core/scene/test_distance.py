@@ -2,17 +2,18 @@
 
 import numpy as np
 import pytest
-from helpers.points import BOUNDS
-from test_clearance import CELL, scene
+from helpers.points import BOUNDS, floor_can_shelf_wall
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.scene.distance import distance_bound_field
 from placement_planner_ros.core.scene.grid import ObstacleSet
 
+CELL = 0.01
+
 
 @pytest.fixture(scope="module")
 def obstacles():
-    return ObstacleSet.from_points(scene(), bounds=BOUNDS)
+    return ObstacleSet.from_points(floor_can_shelf_wall(), bounds=BOUNDS)
 
 
 def true_distance(obstacles, points):
