@@ -7,6 +7,8 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
+from geometry_msgs.msg import Pose
 from trajectory_msgs.msg import JointTrajectory
 
 from placement_planner_ros.client import Solution
@@ -22,7 +24,6 @@ from placement_planner_ros.pictures.motion import RecordedMotion
 from placement_planner_ros.pictures.picture import draw_objective
 from placement_planner_ros.pictures.stage_set import StageSet
 from placement_planner_ros.progress import ProgressLine
-from placement_planner_ros.view.poses import pose_of
 
 
 def require_folder(folder: Path) -> None:
@@ -118,3 +119,9 @@ def _curve(message: JointTrajectory) -> JointCurve:
     times = [point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec for point in points]
     positions = np.array([point.positions for point in points])
     return JointCurve(tuple(message.joint_names), np.array(times), positions)
+
+
+def pose_of(message: Pose) -> pin.SE3:
+    """A pose that the node has published."""
+    p, r = message.position, message.orientation
+    return pin.XYZQUATToSE3(np.array([p.x, p.y, p.z, r.x, r.y, r.z, r.w]))

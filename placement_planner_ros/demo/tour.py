@@ -21,6 +21,7 @@ from placement_planner_ros.demo.errors import DemoError
 from placement_planner_ros.demo.physics.carrying_out import CarryingOut, Look
 from placement_planner_ros.demo.physics.model import SimulatedThing
 from placement_planner_ros.demo.physics.outcome import CarryOutcome, apart
+from placement_planner_ros.demo.results import pose_of
 from placement_planner_ros.demo.search import BUSY, PAGE, Found, search, wait_until_ready
 from placement_planner_ros.demo.setting import Setting
 from placement_planner_ros.progress import ProgressLine
@@ -28,7 +29,6 @@ from placement_planner_ros.ros.tools.scene_publisher import ScenePublisher
 from placement_planner_ros.scenes.grasped_object import GraspedObject
 from placement_planner_ros.scenes.objects import object_by_name
 from placement_planner_ros.scenes.yumi import start_configuration, yumi_arm
-from placement_planner_ros.view.poses import pose_of
 
 _SHOWN = 2.0
 """Seconds for which the robot is shown at rest before the next run begins, so that the node knows
