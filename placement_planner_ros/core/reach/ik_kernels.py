@@ -90,6 +90,7 @@ def _pose_error(tip: Array, target: Array, error: Array) -> None:
     for a in range(3):
         error[a] = target[a, 3] - tip[a, 3]
     # R = R_target R_tipᵀ
+    # its diagonal, and the part that is skew: 2 sin(angle) axis
     d0 = d1 = d2 = vx = vy = vz = 0.0
     for c in range(3):
         d0 += target[0, c] * tip[0, c]
@@ -100,12 +101,14 @@ def _pose_error(tip: Array, target: Array, error: Array) -> None:
         vz += target[1, c] * tip[0, c] - target[0, c] * tip[1, c]
     sine = 0.5 * math.sqrt(vx * vx + vy * vy + vz * vz)
     cosine = 0.5 * (d0 + d1 + d2 - 1.0)
+    # axis times angle; for small angles the skew part is that already
     if sine > 1e-9:
         scale = 0.5 * math.atan2(sine, cosine) / sine
         error[3], error[4], error[5] = scale * vx, scale * vy, scale * vz
     elif cosine > 0.0:
         error[3], error[4], error[5] = 0.5 * vx, 0.5 * vy, 0.5 * vz
     else:  # half a turn: R = 2 a aᵀ - I, any sign of the axis a
+        # the column of R + I with the largest diagonal is the longest multiple of a
         k = 0
         if d1 > d0:
             k = 1
@@ -127,6 +130,7 @@ def _pose_error(tip: Array, target: Array, error: Array) -> None:
 @kernel(lean=True)
 def solve_spd(M: Array, b: Array) -> None:
     """Solve M x = b in place, M (6, 6) symmetric positive definite, by Cholesky."""
+    # L, with M = L Lᵀ, into the lower triangle
     for i in range(6):
         for j in range(i + 1):
             s = M[i, j]
@@ -136,11 +140,13 @@ def solve_spd(M: Array, b: Array) -> None:
                 M[i, i] = math.sqrt(s)
             else:
                 M[i, j] = s / M[j, j]
+    # forwards: L z = b
     for i in range(6):
         s = b[i]
         for k in range(i):
             s -= M[i, k] * b[k]
         b[i] = s / M[i, i]
+    # backwards: Lᵀ x = z
     for i in range(5, -1, -1):
         s = b[i]
         for k in range(i + 1, 6):
@@ -166,9 +172,11 @@ def weighted_jacobian(arm: IKArm, scratch: IKScratch) -> None:
     frames_jacobian(
         frames, arm.prismatic, frames[dof, 0, 3], frames[dof, 1, 3], frames[dof, 2, 3], J
     )
+    # rotation in metres
     for a in range(3, 6):
         for i in range(dof):
             J[a, i] *= ROTATION_SCALE
+    # a follower's column, by its factor, joins that of its master
     for k in range(len(arm.ties)):
         joint, other = int(arm.ties[k, 0]), int(arm.ties[k, 1])
         for a in range(6):
@@ -180,6 +188,7 @@ def weighted_jacobian(arm: IKArm, scratch: IKScratch) -> None:
 def solve_normal(scratch: IKScratch, damping: float) -> None:
     """y := (J Jᵀ + damping I)⁻¹ y, J without the joints that are not free."""
     J, M, free = scratch.J, scratch.M, scratch.free
+    # J Jᵀ, of the free joints' columns, damped
     for a in range(6):
         for b in range(a + 1):
             s = 0.0
@@ -201,6 +210,7 @@ def _step_within_limits(arm: IKArm, q: Array, scratch: IKScratch, damping: float
     J, y, error, free, dq = scratch.J, scratch.y, scratch.error, scratch.free, scratch.dq
     lower, upper = arm.lower, arm.upper
     dof = len(q)
+    # joints that the error presses against their limit take no part
     for i in range(dof):
         gradient = 0.0
         for a in range(6):
@@ -209,6 +219,7 @@ def _step_within_limits(arm: IKArm, q: Array, scratch: IKScratch, damping: float
         free[i] = not pressed
         dq[i] = 0.0
     for _ in range(dof):  # each round either ends or takes a joint to its limit
+        # the damped step of the free joints for what is left of the error
         for a in range(6):
             y[a] = error[a]
         solve_normal(scratch, damping)
@@ -218,6 +229,7 @@ def _step_within_limits(arm: IKArm, q: Array, scratch: IKScratch, damping: float
                 for a in range(6):
                     step += J[a, i] * y[a]
                 dq[i] = step
+        # those that it takes too far go up to their limit, and the error loses what that does
         hit = False
         for i in range(dof):
             if free[i]:
@@ -309,11 +321,13 @@ def solve_batch(
         for s in range(seeds.shape[1]):
             if count == solutions.shape[1]:
                 break
+            # from the seed, brought within limits, to the target
             for i in range(dof):
                 q[i] = min(max(seeds[t, s, i], arm.lower[i]), arm.upper[i])
             follow_in_place(arm.ties, q)
             if not descend(arm, targets[t], q, max_iterations, scratch):
                 continue
+            # kept unless a solution that is the same but for full turns is there
             new = True
             for k in range(count):
                 if not differs(solutions[t, k], q, arm.prismatic, min_difference):
