@@ -40,7 +40,7 @@ from placement_planner_ros.ros.outputs.reporting import Reporter
 from placement_planner_ros.ros.parameters.parameter_node import ParameterNode
 from placement_planner_ros.ros.parameters.server import ParameterServer
 from placement_planner_ros.ros.parameters.values import ParameterSet
-from placement_planner_ros.ros.process import begin_ros, leave_at_once
+from placement_planner_ros.ros.process import begin_ros, leave_at_once, share_heaps
 from placement_planner_ros.ros.run.loading import load_input_kernels
 from placement_planner_ros.ros.run.planning import Prepare
 from placement_planner_ros.ros.run.preparation import Preparation
@@ -292,6 +292,7 @@ def _wait_for(given: RobotInput | ObjectInput, asked: threading.Event) -> None:
 def main(args: list[str] | None = None) -> None:
     """Run the node until interrupted."""
     faulthandler.enable()  # a crash in compiled code says what each thread was doing
+    share_heaps()
     sys.setswitchinterval(_SWITCH_INTERVAL)
     asked = catch_signals()
     if asked.is_set():

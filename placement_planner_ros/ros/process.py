@@ -58,6 +58,17 @@ def _require_log_folder() -> None:
         stream.write(b"\n")
 
 
+def share_heaps() -> None:
+    """Let threads begun from now on share two heaps, where the C library is glibc.
+
+    With a heap for each thread, of which most is never given back, calls and clouds took 944 MB in
+    the first minute and 1,127 MB in the third.
+    """
+    m_arena_max = -8
+    with contextlib.suppress(AttributeError, OSError, TypeError):
+        ctypes.CDLL(None).mallopt(m_arena_max, 2)
+
+
 def give_memory_back() -> None:
     """Return what is free in the heaps, where the C library is glibc.
 
