@@ -694,16 +694,18 @@ class Meter:
     def judged(self, minutes):
         """Growth of memory, threads and descriptors once settled, all by their least.
 
-        What runs and bodies in the making take for a while comes and goes with them; what is kept
-        for ever raises the least too. Of memory, what a tenth of the samples are below.
+        What runs and bodies in the making take for a while comes and goes with them (a fifth of
+        the memory); what is kept for ever raises the least too. Of memory, what a tenth of the
+        samples are below; in a short soak, whose parts may hold no quiet moment, the most.
         """
         end = 60.0 * minutes
-        settled = MEMORY_SETTLED if end >= 2.0 * MEMORY_SETTLED else end / 3.0
-        window = (end - settled) / 4.0
+        short = end < 2.0 * MEMORY_SETTLED
+        settled = end / 3.0 if short else MEMORY_SETTLED
+        window = (end - settled) / (2.0 if short else 4.0)
         table = np.array(self.samples)
         first = table[(table[:, 0] >= settled) & (table[:, 0] < settled + window)]
         last = table[table[:, 0] >= end - window]
-        memory = [float(np.percentile(part[:, 1], 10)) for part in (first, last)]
+        memory = [float(np.percentile(part[:, 1], 100 if short else 10)) for part in (first, last)]
         return {
             "memory_mb": [round(each / 1e6, 1) for each in memory],
             "memory_growth": round(memory[1] / memory[0] - 1.0, 4),
