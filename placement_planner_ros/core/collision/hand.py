@@ -94,6 +94,7 @@ def _carried_meets_boxes(
     arm: ArmArrays, boxes: BoxArrays, scratch: ArmScratch, joint: int, margin: float, contact: bool
 ) -> bool:
     """Whether a body that hangs on `joint`, whose frame is placed, surely meets an obstacle."""
+    # Bodies that this joint carries, each against the obstacle set.
     for body in range(arm.moving):
         if arm.bodies[body, BODY_JOINT] != joint:
             continue
@@ -109,6 +110,7 @@ def _carried_meets_boxes(
 @kernel(lean=True)
 def _carried_meets_fixed(arm: ArmArrays, scratch: ArmScratch, joint: int, margin: float) -> bool:
     """Whether a body that hangs on `joint` surely meets one that the arm does not move."""
+    # Pairs of a body that nothing moves and one that this joint carries.
     world = len(arm.prismatic) + 1
     bodies, pairs = arm.bodies, arm.pairs
     for pair in range(pairs.shape[0]):
@@ -126,6 +128,7 @@ def _carried_meets_fixed(arm: ArmArrays, scratch: ArmScratch, joint: int, margin
 @kernel(lean=True)
 def _place_before(arm: ArmArrays, scratch: ArmScratch, T_world_joint: Array, q: float) -> None:
     """Frame of the last joint but one, the last being at q: T_world_joint · R_z(-q) · A⁻¹."""
+    # Turn back by the last joint, then undo its fixed transform A, row by row.
     last = len(arm.prismatic) - 1
     frames, A = scratch.frames, arm.fixed[last]
     cos, sin = np.cos(q), np.sin(q)
@@ -178,10 +181,12 @@ def hand_collides(
     if number == 0 or boxes.number == 0:
         return False
     # What turns about the last axis: free at one middle, and nothing is certain.
+    # A stride without a common divisor visits every interval once.
     step = max(1, int(_STRIDE * number))
     while np.gcd(step, number) != 1:
         step += 1
     for visit in range(number):
+        # Turned to the middle of an interval, short of the margin by what it can turn away.
         scratch.counters[0] += 1
         _place_before(arm, scratch, T_world_joint, middles[(visit * step) % number])
         if not _carried_meets_boxes(arm, boxes, scratch, last - 1, shrunk_margin, contact):

@@ -103,9 +103,11 @@ def _place_part(
     thing: ObjectArrays, scratch: ObjectScratch, part: int, T: Array, raised: float
 ) -> None:
     """Vertices of both copies, planes and box of a swept part in the world."""
+    # Where the rows of this part begin.
     first = thing.part_vertices[part]
     count = thing.part_vertices[part + 1] - first
     vertices, planes, bounds = scratch.vertices, scratch.planes, scratch.bounds
+    # One coordinate of all vertices, at rest and raised, and the span of both.
     for i in range(3):
         up = raised if i == 2 else 0.0
         low = np.inf
@@ -120,6 +122,8 @@ def _place_part(
             high = max(high, w + up)
         bounds[part, i] = low
         bounds[part, i + 3] = high
+    # Face planes: the normal turned, the offset moved; those that face up belong to the raised
+    # copy.
     for v in range(thing.part_planes[part], thing.part_planes[part + 1]):
         offset = thing.planes[v, 3]
         for i in range(3):
@@ -142,6 +146,7 @@ def _mesh_meets_box(
     margin: float,
 ) -> int:
     """The swept mesh against box b of `corners` (m, 6)."""
+    # Corners of the box, swept downward instead of the mesh upward, in the object's frame.
     box = scratch.box
     for row in range(8):
         dx = corners[b, 0 if row & 1 == 0 else 3] - T[0, 3]
@@ -149,6 +154,7 @@ def _mesh_meets_box(
         dz = (corners[b, 2] - raised if row & 4 == 0 else corners[b, 5]) - T[2, 3]
         for i in range(3):
             box[row, i] = T[0, i] * dx + T[1, i] * dy + T[2, i] * dz
+    # The mesh as it is against the hull of these corners.
     return mesh_meets_hull(thing.mesh, 0, box, 8, margin, margin, scratch.work)
 
 
@@ -172,6 +178,7 @@ def _part_meets_boxes(
 
     FREE, or the answer to the first box that is not.
     """
+    # Columns and layers of the cells that the box around the part touches, the margin added.
     corners, columns = boxes.corners, boxes.columns
     ox, oy, oz, size = boxes.grid[0], boxes.grid[1], boxes.grid[2], boxes.grid[3]
     reach = margin + TOLERANCE
@@ -182,6 +189,7 @@ def _part_meets_boxes(
     i1 = min(int(np.floor((box[3] + reach - ox) / size)) + 1, columns.shape[0])
     j1 = min(int(np.floor((box[4] + reach - oy) / size)) + 1, columns.shape[1] - 1)
     k1 = int(np.floor((box[5] + reach - oz) / size)) + 1
+    # The part as a convex set: both copies' vertices, and the planes placed.
     world = SetsInWorld(scratch.vertices, scratch.planes, scratch.bounds, scratch.work)
     rows = SetRows(
         2 * thing.part_vertices[part],
@@ -203,8 +211,10 @@ def _part_meets_boxes(
                 # parts of a cover may reach below the contact plane, the object does not
                 if box[2] - corners[b, 5] >= beneath or contact - tops[b] >= under:
                     continue
+                # This box has been found free of the mesh at this pose.
                 if part >= thing.solids and scratch.seen[b] == scratch.seen[-1]:
                     continue
+                # The swept convex part, then the mesh where a cover leaves the box open.
                 answer = polytope_meets_box(world, rows, closed, corners, b, margin, margin)
                 if answer != FREE and part >= thing.solids:
                     answer = _mesh_meets_box(thing, scratch, T, raised, corners, b, margin)
@@ -220,9 +230,11 @@ def _ball_clear(boxes: BoxArrays, ball: Array, T: Array, raised: float, margin: 
 
     What it sweeps lies in the ball around the sweep's middle that is larger by half its height.
     """
+    # The ball's centre in the world.
     x = T[0, 3] + T[0, 0] * ball[0] + T[0, 1] * ball[1] + T[0, 2] * ball[2]
     y = T[1, 3] + T[1, 0] * ball[0] + T[1, 1] * ball[1] + T[1, 2] * ball[2]
     z = T[2, 3] + T[2, 0] * ball[0] + T[2, 1] * ball[1] + T[2, 2] * ball[2]
+    # The distance of the sweep's middle, against the ball grown by half the sweep.
     bound, _ = distance_bounds(boxes.field_grid, boxes.field, x, y, z + 0.5 * raised)
     return bound >= ball[3] + 0.5 * raised + (margin + TOLERANCE)
 
@@ -254,10 +266,13 @@ def check_pose(
         under: the same from a level contact plane; infinite where it slopes.
         contact: boxes whose top is within `tolerance` of this height are support.
     """
+    # The ball around all of the object.
     parts = thing.part_vertices.shape[0] - 1
     if boxes.number == 0 or _ball_clear(boxes, thing.spheres[parts], T, raised, margin):
         return FREE
+    # Another pose: no box has been seen free of the mesh at it.
     scratch.seen[-1] += 1
+    # Part by part: the ball around it, then its planes and vertices.
     for part in range(parts):
         if _ball_clear(boxes, thing.spheres[part], T, raised, margin):
             continue
@@ -299,6 +314,7 @@ def check_poses(
     answers: npt.NDArray[np.int64],
 ) -> None:
     """Poses (n, 4, 4) with contact planes of one slope and heights (n,) each; answers (n,)."""
+    # Each pose with its own contact height and its own sweep.
     for i in range(poses.shape[0]):
         answers[i] = check_pose(
             thing,

@@ -233,6 +233,7 @@ def apart_within(
 
     It is where all cells say so that these ranges touch.
     """
+    # Joint values and ranges in cells of the table.
     grid, counts = tables.grid, tables.counts
     u = (q1 - grid[table, 0]) / CELL
     v = (q2 - grid[table, 1]) / CELL
@@ -241,17 +242,21 @@ def apart_within(
     if counts[table, 1] == 1:
         # One cell for all of it.
         v, dv = 0.5, 0.0
+    # Too wide a range, or too far away, for whole numbers.
     if not (du <= _MAX_RANGE and dv <= _MAX_RANGE and abs(u) < _FAR and abs(v) < _FAR):
         return False
+    # A joint that does not go round must stay within its rows or columns.
     rows, columns = counts[table, 0], counts[table, 1]
     if not ((rows == ROUND or u >= du) and (columns == ROUND or v >= dv)):
         return False
     if not ((rows == ROUND or u + du < rows) and (columns == ROUND or v + dv < columns)):
         return False
+    # All cells that the range touches, if they are not too many.
     i0, i1 = int(np.floor(u - du)), int(np.floor(u + du))
     j0, j1 = int(np.floor(v - dv)), int(np.floor(v + dv))
     if (i1 - i0 + 1) * (j1 - j0 + 1) > _MAX_RANGE:
         return False
+    # Every one of them must say that the pair is apart; round joints wrap.
     for i in range(i0, i1 + 1):
         for j in range(j0, j1 + 1):
             if not tables.apart[counts[table, 2] + (i % rows) * columns + j % columns]:
@@ -264,6 +269,7 @@ def _fill(
     pair: _Pair, room: _Room, lower: Array, clear: float, apart: npt.NDArray[np.bool_]
 ) -> None:
     """All cells (m, n) of one table: a block at a time, and where that is open its quarters."""
+    # Directions that last kept parts apart, and blocks that are still to be looked at.
     rows, columns = apart.shape
     s = len(pair.radius)
     known = np.zeros((pair.inner, s - pair.inner, 3))
@@ -277,12 +283,15 @@ def _fill(
                 k, m, size = stack[waiting]
                 # A block beyond the last row or column is no larger than the table.
                 across, along = min(size, rows - k), min(size, columns - m)
+                # The block's middle, and half of what it spans, with some room for rounding.
                 delta1, delta2 = 0.5 * across * CELL + 1e-9, 0.5 * along * CELL + 1e-9
                 q1, q2 = lower[0] + k * CELL + delta1, lower[1] + m * CELL + delta2
+                # The outer link at the middle, against all that may happen within the block.
                 _place_outer(pair, room, q1, q2)
                 if _apart_around(pair, room, known, delta1, delta2, clear, size <= _MESH_BLOCK):
                     apart[k : k + size, m : m + size] = True
                 elif size > 1:
+                    # The block's quarters, those that begin within the table.
                     half = size // 2
                     for corner in range(4):
                         k2, m2 = k + half * (corner % 2), m + half * (corner // 2)
@@ -310,8 +319,10 @@ def _apart_around(
     parts, radius = pair.parts, pair.radius
     points, axes, work = room.points, room.axes, room.work
     B = pair.frames[1]
+    # The offset between both joints' origins.
     offset = np.sqrt(B[0, 3] ** 2 + B[1, 3] ** 2 + B[2, 3] ** 2)
     mesh = other = -1
+    # How far any point moves, for the meshes.
     moved = _motion(pair, room, delta1, delta2)
     for o in range(pair.inner, len(radius)):
         # What the formula's second order may take: ρ_2 is at most the distance `far` from the
@@ -322,10 +333,12 @@ def _apart_around(
             far = max(far, x * x + y * y + z * z)
         far = np.sqrt(far)
         bend = 0.5 * (delta1 * delta1 * (offset + far) + delta2 * (2.0 * delta1 + delta2) * far)
+        # Against each part of the inner link: the distance that is to be kept to first order.
         for s in range(pair.inner):
             need = clear + TOLERANCE + radius[o] + radius[s] + bend
             apart = False
             for attempt in range(2):
+                # Along the remembered direction first, then along that of the distance.
                 if attempt == 0:
                     work[5, :3] = known[s, o - pair.inner]
                 else:
@@ -343,20 +356,24 @@ def _apart_around(
                     )
                 nx, ny, nz = work[5, 0], work[5, 1], work[5, 2]
                 length = np.sqrt(nx * nx + ny * ny + nz * nz)
+                # How far they stay apart along it while the joints move.
                 if length > 1e-9:
                     nx, ny, nz = nx / length, ny / length, nz / length
                     gap = _gap_along(pair, points, axes, o, s, delta1, delta2, nx, ny, nz)
                     apart = gap >= need
                 if apart:
+                    # Remember it.
                     known[s, o - pair.inner, 0] = nx
                     known[s, o - pair.inner, 1] = ny
                     known[s, o - pair.inner, 2] = nz
                     break
             if apart:
                 continue
+            # The covers leave it open: ask the meshes, where there are any and it is time.
             a, b = pair.mesh[s], pair.mesh[o]
             if not meshes or (a < 0 and b < 0):
                 return False
+            # This pair of meshes has been asked.
             if a >= 0 and b >= 0 and a == mesh and b == other:
                 continue
             if not _meshes_apart(pair, room, s, o, clear + moved):
@@ -368,10 +385,12 @@ def _apart_around(
 @kernel()
 def _motion(pair: _Pair, room: _Room, delta1: float, delta2: float) -> float:
     """How far any point of the outer link moves within ±delta, at most (the module's last)."""
+    # The vertices of the outer link, moved by the second joint, then by both.
     most = 0.0
     for v in range(pair.parts[pair.inner], len(room.points)):
         inner = delta2 * _from_axis(room, 1, v)
         most = max(most, inner + delta1 * (_from_axis(room, 0, v) + inner))
+    # The same for what the parts' radii add.
     thick = 0.0
     for part in range(len(pair.radius)):
         thick = max(thick, pair.radius[part])
@@ -381,6 +400,7 @@ def _motion(pair: _Pair, room: _Room, delta1: float, delta2: float) -> float:
 @kernel(inline=True)
 def _from_axis(room: _Room, joint: int, v: int) -> float:
     """ρ of a placed vertex: its distance from the axis of the first or second joint."""
+    # The distance of the vertex from the axis at its closest.
     axis, at = room.axes[2 * joint], room.axes[2 * joint + 1]
     x, y, z = room.points[v, 0] - at[0], room.points[v, 1] - at[1], room.points[v, 2] - at[2]
     along = x * axis[0] + y * axis[1] + z * axis[2]
@@ -390,6 +410,7 @@ def _from_axis(room: _Room, joint: int, v: int) -> float:
 @kernel()
 def _meshes_apart(pair: _Pair, room: _Room, s: int, o: int, need: float) -> bool:
     """Whether what parts s and o belong to, one a mesh at least, keep `need` where they are."""
+    # Two meshes: the pose of the one in the frame of the other.
     a, b = pair.mesh[s], pair.mesh[o]
     if a >= 0 and b >= 0:
         _compose(pair.mesh_frames[a], room.outer, pair.mesh_frames[b], room.between)
@@ -397,6 +418,7 @@ def _meshes_apart(pair: _Pair, room: _Room, s: int, o: int, need: float) -> bool
             pair.trees, a, b, room.between, need, need, room.stack, room.local, room.work
         )
         return answer == FREE
+    # A mesh against the convex part of the other link.
     mesh, part = (a, o) if a >= 0 else (b, s)
     # The mesh where it is, and the points of the other in its frame.
     T = room.between
@@ -404,6 +426,7 @@ def _meshes_apart(pair: _Pair, room: _Room, s: int, o: int, need: float) -> bool
         T[:] = pair.mesh_frames[a]
     else:
         T[:] = room.outer @ pair.mesh_frames[b]
+    # The part's vertices in the mesh's frame.
     first, last = pair.parts[part], pair.parts[part + 1]
     for v in range(first, last):
         for i in range(3):
@@ -411,6 +434,7 @@ def _meshes_apart(pair: _Pair, room: _Room, s: int, o: int, need: float) -> bool
             for j in range(3):
                 room.local[v - first, i] += T[j, i] * (room.points[v, j] - T[j, 3])
     need += pair.radius[part]
+    # The mesh against their hull, the radius added.
     answer = mesh_meets_hull(pair.trees, mesh, room.local, last - first, need, need, room.work)
     return answer == FREE
 
@@ -418,6 +442,7 @@ def _meshes_apart(pair: _Pair, room: _Room, s: int, o: int, need: float) -> bool
 @kernel()
 def _compose(A: Array, T: Array, B: Array, out: Array) -> None:
     """Set `out` to A⁻¹ T B, all (4, 4) poses."""
+    # T B, seen from A: rotation transposed, its origin taken off.
     C = T @ B
     for i in range(3):
         for j in range(4):
@@ -431,14 +456,17 @@ def _place_outer(pair: _Pair, room: _Room, q1: float, q2: float) -> None:
     """Put the outer link where it is at q; `axes` are direction and origin of both joints."""
     B = pair.frames[1]
     axes, points, N = room.axes, room.points, room.outer
+    # The first joint's frame, turned by q1.
     T = pair.frames[0].copy()
     _turn(T, q1)
+    # The second joint's frame in it, before it turns; directions and origins of both axes.
     for i in range(3):
         for j in range(4):
             N[i, j] = T[i, 0] * B[0, j] + T[i, 1] * B[1, j] + T[i, 2] * B[2, j]
         N[i, 3] += T[i, 3]
         axes[0, i], axes[1, i] = T[i, 2], T[i, 3]
         axes[2, i], axes[3, i] = N[i, 2], N[i, 3]
+    # Turned by q2, with the vertices of the outer link.
     _turn(N, q2)
     for v in range(pair.parts[pair.inner], len(points)):
         x, y, z = pair.vertices[v, 0], pair.vertices[v, 1], pair.vertices[v, 2]
@@ -463,16 +491,19 @@ def _gap_along(
 
     n·J_k = n·(axis × (p - at)) = (n × axis)·(p - at)
     """
+    # n × axis of both joints, and its product with their origins.
     ax, ay, az = _cross(nx, ny, nz, axes[0])
     bx, by, bz = _cross(nx, ny, nz, axes[2])
     a0 = ax * axes[1, 0] + ay * axes[1, 1] + az * axes[1, 2]
     b0 = bx * axes[3, 0] + by * axes[3, 1] + bz * axes[3, 2]
+    # The outer part's vertex that can come nearest along n, while both joints move.
     nearest = np.inf
     for v in range(pair.parts[o], pair.parts[o + 1]):
         x, y, z = points[v, 0], points[v, 1], points[v, 2]
         slip = delta1 * abs(ax * x + ay * y + az * z - a0)
         slip += delta2 * abs(bx * x + by * y + bz * z - b0)
         nearest = min(nearest, nx * x + ny * y + nz * z - slip)
+    # The inner part's vertex that reaches furthest along n.
     reach = -np.inf
     for v in range(pair.parts[s], pair.parts[s + 1]):
         reach = max(reach, nx * points[v, 0] + ny * points[v, 1] + nz * points[v, 2])

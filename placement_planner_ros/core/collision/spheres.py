@@ -154,6 +154,7 @@ def _corners(surface: Array) -> Array:
     kept = np.empty(points.shape)
     count = 0
     for i in range(len(points)):
+        # A point that is there already, within the padding.
         known = False
         for j in range(count):
             if (
@@ -172,6 +173,7 @@ def _corners(surface: Array) -> Array:
 @kernel()
 def _halves(surface: Array, corners: Array) -> tuple[Array, Array]:
     """Cut a polytope across its longest extent: its surface (k, 3, 3), of `corners` (m, 3)."""
+    # The mean of the corners, and how they spread about it.
     mean = np.zeros(3)
     for i in range(len(corners)):
         mean += corners[i]
@@ -189,6 +191,7 @@ def _halves(surface: Array, corners: Array) -> tuple[Array, Array]:
         z = spread[2, 0] * nx + spread[2, 1] * ny + spread[2, 2] * nz
         length = math.sqrt(x * x + y * y + z * z) + 1e-300
         nx, ny, nz = x / length, y / length, z / length
+    # Heights of all corners along it, from the middle of their span.
     points = surface.reshape(-1, 3)
     low, high = np.inf, -np.inf
     heights = np.empty(len(points))
@@ -196,6 +199,7 @@ def _halves(surface: Array, corners: Array) -> tuple[Array, Array]:
         heights[i] = nx * points[i, 0] + ny * points[i, 1] + nz * points[i, 2]
         low, high = min(low, heights[i]), max(high, heights[i])
     heights -= 0.5 * (low + high)
+    # What lies below the middle, and what lies above.
     return _below(surface, heights), _below(surface, -heights)
 
 
@@ -207,6 +211,7 @@ def _below(surface: Array, heights: Array) -> Array:
         surface: (k, 3, 3) triangles of the polytope.
         heights: (3 k,) of their corners.
     """
+    # Room for what is kept of each triangle, and for the rim of the cut.
     kept = np.empty((3 * len(surface), 3, 3))
     count = 0
     polygon = np.empty((4, 3))
@@ -214,13 +219,16 @@ def _below(surface: Array, heights: Array) -> Array:
     fan = np.empty(3)
     closing = False
     for t in range(len(surface)):
+        # Walk round the triangle's sides.
         size = crossings = 0
         for v in range(3):
             w = (v + 1) % 3
             a, b = heights[3 * t + v], heights[3 * t + w]
+            # A corner on this side of the plane stays.
             if a <= 0.0:
                 polygon[size] = surface[t, v]
                 size += 1
+            # A side that crosses the plane is cut where it does.
             if (a < 0.0 < b) or (b < 0.0 < a):
                 polygon[size] = surface[t, v] + a / (a - b) * (surface[t, w] - surface[t, v])
                 cut[crossings] = polygon[size]
@@ -231,6 +239,7 @@ def _below(surface: Array, heights: Array) -> Array:
                 crossings += 1
         if size == 0:
             continue
+        # The polygon that is left, as a fan of triangles; a single point or side as a flat one.
         for v in range(2, max(size, 3)):
             kept[count, 0] = polygon[0]
             kept[count, 1] = polygon[min(v - 1, size - 1)]
@@ -254,6 +263,7 @@ def bounding_sphere(points: Array) -> tuple[Array, float]:
 
     Bădoiu and Clarkson's core-set iteration: a step of 1/(i+1) towards the farthest point.
     """
+    # Start from the mean of the points.
     center = np.zeros(3)
     count = points.shape[0]
     for i in range(count):
@@ -262,6 +272,7 @@ def bounding_sphere(points: Array) -> tuple[Array, float]:
     best = center.copy()
     smallest = np.inf
     for step in range(200):
+        # The point that is farthest from the centre.
         farthest = 0
         square = -1.0
         for i in range(count):
@@ -272,9 +283,11 @@ def bounding_sphere(points: Array) -> tuple[Array, float]:
             if d > square:
                 square = d
                 farthest = i
+        # Keep the best centre so far.
         if square < smallest:
             smallest = square
             best[:] = center
+        # A step towards that point.
         for j in range(3):
             center[j] += (points[farthest, j] - center[j]) / (step + 2)
     return best, np.sqrt(smallest)
