@@ -93,11 +93,13 @@ def _nearest(
     distances = np.empty(_BLOCK)
     best = np.inf
     arg = -1
+    # A block of nodes at a time.
     for low in range(0, count, _BLOCK):
         size = min(_BLOCK, count - low)
         d2 = distances[:size]
         d2[:] = 0.0
         block_labels = labels[low : low + size]
+        # Squared weighted distances of the block, joint by joint.
         for j in range(nodes.shape[0]):
             row = nodes[j, low : low + size]
             x = q[j]
@@ -105,6 +107,7 @@ def _nearest(
             for i in range(size):
                 d = row[i] - x
                 d2[i] += w * d * d
+        # The nearest with the label.
         for i in range(size):
             if d2[i] < best:
                 of_interest = block_labels[i] == label or (label < 0 and block_labels[i] > 0)

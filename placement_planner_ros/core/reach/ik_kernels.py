@@ -88,6 +88,7 @@ def ik_scratch(dof: int) -> IKScratch:
 def _pose_error(tip: Array, target: Array, error: Array) -> None:
     """error (6,): translation, then rotation vector, that take the tip to the target, in world."""
     for a in range(3):
+        # The translation that is left.
         error[a] = target[a, 3] - tip[a, 3]
     # R = R_target R_tipᵀ
     # its diagonal, and the part that is skew: 2 sin(angle) axis
@@ -157,6 +158,7 @@ def solve_spd(M: Array, b: Array) -> None:
 @kernel(inline=True)
 def follow_in_place(ties: Array, q: Array) -> None:
     """`arm.follow_masters` of q (n,) itself."""
+    # Each follower from the joint that it follows.
     for k in range(len(ties)):
         q[int(ties[k, 0])] = ties[k, 2] * q[int(ties[k, 1])] + ties[k, 3]
 
@@ -265,8 +267,10 @@ def descend(arm: IKArm, target: Array, q: Array, max_iterations: int, scratch: I
         _pose_error(scratch.frames[dof], target, error)
         position = error[0] ** 2 + error[1] ** 2 + error[2] ** 2
         rotation = error[3] ** 2 + error[4] ** 2 + error[5] ** 2
+        # At the target, within both tolerances.
         if position <= arm.position_tolerance**2 and rotation <= arm.rotation_tolerance**2:
             return True
+        # The error with rotation in metres; `age` counts steps that did not halve its square.
         squared = position + ROTATION_SCALE**2 * rotation
         if squared < 0.5 * best:
             best = squared
@@ -284,6 +288,7 @@ def descend(arm: IKArm, target: Array, q: Array, max_iterations: int, scratch: I
         for i in range(dof):
             largest = max(largest, abs(dq[i]))
         scale = min(1.0, MAX_STEP / max(largest, 1e-300))
+        # The step, kept within limits, with the followers.
         for i in range(dof):
             q[i] = min(max(q[i] + scale * dq[i], arm.lower[i]), arm.upper[i])
         follow_in_place(arm.ties, q)
@@ -294,6 +299,7 @@ def descend(arm: IKArm, target: Array, q: Array, max_iterations: int, scratch: I
 def differs(a: Array, b: Array, prismatic: Flags, min_difference: float) -> bool:
     """Whether two configurations differ in some joint by more than full turns explain."""
     for i in range(len(a)):
+        # The difference of a joint that turns, without full turns.
         d = abs(a[i] - b[i])
         if not prismatic[i]:
             d = abs(d - 2.0 * math.pi * math.floor(d / (2.0 * math.pi) + 0.5))
@@ -317,6 +323,7 @@ def solve_batch(
     scratch = ik_scratch(dof)
     q = np.empty(dof)
     for t in range(len(targets)):
+        # Every seed, until the solutions are as many as there is room for.
         count = 0
         for s in range(seeds.shape[1]):
             if count == solutions.shape[1]:
@@ -354,6 +361,7 @@ def track(
     tip is within `line_tolerance` (m, rad) of half-way between both.
     """
     dof = len(arm.lower)
+    # Start at q0, its followers where they belong.
     scratch = ik_scratch(dof)
     q = q0.copy()
     follow_in_place(arm.ties, q)
@@ -362,9 +370,11 @@ def track(
     error = np.empty(6)
     other = np.empty(6)
     for n in range(len(targets)):
+        # On to the next target, from the configuration before.
         if not descend(arm, targets[n], q, TRACK_ITERATIONS, scratch):
             return False
         path[n] = q
+        # No joint may have moved too far; half-way in the joints.
         for i in range(dof):
             if abs(q[i] - previous[i]) > max_joint_step:
                 return False
@@ -376,6 +386,7 @@ def track(
         chain_frames(arm.fixed, arm.prismatic, between, scratch.frames)
         _pose_error(scratch.frames[dof], targets[n - 1], other)
         _pose_error(scratch.frames[dof], targets[n], error)
+        # What the tip is off from the middle of both targets.
         for a in range(6):
             error[a] = 0.5 * (error[a] + other[a])
         if (

@@ -39,14 +39,18 @@ def _nearest(
     count = seeds.shape[1]
     rows = np.empty(count, dtype=np.int64)
     for n in range(len(wanted)):
+        # The list of the best is empty.
         distance[:] = np.inf
         for k in range(window):
+            # The next row of the window, which goes on at the first after the last.
             row = (starts[n] + k) % len(features)
+            # How far its features are from those wanted.
             d = 0.0
             for a in range(12):
                 d += (features[row, a] - wanted[n, a]) ** 2
             if d >= distance[count - 1]:
                 continue
+            # Move worse rows down, and put it in its place.
             place = count - 1
             while place > 0 and distance[place - 1] > d:
                 distance[place] = distance[place - 1]
@@ -54,6 +58,7 @@ def _nearest(
                 place -= 1
             distance[place] = d
             rows[place] = row
+        # The configurations of the best rows.
         for s in range(count):
             seeds[n, s] = configurations[rows[s]]
 

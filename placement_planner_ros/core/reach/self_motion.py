@@ -46,18 +46,22 @@ def _project(arm: IKArm, tangent: Array, scratch: IKScratch) -> bool:
     """
     J, y = scratch.J, scratch.y
     dof = len(tangent)
+    # J times the tangent: the tip's motion that is to be taken out.
     weighted_jacobian(arm, scratch)
     for a in range(6):
         y[a] = 0.0
         for i in range(dof):
             y[a] += J[a, i] * tangent[i]
+    # The joint motion of least norm that does the same, all joints taking part.
     scratch.free[:] = True
     solve_normal(scratch, REGULARIZATION)
+    # Take it off the tangent; followers move as their masters do.
     for i in range(dof):
         for a in range(6):
             tangent[i] -= J[a, i] * y[a]
     for k in range(len(arm.ties)):
         tangent[int(arm.ties[k, 0])] = arm.ties[k, 2] * tangent[int(arm.ties[k, 1])]
+    # What is left, to length 1.
     squared = 0.0
     for i in range(dof):
         squared += tangent[i] ** 2
@@ -74,6 +78,7 @@ def _null_direction(
     arm: IKArm, axis: int, any_axis: bool, tangent: Array, scratch: IKScratch
 ) -> bool:
     """tangent (n,): joint `axis`, or the first that can, moved within the null space."""
+    # One joint after the other, moved alone, until something is left in the null space.
     for i in range(len(tangent) if any_axis else 1):
         tangent[:] = 0.0
         tangent[(axis + i) % len(tangent)] = 1.0
@@ -85,6 +90,7 @@ def _null_direction(
 @kernel(lean=True)
 def _visited(q: Array, starts: Array, found: Array, prismatic: Flags, radius: float) -> bool:
     """Whether q is next to one of the configurations."""
+    # Newest first, as the walk's own last steps are nearest.
     for near in (found, starts):
         for k in range(len(near) - 1, -1, -1):
             if not differs(near[k], q, prismatic, radius):
@@ -110,6 +116,7 @@ def _walk(
     """
     lower, upper = arm.lower, arm.upper
     dof = len(lower)
+    # The walk starts at the last of the starts.
     last = starts[len(starts) - 1].copy()
     ahead = np.empty(dof)
     q = np.empty(dof)
@@ -125,9 +132,11 @@ def _walk(
                 length = min(length, (upper[i] - last[i]) / tangent[i])
             elif tangent[i] < 0.0:
                 length = min(length, (lower[i] - last[i]) / tangent[i])
+        # Too short a step: the walk is at a limit.
         moved = length * largest
         if moved < MIN_STEP * step:
             break
+        # That far along the tangent, within limits.
         for i in range(dof):
             ahead[i] = min(max(last[i] + length * tangent[i], lower[i]), upper[i])
             q[i] = ahead[i]
@@ -139,8 +148,10 @@ def _walk(
         if not reached or strayed > 0.5 * moved:
             share *= 0.5
             continue
+        # A configuration that was there before closes the curve.
         if _visited(q, starts, found[:count], arm.prismatic, 0.5 * moved):
             break
+        # Keep it, and try twice as long a step next.
         found[count] = q
         last[:] = q
         count += 1
@@ -167,6 +178,7 @@ def sweep_batch(
         starts: (k, s, n), of which the first start_counts[i] (k,) solve targets[i] (4, 4).
         step: rad or m, the largest change of a joint from one configuration to the next.
     """
+    # Joints beyond the six that a pose needs: without them there is no self-motion.
     dof = len(arm.lower)
     spare = dof - len(arm.ties) - 6
     counts[:] = 0
@@ -174,6 +186,7 @@ def sweep_batch(
         return
     scratch = ik_scratch(dof)
     tangent = np.empty(dof)
+    # Each target with its starts, but for those that a walk has passed already.
     for n in range(len(targets)):
         count = 0
         own = starts[n, : start_counts[n]]
@@ -183,11 +196,13 @@ def sweep_batch(
             # one direction spans a curve; a surface is cut along one direction for each joint
             for axis in range(1 if spare == 1 else dof):
                 for side in (1.0, -1.0):
+                    # The direction in which the joint moves without the tip, then its opposite.
                     chain_frames(arm.fixed, arm.prismatic, own[s], scratch.frames)
                     if not _null_direction(arm, axis, spare == 1, tangent, scratch):
                         break
                     for i in range(dof):
                         tangent[i] *= side
+                    # The walk along it.
                     count = _walk(
                         arm, targets[n], step, own[: s + 1], tangent, found[n], count, scratch
                     )

@@ -62,6 +62,7 @@ def _descend(
                 best, best_child = np.inf, child
                 child = next_sibling[child]
                 continue
+            # Mean reward, and the width of its confidence bound.
             mean = rewards[child] / visits[child]
             u = mean + c * np.sqrt(2.0 * log_visits / visits[child])
             mean_sum += mean
@@ -74,6 +75,7 @@ def _descend(
             u_new = mean_sum / j + c * np.sqrt(2.0 * log_visits / j)
             if u_new > best:
                 return node, depth, _ADD
+        # Down to the best child.
         node = best_child
         depth += 1
 
@@ -88,6 +90,7 @@ def _propagate(
     rewards: np.ndarray,
 ) -> None:
     """Add to v and r of a node and of all above it."""
+    # From the node up to the root.
     while node >= 0:
         visits[node] += visit
         rewards[node] += reward

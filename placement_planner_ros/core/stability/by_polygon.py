@@ -186,6 +186,7 @@ def _firm(
     widths, planes, plane = np.zeros(len(gaps)), np.zeros((len(gaps), 3)), np.zeros(3)
     hull = np.empty(2 * len(points) + 2, np.int64)
     carries = np.empty(len(points), np.bool_)
+    # Which points carry the object, if their plane does not lean too much.
     for n in range(len(gaps)):
         if not _carrying(points, gaps[n], noise[n], carries, plane):
             continue
@@ -196,14 +197,20 @@ def _firm(
         under_x = -height * ups[n, 0] / ups[n, 2]
         under_y = -height * ups[n, 1] / ups[n, 2]
         firm = True
+        # Each side of the hull: its direction, and the one into the hull.
         for c in range(corners):
             a, b = hull[c], hull[(c + 1) % corners]
             along_x, along_y = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
             length = math.sqrt(along_x * along_x + along_y * along_y)
             in_x, in_y = -along_y / length, along_x / length
+            # How far the foot lies within the side.
             inside = -(in_x * points[a, 0] + in_y * points[a, 1]) - added
+            # The angle by which the object can be tipped over that side, gravity's own lean taken
+            # off.
             net = math.atan2(inside, height)
             net -= math.atan2(in_x * ups[n, 0] + in_y * ups[n, 1], ups[n, 2])
+            # The point under the centre of mass keeps the margin, and the object can be tipped that
+            # far.
             if inside + in_x * under_x + in_y * under_y < margin or net < TIPS:
                 firm = False
                 break
@@ -218,25 +225,29 @@ def _carrying(
 ) -> bool:
     """Which points carry the object; whether the surface under them does not lean, at all.
 
-    As `in_one_plane`, for a varying number of points. What lies lower than so little a lean
+    As `coplanar_support`, for a varying number of points. What lies lower than so little a lean
     would bridge is not touched.
 
     Args:
         plane: (3,) receives that of those which carry.
     """
+    # Points with a surface under them, and the plane fitted to it.
     for k in range(len(points)):
         carries[k] = not math.isnan(gaps[k])
     width = _fit(points, gaps, carries, plane)
     if width == 0.0:
         return False
+    # The plane may lean by `LEANS`, and by what noise makes of so short a width.
     allowed = LEANS + noise / width
     if math.sqrt(plane[1] * plane[1] + plane[2] * plane[2]) > allowed:
         return False
+    # The highest surface about the plane.
     highest = -np.inf
     for k in range(len(points)):
         if carries[k]:
             above = gaps[k] - plane[1] * points[k, 0] - plane[2] * points[k, 1]
             highest = max(highest, above)
+    # Keep those points under which it is not lower than the lean would bridge.
     lowest = highest - 0.5 * allowed * width - 0.5 * noise
     for k in range(len(points)):
         if carries[k]:
@@ -252,6 +263,7 @@ def _fit(points: Array, gaps: Array, of: npt.NDArray[np.bool_], plane: Array) ->
     Args:
         plane: (3,) receives what is fitted to their gaps: how much at the origin, along x and y.
     """
+    # The mean of the points and of their gaps.
     count, mean_x, mean_y, mean = 0, 0.0, 0.0, 0.0
     for k in range(len(points)):
         if of[k]:
@@ -262,6 +274,7 @@ def _fit(points: Array, gaps: Array, of: npt.NDArray[np.bool_], plane: Array) ->
     if count < 3:
         return 0.0
     mean_x, mean_y, mean = mean_x / count, mean_y / count, mean / count
+    # Second moments of the points, and of points with gaps.
     xx, xy, yy, fall_x, fall_y = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(len(points)):
         if of[k]:
@@ -271,12 +284,15 @@ def _fit(points: Array, gaps: Array, of: npt.NDArray[np.bool_], plane: Array) ->
             yy += y * y
             fall_x += x * z
             fall_y += y * z
+    # Points in line determine no plane.
     determinant = xx * yy - xy * xy
     if determinant <= 1e-9 * (xx + yy) ** 2:
         return 0.0
+    # Least squares: slopes along the axes, and the value at the origin.
     plane[1] = (yy * fall_x - xy * fall_y) / determinant
     plane[2] = (xx * fall_y - xy * fall_x) / determinant
     plane[0] = mean - plane[1] * mean_x - plane[2] * mean_y
+    # The smaller principal moment gives the width across.
     least = 0.5 * (xx + yy - math.sqrt((xx - yy) ** 2 + 4.0 * xy * xy))
     return 2.0 * math.sqrt(least / count)
 
@@ -289,6 +305,7 @@ def _across(points: Array, corners: npt.NDArray[np.int64]) -> float:
         corners: rows of the points (k, 2), in boundary order.
     """
     narrowest = np.inf
+    # Each side, and the corner furthest from it.
     for c in range(len(corners)):
         a, b = corners[c], corners[(c + 1) % len(corners)]
         along_x, along_y = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
@@ -308,6 +325,7 @@ def _hull(points: Array, of: npt.NDArray[np.bool_], hull: npt.NDArray[np.int64])
     Returns:
         How many they are; they stand at the beginning of `hull`.
     """
+    # The lower chain from left to right, then the upper one from right to left.
     count = 0
     for upper in range(2):
         begin = count
@@ -315,6 +333,7 @@ def _hull(points: Array, of: npt.NDArray[np.bool_], hull: npt.NDArray[np.int64])
             k = len(points) - 1 - step if upper == 1 else step
             if not of[k]:
                 continue
+            # Take back corners at which the chain does not turn left.
             while count - begin >= 2:
                 a, b = hull[count - 2], hull[count - 1]
                 turn = (points[b, 0] - points[a, 0]) * (points[k, 1] - points[a, 1]) - (

@@ -78,9 +78,11 @@ def _placed(
         faces: (n,)
         T: (n, 4, 4) T_world_object.
     """
+    # Where the corners of each pose's face begin.
     begins = np.zeros(len(faces) + 1, np.int64)
     for n in range(len(faces)):
         begins[n + 1] = begins[n] + first[faces[n] + 1] - first[faces[n]]
+    # Each corner, put into the world.
     points = np.empty((begins[-1], 3))
     for n in range(len(faces)):
         for k in range(begins[n + 1] - begins[n]):

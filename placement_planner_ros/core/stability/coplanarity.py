@@ -46,6 +46,7 @@ def coplanar_support(
     count = len(first) - 1
     widths, above = np.zeros(count), np.zeros(count)
     for n in range(count):
+        # The mean of the object's corners, and of the gaps under them.
         begin, end = first[n], first[n + 1]
         corners = end - begin
         x = y = gap = 0.0
@@ -53,8 +54,10 @@ def coplanar_support(
             x += points[k, 0] / corners
             y += points[k, 1] / corners
             gap += gaps[k] / corners
+        # Some corner has no surface under it.
         if math.isnan(gap):
             continue
+        # Second moments of the corners, and of corners with gaps.
         xx = xy = yy = falls_x = falls_y = 0.0
         for k in range(begin, end):
             a, b, off = points[k, 0] - x, points[k, 1] - y, gaps[k] - gap
@@ -63,15 +66,18 @@ def coplanar_support(
             yy += b * b
             falls_x += a * off
             falls_y += b * off
+        # The smaller principal moment, which gives the width across.
         least = 0.5 * (xx + yy) - math.hypot(0.5 * (xx - yy), xy)
         determinant = xx * yy - xy * xy
         if not (least > 0.0 and determinant > 0.0):
             continue  # corners in line
         width = 2.0 * math.sqrt(least / corners)
+        # The plane fitted to the gaps by least squares, and whether it leans too much.
         slope_x = (yy * falls_x - xy * falls_y) / determinant
         slope_y = (xx * falls_y - xy * falls_x) / determinant
         if math.hypot(slope_x, slope_y) > LEANS + _NOISY * noise / width:
             continue
+        # What the gaps keep about that plane, which must not let the object rock.
         low, high = math.inf, -math.inf
         for k in range(begin, end):
             left = gaps[k] - gap - slope_x * (points[k, 0] - x) - slope_y * (points[k, 1] - y)

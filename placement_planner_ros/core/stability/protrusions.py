@@ -66,7 +66,7 @@ class Protrusions:
         """(n,) whether something lifts the object at poses (n, 4, 4) on these faces (n,).
 
         On what is higher in its middle by d an object leans by d over half its width. That may be
-        as much as in `in_one_plane`.
+        as much as in `coplanar_support`.
 
         Args:
             slope: of the contact planes.
@@ -143,9 +143,11 @@ def _rise(
         origin, size, shape, start, height, rectangle, first: of the `SupportMap` for that slope.
     """
     result = np.zeros(len(on), np.bool_)
+    # The object's contact plane in the world.
     for row in range(len(on)):
         n = on[row]
         T = frames[n]
+        # A point of the object that touches, and the column of the map below it.
         for k in range(len(touching)):
             a, b = touching[k, 0], touching[k, 1]
             x = T[0, 0] * a + T[0, 1] * b + T[0, 3]
@@ -153,14 +155,21 @@ def _rise(
             i, j = math.floor((x - origin[0]) / size), math.floor((y - origin[1]) / size)
             if not (0 <= i < shape[0] and 0 <= j < shape[1]):
                 continue
+            # Height of the point above the plane through the origin that is parallel to the contact
+            # plane.
             z = T[2, 0] * a + T[2, 1] * b + T[2, 3] - slope[0] * x - slope[1] * y
+            # From which height above it a surface counts at this point.
             from_there = low[n] + planes[n, 1] * a + planes[n, 2] * b
             column = i * shape[1] + j
+            # The surfaces of the column.
             for s in range(start[column], start[column + 1]):
                 above = height[s] - z
+                # One of few measured points may be off by more.
                 least, number = from_there, max(1, first[s + 1] - first[s])
                 if number < _FEW:
                     least += max(0.0, alone / math.sqrt(number) - excused[n])
+                # It lifts the object where it is above the plane, below the end, and under the
+                # point.
                 if (
                     least < above <= high
                     and rectangle[s, 0] - _BESIDE <= x <= rectangle[s, 2] + _BESIDE

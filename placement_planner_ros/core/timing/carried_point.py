@@ -41,15 +41,18 @@ def _point_derivatives(
     Joint after joint outwards: with ω, α the turning of a link and a the acceleration of its
     origin, a point r away has v + ω × r and a + α × r + ω × (ω × r).
     """
+    # The frames at each sample.
     dof = len(prismatic)
     frames = np.zeros((dof + 1, 4, 4))
     for n in range(len(Q)):
         chain_frames(fixed, prismatic, Q[n], frames)
         tip = frames[-1]
+        # Turning of the link, velocity and acceleration of its origin, and where that is.
         wx = wy = wz = bx = by = bz = 0.0
         vx = vy = vz = ax = ay = az = 0.0
         ox = oy = oz = 0.0
         for i in range(dof + 1):
+            # The next joint's origin, and after the last one the point.
             if i < dof:
                 x, y, z = frames[i, 0, 3], frames[i, 1, 3], frames[i, 2, 3]
             else:
@@ -58,24 +61,31 @@ def _point_derivatives(
                     tip[1, 3] + tip[1, 0] * point[0] + tip[1, 1] * point[1] + tip[1, 2] * point[2],
                     tip[2, 3] + tip[2, 0] * point[0] + tip[2, 1] * point[1] + tip[2, 2] * point[2],
                 )
+            # From the last origin to it.
             rx, ry, rz = x - ox, y - oy, z - oz
             ox, oy, oz = x, y, z
+            # ω × r, carried on by the link that the joint stands on.
             sx, sy, sz = wy * rz - wz * ry, wz * rx - wx * rz, wx * ry - wy * rx
             vx, vy, vz = vx + sx, vy + sy, vz + sz
+            # α × r + ω × (ω × r).
             ax += by * rz - bz * ry + wy * sz - wz * sy
             ay += bz * rx - bx * rz + wz * sx - wx * sz
             az += bx * ry - by * rx + wx * sy - wy * sx
             if i == dof:
                 break
+            # The joint's axis, its velocity and acceleration, and ω × z.
             zx, zy, zz = frames[i, 0, 2], frames[i, 1, 2], frames[i, 2, 2]
             v, a = V[n, i], A[n, i]
             tx, ty, tz = wy * zz - wz * zy, wz * zx - wx * zz, wx * zy - wy * zx
             if prismatic[i]:
+                # A joint that slides adds to the origin's velocity and acceleration, with the
+                # Coriolis term.
                 vx, vy, vz = vx + v * zx, vy + v * zy, vz + v * zz
                 ax += a * zx + 2.0 * v * tx
                 ay += a * zy + 2.0 * v * ty
                 az += a * zz + 2.0 * v * tz
             else:
+                # A joint that turns adds to the link's turning.
                 bx += a * zx + v * tx
                 by += a * zy + v * ty
                 bz += a * zz + v * tz
