@@ -26,14 +26,14 @@ from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.reach.kinematics import Flags, chain_frames
 from placement_planner_ros.core.types import Array
 
-_SHORTEST = 1e-7
+_SHORTEST_SHARE = 1e-7
 """Share of an edge below which an interval is not halved any more."""
-_MOST_INTERVALS = 10_000
+_MAX_INTERVALS = 10_000
 """Of one edge."""
 _NEWTON_STEPS = 40
-_LONGEST_STEP = 0.5
+_LONGEST_STEP_RAD = 0.5
 """rad, of all joints together, in one of Newton's steps."""
-_FLAT = 1e-6
+_LEAST_TILT_SLOPE = 1e-6
 """Slope of the tilt, per rad of all joints together, below which nothing leads back."""
 
 
@@ -63,7 +63,7 @@ def _tilt_and_slopes(
 
 
 @kernel(lean=True)
-def _bend(delta: Array, prismatic: Flags, work: Array) -> float:
+def _second_order_bound(delta: Array, prismatic: Flags, work: Array) -> float:
     """Σ_j δ_j k_j (δ_j h_j + 2 Σ_{i<j} δ_i h_i), with what `_tilt_and_slopes` filled in."""
     # k_j from the outermost joint inward.
     dof = len(prismatic)
@@ -108,7 +108,7 @@ def edge_keeps_tilt(
     dof = len(a)
     q, delta = work[3], work[4]
     begin, length = 0.0, 1.0
-    for _ in range(_MOST_INTERVALS):
+    for _ in range(_MAX_INTERVALS):
         # The interval's middle, and how far each joint moves within it and beside it.
         half = 0.5 * length
         middle = begin + half
@@ -127,14 +127,17 @@ def edge_keeps_tilt(
             along += work[0, i] * (b[i] - a[i])
             aside += abs(work[0, i]) * deviation[i]
         # Certified, with the second order's bound: on to the next, twice as long.
-        if c - half * abs(along) - aside - 0.5 * _bend(delta, prismatic, work) >= least:
+        if (
+            c - half * abs(along) - aside - 0.5 * _second_order_bound(delta, prismatic, work)
+            >= least
+        ):
             begin += length
             if begin >= 1.0:
                 return True
             length = min(2.0 * length, 1.0 - begin)
         else:
             length = half
-            if length < _SHORTEST:
+            if length < _SHORTEST_SHARE:
                 return False
     return False
 
@@ -178,11 +181,11 @@ def project_tilt(
             squared += work[0, i] * work[0, i]
         # How fast the tilt falls along the gradient; too slowly leads nowhere.
         slope = math.sqrt(squared) / s
-        if slope < _FLAT:
+        if slope < _LEAST_TILT_SLOPE:
             return False
         # -∂tilt/∂q_i = ∂c/∂q_i / sin
         # A step towards the aim along the gradient, within limits.
-        step = min((tilt - aim) / slope, _LONGEST_STEP)
+        step = min((tilt - aim) / slope, _LONGEST_STEP_RAD)
         for i in range(dof):
             q[i] += step * work[0, i] / (s * slope)
             q[i] = min(max(q[i], lower[i]), upper[i])

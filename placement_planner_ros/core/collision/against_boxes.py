@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from placement_planner_ros.core.collision.against_mesh import COARSE
+from placement_planner_ros.core.collision.against_mesh import COARSE_MOTION_M
 from placement_planner_ros.core.collision.arrays import (
     BODY_FIRST_PART,
     BODY_JOINT,
@@ -35,19 +35,19 @@ from placement_planner_ros.core.collision.placing import (
     place_set,
 )
 from placement_planner_ros.core.collision.separation import (
+    BOUND_TOLERANCE_M,
     COLLIDING,
     FREE,
-    TOLERANCE,
     UNDECIDED,
-    separate,
+    check_separation,
 )
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.reach.kinematics import to_world
 from placement_planner_ros.core.types import Array
 
-_TOGETHER = 16
+_LEAVES_AT_ONCE = 16
 """Leaves of one solid that are looked at in one go, at most."""
-_LEVEL = 1e-6
+_LEAST_NORMAL_Z = 1e-6
 """Slope below which a plane does not tell boxes of one column apart."""
 
 
@@ -129,7 +129,7 @@ def layer_range(
 @kernel(lean=True)
 def boxes_apart(bounds: Array, row: int, corners: Array, box: int, need: float) -> bool:
     """Whether the box around a set, row of `bounds`, is `need` from an obstacle along an axis."""
-    far = need + TOLERANCE
+    far = need + BOUND_TOLERANCE_M
     return bool(
         corners[box, 0] - bounds[row, 3] >= far
         or bounds[row, 0] - corners[box, 3] >= far
@@ -197,7 +197,7 @@ def polytope_meets_box(
     hx = corners[box, 3] - cx
     hy = corners[box, 4] - cy
     hz = corners[box, 5] - cz
-    far = need + TOLERANCE + radius
+    far = need + BOUND_TOLERANCE_M + radius
     deepest = -np.inf
     best = -np.inf
     axis = -1
@@ -217,7 +217,7 @@ def polytope_meets_box(
             axis = v
     if axis >= 0:
         # The centre lies below all planes, so inside the set.
-        if closed and deepest < -TOLERANCE:
+        if closed and deepest < -BOUND_TOLERANCE_M:
             return COLLIDING
         # Start from that plane's normal, from the box to the set.
         work[5, 0], work[5, 1], work[5, 2] = -planes[axis, 0], -planes[axis, 1], -planes[axis, 2]
@@ -228,7 +228,7 @@ def polytope_meets_box(
         work[5, 1] = bounds[row, 1] + bounds[row, 4] - 2 * cy
         work[5, 2] = bounds[row, 2] + bounds[row, 5] - 2 * cz
     # The distance between the hull of the vertices and the box, with the radius added.
-    return separate(
+    return check_separation(
         world.vertices,
         rows.first_vertex,
         rows.last_vertex,
@@ -282,7 +282,7 @@ def open_leaves(
                 frames, joint, body_spheres[body, 0], body_spheres[body, 1], body_spheres[body, 2]
             )
             lower, _ = distance_bounds(field_grid, field, x, y, z)
-            if lower >= body_spheres[body, 3] + need + TOLERANCE:
+            if lower >= body_spheres[body, 3] + need + BOUND_TOLERANCE_M:
                 continue
         # The trees of all parts in preorder.
         node = parts[first, PART_FIRST_NODE]
@@ -291,12 +291,12 @@ def open_leaves(
             # Bounds on the distance of the node's centre to all boxes.
             x, y, z = to_world(frames, joint, spheres[node, 0], spheres[node, 1], spheres[node, 2])
             lower, upper = distance_bounds(field_grid, field, x, y, z)
-            lower -= spheres[node, 3] + TOLERANCE
+            lower -= spheres[node, 3] + BOUND_TOLERANCE_M
             # The sphere keeps its distance: skip all that is below it.
             if lower >= need:
                 node = nodes[node, NODE_SKIP]
                 continue
-            upper -= inner[node] - TOLERANCE
+            upper -= inner[node] - BOUND_TOLERANCE_M
             if upper < need:
                 # The ball inside the body is closer than `hit`.
                 if upper < hit:
@@ -309,7 +309,7 @@ def open_leaves(
             if nodes[node, NODE_SET] >= 0:
                 # The field leaves a leaf open with a distance far above `hit`: look for collisions
                 # only.
-                if need - hit > COARSE:
+                if need - hit > COARSE_MOTION_M:
                     result = UNDECIDED
                     need = hit
                     if lower >= need:
@@ -338,7 +338,7 @@ def _span_leaves(
     """
     nodes, spheres, sets = arm.nodes, arm.node_spheres, arm.sets
     frames, leaves, bounds = scratch.frames, scratch.leaves, scratch.bounds
-    far = need + TOLERANCE
+    far = need + BOUND_TOLERANCE_M
     # The ball around the leaf's centre that such boxes must reach, and the span of this ball.
     end = leaf + 1
     node = leaves[leaf]
@@ -356,7 +356,7 @@ def _span_leaves(
     alone = reach * reach
     u0, v0, w0, u1, v1, w1 = x0, y0, z0, x1, y1, z1
     together = end
-    while together < min(count, leaf + _TOGETHER) and nodes[leaves[together], NODE_SET] == s:
+    while together < min(count, leaf + _LEAVES_AT_ONCE) and nodes[leaves[together], NODE_SET] == s:
         node = leaves[together]
         u, v, w = to_world(frames, joint, spheres[node, 0], spheres[node, 1], spheres[node, 2])
         other = spheres[node, 3] + far
@@ -393,7 +393,7 @@ def _plane_in_world(
     # The offset along it, moved by the joint's position.
     offset = planes[plane, 3]
     offset += nx * frames[joint, 0, 3] + ny * frames[joint, 1, 3] + nz * frames[joint, 2, 3]
-    return nx, ny, nz, offset + (need + TOLERANCE + arm.radius[s])
+    return nx, ny, nz, offset + (need + BOUND_TOLERANCE_M + arm.radius[s])
 
 
 @kernel(inline=True)
@@ -416,9 +416,9 @@ def _heights_before_plane(
     left = offset - nx * (x if nx > 0.0 else x + size)
     left -= ny * (y if ny > 0.0 else y + size)
     # A plane that faces down bounds the heights from below, one that faces up from above.
-    if nz < -_LEVEL:
+    if nz < -_LEAST_NORMAL_Z:
         bottom = max(bottom, left / nz)
-    elif nz > _LEVEL:
+    elif nz > _LEAST_NORMAL_Z:
         top = min(top, left / nz)
     return bottom, top
 
@@ -481,7 +481,7 @@ def _set_meets_box(
             # Certain where the copy that the shape contains collides too.
             last = place_inner(arm, scratch, s, 0)
             need_inner = hit + arm.radius[s]
-            answer = separate(
+            answer = check_separation(
                 scratch.inner,
                 0,
                 last,
@@ -565,7 +565,7 @@ def open_leaves_meet_boxes(
                         continue
                 # The column's distance along y, and half the height of the ball above the column.
                 dy = max(low_y - y, 0.0, y - low_y - size)
-                height = np.sqrt(max(reach * reach - dx * dx - dy * dy, 0.0)) + TOLERANCE
+                height = np.sqrt(max(reach * reach - dx * dx - dy * dy, 0.0)) + BOUND_TOLERANCE_M
                 # The layers between the lowest and the highest point in question.
                 k0 = int(np.floor((max(z - height, bottom) - oz) * per_metre))
                 k1 = int(np.floor((min(z + height, top) - oz) * per_metre)) + 1

@@ -12,24 +12,24 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.collision.meshes import MeshArrays, Singles
 from placement_planner_ros.core.collision.separation import (
+    BOUND_TOLERANCE_M,
     COLLIDING,
     FREE,
-    TOLERANCE,
     UNDECIDED,
-    separate,
+    check_separation,
 )
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
 
 Indices = npt.NDArray[np.int64]
 
-COARSE = 0.02
+COARSE_MOTION_M = 0.02
 """Metres of motion above which an interval is searched for collisions rather than certified."""
 
-_CLOSE = 0.004
+_COARSE_MESH_MOTION_M = 0.004
 """The like for two meshes, between which a search for collisions takes long."""
 
-_NOBODY_KNOWS = -1
+_UNKNOWN_WINDING = -1
 
 
 @kernel(inline=True)
@@ -63,13 +63,13 @@ def _lowest_along(corners: Array, k: int, x: float, y: float, z: float) -> float
 
 
 @kernel(inline=True)
-def _lowest(corners: Array, k: int, i: int) -> float:
+def _least_coordinate(corners: Array, k: int, i: int) -> float:
     """The least coordinate i of corners k to k + 2."""
     return min(corners[k, i], corners[k + 1, i], corners[k + 2, i])
 
 
 @kernel(inline=True)
-def _highest(corners: Array, k: int, i: int) -> float:
+def _greatest_coordinate(corners: Array, k: int, i: int) -> float:
     """The greatest coordinate i of corners k to k + 2."""
     return max(corners[k, i], corners[k + 1, i], corners[k + 2, i])
 
@@ -98,7 +98,7 @@ def mesh_meets_hull(
         x0, x1 = min(x0, points[i, 0]), max(x1, points[i, 0])
         y0, y1 = min(y0, points[i, 1]), max(y1, points[i, 1])
         z0, z1 = min(z0, points[i, 2]), max(z1, points[i, 2])
-    far = need + TOLERANCE
+    far = need + BOUND_TOLERANCE_M
     result = FREE
     # The direction that kept the last triangle away may keep its neighbours away.
     nx = ny = nz = 0.0
@@ -130,24 +130,38 @@ def mesh_meets_hull(
                 if _lowest_along(corners, 3 * t, nx, ny, nz) - reach >= far:
                     continue
                 # How far the box around the triangle is from the box around the points.
-                dx = max(_lowest(corners, 3 * t, 0) - x1, 0.0, x0 - _highest(corners, 3 * t, 0))
-                dy = max(_lowest(corners, 3 * t, 1) - y1, 0.0, y0 - _highest(corners, 3 * t, 1))
-                dz = max(_lowest(corners, 3 * t, 2) - z1, 0.0, z0 - _highest(corners, 3 * t, 2))
+                dx = max(
+                    _least_coordinate(corners, 3 * t, 0) - x1,
+                    0.0,
+                    x0 - _greatest_coordinate(corners, 3 * t, 0),
+                )
+                dy = max(
+                    _least_coordinate(corners, 3 * t, 1) - y1,
+                    0.0,
+                    y0 - _greatest_coordinate(corners, 3 * t, 1),
+                )
+                dz = max(
+                    _least_coordinate(corners, 3 * t, 2) - z1,
+                    0.0,
+                    z0 - _greatest_coordinate(corners, 3 * t, 2),
+                )
                 if dx * dx + dy * dy + dz * dz >= far * far:
                     continue
                 # The distance between triangle and hull, sought from the remembered direction on.
                 work[5, 0], work[5, 1], work[5, 2] = nx, ny, nz
-                answer = separate(corners, 3 * t, 3 * t + 3, points, 0, count, need, hit, work)
+                answer = check_separation(
+                    corners, 3 * t, 3 * t + 3, points, 0, count, need, hit, work
+                )
                 if answer == COLLIDING:
                     return COLLIDING
                 if answer == UNDECIDED:
                     # Far above `hit`, there is no certain answer to be had at this distance.
-                    if need - hit > COARSE:
+                    if need - hit > COARSE_MOTION_M:
                         return UNDECIDED
                     result = UNDECIDED
                     # From here on only collisions are looked for.
                     need = hit
-                    far = need + TOLERANCE
+                    far = need + BOUND_TOLERANCE_M
                     continue
                 # Remember the direction that kept the triangle away, and how far the points reach
                 # along it.
@@ -159,7 +173,7 @@ def mesh_meets_hull(
         if node == 0:
             break
     # No triangle meets the hull; it may lie inside the solid, where any of its points shows it.
-    inside = winding(meshes, mesh, points[0, 0], points[0, 1], points[0, 2])
+    inside = winding_number(meshes, mesh, points[0, 0], points[0, 1], points[0, 2])
     if inside > 0:
         return COLLIDING
     return result if inside == 0 else UNDECIDED
@@ -272,7 +286,7 @@ def meshes_meet(
     leaf_a, leaf_b = meshes.first_leaf[mesh], meshes.first_leaf[other]
     inner_a = (meshes.first_node[mesh + 1] - root_a) // 2
     inner_b = (meshes.first_node[other + 1] - root_b) // 2
-    far = need + TOLERANCE
+    far = need + BOUND_TOLERANCE_M
     result = FREE
     # The direction that last kept two triangles apart, from other to mesh.
     nx = ny = nz = 0.0
@@ -312,17 +326,17 @@ def meshes_meet(
             ):
                 # Their distance, sought from the remembered direction on.
                 work[5, 0], work[5, 1], work[5, 2] = nx, ny, nz
-                answer = separate(corners, 3 * s, 3 * s + 3, room, 0, 3, need, hit, work)
+                answer = check_separation(corners, 3 * s, 3 * s + 3, room, 0, 3, need, hit, work)
                 if answer == COLLIDING:
                     return COLLIDING
                 if answer == UNDECIDED:
                     # There is no certain answer to be had at this distance.
-                    if need - hit > _CLOSE:
+                    if need - hit > _COARSE_MESH_MOTION_M:
                         return UNDECIDED
                     # From here on only collisions are looked for.
                     result = UNDECIDED
                     need = hit
-                    far = need + TOLERANCE
+                    far = need + BOUND_TOLERANCE_M
                     continue
                 # Remember the direction that kept them apart.
                 x, y, z = work[5, 0], work[5, 1], work[5, 2]
@@ -333,7 +347,7 @@ def meshes_meet(
     for c in range(meshes.first_component[other], meshes.first_component[other + 1]):
         # A point of each component of the other mesh, in the frame of the first.
         x, y, z = points[c, 0], points[c, 1], points[c, 2]
-        inside = winding(
+        inside = winding_number(
             meshes,
             mesh,
             T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3],
@@ -347,7 +361,7 @@ def meshes_meet(
     for c in range(meshes.first_component[mesh], meshes.first_component[mesh + 1]):
         # A point of each component of the first mesh, in the frame of the other.
         x, y, z = points[c, 0] - T[0, 3], points[c, 1] - T[1, 3], points[c, 2] - T[2, 3]
-        inside = winding(
+        inside = winding_number(
             meshes,
             other,
             T[0, 0] * x + T[1, 0] * y + T[2, 0] * z,
@@ -362,7 +376,7 @@ def meshes_meet(
 
 
 @kernel(lean=True)
-def winding(meshes: MeshArrays, mesh: int, x: float, y: float, z: float) -> int:
+def winding_number(meshes: MeshArrays, mesh: int, x: float, y: float, z: float) -> int:
     """How often the closed components of a mesh wind about a point; negative where it is not known.
 
     A ray counts the triangles that it leaves through, less those that it enters through. Whether
@@ -381,18 +395,18 @@ def winding(meshes: MeshArrays, mesh: int, x: float, y: float, z: float) -> int:
     # The first of three rays that meets no edge exactly.
     for ray in range(3):
         if ray == 0:
-            total = _crossings(meshes, mesh, x, y, z, 0.34107, 0.22713, 0.91218)
+            total = _ray_crossings(meshes, mesh, x, y, z, 0.34107, 0.22713, 0.91218)
         elif ray == 1:
-            total = _crossings(meshes, mesh, x, y, z, 0.87131, 0.39217, 0.29498)
+            total = _ray_crossings(meshes, mesh, x, y, z, 0.87131, 0.39217, 0.29498)
         else:
-            total = _crossings(meshes, mesh, x, y, z, 0.25119, 0.84733, 0.46787)
+            total = _ray_crossings(meshes, mesh, x, y, z, 0.25119, 0.84733, 0.46787)
         if total >= 0:
             return total
-    return _NOBODY_KNOWS
+    return _UNKNOWN_WINDING
 
 
 @kernel(lean=True)
-def _crossings(
+def _ray_crossings(
     meshes: MeshArrays,
     mesh: int,
     x: float,
@@ -402,7 +416,7 @@ def _crossings(
     ry: float,
     rz: float,
 ) -> int:
-    """`winding` along the ray from (x, y, z) in direction r, all of whose parts are positive."""
+    """`winding_number` along the ray from (x, y, z) in direction r, whose parts are positive."""
     # The mesh's nodes: the root's row, its first leaf, and how many nodes are no leaves.
     boxes, corners = meshes.boxes, meshes.corners
     root, leaf = meshes.first_node[mesh], meshes.first_leaf[mesh]
@@ -414,7 +428,7 @@ def _crossings(
         b = root + node
         enter = max((boxes[b, 0] - x) / rx, (boxes[b, 1] - y) / ry, (boxes[b, 2] - z) / rz, 0.0)
         leave = min((boxes[b, 3] - x) / rx, (boxes[b, 4] - y) / ry, (boxes[b, 5] - z) / rz)
-        met = enter <= leave + TOLERANCE
+        met = enter <= leave + BOUND_TOLERANCE_M
         # An inner node that is met: on to its left child.
         if met and node < inner:
             node = 2 * node + 1
@@ -443,7 +457,7 @@ def _crossings(
                 along += rz * (u * az + v * bz + w * cz)
                 # The ray meets an edge or a corner.
                 if u == 0.0 or v == 0.0 or w == 0.0:
-                    return _NOBODY_KNOWS
+                    return _UNKNOWN_WINDING
                 # Out of the solid counts up, into it counts down.
                 if u > 0.0 and along > 0.0:
                     total += 1
@@ -493,7 +507,7 @@ def inside_of_mesh(meshes: MeshArrays, centers: Array, radius: Array) -> None:
     for i in range(len(radius)):
         # Only centres inside the solid have a ball inside of it.
         x, y, z = centers[i, 0], centers[i, 1], centers[i, 2]
-        if winding(meshes, 0, x, y, z) > 0:
+        if winding_number(meshes, 0, x, y, z) > 0:
             radius[i] = surface_distance(meshes, 0, x, y, z)
 
 

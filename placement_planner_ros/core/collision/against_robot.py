@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from placement_planner_ros.core.collision.against_mesh import COARSE
+from placement_planner_ros.core.collision.against_mesh import COARSE_MOTION_M
 from placement_planner_ros.core.collision.arrays import (
     BODY_FIRST_PART,
     PAIR_INNER,
@@ -31,11 +31,11 @@ from placement_planner_ros.core.collision.pair_tables import apart_within
 from placement_planner_ros.core.collision.placed_meshes import mesh_meets_set, placed_meshes_meet
 from placement_planner_ros.core.collision.placing import note_undecided, place_inner, place_set
 from placement_planner_ros.core.collision.separation import (
+    BOUND_TOLERANCE_M,
     COLLIDING,
     FREE,
-    TOLERANCE,
     UNDECIDED,
-    separate,
+    check_separation,
 )
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
@@ -79,7 +79,7 @@ def _sets_meet(
     if covers:
         closer = short if short > hit else 0.0
     # The distance between both hulls, with their radii added.
-    answer = separate(
+    answer = check_separation(
         scratch.vertices,
         sets[a, SET_FIRST_VERTEX],
         sets[a + 1, SET_FIRST_VERTEX],
@@ -98,7 +98,7 @@ def _sets_meet(
         # Certain where the copies that the shapes contain collide too.
         last_a = place_inner(arm, scratch, a, 0)
         last_b = place_inner(arm, scratch, b, last_a)
-        answer = separate(
+        answer = check_separation(
             scratch.inner,
             0,
             last_a,
@@ -175,7 +175,7 @@ def _solids_meet(
     """
     frames, sets, known, work = scratch.frames, arm.sets, scratch.direction, scratch.work
     vertices = arm.vertices
-    far = need + arm.radius[s] + arm.radius[t] + TOLERANCE
+    far = need + arm.radius[s] + arm.radius[t] + BOUND_TOLERANCE_M
     # The remembered direction, as it turned with the one and with the other.
     work[5, :3] = 0.0
     widest = -np.inf
@@ -194,7 +194,7 @@ def _solids_meet(
         if gap >= far * length:
             return FREE
         # Apart already, though not by `need`: a shorter interval will tell.
-        if need - hit > COARSE and gap >= (far - need + hit) * length:
+        if need - hit > COARSE_MOTION_M and gap >= (far - need + hit) * length:
             return UNDECIDED
         # Keep the direction of the widest gap as the start.
         if gap > widest * length:
@@ -224,7 +224,7 @@ def spheres_apart(scratch: ArmScratch, pair: Indices, need: float) -> bool:
     dx = spheres[a, 0] - spheres[b, 0]
     dy = spheres[a, 1] - spheres[b, 1]
     dz = spheres[a, 2] - spheres[b, 2]
-    reach = spheres[a, 3] + spheres[b, 3] + need + TOLERANCE
+    reach = spheres[a, 3] + spheres[b, 3] + need + BOUND_TOLERANCE_M
     return dx * dx + dy * dy + dz * dz > reach * reach
 
 
@@ -271,7 +271,7 @@ def bodies_meet(arm: ArmArrays, scratch: ArmScratch, pair: int, need: float, hit
         slot += last_b - first_b
         # The part's ball against the ball around all of the other body.
         x, y, z = spheres[p, 0], spheres[p, 1], spheres[p, 2]
-        near = spheres[p, 3] + need + TOLERANCE
+        near = spheres[p, 3] + need + BOUND_TOLERANCE_M
         dx, dy, dz = x - body_spheres[b, 0], y - body_spheres[b, 1], z - body_spheres[b, 2]
         reach = near + body_spheres[b, 3]
         if dx * dx + dy * dy + dz * dz > reach * reach:
@@ -288,7 +288,7 @@ def bodies_meet(arm: ArmArrays, scratch: ArmScratch, pair: int, need: float, hit
                 # Centres lie inside: `need` cannot be kept. Look for a collision, if there can be.
                 result = UNDECIDED
                 need = hit
-                near = spheres[p, 3] + need + TOLERANCE
+                near = spheres[p, 3] + need + BOUND_TOLERANCE_M
                 reach = near + spheres[o, 3]
                 if square > reach * reach:
                     continue
@@ -297,7 +297,7 @@ def bodies_meet(arm: ArmArrays, scratch: ArmScratch, pair: int, need: float, hit
                 dx = max(bounds[s, 0] - spheres[o, 0], 0.0, spheres[o, 0] - bounds[s, 3])
                 dy = max(bounds[s, 1] - spheres[o, 1], 0.0, spheres[o, 1] - bounds[s, 4])
                 dz = max(bounds[s, 2] - spheres[o, 2], 0.0, spheres[o, 2] - bounds[s, 5])
-                reach = spheres[o, 3] + need + TOLERANCE
+                reach = spheres[o, 3] + need + BOUND_TOLERANCE_M
                 if dx * dx + dy * dy + dz * dz > reach * reach:
                     continue
             # The convex sets of both parts.
@@ -317,7 +317,7 @@ def bodies_meet(arm: ArmArrays, scratch: ArmScratch, pair: int, need: float, hit
             if answer == UNDECIDED:
                 result = UNDECIDED
                 need = hit
-                near = spheres[p, 3] + need + TOLERANCE
+                near = spheres[p, 3] + need + BOUND_TOLERANCE_M
     return result
 
 

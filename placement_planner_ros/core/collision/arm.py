@@ -1,8 +1,8 @@
 """Collision of an arm, its hand and the object it holds: with the obstacle set and with the robot.
 
 The kernels say free or colliding only where that is certain. What they leave undecided, within
-`separation.TOLERANCE` of a margin, or on the polytope around a curved shape, is not free: `free` is
-never true nearer than the margin.
+`separation.BOUND_TOLERANCE_M` of a margin, or on the polytope around a curved shape, is not free:
+`free` is never true nearer than the margin.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from placement_planner_ros.core.collision.arrays import (
     SET_JOINT,
     ArmArrays,
     FlatArm,
-    flatten,
+    lay_out_arm,
     scratch_for,
     with_own_object,
 )
@@ -39,7 +39,7 @@ from placement_planner_ros.core.collision.object_solids import (
     object_solids,
 )
 from placement_planner_ros.core.collision.placed_object import PlacedObjectRows
-from placement_planner_ros.core.collision.separation import COLLIDING, FREE, TOLERANCE
+from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M, COLLIDING, FREE
 from placement_planner_ros.core.collision.states import NOT_FINITE, check_states
 from placement_planner_ros.core.errors import JointStateError
 from placement_planner_ros.core.reach.kinematics import Chain, kernel_input
@@ -56,8 +56,8 @@ from placement_planner_ros.core.weak_cache import weak_lru_cache
 HELD_OBJECT = "the held object"
 PLACED_OBJECT = "the placed object"
 ENVIRONMENT = "the environment"
-_QUEUE = 4096
-_REMEMBERED = 32
+_QUEUED_INTERVALS = 4096
+_REMEMBERED_ARMS = 32
 """Arms laid out that are remembered."""
 
 
@@ -99,7 +99,7 @@ class CollisionSettings(Settings):
     def clear(self) -> float:
         """Metres from obstacles at which it is certain that `can_be_left`."""
         kept = self.collision_margin + self.planning_reserve + self.edge_resolution
-        return kept + 2.0 * TOLERANCE
+        return kept + 2.0 * BOUND_TOLERANCE_M
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -175,8 +175,10 @@ class ArmCollision:
         if isinstance(load, PlacedObject):
             self._placed = PlacedObjectRows(self._flat, self._scratch, PLACED_OBJECT, T)
             self.place(load.T_world_object)
-        self._queue = np.zeros((_QUEUE, 2))
-        self._settled = np.zeros((_QUEUE, arrays.moving + len(arrays.pairs)), dtype=np.bool_)
+        self._queue = np.zeros((_QUEUED_INTERVALS, 2))
+        self._settled = np.zeros(
+            (_QUEUED_INTERVALS, arrays.moving + len(arrays.pairs)), dtype=np.bool_
+        )
         self._no_deviation = np.zeros(self._dof)
         self._aside: ArmCollision | None = None
         if aside is not None:
@@ -198,8 +200,9 @@ class ArmCollision:
         """Whether q (dof,) keeps the margins, and of `reserve` metres what the settings say.
 
         True is certain. False means a collision, or a distance so close to the margin (some
-        `separation.TOLERANCE`) that it is not certain; cylinders and cones count as the prisms
-        around them, up to 0.5 % of their radius wider, ellipsoids as polyhedra up to 2 % wider.
+        `separation.BOUND_TOLERANCE_M`) that it is not certain; cylinders and cones count as the
+        prisms around them, up to 0.5 % of their radius wider, ellipsoids as polyhedra up to 2 %
+        wider.
 
         Args:
             contact: leave out the held object against the obstacle set.
@@ -411,7 +414,7 @@ class ArmCollision:
         T = part.T_world_part
         if body.joint >= 0:
             zero = self._flat.joint_frames[body.joint]
-            T = _se3(self._scratch.frames[body.joint]) * zero.inverse() * T
+            T = _pose_of_frame(self._scratch.frames[body.joint]) * zero.inverse() * T
         return part.geometry, coal.Transform3s(T.rotation, T.translation)
 
     def _ball_in_box(self, node: int) -> tuple[int, int, int]:
@@ -445,7 +448,7 @@ def arm_joint(model: pin.Model, joint_ids: Sequence[int], joint: int) -> int:
     return joint_ids.index(joint) if joint != 0 else -1
 
 
-@weak_lru_cache("body", maxsize=_REMEMBERED)
+@weak_lru_cache("body", maxsize=_REMEMBERED_ARMS)
 def _flat_arm(
     robot: Robot,
     arm: Arm,
@@ -460,14 +463,14 @@ def _flat_arm(
     Args:
         grasp: index into the arm's grasps; None where the body stands at the world's origin.
         q_zero: (nq,) joints of the whole robot, the arm's at zero.
-        excess, clear: as for `flatten`.
+        excess, clear: as for `lay_out_arm`.
     """
     q = np.frombuffer(q_zero)
     model, data = robot.model, robot.model.createData()
     pin.framesForwardKinematics(model, data, q)
     joint_ids = [model.getJointId(name) for name in arm.joints]
-    bodies = list(_links(robot, tuple(joint_ids), q_zero))
-    pairs = _pairs(robot, [link.name for link in bodies])
+    bodies = list(_arm_links(robot, tuple(joint_ids), q_zero))
+    pairs = _checked_pairs(robot, [link.name for link in bodies])
     if body is not None:
         tip = robot.frame_id(arm.tip_frame)
         others = [link for link in bodies if link.name not in arm.touch_links]
@@ -482,11 +485,13 @@ def _flat_arm(
         pairs += [(link.name, thing.name) for link in others]
         bodies.append(thing)
     held = HELD_OBJECT if body is not None and grasp is not None else None
-    return flatten(Chain.from_robot(robot, arm, q), bodies, held, pairs, excess, clear)
+    return lay_out_arm(Chain.from_robot(robot, arm, q), bodies, held, pairs, excess, clear)
 
 
-@weak_lru_cache("robot", maxsize=_REMEMBERED)
-def _links(robot: Robot, joint_ids: tuple[int, ...], q_zero: bytes) -> tuple[CollisionBody, ...]:
+@weak_lru_cache("robot", maxsize=_REMEMBERED_ARMS)
+def _arm_links(
+    robot: Robot, joint_ids: tuple[int, ...], q_zero: bytes
+) -> tuple[CollisionBody, ...]:
     """The links of an arm with those joints, remembered for each grasp and object."""
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, np.frombuffer(q_zero))
@@ -506,7 +511,7 @@ def _links(robot: Robot, joint_ids: tuple[int, ...], q_zero: bytes) -> tuple[Col
     )
 
 
-def _pairs(robot: Robot, links: list[str]) -> list[tuple[str, str]]:
+def _checked_pairs(robot: Robot, links: list[str]) -> list[tuple[str, str]]:
     return [
         (a, b)
         for i, a in enumerate(links)
@@ -542,5 +547,5 @@ def _check_grasp(
         raise object_in_hand(arm, grasp, depths)
 
 
-def _se3(frame: Array) -> pin.SE3:
+def _pose_of_frame(frame: Array) -> pin.SE3:
     return pin.SE3(frame[:3, :3], frame[:3, 3])

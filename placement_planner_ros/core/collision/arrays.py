@@ -23,7 +23,7 @@ from placement_planner_ros.core.collision.body_rows import (
 )
 from placement_planner_ros.core.collision.meshes import MeshArrays, MeshTree, shared_arrays
 from placement_planner_ros.core.collision.pair_tables import (
-    CELL,
+    CELL_RAD,
     PairTables,
     TablePair,
     TableShape,
@@ -162,7 +162,7 @@ class FlatArm:
     joint_frames: tuple[pin.SE3, ...]
 
 
-def flatten(
+def lay_out_arm(
     chain: Chain,
     bodies: Iterable[CollisionBody],
     held: str | None,
@@ -204,7 +204,7 @@ def flatten(
     # Outer links first: they collide most often.
     between.sort(key=lambda p: (-ordered[p[1]].joint, ordered[p[0]].joint))
     sizes = [len(rows[a].radius) * len(rows[b].radius) for a, b in between]
-    table_of, tables = _tables(chain, ordered, joint_frames, between, clear)
+    table_of, tables = _tables_of_pairs(chain, ordered, joint_frames, between, clear)
     arrays = ArmArrays(
         fixed=chain.fixed,
         prismatic=chain.prismatic,
@@ -220,7 +220,7 @@ def flatten(
             dtype=np.int64,
         ).reshape(-1, 5),
         tables=tables,
-        **_stacked(rows, joints),
+        **_stacked_bodies(rows, joints),
     )
     return FlatArm(
         arrays,
@@ -237,7 +237,7 @@ def _at_zero(body: CollisionBody, joint_frames: list[pin.SE3]) -> pin.SE3:
     return joint_frames[body.joint].inverse() if body.joint >= 0 else pin.SE3.Identity()
 
 
-def _tables(
+def _tables_of_pairs(
     chain: Chain,
     bodies: list[CollisionBody],
     joint_frames: list[pin.SE3],
@@ -254,7 +254,7 @@ def _tables(
         fixed = chain.fixed[joints]
         if len(lower) == 1:
             # A second joint at the same place, which stays where it is.
-            lower, upper = np.append(lower, -0.5 * CELL), np.append(upper, -0.5 * CELL)
+            lower, upper = np.append(lower, -0.5 * CELL_RAD), np.append(upper, -0.5 * CELL_RAD)
             fixed = np.concatenate([fixed, np.eye(4)[None]])
         if (
             len(lower) == 2
@@ -345,13 +345,13 @@ def scratch_for(flat: FlatArm, boxes: int) -> ArmScratch:
     )
 
 
-def _stacked(bodies: list[BodyRows], joints: list[int]) -> dict[str, Any]:
+def _stacked_bodies(bodies: list[BodyRows], joints: list[int]) -> dict[str, Any]:
     """The rows of bodies (b), of joints (b), one below the other."""
     ends = np.array([each.ends for each in bodies])
     begins = np.vstack([np.zeros((1, ends.shape[1]), dtype=np.int64), ends.cumsum(axis=0)])
     # In the same order for each arm of a robot, so that they share the arrays.
     carried = [tree for each in bodies for tree in each.meshes]
-    trees = list(dict.fromkeys(sorted(carried, key=_content)))
+    trees = list(dict.fromkeys(sorted(carried, key=_mesh_order)))
     number = {tree: i for i, tree in enumerate(trees)}
     of = [joint for joint, each in zip(joints, bodies, strict=True) for _ in each.meshes]
     parts, nodes, sets = [], [], []
@@ -388,6 +388,6 @@ def _stacked(bodies: list[BodyRows], joints: list[int]) -> dict[str, Any]:
     }
 
 
-def _content(tree: MeshTree) -> tuple[int, float]:
+def _mesh_order(tree: MeshTree) -> tuple[int, float]:
     """What orders the meshes of a robot."""
     return len(tree.corners), float(tree.corners.sum())

@@ -94,7 +94,7 @@ def _place_interval(
 
 
 @kernel(inline=True)
-def _halve(
+def _append_halves(
     queue: Array, settled: npt.NDArray[np.bool_], head: int, waiting: int, items: int
 ) -> None:
     """Append both halves of the interval at `head` to the `waiting` ones, settled as far as it."""
@@ -195,7 +195,7 @@ def check_edge(
         if open_items:
             if waiting + 2 > queue.shape[0]:
                 return OVERFLOW
-            _halve(queue, settled, head, waiting, items)
+            _append_halves(queue, settled, head, waiting, items)
             waiting += 2
         # On to the next that waits.
         head = (head + 1) % queue.shape[0]

@@ -34,11 +34,11 @@ from placement_planner_ros.core.collision.separation import COLLIDING
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
 
-_STRIDE = 0.6180339887498949
+_GOLDEN_SHARE = 0.6180339887498949
 """Intervals are visited in steps of this share of their number, so that free ones come early."""
-_SHARE = 0.9
+_TURNED_SHARE = 0.9
 """Of the margin, that what turns may move within half an interval."""
-_MAX_INTERVALS = 256
+_MAX_WRIST_INTERVALS = 256
 """Where more were needed, what the last joint but one carries is left out."""
 
 
@@ -76,15 +76,15 @@ class WristTurns:
             Their middles (m,), rad, m = 0 where the margin leaves too little; and how far a point
             moves within half of one, metres.
         """
-        return _intervals(self, margin)
+        return _wrist_intervals(self, margin)
 
 
 @functools.lru_cache(maxsize=64)
-def _intervals(turns: WristTurns, margin: float) -> tuple[Array, float]:
-    moved = _SHARE * max(margin, 0.0)
+def _wrist_intervals(turns: WristTurns, margin: float) -> tuple[Array, float]:
+    moved = _TURNED_SHARE * max(margin, 0.0)
     span = min(turns.upper - turns.lower, 2.0 * math.pi)
     number = 0
-    if math.isfinite(turns.radius) and span * turns.radius <= 2.0 * moved * _MAX_INTERVALS:
+    if math.isfinite(turns.radius) and span * turns.radius <= 2.0 * moved * _MAX_WRIST_INTERVALS:
         number = math.ceil(0.5 * span * turns.radius / moved) if moved > 0.0 else 0
     return turns.lower + span * (np.arange(number) + 0.5) / max(number, 1), moved
 
@@ -182,7 +182,7 @@ def hand_collides(
         return False
     # What turns about the last axis: free at one middle, and nothing is certain.
     # A stride without a common divisor visits every interval once.
-    step = max(1, int(_STRIDE * number))
+    step = max(1, int(_GOLDEN_SHARE * number))
     while np.gcd(step, number) != 1:
         step += 1
     for visit in range(number):

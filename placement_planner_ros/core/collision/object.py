@@ -22,9 +22,9 @@ from placement_planner_ros.core.robot.surface import meet
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import LEVEL, Array, Slope
 
-_ROUNDING = 1e-9
+_HEIGHT_ROUNDING_M = 1e-9
 """m by which heights are off by arithmetic."""
-_LOOKED_AT = 100
+_NEAR_BOXES = 100
 """Boxes near a part that `met` looks at."""
 
 
@@ -56,7 +56,9 @@ class ObjectCollision:
         overhangs: bool = False,
     ) -> None:
         self.settings = settings or CollisionSettings()
-        self._beneath = self.settings.collision_margin - _ROUNDING if overhangs else math.inf
+        self._beneath = (
+            self.settings.collision_margin - _HEIGHT_ROUNDING_M if overhangs else math.inf
+        )
         self._solids = object_solids(body)
         self._boxes = box_arrays(obstacles)
         self._obstacles = obstacles
@@ -134,7 +136,7 @@ class ObjectCollision:
             for raised in (0.0, raise_height):
                 position = T_world_object[:3, 3] + np.array([0.0, 0.0, raised])
                 T = coal.Transform3s(T_world_object[:3, :3], position)
-                for k in rows[:: max(1, len(rows) // _LOOKED_AT)].tolist():
+                for k in rows[:: max(1, len(rows) // _NEAR_BOXES)].tolist():
                     at = coal.Transform3s(np.eye(3), (corners[k, :3] + corners[k, 3:]) / 2)
                     box = coal.Box(corners[k, 3:] - corners[k, :3])
                     if meet(solid.geometry, T, box, at, margin):

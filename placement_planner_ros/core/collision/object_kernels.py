@@ -26,7 +26,7 @@ from placement_planner_ros.core.collision.against_boxes import (
 )
 from placement_planner_ros.core.collision.against_mesh import mesh_meets_hull
 from placement_planner_ros.core.collision.meshes import MeshArrays, mesh_arrays
-from placement_planner_ros.core.collision.separation import FREE, TOLERANCE
+from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M, FREE
 from placement_planner_ros.core.collision.shapes import ConvexSet, Shape
 from placement_planner_ros.core.collision.spheres import bounding_sphere
 from placement_planner_ros.core.kernels import kernel
@@ -181,7 +181,7 @@ def _part_meets_boxes(
     # Columns and layers of the cells that the box around the part touches, the margin added.
     corners, columns = boxes.corners, boxes.columns
     ox, oy, oz, size = boxes.grid[0], boxes.grid[1], boxes.grid[2], boxes.grid[3]
-    reach = margin + TOLERANCE
+    reach = margin + BOUND_TOLERANCE_M
     box = scratch.bounds[part]
     i0 = max(int(np.floor((box[0] - reach - ox) / size)), 0)
     j0 = max(int(np.floor((box[1] - reach - oy) / size)), 0)
@@ -236,7 +236,7 @@ def _ball_clear(boxes: BoxArrays, ball: Array, T: Array, raised: float, margin: 
     z = T[2, 3] + T[2, 0] * ball[0] + T[2, 1] * ball[1] + T[2, 2] * ball[2]
     # The distance of the sweep's middle, against the ball grown by half the sweep.
     bound, _ = distance_bounds(boxes.field_grid, boxes.field, x, y, z + 0.5 * raised)
-    return bound >= ball[3] + 0.5 * raised + (margin + TOLERANCE)
+    return bound >= ball[3] + 0.5 * raised + (margin + BOUND_TOLERANCE_M)
 
 
 @kernel(lean=True)

@@ -19,10 +19,10 @@ COLLIDING = 1
 UNDECIDED = 2
 _OPEN = -1
 
-TOLERANCE = 1e-6
+BOUND_TOLERANCE_M = 1e-6
 """Metres by which a bound must pass its threshold to decide."""
 
-_ITERATIONS = 40
+_WOLFE_ITERATIONS = 40
 
 
 @kernel(lean=True)
@@ -142,7 +142,7 @@ def minimum_norm_point(simplex: Array, weights: Array, count: int) -> int:
 
 
 @kernel(lean=True)
-def _advance(
+def _wolfe_step(
     simplex: Array,
     weights: Array,
     count: int,
@@ -190,7 +190,7 @@ def _advance(
 
 
 @kernel(inline=True)
-def _furthest(vertices: Array, first: int, last: int, x: float, y: float, z: float) -> int:
+def _support_vertex(vertices: Array, first: int, last: int, x: float, y: float, z: float) -> int:
     """Which of vertices[first:last] lies furthest in direction (x, y, z)."""
     # Along the direction, the largest of the products.
     best = first
@@ -204,7 +204,7 @@ def _furthest(vertices: Array, first: int, last: int, x: float, y: float, z: flo
 
 
 @kernel(lean=True)
-def separate(
+def check_separation(
     vertices: Array,
     first: int,
     last: int,
@@ -231,15 +231,15 @@ def separate(
     simplex = work[:3].reshape(4, 3)
     weights = work[3:5].reshape(8)
     # Thresholds with the tolerance added or taken off.
-    free_at += TOLERANCE
-    hit_below = max(hit_below - TOLERANCE, 1e-9)
+    free_at += BOUND_TOLERANCE_M
+    hit_below = max(hit_below - BOUND_TOLERANCE_M, 1e-9)
     box = others.shape[1] == 6
     # Where to start, and no bounds yet.
     v = (work[5, 0], work[5, 1], work[5, 2])
     bounds = (-np.inf, np.inf)
     count = 0
     answer = _OPEN
-    for _ in range(_ITERATIONS):
+    for _ in range(_WOLFE_ITERATIONS):
         # How far v is from the origin.
         x, y, z = v
         norm = np.sqrt(x * x + y * y + z * z)
@@ -251,14 +251,14 @@ def separate(
             v = (1.0, y, z)
             x, norm = 1.0, 1.0
         # The support of A ⊖ B against v: the corner of A furthest back, of B furthest ahead.
-        a = _furthest(vertices, first, last, -x, -y, -z)
+        a = _support_vertex(vertices, first, last, -x, -y, -z)
         b = first_other
         cx, cy, cz = 0, 1, 2
         # The corner of the box, coordinate by coordinate.
         if box:
             cx, cy, cz = 3 if x > 0 else 0, 4 if y > 0 else 1, 5 if z > 0 else 2
         else:
-            b = _furthest(others, first_other, last_other, x, y, z)
+            b = _support_vertex(others, first_other, last_other, x, y, z)
         # The point of A ⊖ B that is furthest against v.
         w = (
             vertices[a, 0] - others[b, cx],
@@ -266,7 +266,7 @@ def separate(
             vertices[a, 2] - others[b, cz],
         )
         # A step of the algorithm, until it has an answer.
-        answer, count, v, bounds = _advance(
+        answer, count, v, bounds = _wolfe_step(
             simplex, weights, count, v, w, norm, bounds, free_at, hit_below
         )
         if answer != _OPEN:

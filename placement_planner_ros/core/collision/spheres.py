@@ -18,14 +18,14 @@ from scipy.spatial import ConvexHull
 from placement_planner_ros.core.collision.against_mesh import inside_of_mesh
 from placement_planner_ros.core.collision.meshes import mesh_arrays
 from placement_planner_ros.core.collision.shapes import ConvexSet, Shape
-from placement_planner_ros.core.disk_cache import code_digest, digest_of, stored
+from placement_planner_ros.core.disk_cache import code_digest, digest_of, stored_result
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array, frozen_array
 from placement_planner_ros.core.weak_cache import weak_lru_cache
 
-_PAD = 1e-9
-_MAX_DEPTH = 10
-_FEW = 32
+_PADDING_M = 1e-9
+_MAX_TREE_DEPTH = 10
+_QUICK_VERTICES = 32
 """Vertices of a shape up to which its spheres are made as quickly as they are read."""
 
 
@@ -61,16 +61,16 @@ def sphere_trees(shape: Shape, excess: float) -> tuple[SphereTree, ...]:
     """
 
     def make() -> tuple[SphereTree, ...]:
-        return tuple(_tree(shape, convex, excess) for convex in shape.sets)
+        return tuple(_one_sphere_tree(shape, convex, excess) for convex in shape.sets)
 
-    if shape.mesh is None and sum(len(convex.vertices) for convex in shape.sets) <= _FEW:
+    if shape.mesh is None and sum(len(convex.vertices) for convex in shape.sets) <= _QUICK_VERTICES:
         return make()
     sets = tuple((s.vertices, s.radius, s.inner_scale, s.inner_center) for s in shape.sets)
     key = digest_of(code_digest(__name__), excess, shape.mesh and shape.mesh.digest, sets)
-    return stored("sphere trees", key, make)
+    return stored_result("sphere trees", key, make)
 
 
-def _tree(shape: Shape, convex: ConvexSet, excess: float) -> SphereTree:
+def _one_sphere_tree(shape: Shape, convex: ConvexSet, excess: float) -> SphereTree:
     volume = len(convex.offsets) > 0
     tree = _cover_solid(convex.vertices.tobytes(), volume, convex.radius, excess)
     if convex.inner_scale == 1.0:
@@ -82,11 +82,11 @@ def _tree(shape: Shape, convex: ConvexSet, excess: float) -> SphereTree:
         inner = convex.inner_scale * tree.inner - (1.0 - convex.inner_scale) * apart
     if shape.mesh is not None:
         inside_of_mesh(mesh_arrays([shape.mesh]), tree.centers, inner)
-        inner -= _PAD
+        inner -= _PADDING_M
     return replace(tree, inner=frozen_array(inner))
 
 
-class _Builder:
+class _TreeBuilder:
     def __init__(self) -> None:
         self.spheres: list[tuple[float, float, float, float, float]] = []
         self.leaves: list[bool] = []
@@ -126,20 +126,20 @@ def _cover_solid(vertices: bytes, volume: bool, radius: float, excess: float) ->
         facets, surface = hull.equations, points[hull.simplices]
     else:  # a point or the axis of a capsule
         facets, surface = np.zeros((1, 4)), points[[[0, 0, len(points) - 1]]]
-    builder = _Builder()
+    builder = _TreeBuilder()
 
     def split(piece: Array, depth: int) -> None:
         # The centre is a mean of the piece's corners, so the set holds it.
-        corners = _corners(piece)
+        corners = _distinct_corners(piece)
         center, ball = bounding_sphere(corners)
         inside = max(0.0, float(np.min(-facets[:, :3] @ center - facets[:, 3])))
-        node = builder.add(center, ball + radius + _PAD, inside + radius - _PAD)
+        node = builder.add(center, ball + radius + _PADDING_M, inside + radius - _PADDING_M)
         sticks_out = ball - inside
-        if sticks_out <= excess or depth == _MAX_DEPTH:
+        if sticks_out <= excess or depth == _MAX_TREE_DEPTH:
             builder.leaves[node] = True
             builder.excess = max(builder.excess, sticks_out)
         else:
-            for half in _halves(piece, corners):
+            for half in _cut_halves(piece, corners):
                 split(half, depth + 1)
         builder.close(node)
 
@@ -148,7 +148,7 @@ def _cover_solid(vertices: bytes, volume: bool, radius: float, excess: float) ->
 
 
 @kernel()
-def _corners(surface: Array) -> Array:
+def _distinct_corners(surface: Array) -> Array:
     """The corners (m, 3) of triangles (k, 3, 3), each once."""
     points = surface.reshape(-1, 3)
     kept = np.empty(points.shape)
@@ -158,9 +158,9 @@ def _corners(surface: Array) -> Array:
         known = False
         for j in range(count):
             if (
-                abs(kept[j, 0] - points[i, 0]) < _PAD
-                and abs(kept[j, 1] - points[i, 1]) < _PAD
-                and abs(kept[j, 2] - points[i, 2]) < _PAD
+                abs(kept[j, 0] - points[i, 0]) < _PADDING_M
+                and abs(kept[j, 1] - points[i, 1]) < _PADDING_M
+                and abs(kept[j, 2] - points[i, 2]) < _PADDING_M
             ):
                 known = True
                 break
@@ -171,7 +171,7 @@ def _corners(surface: Array) -> Array:
 
 
 @kernel()
-def _halves(surface: Array, corners: Array) -> tuple[Array, Array]:
+def _cut_halves(surface: Array, corners: Array) -> tuple[Array, Array]:
     """Cut a polytope across its longest extent: its surface (k, 3, 3), of `corners` (m, 3)."""
     # The mean of the corners, and how they spread about it.
     mean = np.zeros(3)
@@ -200,11 +200,11 @@ def _halves(surface: Array, corners: Array) -> tuple[Array, Array]:
         low, high = min(low, heights[i]), max(high, heights[i])
     heights -= 0.5 * (low + high)
     # What lies below the middle, and what lies above.
-    return _below(surface, heights), _below(surface, -heights)
+    return _lower_part(surface, heights), _lower_part(surface, -heights)
 
 
 @kernel()
-def _below(surface: Array, heights: Array) -> Array:
+def _lower_part(surface: Array, heights: Array) -> Array:
     """The surface (., 3, 3) of that part of a convex polytope where heights are not above 0.
 
     Args:

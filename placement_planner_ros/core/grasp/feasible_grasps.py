@@ -31,7 +31,7 @@ from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
 
-_LIMIT_INSET = 1e-3
+_LIMIT_INSET_RAD_OR_M = 1e-3
 """rad or m, how far within the joint limits configurations are planned."""
 
 
@@ -137,7 +137,7 @@ def _within_limits(arm: Arm, q_start: Array) -> Arm:
 
     A curve may stray from its chords by up to the timing's `chord_tolerance`.
     """
-    inset = np.minimum(_LIMIT_INSET, 0.25 * (arm.upper - arm.lower))
+    inset = np.minimum(_LIMIT_INSET_RAD_OR_M, 0.25 * (arm.upper - arm.lower))
     return arm.with_limits(
         np.minimum(arm.lower + inset, q_start), np.maximum(arm.upper - inset, q_start)
     )

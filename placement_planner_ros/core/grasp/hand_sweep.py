@@ -20,13 +20,13 @@ from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
 
-_TURN = 0.05
+_COPY_TURN_RAD = 0.05
 """rad that all joints that turn a part together turn between two copies of it, at most."""
-_STILL = 1e-9
+_STILL_FRAME_CHANGE = 1e-9
 """Joint frames as equal as this do not move as the hand opens."""
-_THICKNESS = 1e-4
+_FLAT_THICKNESS_M = 1e-4
 """m that flat geometry is given, which has no hull."""
-_ROUNDED = 2e-4
+_ROUNDED_CORNER_M = 2e-4
 """m that corners of rounded fingers may lie outside what these are taken for: they have hundreds,
 and each of the hulls that they sweep has those of two copies."""
 
@@ -40,18 +40,18 @@ def with_opening_hand(robot: Robot, arm: Arm, q: Array) -> Robot:
     """
     change = robot.with_open_hand(q, arm) - q
     hand = np.where(change != 0.0, q, 0.0)
-    return _swept(robot, hand.tobytes(), change.tobytes())
+    return _swept_hand(robot, hand.tobytes(), change.tobytes())
 
 
 @functools.lru_cache(maxsize=8)
-def _swept(robot: Robot, hand_bytes: bytes, change_bytes: bytes) -> Robot:
+def _swept_hand(robot: Robot, hand_bytes: bytes, change_bytes: bytes) -> Robot:
     """`with_opening_hand` from q (nq,) on by that change (nq,)."""
     hand, change = np.frombuffer(hand_bytes), np.frombuffer(change_bytes)
-    turns = revolute(robot)
+    turns = revolute_coordinates(robot)
     joints = {thing.parentJoint for thing in robot.geometry.geometryObjects}
-    movers = {joint: _movers(robot, joint) & (change != 0.0) for joint in joints}
+    movers = {joint: _moving_coordinates(robot, joint) & (change != 0.0) for joint in joints}
     turned = max((np.abs(change[each & turns]).sum() for each in movers.values()), default=0.0)
-    steps = max(1, int(np.ceil(turned / _TURN)))
+    steps = max(1, int(np.ceil(turned / _COPY_TURN_RAD)))
     frames = []
     for share in np.linspace(0.0, 1.0, steps + 1):
         step("opening the hand")
@@ -64,15 +64,15 @@ def _swept(robot: Robot, hand_bytes: bytes, change_bytes: bytes) -> Robot:
         robot.geometry_links, robot.geometry.geometryObjects, robot.covers, strict=True
     ):
         joint = thing.parentJoint
-        if all(frame[joint].isApprox(frames[0][joint], _STILL) for frame in frames):
+        if all(frame[joint].isApprox(frames[0][joint], _STILL_FRAME_CHANGE) for frame in frames):
             swept.addGeometryObject(pin.GeometryObject(thing))
             links.append(link)
             covers.append(cover)
             continue
-        local, lost = few_corners(_solid_vertices(thing.geometry, link), _ROUNDED)
+        local, lost = few_corners(_solid_vertices(thing.geometry, link), _ROUNDED_CORNER_M)
         turning = movers[joint] & turns
         turn, slide = float(change[turning].sum()), float(change[movers[joint] & ~turns].sum())
-        copies = [_act(frame[joint] * thing.placement, local) for frame in frames]
+        copies = [_transformed_points(frame[joint] * thing.placement, local) for frame in frames]
         axes = np.array([[T.translation for T in frame[1:]] for frame in frames])[:, turning]
         away = [
             np.linalg.norm(copy[:, None] - axis, axis=2).max(initial=0.0)
@@ -97,14 +97,14 @@ def _swept(robot: Robot, hand_bytes: bytes, change_bytes: bytes) -> Robot:
     return replace(robot, geometry=swept, geometry_links=tuple(links), covers=tuple(covers))
 
 
-def _movers(robot: Robot, joint: int) -> npt.NDArray[np.bool_]:
+def _moving_coordinates(robot: Robot, joint: int) -> npt.NDArray[np.bool_]:
     """(nq,) which coordinates move that joint's frame."""
     result = np.zeros(robot.model.nq, np.bool_)
     result[[k - 1 for k in robot.model.supports[joint] if k > 0]] = True
     return result
 
 
-def revolute(robot: Robot) -> npt.NDArray[np.bool_]:
+def revolute_coordinates(robot: Robot) -> npt.NDArray[np.bool_]:
     """(nq,) which coordinates are angles."""
     return np.array([not j.shortname().startswith("JointModelP") for j in robot.model.joints[1:]])
 
@@ -115,7 +115,7 @@ def _joint_frames(robot: Robot, q: Array) -> list[pin.SE3]:
     return [pin.SE3(T) for T in data.oMi]
 
 
-def _act(T: pin.SE3, points: Array) -> Array:
+def _transformed_points(T: pin.SE3, points: Array) -> Array:
     return np.asarray(points @ T.rotation.T + T.translation)
 
 
@@ -132,6 +132,6 @@ def _solid_vertices(geometry: coal.CollisionGeometry, link: str) -> Array:
         try:
             return np.asarray(vertices[ConvexHull(vertices).vertices])
         except QhullError:
-            radius = _THICKNESS
+            radius = _FLAT_THICKNESS_M
     corners = np.array([vertices.min(axis=0) - radius, vertices.max(axis=0) + radius])
     return np.array(list(itertools.product(*corners.T)))

@@ -17,7 +17,7 @@ from placement_planner_ros.core.grasp.free_yaw_ik import FreeYawIK
 from placement_planner_ros.core.grasp.open_hand import OpenHand
 from placement_planner_ros.core.grasp.release_check import check_letting_go
 from placement_planner_ros.core.grasp.settings import GraspSettings
-from placement_planner_ros.core.grasp.straight_down import stray, stray_at
+from placement_planner_ros.core.grasp.straight_down import greatest_stray, stray_at
 from placement_planner_ros.core.reach.ik import InverseKinematics
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.reach.seeds import seed_table
@@ -28,11 +28,11 @@ from placement_planner_ros.core.types import LEVEL, Array, Slope, Verdict
 
 _FIRST_SEEDS = 16
 """Starts of the inverse kinematics beside q_0 that are tried before the others."""
-_HAND_SLACK = 1e-4
+_HAND_SLACK_M = 1e-4
 """m, more than what inverse kinematics leaves open moves any point of a hand."""
-_PLANNED_STRAY = 0.75
+_PLANNED_STRAY_SHARE = 0.75
 """Share of `approach_stray` that waypoints use; the rest is for the timed curve."""
-_HALVINGS = 4
+_STEP_HALVINGS = 4
 """How often a step of the approach is halved at most, to keep the object on its line."""
 
 
@@ -151,7 +151,7 @@ class Holding:
         if not self._ik.reachable(T_world_tip):
             return Verdict.NO_IK
         if hand_first and self.collision.hand_collides(
-            T_world_tip, _HAND_SLACK, self._reserve, contact=True
+            T_world_tip, _HAND_SLACK_M, self._reserve, contact=True
         ):
             return Verdict.ARM_COLLIDING
         verdict = Verdict.NO_IK
@@ -247,7 +247,7 @@ class Holding:
         Args:
             points: (m, 6, dof) Bézier control points of the curve's pieces, from above to rest.
         """
-        return stray(self.chain, points, *self._lines(T_world_object)) <= self._stray
+        return greatest_stray(self.chain, points, *self._lines(T_world_object)) <= self._stray
 
     def _lines(self, T_world_object: pin.SE3) -> tuple[Array, Array]:
         """(8, 3) what is to come straight down, in the frame of the tip, and where to."""
@@ -317,7 +317,7 @@ class Holding:
         T_world_object: pin.SE3,
         below: float,
         height: float,
-        halvings: int = _HALVINGS,
+        halvings: int = _STEP_HALVINGS,
     ) -> list[Array] | None:
         """Waypoints (dof,) after `q` at height `below` up to another, metres, their edges free.
 
@@ -331,7 +331,7 @@ class Holding:
             return None
         chord = np.linspace(q_next, q, 5)
         strays = stray_at(self.chain, chord, *self._lines(T_world_object))
-        if strays <= _PLANNED_STRAY * self._stray and self._keeps_tilt(q, q_next):
+        if strays <= _PLANNED_STRAY_SHARE * self._stray and self._keeps_tilt(q, q_next):
             is_free = self.collision.edge_free(q, q_next, contact=True, reserve=self._reserve)
             return [q_next] if is_free else None
         if halvings == 0:

@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull
 
 from placement_planner_ros.core.types import Array
 
-_ENOUGH = 32
+_SIMPLE_HULL_CORNERS = 32
 """Hulls of so many corners are left as they are."""
 _AROUND = np.array([d for d in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
 """(26, 3) directions, by the principal axes, whose furthest corners are taken first: by other axes
@@ -33,7 +33,7 @@ def few_corners(corners: Array, tolerance: float) -> tuple[Array, float]:
     Raises:
         QhullError: the corners span no volume.
     """
-    if len(corners) <= _ENOUGH:
+    if len(corners) <= _SIMPLE_HULL_CORNERS:
         return corners, 0.0
     axes = np.linalg.svd(corners - corners.mean(axis=0), full_matrices=False)[2]
     taken = np.unique((corners @ (_AROUND @ axes).T).argmax(axis=0))

@@ -50,12 +50,12 @@ FILTER_ITSELF = (
     "where these are points of the robot or of the object, set self_filter.enabled or raise "
     "self_filter.padding"
 )
-_MOST_PRESSED = 0.006
+_MOST_PRESSED_M = 0.006
 """Metres that a link which holds the object may lie in it, as joint states, meshes and what gives
 way may have it, without a word."""
 _Thing = tuple[str, Solid, coal.Transform3s, Array | None]
 """A name, a shape at its place, and what triangles enclose its inside, where it is a surface."""
-_NAMED = 3
+_NAMED_PAIRS = 3
 """Pairs of links that are named at most."""
 
 
@@ -239,7 +239,7 @@ def beyond_limits(arm: Arm, q_start: Array) -> Fault | None:
 def met_itself(robot: Robot, q: Array, links: list[tuple[str, str]]) -> Fault:
     """The fault of links that meet each other at q (nq,), with what they need to be left out."""
     rows = dict.fromkeys(pair(*each) for each in links)
-    overlaps, placements = _overlaps(robot), robot.geometry_poses(q)
+    overlaps, placements = _robot_overlaps(robot), robot.geometry_poses(q)
     words = []
     for first, second in rows:
         said, deepest = f"{first} meets {second}", 0.0
@@ -290,14 +290,14 @@ class _Placed:
             (g.geometry, coal.Transform3s(T.rotation, T.translation))
             for g, T in zip(objects, places, strict=True)
         ]
-        self._q, self._places, self._overlaps = q, places, _overlaps(robot)
+        self._q, self._places, self._overlaps = q, places, _robot_overlaps(robot)
         centers, self._radii = self._overlaps.centers, self._overlaps.radii
         self._centers = np.array([T.act(c) for T, c in zip(places, centers, strict=True)])
         self._centers = self._centers.reshape(-1, 3)
 
     def met(self, arm: Arm, margin: float) -> Fault | None:
         """Which links meet that move to each other with the arm; None where none do."""
-        pairs, carried = _pairs(self._robot), _carried(self._robot, arm)
+        pairs, carried = _checked_pairs(self._robot), _carrying_joints(self._robot, arm)
         pairs = pairs[carried[pairs[:, 0]] != carried[pairs[:, 1]]]
         apart = np.linalg.norm(self._centers[pairs[:, 0]] - self._centers[pairs[:, 1]], axis=1)
         near = apart <= self._radii[pairs[:, 0]] + self._radii[pairs[:, 1]] + margin
@@ -308,7 +308,7 @@ class _Placed:
                 a, b, self._places[a], self._places[b]
             ):
                 met.append((names[a], names[b]))
-                if len(set(met)) == _NAMED:
+                if len(set(met)) == _NAMED_PAIRS:
                     break
         return met_itself(self._robot, self._q, met) if met else None
 
@@ -340,8 +340,8 @@ class _Placed:
             for i in np.flatnonzero(away <= self._radii + overlaps.radii[j]).tolist():
                 link = self._robot.geometry_links[i]
                 if link in arm.touch_links:
-                    depth = overlaps.depth_in_words(i, j, self._places[i], T, _MOST_PRESSED)
-                    if depth > _MOST_PRESSED:
+                    depth = overlaps.depth_in_words(i, j, self._places[i], T, _MOST_PRESSED_M)
+                    if depth > _MOST_PRESSED_M:
                         deep[link] = max(depth, deep.get(link, 0.0))
         if not deep:
             return ""
@@ -361,7 +361,7 @@ class _Placed:
         frame = robot.frame_id(arm.tip_frame)
         T = self._data.oMf[frame] * arm.grasps[grasp]
         place = coal_transform(T)
-        carried = _carried(robot, arm)
+        carried = _carrying_joints(robot, arm)
         hand = arm_joint(model, _joint_ids(robot, arm), model.frames[frame].parentJoint)
         in_hand = carried == hand
         overlaps, first = object_overlaps(robot, body), len(self._solids)
@@ -404,7 +404,7 @@ class _Placed:
 
     def _moved(self, arm: Arm) -> list[_Thing]:
         """The geometries that the arm moves."""
-        moved = np.flatnonzero(_carried(self._robot, arm) >= 0).tolist()
+        moved = np.flatnonzero(_carrying_joints(self._robot, arm) >= 0).tolist()
         return [(self._robot.geometry_links[i], *self._solids[i], None) for i in moved]
 
     def met_by_object_in(
@@ -456,7 +456,7 @@ def _first_met(
     for (low, high), (name, thing, T, around) in zip(bounds, things, strict=True):
         for box in corners[((corners[:, :3] <= high) & (corners[:, 3:] >= low)).all(axis=1)]:
             at = coal.Transform3s(np.eye(3), (box[:3] + box[3:]) / 2)
-            if meet(thing, T, coal.Box(box[3:] - box[:3]), at, margin) or _encloses(
+            if meet(thing, T, coal.Box(box[3:] - box[:3]), at, margin) or _surface_encloses(
                 around, T, (box[:3] + box[3:]) / 2
             ):
                 x, y, z = (box[:3] + box[3:]) / 2
@@ -464,7 +464,7 @@ def _first_met(
     return ""
 
 
-def _encloses(triangles: Array | None, T: coal.Transform3s, point: Array) -> bool:
+def _surface_encloses(triangles: Array | None, T: coal.Transform3s, point: Array) -> bool:
     """Whether a closed surface (t, 3, 3) at T encloses a point (3,)."""
     if triangles is None:
         return False
@@ -475,19 +475,19 @@ def _encloses(triangles: Array | None, T: coal.Transform3s, point: Array) -> boo
 
 
 @lru_cache(maxsize=4)
-def _overlaps(robot: Robot) -> Overlaps:
+def _robot_overlaps(robot: Robot) -> Overlaps:
     return Overlaps.of(robot.geometry, robot.covers)
 
 
 @lru_cache(maxsize=4)
-def _pairs(robot: Robot) -> npt.NDArray[np.int64]:
+def _checked_pairs(robot: Robot) -> npt.NDArray[np.int64]:
     """(m, 2) geometries that must not meet."""
     pairs = [(pair.first, pair.second) for pair in robot.geometry.collisionPairs]
     return np.array(pairs, dtype=np.int64).reshape(-1, 2)
 
 
 @lru_cache(maxsize=16)
-def _carried(robot: Robot, arm: Arm) -> npt.NDArray[np.int64]:
+def _carrying_joints(robot: Robot, arm: Arm) -> npt.NDArray[np.int64]:
     """(n,) per geometry, the arm's last joint that moves it; -1 where none does."""
     joints, ids = [g.parentJoint for g in robot.geometry.geometryObjects], _joint_ids(robot, arm)
     return np.array([arm_joint(robot.model, ids, joint) for joint in joints], dtype=np.int64)

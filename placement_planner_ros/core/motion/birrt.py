@@ -27,7 +27,7 @@ from placement_planner_ros.core.types import Array
 
 _FORWARD = 0
 _ANY_BACKWARD = -1
-_BLOCK = 256
+_BLOCK_NODES = 256
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +81,7 @@ class _Goal:
 
 
 @kernel()
-def _nearest(
+def _nearest_node(
     nodes: Array, labels: npt.NDArray[np.int32], count: int, q: Array, scale: Array, label: int
 ) -> int:
     """Index of the node closest to `q` among those with `label` (-1: any backward tree), or -1.
@@ -90,12 +90,12 @@ def _nearest(
         nodes: (dof, capacity), one column per node, so that the inner loops vectorise.
         scale: (dof,) squared weights.
     """
-    distances = np.empty(_BLOCK)
+    distances = np.empty(_BLOCK_NODES)
     best = np.inf
     arg = -1
     # A block of nodes at a time.
-    for low in range(0, count, _BLOCK):
-        size = min(_BLOCK, count - low)
+    for low in range(0, count, _BLOCK_NODES):
+        size = min(_BLOCK_NODES, count - low)
         d2 = distances[:size]
         d2[:] = 0.0
         block_labels = labels[low : low + size]
@@ -473,7 +473,7 @@ class GoalSetRRT:
         return self._nodes[:, node].copy()
 
     def _nearest(self, q: Array, label: int) -> int:
-        return int(_nearest(self._nodes, self._labels, self._count, q, self._scale, label))
+        return int(_nearest_node(self._nodes, self._labels, self._count, q, self._scale, label))
 
     def _in_forward_tree(self, goal: _Goal) -> bool:
         return bool(self._labels[goal.root] == _FORWARD)

@@ -14,11 +14,11 @@ import numpy as np
 
 from placement_planner_ros.core.types import Array
 
-_SHORTEST = 0.01
+_SHORTEST_SHARE = 0.01
 """Share of the longest step below which no shorter one is tried."""
-_PROGRESS = 0.05
+_PROGRESS_SHARE = 0.05
 """Share of a step's length that it must come nearer to its target."""
-_DETOUR = 2.0
+_DETOUR_STEPS = 2.0
 """Times a step's length that its projection may be away."""
 
 
@@ -65,7 +65,7 @@ class ProjectedSteps:
         difference = target - q
         distance = self._norm(difference)
         length = min(2.0 * self._length, self._longest)
-        while length >= _SHORTEST * self._longest:
+        while length >= _SHORTEST_SHARE * self._longest:
             if distance <= length:
                 if self.constraint.keeps(q, target):
                     self._length = length
@@ -74,8 +74,8 @@ class ProjectedSteps:
                 near = self.constraint.project(q + (length / distance) * difference)
                 if (
                     near is not None
-                    and self._norm(target - near) <= distance - _PROGRESS * length
-                    and self._norm(near - q) <= _DETOUR * length
+                    and self._norm(target - near) <= distance - _PROGRESS_SHARE * length
+                    and self._norm(near - q) <= _DETOUR_STEPS * length
                     and self.constraint.keeps(q, near)
                 ):
                     self._length = length

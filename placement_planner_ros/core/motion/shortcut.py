@@ -11,11 +11,11 @@ from placement_planner_ros.core.types import Array
 
 _PROJECTED_STEP = 1.2
 """Length of steps along a constraint at most."""
-_MORE_ATTEMPTS = 4
+_CONSTRAINED_ATTEMPTS = 4
 """Times as many attempts along a constraint, whose shortcuts soon fail or are short."""
 
 
-def shorten(
+def shorten_path(
     path: Array,
     edge_is_free: Callable[[Array, Array], bool],
     rng: np.random.Generator,
@@ -57,12 +57,12 @@ def shorten(
     along = None
     if constraint is not None:
         along = ProjectedSteps(constraint, _PROJECTED_STEP, np.ones(path.shape[1]))
-        attempts *= _MORE_ATTEMPTS
+        attempts *= _CONSTRAINED_ATTEMPTS
     for child in rng.spawn(tries):
         if should_stop():
             break
         found = _cut_short(points, edge_is_free, child, attempts // tries, should_stop, along)
-        if _length(found) < _length(best):
+        if _path_length(found) < _path_length(best):
             best = found
     return best
 
@@ -116,7 +116,7 @@ def _free_walk(
     return way if all(edge_is_free(p, q) for p, q in edges) else None
 
 
-def _length(path: Array) -> float:
+def _path_length(path: Array) -> float:
     return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.objective.objective import Objective, gradient
+from placement_planner_ros.core.objective.objective import Objective, objective_gradient
 from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.types import LEVEL, Array, Slope
 
@@ -38,7 +38,7 @@ class AscentSettings(Settings):
             raise ParameterError("last_step", self.last_step, "must be in (0, first_step]")
 
 
-def climb(
+def climb_objective(
     objective: Objective,
     x: pin.SE3,
     attempt: Callable[[Array], pin.SE3 | None],
@@ -83,7 +83,7 @@ def ascent_directions(
     unit length, a radian counting as `turn_radius` metres.
     """
     scale = np.array([1.0, 1.0, 1.0 / turn_radius])
-    masked = gradient(objective, x, slope=slope) * scale * _MASKS
+    masked = objective_gradient(objective, x, slope=slope) * scale * _MASKS
     lengths = np.linalg.norm(masked, axis=1)
     kept = lengths > 1e-9
     return np.asarray(masked[kept] / lengths[kept, None] * scale)

@@ -26,7 +26,7 @@ class Clearance:
         self._normals = np.array([upright(each.slope)[:, 2] for each in self._inclines])
         self._faces = np.array([face.normal for face in context.body.faces]).reshape(-1, 3)
         self._points = context.body.volume_points
-        self._some_points = thinned(self._points)
+        self._some_points = thinned_points(self._points)
         self._sign = sign
 
     def __call__(self, T_world_object: pin.SE3) -> float:
@@ -71,7 +71,7 @@ class Clearance:
         return np.asarray((normals @ down).min(axis=2).argmin(axis=1))
 
 
-def thinned(points: Array) -> Array:
+def thinned_points(points: Array) -> Array:
     """Every second, fourth or eighth of the (n, 3) voxel centres, spread evenly, 300 at least."""
     share = next((s for s in (8, 4, 2) if len(points) >= 300 * s), 1)
     index = [np.unique(np.round(line, 6), return_inverse=True)[1] for line in points.T]

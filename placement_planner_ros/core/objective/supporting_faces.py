@@ -27,7 +27,7 @@ class SupportingFace:
     slope: Index
 
 
-def padded(rows: Sequence[Array]) -> Array:
+def padded_rows(rows: Sequence[Array]) -> Array:
     """(n, k, m) of n arrays of at most k rows each, (≤ k, m), whose last row stands for what is
     lacking."""
     most = max((len(each) for each in rows), default=0)

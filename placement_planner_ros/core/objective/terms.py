@@ -15,7 +15,11 @@ from scipy.spatial import ConvexHull, QhullError
 from placement_planner_ros.core.body.contact_points import contact_points
 from placement_planner_ros.core.objective.clearance import Clearance
 from placement_planner_ros.core.objective.objective import ObjectiveContext
-from placement_planner_ros.core.objective.supporting_faces import Index, SupportingFaces, padded
+from placement_planner_ros.core.objective.supporting_faces import (
+    Index,
+    SupportingFaces,
+    padded_rows,
+)
 from placement_planner_ros.core.scene.distance import CAP
 from placement_planner_ros.core.types import Array
 
@@ -198,9 +202,9 @@ class Stance:
             if self.expensive:
                 feet = contact_points(context.body, over).points
                 self._contacts.append((feet, T.inverse()))
-            hulls.append(_edges(feet))
+            hulls.append(_inward_normals(feet))
         self._rotations, self._heights = np.array(rotations).reshape(-1, 3, 3), np.array(heights)
-        self._hulls = padded(hulls)  # (|F|, k, 3)
+        self._hulls = padded_rows(hulls)  # (|F|, k, 3)
 
     def values(self, T_world_object: Array) -> Array:
         """(n,) at poses (n, 4, 4)."""
@@ -215,7 +219,9 @@ class Stance:
             placed = points @ T[:3, :3].T + T[:3, 3]
             support = self._environment.support_of((float(slope[0]), float(slope[1])))
             carried = feet[support.supported(placed, self._tolerance)]
-            result[n] = self._tips(stood.face[n : n + 1], _edges(carried)[None], T[None])[0]
+            result[n] = self._tips(stood.face[n : n + 1], _inward_normals(carried)[None], T[None])[
+                0
+            ]
         return result
 
     def bounds(self, T_world_object: Array) -> tuple[Array, Array]:
@@ -237,7 +243,7 @@ class Stance:
         return np.asarray((firm - lean).min(axis=1))
 
 
-def _edges(points: Array) -> Array:
+def _inward_normals(points: Array) -> Array:
     """(k, 3) inward normal of each edge of the hull of (m, 2) points about the foot of the centre
     of mass, and how far inside that is; where they are in line it falls over any."""
     try:

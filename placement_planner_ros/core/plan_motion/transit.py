@@ -16,7 +16,7 @@ from placement_planner_ros.core.robot.arm import follow_masters
 from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.types import Array, Goal
 
-_MAX_WAITING = 1000
+_MAX_WAITING_GOALS = 1000
 """Goals of one arm and grasp that wait; once there are twice as many, the rest is forgotten."""
 
 
@@ -137,9 +137,9 @@ class _Trees:
     def add(self, goal: Goal) -> None:
         self._waiting.append(_Candidate(goal, self._next_key))
         self._next_key += 1
-        if len(self._waiting) > 2 * _MAX_WAITING:
+        if len(self._waiting) > 2 * _MAX_WAITING_GOALS:
             self._waiting.sort(key=_Candidate.order)
-            del self._waiting[_MAX_WAITING:]
+            del self._waiting[_MAX_WAITING_GOALS:]
 
     def retire(self, unwanted: Callable[[Goal], bool]) -> None:
         self._waiting = [c for c in self._waiting if not unwanted(c.goal)]

@@ -19,23 +19,23 @@ from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.reach.kinematics import Flags, chain_frames, frames_jacobian
 from placement_planner_ros.core.types import Array
 
-ROTATION_SCALE = 0.25
+ROTATION_SCALE_M = 0.25
 """m; a rotation error of 1 rad weighs as much as this position error."""
 
-DAMPING = 0.1
+DAMPING_PER_ERROR = 0.1
 """λ per squared error."""
 
-MIN_DAMPING = 1e-7
+MIN_DAMPING_M2 = 1e-7
 """λ at zero error, m²."""
 
-MAX_STEP = 0.7
+MAX_JOINT_STEP = 0.7
 """rad or m, largest change of a joint in an iteration."""
 
-STALL = 8
+STALL_ITERATIONS = 8
 """Iterations within which the squared error must halve."""
 
 TRACK_ITERATIONS = 10
-"""Iterations per waypoint of `track`, which starts next to its solution."""
+"""Iterations per waypoint of `track_targets`, which starts next to its solution."""
 
 
 class IKArm(NamedTuple):
@@ -177,7 +177,7 @@ def weighted_jacobian(arm: IKArm, scratch: IKScratch) -> None:
     # rotation in metres
     for a in range(3, 6):
         for i in range(dof):
-            J[a, i] *= ROTATION_SCALE
+            J[a, i] *= ROTATION_SCALE_M
     # a follower's column, by its factor, joins that of its master
     for k in range(len(arm.ties)):
         joint, other = int(arm.ties[k, 0]), int(arm.ties[k, 1])
@@ -252,7 +252,9 @@ def _step_within_limits(arm: IKArm, q: Array, scratch: IKScratch, damping: float
 
 
 @kernel(lean=True)
-def descend(arm: IKArm, target: Array, q: Array, max_iterations: int, scratch: IKScratch) -> bool:
+def descend_to_target(
+    arm: IKArm, target: Array, q: Array, max_iterations: int, scratch: IKScratch
+) -> bool:
     """Move q (n,) within its limits until the tip is at the target (4, 4); False where it is not.
 
     The frames of the scratch hold the chain at q on return.
@@ -271,23 +273,23 @@ def descend(arm: IKArm, target: Array, q: Array, max_iterations: int, scratch: I
         if position <= arm.position_tolerance**2 and rotation <= arm.rotation_tolerance**2:
             return True
         # The error with rotation in metres; `age` counts steps that did not halve its square.
-        squared = position + ROTATION_SCALE**2 * rotation
+        squared = position + ROTATION_SCALE_M**2 * rotation
         if squared < 0.5 * best:
             best = squared
             age = 0
         else:
             age += 1
-        if iteration == max_iterations or age > STALL:
+        if iteration == max_iterations or age > STALL_ITERATIONS:
             return False
         # The step, shortened where a joint would go further than the linear model is good for.
         weighted_jacobian(arm, scratch)
         for a in range(3, 6):
-            error[a] *= ROTATION_SCALE
-        _step_within_limits(arm, q, scratch, DAMPING * squared + MIN_DAMPING)
+            error[a] *= ROTATION_SCALE_M
+        _step_within_limits(arm, q, scratch, DAMPING_PER_ERROR * squared + MIN_DAMPING_M2)
         largest = 0.0
         for i in range(dof):
             largest = max(largest, abs(dq[i]))
-        scale = min(1.0, MAX_STEP / max(largest, 1e-300))
+        scale = min(1.0, MAX_JOINT_STEP / max(largest, 1e-300))
         # The step, kept within limits, with the followers.
         for i in range(dof):
             q[i] = min(max(q[i] + scale * dq[i], arm.lower[i]), arm.upper[i])
@@ -296,7 +298,7 @@ def descend(arm: IKArm, target: Array, q: Array, max_iterations: int, scratch: I
 
 
 @kernel(lean=True)
-def differs(a: Array, b: Array, prismatic: Flags, min_difference: float) -> bool:
+def configurations_differ(a: Array, b: Array, prismatic: Flags, min_difference: float) -> bool:
     """Whether two configurations differ in some joint by more than full turns explain."""
     for i in range(len(a)):
         # The difference of a joint that turns, without full turns.
@@ -332,12 +334,12 @@ def solve_batch(
             for i in range(dof):
                 q[i] = min(max(seeds[t, s, i], arm.lower[i]), arm.upper[i])
             follow_in_place(arm.ties, q)
-            if not descend(arm, targets[t], q, max_iterations, scratch):
+            if not descend_to_target(arm, targets[t], q, max_iterations, scratch):
                 continue
             # kept unless a solution that is the same but for full turns is there
             new = True
             for k in range(count):
-                if not differs(solutions[t, k], q, arm.prismatic, min_difference):
+                if not configurations_differ(solutions[t, k], q, arm.prismatic, min_difference):
                     new = False
                     break
             if new:
@@ -347,7 +349,7 @@ def solve_batch(
 
 
 @kernel(nogil=True)
-def track(
+def track_targets(
     arm: IKArm,
     targets: Array,
     q0: Array,
@@ -371,7 +373,7 @@ def track(
     other = np.empty(6)
     for n in range(len(targets)):
         # On to the next target, from the configuration before.
-        if not descend(arm, targets[n], q, TRACK_ITERATIONS, scratch):
+        if not descend_to_target(arm, targets[n], q, TRACK_ITERATIONS, scratch):
             return False
         path[n] = q
         # No joint may have moved too far; half-way in the joints.

@@ -29,7 +29,7 @@ from placement_planner_ros.core.types import Array, frozen_array
 
 Flags = npt.NDArray[np.bool_]
 
-_CHAINS = 16
+_REMEMBERED_CHAINS = 16
 """How many chains are remembered."""
 
 
@@ -241,7 +241,7 @@ class Chain:
                 "q_rest", q.shape, f"give {robot.model.nq} values: {robot.joint_names}"
             )
         q[arm.q_index] = 0.0
-        return _chain(robot, arm, q.tobytes())
+        return _make_chain(robot, arm, q.tobytes())
 
     @classmethod
     def _of(cls, robot: Robot, arm: Arm, q: Array) -> Chain:
@@ -251,7 +251,7 @@ class Chain:
         aligned, prismatic, T_world_aligned = [], [], []
         for index in arm.q_index:
             joint = int(index) + 1  # one coordinate per joint; joint 0 is the universe
-            axis, slides = _axis(model.joints[joint])
+            axis, slides = _joint_axis(model.joints[joint])
             R_joint_aligned = _rotation_from_z(axis)
             T_world_aligned.append(data.oMi[joint] * pin.SE3(R_joint_aligned, np.zeros(3)))
             aligned.append(R_joint_aligned.T)
@@ -345,13 +345,13 @@ class Chain:
         return out
 
 
-@functools.lru_cache(maxsize=_CHAINS)
-def _chain(robot: Robot, arm: Arm, q_zero: bytes) -> Chain:
+@functools.lru_cache(maxsize=_REMEMBERED_CHAINS)
+def _make_chain(robot: Robot, arm: Arm, q_zero: bytes) -> Chain:
     """The chain with `arm` at zero and the rest of the robot as in q (nq,)."""
     return Chain._of(robot, arm, np.frombuffer(q_zero))
 
 
-def _axis(joint: pin.JointModel) -> tuple[Array, bool]:
+def _joint_axis(joint: pin.JointModel) -> tuple[Array, bool]:
     """Axis in the joint frame, and whether the joint slides along it."""
     data = joint.createData()
     # calc reads its own coordinates out of the whole robot's, without a check of their length

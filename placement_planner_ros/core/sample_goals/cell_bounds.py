@@ -19,7 +19,7 @@ from placement_planner_ros.core.types import Array
 
 Mask = npt.NDArray[np.bool_]
 
-_REACH_SLACK = 1e-3
+_REACH_SLACK_M = 1e-3
 """m, more than inverse kinematics leaves open."""
 
 
@@ -41,7 +41,7 @@ class _Reach:
 
     def out_of_reach(self, placed: PlacedCells) -> Mask:
         """(n,) cells at none of whose poses any wrist is where its arm can bring it."""
-        return np.asarray((self.beyond(placed) > _REACH_SLACK).all(axis=1))
+        return np.asarray((self.beyond(placed) > _REACH_SLACK_M).all(axis=1))
 
     def beyond(self, placed: PlacedCells) -> Array:
         """(n, holdings) m, how far beyond its arm's length each wrist is at all poses at least."""

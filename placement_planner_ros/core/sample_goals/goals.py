@@ -15,17 +15,17 @@ from placement_planner_ros.core.objective.objective import (
     BoundedObjective,
     EstimatedObjective,
     Objective,
-    evaluate,
     evaluate_batch,
+    evaluate_objective,
     values_above,
 )
 from placement_planner_ros.core.sample_goals.rejections import RejectedPose, Rejections
 from placement_planner_ros.core.search.sampler import Draws, Outcome
 from placement_planner_ros.core.types import Array, Goal, Slope, Verdict
 
-_BELOW_ALL = -1e9
+_BELOW_ALL_VALUES = -1e9
 """ξ that poses count as which lack what is required, less by what they lack."""
-_ATTEMPTS = 2
+_TRIED_CONFIGURATIONS = 2
 """Configurations at most whose approach and retreat are tried at one pose."""
 
 
@@ -83,7 +83,7 @@ class GoalFinder:
         verdicts, T = self._poses.verdicts(
             draws.face, draws.contact, draws.angle, draws.slope, lacking
         )
-        values = np.where(lacking > 0.0, _BELOW_ALL - lacking, -np.inf)
+        values = np.where(lacking > 0.0, _BELOW_ALL_VALUES - lacking, -np.inf)
         free = np.flatnonzero(verdicts == Verdict.FEASIBLE)
         remembering = best == -np.inf
         if remembering:
@@ -143,7 +143,7 @@ class GoalFinder:
             height, slope = _contact_plane(draws, row)
             x = placement_pose(self._body.faces[face], contact, float(draws.angle[row]), slope)
             verdict = self._poses.verdict(x, face, height, slope)
-            value = evaluate(self._objective, x)
+            value = evaluate_objective(self._objective, x)
             goal = self._reach_any(
                 draws,
                 row,
@@ -240,7 +240,7 @@ class GoalFinder:
         verdict = self._poses.verdict(pose.x, pose.face, pose.contact_height, pose.slope)
         if verdict is not Verdict.FEASIBLE:
             return pose, verdict
-        pose = pose._replace(value=evaluate(self._objective, pose.x))
+        pose = pose._replace(value=evaluate_objective(self._objective, pose.x))
         return pose, Verdict.FEASIBLE if pose.value > best else Verdict.NOT_BETTER
 
     def _reach_goal(self, holding: Holding, wanted: Wanted, hand_first: bool) -> Goal | Verdict:
@@ -268,7 +268,7 @@ class GoalFinder:
                 )
             furthest = max(furthest, motion)
             attempts += motion > Verdict.NO_RELEASE
-            if attempts == _ATTEMPTS:
+            if attempts == _TRIED_CONFIGURATIONS:
                 break
         return furthest
 

@@ -4,7 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from placement_planner_ros.core.search.cell_layout import ANGLE, FACE, SLOPE, X, Y, Z, contacts
+from placement_planner_ros.core.search.cell_layout import (
+    ANGLE,
+    FACE,
+    SLOPE,
+    X,
+    Y,
+    Z,
+    contact_points,
+)
 from placement_planner_ros.core.types import Array, upright
 
 
@@ -22,7 +30,7 @@ class PlacedCells:
             [cells[:, X + 1] - cells[:, X], cells[:, Y + 1] - cells[:, Y]]
         )
         middle = np.column_stack([cells[:, X], cells[:, Y]]) + self.half
-        self.contact = contacts(cells, middle)
+        self.contact = contact_points(cells, middle)
         self.height = cells[:, Z]
         self.slope = cells[:, [SLOPE, SLOPE + 1]]
         angle = 0.5 * (cells[:, ANGLE] + cells[:, ANGLE + 1])

@@ -17,17 +17,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from placement_planner_ros.core.search.cell_layout import (
-    COLUMNS,
+    CELL_COLUMNS,
     FACE,
     LOWER,
     PARTS,
     SLOPE,
     UPPER,
     Z,
-    areas,
-    contacts,
-    extent,
-    halved,
+    contact_areas,
+    contact_points,
+    halved_cells,
+    region_extent,
 )
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy
 from placement_planner_ros.core.search.pruning import CellBounds, Ruling
@@ -43,19 +43,19 @@ from placement_planner_ros.core.search.uniform import UniformPoses
 from placement_planner_ros.core.settings import setting
 from placement_planner_ros.core.types import Array, Goal, Verdict
 
-_LOWEST = -1e300
+_LOWEST_VALUE = -1e300
 """Of values that are ranked."""
-_COARSE = 4
+_COARSE_CELLS = 4
 """A region's extent is cut into so many coarse cells along x and y."""
 _MAX_CELLS = 20_000
 """Cells of one scale that are remembered; beyond, the worse half is forgotten. Of those with a goal
 as many are, and the worst is."""
 
 _UNREACHED = 1
-_CLASS = np.array(
+_VERDICT_CLASS = np.array(
     [3 if v <= Verdict.UNSTABLE else 2 if v is Verdict.COLLIDING else _UNREACHED for v in Verdict]
 )  # of a cell by its sample's verdict: what is free comes first, what cannot be reached after it
-_CLASS[[Verdict.BREAKS_RULE, Verdict.NOT_BETTER, Verdict.FEASIBLE]] = 0
+_VERDICT_CLASS[[Verdict.BREAKS_RULE, Verdict.NOT_BETTER, Verdict.FEASIBLE]] = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,9 +104,11 @@ class OptimisticSampler(BatchSampler):
         self._bounds = bounds if settings.prune else None
         self._rng = rng
         self._uniform = UniformPoses(hierarchy, rng, settings.even_share)
-        self._extents = np.array([extent(region) for region in hierarchy.regions])
+        self._extents = np.array([region_extent(region) for region in hierarchy.regions])
         self._heights = np.array([region.z for region in hierarchy.regions])
-        self._steps = np.array([_COARSE, _COARSE, hierarchy.settings.angle_intervals**2])
+        self._steps = np.array(
+            [_COARSE_CELLS, _COARSE_CELLS, hierarchy.settings.angle_intervals**2]
+        )
         self._min_area = hierarchy.settings.min_area
         # per depth, a heap of (class, rank, number, cell): the least is split next
         self._levels: list[list[tuple[int, float, int, Array]]] = [[]]
@@ -120,7 +122,7 @@ class OptimisticSampler(BatchSampler):
         # (ξ, number, depth, cell)
         self._with_goal: list[tuple[float, int, int, Array]] = []
         # what is left of the round: cells, their depths, and the poses (x, y, θ) drawn from them
-        self._cells = np.empty((0, COLUMNS))
+        self._cells = np.empty((0, CELL_COLUMNS))
         self._depths = np.empty(0, dtype=np.int64)
         self._poses = np.empty((0, 3))
 
@@ -143,7 +145,7 @@ class OptimisticSampler(BatchSampler):
             undecided,
             undecided,
             cells[:, FACE].astype(np.int64),
-            contacts(cells, poses[:, :2]),
+            contact_points(cells, poses[:, :2]),
             poses[:, 2],
             cells[:, [SLOPE, SLOPE + 1]],
         )
@@ -184,7 +186,7 @@ class OptimisticSampler(BatchSampler):
         low[:, 2], high[:, 2] = drawn.low, drawn.high
         size = (high - low) / self._steps
         place = np.clip(np.floor((poses - low) / size), 0, self._steps - 1)
-        cells = np.empty((count, COLUMNS))
+        cells = np.empty((count, CELL_COLUMNS))
         cells[:, FACE] = drawn.face
         cells[:, Z] = self._heights[regions]
         cells[:, [SLOPE, SLOPE + 1]] = self._uniform.slopes[regions]
@@ -194,10 +196,10 @@ class OptimisticSampler(BatchSampler):
 
     def _remember(self, outcome: Outcome, cells: Array, depths: Index) -> None:
         """File the cells under their depth by what their sample was, leaves left out."""
-        kinds = _CLASS[outcome.verdicts]
-        worth = np.maximum(outcome.values, _LOWEST)
+        kinds = _VERDICT_CLASS[outcome.verdicts]
+        worth = np.maximum(outcome.values, _LOWEST_VALUE)
         ranks = np.where(kinds == 0, -worth, self._rng.random(len(cells)))
-        kept = areas(cells) > self._min_area
+        kept = contact_areas(cells) > self._min_area
         found = outcome.verdicts == Verdict.FEASIBLE
         # the cells are copied one by one: a view would keep the whole round in memory
         for k in np.flatnonzero(kept & found).tolist():
@@ -233,7 +235,7 @@ class OptimisticSampler(BatchSampler):
         Where the cell's sample was free of collision nothing is known to rule parts out.
         """
         cells, depths, kinds = self._split_best(best)
-        parts, depths = halved(cells), np.repeat(depths + 1, PARTS)
+        parts, depths = halved_cells(cells), np.repeat(depths + 1, PARTS)
         doubtful = np.repeat(kinds > 0, PARTS)
         if self._bounds is None or not doubtful.any():
             return parts, depths
@@ -268,7 +270,7 @@ class OptimisticSampler(BatchSampler):
             self._levels.append([])
             self._unreached.append([])
         return (
-            np.array(cells).reshape(-1, COLUMNS),
+            np.array(cells).reshape(-1, CELL_COLUMNS),
             np.array(depths, dtype=np.int64),
             np.array(kinds, dtype=np.int64),
         )

@@ -24,7 +24,7 @@ _UNKNOWN = -1  # the number of children is not known yet
 
 
 @kernel(lean=True)
-def _descend(
+def _descend_tree(
     node: int,
     depth: int,
     min_depth: int,
@@ -81,7 +81,7 @@ def _descend(
 
 
 @kernel(lean=True)
-def _propagate(
+def _propagate_reward(
     node: int,
     visit: int,
     reward: float,
@@ -190,7 +190,7 @@ class SearchTree(Generic[N]):
         """
         node, depth = 0, 0
         while True:
-            node, depth, action = _descend(
+            node, depth, action = _descend_tree(
                 node,
                 depth,
                 self._min_depth,
@@ -217,11 +217,11 @@ class SearchTree(Generic[N]):
 
     def hold(self, node: int) -> None:
         """Count a visit whose reward is not known yet, as if it were 0, until `release`."""
-        _propagate(node, 1, 0.0, self._parent, self._visits, self._rewards)
+        _propagate_reward(node, 1, 0.0, self._parent, self._visits, self._rewards)
 
     def release(self, node: int) -> None:
         """Take back what `hold` counted."""
-        _propagate(node, -1, 0.0, self._parent, self._visits, self._rewards)
+        _propagate_reward(node, -1, 0.0, self._parent, self._visits, self._rewards)
 
     def update(self, node: int, reward: float, value: float, demoted: float) -> None:
         """Update: one more sample of `node`, propagated to its ancestors.
@@ -233,7 +233,7 @@ class SearchTree(Generic[N]):
         """
         if value <= self._threshold:
             value = -np.inf
-        _propagate(node, 1, reward, self._parent, self._visits, self._rewards)
+        _propagate_reward(node, 1, reward, self._parent, self._visits, self._rewards)
         if value > -np.inf and reward != demoted:
             record = (value, next(self._record_count), node, demoted - reward)
             heapq.heappush(self._records, record)
@@ -247,7 +247,7 @@ class SearchTree(Generic[N]):
             self._demote(heapq.heappop(self._records))
 
     def _demote(self, record: tuple[float, int, int, float]) -> None:
-        _propagate(record[2], 0, record[3], self._parent, self._visits, self._rewards)
+        _propagate_reward(record[2], 0, record[3], self._parent, self._visits, self._rewards)
 
     def _add_child(self, node: int) -> int:
         waiting = self._waiting.get(node)

@@ -13,12 +13,12 @@ from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.scene.spans import Footprint, spans
-from placement_planner_ros.core.stability.coplanarity import LEANS
+from placement_planner_ros.core.stability.coplanarity import MAX_LEAN_SLOPE
 from placement_planner_ros.core.stability.protrusions import Protrusions
 from placement_planner_ros.core.stability.support_settings import SupportSettings
 from placement_planner_ros.core.types import Array, Slope, upright
 
-_FILLED = 0.5
+_FILLED_SHARE = 0.5
 """Share of the contact points below which what carries them in a noisy cloud may be thin bars."""
 TIPS = math.radians(5.0)
 """By so much, at least, an object can be tipped before it falls, from how it stands."""
@@ -123,7 +123,7 @@ class PolygonSupport:
     def _carried(
         self, points: Array, T: Array, face: int, slope: Slope, added: float
     ) -> tuple[Array, Array, Array]:
-        """What `_firm` below says of poses on one face; (n,) m that heights may be off by."""
+        """What `_firm_support` says of poses on one face; (n,) m that heights may be off by."""
         environment = self._problem.environment
         inward = self.faces[face].T_face_object.inverse()
         in_object = points @ inward.rotation[:, :2].T + inward.translation
@@ -134,10 +134,10 @@ class PolygonSupport:
         ).reshape(len(T), -1)
         noise = np.full(len(T), support.height_noise)
         if added:  # thin bars are told by few points each
-            noise[np.isfinite(gaps).mean(axis=1) < _FILLED] = environment.measured.noise
+            noise[np.isfinite(gaps).mean(axis=1) < _FILLED_SHARE] = environment.measured.noise
         ups = np.ascontiguousarray(T[:, 2, :3] @ inward.rotation)
         margin, height = self.footing.support_margin, float(self.heights[face])
-        widths, planes = _firm(points, gaps, ups, height, margin, noise, added)
+        widths, planes = _firm_support(points, gaps, ups, height, margin, noise, added)
         return widths, planes, noise
 
     def least_inside(self, face: npt.NDArray[np.int64], slope: Array) -> tuple[Array, Array]:
@@ -159,7 +159,7 @@ class PolygonSupport:
 
 
 @kernel(nogil=True)
-def _firm(
+def _firm_support(
     points: Array,
     gaps: Array,
     ups: Array,
@@ -188,9 +188,9 @@ def _firm(
     carries = np.empty(len(points), np.bool_)
     # Which points carry the object, if their plane does not lean too much.
     for n in range(len(gaps)):
-        if not _carrying(points, gaps[n], noise[n], carries, plane):
+        if not _carrying_points(points, gaps[n], noise[n], carries, plane):
             continue
-        corners = _hull(points, carries, hull)
+        corners = _convex_hull(points, carries, hull)
         if corners < 3:
             continue
         # from the foot of the centre of mass to the point under it along gravity
@@ -215,12 +215,12 @@ def _firm(
                 firm = False
                 break
         if firm:
-            widths[n], planes[n] = _across(points, hull[:corners]), plane
+            widths[n], planes[n] = _narrowest_width(points, hull[:corners]), plane
     return widths, planes
 
 
 @kernel(lean=True)
-def _carrying(
+def _carrying_points(
     points: Array, gaps: Array, noise: float, carries: npt.NDArray[np.bool_], plane: Array
 ) -> bool:
     """Which points carry the object; whether the surface under them does not lean, at all.
@@ -234,11 +234,11 @@ def _carrying(
     # Points with a surface under them, and the plane fitted to it.
     for k in range(len(points)):
         carries[k] = not math.isnan(gaps[k])
-    width = _fit(points, gaps, carries, plane)
+    width = _fit_plane(points, gaps, carries, plane)
     if width == 0.0:
         return False
-    # The plane may lean by `LEANS`, and by what noise makes of so short a width.
-    allowed = LEANS + noise / width
+    # The plane may lean by `MAX_LEAN_SLOPE`, and by what noise makes of so short a width.
+    allowed = MAX_LEAN_SLOPE + noise / width
     if math.sqrt(plane[1] * plane[1] + plane[2] * plane[2]) > allowed:
         return False
     # The highest surface about the plane.
@@ -253,11 +253,11 @@ def _carrying(
         if carries[k]:
             above = gaps[k] - plane[1] * points[k, 0] - plane[2] * points[k, 1]
             carries[k] = above >= lowest
-    return _fit(points, gaps, carries, plane) > 0.0
+    return _fit_plane(points, gaps, carries, plane) > 0.0
 
 
 @kernel(lean=True)
-def _fit(points: Array, gaps: Array, of: npt.NDArray[np.bool_], plane: Array) -> float:
+def _fit_plane(points: Array, gaps: Array, of: npt.NDArray[np.bool_], plane: Array) -> float:
     """m across some of the points, where they are narrowest; 0 where they are in line.
 
     Args:
@@ -298,7 +298,7 @@ def _fit(points: Array, gaps: Array, of: npt.NDArray[np.bool_], plane: Array) ->
 
 
 @kernel(lean=True)
-def _across(points: Array, corners: npt.NDArray[np.int64]) -> float:
+def _narrowest_width(points: Array, corners: npt.NDArray[np.int64]) -> float:
     """m between the two parallel lines, closest together, that hold a convex polygon.
 
     Args:
@@ -319,7 +319,7 @@ def _across(points: Array, corners: npt.NDArray[np.int64]) -> float:
 
 
 @kernel(lean=True)
-def _hull(points: Array, of: npt.NDArray[np.bool_], hull: npt.NDArray[np.int64]) -> int:
+def _convex_hull(points: Array, of: npt.NDArray[np.bool_], hull: npt.NDArray[np.int64]) -> int:
     """Rows of the corners of the convex hull of some of the points (k, 2), sorted, anticlockwise.
 
     Returns:

@@ -43,7 +43,7 @@ class VertexSupport:
 
     def stable(self, T: Array, faces: npt.NDArray[np.int64], slope: Slope) -> npt.NDArray[np.bool_]:
         """(n,) s(x) of poses (n, 4, 4) on these faces (n,) and one slope."""
-        points, first = _placed(self._corners, self._first, faces, np.ascontiguousarray(T))
+        points, first = _placed_corners(self._corners, self._first, faces, np.ascontiguousarray(T))
         support = self._environment.support_of(slope)
         gaps = support.gaps(points, self.footing.contact_tolerance, self.footing.edge_margin, first)
         widths, above = coplanar_support(points, gaps, first, support.height_noise)
@@ -62,12 +62,12 @@ class VertexSupport:
                 on = rows[faces[rows] == face]
                 corners = points[first[on, None] + np.arange(first[on[0] + 1] - first[on[0]])]
                 centers = T[on, :3, :3] @ self._center + T[on, :3, 3]
-                stable[on] = stays(corners - centers[:, None])
+                stable[on] = stays_standing(corners - centers[:, None])
         return stable
 
 
 @kernel(nogil=True)
-def _placed(
+def _placed_corners(
     corners: Array, first: npt.NDArray[np.int64], faces: npt.NDArray[np.int64], T: Array
 ) -> tuple[Array, npt.NDArray[np.int64]]:
     """(k, 3) where the corners of each pose's face are, and (n + 1,) which is its first, and k.
@@ -97,7 +97,7 @@ def _placed(
     return points, begins
 
 
-def stays(corners: Array) -> npt.NDArray[np.bool_]:
+def stays_standing(corners: Array) -> npt.NDArray[np.bool_]:
     """(n,) whether bodies stay that stand on polygons, as firmly as a rest on level ground does.
 
     The centre of mass lies inside along gravity, and to tip over any edge it would have to be

@@ -12,17 +12,17 @@ import numpy.typing as npt
 from placement_planner_ros.core.body.placement_face import PlacementFace
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.stability.coplanarity import LEANS
+from placement_planner_ros.core.stability.coplanarity import MAX_LEAN_SLOPE
 from placement_planner_ros.core.types import Array, Slope
 
-_RISES = 1.6
+_RISE_NOISES = 1.6
 """Times the noise of heights by which single surfaces under an object may be above their plane."""
-_LEVEL = 2e-4
+_LEVEL_SPREAD_M = 2e-4
 """m by which heights of one level surface may differ."""
-_FEW, _ALONE = 4, 3.0
+_FEW_POINTS, _POINT_NOISES = 4, 3.0
 """Surfaces of fewer points than that lie as these were measured: times the noise, over the root of
 their number, by which they may be above it."""
-_BESIDE = 0.0025
+_CONTACT_RADIUS_M = 0.0025
 """m, half of what points that touch are apart: what lies so near to one is under the object."""
 
 
@@ -78,8 +78,8 @@ class Protrusions:
         support = self._environment.support_of(slope)
         if slope not in self._heights:
             self._heights[slope] = np.sort(support.height)
-        excused = _RISES * noise
-        low = 0.5 * LEANS * widths + planes[:, 0] + excused + _LEVEL
+        excused = _RISE_NOISES * noise
+        low = 0.5 * MAX_LEAN_SLOPE * widths + planes[:, 0] + excused + _LEVEL_SPREAD_M
         frames = T @ self._inward[faces]
         z = frames[:, 2, 3] - slope[0] * frames[:, 0, 3] - slope[1] * frames[:, 1, 3]
         least = z + low - self._reach[faces] * (np.abs(planes[:, 1]) + np.abs(planes[:, 2]))
@@ -88,7 +88,7 @@ class Protrusions:
         rows = np.flatnonzero(found)
         for face in np.unique(faces[rows]):
             on = rows[faces[rows] == face]
-            found[on] = _rise(
+            found[on] = _find_protrusions(
                 self._touching(int(face)),
                 on,
                 frames,
@@ -96,7 +96,7 @@ class Protrusions:
                 low,
                 planes,
                 excused,
-                _ALONE * support.noise,
+                _POINT_NOISES * support.noise,
                 self._tolerance,
                 support.origin,
                 support.cell_size,
@@ -110,7 +110,7 @@ class Protrusions:
 
 
 @kernel(nogil=True)
-def _rise(
+def _find_protrusions(
     touching: Array,
     on: npt.NDArray[np.int64],
     frames: Array,
@@ -166,14 +166,18 @@ def _rise(
                 above = height[s] - z
                 # One of few measured points may be off by more.
                 least, number = from_there, max(1, first[s + 1] - first[s])
-                if number < _FEW:
+                if number < _FEW_POINTS:
                     least += max(0.0, alone / math.sqrt(number) - excused[n])
                 # It lifts the object where it is above the plane, below the end, and under the
                 # point.
                 if (
                     least < above <= high
-                    and rectangle[s, 0] - _BESIDE <= x <= rectangle[s, 2] + _BESIDE
-                    and rectangle[s, 1] - _BESIDE <= y <= rectangle[s, 3] + _BESIDE
+                    and rectangle[s, 0] - _CONTACT_RADIUS_M
+                    <= x
+                    <= rectangle[s, 2] + _CONTACT_RADIUS_M
+                    and rectangle[s, 1] - _CONTACT_RADIUS_M
+                    <= y
+                    <= rectangle[s, 3] + _CONTACT_RADIUS_M
                 ):
                     result[row] = True
                     break

@@ -21,7 +21,7 @@ from placement_planner_ros.core.collision.arrays import (
     ArmArrays,
     Indices,
 )
-from placement_planner_ros.core.collision.separation import FREE, separate
+from placement_planner_ros.core.collision.separation import FREE, check_separation
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.reach.kinematics import chain_frames, to_world
 from placement_planner_ros.core.scene.obstacle_arrays import ObstacleArrays
@@ -29,15 +29,15 @@ from placement_planner_ros.core.types import Array
 
 Marks = npt.NDArray[np.int32]
 Work = tuple[Array, Array]
-"""(6, 4) for `separate`, and (1, 3) for a point."""
+"""(6, 4) for `check_separation`, and (1, 3) for a point."""
 
-BLOCK = 9
+BLOCK_CONFIGURATIONS = 9
 """Configurations that share a mark; odd, so that one is in their middle."""
-_COARSE = 0.05
+_COARSE_RADIUS_M = 0.05
 """m, radius of spheres below which the cubes they sweep are not looked at more closely."""
 
 
-class Path(NamedTuple):
+class SweptPath(NamedTuple):
     """A stretch for the kernels."""
 
     arm: ArmArrays
@@ -52,7 +52,7 @@ class Path(NamedTuple):
     """The first mark of this stretch."""
 
 
-class Cubes(NamedTuple):
+class SweptCubes(NamedTuple):
     """Where something is swept."""
 
     origin: Array
@@ -71,7 +71,7 @@ def place_all(arm: ArmArrays, configurations: Array, frames: Array) -> None:
 
 
 @kernel(nogil=True)
-def motions(arm: ArmArrays, frames: Array) -> Array:
+def largest_motions(arm: ArmArrays, frames: Array) -> Array:
     """(k - 1,) how far points of bodies move at most from each of (k, n + 2, 4, 4) to the next.
 
     A point of the ball around a body moves no further than its centre, and the radius times the
@@ -97,7 +97,7 @@ def motions(arm: ArmArrays, frames: Array) -> Array:
 
 
 @kernel(nogil=True)
-def extend_corners(path: Path, beyond: float, lower: Array, upper: Array) -> None:
+def extend_corners(path: SweptPath, beyond: float, lower: Array, upper: Array) -> None:
     """Move the corners out until they hold all that is swept, and what is so far beyond."""
     arm, frames = path.arm, path.frames
     # The ball around each body at every configuration.
@@ -112,7 +112,7 @@ def extend_corners(path: Path, beyond: float, lower: Array, upper: Array) -> Non
 
 
 @kernel(nogil=True)
-def mark_cubes(path: Path, beyond: float, cubes: Cubes) -> None:
+def mark_cubes(path: SweptPath, beyond: float, cubes: SweptCubes) -> None:
     """Note when cubes are swept: those whose centre is near enough to a sphere around a piece of a
     body at the middle of a block of configurations."""
     arm, frames, size, origin = path.arm, path.frames, cubes.size, cubes.origin
@@ -120,11 +120,11 @@ def mark_cubes(path: Path, beyond: float, cubes: Cubes) -> None:
     nodes, spheres = arm.nodes, arm.node_spheres
     nx, ny, nz = cubes.end.shape
     beyond += 0.8661 * size
-    blocks = (len(frames) + BLOCK - 1) // BLOCK
+    blocks = (len(frames) + BLOCK_CONFIGURATIONS - 1) // BLOCK_CONFIGURATIONS
     # The middle of the block stands for all of its configurations.
     for block in range(blocks):
         mark = path.first + block
-        k = min(block * BLOCK + BLOCK // 2, len(frames) - 1)
+        k = min(block * BLOCK_CONFIGURATIONS + BLOCK_CONFIGURATIONS // 2, len(frames) - 1)
         # The tree of spheres around the pieces of each body.
         for body in range(arm.moving):
             joint = arm.bodies[body, BODY_JOINT]
@@ -132,7 +132,7 @@ def mark_cubes(path: Path, beyond: float, cubes: Cubes) -> None:
             last = arm.parts[arm.bodies[body + 1, BODY_FIRST_PART], PART_FIRST_NODE]
             while node < last:
                 # A large sphere that is not a leaf: look at those below it.
-                if spheres[node, 3] > _COARSE and nodes[node, NODE_SET] < 0:
+                if spheres[node, 3] > _COARSE_RADIUS_M and nodes[node, NODE_SET] < 0:
                     node += 1
                     continue
                 # The sphere's centre from the corner of the cubes, and its reach; what is below it
@@ -171,7 +171,7 @@ def mark_cubes(path: Path, beyond: float, cubes: Cubes) -> None:
 @kernel(nogil=True)
 def find_news(
     points: Array,
-    cubes: Cubes,
+    cubes: SweptCubes,
     known: ObstacleArrays,
     within: float,
     rows: Indices,
@@ -225,7 +225,9 @@ def find_news(
 
 
 @kernel(lean=True)
-def _near_set(path: Path, s: int, x: float, y: float, z: float, need: float, work: Work) -> bool:
+def _near_set(
+    path: SweptPath, s: int, x: float, y: float, z: float, need: float, work: Work
+) -> bool:
     """Whether a point in its joint's frame is nearer than `need` to set s, or it is not certain."""
     arm = path.arm
     # How far the point lies beyond the planes of the set.
@@ -248,7 +250,7 @@ def _near_set(path: Path, s: int, x: float, y: float, z: float, need: float, wor
     room[5, 0] = arm.vertices[first, 0] - x
     room[5, 1] = arm.vertices[first, 1] - y
     room[5, 2] = arm.vertices[first, 2] - z
-    answer = separate(
+    answer = check_separation(
         arm.vertices, first, sets[s + 1, SET_FIRST_VERTEX], point, 0, 1, reach, reach, room
     )
     return answer != FREE
@@ -256,7 +258,7 @@ def _near_set(path: Path, s: int, x: float, y: float, z: float, need: float, wor
 
 @kernel(lean=True)
 def _near_mesh(
-    path: Path, mesh: int, x: float, y: float, z: float, need: float, work: Work
+    path: SweptPath, mesh: int, x: float, y: float, z: float, need: float, work: Work
 ) -> bool:
     """The same for a mesh."""
     # The point in the frame of the mesh.
@@ -272,8 +274,8 @@ def _near_mesh(
 
 
 @kernel(lean=True)
-def _near(
-    path: Path, k: int, body: int, x: float, y: float, z: float, need: float, work: Work
+def _near_body(
+    path: SweptPath, k: int, body: int, x: float, y: float, z: float, need: float, work: Work
 ) -> bool:
     """Whether a point is nearer than `need` to a body at configuration k, or it is not certain."""
     arm = path.arm
@@ -307,7 +309,7 @@ def _near(
 
 @kernel(lean=True)
 def _body_at(
-    path: Path, cubes: Cubes, x: float, y: float, z: float, margin: float, work: Work
+    path: SweptPath, cubes: SweptCubes, x: float, y: float, z: float, margin: float, work: Work
 ) -> int:
     """The first body that a point is nearer to than the margin anywhere on a stretch, or -1."""
     # The cube of the point; outside of all cubes nothing sweeps it.
@@ -321,17 +323,17 @@ def _body_at(
     # Height of the point above the contact plane.
     above = z - path.slope_x * x - path.slope_y * y - path.contact
     # The blocks during which the cube is swept.
-    blocks = (frames.shape[0] + BLOCK - 1) // BLOCK
+    blocks = (frames.shape[0] + BLOCK_CONFIGURATIONS - 1) // BLOCK_CONFIGURATIONS
     begin = max(cubes.begin[i, j, h] - path.first, 0)
     end = min(cubes.end[i, j, h] - path.first, blocks)
     # What is to be kept at one configuration, and at the middle of a block.
     need = margin + path.slack
-    coarse = margin + path.slack * BLOCK
+    coarse = margin + path.slack * BLOCK_CONFIGURATIONS
     for block in range(begin, end):
         # The block's configurations, and the one in their middle.
-        first = block * BLOCK
-        last = min(first + BLOCK, frames.shape[0])
-        middle = min(first + BLOCK // 2, frames.shape[0] - 1)
+        first = block * BLOCK_CONFIGURATIONS
+        last = min(first + BLOCK_CONFIGURATIONS, frames.shape[0])
+        middle = min(first + BLOCK_CONFIGURATIONS // 2, frames.shape[0] - 1)
         for body in range(arm.moving):
             # The held object may touch what lies below its contact plane.
             if body == arm.held and above <= 0.0:
@@ -344,7 +346,7 @@ def _body_at(
                 continue
             # Each configuration of the block.
             for k in range(first, last):
-                if _near(path, k, body, x, y, z, need, work):
+                if _near_body(path, k, body, x, y, z, need, work):
                     return body
     return -1
 
@@ -352,8 +354,8 @@ def _body_at(
 @kernel(lean=True, nogil=True)
 def find_hit(
     points: Array,
-    cubes: Cubes,
-    path: Path,
+    cubes: SweptCubes,
+    path: SweptPath,
     margin: float,
     together: float,
     fewest: int,

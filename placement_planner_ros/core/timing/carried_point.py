@@ -19,13 +19,13 @@ from toppra.interpolator import AbstractGeometricPath
 
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.reach.kinematics import Chain, Flags, chain_frames, kernel_input
-from placement_planner_ros.core.reach.reach_bound import levers
-from placement_planner_ros.core.timing.quintic import halved
+from placement_planner_ros.core.reach.reach_bound import lever_arms
+from placement_planner_ros.core.timing.quintic import halved_pieces
 from placement_planner_ros.core.types import Array
 
-_SLACK = 0.01
+_BOUND_SLACK = 0.01
 """By which, as a share, the bound may be above what is reached."""
-_STILL = 1e-9
+_STILL_M_PER_S2 = 1e-9
 """m/s² that is nothing."""
 _DIRECTIONS = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
 _FACETS = _DIRECTIONS / np.linalg.norm(_DIRECTIONS, axis=1)[:, None]
@@ -110,7 +110,7 @@ class CarriedPoint:
         self.limit = limit
         self._chain = chain
         self._point = kernel_input(point)
-        self._levers = levers(chain, self._point[None])
+        self._levers = lever_arms(chain, self._point[None])
 
     def derivatives(self, Q: Array, V: Array, A: Array) -> tuple[Array, Array]:
         """p' and p'' (n, 3) where the joints' q, q' and q'' are (n, dof)."""
@@ -143,16 +143,16 @@ class CarriedPoint:
             first = 5.0 * np.diff(points, axis=1) / h[:, None, None]
             second = 4.0 * np.diff(first, axis=1) / h[:, None, None]
             third = 3.0 * np.diff(second, axis=1) / h[:, None, None]
-            middle = [_middle(values) for values in (points, first, second)]
+            middle = [_curve_middles(values) for values in (points, first, second)]
             reached = np.linalg.norm(self.derivatives(*middle)[1], axis=1)
             most = max(most, float(reached.max()))
             speed, strength, jerk = (np.abs(v).max(axis=1) for v in (first, second, third))
             W, A = np.cumsum(speed, axis=1), np.cumsum(strength, axis=1)
             turning = np.diff(3.0 * W * A + W**3, axis=1, prepend=0.0)
             change = (jerk + turning) @ self._levers
-            open_ones = reached + 0.5 * h * change > (1.0 + _SLACK) * most + _STILL
-            points, h = halved(points[open_ones]), np.repeat(0.5 * h[open_ones], 2)
-        return (1.0 + _SLACK) * most + _STILL
+            open_ones = reached + 0.5 * h * change > (1.0 + _BOUND_SLACK) * most + _STILL_M_PER_S2
+            points, h = halved_pieces(points[open_ones]), np.repeat(0.5 * h[open_ones], 2)
+        return (1.0 + _BOUND_SLACK) * most + _STILL_M_PER_S2
 
 
 class PointAccelerationConstraint(LinearConstraint):
@@ -182,7 +182,7 @@ class PointAccelerationConstraint(LinearConstraint):
         )
 
 
-def _middle(points: Array) -> Array:
+def _curve_middles(points: Array) -> Array:
     """(m, dof) of Bézier curves (m, degree + 1, dof) in their middle."""
     while points.shape[1] > 1:
         points = 0.5 * (points[:, :-1] + points[:, 1:])

@@ -15,7 +15,7 @@ import numpy as np
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.types import Array, Trajectory
 
-ROUNDING = 1e-9
+DEVIATION_ROUNDING_RAD = 1e-9
 """Radians added to every deviation, far above what floating point loses."""
 
 
@@ -30,7 +30,7 @@ def control_points(
     return np.stack([p, p + v, p + 2.0 * v + a, q - 2.0 * w + b, q - w, q], axis=1)
 
 
-def evaluate(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:
+def evaluate_trajectory(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:
     """Positions, velocities and accelerations, each (k, dof), at times t (k,).
 
     Before the first and after the last point the curve stands still there.
@@ -39,7 +39,7 @@ def evaluate(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:
     if len(times) == 1:
         still = np.zeros((len(t), len(trajectory.joints)))
         return positions_at(trajectory, t), still, still.copy()
-    points, x, h = _pieces(trajectory, t)
+    points, x, h = _pieces_at(trajectory, t)
     first = 5.0 * np.diff(points, axis=1) / h[:, None]
     second = 4.0 * np.diff(first, axis=1) / h[:, None]
     outside = (t < times[0]) | (t > times[-1])
@@ -53,11 +53,11 @@ def positions_at(trajectory: Trajectory, t: Array) -> Array:
     """The first of these alone, in a third of the time."""
     if len(trajectory.times) == 1:
         return np.zeros((len(t), len(trajectory.joints))) + trajectory.positions[0]
-    points, x, _ = _pieces(trajectory, t)
+    points, x, _ = _pieces_at(trajectory, t)
     return _de_casteljau(points, x)
 
 
-def concatenate(first: Trajectory, second: Trajectory) -> Trajectory:
+def concatenate_trajectories(first: Trajectory, second: Trajectory) -> Trajectory:
     """`first`, then `second`, which starts where and as fast as `first` ends.
 
     The acceleration may jump there; the joint point keeps that of `first`, so it should be zero on
@@ -70,7 +70,7 @@ def concatenate(first: Trajectory, second: Trajectory) -> Trajectory:
         raise ParameterError("joints", second.joints, f"must be those of the first {first.joints}")
     for name in ("positions", "velocities", "accelerations"):
         end, start = getattr(first, name)[-1], getattr(second, name)[0]
-        if not np.allclose(end, start, rtol=0.0, atol=ROUNDING):
+        if not np.allclose(end, start, rtol=0.0, atol=DEVIATION_ROUNDING_RAD):
             raise ParameterError(name, start.tolist(), f"must start at {end.tolist()}")
     return Trajectory(
         first.joints,
@@ -92,7 +92,7 @@ def limit_ratio(points: Array, durations: Array, velocity: Array, acceleration: 
         velocity, acceleration: (dof,) limits.
     """
     h = np.repeat(durations, 4)[:, None, None] / 4.0
-    points = halved(halved(points))
+    points = halved_pieces(halved_pieces(points))
     first = 5.0 * np.diff(points, axis=1) / h
     second = 4.0 * np.diff(first, axis=1) / h
     fastest = float(np.max(np.abs(first) / velocity))
@@ -100,7 +100,7 @@ def limit_ratio(points: Array, durations: Array, velocity: Array, acceleration: 
     return max(fastest, float(np.sqrt(hardest)))
 
 
-def halved(points: Array) -> Array:
+def halved_pieces(points: Array) -> Array:
     """Both halves of each Bézier piece: (m, 6, dof) to (2 m, 6, dof) control points."""
     left, right = [points[:, 0]], [points[:, -1]]
     while points.shape[1] > 1:
@@ -126,7 +126,9 @@ def chord_deviation(points: Array) -> tuple[Array, int]:
     squared = float(chord @ chord)
     along = np.clip(flat @ chord / squared, 0.0, 1.0) if squared > 0.0 else np.zeros(len(flat))
     away = np.abs(flat - along[:, None] * chord)
-    return away.max(axis=0) + ROUNDING, int(away.max(axis=1).argmax()) // points.shape[1]
+    return away.max(axis=0) + DEVIATION_ROUNDING_RAD, int(
+        away.max(axis=1).argmax()
+    ) // points.shape[1]
 
 
 def first_uncertified(
@@ -163,13 +165,13 @@ def first_uncertified(
         elif largest <= finest:
             return index
         else:
-            halves = halved(run)
+            halves = halved_pieces(run)
             stack.append((index, halves[1:]))
             stack.append((index, halves[:1]))
     return None
 
 
-def _pieces(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:
+def _pieces_at(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:
     """Control points (k, 6, dof) of the pieces at times t (k,), where in them (k, 1) in [0, 1], and
     how long they take (k, 1)."""
     times = trajectory.times

@@ -25,9 +25,9 @@ from placement_planner_ros.core.timing.carried_point import (
     PointAccelerationConstraint,
 )
 from placement_planner_ros.core.timing.quintic import (
-    concatenate,
+    concatenate_trajectories,
     control_points,
-    evaluate,
+    evaluate_trajectory,
     first_uncertified,
     limit_ratio,
 )
@@ -38,13 +38,16 @@ from placement_planner_ros.core.timing.rounding import (
 )
 from placement_planner_ros.core.types import Array, Trajectory
 
-__all__ = ["CurveSettings", "concatenate", "evaluate", "parameterize"]
+__all__ = ["CurveSettings", "concatenate_trajectories", "evaluate_trajectory", "parameterize_path"]
 
 EdgeFree = Callable[[Array, Array, Array], bool]
 
-_SAME = 1e-9  # waypoints closer than this (radians) are one
-_ROUNDS = 12  # timed curves tried, each with smaller blends than the one before, the last with none
-_BLEND_SIZES = 5  # sizes a blend is tried at, each half of the one before
+_SAME_WAYPOINT_RAD = 1e-9
+"""rad between waypoints, over all joints, below which they are one."""
+_BLENDING_ROUNDS = 12
+"""Timed curves tried, each with smaller blends than the one before, the last with none."""
+_BLEND_SIZES = 5
+"""Sizes that a blend is tried at, each half of the one before."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +70,7 @@ class CurveSettings(Settings):
     max_points: int = setting(2000, "[10, inf)")
 
 
-def parameterize(
+def parameterize_path(
     path: Array,
     joints: Sequence[str],
     velocity: Array,
@@ -111,7 +114,7 @@ def parameterize(
     if not (np.isfinite(limits) & (limits > 0.0)).all():
         raise ParameterError("limits", limits.tolist(), "give finite numbers above zero")
 
-    waypoints = _distinct(path)
+    waypoints = _distinct_waypoints(path)
     if len(waypoints) == 1:
         still = np.zeros_like(waypoints)
         return Trajectory(tuple(joints), np.zeros(1), waypoints, still, still)
@@ -121,10 +124,10 @@ def parameterize(
 
     cuts = largest_cuts(waypoints, settings.blend_deviation)
     refused = np.zeros(len(cuts), dtype=bool)
-    for round_ in range(_ROUNDS):
+    for round_ in range(_BLENDING_ROUNDS):
         if round_ == 1:
             cuts = _certified_cuts(waypoints, cuts, free_until_stopped, settings)
-        elif round_ == _ROUNDS - 1:
+        elif round_ == _BLENDING_ROUNDS - 1:
             cuts = np.zeros_like(cuts)
         timed = None if should_stop() else _timed_curve(waypoints, cuts, limits, settings, carried)
         if timed is None:
@@ -145,11 +148,11 @@ def parameterize(
     return None
 
 
-def _distinct(path: Array) -> Array:
+def _distinct_waypoints(path: Array) -> Array:
     """The waypoints less those that repeat their predecessor; both ends stay exact."""
     kept = [path[0]]
     for q in path[1:]:
-        if np.linalg.norm(q - kept[-1]) > _SAME:
+        if np.linalg.norm(q - kept[-1]) > _SAME_WAYPOINT_RAD:
             kept.append(q)
     if len(kept) > 1:
         kept[-1] = path[-1]
@@ -207,7 +210,7 @@ def _timed_stretch(
     rounded = RoundedPolyline(waypoints, cuts)
     profile = None
     for refinement in (1, 2, 4):
-        profile = _fastest_profile(rounded.curve, _grid(rounded, refinement), limits, carried)
+        profile = _fastest_profile(rounded.curve, _path_grid(rounded, refinement), limits, carried)
         if profile is not None:
             break
     if profile is None:
@@ -220,7 +223,7 @@ def _timed_stretch(
     for finer in (1, 2, 4):
         count = min(int(np.ceil(finer * duration / interval)) + 1, settings.max_points)
         t = np.linspace(0.0, duration, count)
-        timed = _sampled(rounded.curve, t, *_averaged(times, s, speed, t, window))
+        timed = _sampled_curve(rounded.curve, t, *_averaged_position(times, s, speed, t, window))
         timed[1][[0, -1]] = waypoints[[0, -1]]
         points, durations = control_points(*timed), np.diff(t)
         ratio = limit_ratio(points, durations, limits[0], limits[1])
@@ -254,7 +257,7 @@ class _Geometry(AbstractGeometricPath):
         return np.asarray(self._derivatives[0].x[[0, -1]])
 
 
-def _grid(rounded: RoundedPolyline, refinement: int) -> Array:
+def _path_grid(rounded: RoundedPolyline, refinement: int) -> Array:
     """Path positions for toppra: some on every piece, more on blends that turn far."""
     breaks = rounded.curve.x
     directions = rounded.curve.derivative()(breaks)
@@ -288,7 +291,7 @@ def _fastest_profile(
     return np.concatenate([[0.0], np.cumsum(np.diff(grid) / mean)]), grid, np.asarray(speed)
 
 
-def _averaged(
+def _averaged_position(
     times: Array, s: Array, speed: Array, t: Array, window: float
 ) -> tuple[Array, Array, Array]:
     """s(t) averaged over the last `window` seconds, with its first and second derivative (k,).
@@ -314,7 +317,7 @@ def _averaged(
     return np.clip(value, s[0], s[-1]), first, second
 
 
-def _sampled(
+def _sampled_curve(
     curve: PPoly, t: Array, s: Array, first: Array, second: Array
 ) -> tuple[Array, Array, Array, Array]:
     """The curve at s(t): times, positions, velocities and accelerations."""
