@@ -204,9 +204,9 @@ made = np.random.default_rng(0).random((100_000, 3))
 print("ready", flush=True)
 sys.stdin.readline()
 for k in range(40):
-    got = disk_cache.stored("test results", "key", lambda: made)
+    got = disk_cache.stored_result("test results", "key", lambda: made)
     assert np.array_equal(got, made), k
-    disk_cache.keep("test results", "key" if k % 2 else f"{k} of {sys.argv[2]}", made)
+    disk_cache.keep_result("test results", "key" if k % 2 else f"{k} of {sys.argv[2]}", made)
 print("done")
 """
 

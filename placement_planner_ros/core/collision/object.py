@@ -79,7 +79,7 @@ class ObjectCollision:
         """Whether the object keeps the margin from `raise_height` above the pose down to it.
 
         True is certain. False means a collision, or a distance so close to the margin
-        (`separation.TOLERANCE`) that it is not certain.
+        (`separation.BOUND_TOLERANCE_M`) that it is not certain.
 
         Args:
             T_world_object: (4, 4) pose at contact.

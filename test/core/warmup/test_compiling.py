@@ -76,7 +76,7 @@ from placement_planner_ros.core.disk_cache import TROUBLES
 from placement_planner_ros.core.warmup import compiling
 
 TROUBLES.listen(print)
-compiling._run = lambda errors, look: look()  # compiles nothing
+compiling._run_processes = lambda errors, look: look()  # compiles nothing
 compiling.compile_kernels(print)
 """
 

@@ -23,9 +23,9 @@ solved = []
 solve = KnownTask.solve
 KnownTask.solve = lambda *given: solved.append(1) or solve(*given)
 load_kernels()
-loaded = kernel_cache.versions("")
+loaded = kernel_cache.kernel_versions("")
 solve(KnownTask(), STAGES[::-1])
-print(json.dumps([len(solved), len(loaded), kernel_cache.versions("") == loaded]))
+print(json.dumps([len(solved), len(loaded), kernel_cache.kernel_versions("") == loaded]))
 """
 
 
