@@ -16,9 +16,6 @@ _RESERVE_SHARE = 0.1
 _MOST_RESERVE = math.radians(1.0)
 """What planning keeps of the limit for rounded corners and timing: that share of it, at most so
 much."""
-_AIM_SHARE = 0.7
-"""Share of the planned limit that projected configurations lean by: straight edges between two of
-them bulge outwards."""
 _COSINE_ROUNDING = 1e-12
 """Of cosines, far above what floating point loses."""
 
@@ -63,7 +60,6 @@ class TiltConstraint:
             chain.lower,
             chain.upper,
             near,
-            _AIM_SHARE * self.planned,
             self.planned,
             self._frames,
             self._work,

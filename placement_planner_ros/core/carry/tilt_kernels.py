@@ -26,6 +26,9 @@ from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.reach.kinematics import Flags, chain_frames
 from placement_planner_ros.core.types import Array
 
+_AIM_SHARE = 0.7
+"""Share of the planned limit that projected configurations lean by: straight edges between two of
+them bulge outwards."""
 _SHORTEST_SHARE = 1e-7
 """Share of an edge below which an interval is not halved any more."""
 _MAX_INTERVALS = 10_000
@@ -150,12 +153,11 @@ def project_tilt(
     lower: Array,
     upper: Array,
     q: Array,
-    aim: float,
     most: float,
     frames: Array,
     work: Array,
 ) -> bool:
-    """Bring q (n,) to a tilt of at most `most` by Newton steps of least norm towards `aim`.
+    """Bring q (n,) to a tilt of at most `most` by Newton steps of least norm.
 
     Joints at a limit that a step would lead out of take no part in it.
 
@@ -185,7 +187,7 @@ def project_tilt(
             return False
         # -∂tilt/∂q_i = ∂c/∂q_i / sin
         # A step towards the aim along the gradient, within limits.
-        step = min((tilt - aim) / slope, _LONGEST_STEP_RAD)
+        step = min((tilt - _AIM_SHARE * most) / slope, _LONGEST_STEP_RAD)
         for i in range(dof):
             q[i] += step * work[0, i] / (s * slope)
             q[i] = min(max(q[i], lower[i]), upper[i])

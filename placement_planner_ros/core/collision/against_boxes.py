@@ -162,13 +162,14 @@ class SetRows(NamedTuple):
     row: int
     """Of `bounds`."""
     radius: float
+    closed: bool
+    """Whether the planes enclose the set and nothing more."""
 
 
 @kernel(lean=True)
 def polytope_meets_box(
     world: SetsInWorld,
     rows: SetRows,
-    closed: bool,
     corners: Array,
     box: int,
     need: float,
@@ -182,7 +183,6 @@ def polytope_meets_box(
     from the plane on that the box is furthest beyond.
 
     Args:
-        closed: whether the planes enclose the set and nothing more.
         corners: (m, 6), of which `box` is the box.
 
     Returns:
@@ -217,7 +217,7 @@ def polytope_meets_box(
             axis = v
     if axis >= 0:
         # The centre lies below all planes, so inside the set.
-        if closed and deepest < -BOUND_TOLERANCE_M:
+        if rows.closed and deepest < -BOUND_TOLERANCE_M:
             return COLLIDING
         # Start from that plane's normal, from the box to the set.
         work[5, 0], work[5, 1], work[5, 2] = -planes[axis, 0], -planes[axis, 1], -planes[axis, 2]
@@ -398,8 +398,7 @@ def _plane_in_world(
 
 @kernel(inline=True)
 def _heights_before_plane(
-    normal: tuple[float, float, float],
-    offset: float,
+    plane: tuple[float, float, float, float],
     x: float,
     y: float,
     size: float,
@@ -408,11 +407,12 @@ def _heights_before_plane(
 ) -> tuple[float, float]:
     """Of the heights bottom..top of a column of cells with corner (x, y), those before a plane.
 
-    At the others even the corner of the column next to the set lies beyond the offset.
+    The plane is its normal and offset. At the other heights even the corner of the column next to
+    the set lies beyond it.
     """
     # What is left of the offset at the corner of the column that reaches least far along the
     # normal.
-    nx, ny, nz = normal
+    nx, ny, nz, offset = plane
     left = offset - nx * (x if nx > 0.0 else x + size)
     left -= ny * (y if ny > 0.0 else y + size)
     # A plane that faces down bounds the heights from below, one that faces up from above.
@@ -453,8 +453,8 @@ def _set_meets_box(
             sets[s + 1, SET_FIRST_PLANE],
             s,
             arm.radius[s],
+            True,
         ),
-        True,
         boxes.corners,
         box,
         need,
@@ -559,7 +559,7 @@ def open_leaves_meet_boxes(
                 bottom, top = z0, z1
                 if plane >= 0:
                     bottom, top = _heights_before_plane(
-                        (nx, ny, nz), offset, low_x, low_y, size, bottom, top
+                        (nx, ny, nz, offset), low_x, low_y, size, bottom, top
                     )
                     if bottom > top:
                         continue

@@ -185,13 +185,12 @@ def _turned_boxes_apart(
     a: int,
     b: int,
     T: Array,
-    nx: float,
-    ny: float,
-    nz: float,
+    n: tuple[float, float, float],
     far: float,
 ) -> bool:
     """Whether turned boxes a and b (rows), b placed by T (4, 4), are `far` apart: as balls, along
-    (nx, ny, nz), or from each other's sides."""
+    n, or from each other's sides."""
+    nx, ny, nz = n
     # From the centre of b, placed, to that of a.
     x, y, z = turned[b, 9], turned[b, 10], turned[b, 11]
     cx = turned[a, 9] - (T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3])
@@ -298,7 +297,7 @@ def meshes_meet(
         waiting -= 1
         node_a, node_b = stack[waiting, 0], stack[waiting, 1]
         a, b = root_a + node_a, root_b + node_b
-        if _turned_boxes_apart(turned, a, b, T, nx, ny, nz, far):
+        if _turned_boxes_apart(turned, a, b, T, (nx, ny, nz), far):
             continue
         if node_a < inner_a or node_b < inner_b:
             # The larger of them is opened.
@@ -395,11 +394,11 @@ def winding_number(meshes: MeshArrays, mesh: int, x: float, y: float, z: float) 
     # The first of three rays that meets no edge exactly.
     for ray in range(3):
         if ray == 0:
-            total = _ray_crossings(meshes, mesh, x, y, z, 0.34107, 0.22713, 0.91218)
+            total = _ray_crossings(meshes, mesh, x, y, z, (0.34107, 0.22713, 0.91218))
         elif ray == 1:
-            total = _ray_crossings(meshes, mesh, x, y, z, 0.87131, 0.39217, 0.29498)
+            total = _ray_crossings(meshes, mesh, x, y, z, (0.87131, 0.39217, 0.29498))
         else:
-            total = _ray_crossings(meshes, mesh, x, y, z, 0.25119, 0.84733, 0.46787)
+            total = _ray_crossings(meshes, mesh, x, y, z, (0.25119, 0.84733, 0.46787))
         if total >= 0:
             return total
     return _UNKNOWN_WINDING
@@ -412,11 +411,10 @@ def _ray_crossings(
     x: float,
     y: float,
     z: float,
-    rx: float,
-    ry: float,
-    rz: float,
+    ray: tuple[float, float, float],
 ) -> int:
     """`winding_number` along the ray from (x, y, z) in direction r, whose parts are positive."""
+    rx, ry, rz = ray
     # The mesh's nodes: the root's row, its first leaf, and how many nodes are no leaves.
     boxes, corners = meshes.boxes, meshes.corners
     root, leaf = meshes.first_node[mesh], meshes.first_leaf[mesh]

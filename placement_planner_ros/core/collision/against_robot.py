@@ -124,20 +124,15 @@ def _sets_meet(
 
 @kernel(inline=True)
 def _support_gap(
-    vertices: Array,
-    frames: Array,
-    sets: Indices,
-    a: int,
-    b: int,
-    dx: float,
-    dy: float,
-    dz: float,
+    arm: ArmArrays, scratch: ArmScratch, a: int, b: int, direction: tuple[float, float, float]
 ) -> float:
     """How far apart the hulls of sets a and b lie along a world direction, at least (times |d|).
 
     min d·a - max d·b, over the vertices where they are stored: d is turned into their frames
     instead of them into the world.
     """
+    vertices, frames, sets = arm.vertices, scratch.frames, arm.sets
+    dx, dy, dz = direction
     gap = 0.0
     for side in range(2):
         # The direction in the frame of the joint that moves the set, turned about for b.
@@ -174,7 +169,6 @@ def _solids_meet(
     Where `need` is far above `hit`, being apart is enough to leave the rest to shorter intervals.
     """
     frames, sets, known, work = scratch.frames, arm.sets, scratch.direction, scratch.work
-    vertices = arm.vertices
     far = need + arm.radius[s] + arm.radius[t] + BOUND_TOLERANCE_M
     # The remembered direction, as it turned with the one and with the other.
     work[5, :3] = 0.0
@@ -190,7 +184,7 @@ def _solids_meet(
         dy = frames[joint, 1, 0] * x + frames[joint, 1, 1] * y + frames[joint, 1, 2] * z
         dz = frames[joint, 2, 0] * x + frames[joint, 2, 1] * y + frames[joint, 2, 2] * z
         # How far the sets are apart along it.
-        gap = _support_gap(vertices, frames, sets, s, t, dx, dy, dz)
+        gap = _support_gap(arm, scratch, s, t, (dx, dy, dz))
         if gap >= far * length:
             return FREE
         # Apart already, though not by `need`: a shorter interval will tell.

@@ -30,7 +30,7 @@ from placement_planner_ros.core.collision.arrays import (
 from placement_planner_ros.core.collision.attached_object import AttachedObject, PlacedObject
 from placement_planner_ros.core.collision.body_rows import CollisionBody, Part
 from placement_planner_ros.core.collision.boxes import box_arrays
-from placement_planner_ros.core.collision.edges import OVERFLOW, check_edge
+from placement_planner_ros.core.collision.edges import OVERFLOW, EdgeLimits, check_edge
 from placement_planner_ros.core.collision.hand import WristTurns, hand_collides
 from placement_planner_ros.core.collision.link_shapes import link_shapes
 from placement_planner_ros.core.collision.object_solids import (
@@ -322,12 +322,13 @@ class ArmCollision:
             a,
             b,
             kernel_input(deviation).reshape(self._dof),
-            *self._margins(reserve),
+            EdgeLimits(
+                *self._margins(reserve),
+                self.settings.edge_resolution,
+                self.settings.self_resolution,
+            ),
             contact,
-            self.settings.edge_resolution,
-            self.settings.self_resolution,
-            self._queue,
-            self._settled,
+            (self._queue, self._settled),
         )
         if answer == NOT_FINITE:
             raise _not_finite(a, b, deviation)

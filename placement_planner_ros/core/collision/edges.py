@@ -11,6 +11,8 @@ and m_{k+1} + δ_k where the joint slides.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
 
@@ -31,6 +33,19 @@ from placement_planner_ros.core.types import Array
 
 OVERFLOW = 3
 """An edge needs more intervals than the queue holds: cut it in two."""
+
+
+class EdgeLimits(NamedTuple):
+    """What an edge is to keep, and how closely that is looked at, metres.
+
+    Of the bodies against the obstacle set, and of the robot against itself.
+    """
+
+    margin: float
+    self_margin: float
+    resolution: float
+    """Motion over an interval down to which it is halved."""
+    self_resolution: float
 
 
 @kernel(lean=True)
@@ -117,13 +132,9 @@ def check_edge(
     a: Array,
     b: Array,
     deviation: Array,
-    margin: float,
-    self_margin: float,
+    limits: EdgeLimits,
     contact: bool,
-    resolution: float,
-    self_resolution: float,
-    queue: Array,
-    settled: npt.NDArray[np.bool_],
+    work: tuple[Array, npt.NDArray[np.bool_]],
 ) -> int:
     """The straight joint motion from a to b (n,), strayed from by at most `deviation` (n,).
 
@@ -135,8 +146,7 @@ def check_edge(
 
     Args:
         contact: leave out the held object against the obstacle set.
-        resolution, self_resolution: metres.
-        queue: (k, 2) work space, settled: (k, bodies moving + pairs).
+        work: (k, 2) intervals that wait; (k, bodies moving + pairs) what of them is settled.
 
     Returns:
         FREE, COLLIDING (certain), UNDECIDED (not certified), OVERFLOW or NOT_FINITE.
@@ -144,6 +154,7 @@ def check_edge(
     if not (is_finite(a) and is_finite(b) and is_finite(deviation)):
         return NOT_FINITE
     pairs, bound = arm.pairs, scratch.bound
+    queue, settled = work
     # The items to settle: bodies against the obstacle set, then pairs of bodies.
     items = arm.moving + pairs.shape[0]
     q, delta = scratch.edge[0], scratch.edge[2]
@@ -172,16 +183,16 @@ def check_edge(
             scratch.counters[2] = 0
             # A body against the obstacle set, its motion added to the margin.
             if item < arm.moving:
-                need = margin + bound[item, 0]
-                answer = body_meets_boxes(arm, boxes, scratch, item, need, margin)
-                small = exact[item, 0] <= resolution
+                need = limits.margin + bound[item, 0]
+                answer = body_meets_boxes(arm, boxes, scratch, item, need, limits.margin)
+                small = exact[item, 0] <= limits.resolution
             else:
                 # A pair of bodies, the motion of the joints between them added to the margin.
                 pair = item - arm.moving
                 outer, first = pairs[pair, PAIR_OUTER], pairs[pair, PAIR_OUTWARD]
-                need = self_margin + bound[outer, first]
-                answer = pair_meets(arm, scratch, pair, q, delta, need, self_margin)
-                small = exact[outer, first] <= self_resolution
+                need = limits.self_margin + bound[outer, first]
+                answer = pair_meets(arm, scratch, pair, q, delta, need, limits.self_margin)
+                small = exact[outer, first] <= limits.self_resolution
             if answer == COLLIDING:
                 return COLLIDING
             if answer == FREE:

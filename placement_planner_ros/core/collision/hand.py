@@ -34,8 +34,7 @@ from placement_planner_ros.core.collision.separation import COLLIDING
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
 
-_GOLDEN_SHARE = 0.6180339887498949
-"""Intervals are visited in steps of this share of their number, so that free ones come early."""
+_GOLDEN_RATIO = 0.6180339887498949
 _TURNED_SHARE = 0.9
 """Of the margin, that what turns may move within half an interval."""
 _MAX_WRIST_INTERVALS = 256
@@ -87,6 +86,16 @@ def _wrist_intervals(turns: WristTurns, margin: float) -> tuple[Array, float]:
     if math.isfinite(turns.radius) and span * turns.radius <= 2.0 * moved * _MAX_WRIST_INTERVALS:
         number = math.ceil(0.5 * span * turns.radius / moved) if moved > 0.0 else 0
     return turns.lower + span * (np.arange(number) + 0.5) / max(number, 1), moved
+
+
+@kernel(lean=True)
+def spread_stride(count: int) -> int:
+    """A stride that visits each of `count` items once and spreads them: k · stride mod count."""
+    # About the golden ratio of them, and without a common divisor.
+    stride = max(1, int(_GOLDEN_RATIO * count))
+    while np.gcd(stride, count) > 1:
+        stride += 1
+    return stride
 
 
 @kernel(lean=True)
@@ -181,14 +190,11 @@ def hand_collides(
     if number == 0 or boxes.number == 0:
         return False
     # What turns about the last axis: free at one middle, and nothing is certain.
-    # A stride without a common divisor visits every interval once.
-    step = max(1, int(_GOLDEN_SHARE * number))
-    while np.gcd(step, number) != 1:
-        step += 1
+    stride = spread_stride(number)
     for visit in range(number):
         # Turned to the middle of an interval, short of the margin by what it can turn away.
         scratch.counters[0] += 1
-        _place_before(arm, scratch, T_world_joint, middles[(visit * step) % number])
+        _place_before(arm, scratch, T_world_joint, middles[(visit * stride) % number])
         if not _carried_meets_boxes(arm, boxes, scratch, last - 1, shrunk_margin, contact):
             return False
     return True

@@ -13,6 +13,7 @@ from placement_planner_ros.core.collision.arm import CollisionSettings
 from placement_planner_ros.core.collision.boxes import box_arrays
 from placement_planner_ros.core.collision.object_kernels import (
     ObjectScratch,
+    PoseMargins,
     check_poses,
 )
 from placement_planner_ros.core.collision.object_solids import object_arrays, object_solids
@@ -174,9 +175,11 @@ class ObjectCollision:
             poses,
             contact,
             raised,
-            self.settings.collision_margin + self.settings.approach_stray,
-            self._beneath,
-            self._beneath if slope == LEVEL else math.inf,
-            self.settings.contact_tolerance,
+            PoseMargins(
+                self.settings.collision_margin + self.settings.approach_stray,
+                self._beneath,
+                self._beneath if slope == LEVEL else math.inf,
+                self.settings.contact_tolerance,
+            ),
             answers,
         )

@@ -331,7 +331,7 @@ def _apart_around(
         meshes: whether what covers leave open is asked of the meshes.
     """
     parts, radius = pair.parts, pair.radius
-    points, axes, work = room.points, room.axes, room.work
+    points, work = room.points, room.work
     B = pair.frames[1]
     # The offset between both joints' origins.
     offset = np.sqrt(B[0, 3] ** 2 + B[1, 3] ** 2 + B[2, 3] ** 2)
@@ -373,7 +373,7 @@ def _apart_around(
                 # How far they stay apart along it while the joints move.
                 if length > 1e-9:
                     nx, ny, nz = nx / length, ny / length, nz / length
-                    gap = _gap_along(pair, points, axes, o, s, delta1, delta2, nx, ny, nz)
+                    gap = _gap_along(pair, room, o, s, delta1, delta2, (nx, ny, nz))
                     apart = gap >= need
                 if apart:
                     # Remember it.
@@ -491,20 +491,19 @@ def _place_outer(pair: _Pair, room: _TableScratch, q1: float, q2: float) -> None
 @kernel(inline=True)
 def _gap_along(
     pair: _Pair,
-    points: Array,
-    axes: Array,
+    room: _TableScratch,
     o: int,
     s: int,
     delta1: float,
     delta2: float,
-    nx: float,
-    ny: float,
-    nz: float,
+    n: tuple[float, float, float],
 ) -> float:
     """How far outer part o stays beyond inner part s along n, up to first order (the formula's).
 
     n·J_k = n·(axis × (p - at)) = (n × axis)·(p - at)
     """
+    points, axes = room.points, room.axes
+    nx, ny, nz = n
     # n × axis of both joints, and its product with their origins.
     ax, ay, az = _cross_product(nx, ny, nz, axes[0])
     bx, by, bz = _cross_product(nx, ny, nz, axes[2])

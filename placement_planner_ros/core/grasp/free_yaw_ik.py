@@ -20,8 +20,8 @@ from placement_planner_ros.core.types import LEVEL, Array, Slope, upright
 
 _SEED_TURNS = 8
 """Turns of the object about which seeds are looked for."""
-_FIRST_SEEDS = 16
-"""Seeds that are tried before the others."""
+FIRST_SEEDS = 16
+"""Starts of the inverse kinematics beside q_0 that are tried before the others."""
 _OFFERED_TURNS = 4
 """Turns of the object at most that are offered at one place."""
 _SAME_TURN_RAD = 1e-2
@@ -76,7 +76,7 @@ class FreeYawIK:
             return []
         starts = np.append(q_start, 0.0)[None]
         broken: list[tuple[pin.SE3, Array]] = []
-        for count in (min(seeds, _FIRST_SEEDS), seeds - _FIRST_SEEDS):
+        for count in (min(seeds, FIRST_SEEDS), seeds - FIRST_SEEDS):
             if count < 1:
                 break
             near = self._near(T_world_face, T_face_object, count, rng)

@@ -17,7 +17,7 @@ from placement_planner_ros.core.collision.object_solids import (
     object_solids,
 )
 from placement_planner_ros.core.errors import GraspError, RobotError
-from placement_planner_ros.core.grasp.hand_sweep import revolute_coordinates
+from placement_planner_ros.core.grasp.hand_sweep import STILL_M, revolute_coordinates
 from placement_planner_ros.core.grasp.settings import PARTING_M
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
@@ -32,8 +32,6 @@ _OPENING_STEP_RAD = 0.01
 """m or rad that the gripper joints together move between two openings that are looked at."""
 _MAX_OPENINGS = 5000
 """Openings that are looked at, at most: 5 m, or 50 rad."""
-_STILL_M = 1e-9
-"""m; geometry that moves less does not move."""
 _ADDED_DEPTH_M = 1e-4
 """m that a finger may get deeper into the object, for the numerics."""
 _FINE_DEPTH_M = 2e-5
@@ -215,9 +213,9 @@ def _moving_fingers(robot: Robot, arm: Arm, q_bytes: bytes) -> tuple[_Finger, ..
         reach = float(np.linalg.norm(thing.placement.act(thing.geometry.aabb_center)))
         reach += thing.geometry.aabb_radius
         travel = max(float(np.linalg.norm(way.translation)) for way in ways) + turned * reach
-        if travel > _STILL_M:
+        if travel > STILL_M:
             places = tuple(frame[thing.parentJoint] * thing.placement for frame in frames)
-            slides = turned < _STILL_M and not is_mesh(thing.geometry)
+            slides = turned < STILL_M and not is_mesh(thing.geometry)
             fingers.append(_Finger(i, link, thing.geometry, places, travel, slides))
     return tuple(fingers)
 

@@ -22,8 +22,8 @@ from placement_planner_ros.core.types import Array
 
 _COPY_TURN_RAD = 0.05
 """rad that all joints that turn a part together turn between two copies of it, at most."""
-_STILL_FRAME_CHANGE = 1e-9
-"""Joint frames as equal as this do not move as the hand opens."""
+STILL_M = 1e-9
+"""m, or of a rotation matrix: what moves less as the hand opens does not move."""
 _FLAT_THICKNESS_M = 1e-4
 """m that flat geometry is given, which has no hull."""
 _ROUNDED_CORNER_M = 2e-4
@@ -64,7 +64,7 @@ def _swept_hand(robot: Robot, hand_bytes: bytes, change_bytes: bytes) -> Robot:
         robot.geometry_links, robot.geometry.geometryObjects, robot.covers, strict=True
     ):
         joint = thing.parentJoint
-        if all(frame[joint].isApprox(frames[0][joint], _STILL_FRAME_CHANGE) for frame in frames):
+        if all(frame[joint].isApprox(frames[0][joint], STILL_M) for frame in frames):
             swept.addGeometryObject(pin.GeometryObject(thing))
             links.append(link)
             covers.append(cover)

@@ -13,7 +13,7 @@ from placement_planner_ros.core.collision.arm import ArmCollision, Meeting
 from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.errors import GraspError
-from placement_planner_ros.core.grasp.free_yaw_ik import FreeYawIK
+from placement_planner_ros.core.grasp.free_yaw_ik import FIRST_SEEDS, FreeYawIK
 from placement_planner_ros.core.grasp.open_hand import OpenHand
 from placement_planner_ros.core.grasp.release_check import check_letting_go
 from placement_planner_ros.core.grasp.settings import GraspSettings
@@ -26,8 +26,6 @@ from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import LEVEL, Array, Slope, Verdict
 
-_FIRST_SEEDS = 16
-"""Starts of the inverse kinematics beside q_0 that are tried before the others."""
 _HAND_SLACK_M = 1e-4
 """m, more than what inverse kinematics leaves open moves any point of a hand."""
 _PLANNED_STRAY_SHARE = 0.75
@@ -156,7 +154,7 @@ class Holding:
             return Verdict.ARM_COLLIDING
         verdict = Verdict.NO_IK
         own = self.q_start[None]
-        for count in (min(seeds, _FIRST_SEEDS), seeds - _FIRST_SEEDS):
+        for count in (min(seeds, FIRST_SEEDS), seeds - FIRST_SEEDS):
             if count < 1:
                 break
             near = self._seeds.near(T_world_tip[None], count, rng)[0]

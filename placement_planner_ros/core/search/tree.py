@@ -18,9 +18,8 @@ from placement_planner_ros.core.types import Array
 
 N = TypeVar("N")
 
-_SAMPLE = 0  # the descent ends here: sample this node
-_ADD = 1  # the descent ends here: add a child to this node
-_UNKNOWN = -1  # the number of children is not known yet
+_UNKNOWN = -1
+"""The number of children is not known yet."""
 
 
 @kernel(lean=True)
@@ -30,29 +29,34 @@ def _descend_tree(
     min_depth: int,
     c: float,
     may_add: bool,
-    first_child: np.ndarray,
-    next_sibling: np.ndarray,
-    added: np.ndarray,
-    total: np.ndarray,
-    visits: np.ndarray,
-    rewards: np.ndarray,
-) -> tuple[int, int, int]:
+    links: tuple[np.ndarray, np.ndarray],
+    children: tuple[np.ndarray, np.ndarray],
+    counts: tuple[np.ndarray, np.ndarray],
+) -> tuple[int, int, bool]:
     """Follow SelectChild (Algorithm 3) from `node` until one is to be sampled or a child added.
 
     UCB1: the child with the greatest r(n)/v(n) + c sqrt(2 ln v(parent) / v(n)). A child that is not
     in the tree yet counts as one with the mean of the j that are, and j visits.
 
+    Args:
+        links: first child and next sibling of each node, -1 without one.
+        children: how many of its children are in the tree, and how many it has.
+        counts: v and r.
+
     Returns:
-        the node, its depth, and `_SAMPLE` or `_ADD`.
+        the node, its depth, and whether a child is to be added to it.
     """
+    first_child, next_sibling = links
+    added, total = children
+    visits, rewards = counts
     while True:
         # A new node is sampled before it is descended, and so is a leaf.
         if depth >= min_depth and (visits[node] == 0 or total[node] == 0):
-            return node, depth, _SAMPLE
+            return node, depth, False
         if total[node] == _UNKNOWN or added[node] == 0:
             if depth >= min_depth and not may_add:
-                return node, depth, _SAMPLE
-            return node, depth, _ADD
+                return node, depth, False
+            return node, depth, True
         # UCB1 of the children in the tree.
         log_visits = np.log(visits[node])
         best, best_child, mean_sum = -np.inf, -1, 0.0
@@ -74,7 +78,7 @@ def _descend_tree(
             j = added[node]
             u_new = mean_sum / j + c * np.sqrt(2.0 * log_visits / j)
             if u_new > best:
-                return node, depth, _ADD
+                return node, depth, True
         # Down to the best child.
         node = best_child
         depth += 1
@@ -190,20 +194,17 @@ class SearchTree(Generic[N]):
         """
         node, depth = 0, 0
         while True:
-            node, depth, action = _descend_tree(
+            node, depth, add = _descend_tree(
                 node,
                 depth,
                 self._min_depth,
                 self._exploration,
                 len(self._payload) < self._max_nodes,
-                self._first_child,
-                self._next_sibling,
-                self._added,
-                self._total,
-                self._visits,
-                self._rewards,
+                (self._first_child, self._next_sibling),
+                (self._added, self._total),
+                (self._visits, self._rewards),
             )
-            if action == _SAMPLE:
+            if not add:
                 return node
             if self.is_leaf(node):
                 if depth < self._min_depth:

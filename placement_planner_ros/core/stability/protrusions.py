@@ -86,25 +86,19 @@ class Protrusions:
         heights = self._heights[slope]
         found = heights.searchsorted(z + self._tolerance, "right") > heights.searchsorted(least)
         rows = np.flatnonzero(found)
+        lowest = np.column_stack([low, planes[:, 1:]])
         for face in np.unique(faces[rows]):
             on = rows[faces[rows] == face]
             found[on] = _find_protrusions(
                 self._touching(int(face)),
-                on,
-                frames,
+                frames[on],
                 slope,
-                low,
-                planes,
-                excused,
+                lowest[on],
+                excused[on],
                 _POINT_NOISES * support.noise,
                 self._tolerance,
-                support.origin,
-                support.cell_size,
-                support.columns,
-                support.start,
-                support.height,
-                support.rectangle,
-                support.first,
+                (support.origin, support.cell_size, support.columns),
+                (support.start, support.height, support.rectangle, support.first),
             )
         return np.asarray(found)
 
@@ -112,40 +106,34 @@ class Protrusions:
 @kernel(nogil=True)
 def _find_protrusions(
     touching: Array,
-    on: npt.NDArray[np.int64],
     frames: Array,
     slope: tuple[float, float],
-    low: Array,
-    planes: Array,
+    lowest: Array,
     excused: Array,
     alone: float,
     high: float,
-    origin: Array,
-    size: float,
-    shape: tuple[int, int],
-    start: npt.NDArray[np.int64],
-    height: Array,
-    rectangle: Array,
-    first: npt.NDArray[np.int64],
+    grid: tuple[Array, float, tuple[int, int]],
+    surfaces: tuple[npt.NDArray[np.int64], Array, Array, npt.NDArray[np.int64]],
 ) -> npt.NDArray[np.bool_]:
-    """(m,) whether some surface lies above the plane that an object stands on, and under it.
+    """(n,) whether some surface lies above the plane that an object stands on, and under it.
 
     Args:
         touching: (k, 2) points of the object that lie in its contact plane, in a frame there.
-        on: (m,) which of n objects are asked about.
         frames: (n, 4, 4) those of the contact planes, in the world.
         slope: of the contact planes.
-        low: (n,) m above each, at the origin of its frame, from which on a surface counts.
-        planes: (n, 3) of which the last two are by how much more that is along the axes.
-        high: m above the contact plane up to which it does.
+        lowest: (n, 3) m above each from which on a surface counts: at the origin of its frame, and
+            by how much more that is along its axes.
         excused: (n,) m of that for noise.
         alone: m that it is for a surface of one point, where that is more.
-        origin, size, shape, start, height, rectangle, first: of the `SupportMap` for that slope.
+        high: m above the contact plane up to which it does.
+        grid: origin, cell size and columns of the `SupportMap` for that slope.
+        surfaces: start, height, rectangle and first of that.
     """
-    result = np.zeros(len(on), np.bool_)
-    # The object's contact plane in the world.
-    for row in range(len(on)):
-        n = on[row]
+    origin, size, columns = grid
+    start, height, rectangle, first = surfaces
+    result = np.zeros(len(frames), np.bool_)
+    for n in range(len(frames)):
+        # The object's contact plane in the world.
         T = frames[n]
         # A point of the object that touches, and the column of the map below it.
         for k in range(len(touching)):
@@ -153,14 +141,14 @@ def _find_protrusions(
             x = T[0, 0] * a + T[0, 1] * b + T[0, 3]
             y = T[1, 0] * a + T[1, 1] * b + T[1, 3]
             i, j = math.floor((x - origin[0]) / size), math.floor((y - origin[1]) / size)
-            if not (0 <= i < shape[0] and 0 <= j < shape[1]):
+            if not (0 <= i < columns[0] and 0 <= j < columns[1]):
                 continue
             # Height of the point above the plane through the origin that is parallel to the contact
             # plane.
             z = T[2, 0] * a + T[2, 1] * b + T[2, 3] - slope[0] * x - slope[1] * y
             # From which height above it a surface counts at this point.
-            from_there = low[n] + planes[n, 1] * a + planes[n, 2] * b
-            column = i * shape[1] + j
+            from_there = lowest[n, 0] + lowest[n, 1] * a + lowest[n, 2] * b
+            column = i * columns[1] + j
             # The surfaces of the column.
             for s in range(start[column], start[column + 1]):
                 above = height[s] - z
@@ -179,8 +167,8 @@ def _find_protrusions(
                     <= y
                     <= rectangle[s, 3] + _CONTACT_RADIUS_M
                 ):
-                    result[row] = True
+                    result[n] = True
                     break
-            if result[row]:
+            if result[n]:
                 break
     return result

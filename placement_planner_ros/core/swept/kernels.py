@@ -21,6 +21,7 @@ from placement_planner_ros.core.collision.arrays import (
     ArmArrays,
     Indices,
 )
+from placement_planner_ros.core.collision.hand import spread_stride
 from placement_planner_ros.core.collision.separation import FREE, check_separation
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.reach.kinematics import chain_frames, to_world
@@ -28,6 +29,7 @@ from placement_planner_ros.core.scene.obstacle_arrays import ObstacleArrays
 from placement_planner_ros.core.types import Array
 
 Marks = npt.NDArray[np.int32]
+Point = tuple[float, float, float]
 Work = tuple[Array, Array]
 """(6, 4) for `check_separation`, and (1, 3) for a point."""
 
@@ -225,14 +227,13 @@ def find_news(
 
 
 @kernel(lean=True)
-def _near_set(
-    path: SweptPath, s: int, x: float, y: float, z: float, need: float, work: Work
-) -> bool:
+def _near_set(path: SweptPath, s: int, at: Point, need: float, work: Work) -> bool:
     """Whether a point in its joint's frame is nearer than `need` to set s, or it is not certain."""
+    x, y, z = at
     arm = path.arm
-    # How far the point lies beyond the planes of the set.
     sets, planes = arm.sets, arm.planes
     reach = need + arm.radius[s]
+    # How far the point lies beyond the planes of the set.
     deepest = -np.inf
     for p in range(sets[s, SET_FIRST_PLANE], sets[s + 1, SET_FIRST_PLANE]):
         deepest = max(
@@ -257,15 +258,13 @@ def _near_set(
 
 
 @kernel(lean=True)
-def _near_mesh(
-    path: SweptPath, mesh: int, x: float, y: float, z: float, need: float, work: Work
-) -> bool:
+def _near_mesh(path: SweptPath, mesh: int, at: Point, need: float, work: Work) -> bool:
     """The same for a mesh."""
     # The point in the frame of the mesh.
     arm = path.arm
     T = arm.mesh_frames[mesh]
     room, point = work
-    dx, dy, dz = x - T[0, 3], y - T[1, 3], z - T[2, 3]
+    dx, dy, dz = at[0] - T[0, 3], at[1] - T[1, 3], at[2] - T[2, 3]
     for i in range(3):
         point[0, i] = T[0, i] * dx + T[1, i] * dy + T[2, i] * dz
     # As a hull of one point.
@@ -274,14 +273,12 @@ def _near_mesh(
 
 
 @kernel(lean=True)
-def _near_body(
-    path: SweptPath, k: int, body: int, x: float, y: float, z: float, need: float, work: Work
-) -> bool:
+def _near_body(path: SweptPath, k: int, body: int, at: Point, need: float, work: Work) -> bool:
     """Whether a point is nearer than `need` to a body at configuration k, or it is not certain."""
     arm = path.arm
     joint = arm.bodies[body, BODY_JOINT]
     F = path.frames[k, joint]
-    dx, dy, dz = x - F[0, 3], y - F[1, 3], z - F[2, 3]
+    dx, dy, dz = at[0] - F[0, 3], at[1] - F[1, 3], at[2] - F[2, 3]
     # The point in the joint's frame, in which the body does not move.
     x = F[0, 0] * dx + F[1, 0] * dy + F[2, 0] * dz
     y = F[0, 1] * dx + F[1, 1] * dy + F[2, 1] * dz
@@ -299,20 +296,19 @@ def _near_body(
             continue
         # A leaf: its convex set, and where that is a cover the mesh.
         s = nodes[node, NODE_SET]
-        if s >= 0 and _near_set(path, s, x, y, z, need, work):
+        if s >= 0 and _near_set(path, s, (x, y, z), need, work):
             mesh = sets[s, SET_MESH]
-            if mesh < 0 or _near_mesh(path, mesh, x, y, z, need, work):
+            if mesh < 0 or _near_mesh(path, mesh, (x, y, z), need, work):
                 return True
         node += 1
     return False
 
 
 @kernel(lean=True)
-def _body_at(
-    path: SweptPath, cubes: SweptCubes, x: float, y: float, z: float, margin: float, work: Work
-) -> int:
+def _body_at(path: SweptPath, cubes: SweptCubes, at: Point, margin: float, work: Work) -> int:
     """The first body that a point is nearer to than the margin anywhere on a stretch, or -1."""
     # The cube of the point; outside of all cubes nothing sweeps it.
+    x, y, z = at
     arm, frames = path.arm, path.frames
     nx, ny, nz = cubes.end.shape
     i = int(np.floor((x - cubes.origin[0]) / cubes.size))
@@ -346,7 +342,7 @@ def _body_at(
                 continue
             # Each configuration of the block.
             for k in range(first, last):
-                if _near_body(path, k, body, x, y, z, need, work):
+                if _near_body(path, k, body, at, need, work):
                     return body
     return -1
 
@@ -365,14 +361,12 @@ def find_hit(
     or -1."""
     count = points.shape[0]
     # From here and there, so that a few of many are met soon.
-    step = max(1, int(0.6180339887498949 * count))
-    while np.gcd(step, count) > 1:
-        step += 1
+    stride = spread_stride(count)
     for visit in range(count):
-        row = (visit * step) % count
+        row = (visit * stride) % count
         # The body that comes too near to the point, if one does.
         x, y, z = points[row, 0], points[row, 1], points[row, 2]
-        body = _body_at(path, cubes, x, y, z, margin, work)
+        body = _body_at(path, cubes, (x, y, z), margin, work)
         if body < 0:
             continue
         # Count the points around it, itself among them, until they are enough.

@@ -124,11 +124,11 @@ def test_a_polytope_is_as_far_from_a_box_as_all_faces_of_their_difference_say(cl
         bounds[2] = *(a.min(axis=0) - radius), *(a.max(axis=0) + radius)
         last = len(planes) if rng.random() < 0.8 else 0
         world = SetsInWorld(points, planes, bounds, np.zeros((6, 4)))
-        rows = SetRows(1, 1 + len(hull.vertices), 0, last, 2, radius)
+        rows = SetRows(1, 1 + len(hull.vertices), 0, last, 2, radius, closed)
         corners = np.vstack([np.full((1, 6), 7.0), box])
 
         def meets(need, hit, world=world, rows=rows, corners=corners):
-            return polytope_meets_box(world, rows, closed, corners, 1, need, hit)
+            return polytope_meets_box(world, rows, corners, 1, need, hit)
 
         gap = d - radius
         if gap < 0.0:
