@@ -69,6 +69,7 @@ class FreeYawIK:
             seeds: starts of the inverse kinematics beside q_start (dof,).
             kept: whether a pose keeps the rules of users.
         """
+        # The face's place, if the arm gets there at all.
         turntable = self._turntable(T_face_object)
         T_world_face = T_world_object * T_face_object.inverse()
         place = T_world_face.homogeneous
@@ -76,15 +77,18 @@ class FreeYawIK:
             return []
         starts = np.append(q_start, 0.0)[None]
         broken: list[tuple[pin.SE3, Array]] = []
+        # A few seeds first, then the rest.
         for count in (min(seeds, FIRST_SEEDS), seeds - FIRST_SEEDS):
             if count < 1:
                 break
             near = self._near(T_world_face, T_face_object, count, rng)
             Q, turns = turntable.solve(place, np.concatenate([starts, near]))
             starts = starts[:0]
+            # The pose as it was asked for, wherever the turn was found.
             as_asked = self._ik.solve(self._tip(T_world_object), Q) if len(Q) else Q
             if len(as_asked):
                 return [(T_world_object, as_asked)]
+            # Else other turns, one at a time, those that are nearly the same left out.
             found: list[tuple[pin.SE3, Array]] = []
             while len(Q) and len(found) < _OFFERED_TURNS:
                 x = _turned_face(T_world_face, float(turns[0])) * T_face_object
@@ -109,9 +113,11 @@ class FreeYawIK:
 
         None where neither is close by.
         """
+        # The pose as it was asked for.
         as_asked = self._ik.track(self._tip(T_world_object)[None], q)
         if as_asked is not None:
             return T_world_object, as_asked[-1]
+        # Else its place, with the turn that the joints give.
         T_world_face = T_world_object * T_face_object.inverse()
         reached = self._turntable(T_face_object).track(T_world_face.homogeneous, q)
         if reached is None:
@@ -130,14 +136,17 @@ class FreeYawIK:
             change: (3,) m, m and rad.
             radius: m that a radian counts as.
         """
+        # The range of the Jacobian, a radian weighing as much as the radius.
         J = self._chain.jacobian(q, self._T_tip_object.homogeneous)
         J[3:] *= radius
         U, sizes, _ = np.linalg.svd(J, full_matrices=False)
         U = U[:, sizes > _LEAST_RANK_SHARE * sizes[0]]
+        # The twist of each coordinate of a change.
         twists = np.zeros((6, 3))
         twists[:2, :2] = np.eye(2)
         twists[2, :2] = slope
         twists[3:, 2] = upright(slope)[:, 2]  # for a radian; `radius` metres on both sides
+        # Combinations of coordinates whose twists the joints can make.
         _, missed, V = np.linalg.svd(twists - U @ (U.T @ twists))
         within = V[missed <= _MISSED_SHARE]
         scale = np.array([1.0, 1.0, radius])
@@ -155,6 +164,7 @@ class FreeYawIK:
         self, T_world_face: pin.SE3, T_face_object: pin.SE3, count: int, rng: np.random.Generator
     ) -> Array:
         """(n, dof + 1) seeds near that place in some turns, each with its turn; n >= count."""
+        # The tip in turns that are drawn at random.
         turns = rng.uniform(-math.pi, math.pi, _SEED_TURNS)
         tips = [self._tip(_turned_face(T_world_face, turn) * T_face_object) for turn in turns]
         each = -(-count // _SEED_TURNS)

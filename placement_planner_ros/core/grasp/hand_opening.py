@@ -109,9 +109,11 @@ Depths = tuple[tuple[str, float], ...]
 @weak_lru_cache("body", maxsize=64)
 def _pushing_links(robot: Robot, arm: Arm, grasp: int, body: Body, q_bytes: bytes) -> Depths:
     """Which links get how much deeper into the object than they begin, beyond `_ADDED_DEPTH_M`."""
+    # The object as it is held.
     at = robot.link_pose(np.frombuffer(q_bytes), arm.tip_frame) * arm.grasps[grasp]
     overlaps, first = object_overlaps(robot, body), len(robot.geometry_links)
     deepest: dict[str, float] = {}
+    # Every finger that moves against every solid of the object.
     for finger in _moving_fingers(robot, arm, q_bytes):
         for number, solid in enumerate(object_solids(body), first):
             meshes = (finger.geometry, solid.geometry)
@@ -129,11 +131,13 @@ def _stuck_links(
     robot: Robot, arm: Arm, grasp: int, body: Body, q_bytes: bytes, most: float
 ) -> Depths:
     """Which links lie deeper in the object than `most`, metres, when the hand is open."""
+    # The hand open, with the object where it is held.
     q = robot.with_open_hand(np.frombuffer(q_bytes), arm)
     places = robot.geometry_poses(q)
     at = robot.link_pose(q, arm.tip_frame) * arm.grasps[grasp]
     overlaps, first = object_overlaps(robot, body), len(robot.geometry_links)
     found: dict[str, float] = {}
+    # Every link that may touch, against every solid.
     for i, link in enumerate(robot.geometry_links):
         if link not in arm.touch_links:
             continue
@@ -147,15 +151,18 @@ def _stuck_links(
 
 def _added_depth(finger: _Finger, part: coal.CollisionGeometry, T_part: pin.SE3) -> float:
     """How much deeper it gets into a part than it begins, metres; only looked at where it might."""
+    # Too far apart to meet on the way.
     at = coal_transform(T_part)
     first = _signed_distance(finger, 0, part, at)
     if first > finger.travel:
         return 0.0
+    # A convex solid: the distance is convex along the way, so that its first step bounds the rest.
     allowed = min(first, 0.0)
     second = _signed_distance(finger, 1, part, at)
     steps = len(finger.places) - 1
     if finger.slides and first + steps * min(second - first, 0.0) > allowed - _ADDED_DEPTH_M:
         return 0.0
+    # Else the least distance at all places on the way.
     least = second
     for stage in range(2, steps + 1):
         step(f"looking whether {finger.link} opens into the object")
@@ -165,10 +172,12 @@ def _added_depth(finger: _Finger, part: coal.CollisionGeometry, T_part: pin.SE3)
 
 def _mesh_deeper(finger: _Finger, overlaps: Overlaps, number: int, at: pin.SE3) -> float:
     """The same where one of both is a mesh, the object's solid being of that number."""
+    # Balls around both, too far apart to meet on the way.
     i, places = finger.number, finger.places
     apart = np.linalg.norm(places[0].act(overlaps.centers[i]) - at.act(overlaps.centers[number]))
     if apart > overlaps.radii[i] + overlaps.radii[number] + finger.travel:
         return 0.0
+    # The depth at the beginning, and the greatest one on the way.
     begun = overlaps.depth(i, number, places[0], at, _FINE_DEPTH_M)
     most = begun
     for place in places[1:]:
@@ -181,6 +190,7 @@ def _mesh_deeper(finger: _Finger, overlaps: Overlaps, number: int, at: pin.SE3) 
 @functools.lru_cache(maxsize=8)
 def _moving_fingers(robot: Robot, arm: Arm, q_bytes: bytes) -> tuple[_Finger, ...]:
     q = np.frombuffer(q_bytes)
+    # How far the joints move, in steps.
     change = robot.with_open_hand(q, arm) - q
     turning = revolute_coordinates(robot)
     steps = max(
@@ -194,12 +204,14 @@ def _moving_fingers(robot: Robot, arm: Arm, q_bytes: bytes) -> tuple[_Finger, ..
             f"is too far from where the gripper is: {steps} steps of {_OPENING_STEP_M:g} m or "
             f"{_OPENING_STEP_RAD:g} rad, and {_MAX_OPENINGS} are looked at; give it in m or rad",
         )
+    # Joint frames at every step.
     data = robot.model.createData()
     frames = []
     for share in np.linspace(0.0, 1.0, steps + 1):
         step(f"opening the hand of arm {arm.name}")
         pin.forwardKinematics(robot.model, data, q + share * change)
         frames.append([pin.SE3(T) for T in data.oMi])
+    # Geometries on joints that move.
     fingers, moved = [], _moved_joints(robot, change)
     for i, (link, thing) in enumerate(
         zip(robot.geometry_links, robot.geometry.geometryObjects, strict=True)
@@ -207,6 +219,7 @@ def _moving_fingers(robot: Robot, arm: Arm, q_bytes: bytes) -> tuple[_Finger, ..
         if thing.parentJoint not in moved:
             continue
         step(f"opening the hand of arm {arm.name}, at {link}")
+        # How far any point of it gets from where it begins.
         ways = [frames[0][thing.parentJoint].actInv(f[thing.parentJoint]) for f in frames]
         turned = max(float(np.linalg.norm(pin.log3(way.rotation))) for way in ways)
         thing.geometry.computeLocalAABB()

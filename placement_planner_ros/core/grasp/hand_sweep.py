@@ -47,11 +47,13 @@ def with_opening_hand(robot: Robot, arm: Arm, q: Array) -> Robot:
 def _swept_hand(robot: Robot, hand_bytes: bytes, change_bytes: bytes) -> Robot:
     """`with_opening_hand` from q (nq,) on by that change (nq,)."""
     hand, change = np.frombuffer(hand_bytes), np.frombuffer(change_bytes)
+    # Which joints move each frame, and by how much the parts turn together.
     turns = revolute_coordinates(robot)
     joints = {thing.parentJoint for thing in robot.geometry.geometryObjects}
     movers = {joint: _moving_coordinates(robot, joint) & (change != 0.0) for joint in joints}
     turned = max((np.abs(change[each & turns]).sum() for each in movers.values()), default=0.0)
     steps = max(1, int(np.ceil(turned / _COPY_TURN_RAD)))
+    # Joint frames at every copy.
     frames = []
     for share in np.linspace(0.0, 1.0, steps + 1):
         step("opening the hand")
@@ -64,15 +66,18 @@ def _swept_hand(robot: Robot, hand_bytes: bytes, change_bytes: bytes) -> Robot:
         robot.geometry_links, robot.geometry.geometryObjects, robot.covers, strict=True
     ):
         joint = thing.parentJoint
+        # What does not move stays as it is.
         if all(frame[joint].isApprox(frames[0][joint], STILL_M) for frame in frames):
             swept.addGeometryObject(pin.GeometryObject(thing))
             links.append(link)
             covers.append(cover)
             continue
+        # Its corners, placed at every copy.
         local, lost = few_corners(_solid_vertices(thing.geometry, link), _ROUNDED_CORNER_M)
         turning = movers[joint] & turns
         turn, slide = float(change[turning].sum()), float(change[movers[joint] & ~turns].sum())
         copies = [_transformed_points(frame[joint] * thing.placement, local) for frame in frames]
+        # How far they are from the axes that turn them.
         axes = np.array([[T.translation for T in frame[1:]] for frame in frames])[:, turning]
         away = [
             np.linalg.norm(copy[:, None] - axis, axis=2).max(initial=0.0)
@@ -83,6 +88,7 @@ def _swept_hand(robot: Robot, hand_bytes: bytes, change_bytes: bytes) -> Robot:
         # W R + V.
         reach = max(away) * (1.0 + turn) + slide
         strays = 0.25 * turn * (turn * reach + slide)
+        # The hull of each copy and the next.
         for k, (before, after) in enumerate(itertools.pairwise(copies)):
             step(f"making what {link} sweeps as the hand opens")
             hull = convex(ConvexHull(np.vstack([before, after])))
@@ -122,12 +128,14 @@ def _transformed_points(T: pin.SE3, points: Array) -> Array:
 def _solid_vertices(geometry: coal.CollisionGeometry, link: str) -> Array:
     """(m, 3) vertices of a solid that contains the geometry: its hull, or a box where it is round
     or flat."""
+    # Vertices of a mesh, or of a shape with what rounds it.
     if isinstance(geometry, coal.BVHModelBase):
         vertices, radius = np.array(geometry.vertices()), 0.0
     else:
         sets = shape_of(geometry, f"link {link}").sets
         vertices = np.vstack([s.vertices for s in sets])
         radius = max(s.radius for s in sets)
+    # Their hull, unless it is flat or rounded: then the box around them.
     if radius == 0.0:
         try:
             return np.asarray(vertices[ConvexHull(vertices).vertices])

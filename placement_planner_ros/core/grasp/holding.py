@@ -85,6 +85,8 @@ class Holding:
         self.q_start = moving.q
         self.chain = Chain.from_robot(moving.robot, moving.arm, moving.q_rest)
         self.require_retreat = settings.require_retreat
+        # The arm with the object in its hand, and the hand's way off it; all that is wrong is told
+        # at once.
         errors = []
         try:
             self.collision = ArmCollision(moving, held, obstacles, settings.collision, aside)
@@ -112,6 +114,7 @@ class Holding:
         self._settings = settings.approach
         self._reserve = settings.collision.planning_reserve
         self._stray = settings.collision.approach_stray
+        # The box around the object.
         vertices = held.body.vertices
         lower, upper = vertices.min(axis=0), vertices.max(axis=0)
         corners = np.array(list(itertools.product(*zip(lower, upper, strict=True))))
@@ -145,6 +148,7 @@ class Holding:
         Returns:
             k >= 1 configurations, or the verdict that names why there are none.
         """
+        # What the tip's pose alone decides: the reach, and the hand's own collisions.
         T_world_tip = self.tip_pose(T_world_object)
         if not self._ik.reachable(T_world_tip):
             return Verdict.NO_IK
@@ -154,6 +158,7 @@ class Holding:
             return Verdict.ARM_COLLIDING
         verdict = Verdict.NO_IK
         own = self.q_start[None]
+        # A few seeds first, q_0 among them, then the rest.
         for count in (min(seeds, FIRST_SEEDS), seeds - FIRST_SEEDS):
             if count < 1:
                 break
@@ -163,6 +168,7 @@ class Holding:
             if len(solutions) == 0:
                 continue
             verdict = Verdict.ARM_COLLIDING
+            # Free solutions, or free ones among the self-motions of all.
             free = self.free_ones(solutions)
             if len(free) == 0:
                 free = self.free_ones(self._ik.sweep(T_world_tip, solutions))
@@ -196,9 +202,11 @@ class Holding:
         Collisions of the arm at contact; where there are none, of the fingers as they open, of the
         way down, or of the hand's way back.
         """
+        # The arm at contact, then the fingers as they open.
         found = self.collision.meeting(q, self._reserve, contact=True)
         found = found or self.open_hand.release_meeting(q)
         if found is None:
+            # Then the arm where the way down begins.
             raised = pin.SE3(T_world_object)
             raised.translation[2] += self._settings.approach_minimum
             above = self.follow(raised, q)
@@ -266,11 +274,13 @@ class Holding:
         Returns:
             The certified motion, or the verdict that names what stood in the way.
         """
+        # Contact and release.
         if not self.free_at_contact(q):
             return Verdict.ARM_COLLIDING
         released = self.open_hand.release_free(q)
         if self.require_retreat and not released:
             return Verdict.NO_RELEASE
+        # The way down, then the way back.
         approach = self._approach(q, T_world_object, contact_height, poses, slope)
         if approach is None:
             return Verdict.NO_APPROACH
@@ -290,6 +300,7 @@ class Holding:
         """(k, dof) the straight way down to `q`, raised pre-placement first, as high as there is
         room; None where even the least height is blocked."""
         settings = self._settings
+        # Heights of the waypoints, the least one among them.
         steps = max(1, round(settings.approach_distance / settings.approach_step))
         heights = np.linspace(0.0, settings.approach_distance, steps + 1)[1:]
         heights = np.unique(np.append(heights, settings.approach_minimum))
@@ -297,8 +308,10 @@ class Holding:
         raised: list[Array] = []
         below = 0.0
         for height in heights.tolist():
+            # Up to that height the object is free.
             if not poses.free(T_world_object, contact_height, height + self._stray, slope):
                 break
+            # The arm follows, and is free where the way may begin.
             way = self._straight_up(upward[-1], T_world_object, below, height)
             if way is None:
                 break
@@ -322,11 +335,13 @@ class Holding:
         Steps on which the object would leave its line, or lean, are halved; None where that does
         not help.
         """
+        # The next waypoint.
         above = pin.SE3(T_world_object)
         above.translation = T_world_object.translation + np.array([0.0, 0.0, height])
         q_next = self.follow(above, q)
         if q_next is None:
             return None
+        # How far the object leaves its line between both, and whether it leans.
         chord = np.linspace(q_next, q, 5)
         strays = stray_at(self.chain, chord, *self._lines(T_world_object))
         if strays <= _PLANNED_STRAY_SHARE * self._stray and self._keeps_tilt(q, q_next):

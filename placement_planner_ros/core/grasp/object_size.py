@@ -33,6 +33,7 @@ def size_doubt(robot: Robot, arms: tuple[Arm, ...], q: Array, body: Body) -> str
 
 
 def _size_doubt(robot: Robot, arm: Arm, q: Array, body: Body) -> str:
+    # The sides of the object against hand and reach.
     q = q.copy()
     q[arm.q_index] = 0.0  # wherever the arm is
     hand, reach = _hand_measures(robot, arm, q.round(4).tobytes())
@@ -61,6 +62,7 @@ def _hand_measures(robot: Robot, arm: Arm, q_bytes: bytes) -> tuple[float, float
 
 def stretched_length(robot: Robot, arm: Arm) -> float:
     """Metres from the arm's first joint over all others to the tip: more than its reach."""
+    # From joint to joint, from the tip inwards.
     ids = [robot.model.getJointId(joint) for joint in arm.joints]
     tip = robot.model.frames[robot.frame_id(arm.tip_frame)]
     steps = [float(np.linalg.norm(tip.placement.translation))]
@@ -76,6 +78,7 @@ def hand_size(robot: Robot, arm: Arm, q: Array) -> float:
     without geometry."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     shapes, poses = robot.geometry.geometryObjects, robot.geometry_poses(q)
+    # The box around all links that may touch the object.
     for link, g, T in zip(robot.geometry_links, shapes, poses, strict=True):
         if link in arm.touch_links:
             g.geometry.computeLocalAABB()

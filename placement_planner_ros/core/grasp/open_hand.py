@@ -93,6 +93,7 @@ class OpenHand:
         settings: GraspSettings,
     ) -> None:
         robot, arm, collision = moving.robot, moving.arm, settings.collision
+        # The arm with its hand open, and with what it sweeps by opening.
         opened = moving.with_open_hand()
         self._settings = settings.retreat
         self._reserve = collision.planning_reserve
@@ -108,9 +109,11 @@ class OpenHand:
             replace(collision, self_margin=collision.collision_margin),
             environment=False,
         )
+        # What leaves the object in each grasp.
         tip = Chain.from_robot(robot, arm, moving.q_rest).forward(np.zeros(arm.dof))
         self._leaving = [self._leaving_grasp(arm, pin.SE3(tip) * grasp) for grasp in arm.grasps]
         self._placed: pin.SE3 | None = None
+        # The directions of the retreat, of unit length.
         self._directions = [
             (np.array(direction) / np.linalg.norm(direction), in_tip)
             for in_tip, directions in (
@@ -134,12 +137,14 @@ class OpenHand:
         None where nothing, or where the arm cannot follow that way at all.
         """
         self._place(T_world_object)
+        # The way back along the tip's z, in steps.
         settings = self._settings
         steps = max(1, round(settings.retreat_distance / settings.retreat_step))
         T_world_tip = self._ik.chain.forward(q)
         poses = np.repeat(T_world_tip[None], steps, axis=0)
         along = settings.retreat_distance / steps * np.arange(1, steps + 1)
         poses[:, :3, 3] -= along[:, None] * T_world_tip[:3, 2]
+        # Follow it until something is met.
         leaving = self._leaving[grasp].without(frozenset())
         way = q
         for pose in poses[along >= PARTING_M]:
@@ -161,6 +166,7 @@ class OpenHand:
         """
         self._place(T_world_object)
         T_world_tip = self._ik.chain.forward(q)
+        # The first direction in which a way is found.
         for direction, in_tip in self._directions:
             if in_tip:
                 direction = T_world_tip[:3, :3] @ direction
@@ -175,6 +181,7 @@ class OpenHand:
         Args:
             way: (m, dof) what `retreat` returned, which the motion is along.
         """
+        # How far the tip must have gone before each link has to be off.
         leaving, chain = self._leaving[grasp], self._ik.chain
         start = chain.forward(way[0])[:3, 3]
         self._place(T_world_object)
@@ -185,8 +192,10 @@ class OpenHand:
 
         def leaves(a: Array, b: Array, deviation: Array) -> bool:
             self._place(T_world_object)
+            # Nothing touches: one stage for the whole way.
             if len(stages) == 1:
                 return stages[0][1].edge_free(a, b, deviation=deviation)
+            # The part of the motion within each stage.
             near, far = (a, b) if gone(a) <= gone(b) else (b, a)
             for end, arm in stages:
                 if gone(near) >= end:
@@ -217,6 +226,7 @@ class OpenHand:
 
     def _way(self, q: Array, grasp: int, T_world_tip: Array, direction: Array) -> Array | None:
         settings, leaving = self._settings, self._leaving[grasp].without(frozenset())
+        # The way on which links come off, if they touch.
         steps = max(1, round(settings.retreat_distance / settings.retreat_step))
         step = settings.retreat_distance / steps
         way = self._parting(q, grasp, T_world_tip, direction)
@@ -225,10 +235,12 @@ class OpenHand:
         # Where links had to come off first, the way has gone on for as long as that may take.
         done = int(PARTING_M / step + 1e-9) if len(way) > 1 else 0
         first = done
+        # Go on until the whole hand is off, or for as long as a retreat may be.
         while done == first or not self._parted.free(way[-1], self._reserve):
             further = np.arange(done + 1, max(steps, done + 1) + 1)
             if further[-1] * step > LONGEST_RETREAT_M + 1e-9:
                 return None
+            # Follow the line, and certify states and edges.
             tracked = self._ik.track(
                 _poses_along(T_world_tip, direction, step * further.astype(float)), way[-1]
             )
@@ -247,6 +259,7 @@ class OpenHand:
         touching = leaving.touching
         if not touching:
             return q[None]
+        # Follow the line from station to station; links that came off must stay off.
         tracked = self._ik.track(_poses_along(T_world_tip, direction, np.array(_STATIONS)), q)
         if tracked is None:
             return None
@@ -261,6 +274,7 @@ class OpenHand:
         """The arm while it leaves an object held there with all joints at zero."""
         step(f"looking what of arm {arm.name} leaves the object")
         self._open.place(T_world_object)
+        # Links that touch the object with the hand open.
         near = replace(self._open.settings, self_margin=_TOUCHING_M)
         zero = np.zeros(arm.dof)
         touching = {
@@ -281,6 +295,7 @@ def _configuration_between(
 ) -> Array:
     """Where on the straight motion from `near` to `far` (dof,) the tip has gone `end` metres, or
     just less."""
+    # Bisect, keeping the end that has not gone too far.
     low, high = 0.0, 1.0
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)

@@ -57,6 +57,7 @@ def check_leaving(moving: MovingArm, held: AttachedObject, settings: GraspSettin
     found = _leaving_hindrances(*given, settings.retreat, settings.room)
     if not found:
         return
+    # In words: the first way and the furthest.
     furthest = max(found, key=lambda each: each[2])
     words = (
         f"the open hand can leave the object in none of the {len(found)} directions that are tried"
@@ -95,6 +96,7 @@ def _leaving_hindrances(
         q_bytes: of (nq,), the arm's joints at zero.
         room: as of `GraspSettings`, metres.
     """
+    # The open hand with the object held.
     q = robot.with_open_hand(np.frombuffer(q_bytes), arm)
     data, things = robot.model.createData(), robot.geometry.geometryObjects
     pin.forwardKinematics(robot.model, data, q)
@@ -103,6 +105,7 @@ def _leaving_hindrances(
     placed = {i: data.oMi[things[i].parentJoint] * things[i].placement for i in links}
     T_object = T_tip * arm.grasps[grasp]
     overlaps, first = object_overlaps(robot, body), len(robot.geometry_links)
+    # Places on a way, and balls around links and solids.
     ways = np.arange(PARTING_M, settings.retreat_distance + _LEAVING_STEP_M, _LEAVING_STEP_M)
     middles = np.array([placed[i].act(overlaps.centers[i]) for i in links]).reshape(-1, 3)
     solids = np.array([T_object.act(center) for center in overlaps.centers[first:]]).reshape(-1, 3)
@@ -130,6 +133,7 @@ def _leaving_hindrances(
         return (by, float(ways[first_met])) if by else None
 
     found: list[Hindrance] = []
+    # The first direction that leads off is enough.
     for words, direction in _leaving_directions(settings, T_tip, T_object, body):
         hindrance = met(direction)
         if hindrance is None:
@@ -142,6 +146,7 @@ def _hand_geometries(robot: Robot, arm: Arm) -> tuple[int, ...]:
     """Geometries that stand still against the tip when the hand is open."""
     tip = robot.model.frames[robot.frame_id(arm.tip_frame)].parentJoint
     carried = []
+    # Geometries that hang on the tip's joint without another that moves.
     for i, thing in enumerate(robot.geometry.geometryObjects):
         joint = thing.parentJoint
         while joint > tip:
@@ -156,6 +161,7 @@ def _leaving_directions(
 ) -> Iterator[tuple[str, Array]]:
     """Directions (3,) of the hand's ways off the object, in words and in the frame of T_tip and
     T_object; those in the world for each side that the object can stand on."""
+    # Directions given in the tip frame, then those given in the world.
     for direction in settings.tip_directions:
         unit = np.array(direction) / np.linalg.norm(direction)
         named = ", ".join(f"{x:g}" for x in direction)

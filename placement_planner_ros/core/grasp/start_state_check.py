@@ -102,6 +102,7 @@ def faults_at_start(
     placed = _Placed(robot, q_start)
     margin = settings.collision_margin
     for arm in arms:
+        # What the arm meets wherever the object is held.
         fault = beyond_limits(arm, q_start) or placed.met(arm, settings.self_margin)
         if obstacles is not None and not fault:
             fault = placed.met_in(obstacles, arm, margin)
@@ -110,6 +111,7 @@ def faults_at_start(
             bad_grasps += placed.bad_grasps(arm, body)  # wherever the arm is
             continue
         for grasp in range(len(arm.grasps)):
+            # What the object meets in each grasp: the hand, other links, boxes, the cloud.
             depths, link = placed.met_by_object(arm, grasp, body, settings.self_margin)
             in_cloud = None
             if keep_out is not None and not (depths or link):
@@ -207,6 +209,7 @@ def none_usable(faults: list[Fault], bad_grasps: list[GraspError]) -> PlacementP
     """What to raise where no arm and grasp is left."""
     if not faults:
         return bad_grasps[0]
+    # All faults in one sentence, and every remedy once.
     remedies = dict.fromkeys(remedy for fault in faults for remedy in fault.remedies)
     words = [*(fault.words for fault in faults), *map(str, bad_grasps)]
     return StartError("joint_states", listed(words, "; ", 4), "; ".join(remedies))
@@ -215,6 +218,7 @@ def none_usable(faults: list[Fault], bad_grasps: list[GraspError]) -> PlacementP
 def beyond_limits(arm: Arm, q_start: Array) -> Fault | None:
     """Which of the arm's joints are beyond their limits at q_0 (nq,), and how far."""
     beyond = []
+    # Joints beyond their limits, but for those that turn without end.
     for joint, q, lower, upper in zip(
         arm.joints, q_start[arm.q_index].tolist(), arm.lower, arm.upper, strict=True
     ):
@@ -238,6 +242,7 @@ def beyond_limits(arm: Arm, q_start: Array) -> Fault | None:
 
 def met_itself(robot: Robot, q: Array, links: list[tuple[str, str]]) -> Fault:
     """The fault of links that meet each other at q (nq,), with what they need to be left out."""
+    # Where the links of each pair are deepest in each other.
     rows = dict.fromkeys(pair(*each) for each in links)
     overlaps, placements = _robot_overlaps(robot), robot.geometry_poses(q)
     words = []
@@ -298,6 +303,7 @@ class _Placed:
     def met(self, arm: Arm, margin: float) -> Fault | None:
         """Which links meet that move to each other with the arm; None where none do."""
         pairs, carried = _checked_pairs(self._robot), _carrying_joints(self._robot, arm)
+        # Pairs that the arm moves against each other, and whose balls are near.
         pairs = pairs[carried[pairs[:, 0]] != carried[pairs[:, 1]]]
         apart = np.linalg.norm(self._centers[pairs[:, 0]] - self._centers[pairs[:, 1]], axis=1)
         near = apart <= self._radii[pairs[:, 0]] + self._radii[pairs[:, 1]] + margin
@@ -332,9 +338,11 @@ class _Placed:
 
     def pressed(self, arm: Arm, grasp: int, body: Body) -> str:
         """In words, in which links that may touch it the object lies deep; '' where in none."""
+        # The object in that grasp.
         T = self._data.oMf[self._robot.frame_id(arm.tip_frame)] * arm.grasps[grasp]
         overlaps, first = object_overlaps(self._robot, body), len(self._solids)
         deep: dict[str, float] = {}
+        # Links whose ball is near a solid's, and which may touch it.
         for j in range(first, len(overlaps.shapes)):
             away = np.linalg.norm(self._centers - T.act(overlaps.centers[j]), axis=1)
             for i in np.flatnonzero(away <= self._radii + overlaps.radii[j]).tolist():
@@ -361,6 +369,7 @@ class _Placed:
         frame = robot.frame_id(arm.tip_frame)
         T = self._data.oMf[frame] * arm.grasps[grasp]
         place = coal_transform(T)
+        # Which geometries move with the hand.
         carried = _carrying_joints(robot, arm)
         hand = arm_joint(model, _joint_ids(robot, arm), model.frames[frame].parentJoint)
         in_hand = carried == hand
@@ -368,6 +377,7 @@ class _Placed:
         depths: dict[str, float] = {}
         met = ""
         for rows, kept in ((in_hand, 0.0), (~in_hand, margin)):
+            # Links of the hand without a margin, then all others with it.
             for j, part in enumerate(object_solids(body), first):
                 away = np.linalg.norm(self._centers - T.act(overlaps.centers[j]), axis=1)
                 near = away <= self._radii + overlaps.radii[j] + kept
@@ -375,6 +385,7 @@ class _Placed:
                     link, (solid, T_solid) = robot.geometry_links[i], self._solids[i]
                     if link in arm.touch_links:
                         continue
+                    # How deep the object lies in a link of the hand; whether it meets another.
                     if in_hand[i]:
                         depth = overlaps.depth_in_words(i, j, self._places[i], T)
                         if depth > 0.0:
@@ -443,6 +454,7 @@ def _first_met(
     margin: float,
 ) -> str:
     """The first of the things that comes as near to a box, in words; '' where none does."""
+    # Boxes along the axes around the things, the margin added.
     bounds = np.empty((len(things), 2, 3))
     for bound, (_, thing, T, _) in zip(bounds, things, strict=True):
         thing.computeLocalAABB()
@@ -450,10 +462,12 @@ def _first_met(
         center = T.getRotation() @ ((local.min_ + local.max_) / 2) + T.getTranslation()
         half = np.abs(T.getRotation()) @ ((local.max_ - local.min_) / 2) + margin
         bound[:] = center - half, center + half
+    # Boxes of the obstacles near any of them.
     lower, upper = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
     near = ((box_lower <= upper) & (box_upper >= lower)).all(axis=1)
     corners = np.hstack([box_lower[near], box_upper[near]])
     for (low, high), (name, thing, T, around) in zip(bounds, things, strict=True):
+        # Each thing against the boxes near it.
         for box in corners[((corners[:, :3] <= high) & (corners[:, 3:] >= low)).all(axis=1)]:
             at = coal.Transform3s(np.eye(3), (box[:3] + box[3:]) / 2)
             if meet(thing, T, coal.Box(box[3:] - box[:3]), at, margin) or _surface_encloses(
@@ -468,6 +482,7 @@ def _surface_encloses(triangles: Array | None, T: coal.Transform3s, point: Array
     """Whether a closed surface (t, 3, 3) at T encloses a point (3,)."""
     if triangles is None:
         return False
+    # The point in the surface's frame, outside the box around that at once.
     local = T.getRotation().T @ (point - T.getTranslation())
     if (local < triangles.min(axis=(0, 1))).any() or (local > triangles.max(axis=(0, 1))).any():
         return False

@@ -26,8 +26,10 @@ def stray_at(chain: Chain, Q: Array, vertices: Array, placed: Array) -> float:
     Returns:
         the furthest, metres.
     """
+    # The vertices at every configuration, from where they are placed.
     T = chain.forward_batch(Q)
     away = vertices @ T[:, :3, :3].transpose(0, 2, 1) + T[:, None, :3, 3] - placed
+    # What is left beside the vertical line up to its end.
     height = max(float(away[0, :, 2].min()), 0.0)
     away[..., 2] -= np.clip(away[..., 2], 0.0, height)
     return math.sqrt(float(np.square(away).sum(axis=-1).max()))
@@ -49,10 +51,12 @@ def greatest_stray(chain: Chain, points: Array, vertices: Array, placed: Array) 
     Returns:
         metres, `_CHORD_DEVIATION_M` above the furthest that is reached at most.
     """
+    # Bounds of the joints' first and second derivatives over each piece.
     reach = lever_arms(chain, vertices)
     joints = np.arange(chain.dof)
     first = 5.0 * np.abs(np.diff(points, axis=1)).max(axis=1)
     second = 20.0 * np.abs(np.diff(points, 2, axis=1)).max(axis=1)
+    # How far a point may bend away from a chord, and samples close enough for that.
     outer = reach[np.maximum.outer(joints, joints)]
     bend = second @ reach + np.einsum("mi,ij,mj->m", first, outer, first)
     counts = np.maximum(np.ceil(np.sqrt(bend / (8.0 * _CHORD_DEVIATION_M))), 1.0).astype(np.int64)

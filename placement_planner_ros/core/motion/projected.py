@@ -64,13 +64,16 @@ class ProjectedSteps:
         """
         difference = target - q
         distance = self._norm(difference)
+        # Start from the length that worked last, doubled.
         length = min(2.0 * self._length, self._longest)
         while length >= _SHORTEST_SHARE * self._longest:
+            # The target is within reach: it is the step, if the edge keeps the constraint.
             if distance <= length:
                 if self.constraint.keeps(q, target):
                     self._length = length
                     return target, True
             else:
+                # A step towards the target, projected, if it comes nearer and strays little.
                 near = self.constraint.project(q + (length / distance) * difference)
                 if (
                     near is not None
@@ -89,6 +92,7 @@ class ProjectedSteps:
         way, gone = [a], 0.0
         self.begin()
         while True:
+            # A step onward, until the way grows too long.
             step = self.step(way[-1], b)
             if step is None:
                 return None

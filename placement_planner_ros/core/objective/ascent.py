@@ -55,6 +55,7 @@ def climb_objective(
     """
     step = settings.first_step
     directions = ascent_directions(objective, x, settings.turn_radius, slope)
+    # Every direction at one step; then with a step of half the length.
     untried: Iterator[Array] = iter(directions)
     for _ in range(settings.max_steps):
         if should_stop():
@@ -66,6 +67,7 @@ def climb_objective(
                 return
             untried = iter(directions)
             continue
+        # Where a step is taken, start again from there with a longer one.
         reached = attempt(step * direction)
         if reached is None:
             continue
@@ -82,6 +84,7 @@ def ascent_directions(
     At a wall the gradient itself is blocked while one of its components still is free. Each is of
     unit length, a radian counting as `turn_radius` metres.
     """
+    # The gradient and its components, in metres.
     scale = np.array([1.0, 1.0, 1.0 / turn_radius])
     masked = objective_gradient(objective, x, slope=slope) * scale * _MASKS
     lengths = np.linalg.norm(masked, axis=1)

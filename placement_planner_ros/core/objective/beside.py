@@ -68,17 +68,20 @@ class Beside:
     def _groups(self, T: Array) -> Iterator[Group]:
         """Of poses (n, 4, 4), a few hundred at a time; what has nothing around is left out."""
         for start in range(0, len(T), _POSES_AT_ONCE):
+            # What each pose stands on, and where the middle of that side is.
             part = T[start : start + _POSES_AT_ONCE]
             stood = self._standing.at(part)
             at = np.einsum("nij,nj->ni", part[:, :3, :3], self._standing.middles[stood.face])
             at += part[:, :3, 3]
             slopes = self._standing.slopes[stood.slope]
+            # Contact planes, by slope and by height in steps.
             level = np.round((at[:, 2] - (at[:, :2] * slopes).sum(axis=1)) / _SAME_HEIGHT_M)
             planes = np.column_stack([stood.slope, level]).astype(np.int64)
             for slope, height in sorted(set(map(tuple, planes.tolist()))):
                 tree, known = self._table(slope, height)
                 if tree is None:
                     continue
+                # The poses on that plane.
                 of = np.flatnonzero((planes == (slope, height)).all(axis=1))
                 along = self._slope(slope)
                 yield Group(start + of, stood.face[of], at[of, :2], along, tree, known)
@@ -104,15 +107,18 @@ class Beside:
 
     def _ends(self, slope: Slope, height: float) -> Array:
         """(n, 2) where the surfaces of that height end, but where a thing stands."""
+        # Ends of the surfaces of that height.
         support = self._environment.support_of(slope)
         of = np.repeat(np.arange(len(support.height)), np.diff(support.first))
         near = np.abs(support.height - height) <= _STANDING_GAP_M
         ends = support.points[support.ends & near[of]].astype(np.float64)
+        # Things that rise above the plane there.
         measured = self._environment.measured
         low, high = measured.lower, measured.upper
         plane = height + 0.5 * (low[:, :2] + high[:, :2]) @ np.array(slope)
         rises = (high[:, 2] > plane + _THING_RISE_M) & (low[:, 2] < plane + 2.0 * ABOVE_CONTACT_M)
         beside = np.zeros(len(ends), np.bool_)
+        # Ends that lie within reach of such a thing are left out.
         if rises.any() and len(ends):
             low, high = low[rises, :2], high[rises, :2]
             things = cKDTree(0.5 * (low + high))
@@ -143,6 +149,7 @@ class Edge(Beside):
         """(n,) at poses (n, 4, 4)."""
         result = np.full(len(T_world_object), self.ends[1])
         for group in self._groups(T_world_object):
+            # Ends that may be nearest to the side: those within its radius of the middle's nearest.
             feet = self._feet(group, T_world_object)
             nearest, _ = group.tree.query(group.middle)
             near = group.tree.query_ball_point(group.middle, nearest + _corner_radius(group, feet))
@@ -187,12 +194,14 @@ def _corner_radius(group: Group, feet: Array) -> Array:
 def _from_polygons(points: Array, corners: Array) -> Array:
     """(n,) distance of each of the points (n, 2) from its own convex polygon, of corners (n, k, 2)
     in order; 0 inside."""
+    # The nearest point of each edge.
     edges = np.roll(corners, -1, axis=1) - corners
     lengths = np.maximum((edges * edges).sum(axis=2), 1e-18)
     off = points[:, None] - corners
     share = np.clip((off * edges).sum(axis=2) / lengths, 0.0, 1.0)
     away = off - share[..., None] * edges
     distance = np.sqrt((away * away).sum(axis=2).min(axis=1))
+    # Inside, where the point lies on the same side of all edges.
     across = edges[..., 0] * off[..., 1] - edges[..., 1] * off[..., 0]
     inside = (across >= 0.0).all(axis=1) | (across <= 0.0).all(axis=1)
     return np.where(inside, 0.0, distance)

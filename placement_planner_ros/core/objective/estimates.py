@@ -38,8 +38,10 @@ class LearnedEstimates:
             ParameterError: see `evaluate_batch`.
         """
         estimates = estimate_batch(self._objective, T_world_object)
+        # Enough is known: the estimate, with the largest error times a reserve.
         if self._compared >= _COMPARED_POSES:
             return estimates, _ERROR_FACTOR * self._error
+        # Compute the values too, and learn from the difference.
         values = evaluate_batch(self._objective, T_world_object)
         self._compared += len(values)
         self._error = max(self._error, float(np.abs(values - estimates).max(initial=0.0)))

@@ -205,6 +205,7 @@ def objective_gradient(
     if isinstance(objective, DifferentiableObjective):
         smooth = objective
         return _finite_answer(objective, lambda: smooth.gradient(T_world_object), (3,))
+    # Central differences, one coordinate at a time.
     result = np.zeros(3)
     for axis, size in enumerate((step, step, angle_step)):
         change = np.zeros(3)
@@ -221,6 +222,7 @@ def moved_pose(T_world_object: pin.SE3, change: Array, slope: Slope = LEVEL) -> 
     Args:
         change: (3,) metres along x and y, and rad.
     """
+    # Turned about the normal, and moved within the plane.
     turn = pin.utils.rotate("z", float(change[2]))
     if slope != LEVEL:
         to_normal = upright(slope)

@@ -194,11 +194,13 @@ class Stance:
         self._contacts: list[tuple[Array, pin.SE3]] = []
         rotations, heights, hulls = [], [], []
         for face in context.body.faces:
+            # The face's frame, its origin below the centre of mass.
             over = face.over(context.body.center_of_mass)
             T = over.T_face_object
             rotations.append(T.rotation)
             heights.append(float(T.act(context.body.center_of_mass)[2]))
             feet = (face.vertices @ T.rotation.T + T.translation)[:, :2]
+            # What of the object touches, where support decides.
             if self.expensive:
                 feet = contact_points(context.body, over).points
                 self._contacts.append((feet, T.inverse()))
@@ -209,11 +211,13 @@ class Stance:
     def values(self, T_world_object: Array) -> Array:
         """(n,) at poses (n, 4, 4)."""
         stood = self._standing.at(T_world_object)
+        # All of the side carries.
         if not self.expensive:
             return self._tips(stood.face, self._hulls[stood.face], T_world_object)
         result = np.empty(len(T_world_object))
         for n, T in enumerate(T_world_object):
             face, slope = int(stood.face[n]), self._standing.slopes[stood.slope[n]]
+            # The contact points in the world, and which of them a surface carries.
             feet, inward = self._contacts[face]
             points = feet @ inward.rotation[:, :2].T + inward.translation
             placed = points @ T[:3, :3].T + T[:3, 3]
@@ -237,6 +241,7 @@ class Stance:
 
     def _tips(self, face: Index, edges: Array, T: Array) -> Array:
         """(n,) least angle over the edges (n, k, 3) of what carries it, at poses (n, 4, 4)."""
+        # Up in the frame of the face; the angle of each edge, less gravity's lean over it.
         ups = np.einsum("nij,nj->ni", self._rotations[face], T[:, 2, :3])  # in the face's frame
         firm = np.arctan2(edges[..., 2], self._heights[face, None])
         lean = np.arctan2(np.einsum("nki,ni->nk", edges[..., :2], ups[:, :2]), ups[:, 2:])

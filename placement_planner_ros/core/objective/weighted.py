@@ -157,18 +157,22 @@ class Weighted:
         """(n,) ξ of the (n, 4, 4) poses; at most `best`, and no less than ξ, where that is not
         above it."""
         T = T_world_object
+        # What the cheap terms add up to.
         total = np.zeros(len(T))
         for part in self._cheap:
             total += part.factor * part.term.values(T)
         if not self._expensive:
             return total
+        # At most what the expensive ones add.
         most = np.array([part.most(T) for part in self._expensive])  # (expensive, n)
+        # Estimates first, where a pose could still be better than the best.
         for part, row in zip(self._expensive, most, strict=True):
             left = np.flatnonzero(total + most.sum(axis=0) > best)
             if len(left):
                 estimated = part.estimated_most(T[left])
                 if estimated is not None:
                     row[left] = np.minimum(row[left], estimated)
+        # Then the terms themselves, one after the other, where it still could.
         for k, part in enumerate(self._expensive):
             left = np.flatnonzero(total + most.sum(axis=0) > best)
             if len(left):
@@ -215,12 +219,14 @@ class Requirements:
         `_UNASKED_SCALES`."""
         total = np.zeros(len(T_world_object))
         for expensive in (False, True):
+            # Terms are asked of poses that lack nothing so far.
             rows = np.flatnonzero(total == 0.0)
             terms = [
                 (term, least) for _, term, least in self.terms_asked if term.expensive == expensive
             ]
             if expensive and terms:
                 total[total > 0.0] += _UNASKED_SCALES
+            # By how many scales each is too low.
             for term, least in terms if len(rows) else ():
                 short = least - term.values(T_world_object[rows])
                 total[rows] += np.where(short > _TERM_ROUNDING, short, 0.0) / term.scale

@@ -37,6 +37,7 @@ def straight_way(holding: Holding, q: Array) -> Array:
     T_world_object = holding.object_pose(q)
     hand = holding.tip_pose(T_world_object)[:3, 2]
     best = [q]
+    # The longest free way of the three.
     for direction in (_inward_direction(holding, T_world_object), np.array([0.0, 0.0, 1.0]), -hand):
         length = float(np.linalg.norm(direction))
         if length < 1e-6:
@@ -69,6 +70,7 @@ def winding_way(
     Returns:
         None where the object is out already, or no way further out is found.
     """
+    # The known way is the tree so far, its end the furthest out.
     nodes = list(branch)
     parents = list(range(-1, len(nodes) - 1))
     goal = holding.object_pose(nodes[0])
@@ -79,7 +81,9 @@ def winding_way(
     for _ in range(_TRIED_DIRECTIONS):
         if out >= _DRAWN_OUT_M or should_stop():
             break
+        # From the node that is furthest out, or from any.
         last = best if rng.random() < 0.5 else int(rng.integers(len(nodes)))
+        # A direction, inwards rather than outwards, and half of the time a turn.
         direction = rng.standard_normal(3) + inwards
         size = rng.uniform(_SMALLEST_SHARE, 1.0)
         direction *= size * _WAYPOINT_STEP_M / max(float(np.linalg.norm(direction)), 1e-6)
@@ -89,6 +93,7 @@ def winding_way(
             if holding.upright is not None:
                 vector[:2] = 0.0  # about the vertical, which tilts nothing
             turn = pin.exp3(vector)
+        # Go on as far as that is free.
         for q in _straight_run(holding, nodes[last], direction, turn, _RUN_WAYPOINTS)[1:]:
             parents.append(last)
             last = len(nodes)
@@ -96,6 +101,7 @@ def winding_way(
         reached = _distance_from_goal(holding, nodes[last], goal)
         if reached > out:
             best, out = last, reached
+    # The way back from the node that is furthest out.
     if out <= begun:
         return None
     way = []

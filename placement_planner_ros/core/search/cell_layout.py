@@ -19,6 +19,7 @@ PARTS = len(_PARTS)
 
 def halved_cells(cells: Array) -> Array:
     """(8 n, 10) the parts of (n, 10) cells, cell by cell: halves of x, y and θ."""
+    # Both halves of each side, in all combinations.
     low = cells[:, LOWER]
     half = (0.5 * (cells[:, UPPER] - low))[:, None]
     parts = np.repeat(cells, PARTS, axis=0).reshape(-1, PARTS, CELL_COLUMNS)

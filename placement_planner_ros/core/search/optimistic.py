@@ -136,6 +136,7 @@ class OptimisticSampler(BatchSampler):
 
     def _draw(self, most: int, best: float) -> Draws:
         """The next poses of the round, at most so many; of a new round where it is over."""
+        # A new round, with parts of cells once it is known what is good.
         if len(self._depths) == 0:
             graded = self.count.samples >= self._settings.uniform_first
             self._begin_round(graded and (best > -np.inf or self._lacking), best)
@@ -163,6 +164,7 @@ class OptimisticSampler(BatchSampler):
 
     def _begin_round(self, refine: bool, best: float = -np.inf) -> None:
         """Draw poses to be checked; each grades the cell it was drawn from."""
+        # Parts of the best cells, and uniform poses beside them.
         share = self._settings.uniform_share
         parts = [self._open_parts(best)] if refine else []
         finer = sum(len(cells) for cells, _ in parts)
@@ -171,6 +173,7 @@ class OptimisticSampler(BatchSampler):
         parts.append((coarse, np.zeros(len(coarse), dtype=np.int64)))
         self._cells = np.concatenate([cells for cells, _ in parts])
         self._depths = np.concatenate([depths for _, depths in parts])
+        # A pose at random in each part; the uniform poses are those drawn.
         low, high = self._cells[:, LOWER], self._cells[:, UPPER]
         self._poses = low + self._rng.random((len(low), 3)) * (high - low)
         self._poses[finer:] = drawn
@@ -178,12 +181,14 @@ class OptimisticSampler(BatchSampler):
 
     def _graded(self, count: int) -> tuple[Array, Array]:
         """Coarse cells (n, 10) of n uniform poses, and these (n, 3) as x, y, θ."""
+        # Uniform poses, and the extent of the pose set that each is from.
         drawn = self._uniform.draw(count)
         regions = drawn.region
         poses = np.column_stack([drawn.contact[:, :2], drawn.angle])
         low, high = np.empty((count, 3)), np.empty((count, 3))
         low[:, :2], high[:, :2] = self._extents[regions, ::2], self._extents[regions, 1::2]
         low[:, 2], high[:, 2] = drawn.low, drawn.high
+        # The coarse cell that the pose lies in.
         size = (high - low) / self._steps
         place = np.clip(np.floor((poses - low) / size), 0, self._steps - 1)
         cells = np.empty((count, CELL_COLUMNS))
@@ -196,6 +201,7 @@ class OptimisticSampler(BatchSampler):
 
     def _remember(self, outcome: Outcome, cells: Array, depths: Index) -> None:
         """File the cells under their depth by what their sample was, leaves left out."""
+        # Classes of the verdicts; within the best class by ξ, else by chance.
         kinds = _VERDICT_CLASS[outcome.verdicts]
         worth = np.maximum(outcome.values, _LOWEST_VALUE)
         ranks = np.where(kinds == 0, -worth, self._rng.random(len(cells)))
@@ -248,6 +254,7 @@ class OptimisticSampler(BatchSampler):
         depth whose turn it is, one whose sample was better but not reached, if there is any."""
         cells, depths, kinds = [], [], []
         turn = next(self._turns) % len(self._levels)
+        # The best cell of each depth; coarse cells only once.
         for depth, level in enumerate(self._levels):
             unreached = self._next_unreached(depth, best) if depth == turn else None
             if unreached is not None:

@@ -82,11 +82,13 @@ class Remainder:
                 return False
             if not self._open:
                 return True
+            # Judge some cells, the deepest first.
             cells = np.array(self._open[-_CELLS_AT_ONCE:])
             del self._open[-_CELLS_AT_ONCE:]
             rulings = self._bounds.rulings(cells)
             self.rulings |= {Ruling(r) for r in rulings if r != Ruling.OPEN}
             cells = cells[rulings == Ruling.OPEN]
+            # A leaf that is still open may hold a goal; other cells are halved.
             angles = cells[:, ANGLE + 1] - cells[:, ANGLE]
             self._found = bool(
                 ((contact_areas(cells) <= self._min_area) & (angles <= self._min_angle)).any()

@@ -139,17 +139,22 @@ class CarriedPoint:
         """
         most = 0.0
         h = np.asarray(durations, dtype=np.float64)
+        # Derivatives of each piece by its control points.
         while len(points):
             first = 5.0 * np.diff(points, axis=1) / h[:, None, None]
             second = 4.0 * np.diff(first, axis=1) / h[:, None, None]
             third = 3.0 * np.diff(second, axis=1) / h[:, None, None]
+            # What is reached in the middle of each piece.
             middle = [_curve_middles(values) for values in (points, first, second)]
             reached = np.linalg.norm(self.derivatives(*middle)[1], axis=1)
             most = max(most, float(reached.max()))
+            # Bounds of speed, acceleration and jerk of each joint; W and A of all up to each joint.
             speed, strength, jerk = (np.abs(v).max(axis=1) for v in (first, second, third))
             W, A = np.cumsum(speed, axis=1), np.cumsum(strength, axis=1)
             turning = np.diff(3.0 * W * A + W**3, axis=1, prepend=0.0)
+            # How fast p'' may change over a piece, by each joint's lever.
             change = (jerk + turning) @ self._levers
+            # Go on with pieces that may exceed the most seen.
             open_ones = reached + 0.5 * h * change > (1.0 + _BOUND_SLACK) * most + _STILL_M_PER_S2
             points, h = halved_pieces(points[open_ones]), np.repeat(0.5 * h[open_ones], 2)
         return (1.0 + _BOUND_SLACK) * most + _STILL_M_PER_S2
@@ -172,6 +177,7 @@ class PointAccelerationConstraint(LinearConstraint):
         self, path: AbstractGeometricPath, gridpoints: Array, *args: Any, **kwargs: Any
     ) -> Any:
         """The coefficients a, b, c, F, g of a u + b x + c = v, F v ≤ g at the grid points."""
+        # p' and p'' along the path, against each facet.
         first, second = self._carried.derivatives(
             path(gridpoints), path(gridpoints, order=1), path(gridpoints, order=2)
         )

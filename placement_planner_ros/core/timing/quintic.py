@@ -23,6 +23,7 @@ def control_points(
     times: Array, positions: Array, velocities: Array, accelerations: Array
 ) -> Array:
     """Bézier control points (n-1, 6, dof) of the quintics between n timed points."""
+    # Ends, and what velocities and accelerations move the inner points by.
     h = np.diff(times)[:, None]
     p, q = positions[:-1], positions[1:]
     v, w = 0.2 * h * velocities[:-1], 0.2 * h * velocities[1:]
@@ -39,9 +40,11 @@ def evaluate_trajectory(trajectory: Trajectory, t: Array) -> tuple[Array, Array,
     if len(times) == 1:
         still = np.zeros((len(t), len(trajectory.joints)))
         return positions_at(trajectory, t), still, still.copy()
+    # Derivatives of the pieces as Bézier curves of lower degree.
     points, x, h = _pieces_at(trajectory, t)
     first = 5.0 * np.diff(points, axis=1) / h[:, None]
     second = 4.0 * np.diff(first, axis=1) / h[:, None]
+    # Before and after, the curve stands still.
     outside = (t < times[0]) | (t > times[-1])
     velocities, accelerations = _de_casteljau(first, x), _de_casteljau(second, x)
     velocities[outside] = 0.0
@@ -61,13 +64,14 @@ def concatenate_trajectories(first: Trajectory, second: Trajectory) -> Trajector
     """`first`, then `second`, which starts where and as fast as `first` ends.
 
     The acceleration may jump there; the joint point keeps that of `first`, so it should be zero on
-    both sides, as it is where `parameterize` starts and ends.
+    both sides, as it is where `parameterize_path` starts and ends.
 
     Raises:
         ParameterError: the joints differ, or the ends do not meet.
     """
     if first.joints != second.joints:
         raise ParameterError("joints", second.joints, f"must be those of the first {first.joints}")
+    # Where both meet.
     for name in ("positions", "velocities", "accelerations"):
         end, start = getattr(first, name)[-1], getattr(second, name)[0]
         if not np.allclose(end, start, rtol=0.0, atol=DEVIATION_ROUNDING_RAD):
@@ -91,10 +95,13 @@ def limit_ratio(points: Array, durations: Array, velocity: Array, acceleration: 
         durations: (m,) seconds.
         velocity, acceleration: (dof,) limits.
     """
+    # Control points of quarter pieces, which lie close to the curve.
     h = np.repeat(durations, 4)[:, None, None] / 4.0
     points = halved_pieces(halved_pieces(points))
+    # Those of the derivatives bound them.
     first = 5.0 * np.diff(points, axis=1) / h
     second = 4.0 * np.diff(first, axis=1) / h
+    # Time stretched by a factor divides velocities by it and accelerations by its square.
     fastest = float(np.max(np.abs(first) / velocity))
     hardest = float(np.max(np.abs(second) / acceleration))
     return max(fastest, float(np.sqrt(hardest)))
@@ -102,6 +109,7 @@ def limit_ratio(points: Array, durations: Array, velocity: Array, acceleration: 
 
 def halved_pieces(points: Array) -> Array:
     """Both halves of each Bézier piece: (m, 6, dof) to (2 m, 6, dof) control points."""
+    # De Casteljau's scheme in the middle: its first and last points are those of both halves.
     left, right = [points[:, 0]], [points[:, -1]]
     while points.shape[1] > 1:
         points = 0.5 * (points[:, :-1] + points[:, 1:])
@@ -121,6 +129,7 @@ def chord_deviation(points: Array) -> tuple[Array, int]:
         (dof,) bound: every point of the curve is within it of some point of the chord; and the
         piece in which the furthest control point lies.
     """
+    # Every control point against the nearest point of the chord.
     flat = points.reshape(-1, points.shape[-1]) - points[0, 0]
     chord = flat[-1]
     squared = float(chord @ chord)
@@ -151,13 +160,16 @@ def first_uncertified(
     Returns:
         None where the whole curve is certified, else the first piece that is not.
     """
+    # Runs of pieces that are still to be certified, the first on top.
     stack = [(0, points)]
     while stack:
         index, run = stack.pop()
+        # One edge with the run's deviation as slack.
         deviation, furthest = chord_deviation(run)
         largest = float(np.max(deviation))
         if largest <= tolerance and edge_free(run[0, 0], run[-1, -1], deviation):
             continue
+        # Divide the run at its furthest piece, or in the middle where it is straight already.
         if len(run) > 1:
             middle = len(run) // 2 if largest <= finest else min(max(furthest, 1), len(run) - 1)
             stack.append((index + middle, run[middle:]))
@@ -165,6 +177,7 @@ def first_uncertified(
         elif largest <= finest:
             return index
         else:
+            # Divide the piece itself.
             halves = halved_pieces(run)
             stack.append((index, halves[1:]))
             stack.append((index, halves[:1]))
@@ -174,6 +187,7 @@ def first_uncertified(
 def _pieces_at(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:
     """Control points (k, 6, dof) of the pieces at times t (k,), where in them (k, 1) in [0, 1], and
     how long they take (k, 1)."""
+    # The piece at each time, and where in it.
     times = trajectory.times
     inside = np.clip(t, times[0], times[-1])
     piece = np.clip(np.searchsorted(times, inside, side="right") - 1, 0, len(times) - 2)

@@ -114,6 +114,7 @@ def parameterize_path(
     if not (np.isfinite(limits) & (limits > 0.0)).all():
         raise ParameterError("limits", limits.tolist(), "give finite numbers above zero")
 
+    # A path that does not move is its one point.
     waypoints = _distinct_waypoints(path)
     if len(waypoints) == 1:
         still = np.zeros_like(waypoints)
@@ -122,9 +123,11 @@ def parameterize_path(
     def free_until_stopped(a: Array, b: Array, deviation: Array) -> bool:
         return not should_stop() and edge_free(a, b, deviation)
 
+    # The largest blends first; of a corner whose curve is refused half, then none.
     cuts = largest_cuts(waypoints, settings.blend_deviation)
     refused = np.zeros(len(cuts), dtype=bool)
     for round_ in range(_BLENDING_ROUNDS):
+        # The second round asks for each blend alone, the last one stops at every waypoint.
         if round_ == 1:
             cuts = _certified_cuts(waypoints, cuts, free_until_stopped, settings)
         elif round_ == _BLENDING_ROUNDS - 1:
@@ -132,10 +135,12 @@ def parameterize_path(
         timed = None if should_stop() else _timed_curve(waypoints, cuts, limits, settings, carried)
         if timed is None:
             return None
+        # Certify the curve piece by piece.
         points = control_points(*timed)
         failed = first_uncertified(points, free_until_stopped, settings.chord_tolerance)
         if failed is None:
             return Trajectory(tuple(joints), *timed)
+        # The corner nearest to the piece that was refused.
         distance = np.linalg.norm(waypoints - points[failed].mean(axis=0), axis=1)
         distance[cuts == 0.0] = np.inf
         corner = int(distance.argmin())
@@ -166,6 +171,7 @@ def _certified_cuts(
     certified = cuts.copy()
     for corner in np.flatnonzero(cuts):
         for _ in range(_BLEND_SIZES):
+            # The blend with this cut alone.
             blend = blend_control_points(waypoints, certified, int(corner))[None]
             if first_uncertified(blend, edge_free, settings.chord_tolerance) is None:
                 break
@@ -183,6 +189,7 @@ def _timed_curve(
     carried: CarriedPoint | None,
 ) -> tuple[Array, Array, Array, Array] | None:
     """Times, positions, velocities and accelerations; at rest at both ends and where cuts are 0."""
+    # From stop to stop.
     stops = np.flatnonzero(cuts == 0.0)
     stretches = []
     for i, j in pairwise(stops):
@@ -190,6 +197,7 @@ def _timed_curve(
         if stretch is None:
             return None
         stretches.append(stretch)
+    # One after the other, each without its first point, which is the last one's end.
     times, positions, velocities, accelerations = stretches[0]
     for t, q, v, a in stretches[1:]:
         times = np.concatenate([times, times[-1] + t[1:]])
@@ -207,6 +215,7 @@ def _timed_stretch(
     carried: CarriedPoint | None,
 ) -> tuple[Array, Array, Array, Array] | None:
     """One stretch from rest to rest; sampled more finely where that makes it faster."""
+    # The time-optimal profile, on finer grids where none is found.
     rounded = RoundedPolyline(waypoints, cuts)
     profile = None
     for refinement in (1, 2, 4):
@@ -215,6 +224,7 @@ def _timed_stretch(
             break
     if profile is None:
         return None
+    # How far the jerk is smoothed, and between how many points.
     times, s, speed = profile
     window = min(settings.smoothing_time, 0.2 * times[-1])
     duration = times[-1] + window
@@ -222,9 +232,11 @@ def _timed_stretch(
     best = None
     for finer in (1, 2, 4):
         count = min(int(np.ceil(finer * duration / interval)) + 1, settings.max_points)
+        # Sample the smoothed motion.
         t = np.linspace(0.0, duration, count)
         timed = _sampled_curve(rounded.curve, t, *_averaged_position(times, s, speed, t, window))
         timed[1][[0, -1]] = waypoints[[0, -1]]
+        # By how much it exceeds the limits, and the limit of the point that is carried.
         points, durations = control_points(*timed), np.diff(t)
         ratio = limit_ratio(points, durations, limits[0], limits[1])
         if carried is not None:
@@ -235,6 +247,7 @@ def _timed_stretch(
         if ratio < 1.05:
             break
     assert best is not None
+    # Slow the best down until all limits hold.
     stretch, (t, q, v, a) = best[0] * (1.0 + 1e-9), best[1]
     return t * stretch, q, v / stretch, a / stretch**2
 
@@ -262,6 +275,7 @@ def _path_grid(rounded: RoundedPolyline, refinement: int) -> Array:
     breaks = rounded.curve.x
     directions = rounded.curve.derivative()(breaks)
     spans = np.diff(breaks)
+    # Points inside each piece, by its turn or by its share of the whole.
     grid = [breaks[:1]]
     for i, blend in enumerate(rounded.is_blend):
         if blend:
@@ -281,10 +295,12 @@ def _fastest_profile(
     constraints = [JointVelocityConstraint(limits[0]), JointAccelerationConstraint(limits[1])]
     if carried is not None:
         constraints.append(PointAccelerationConstraint(carried))
+    # Speeds at the grid points, as fast as the limits allow.
     solver = TOPPRA(constraints, _Geometry(curve), gridpoints=grid, solver_wrapper="seidel")
     _, speed, _ = solver.compute_parameterization(0.0, 0.0)
     if speed is None or not np.isfinite(speed).all():
         return None
+    # Between two points the speed is linear in time.
     mean = 0.5 * (speed[:-1] + speed[1:])
     if not (mean > 0.0).all():
         return None
@@ -299,6 +315,7 @@ def _averaged_position(
     s is quadratic between `times`; the average of a motion from rest to rest is one too, lasts
     longer by `window`, and its acceleration is continuous.
     """
+    # The position as a piecewise parabola, its integral and its derivative.
     steps = np.diff(times)
     position = PPoly(np.stack([0.5 * np.diff(speed) / steps, speed[:-1], s[:-1]]), times)
     area = position.antiderivative()
@@ -311,6 +328,7 @@ def _averaged_position(
         over = x - inside
         return area(inside) + over * s[-1], position(inside), np.where(moving, velocity(inside), 0)
 
+    # The mean over the window, and its derivatives.
     now, before = at(t), at(t - window)
     value, first, second = ((a - b) / window for a, b in zip(now, before, strict=True))
     first[[0, -1]] = second[[0, -1]] = 0.0
@@ -321,6 +339,7 @@ def _sampled_curve(
     curve: PPoly, t: Array, s: Array, first: Array, second: Array
 ) -> tuple[Array, Array, Array, Array]:
     """The curve at s(t): times, positions, velocities and accelerations."""
+    # By the chain rule.
     tangent = curve(s, 1)
     velocities = tangent * first[:, None]
     accelerations = curve(s, 2) * (first**2)[:, None] + tangent * second[:, None]

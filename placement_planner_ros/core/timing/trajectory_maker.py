@@ -114,6 +114,7 @@ class TrajectoryMaker:
             retreat that could not be certified is left out, where the goal may do without.
         """
         settings = self._settings
+        # A shorter path.
         path = shorten_path(
             path,
             holding.transit_free,
@@ -122,6 +123,7 @@ class TrajectoryMaker:
             should_stop,
             constraint=holding.upright,
         )
+        # The transit, by limits scaled for it.
         velocity = holding.arm.velocity * settings.velocity_scaling
         acceleration = settings.accelerations(holding.arm) * settings.acceleration_scaling
 
@@ -140,6 +142,7 @@ class TrajectoryMaker:
         )
         if transit is None:
             return None
+        # The approach, slower, with contact allowed.
         slow = settings.approach_scaling
         approach = parameterize_path(
             goal.approach,
@@ -152,11 +155,13 @@ class TrajectoryMaker:
         )
         if approach is None:
             return None
+        # The timed approach stays on its line.
         curve = control_points(
             approach.times, approach.positions, approach.velocities, approach.accelerations
         )
         if not holding.comes_straight_down(curve, goal.T_world_object):
             return None
+        # The retreat, if there is one.
         retreat = None
         if goal.retreat is not None:
             leaving_free = holding.open_hand.edge_free(
