@@ -1,4 +1,4 @@
-"""How numba compiles kernels: each once, however many others call it.
+"""Compilation by numba of each kernel once, however many others call it.
 
 Numba links what a function calls into it, and optimises and emits all of it again, with a function
 of twenty callees twenty times. Here a kernel is compiled once: its callers get it to write it into

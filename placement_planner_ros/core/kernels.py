@@ -1,4 +1,4 @@
-"""How kernels are compiled, and where what was compiled is kept.
+"""Compilation of kernels, and the folder where what was compiled is kept.
 
 Every kernel is cached in a folder named after the state of the file that holds it and of all files
 with kernels, or with named tuples that kernels take, that it imports. Numba itself only notices

@@ -166,9 +166,11 @@ class ArmCollision:
         if standing:
             T = pin.SE3.Identity()
             self._flat = with_own_object(self._flat, PLACED_OBJECT, T)
+        # The obstacle set, and room to work in.
         self._boxes = box_arrays(obstacles)
         self._scratch = scratch_for(self._flat, self._boxes.number)
         arrays = self._flat.arrays
+        # What the wrist's pose decides alone.
         self._wrist = WristTurns.of(arrays, float(arm.lower[-1]), float(arm.upper[-1]))
         self._T_tip_joint = np.linalg.inv(arrays.fixed[-1])
         self._placed: PlacedObjectRows | None = None
@@ -180,6 +182,7 @@ class ArmCollision:
             (_QUEUED_INTERVALS, arrays.moving + len(arrays.pairs)), dtype=np.bool_
         )
         self._no_deviation = np.zeros(self._dof)
+        # The same arm against another set of obstacles, in the same buffers.
         self._aside: ArmCollision | None = None
         if aside is not None:
             other = copy.copy(self)  # works in the same buffers
@@ -274,6 +277,7 @@ class ArmCollision:
             slack: metres that points of the hand may be off by at a configuration.
             reserve, contact: as in `free`.
         """
+        # The margins, less what inverse kinematics may miss.
         margin, self_margin = self._margins(reserve)
         middles, moved = self._wrist.intervals(margin - slack)
         return hand_collides(
@@ -332,11 +336,13 @@ class ArmCollision:
         )
         if answer == NOT_FINITE:
             raise _not_finite(a, b, deviation)
+        # Too many intervals for the queue: both halves.
         if answer == OVERFLOW:
             middle = (a + b) / 2
             return self.edge_free(
                 a, middle, contact=contact, deviation=deviation, reserve=reserve
             ) and self.edge_free(middle, b, contact=contact, deviation=deviation, reserve=reserve)
+        # Free here: what the other set of obstacles says.
         if answer != FREE or not contact or self._aside is None:
             return bool(answer == FREE)
         return self._aside.edge_free(a, b, deviation=deviation, reserve=reserve)
@@ -349,9 +355,11 @@ class ArmCollision:
     def meeting(self, q: Array, reserve: float = 0.0, contact: bool = False) -> Meeting | None:
         """A collision at q (dof,), or what is not certain to be free of one; None where free."""
         found = self._collision(q, reserve, contact)
+        # Free here: what the other set of obstacles says.
         if found is None:
             met = self._aside.meeting(q, reserve) if contact and self._aside is not None else None
             return None if met is None else replace(met, box=-1)  # which is of another set
+        # A ball inside a body was found in a box: which part and which box.
         kind, s, other = found
         if kind == 2:
             kind, s, other = self._ball_in_box(s)
@@ -381,6 +389,7 @@ class ArmCollision:
             settings: other margins.
             environment: False leaves out the obstacle set.
         """
+        # Rows of the pairs that are kept.
         names = [body.name for body in self._flat.bodies]
         pairs = self._flat.arrays.pairs
         rows = [kept(names[a], names[b]) for a, b in pairs[:, :2].tolist()]
@@ -466,12 +475,14 @@ def _flat_arm(
         q_zero: (nq,) joints of the whole robot, the arm's at zero.
         excess, clear: as for `lay_out_arm`.
     """
+    # The robot with the arm's joints at zero.
     q = np.frombuffer(q_zero)
     model, data = robot.model, robot.model.createData()
     pin.framesForwardKinematics(model, data, q)
     joint_ids = [model.getJointId(name) for name in arm.joints]
     bodies = list(_arm_links(robot, tuple(joint_ids), q_zero))
     pairs = _checked_pairs(robot, [link.name for link in bodies])
+    # The object as one more body: placed in the world, or held by the last joint.
     if body is not None:
         tip = robot.frame_id(arm.tip_frame)
         others = [link for link in bodies if link.name not in arm.touch_links]
@@ -483,6 +494,7 @@ def _flat_arm(
             thing = CollisionBody(HELD_OBJECT, tip_joint, parts)
             still = [link for link in others if link.joint == tip_joint]
             _check_grasp(robot, data, arm, grasp, body, still)
+        # Every link but those that may touch it is to keep off the object.
         pairs += [(link.name, thing.name) for link in others]
         bodies.append(thing)
     held = HELD_OBJECT if body is not None and grasp is not None else None
@@ -494,6 +506,7 @@ def _arm_links(
     robot: Robot, joint_ids: tuple[int, ...], q_zero: bytes
 ) -> tuple[CollisionBody, ...]:
     """The links of an arm with those joints, remembered for each grasp and object."""
+    # Geometries by their link, each with the last arm joint that moves it.
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, np.frombuffer(q_zero))
     parts: dict[str, list[Part]] = {}
@@ -529,6 +542,7 @@ def _check_grasp(
     robot: Robot, data: pin.Data, arm: Arm, grasp: int, body: Body, links: list[CollisionBody]
 ) -> None:
     """Raise if the object, held, overlaps links that it does not move against."""
+    # Every link that stands still against the object, with every solid of it.
     T_object = data.oMf[robot.frame_id(arm.tip_frame)] * arm.grasps[grasp]
     depths: dict[str, float] = {}
     still = {link.name for link in links}

@@ -89,12 +89,14 @@ class MeshTree:
     @classmethod
     def of(cls, vertices: Array, triangles: Indices) -> MeshTree:
         """Of a mesh: vertices (n, 3) metres, triangles (t, 3)."""
+        # Components, each with its own corners.
         made = Components.of(np.asarray(vertices, dtype=np.float64), triangles)
         corners, label, solid = made.corners.copy(), made.label, made.closed
         # A closed component is turned outward: then the solid is where any winds about a point.
         volume = np.bincount(label, np.linalg.det(corners - corners.mean(axis=(0, 1))), len(solid))
         inward = (volume < 0.0)[label]
         corners[inward] = corners[inward][:, ::-1]
+        # Leaves of a few triangles near each other.
         order, leaves = tree_order(corners.mean(axis=1), _LEAF_TRIANGLES)
         corners = corners[order]
         _, one = np.unique(label[order], return_index=True)
@@ -120,6 +122,7 @@ def tree_order(centers: Array, most: int) -> tuple[Indices, Indices]:
     Args:
         most: triangles in a leaf.
     """
+    # As many levels as leaves of that size need.
     count = len(centers)
     depth = max(0, int(np.ceil(np.log2(count / most))))
     # Places along each axis, equal ones alike: whole numbers are sorted in a third of the time.
@@ -127,6 +130,7 @@ def tree_order(centers: Array, most: int) -> tuple[Indices, Indices]:
     order = np.arange(count)
     first = np.array([0, count])
     for _ in range(depth):
+        # Each node is halved along its longest extent, by the triangles' middles.
         placed = centers[order]
         spans = np.maximum.reduceat(placed, first[:-1]) - np.minimum.reduceat(placed, first[:-1])
         sizes = np.diff(first)
@@ -139,6 +143,7 @@ def tree_order(centers: Array, most: int) -> tuple[Indices, Indices]:
 
 def _tree_boxes(corners: Array, leaves: Indices) -> Array:
     """(k, 6) boxes of the complete tree over leaves (l + 1,) of triangles (t, 3, 3)."""
+    # Boxes of the leaves, then of two nodes each, up to the root.
     level = np.hstack(
         [
             np.minimum.reduceat(corners.min(axis=1), leaves[:-1]),
@@ -160,6 +165,7 @@ def _turned_boxes(corners: Array, leaves: Indices) -> Singles:
     by its surface. Extents are measured along the axes as rounded, so that rounding leaves nothing
     out.
     """
+    # Sums of the corners and their products, and their span, for each leaf.
     points = corners.reshape(-1, 3)
     away = points - points.mean(axis=0)  # about their common middle
     squares = (away[:, :, None] * away[:, None, :]).reshape(-1, 9)
@@ -168,9 +174,11 @@ def _turned_boxes(corners: Array, leaves: Indices) -> Singles:
     low, high = (each.reduceat(points, first[:-1]) for each in (np.minimum, np.maximum))
     levels = []
     while True:
+        # Principal axes of each node's corners.
         mean, square = np.split(sums / np.diff(first)[:, None], [3], axis=1)
         spread = square.reshape(-1, 3, 3) - mean[:, :, None] * mean[:, None, :]
         own = np.linalg.eigh(spread)[1].transpose(0, 2, 1)
+        # The box along these, or along the mesh's own axes, whichever has less surface.
         made = [_boxes_around(points, first, own), _along_axes(low, high)]
         surfaces = [h[:, 0] * h[:, 1] + h[:, 1] * h[:, 2] + h[:, 2] * h[:, 0] for *_, h in made]
         better = (surfaces[0] < surfaces[1])[:, None]
@@ -179,6 +187,7 @@ def _turned_boxes(corners: Array, leaves: Indices) -> Singles:
         levels.append(np.hstack([axes, middle, half, radius]))
         if len(first) == 2:
             return np.vstack(levels[::-1]).astype(np.float32)
+        # Two nodes each make one of the level above.
         first = np.append(first[:-1:2], first[-1])
         sums = sums[::2] + sums[1::2]
         low, high = np.minimum(low[::2], low[1::2]), np.maximum(high[::2], high[1::2])
@@ -187,11 +196,13 @@ def _turned_boxes(corners: Array, leaves: Indices) -> Singles:
 def _boxes_around(points: Array, first: Indices, axes: Array) -> tuple[Array, Array, Array]:
     """Boxes along `axes` (n, 3, 3), in rows, around points that begin at `first` (n + 1,): the axes
     (n, 9), middles and half extents (n, 3), all as float32 can have them."""
+    # The corners of each node along its axes, with a last one repeated.
     axes = axes.astype(np.float32).astype(np.float64)
     sizes = np.diff(first)[:, None]  # of a level they differ by a triangle
     rows = first[:-1, None] + np.minimum(np.arange(sizes.max()), sizes - 1)
     along = axes @ points[rows].transpose(0, 2, 1)
     low, high = along.min(axis=2), along.max(axis=2)
+    # The middle, rounded, and what the box then reaches from there.
     middle = np.einsum("nij,ni->nj", axes, 0.5 * (low + high)).astype(np.float32)
     middle = middle.astype(np.float64)
     at = np.einsum("nij,nj->ni", axes, middle)

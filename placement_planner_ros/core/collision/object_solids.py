@@ -75,10 +75,12 @@ class ObjectSolid:
 def object_solids(body: Body) -> tuple[ObjectSolid, ...]:
     """The convex pieces, each for itself, and all others together."""
     solids = []
+    # A solid for each convex piece.
     for part in body.solids:
         convex = coal_convex(part.vertices, part.triangles)
         convex.computeLocalAABB()
         solids.append(ObjectSolid(Shape((part_set(part),)), convex, part.vertices))
+    # What is a mesh, by its cover.
     if body.mesh is not None:
         shape = kept_shape(body.mesh.cover, body.mesh.vertices, body.mesh.triangles)
         solids.append(
@@ -91,9 +93,11 @@ def _coal_surface(shape: Shape, mesh: CoveredMesh) -> Surface:
     """A mesh for coal, in pieces of whole leaves of its tree."""
     assert shape.mesh is not None
     corners, leaves = shape.mesh.corners.reshape(-1, 3, 3), shape.mesh.leaves
+    # As many pieces as keep each of a size that coal reads well.
     pieces = 1
     while len(corners) > pieces * PIECE:
         pieces *= 2
+    # A point of each connected piece.
     connected = [
         outermost(mesh.vertices[first:end]) for first, end in itertools.pairwise(mesh.pieces)
     ]
@@ -121,9 +125,11 @@ def object_overlaps(robot: Robot, body: Body) -> Overlaps:
 def rounded_mesh(vertices: Array, triangles: Indices, most: float) -> tuple[Array, Indices]:
     """A mesh (n, 3), (t, 3) whose vertices are moved by no more than `most` metres onto a grid;
     triangles that become a line, a point or one another are left out."""
+    # Vertices that fall into one cell of the grid are one.
     side = 2.0 * most / np.sqrt(3.0)
     cells = np.rint(vertices / side).astype(np.int64)
     first, index = _distinct_rows(cells - cells.min(axis=0))
+    # Triangles that kept three corners.
     rows = index[triangles]
     rows = rows[(rows != np.roll(rows, 1, axis=1)).all(axis=1)]
     # Turned so that the least comes first: the same triangle, facing the same way, is the same row.

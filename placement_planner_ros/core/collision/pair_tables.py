@@ -162,6 +162,7 @@ def pair_tables(pairs: tuple[TablePair, ...], clear: float) -> PairTables:
     counts, tables, total = [], [np.zeros(0, dtype=np.bool_)], 0
     for number, pair in enumerate(pairs):
         step(f"tabling pair {number + 1} of {len(pairs)} of links up to two joints apart")
+        # Where the table begins, and how many cells it has.
         first, second = map(_cell_count, pair.lower, pair.upper)
         counts.append((first, second, total))
         total += first * second
@@ -179,7 +180,7 @@ def pair_tables(pairs: tuple[TablePair, ...], clear: float) -> PairTables:
 def _apart_bits(pair: TablePair, first: int, second: int, clear: float) -> npt.NDArray[np.uint8]:
     """Whether the pair is apart in each cell, a bit for each."""
     table = np.zeros((first, second), dtype=np.bool_)
-    geometry = _geometry_bytes(pair)
+    geometry = _pair_geometry(pair)
     _fill_table(geometry, _room_for(geometry), np.array(pair.lower), clear, table)
     return np.packbits(table)
 
@@ -194,8 +195,9 @@ def _table_key(pair: TablePair, clear: float) -> str:
     return digest_of(code_digest(__name__), clear, joints, inner, outer)
 
 
-def _geometry_bytes(pair: TablePair) -> _Pair:
+def _pair_geometry(pair: TablePair) -> _Pair:
     shapes = pair.inner + pair.outer
+    # All parts of both links, the inner one's first.
     parts = [part for shape in shapes for part in shape.parts]
     vertices = [np.frombuffer(data).reshape(-1, 3) for data, _ in parts]
     meshes = [shape for shape in shapes if shape.mesh is not None]

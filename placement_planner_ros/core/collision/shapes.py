@@ -118,11 +118,13 @@ def shape_of(geometry: coal.CollisionGeometry, name: str, cover: Cover | None = 
     Raises:
         RobotError: empty, not finite, without volume, or of a kind no robot link has.
     """
+    # A mesh by its cover.
     if isinstance(geometry, coal.BVHModelBase):
         return _mesh_shape(geometry, name, cover)
     radius = (
         float(geometry.getSweptSphereRadius()) if hasattr(geometry, "getSweptSphereRadius") else 0.0
     )
+    # Round solids: a point or a segment with a radius.
     none = np.zeros((0, 3)), np.zeros(0)
     if isinstance(geometry, coal.Sphere):
         _require_positive(name, geometry.radius)
@@ -132,6 +134,7 @@ def shape_of(geometry: coal.CollisionGeometry, name: str, cover: Cover | None = 
         ends = np.array([[0, 0, -geometry.halfLength], [0, 0, geometry.halfLength]])
         return _coal_solid(ConvexSet(ends, *none, geometry.radius + radius))
     scale, center = 1.0, (0.0, 0.0, 0.0)
+    # Vertices of the others, and by how much they shrink to lie within.
     if isinstance(geometry, coal.Box):
         vertices = np.array(np.meshgrid(*([-1, 1],) * 3)).reshape(3, -1).T * geometry.halfSide
     elif isinstance(geometry, coal.ConvexBase):

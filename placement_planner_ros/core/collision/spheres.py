@@ -63,6 +63,7 @@ def sphere_trees(shape: Shape, excess: float) -> tuple[SphereTree, ...]:
     def make() -> tuple[SphereTree, ...]:
         return tuple(_one_sphere_tree(shape, convex, excess) for convex in shape.sets)
 
+    # Few vertices: made at once, others from disk.
     if shape.mesh is None and sum(len(convex.vertices) for convex in shape.sets) <= _QUICK_VERTICES:
         return make()
     sets = tuple((s.vertices, s.radius, s.inner_scale, s.inner_center) for s in shape.sets)
@@ -72,6 +73,7 @@ def sphere_trees(shape: Shape, excess: float) -> tuple[SphereTree, ...]:
 
 def _one_sphere_tree(shape: Shape, convex: ConvexSet, excess: float) -> SphereTree:
     volume = len(convex.offsets) > 0
+    # Spheres around the convex set.
     tree = _cover_solid(convex.vertices.tobytes(), volume, convex.radius, excess)
     if convex.inner_scale == 1.0:
         return tree
@@ -80,6 +82,7 @@ def _one_sphere_tree(shape: Shape, convex: ConvexSet, excess: float) -> SphereTr
         # The ball in the set, scaled like it, holds a smaller one about the same centre.
         apart = np.linalg.norm(tree.centers - convex.inner_center, axis=1)
         inner = convex.inner_scale * tree.inner - (1.0 - convex.inner_scale) * apart
+    # Balls inside the mesh itself.
     if shape.mesh is not None:
         inside_of_mesh(mesh_arrays([shape.mesh]), tree.centers, inner)
         inner -= _PADDING_M
@@ -121,6 +124,7 @@ class _TreeBuilder:
 @functools.lru_cache(maxsize=4096)
 def _cover_solid(vertices: bytes, volume: bool, radius: float, excess: float) -> SphereTree:
     points = np.frombuffer(vertices).reshape(-1, 3).copy()
+    # Facets and surface of the hull, or of a segment.
     if volume:
         hull = ConvexHull(points)
         facets, surface = hull.equations, points[hull.simplices]
@@ -134,6 +138,7 @@ def _cover_solid(vertices: bytes, volume: bool, radius: float, excess: float) ->
         center, ball = bounding_sphere(corners)
         inside = max(0.0, float(np.min(-facets[:, :3] @ center - facets[:, 3])))
         node = builder.add(center, ball + radius + _PADDING_M, inside + radius - _PADDING_M)
+        # A leaf where the sphere sticks out little, else both halves.
         sticks_out = ball - inside
         if sticks_out <= excess or depth == _MAX_TREE_DEPTH:
             builder.leaves[node] = True

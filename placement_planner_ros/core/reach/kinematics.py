@@ -248,6 +248,7 @@ class Chain:
         model = robot.model
         data = model.createData()
         pin.framesForwardKinematics(model, data, q)
+        # Frame of each joint with its axis along z.
         aligned, prismatic, T_world_aligned = [], [], []
         for index in arm.q_index:
             joint = int(index) + 1  # one coordinate per joint; joint 0 is the universe
@@ -256,6 +257,7 @@ class Chain:
             T_world_aligned.append(data.oMi[joint] * pin.SE3(R_joint_aligned, np.zeros(3)))
             aligned.append(R_joint_aligned.T)
             prismatic.append(slides)
+        # Transforms from each to the next, the tip last.
         T_world_tip = data.oMf[robot.frame_id(arm.tip_frame)]
         T_world = [pin.SE3.Identity(), *T_world_aligned, T_world_tip]
         fixed = [(a.inverse() * b).homogeneous for a, b in itertools.pairwise(T_world)]
@@ -297,10 +299,12 @@ class Chain:
         What is below a millimetre, or a milliradian, for one rad or m is no motion: descriptions
         round their angles.
         """
+        # Jacobians at random configurations.
         rng = np.random.default_rng(0)
         Q = rng.uniform(
             np.maximum(self.lower, -np.pi), np.minimum(self.upper, np.pi), (16, self.dof)
         )
+        # What followers move counts for the joint that they follow.
         J = self.jacobian_batch(follow_masters(self.ties, Q), np.eye(4))
         for joint, other, factor, _ in self.ties.tolist():
             J[..., int(other)] += factor * J[..., int(joint)]

@@ -57,6 +57,7 @@ def lever_arms(chain: Chain, points: Array) -> Array:
 def _make_reach_bound(
     dof: int, fixed: bytes, prismatic: bytes, lower: bytes, upper: bytes
 ) -> ReachBound:
+    # A joint that slides stands in the middle of its range.
     frames = np.frombuffer(fixed).reshape(-1, 4, 4)
     sliding = np.frombuffer(prismatic, dtype=np.bool_)
     low, high = np.frombuffer(lower), np.frombuffer(upper)
@@ -74,10 +75,12 @@ def _make_reach_bound(
     def total(along: Array) -> float:
         return float(np.linalg.norm(gaps(along), axis=1).sum())
 
+    # Points on the axes with the least way through them, further than which the arm never reaches.
     along = np.asarray(minimize(total, np.zeros(dof), method="Powell").x).reshape(-1)
     T_last_tip = frames[-1]
     on_last = np.array([0.0, 0.0, along[-1]])
     on_first = np.array([0.0, 0.0, along[0] + middle[0], 1.0])
+    # What a slide may add to the way.
     return ReachBound(
         shoulder=(frames[0] @ on_first)[:3],
         wrist=T_last_tip[:3, :3].T @ (on_last - T_last_tip[:3, 3]),

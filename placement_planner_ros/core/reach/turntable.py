@@ -87,6 +87,7 @@ def _face_reach(chain: Chain, T_tip_face: Array) -> ReachBound:
 
 def _prolonged_chain(chain: Chain, T_tip_face: Array) -> Chain:
     """The chain with the turntable as its last joint and the face as its tip."""
+    # The turntable at the face, its axis against the normal.
     fixed = np.concatenate([chain.fixed, _UPSIDE_DOWN[None]])
     fixed[-2] = chain.fixed[-1] @ T_tip_face @ _UPSIDE_DOWN
     return replace(

@@ -64,6 +64,7 @@ def upright_motion(chain: Chain, T_tip_face: Array) -> UprightMotion:
     The configurations that have z most upright among random ones are improved by least squares;
     nothing is looked at but joint limits.
     """
+    # The most upright of many configurations, drawn at random.
     rng = np.random.default_rng(0)
     axis = T_tip_face[:3, 2]
     Q = chain.random(rng, (_DRAWN_CONFIGURATIONS,))
@@ -79,6 +80,7 @@ def upright_motion(chain: Chain, T_tip_face: Array) -> UprightMotion:
     bounds = chain.lower, chain.upper
     best = UprightMotion(np.pi, 0)
     for seed in Q[most]:
+        # Bring the axis upright, and see how the face can then move.
         q = least_squares(off, seed, turning, bounds, xtol=1e-12, ftol=1e-15).x
         tilt = 2.0 * float(np.arcsin(min(0.5 * float(np.linalg.norm(off(q))), 1.0)))
         directions = _upright_dimensions(chain, q, turning(q), T_tip_face)

@@ -27,6 +27,7 @@ class _Reach:
     """Whether any arm is long enough: how far its wrist gets from its shoulder is bounded."""
 
     def __init__(self, body: Body, holdings: Iterable[Holding]) -> None:
+        # Each arm's bound, with its wrist in the frame of the object.
         bounds, in_object = [], []
         for holding in holdings:
             bound = ReachBound.of(holding.chain)
@@ -35,6 +36,7 @@ class _Reach:
         wrists = np.array(in_object).reshape(-1, 3)
         self._shoulders = np.array([bound.shoulder for bound in bounds]).reshape(-1, 3)
         self._lengths = np.array([bound.length for bound in bounds])
+        # The wrists in the frame of each face.
         self._wrists = np.array(
             [wrists @ f.T_face_object.rotation.T + f.T_face_object.translation for f in body.faces]
         ).reshape(len(body.faces), len(wrists), 3)

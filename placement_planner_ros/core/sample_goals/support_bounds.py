@@ -64,6 +64,7 @@ class _Vertices:
 
     def __init__(self, poses: PoseConstraints, columns: _Columns) -> None:
         self._columns = columns
+        # The corners of each face about the contact point.
         feet = []
         for face in poses.problem.body.faces:
             T = face.T_face_object
@@ -92,6 +93,7 @@ class _Polygon:
         self._columns = columns
 
     def lacks(self, placed: PlacedCells) -> Mask:
+        # Squares that must hold support: to each side of the centre of mass.
         shift, inside = self._support.least_inside(placed.face, placed.slope)
         radius = self._support.radii[placed.face, None] + _ROUNDING_M
         foot = placed.contact[:, :2]
@@ -104,6 +106,7 @@ class _Polygon:
         for axis in range(2):
             lowest[:, 2 * axis, axis] = (low + shift + keeps)[:, axis]
             highest[:, 2 * axis + 1, axis] = (high + shift - keeps)[:, axis]
+        # Some of them holds none.
         found = self._columns.within(placed, lowest, highest)
         return np.asarray((found == 0).any(axis=1))
 
@@ -117,6 +120,7 @@ class _Columns:
     def __init__(self, poses: PoseConstraints, margin: float | None) -> None:
         body, environment = poses.problem.body, poses.problem.environment
         volume, support = poses.problem.volume, environment.support
+        # Columns of the map around V.
         size = float(np.linalg.norm(np.ptp(body.vertices, axis=0)))
         corners = np.array([volume.lower[:2] - size, volume.upper[:2] + size])
         first, last = _map_columns(support, corners)
@@ -124,6 +128,7 @@ class _Columns:
         self._cell_size = support.cell_size
         self._shape = np.maximum(last - first + 1, 0)
         self._tables = {}
+        # A table for each slope of a region.
         for slope in {region.slope for region in poses.regions}:
             heights = np.array([r.z for r in poses.regions if r.slope == slope])
             levels = np.unique(np.round(heights / _SAME_HEIGHT_M))
@@ -141,12 +146,14 @@ class _Columns:
     ) -> Array:
         """(levels, nx + 1, ny + 1) columns with a roomy surface at that height, summed up."""
         off = 0.51 * _SAME_HEIGHT_M
+        # Surfaces of the columns in question.
         column = np.repeat(np.arange(len(support.start) - 1), np.diff(support.start))
         i, j = np.array(np.divmod(column, support.columns[1])) - first[:, None]
         nx, ny = self._shape
         near = (i >= 0) & (i < nx) & (j >= 0) & (j < ny)
         i, j = i[near], j[near]
         sums = np.zeros((len(levels), nx + 1, ny + 1), dtype=np.int32)
+        # Mark columns with a surface at that height, and sum them up.
         for table, level in zip(sums, levels, strict=True):
             at = support.roomy(level * _SAME_HEIGHT_M, tolerance, margin, off)[near]
             table[i[at] + 1, j[at] + 1] = 1
@@ -155,12 +162,14 @@ class _Columns:
     def within(self, placed: PlacedCells, lowest: Array, highest: Array) -> Index:
         """(n, m) how many there are at the height of each cell from corners to corners (n, m, 2);
         none where the first lie beyond the second."""
+        # Columns of both corners, within the table.
         low = np.floor((lowest - self._origin) / self._cell_size).astype(np.int64)
         high = np.floor((highest - self._origin) / self._cell_size).astype(np.int64) + 1
         low, high = np.clip(low, 0, self._shape), np.clip(high, 0, self._shape)
         high = np.maximum(low, high)
         i0, j0, i1, j1 = low[..., 0], low[..., 1], high[..., 0], high[..., 1]
         found = np.zeros(i0.shape, dtype=np.int64)
+        # The number in a rectangle, by four sums.
         for slope, (levels, sums) in self._tables.items():
             of = (placed.slope == slope).all(axis=1)
             level = np.searchsorted(levels, np.round(placed.height[of] / _SAME_HEIGHT_M))[:, None]
@@ -176,6 +185,7 @@ def _beside_volume(
     """(n,) whether no point within a square of half sides (n, 2), and within a rise (n,) of a
     height (n,), lies in V."""
     beside = np.ones(len(middle), np.bool_)
+    # Beside or above or below every box of V.
     for lower, upper in volume.joined:
         away = (middle + within < lower[:2]) | (middle - within > upper[:2])
         apart = (height + rise < lower[2]) | (height - rise > upper[2])

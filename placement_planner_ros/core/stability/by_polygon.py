@@ -40,6 +40,7 @@ class PolygonSupport:
         self.faces = tuple(face.over(body.center_of_mass) for face in body.faces)
         self.footing = footing
         self._problem = problem
+        # The centre of mass over each face, and the points that touch.
         centers = [face.T_face_object.act(body.center_of_mass) for face in self.faces]
         self.heights = np.array([center[2] for center in centers])
         self._contacts = [contact_points(body, face) for face in self.faces]
@@ -78,6 +79,7 @@ class PolygonSupport:
         truly carries lies within so much of each, where the object touches, too, and the hull is
         shrunk by as much more.
         """
+        # The points that span the contact, then all, then those with room around.
         added = self._problem.environment.support_of(slope).trim
         looks = [(self._spread, 0.0), (self._others, 0.0)]
         if added > 0.0:
@@ -106,12 +108,14 @@ class PolygonSupport:
             points: (k, 2) of each face.
             added: m that surfaces may reach beyond their true ends, and are taken to.
         """
+        # Poses on one face together.
         widths, planes, noise = np.zeros(len(T)), np.zeros((len(T), 3)), np.zeros(len(T))
         for face in np.unique(faces):
             if len(points[face]):
                 on = np.flatnonzero(faces == face)
                 found = self._carried(points[face], T[on], int(face), slope, added)
                 widths[on], planes[on], noise[on] = found
+        # Those that carry, unless something under them lifts the object.
         firm = np.asarray(widths > 0.0)
         rows = np.flatnonzero(firm)
         if len(rows):
@@ -126,6 +130,7 @@ class PolygonSupport:
         """What `_firm_support` says of poses on one face; (n,) m that heights may be off by."""
         environment = self._problem.environment
         inward = self.faces[face].T_face_object.inverse()
+        # The contact points at each pose, and how far the surface is above each.
         in_object = points @ inward.rotation[:, :2].T + inward.translation
         placed = in_object @ T[:, :3, :3].transpose(0, 2, 1) + T[:, None, :3, 3]
         support = environment.support_of(slope)
@@ -151,6 +156,7 @@ class PolygonSupport:
             (n, 2) m from the reference point to where it lies along gravity; (n,) m at least that
             supported points reach beyond that in all directions, seen from above.
         """
+        # Gravity's lean shifts the foot; the margin, or what tipping takes on level ground.
         shift = self.heights[face, None] * upright(slope)[:, :2, 2]
         keeps = np.full(len(face), self.footing.support_margin)
         level = ~slope.any(axis=1)

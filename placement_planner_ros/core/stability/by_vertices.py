@@ -43,11 +43,13 @@ class VertexSupport:
 
     def stable(self, T: Array, faces: npt.NDArray[np.int64], slope: Slope) -> npt.NDArray[np.bool_]:
         """(n,) s(x) of poses (n, 4, 4) on these faces (n,) and one slope."""
+        # Every corner of the face needs support, in one plane.
         points, first = _placed_corners(self._corners, self._first, faces, np.ascontiguousarray(T))
         support = self._environment.support_of(slope)
         gaps = support.gaps(points, self.footing.contact_tolerance, self.footing.edge_margin, first)
         widths, above = coplanar_support(points, gaps, first, support.height_noise)
         stable = widths > 0.0
+        # Nothing under it lifts the object.
         rows = np.flatnonzero(stable)
         if len(rows):
             planes = np.zeros((len(rows), 3))
@@ -56,6 +58,7 @@ class VertexSupport:
             stable[rows] = ~self._rises.lift(
                 T[rows], faces[rows], slope, planes, widths[rows], noise
             )
+        # On a slope it must not tip over.
         if slope != LEVEL:
             rows = np.flatnonzero(stable)
             for face in np.unique(faces[rows]):
@@ -107,10 +110,12 @@ def stays_standing(corners: Array) -> npt.NDArray[np.bool_]:
     Args:
         corners: (n, k, 3) of each polygon in boundary order, seen from the centre of mass, z up.
     """
+    # Sides of the polygon, and whether the centre of mass is over it.
     edges = np.roll(corners, -1, axis=1) - corners
     edges /= np.maximum(np.linalg.norm(edges, axis=2, keepdims=True), 1e-12)
     across = edges[..., 0] * corners[..., 1] - edges[..., 1] * corners[..., 0]
     inside = (across < 0.0).all(axis=1) | (across > 0.0).all(axis=1)
+    # How high the centre of mass rises over each side before it falls.
     away = (corners * edges).sum(axis=2, keepdims=True) * edges - corners
     highest = np.linalg.norm(away, axis=2) * np.sqrt(1.0 - edges[..., 2] ** 2)
     lifted = (highest - away[..., 2]).min(axis=1)

@@ -115,11 +115,13 @@ class SweptSpace:
         self._stretches = tuple(stretches)
         self._margin = margin + BOUND_TOLERANCE_M
         self._known = known.arrays
+        # Points as near as that to what is known are no news, and how many must lie together.
         self._known_within = max(margin, _KNOWN_SURFACE_NOISES * known.noise)
         self._together = _CLUSTER_CELLS * known.cell_size
         self._fewest = _CLUSTER_POINTS if density >= _SPARSE_POINTS_PER_CELL else 1
         self._paths = []
         marks = 0
+        # Frames of each stretch, with half of the motion between two of them.
         for stretch in stretches:
             arrays = stretch.arm.arrays
             frames = _frames_along(arrays, stretch.configurations)
@@ -149,6 +151,7 @@ class SweptSpace:
         return None
 
     def _sweep(self) -> SweptCubes:
+        # A grid around all that is swept.
         reach = [self._margin + path.slack * BLOCK_CONFIGURATIONS for path in self._paths]
         lower, upper = np.full(3, np.inf), np.full(3, -np.inf)
         for path, beyond in zip(self._paths, reach, strict=True):
@@ -159,6 +162,7 @@ class SweptSpace:
         cubes = SweptCubes(
             lower, size, np.zeros(shape, dtype=np.int32), np.zeros(shape, dtype=np.int32)
         )
+        # Mark the cubes of each stretch.
         for path, beyond in zip(self._paths, reach, strict=True):
             mark_cubes(path, beyond, cubes)
         return cubes
@@ -171,6 +175,7 @@ def even_times(arm: ArmCollision, coarse: Array, times: Array) -> Array:
         coarse: (k, dof) the curve at `times`, dense enough that it is straight in between.
         times: (k,).
     """
+    # Times at even steps of the greatest motion.
     moved = largest_motions(arm.arrays, _frames_along(arm.arrays, coarse))
     along = np.concatenate([[0.0], np.cumsum(moved)])
     number = int(np.ceil(along[-1] / MOTION_BETWEEN_M))
