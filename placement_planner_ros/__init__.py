@@ -42,7 +42,8 @@ G_s, v(n), r(n), Update                       search.tree.SearchTree, search.tre
 PlanMotion; 𝒢, M_s                            plan_motion.transit.MotionPlanner.plan
 ... its bidirectional RRT                     motion.birrt.GoalSetRRT
 OptimizeLocally                               optimize_locally.LocalOptimizer.optimize
-... ∂ξ/∂(x, y, e_z), μ                        objective.objective.gradient, objective.ascent.climb
+... ∂ξ/∂(x, y, e_z)                           objective.objective.objective_gradient
+... μ                                         objective.ascent.climb_objective
 ... J; J†                                     reach.kinematics.Chain.jacobian; optimize_locally
 ============================================  =====================================================
 """

@@ -27,8 +27,8 @@ from benchmarks.motion.ompl_space import EdgeSpace
 from benchmarks.motion.problems import MotionProblem, panda_problems
 from benchmarks.text_table import TextTable
 from placement_planner_ros.core.motion.birrt import GoalSetRRT, GoalSetRRTSettings
-from placement_planner_ros.core.motion.shortcut import shorten
-from placement_planner_ros.core.timing.timing import parameterize
+from placement_planner_ros.core.motion.shortcut import shorten_path
+from placement_planner_ros.core.timing.timing import parameterize_path
 from placement_planner_ros.core.timing.trajectory_maker import TimingSettings
 from placement_planner_ros.core.types import Array, Trajectory
 
@@ -139,7 +139,7 @@ class Workbench:
         """This project's shortcutting, as much of it as planning does."""
         attempts = TimingSettings().shortcut_attempts
         rng = np.random.default_rng(seed)
-        return self._timed(lambda: shorten(path, self.edge_free, rng, attempts))
+        return self._timed(lambda: shorten_path(path, self.edge_free, rng, attempts))
 
     def simplify(self, path: Array) -> Shortened:
         """OMPL's simplifier, to its end."""
@@ -155,7 +155,7 @@ class Workbench:
         def timed_free(a: Array, b: Array, deviation: Array) -> bool:
             return self.collision.edge_free(a, b, deviation=deviation)
 
-        trajectory = parameterize(path, arm.joints, arm.velocity, acceleration, timed_free)
+        trajectory = parameterize_path(path, arm.joints, arm.velocity, acceleration, timed_free)
         return Shortened(seconds, path, path_length(path), trajectory)
 
 

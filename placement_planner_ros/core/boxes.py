@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
-_SAME = 1e-9
+_SAME_FACE_M = 1e-9
 """m: faces as near as this to each other are taken for one, as decimal numbers do not meet."""
 
 
@@ -37,10 +37,10 @@ def joined_boxes(boxes: Array) -> Array:
         kept = others[np.lexsort(others.reshape(len(others), -1).T[::-1])]
         first = 0
     around = np.stack([kept[:, 0].min(axis=0), kept[:, 1].max(axis=0)])[None]
-    return around if len(kept) > 1 and _fills(kept) else kept
+    return around if len(kept) > 1 and _fill_one_box(kept) else kept
 
 
-def _fills(boxes: Array) -> bool:
+def _fill_one_box(boxes: Array) -> bool:
     """Whether the union of the boxes (k, 2, 3) is the box around them."""
     planes = [np.unique(boxes[:, :, axis]) for axis in range(3)]
     filled = np.zeros([len(at) - 1 for at in planes], np.bool_)
@@ -68,7 +68,7 @@ def _with_common_faces(boxes: Array) -> Array:
         return moved
     for axis in range(boxes.shape[2]):
         values = np.unique(boxes[:, :, axis])
-        group = np.cumsum(np.append(True, np.diff(values) > _SAME)) - 1
+        group = np.cumsum(np.append(True, np.diff(values) > _SAME_FACE_M)) - 1
         lowest = values[np.searchsorted(group, group)]
         moved[:, :, axis] = lowest[np.searchsorted(values, boxes[:, :, axis])]
     return moved

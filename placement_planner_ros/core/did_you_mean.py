@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from difflib import SequenceMatcher
 
-_LIKE = 0.6
+_LIKENESS_SHARE = 0.6
 """Share of letters that two names have in common where one may be meant by the other."""
-_LONGEST = 100
+_MAX_NAME_LETTERS = 100
 """Letters of a name that are looked at."""
 
 
@@ -16,10 +16,10 @@ def did_you_mean(name: str, known: Iterable[str]) -> str | None:
 
     A name without its group, such as `cell_size`, is like the whole.
     """
-    wanted = _bare(name)
-    best, most = None, _LIKE
+    wanted = _bare_name(name)
+    best, most = None, _LIKENESS_SHARE
     for candidate in known:
-        for form in {_bare(candidate), _bare(candidate.rpartition(".")[2])}:
+        for form in {_bare_name(candidate), _bare_name(candidate.rpartition(".")[2])}:
             matcher = SequenceMatcher(None, wanted, form, autojunk=False)
             if matcher.real_quick_ratio() < most or matcher.quick_ratio() < most:
                 continue
@@ -29,5 +29,5 @@ def did_you_mean(name: str, known: Iterable[str]) -> str | None:
     return best
 
 
-def _bare(name: str) -> str:
-    return "".join(c for c in name[:_LONGEST].lower() if c.isalnum())
+def _bare_name(name: str) -> str:
+    return "".join(c for c in name[:_MAX_NAME_LETTERS].lower() if c.isalnum())

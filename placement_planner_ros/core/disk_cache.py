@@ -72,12 +72,12 @@ def cache_folder() -> Path | None:
         return None
 
 
-def sealed(content: bytes, name: str) -> bytes:
+def seal_content(content: bytes, name: str) -> bytes:
     """Content that is kept under that name, after the digest of both."""
     return hashlib.sha256(name.encode() + content).digest() + content
 
 
-def unsealed(data: bytes, name: str) -> bytes:
+def unseal_content(data: bytes, name: str) -> bytes:
     """The content that was sealed under that name.
 
     Raises:
@@ -122,12 +122,12 @@ def code_digest(module: str) -> str:
         file = waiting.pop()
         if file not in contents:
             contents[file] = file.read_bytes()
-            waiting += _imports(file)
+            waiting += _imported_modules(file)
     return digest_of(np.__version__, scipy.__version__, *(contents[f] for f in sorted(contents)))
 
 
 @functools.cache
-def _imports(file: Path) -> list[Path]:
+def _imported_modules(file: Path) -> list[Path]:
     """The modules of this package that a file imports; all of a folder where it names that."""
     found: list[Path] = []
     for module in _IMPORT.findall(file.read_text(encoding="utf-8")):
@@ -140,7 +140,7 @@ def _file_of(module: str) -> Path:
     return _PACKAGE.parent.joinpath(*module.split(".")).with_suffix(".py")
 
 
-def stored(kind: str, key: str, make: Callable[[], Result]) -> Result:
+def stored_result(kind: str, key: str, make: Callable[[], Result]) -> Result:
     """The result of that kind and key from disk, or made and kept there.
 
     Args:
@@ -148,22 +148,22 @@ def stored(kind: str, key: str, make: Callable[[], Result]) -> Result:
         key: of all that it depends on (`digest_of`).
         make: makes it; what it raises ends it.
     """
-    result: Result | None = find(kind, key)
+    result: Result | None = find_result(kind, key)
     if result is None:
         result = make()
-        keep(kind, key, result)
+        keep_result(kind, key, result)
     return result
 
 
-def find(kind: str, key: str) -> Any:
+def find_result(kind: str, key: str) -> Any:
     """The result that was kept of that kind and key; None where there is none."""
-    results = _results(kind)
+    results = _results_of_kind(kind)
     return None if results is None else results.find(key)
 
 
-def keep(kind: str, key: str, result: object) -> None:
-    """Keep a result, which is not None, for `find`; arrays that are read-only stay so."""
-    results = _results(kind)
+def keep_result(kind: str, key: str, result: object) -> None:
+    """Keep a result, which is not None, for `find_result`; arrays that are read-only stay so."""
+    results = _results_of_kind(kind)
     if results is not None:
         results.keep(key, pickle.dumps(result, protocol=5))
 
@@ -172,7 +172,7 @@ _BYPASSED: ContextVar[bool] = ContextVar("bypassed", default=False)
 
 
 @contextlib.contextmanager
-def bypassed() -> Iterator[None]:
+def bypassed_cache() -> Iterator[None]:
     """Meanwhile all results are made, and none is found or kept."""
     before = _BYPASSED.set(True)
     try:
@@ -181,7 +181,7 @@ def bypassed() -> Iterator[None]:
         _BYPASSED.reset(before)
 
 
-def _content(key: str, content: bytes | None) -> bytes:
+def _content_of_key(key: str, content: bytes | None) -> bytes:
     """What joblib keeps by its key; to ask for what is not there is to give None."""
     if content is None:
         raise LookupError(key)
@@ -202,14 +202,14 @@ class _Results:
         self._kind = kind
         self._folder = folder
         self._memory = joblib.Memory(folder, verbose=0)
-        self._kept = self._memory.cache(_content, ignore=["content"])
+        self._kept = self._memory.cache(_content_of_key, ignore=["content"])
         self._unlimited = MAX_BYTES
         with contextlib.suppress(LookupError):  # has joblib write down whose results these are
             self._kept("", None)
 
     def find(self, key: str) -> Any:
         try:
-            return pickle.loads(unsealed(self._kept(key, None), key))
+            return pickle.loads(unseal_content(self._kept(key, None), key))
         except OSError as error:
             _note_unwritten(self._kind, self._folder, error)
         except (LookupError, ValueError):
@@ -220,7 +220,7 @@ class _Results:
 
     def keep(self, key: str, content: bytes) -> None:
         try:
-            self._kept.call(key, sealed(content, key))
+            self._kept.call(key, seal_content(content, key))
             self._limit(len(content))
             if not self._kept.check_call_in_cache(key, None):
                 raise OSError("it is full or read-only")
@@ -235,15 +235,15 @@ class _Results:
             self._unlimited = 0
 
 
-def _results(kind: str) -> _Results | None:
+def _results_of_kind(kind: str) -> _Results | None:
     folder = cache_folder()
     if folder is None or _BYPASSED.get():
         return None
-    return _opened(kind, folder / "results" / kind.replace(" ", "-"))
+    return _open_results(kind, folder / "results" / kind.replace(" ", "-"))
 
 
 @functools.lru_cache(maxsize=64)
-def _opened(kind: str, folder: Path) -> _Results | None:
+def _open_results(kind: str, folder: Path) -> _Results | None:
     try:
         return _Results(kind, folder)
     except OSError as error:

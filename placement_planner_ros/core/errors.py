@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-NAMED = 12
+NAMED_THINGS = 12
 """Things that are named at most where any number may be meant."""
 
-LONGEST = 2000
+MAX_REMEDY_LETTERS = 2000
 """Characters of a remedy, which may name what somebody else has named."""
 
 
-def listed(things: Sequence[str], separator: str = ", ", most: int = NAMED) -> str:
+def listed(things: Sequence[str], separator: str = ", ", most: int = NAMED_THINGS) -> str:
     """All of few things; of many the first, and how many more there are."""
     if len(things) <= most:
         return separator.join(things)
@@ -56,20 +56,21 @@ class PlacementPlannerError(Exception):
         self.field = field
         self.value = value
         self.remedy = remedy
-        shown = _short(_shown(value), 600)
-        super().__init__(f"{_short(field, 200)} = {shown}: {_short(remedy, LONGEST)}")
+        shown = _shortened_words(_shown_value(value), 600)
+        advice = _shortened_words(remedy, MAX_REMEDY_LETTERS)
+        super().__init__(f"{_shortened_words(field, 200)} = {shown}: {advice}")
 
 
-def _shown(value: object) -> str:
+def _shown_value(value: object) -> str:
     """The value in words; of many the first."""
-    if isinstance(value, list | tuple) and len(value) > NAMED:
+    if isinstance(value, list | tuple) and len(value) > NAMED_THINGS:
         return f"[{listed([repr(each) for each in value])}]"
-    if isinstance(value, Mapping) and len(value) > NAMED:
+    if isinstance(value, Mapping) and len(value) > NAMED_THINGS:
         return f"{{{listed([f'{key!r}: {each!r}' for key, each in value.items()])}}}"
     return repr(value)
 
 
-def _short(words: str, most: int) -> str:
+def _shortened_words(words: str, most: int) -> str:
     """The words, or what fits of them."""
     return words if len(words) <= most else f"{words[: most - 3]}..."
 

@@ -29,7 +29,7 @@ from typing import IO, Any
 from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 
-from placement_planner_ros.core.disk_cache import TROUBLES, sealed, unsealed
+from placement_planner_ros.core.disk_cache import TROUBLES, seal_content, unseal_content
 from placement_planner_ros.core.kernel_compiler import KernelLibrary, is_long, note_long
 
 _Maker = tuple[str, str]
@@ -87,7 +87,7 @@ class KernelCache:
         """Whether the version for these arguments is on disk, and whole."""
         path = self._path(signature, target_context.codegen())
         try:
-            return self._enabled and bool(unsealed(path.read_bytes(), path.name))
+            return self._enabled and bool(unseal_content(path.read_bytes(), path.name))
         except (OSError, ValueError):
             return False
 
@@ -106,12 +106,12 @@ class KernelCache:
 
     def load_overload(self, signature: object, target_context: Any) -> Any:
         """The version for these arguments, None where it has to be compiled."""
-        _refresh(target_context)
+        _refresh_numba(target_context)
         if not self._enabled:
             return None
         path = self._path(signature, target_context.codegen())
         found = self._load(path, signature, target_context)
-        if found is None and _claim(path):
+        if found is None and _claim_file(path):
             found = self._load(path, signature, target_context)  # made by another meanwhile
             if found is not None:
                 _give_back(path)
@@ -127,7 +127,7 @@ class KernelCache:
             TROUBLES.note("unread", words)
             return None
         try:
-            called, long, *parts = _unpacked(content, path.name)
+            called, long, *parts = _unpacked_parts(content, path.name)
             if not _load_all(called, target_context):
                 return None
             compiled = CompileResult._rebuild(_Kernels(target_context), *parts)
@@ -149,7 +149,7 @@ class KernelCache:
         path = self._path(signature, compiled.codegen)
         try:
             called = _called_by(compiled)
-            write_whole(path, _packed((called, long, *compiled._reduce()), path.name))
+            write_whole(path, _packed_parts((called, long, *compiled._reduce()), path.name))
         except OSError as error:
             TROUBLES.note(
                 "unwritten",
@@ -177,7 +177,7 @@ def claim_versions() -> None:
     _CLAIMED = {}
 
 
-def _claim(path: Path) -> bool:
+def _claim_file(path: Path) -> bool:
     """Have others wait until `_give_back`, after those that came first; False where none waits.
 
     No two processes wait for each other: who has claimed a kernel waits for what that calls only,
@@ -221,13 +221,13 @@ class _Kernels:
 
 
 @functools.cache
-def _refresh(target_context: Any) -> None:
+def _refresh_numba(target_context: Any) -> None:
     """Know numba's own functions, once: before it compiles, numba does so itself."""
     target_context.refresh()
 
 
-def versions(of: str) -> bytes:
-    """Which versions of kernels this process has, for `load`.
+def kernel_versions(of: str) -> bytes:
+    """Which versions of kernels this process has, for `load_kernels`.
 
     Args:
         of: how the names of their modules begin.
@@ -236,11 +236,11 @@ def versions(of: str) -> bytes:
     return dumps(sorted(made, key=repr))
 
 
-def load(versions: bytes) -> bool:
+def load_kernels(versions: bytes) -> bool:
     """Have all these versions, from disk.
 
     Args:
-        versions: of kernels whose modules are imported, as `versions` said.
+        versions: of kernels whose modules are imported, as `kernel_versions` said.
 
     Returns:
         whether all of them are there; if not, none is loaded.
@@ -302,11 +302,11 @@ def write_whole(path: Path, content: bytes) -> None:
         raise
 
 
-def _packed(parts: tuple[Any, ...], name: str) -> bytes:
-    return sealed(dumps(parts), name)
+def _packed_parts(parts: tuple[Any, ...], name: str) -> bytes:
+    return seal_content(dumps(parts), name)
 
 
-def _unpacked(content: bytes, name: str) -> tuple[Any, ...]:
+def _unpacked_parts(content: bytes, name: str) -> tuple[Any, ...]:
     """What was packed for the file of that name.
 
     Machine code that lost a block, or of another kernel, would end the process once it is run.
@@ -314,5 +314,5 @@ def _unpacked(content: bytes, name: str) -> tuple[Any, ...]:
     Raises:
         ValueError: it is not as it was written there.
     """
-    parts: tuple[Any, ...] = pickle.loads(unsealed(content, name))
+    parts: tuple[Any, ...] = pickle.loads(unseal_content(content, name))
     return parts

@@ -1,4 +1,4 @@
-"""How numba compiles kernels: each once, however many others call it.
+"""Compilation by numba of each kernel once, however many others call it.
 
 Numba links what a function calls into it, and optimises and emits all of it again, with a function
 of twenty callees twenty times. Here a kernel is compiled once: its callers get it to write it into
@@ -16,7 +16,7 @@ import llvmlite.binding as llvm
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 
-_WRITTEN_IN = 500
+_INLINED_INSTRUCTIONS = 500
 """Instructions beside its arguments from which on a kernel is too long to be written into others.
 LLVM does so up to some 50, or 260 where it is called in a loop."""
 
@@ -107,7 +107,7 @@ def is_long(compiled: Any) -> bool:
     # Instructions are the lines indented by two, which is told faster than asking for each.
     lines = str(function).splitlines()
     instructions = sum(line[:2] == "  " and line[2:3] not in (" ", "]") for line in lines)
-    return instructions > _WRITTEN_IN + sum(1 for _ in function.arguments)
+    return instructions > _INLINED_INSTRUCTIONS + sum(1 for _ in function.arguments)
 
 
 def note_long(library: Any) -> None:

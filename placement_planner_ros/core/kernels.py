@@ -1,4 +1,4 @@
-"""How kernels are compiled, and where what was compiled is kept.
+"""Compilation of kernels, and the folder where what was compiled is kept.
 
 Every kernel is cached in a folder named after the state of the file that holds it and of all files
 with kernels, or with named tuples that kernels take, that it imports. Numba itself only notices
@@ -105,7 +105,7 @@ def kernel(*, lean: bool = False, nogil: bool = False, inline: bool = False) -> 
     def decorate(function: _F) -> _F:
         file = inspect.getfile(function)
         called = _Kernel(function, options, _cache_folder(file))
-        NAMES[function] = _name(function, file)
+        NAMES[function] = _kernel_name(function, file)
         if not inline:
             _KERNELS.append((function.__module__, called.compiled._cache))
         return cast(_F, called.compiled)
@@ -156,11 +156,11 @@ class _Kernel:
         return self._own_overload(signature)
 
 
-def _name(function: Callable[..., Any], file: str) -> str:
+def _kernel_name(function: Callable[..., Any], file: str) -> str:
     """What tells it from all other kernels, and is the same in each process."""
     cells = [cell.cell_contents for cell in function.__closure__ or ()]
     own = (function.__module__, function.__qualname__, function.__code__.co_firstlineno)
-    digest = hashlib.sha256(_state(file).encode() + repr(own).encode())
+    digest = hashlib.sha256(_source_state(file).encode() + repr(own).encode())
     digest.update(function.__code__.co_code + dumps(cells))
     return digest.hexdigest()[:16]
 
@@ -171,24 +171,24 @@ def _cache_folder(file: str) -> str:
 
     Empty where there is neither a cache nor a home.
     """
-    caches = _caches()
+    caches = _kernel_caches()
     if caches is None:
         return ""
-    return str(caches / f"{Path(file).stem}-{_state(file)}")
+    return str(caches / f"{Path(file).stem}-{_source_state(file)}")
 
 
 @functools.cache
-def _state(file: str) -> str:
+def _source_state(file: str) -> str:
     """Of that file, of all it calls and of what compiles and keeps it."""
     # Kernels that look whether each index is within its array are others.
     looks = getattr(numba.config, "BOUNDSCHECK", None)
     digest = hashlib.sha256(repr((numba.__version__, looks)).encode())
-    for path in (*_COMPILER, *sorted(_imported(Path(file), {}))):
+    for path in (*_COMPILER, *sorted(_imported_files(Path(file), {}))):
         digest.update(path.name.encode() + path.read_bytes())
     return digest.hexdigest()[:16]
 
 
-def _caches() -> Path | None:
+def _kernel_caches() -> Path | None:
     caches = cache_folder()
     if caches is None:
         TROUBLES.note(
@@ -199,27 +199,27 @@ def _caches() -> Path | None:
     return caches
 
 
-def _imported(path: Path, found: dict[Path, None]) -> dict[Path, None]:
+def _imported_files(path: Path, found: dict[Path, None]) -> dict[Path, None]:
     """`path` and what it imports, itself or through others, as far as it shapes kernels."""
     found[path] = None
-    for file in _imports(path):
+    for file in _kernel_imports(path):
         if file not in found:
-            _imported(file, found)
+            _imported_files(file, found)
     return found
 
 
 @functools.cache
-def _imports(path: Path) -> list[Path]:
+def _kernel_imports(path: Path) -> list[Path]:
     """The files with kernels, or with what they take, that `path` itself imports."""
     found: list[Path] = []
-    for module, names in _IMPORT.findall(_source(path)):
+    for module, names in _IMPORT.findall(_source_text(path)):
         target = _PACKAGE.joinpath(*module.split(".")[1:])
-        files = _modules(target, names) if target.is_dir() else [target.with_suffix(".py")]
+        files = _imported_modules(target, names) if target.is_dir() else [target.with_suffix(".py")]
         found += [file for file in files if _shapes_kernels(file)]
     return found
 
 
-def _modules(folder: Path, names: str) -> list[Path]:
+def _imported_modules(folder: Path, names: str) -> list[Path]:
     """Those that are imported from a package; all of it where a name is not that of a module."""
     files = [folder / f"{name}.py" for name in re.findall(r"\w+", names)]
     return files if all(file.is_file() for file in files) else sorted(folder.glob("*.py"))
@@ -227,9 +227,9 @@ def _modules(folder: Path, names: str) -> list[Path]:
 
 @functools.cache
 def _shapes_kernels(file: Path) -> bool:
-    return bool(_SHAPING.search(_source(file)))
+    return bool(_SHAPING.search(_source_text(file)))
 
 
 @functools.cache
-def _source(path: Path) -> str:
+def _source_text(path: Path) -> str:
     return path.read_text(encoding="utf-8")

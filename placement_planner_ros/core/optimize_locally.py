@@ -11,8 +11,8 @@ import pinocchio as pin
 from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.grasp.free_yaw_ik import FreeYawIK
 from placement_planner_ros.core.grasp.holding import Holding
-from placement_planner_ros.core.objective.ascent import AscentSettings, climb
-from placement_planner_ros.core.objective.objective import Objective, evaluate, moved
+from placement_planner_ros.core.objective.ascent import AscentSettings, climb_objective
+from placement_planner_ros.core.objective.objective import Objective, evaluate_objective, moved_pose
 from placement_planner_ros.core.types import Array, Goal, Verdict, upright
 
 
@@ -64,19 +64,19 @@ class LocalOptimizer:
             slide.append(goal.q_raised)
             return goal.T_world_object
 
-        climb(
+        climb_objective(
             self._objective, goal.T_world_object, attempt, self._settings, should_stop, goal.slope
         )
         return Refined(goal, np.array(slide))
 
     def _try(self, goal: Goal, holding: Holding, change: Array) -> Goal | None:
-        x, q = moved(goal.T_world_object, change, goal.slope), None
+        x, q = moved_pose(goal.T_world_object, change, goal.slope), None
         if holding.any_turn is not None:
             given = self._as_the_arm_can(goal, holding.any_turn, change)
             if given is None:
                 return None
             x, q = given
-        value = evaluate(self._objective, x)
+        value = evaluate_objective(self._objective, x)
         if not value > goal.objective + self._min_improvement:
             return None
         verdict = self._poses.verdict(x, goal.face, goal.contact_height, goal.slope)
@@ -104,7 +104,7 @@ class LocalOptimizer:
         """A pose near the one changed, and q; the turn is what an arm of few joints gives there."""
         radius = self._settings.turn_radius
         possible = any_turn.nearest_change(goal.q, change, radius, goal.slope)
-        x = moved(goal.T_world_object, possible, goal.slope)
+        x = moved_pose(goal.T_world_object, possible, goal.slope)
         face = self._poses.problem.body.faces[goal.face]
         return any_turn.follow(x, face.T_face_object, goal.q)
 

@@ -66,7 +66,7 @@ from placement_planner_ros.core.wishes.settings import TurnSettings, WishSetting
 
 _log = logging.getLogger(__name__)
 
-_EXPLAINED_AFTER = 2000
+_EXPLAINED_SAMPLES = 2000
 """Samples after which a search that has found nothing says why; again each time they doubled."""
 
 SamplerName = Literal["optimistic", "mcts", "uniform"]
@@ -128,7 +128,7 @@ class PlannerSettings(Settings):
         unit="m",
         text="Minimum and maximum corner of a box in planning_frame that moving links, hand and "
         "object keep out of, with their margin; or those of several boxes, one after the other, up "
-        f"to {checks.MAX_KEEP_OUT}. They carry nothing and do not count for clearance.",
+        f"to {checks.MAX_KEEP_OUT_BOXES}. They carry nothing and do not count for clearance.",
     )
     turns: TurnSettings = field(default_factory=TurnSettings)
     wishes: WishSettings = field(default_factory=WishSettings)
@@ -156,7 +156,7 @@ class PlannerSettings(Settings):
 
     def __post_init__(self) -> None:
         Settings.__post_init__(self)
-        checks.boxes("keep_out", self.keep_out)
+        checks.check_boxes("keep_out", self.keep_out)
 
     def context(
         self, environment: Environment, volume: TargetVolume, body: Body
@@ -315,7 +315,7 @@ class PlacementPlanner:
         (Terminate)."""
         started = time.monotonic()
         best = -np.inf
-        explain_at = _EXPLAINED_AFTER
+        explain_at = _EXPLAINED_SAMPLES
         while not (self.exhausted or should_stop()):
             bound = best + self._settings.min_improvement  # what every sample is held against
             for goal in self.sampler.sample_goals(bound, should_stop):

@@ -17,7 +17,7 @@ from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.keep_out import boxes_of
 from placement_planner_ros.core.types import Array, TargetVolume
 
-_HAND_LENGTH = 0.3
+_HAND_LENGTH_M = 0.3
 """m, how far a hand is taken to extend beyond its tip frame in `workspace`."""
 
 
@@ -70,7 +70,7 @@ def workspace(
         lengths = np.linalg.norm(chain.fixed[1:, :3, 3], axis=1).sum()
         slides = np.abs([chain.lower, chain.upper]).max(axis=0)[chain.prismatic].sum()
         held = max((float(np.linalg.norm(g.translation)) for g in arm.grasps), default=0.0)
-        radius = lengths + slides + held + size + _HAND_LENGTH
+        radius = lengths + slides + held + size + _HAND_LENGTH_M
         base = chain.fixed[0, :3, 3]
         lower, upper = np.minimum(lower, base - radius), np.maximum(upper, base + radius)
     return lower, upper

@@ -41,7 +41,7 @@ class Meaning:
     @property
     def ends(self) -> tuple[float, float]:
         """Lower and upper end of the interval, inside it or not."""
-        return _ends(self.interval)
+        return _interval_ends(self.interval)
 
     def check(self, name: str, value: object) -> None:
         """Refuse a value, or one number of a list, that the setting may not have.
@@ -104,12 +104,12 @@ def _as_tuple(name: str, value: object) -> tuple[object, ...]:
 
 
 @lru_cache
-def _ends(interval: str) -> tuple[float, float]:
+def _interval_ends(interval: str) -> tuple[float, float]:
     lower, upper = interval[1:-1].split(", ")
-    return _number(lower), _number(upper)
+    return _parsed_number(lower), _parsed_number(upper)
 
 
-def _number(text: str) -> float:
+def _parsed_number(text: str) -> float:
     """An integer as such, since not every one is a float."""
     return int(text) if text.removeprefix("-").isdigit() else float(text)
 

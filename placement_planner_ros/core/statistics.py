@@ -53,15 +53,17 @@ class Statistics:
     @property
     def rejected_by_face(self) -> dict[int, dict[str, int]]:
         """The same of each placement face, by its index."""
-        return {face: _rejected(row) for face, row in enumerate(self.count.by_face)}
+        return {face: _rejected_counts(row) for face, row in enumerate(self.count.by_face)}
 
     @property
     def rejected_by_arm(self) -> dict[str, dict[str, int]]:
         """How many tries of each arm to reach a pose each constraint rejected."""
-        return {name: _rejected(row) for name, row in self.rejections.by_name(self.arms).items()}
+        return {
+            name: _rejected_counts(row) for name, row in self.rejections.by_name(self.arms).items()
+        }
 
 
-def _rejected(row: npt.NDArray[np.int64]) -> dict[str, int]:
+def _rejected_counts(row: npt.NDArray[np.int64]) -> dict[str, int]:
     """What is not 0 of the counts (|Verdict|,), by the constraint's name in lower case."""
     return {
         verdict.name.lower(): int(row[verdict])

@@ -12,7 +12,7 @@ from placement_planner_ros.core.constraints import placement_pose
 from placement_planner_ros.core.grasp.settings import ApproachSettings
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.scene.environment import Environment
-from placement_planner_ros.core.stability.by_vertices import stays
+from placement_planner_ros.core.stability.by_vertices import stays_standing
 from placement_planner_ros.core.types import LEVEL, TargetVolume, Verdict, upright
 
 TABLE = Case("table", "small_crayons_box", "maximize_clearance")
@@ -227,5 +227,5 @@ def test_objects_stay_on_slopes_where_no_push_of_2_mJ_per_kg_tips_them():
         expected = inside and 9.81 * lifted >= 0.002
         if abs(9.81 * lifted - 0.002) > 1e-4 or not inside:
             answers.append(expected)
-            assert bool(stays(corners[None])[0]) == expected
+            assert bool(stays_standing(corners[None])[0]) == expected
     assert 0.1 < np.mean(answers) < 0.9

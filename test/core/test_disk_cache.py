@@ -9,7 +9,13 @@ import numpy as np
 import pytest
 
 from placement_planner_ros.core import disk_cache
-from placement_planner_ros.core.disk_cache import code_digest, digest_of, find, keep, stored
+from placement_planner_ros.core.disk_cache import (
+    code_digest,
+    digest_of,
+    find_result,
+    keep_result,
+    stored_result,
+)
 
 KIND, KEY = "test results", digest_of("a key")
 
@@ -40,7 +46,7 @@ class Cache:
             self.made += 1
             return np.arange(1000.0), "words"
 
-        numbers, words = stored(KIND, key, make)
+        numbers, words = stored_result(KIND, key, make)
         assert np.array_equal(numbers, np.arange(1000.0))
         assert words == "words"
 
@@ -50,7 +56,7 @@ def test_it_is_made_once_for_each_key(cache):
         cache.ask(key)
     assert cache.made == 2
     assert len(cache.files) == 2
-    with disk_cache.bypassed():
+    with disk_cache.bypassed_cache():
         cache.ask()
     assert cache.made == 3
     assert cache.said == []
@@ -60,8 +66,8 @@ def test_what_is_found_is_as_it_was_made(cache):
     """Kernels are compiled for arrays that are, or are not, contiguous and read-only."""
     frozen, open_ = np.arange(6.0).reshape(2, 3), np.arange(3)
     frozen.setflags(write=False)
-    keep(KIND, KEY, {"frozen": frozen, "open": open_})
-    found = find(KIND, KEY)
+    keep_result(KIND, KEY, {"frozen": frozen, "open": open_})
+    found = find_result(KIND, KEY)
     for name, array in (("frozen", frozen), ("open", open_)):
         assert np.array_equal(found[name], array)
         assert found[name].dtype == array.dtype
@@ -135,11 +141,11 @@ def test_what_was_not_used_for_longest_goes_where_there_is_too_much(cache, monke
     size = 100_000
     monkeypatch.setattr(disk_cache, "MAX_BYTES", 3.5 * size)
     for age, key in enumerate("abc"):
-        keep(KIND, key, bytes(size))
+        keep_result(KIND, key, bytes(size))
         (new,) = (file for file in cache.files if file.stat().st_atime > 1000)
         os.utime(new, (100 + age if key != "a" else 200,) * 2)  # the first was read since
-    keep(KIND, "d", bytes(size))
-    assert [find(KIND, key) is not None for key in "abcd"] == [True, False, True, True]
+    keep_result(KIND, "d", bytes(size))
+    assert [find_result(KIND, key) is not None for key in "abcd"] == [True, False, True, True]
 
 
 def test_what_other_code_made_is_not_found(tmp_path, monkeypatch):
@@ -152,7 +158,7 @@ def test_what_other_code_made_is_not_found(tmp_path, monkeypatch):
 
     def digests():
         code_digest.cache_clear()
-        disk_cache._imports.cache_clear()
+        disk_cache._imported_modules.cache_clear()
         names = ("outer", "inner", "beside")
         return [code_digest(f"placement_planner_ros.core.{name}") for name in names]
 
@@ -163,7 +169,7 @@ def test_what_other_code_made_is_not_found(tmp_path, monkeypatch):
     (room / "far.py").write_text("least = 2\n")
     after = digests()
     code_digest.cache_clear()
-    disk_cache._imports.cache_clear()
+    disk_cache._imported_modules.cache_clear()
     assert [one == other for one, other in zip(before, after, strict=True)] == [False, False, True]
 
 
@@ -198,9 +204,9 @@ made = np.random.default_rng(0).random((100_000, 3))
 print("ready", flush=True)
 sys.stdin.readline()
 for k in range(40):
-    got = disk_cache.stored("test results", "key", lambda: made)
+    got = disk_cache.stored_result("test results", "key", lambda: made)
     assert np.array_equal(got, made), k
-    disk_cache.keep("test results", "key" if k % 2 else f"{k} of {sys.argv[2]}", made)
+    disk_cache.keep_result("test results", "key" if k % 2 else f"{k} of {sys.argv[2]}", made)
 print("done")
 """
 

@@ -74,7 +74,7 @@ def call():
 
 def other_make(_, name):
     """Whole, but of something that has another form."""
-    return kernel_cache._packed(("not", "a", "kernel"), name)
+    return kernel_cache._packed_parts(("not", "a", "kernel"), name)
 
 
 DAMAGES = {

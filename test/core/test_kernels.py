@@ -183,7 +183,7 @@ def test_what_kernels_call_is_imported_in_the_one_form_that_is_looked_for():
 
 def assert_imports_in_that_form(file):
     text = file.read_text(encoding="utf-8")
-    found = kernels._imported(file, {})
+    found = kernels._imported_files(file, {})
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Import):
             assert not any(alias.name.startswith(PACKAGE.name) for alias in node.names)

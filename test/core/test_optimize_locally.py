@@ -9,7 +9,7 @@ import pytest
 
 from placement_planner_ros.core.grasp.holding import PlacingMotion
 from placement_planner_ros.core.objective.ascent import AscentSettings
-from placement_planner_ros.core.objective.objective import gradient, moved
+from placement_planner_ros.core.objective.objective import moved_pose, objective_gradient
 from placement_planner_ros.core.optimize_locally import LocalOptimizer
 from placement_planner_ros.core.types import Goal, Verdict
 
@@ -68,7 +68,7 @@ def test_climbs_to_the_optimum():
 
 def test_each_pose_of_the_slide_is_better_and_the_slide_ends_at_the_goal():
     refined = optimize()
-    poses = [moved(pin.SE3.Identity(), q) for q in refined.slide]
+    poses = [moved_pose(pin.SE3.Identity(), q) for q in refined.slide]
     values = [Bowl()(pose) for pose in poses]
     assert len(values) > 3
     assert all(b > a for a, b in itertools.pairwise(values))
@@ -103,9 +103,9 @@ def test_stops_when_told():
 
 
 def test_numerical_gradient_matches_the_analytic_one_of_a_black_box():
-    T = moved(pin.SE3.Identity(), np.array([0.1, 0.05, 0.2]))
+    T = moved_pose(pin.SE3.Identity(), np.array([0.1, 0.05, 0.2]))
     expected = [-2 * (0.1 - 0.3), -8 * (0.05 - 0.2), -0.2 * (0.2 - 0.5)]
-    assert gradient(Bowl(), T) == pytest.approx(expected, abs=1e-6)
+    assert objective_gradient(Bowl(), T) == pytest.approx(expected, abs=1e-6)
 
 
 def test_own_gradient_is_used_where_there_is_one():
@@ -113,7 +113,7 @@ def test_own_gradient_is_used_where_there_is_one():
         def gradient(self, T):
             return np.array([1.0, 2.0, 3.0])
 
-    assert gradient(Known(), pin.SE3.Identity()) == pytest.approx([1, 2, 3])
+    assert objective_gradient(Known(), pin.SE3.Identity()) == pytest.approx([1, 2, 3])
 
 
 def test_on_a_slope_poses_are_moved_within_its_plane():
@@ -124,11 +124,13 @@ def test_on_a_slope_poses_are_moved_within_its_plane():
     points = rng.normal(size=(20, 3))
     for _ in range(20):
         T, change = pin.SE3.Random(), rng.normal(size=3)
-        there = moved(T, change, slope)
+        there = moved_pose(T, change, slope)
         before = (points @ T.rotation.T + T.translation) @ normal
         assert (points @ there.rotation.T + there.translation) @ normal == pytest.approx(before)
         assert (there.translation - T.translation)[:2] == pytest.approx(change[:2])
         turn = pin.log3(there.rotation @ T.rotation.T)
         assert np.cross(turn, normal) == pytest.approx(np.zeros(3), abs=1e-9)
-    assert gradient(lambda T: T.translation[2], T, slope=slope) == pytest.approx([*slope, 0.0])
-    assert gradient(lambda T: T.translation[2], T) == pytest.approx(np.zeros(3))
+    assert objective_gradient(lambda T: T.translation[2], T, slope=slope) == pytest.approx(
+        [*slope, 0.0]
+    )
+    assert objective_gradient(lambda T: T.translation[2], T) == pytest.approx(np.zeros(3))

@@ -55,10 +55,10 @@ def slow(monkeypatch):
 @pytest.fixture(autouse=True)
 def no_object_kept(monkeypatch):
     """No prepared object of another test or run is found on disk."""
-    opened = disk_cache._opened
+    opened = disk_cache._open_results
     kept = "prepared objects"
     monkeypatch.setattr(
-        disk_cache, "_opened", lambda kind, at: None if kind == kept else opened(kind, at)
+        disk_cache, "_open_results", lambda kind, at: None if kind == kept else opened(kind, at)
     )
 
 

@@ -16,7 +16,7 @@ from placement_planner_ros.core.body.convex_cover import (
 )
 from placement_planner_ros.core.body.convex_part import ConvexPart, polytope_of
 from placement_planner_ros.core.body.mesh import MeshPiece, Triangles, read_only
-from placement_planner_ros.core.disk_cache import code_digest, digest_of, stored
+from placement_planner_ros.core.disk_cache import code_digest, digest_of, stored_result
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array, frozen_array
 
@@ -70,7 +70,7 @@ def kept_cover(
         make: makes the cover; what it raises ends it.
     """
     key = digest_of(code_digest(__name__), vertices, triangles, tolerance)
-    return stored("convex covers", key, make)
+    return stored_result("convex covers", key, make)
 
 
 def make_cover(vertices: Array, triangles: Triangles, tolerance: float) -> Cover:

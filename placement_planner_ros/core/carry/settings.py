@@ -12,7 +12,7 @@ from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.types import Array, frozen_array
 
-_WAY_DOWN = 2e-3
+_DESCENT_TURN_RAD = 2e-3
 """rad, by which the object may be turned on its straight way down, where it strays from it."""
 
 
@@ -74,7 +74,7 @@ class TiltLimit:
     @property
     def at_rest(self) -> float:
         """By how much it may lean where it stands, rad: the way down needs the rest."""
-        return max(self.most - _WAY_DOWN, 0.0)
+        return max(self.most - _DESCENT_TURN_RAD, 0.0)
 
     def tilt(self, R_world_object: Array) -> float:
         """The angle, rad, at a rotation (3, 3)."""

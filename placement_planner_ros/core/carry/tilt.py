@@ -16,10 +16,7 @@ _RESERVE_SHARE = 0.1
 _MOST_RESERVE = math.radians(1.0)
 """What planning keeps of the limit for rounded corners and timing: that share of it, at most so
 much."""
-_AIM = 0.7
-"""Share of the planned limit that projected configurations lean by: straight edges between two of
-them bulge outwards."""
-_ROUNDING = 1e-12
+_COSINE_ROUNDING = 1e-12
 """Of cosines, far above what floating point loses."""
 
 
@@ -63,7 +60,6 @@ class TiltConstraint:
             chain.lower,
             chain.upper,
             near,
-            _AIM * self.planned,
             self.planned,
             self._frames,
             self._work,
@@ -96,7 +92,7 @@ class TiltConstraint:
                 kernel_input(a),
                 kernel_input(b),
                 deviation,
-                math.cos(most) + _ROUNDING,
+                math.cos(most) + _COSINE_ROUNDING,
                 self._frames,
                 self._work,
             )

@@ -26,14 +26,17 @@ from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.reach.kinematics import Flags, chain_frames
 from placement_planner_ros.core.types import Array
 
-_SHORTEST = 1e-7
+_AIM_SHARE = 0.7
+"""Share of the planned limit that projected configurations lean by: straight edges between two of
+them bulge outwards."""
+_SHORTEST_SHARE = 1e-7
 """Share of an edge below which an interval is not halved any more."""
-_MOST_INTERVALS = 10_000
+_MAX_INTERVALS = 10_000
 """Of one edge."""
 _NEWTON_STEPS = 40
-_LONGEST_STEP = 0.5
+_LONGEST_STEP_RAD = 0.5
 """rad, of all joints together, in one of Newton's steps."""
-_FLAT = 1e-6
+_LEAST_TILT_SLOPE = 1e-6
 """Slope of the tilt, per rad of all joints together, below which nothing leads back."""
 
 
@@ -42,16 +45,20 @@ def _tilt_and_slopes(
     prismatic: Flags, up: Array, frames: Array, work: Array
 ) -> tuple[float, float]:
     """cos and sin of the tilt at frames of `chain_frames`; work[0] = ∂c/∂q, [1] = h, [2] = k."""
+    # The axis in the world.
     tip = frames[-1]
     x = tip[0, 0] * up[0] + tip[0, 1] * up[1] + tip[0, 2] * up[2]
     y = tip[1, 0] * up[0] + tip[1, 1] * up[1] + tip[1, 2] * up[2]
     z = tip[2, 0] * up[0] + tip[2, 1] * up[1] + tip[2, 2] * up[2]
+    # A joint that slides changes no tilt.
     for i in range(len(prismatic)):
         if prismatic[i]:
             work[0, i], work[1, i], work[2, i] = 0.0, 0.0, 0.0
             continue
+        # The joint's axis, and its cross product with the held axis.
         ax, ay, az = frames[i, 0, 2], frames[i, 1, 2], frames[i, 2, 2]
         cx, cy, cz = ay * z - az * y, az * x - ax * z, ax * y - ay * x
+        # The derivative of c, and the lengths that bound the second one.
         work[0, i] = cz
         work[1, i] = math.sqrt(ax * ax + ay * ay)
         work[2, i] = math.sqrt(cx * cx + cy * cy + cz * cz)
@@ -59,14 +66,16 @@ def _tilt_and_slopes(
 
 
 @kernel(lean=True)
-def _bend(delta: Array, prismatic: Flags, work: Array) -> float:
+def _second_order_bound(delta: Array, prismatic: Flags, work: Array) -> float:
     """Σ_j δ_j k_j (δ_j h_j + 2 Σ_{i<j} δ_i h_i), with what `_tilt_and_slopes` filled in."""
+    # k_j from the outermost joint inward.
     dof = len(prismatic)
     turned = 0.0
     for j in range(dof - 1, -1, -1):
         if not prismatic[j]:
             work[2, j] = min(work[2, j] + turned, 1.0)
             turned += delta[j] * work[2, j]
+    # h_j from the innermost outward, and with it the sum.
     bend = 0.0
     leant = 0.0
     for j in range(dof):
@@ -98,32 +107,40 @@ def edge_keeps_tilt(
         up: (3,) the axis in the frame of the tip.
         frames: (n + 1, 4, 4), work: (5, n) work space.
     """
+    # The configuration and the ranges of the joints, in the work space; the first interval is all.
     dof = len(a)
     q, delta = work[3], work[4]
     begin, length = 0.0, 1.0
-    for _ in range(_MOST_INTERVALS):
+    for _ in range(_MAX_INTERVALS):
+        # The interval's middle, and how far each joint moves within it and beside it.
         half = 0.5 * length
         middle = begin + half
         for i in range(dof):
             q[i] = a[i] + middle * (b[i] - a[i])
             delta[i] = half * abs(b[i] - a[i]) + deviation[i]
+        # The tilt at the middle, which must keep the bound itself.
         chain_frames(fixed, prismatic, q, frames)
         c, _sin = _tilt_and_slopes(prismatic, up, frames, work)
         if not c >= least:
             return False
+        # By how much c falls to first order along the edge, and beside it.
         along = 0.0
         aside = 0.0
         for i in range(dof):
             along += work[0, i] * (b[i] - a[i])
             aside += abs(work[0, i]) * deviation[i]
-        if c - half * abs(along) - aside - 0.5 * _bend(delta, prismatic, work) >= least:
+        # Certified, with the second order's bound: on to the next, twice as long.
+        if (
+            c - half * abs(along) - aside - 0.5 * _second_order_bound(delta, prismatic, work)
+            >= least
+        ):
             begin += length
             if begin >= 1.0:
                 return True
             length = min(2.0 * length, 1.0 - begin)
         else:
             length = half
-            if length < _SHORTEST:
+            if length < _SHORTEST_SHARE:
                 return False
     return False
 
@@ -136,12 +153,11 @@ def project_tilt(
     lower: Array,
     upper: Array,
     q: Array,
-    aim: float,
     most: float,
     frames: Array,
     work: Array,
 ) -> bool:
-    """Bring q (n,) to a tilt of at most `most` by Newton steps of least norm towards `aim`.
+    """Bring q (n,) to a tilt of at most `most` by Newton steps of least norm.
 
     Joints at a limit that a step would lead out of take no part in it.
 
@@ -149,6 +165,7 @@ def project_tilt(
         False where it does not come there; q is then anything.
     """
     dof = len(q)
+    # The tilt at q: there already, or where no joint can change it.
     for _ in range(_NEWTON_STEPS):
         chain_frames(fixed, prismatic, q, frames)
         c, s = _tilt_and_slopes(prismatic, up, frames, work)
@@ -157,17 +174,20 @@ def project_tilt(
             return True
         if not s > 0.0:
             return False
+        # The gradient of c, but for joints at a limit that it leads out of.
         squared = 0.0
         for i in range(dof):
             rise = work[0, i]
             if (rise > 0.0 and q[i] >= upper[i]) or (rise < 0.0 and q[i] <= lower[i]):
                 work[0, i] = 0.0
             squared += work[0, i] * work[0, i]
+        # How fast the tilt falls along the gradient; too slowly leads nowhere.
         slope = math.sqrt(squared) / s
-        if slope < _FLAT:
+        if slope < _LEAST_TILT_SLOPE:
             return False
         # -∂tilt/∂q_i = ∂c/∂q_i / sin
-        step = min((tilt - aim) / slope, _LONGEST_STEP)
+        # A step towards the aim along the gradient, within limits.
+        step = min((tilt - _AIM_SHARE * most) / slope, _LONGEST_STEP_RAD)
         for i in range(dof):
             q[i] += step * work[0, i] / (s * slope)
             q[i] = min(max(q[i], lower[i]), upper[i])

@@ -6,7 +6,8 @@ between two convex sets, bounded from both sides. What lies so close to the marg
 it UNDECIDED is not free: no configuration, edge or pose passes that is not certain to be free.
 
 What is asked: `arm` (configurations, edges, what a pose of the hand decides), `object` (the object
-on its way straight down: c_f(x)), with `load` for what the arm holds or has left behind.
+on its way straight down: c_f(x)), with `attached_object` for what the arm holds or has
+left behind.
 Kernels: `states`, `edges`, `hand` and `object_kernels` answer these questions with `against_boxes`
 (a body and the obstacle set), `against_robot` (two bodies) and `pair_tables` (two bodies that two
 joints move), all of which end in `separation` (two convex sets).

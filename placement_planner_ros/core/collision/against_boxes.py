@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from placement_planner_ros.core.collision.against_mesh import COARSE
+from placement_planner_ros.core.collision.against_mesh import COARSE_MOTION_M
 from placement_planner_ros.core.collision.arrays import (
     BODY_FIRST_PART,
     BODY_JOINT,
@@ -35,19 +35,19 @@ from placement_planner_ros.core.collision.placing import (
     place_set,
 )
 from placement_planner_ros.core.collision.separation import (
+    BOUND_TOLERANCE_M,
     COLLIDING,
     FREE,
-    TOLERANCE,
     UNDECIDED,
-    separate,
+    check_separation,
 )
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.reach.kinematics import to_world
 from placement_planner_ros.core.types import Array
 
-_TOGETHER = 16
+_LEAVES_AT_ONCE = 16
 """Leaves of one solid that are looked at in one go, at most."""
-_LEVEL = 1e-6
+_LEAST_NORMAL_Z = 1e-6
 """Slope below which a plane does not tell boxes of one column apart."""
 
 
@@ -82,18 +82,24 @@ def distance_bounds(
     Inside the grid, those of the point's cell, whose centre it is `off` away from
     (`scene.distance_bound.DistanceBound`); outside, the distance to the box around all boxes.
     """
+    # The point in cells of the field from its lower corner.
     fx = (x - grid[0]) * grid[15]
     fy = (y - grid[1]) * grid[15]
     fz = (z - grid[2]) * grid[15]
     if 0.0 <= fx < grid[10] and 0.0 <= fy < grid[11] and 0.0 <= fz < grid[12]:
+        # The cell, and its level within its block of 4 x 4 x 4.
         i, j, k = int(fx), int(fy), int(fz)
         level = field[i >> 2, j >> 2, k >> 2, (i & 3) << 4 | (j & 3) << 2 | k & 3]
+        # How far the point is from the centre of its cell.
         fx -= i + 0.5
         fy -= j + 0.5
         fz -= k + 0.5
         off = grid[3] * np.sqrt(fx * fx + fy * fy + fz * fz)
+        # The level bounds the distance of the centre; the point's differs by no more than it is
+        # off.
         lower = level * grid[13]
         return lower - off, (lower + grid[13] + off if level < grid[14] else np.inf)
+    # Outside the field: the distance to the box around all boxes, which bounds only from below.
     dx = max(grid[4] - x, 0.0, x - grid[7])
     dy = max(grid[5] - y, 0.0, y - grid[8])
     dz = max(grid[6] - z, 0.0, z - grid[9])
@@ -105,6 +111,7 @@ def layer_range(
     layers: npt.NDArray[np.int32], first: int, last: int, low: int, high: int
 ) -> tuple[int, int]:
     """Which of the boxes first..last of one column lie in the layers low..high (not included)."""
+    # Bisect for the first box in the layers from `low` on.
     end = last
     while first < end:
         middle = (first + end) // 2
@@ -112,6 +119,7 @@ def layer_range(
             first = middle + 1
         else:
             end = middle
+    # From there, the boxes up to the layer `high`.
     end = first
     while end < last and layers[end] < high:
         end += 1
@@ -121,7 +129,7 @@ def layer_range(
 @kernel(lean=True)
 def boxes_apart(bounds: Array, row: int, corners: Array, box: int, need: float) -> bool:
     """Whether the box around a set, row of `bounds`, is `need` from an obstacle along an axis."""
-    far = need + TOLERANCE
+    far = need + BOUND_TOLERANCE_M
     return bool(
         corners[box, 0] - bounds[row, 3] >= far
         or bounds[row, 0] - corners[box, 3] >= far
@@ -154,13 +162,14 @@ class SetRows(NamedTuple):
     row: int
     """Of `bounds`."""
     radius: float
+    closed: bool
+    """Whether the planes enclose the set and nothing more."""
 
 
 @kernel(lean=True)
 def polytope_meets_box(
     world: SetsInWorld,
     rows: SetRows,
-    closed: bool,
     corners: Array,
     box: int,
     need: float,
@@ -174,12 +183,12 @@ def polytope_meets_box(
     from the plane on that the box is furthest beyond.
 
     Args:
-        closed: whether the planes enclose the set and nothing more.
         corners: (m, 6), of which `box` is the box.
 
     Returns:
         the answer; after FREE, world.work[5, 3] is the plane that keeps them apart, or -1.
     """
+    # Centre and half extents of the box.
     planes, work, radius = world.planes, world.work, rows.radius
     work[5, 3] = -1.0
     cx = 0.5 * (corners[box, 0] + corners[box, 3])
@@ -188,31 +197,38 @@ def polytope_meets_box(
     hx = corners[box, 3] - cx
     hy = corners[box, 4] - cy
     hz = corners[box, 5] - cz
-    far = need + TOLERANCE + radius
+    far = need + BOUND_TOLERANCE_M + radius
     deepest = -np.inf
     best = -np.inf
     axis = -1
+    # How far centre and box lie beyond each face plane of the set.
     for v in range(rows.first_plane, rows.last_plane):
         nx, ny, nz = planes[v, 0], planes[v, 1], planes[v, 2]
         middle = nx * cx + ny * cy + nz * cz - planes[v, 3]
         gap = middle - abs(nx) * hx - abs(ny) * hy - abs(nz) * hz
+        # All of the box lies far enough beyond this plane.
         if gap >= far:
             work[5, 3] = v
             return FREE
         deepest = max(deepest, middle)
+        # Keep the plane that the box lies furthest beyond.
         if gap > best:
             best = gap
             axis = v
     if axis >= 0:
-        if closed and deepest < -TOLERANCE:
+        # The centre lies below all planes, so inside the set.
+        if rows.closed and deepest < -BOUND_TOLERANCE_M:
             return COLLIDING
+        # Start from that plane's normal, from the box to the set.
         work[5, 0], work[5, 1], work[5, 2] = -planes[axis, 0], -planes[axis, 1], -planes[axis, 2]
     else:
+        # A set without planes: start from the line between the centres.
         bounds, row = world.bounds, rows.row
         work[5, 0] = bounds[row, 0] + bounds[row, 3] - 2 * cx
         work[5, 1] = bounds[row, 1] + bounds[row, 4] - 2 * cy
         work[5, 2] = bounds[row, 2] + bounds[row, 5] - 2 * cz
-    return separate(
+    # The distance between the hull of the vertices and the box, with the radius added.
+    return check_separation(
         world.vertices,
         rows.first_vertex,
         rows.last_vertex,
@@ -266,33 +282,40 @@ def open_leaves(
                 frames, joint, body_spheres[body, 0], body_spheres[body, 1], body_spheres[body, 2]
             )
             lower, _ = distance_bounds(field_grid, field, x, y, z)
-            if lower >= body_spheres[body, 3] + need + TOLERANCE:
+            if lower >= body_spheres[body, 3] + need + BOUND_TOLERANCE_M:
                 continue
         # The trees of all parts in preorder.
         node = parts[first, PART_FIRST_NODE]
         end = parts[last, PART_FIRST_NODE]
         while node < end:
+            # Bounds on the distance of the node's centre to all boxes.
             x, y, z = to_world(frames, joint, spheres[node, 0], spheres[node, 1], spheres[node, 2])
             lower, upper = distance_bounds(field_grid, field, x, y, z)
-            lower -= spheres[node, 3] + TOLERANCE
+            lower -= spheres[node, 3] + BOUND_TOLERANCE_M
+            # The sphere keeps its distance: skip all that is below it.
             if lower >= need:
                 node = nodes[node, NODE_SKIP]
                 continue
-            upper -= inner[node] - TOLERANCE
+            upper -= inner[node] - BOUND_TOLERANCE_M
             if upper < need:
+                # The ball inside the body is closer than `hit`.
                 if upper < hit:
                     scratch.hit[0] = 2
                     scratch.hit[1] = node
                     return COLLIDING, count
+                # Part of the body is closer than `need`: only collisions can be found from here on.
                 result = UNDECIDED
                 need = hit
             if nodes[node, NODE_SET] >= 0:
-                if need - hit > COARSE:
+                # The field leaves a leaf open with a distance far above `hit`: look for collisions
+                # only.
+                if need - hit > COARSE_MOTION_M:
                     result = UNDECIDED
                     need = hit
                     if lower >= need:
                         node = nodes[node, NODE_SKIP]
                         continue
+                # The leaf stays open.
                 leaves[count] = node
                 leaf_bound[count] = lower
                 count += 1
@@ -315,7 +338,8 @@ def _span_leaves(
     """
     nodes, spheres, sets = arm.nodes, arm.node_spheres, arm.sets
     frames, leaves, bounds = scratch.frames, scratch.leaves, scratch.bounds
-    far = need + TOLERANCE
+    far = need + BOUND_TOLERANCE_M
+    # The ball around the leaf's centre that such boxes must reach, and the span of this ball.
     end = leaf + 1
     node = leaves[leaf]
     s = nodes[node, NODE_SET]
@@ -324,6 +348,7 @@ def _span_leaves(
     reach = spheres[node, 3] + far
     x0, y0, z0 = x - reach, y - reach, z - reach
     x1, y1, z1 = x + reach, y + reach, z + reach
+    # Put the solid's vertices where they are, once per configuration.
     if scratch.set_stamp[s] < scratch.counters[0]:
         scratch.set_stamp[s] = scratch.counters[0]
         place_set(arm, scratch, s)
@@ -331,7 +356,7 @@ def _span_leaves(
     alone = reach * reach
     u0, v0, w0, u1, v1, w1 = x0, y0, z0, x1, y1, z1
     together = end
-    while together < min(count, leaf + _TOGETHER) and nodes[leaves[together], NODE_SET] == s:
+    while together < min(count, leaf + _LEAVES_AT_ONCE) and nodes[leaves[together], NODE_SET] == s:
         node = leaves[together]
         u, v, w = to_world(frames, joint, spheres[node, 0], spheres[node, 1], spheres[node, 2])
         other = spheres[node, 3] + far
@@ -339,8 +364,10 @@ def _span_leaves(
         u0, v0, w0 = min(u0, u - other), min(v0, v - other), min(w0, w - other)
         u1, v1, w1 = max(u1, u + other), max(v1, v + other), max(w1, w + other)
         together += 1
+    # Nothing outside the box around the solid, grown by the distance, comes closer.
     u0, u1 = max(u0, bounds[s, 0] - far), min(u1, bounds[s, 3] + far)
     v0, v1 = max(v0, bounds[s, 1] - far), min(v1, bounds[s, 4] + far)
+    # Look at them in one go where the common footprint is smaller than theirs one by one.
     if together > end and (u1 - u0) * (v1 - v0) < 4.0 * alone:
         end = together
         reach = np.inf
@@ -358,19 +385,20 @@ def _plane_in_world(
 ) -> tuple[float, float, float, float]:
     """Normal of a plane of set s, and from which offset along it points are `need` away from s."""
     frames, joint, planes = scratch.frames, arm.sets[s, SET_JOINT], arm.planes
+    # Turn the normal into the world.
     x, y, z = planes[plane, 0], planes[plane, 1], planes[plane, 2]
     nx = frames[joint, 0, 0] * x + frames[joint, 0, 1] * y + frames[joint, 0, 2] * z
     ny = frames[joint, 1, 0] * x + frames[joint, 1, 1] * y + frames[joint, 1, 2] * z
     nz = frames[joint, 2, 0] * x + frames[joint, 2, 1] * y + frames[joint, 2, 2] * z
+    # The offset along it, moved by the joint's position.
     offset = planes[plane, 3]
     offset += nx * frames[joint, 0, 3] + ny * frames[joint, 1, 3] + nz * frames[joint, 2, 3]
-    return nx, ny, nz, offset + (need + TOLERANCE + arm.radius[s])
+    return nx, ny, nz, offset + (need + BOUND_TOLERANCE_M + arm.radius[s])
 
 
 @kernel(inline=True)
 def _heights_before_plane(
-    normal: tuple[float, float, float],
-    offset: float,
+    plane: tuple[float, float, float, float],
     x: float,
     y: float,
     size: float,
@@ -379,14 +407,18 @@ def _heights_before_plane(
 ) -> tuple[float, float]:
     """Of the heights bottom..top of a column of cells with corner (x, y), those before a plane.
 
-    At the others even the corner of the column next to the set lies beyond the offset.
+    The plane is its normal and offset. At the other heights even the corner of the column next to
+    the set lies beyond it.
     """
-    nx, ny, nz = normal
+    # What is left of the offset at the corner of the column that reaches least far along the
+    # normal.
+    nx, ny, nz, offset = plane
     left = offset - nx * (x if nx > 0.0 else x + size)
     left -= ny * (y if ny > 0.0 else y + size)
-    if nz < -_LEVEL:
+    # A plane that faces down bounds the heights from below, one that faces up from above.
+    if nz < -_LEAST_NORMAL_Z:
         bottom = max(bottom, left / nz)
-    elif nz > _LEVEL:
+    elif nz > _LEAST_NORMAL_Z:
         top = min(top, left / nz)
     return bottom, top
 
@@ -401,6 +433,7 @@ def _set_meets_box(
     excess `need` cannot be kept; the rest is left to the mesh.
     """
     sets = arm.sets
+    # The set collides below `hit`; a cover below what its excess cannot explain.
     mesh = sets[s, SET_MESH]
     short = need - arm.excess[s]
     closer = hit
@@ -410,6 +443,7 @@ def _set_meets_box(
     if scratch.plane_stamp[s] < scratch.counters[0]:
         scratch.plane_stamp[s] = scratch.counters[0]
         place_planes(arm, scratch, s)
+    # The convex set against the box.
     answer = polytope_meets_box(
         SetsInWorld(scratch.vertices, scratch.planes, scratch.bounds, scratch.work),
         SetRows(
@@ -419,17 +453,19 @@ def _set_meets_box(
             sets[s + 1, SET_FIRST_PLANE],
             s,
             arm.radius[s],
+            True,
         ),
-        True,
         boxes.corners,
         box,
         need,
         closer,
     )
     if answer == FREE:
+        # Remember the plane that keeps the box away.
         if scratch.work[5, 3] >= 0.0:
             scratch.plane[s] = int(scratch.work[5, 3])
         return FREE
+    # A cover that meets the box: it is the mesh that decides.
     if mesh >= 0:
         if answer == COLLIDING and short > hit:
             answer = UNDECIDED
@@ -445,7 +481,7 @@ def _set_meets_box(
             # Certain where the copy that the shape contains collides too.
             last = place_inner(arm, scratch, s, 0)
             need_inner = hit + arm.radius[s]
-            answer = separate(
+            answer = check_separation(
                 scratch.inner,
                 0,
                 last,
@@ -491,6 +527,7 @@ def open_leaves_meet_boxes(
     while end < count:
         leaf = end
         end += 1
+        # The field has shown that this leaf keeps its distance.
         if scratch.leaf_bound[leaf] >= need:
             continue
         node = scratch.leaves[leaf]
@@ -500,16 +537,20 @@ def open_leaves_meet_boxes(
             previous = s
             counters[1] += 1
         visit = counters[1]
+        # Where boxes in reach of this leaf, or of several leaves together, can lie.
         end, x, y, z, reach, x0, y0, z0, x1, y1, z1 = _span_leaves(arm, scratch, leaf, count, need)
         plane = scratch.plane[s]
         nx = ny = nz = offset = 0.0
+        # The plane that last kept a box away from this set.
         if plane >= 0:
             nx, ny, nz, offset = _plane_in_world(arm, scratch, s, plane, need)
+        # The columns of cells below the span.
         i0 = max(int(np.floor((x0 - ox) * per_metre)), 0)
         j0 = max(int(np.floor((y0 - oy) * per_metre)), 0)
         i1 = min(int(np.floor((x1 - ox) * per_metre)) + 1, columns.shape[0])
         j1 = min(int(np.floor((y1 - oy) * per_metre)) + 1, columns.shape[1] - 1)
         for i in range(i0, i1):
+            # Distance of the column from the ball's centre, along x.
             low_x = ox + i * size
             dx = max(low_x - x, 0.0, x - low_x - size)
             for j in range(j0, j1):
@@ -518,24 +559,29 @@ def open_leaves_meet_boxes(
                 bottom, top = z0, z1
                 if plane >= 0:
                     bottom, top = _heights_before_plane(
-                        (nx, ny, nz), offset, low_x, low_y, size, bottom, top
+                        (nx, ny, nz, offset), low_x, low_y, size, bottom, top
                     )
                     if bottom > top:
                         continue
+                # The column's distance along y, and half the height of the ball above the column.
                 dy = max(low_y - y, 0.0, y - low_y - size)
-                height = np.sqrt(max(reach * reach - dx * dx - dy * dy, 0.0)) + TOLERANCE
+                height = np.sqrt(max(reach * reach - dx * dx - dy * dy, 0.0)) + BOUND_TOLERANCE_M
+                # The layers between the lowest and the highest point in question.
                 k0 = int(np.floor((max(z - height, bottom) - oz) * per_metre))
                 k1 = int(np.floor((min(z + height, top) - oz) * per_metre)) + 1
                 first, last = layer_range(layers, columns[i, j], columns[i, j + 1], k0, k1)
                 for box in range(first, last):
+                    # Skip boxes outside the ball, and those looked at for this set already.
                     u = max(corners[box, 0] - x, 0.0, x - corners[box, 3])
                     v = max(corners[box, 1] - y, 0.0, y - corners[box, 4])
                     w = max(corners[box, 2] - z, 0.0, z - corners[box, 5])
                     if u * u + v * v + w * w > reach * reach or scratch.box_stamp[box] == visit:
                         continue
                     scratch.box_stamp[box] = visit
+                    # Skip boxes that lie apart from the box around the set.
                     if boxes_apart(bounds, s, corners, box, need):
                         continue
+                    # Skip boxes whose nearest corner lies beyond the remembered plane.
                     if plane >= 0 and (
                         nx * corners[box, 0 if nx > 0.0 else 3]
                         + ny * corners[box, 1 if ny > 0.0 else 4]
@@ -543,10 +589,12 @@ def open_leaves_meet_boxes(
                         >= offset
                     ):
                         continue
+                    # The set itself against the box.
                     answer = _set_meets_box(arm, boxes, scratch, s, box, need, hit)
                     if answer == COLLIDING:
                         return COLLIDING
                     if answer == UNDECIDED:
+                        # The distance cannot be kept any more: only collisions are looked for.
                         result = UNDECIDED
                         need = hit
                     elif scratch.work[5, 3] >= 0.0:
@@ -564,6 +612,7 @@ def body_meets_boxes(
 
     What is left UNDECIDED is noted in the scratch.
     """
+    # First the field, then the boxes in reach of what it leaves open.
     answer, count = open_leaves(arm, boxes, scratch, body, body + 1, -1, need, hit)
     if answer == COLLIDING or count == 0:
         return answer

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from placement_planner_ros.core.collision.against_mesh import COARSE
+from placement_planner_ros.core.collision.against_mesh import COARSE_MOTION_M
 from placement_planner_ros.core.collision.arrays import (
     BODY_FIRST_PART,
     PAIR_INNER,
@@ -31,11 +31,11 @@ from placement_planner_ros.core.collision.pair_tables import apart_within
 from placement_planner_ros.core.collision.placed_meshes import mesh_meets_set, placed_meshes_meet
 from placement_planner_ros.core.collision.placing import note_undecided, place_inner, place_set
 from placement_planner_ros.core.collision.separation import (
+    BOUND_TOLERANCE_M,
     COLLIDING,
     FREE,
-    TOLERANCE,
     UNDECIDED,
-    separate,
+    check_separation,
 )
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
@@ -65,6 +65,7 @@ def _sets_meet(
         if scratch.set_stamp[s] < now:
             scratch.set_stamp[s] = now
             place_set(arm, scratch, s)
+    # Without a start, the line from the middle of b to that of a.
     work = scratch.work
     if work[5, 0] == 0.0 and work[5, 1] == 0.0 and work[5, 2] == 0.0:
         for i in range(3):
@@ -72,11 +73,13 @@ def _sets_meet(
     sets = arm.sets
     radius = arm.radius[a] + arm.radius[b]
     covers = sets[a, SET_MESH] >= 0 or sets[b, SET_MESH] >= 0
+    # The sets collide below `hit`; covers below what their excess cannot explain.
     short = need - arm.excess[a] - arm.excess[b]
     closer = hit
     if covers:
         closer = short if short > hit else 0.0
-    answer = separate(
+    # The distance between both hulls, with their radii added.
+    answer = check_separation(
         scratch.vertices,
         sets[a, SET_FIRST_VERTEX],
         sets[a + 1, SET_FIRST_VERTEX],
@@ -87,13 +90,15 @@ def _sets_meet(
         closer + radius,
         work,
     )
+    # Covers that meet leave it to the meshes, unless they are deeper in each other than they stick
+    # out.
     if answer != FREE and covers:
         return COVERS_MEET if short <= hit or answer != COLLIDING else UNDECIDED
     if answer == COLLIDING and (sets[a, SET_EXACT] == 0 or sets[b, SET_EXACT] == 0):
         # Certain where the copies that the shapes contain collide too.
         last_a = place_inner(arm, scratch, a, 0)
         last_b = place_inner(arm, scratch, b, last_a)
-        answer = separate(
+        answer = check_separation(
             scratch.inner,
             0,
             last_a,
@@ -119,22 +124,18 @@ def _sets_meet(
 
 @kernel(inline=True)
 def _support_gap(
-    vertices: Array,
-    frames: Array,
-    sets: Indices,
-    a: int,
-    b: int,
-    dx: float,
-    dy: float,
-    dz: float,
+    arm: ArmArrays, scratch: ArmScratch, a: int, b: int, direction: tuple[float, float, float]
 ) -> float:
     """How far apart the hulls of sets a and b lie along a world direction, at least (times |d|).
 
     min d·a - max d·b, over the vertices where they are stored: d is turned into their frames
     instead of them into the world.
     """
+    vertices, frames, sets = arm.vertices, scratch.frames, arm.sets
+    dx, dy, dz = direction
     gap = 0.0
     for side in range(2):
+        # The direction in the frame of the joint that moves the set, turned about for b.
         s = a if side == 0 else b
         sign = 1.0 - 2.0 * side
         joint = sets[s, SET_JOINT]
@@ -151,6 +152,7 @@ def _support_gap(
             lowest = one if one < lowest else lowest
             other = two if two < other else other
         lowest = min(lowest, other)
+        # The joint's position along the direction.
         gap += lowest + sign * (
             frames[joint, 0, 3] * dx + frames[joint, 1, 3] * dy + frames[joint, 2, 3] * dz
         )
@@ -167,12 +169,12 @@ def _solids_meet(
     Where `need` is far above `hit`, being apart is enough to leave the rest to shorter intervals.
     """
     frames, sets, known, work = scratch.frames, arm.sets, scratch.direction, scratch.work
-    vertices = arm.vertices
-    far = need + arm.radius[s] + arm.radius[t] + TOLERANCE
+    far = need + arm.radius[s] + arm.radius[t] + BOUND_TOLERANCE_M
     # The remembered direction, as it turned with the one and with the other.
     work[5, :3] = 0.0
     widest = -np.inf
     for side in range(2):
+        # The direction as it was last remembered in this frame, turned into the world.
         joint = sets[t if side == 1 else s, SET_JOINT]
         x, y, z = known[slot, 3 * side], known[slot, 3 * side + 1], known[slot, 3 * side + 2]
         length = np.sqrt(x * x + y * y + z * z)
@@ -181,17 +183,21 @@ def _solids_meet(
         dx = frames[joint, 0, 0] * x + frames[joint, 0, 1] * y + frames[joint, 0, 2] * z
         dy = frames[joint, 1, 0] * x + frames[joint, 1, 1] * y + frames[joint, 1, 2] * z
         dz = frames[joint, 2, 0] * x + frames[joint, 2, 1] * y + frames[joint, 2, 2] * z
-        gap = _support_gap(vertices, frames, sets, s, t, dx, dy, dz)
+        # How far the sets are apart along it.
+        gap = _support_gap(arm, scratch, s, t, (dx, dy, dz))
         if gap >= far * length:
             return FREE
-        if need - hit > COARSE and gap >= (far - need + hit) * length:
+        # Apart already, though not by `need`: a shorter interval will tell.
+        if need - hit > COARSE_MOTION_M and gap >= (far - need + hit) * length:
             return UNDECIDED
+        # Keep the direction of the widest gap as the start.
         if gap > widest * length:
             widest = gap / length
             work[5, 0], work[5, 1], work[5, 2] = dx, dy, dz
     # The distance itself, from the better of both on; remember where it ended.
     answer = _sets_meet(arm, scratch, s, t, need, hit)
     if answer == FREE:
+        # The direction in the frames of both joints.
         for side in range(2):
             joint = sets[t if side == 1 else s, SET_JOINT]
             for i in range(3):
@@ -206,12 +212,13 @@ def _solids_meet(
 @kernel(inline=True)
 def spheres_apart(scratch: ArmScratch, pair: Indices, need: float) -> bool:
     """Whether the bounding spheres of a pair of bodies (row of `ArmArrays.pairs`) keep `need`."""
+    # The line between both centres, against the radii.
     spheres = scratch.body_spheres
     a, b = pair[PAIR_INNER], pair[PAIR_OUTER]
     dx = spheres[a, 0] - spheres[b, 0]
     dy = spheres[a, 1] - spheres[b, 1]
     dz = spheres[a, 2] - spheres[b, 2]
-    reach = spheres[a, 3] + spheres[b, 3] + need + TOLERANCE
+    reach = spheres[a, 3] + spheres[b, 3] + need + BOUND_TOLERANCE_M
     return dx * dx + dy * dy + dz * dz > reach * reach
 
 
@@ -220,6 +227,7 @@ def _meshes_meet(
     arm: ArmArrays, scratch: ArmScratch, a: int, b: int, need: float, hit: float
 ) -> int:
     """What sets a and b are parts of, the meshes themselves where there are any."""
+    # Two meshes, or a mesh and a convex set.
     sets = arm.sets
     mesh, other = sets[a, SET_MESH], sets[b, SET_MESH]
     if mesh >= 0 and other >= 0:
@@ -245,6 +253,7 @@ def bodies_meet(arm: ArmArrays, scratch: ArmScratch, pair: int, need: float, hit
     """
     bodies, parts, sets, bounds = arm.bodies, arm.parts, arm.sets, scratch.bounds
     body_spheres, spheres = scratch.body_spheres, scratch.part_spheres
+    # The bodies of the pair, and where the directions of their parts are remembered.
     a, b = arm.pairs[pair, PAIR_INNER], arm.pairs[pair, PAIR_OUTER]
     fixed = a >= arm.moving
     slot = arm.pairs[pair, PAIR_SLOT]
@@ -254,14 +263,16 @@ def bodies_meet(arm: ArmArrays, scratch: ArmScratch, pair: int, need: float, hit
     # Parts of the one against all of the other, then against its parts.
     for p in range(bodies[a, BODY_FIRST_PART], bodies[a + 1, BODY_FIRST_PART]):
         slot += last_b - first_b
+        # The part's ball against the ball around all of the other body.
         x, y, z = spheres[p, 0], spheres[p, 1], spheres[p, 2]
-        near = spheres[p, 3] + need + TOLERANCE
+        near = spheres[p, 3] + need + BOUND_TOLERANCE_M
         dx, dy, dz = x - body_spheres[b, 0], y - body_spheres[b, 1], z - body_spheres[b, 2]
         reach = near + body_spheres[b, 3]
         if dx * dx + dy * dy + dz * dz > reach * reach:
             continue
         s = parts[p, PART_SET]
         for o in range(first_b, last_b):
+            # Ball against ball.
             dx, dy, dz = x - spheres[o, 0], y - spheres[o, 1], z - spheres[o, 2]
             reach = near + spheres[o, 3]
             square = dx * dx + dy * dy + dz * dz
@@ -271,7 +282,7 @@ def bodies_meet(arm: ArmArrays, scratch: ArmScratch, pair: int, need: float, hit
                 # Centres lie inside: `need` cannot be kept. Look for a collision, if there can be.
                 result = UNDECIDED
                 need = hit
-                near = spheres[p, 3] + need + TOLERANCE
+                near = spheres[p, 3] + need + BOUND_TOLERANCE_M
                 reach = near + spheres[o, 3]
                 if square > reach * reach:
                     continue
@@ -280,9 +291,10 @@ def bodies_meet(arm: ArmArrays, scratch: ArmScratch, pair: int, need: float, hit
                 dx = max(bounds[s, 0] - spheres[o, 0], 0.0, spheres[o, 0] - bounds[s, 3])
                 dy = max(bounds[s, 1] - spheres[o, 1], 0.0, spheres[o, 1] - bounds[s, 4])
                 dz = max(bounds[s, 2] - spheres[o, 2], 0.0, spheres[o, 2] - bounds[s, 5])
-                reach = spheres[o, 3] + need + TOLERANCE
+                reach = spheres[o, 3] + need + BOUND_TOLERANCE_M
                 if dx * dx + dy * dy + dz * dz > reach * reach:
                     continue
+            # The convex sets of both parts.
             t = parts[o, PART_SET]
             answer = _solids_meet(arm, scratch, s, t, slot - last_b + o, need, hit)
             if answer == COVERS_MEET:
@@ -295,10 +307,11 @@ def bodies_meet(arm: ArmArrays, scratch: ArmScratch, pair: int, need: float, hit
                     apart, apart_other = mesh, other
             if answer == COLLIDING:
                 return COLLIDING
+            # The distance cannot be kept any more: only collisions are looked for.
             if answer == UNDECIDED:
                 result = UNDECIDED
                 need = hit
-                near = spheres[p, 3] + need + TOLERANCE
+                near = spheres[p, 3] + need + BOUND_TOLERANCE_M
     return result
 
 
@@ -318,6 +331,7 @@ def pair_meets(
         need: `margin` and the bound on the pair's motion within delta, metres.
     """
     row = arm.pairs[pair]
+    # The balls around both bodies.
     if spheres_apart(scratch, row, need):
         return FREE
     # Tables know of whole ranges of joints.
@@ -329,4 +343,5 @@ def pair_meets(
         and apart_within(arm.tables, table, q[joint], q[second], delta[joint], delta[second])
     ):
         return FREE
+    # The bodies part by part.
     return bodies_meet(arm, scratch, pair, need, margin)

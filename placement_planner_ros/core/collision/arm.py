@@ -1,8 +1,8 @@
 """Collision of an arm, its hand and the object it holds: with the obstacle set and with the robot.
 
 The kernels say free or colliding only where that is certain. What they leave undecided, within
-`separation.TOLERANCE` of a margin, or on the polytope around a curved shape, is not free: `free` is
-never true nearer than the margin.
+`separation.BOUND_TOLERANCE_M` of a margin, or on the polytope around a curved shape, is not free:
+`free` is never true nearer than the margin.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from placement_planner_ros.core.collision.arrays import (
     SET_JOINT,
     ArmArrays,
     FlatArm,
-    flatten,
+    lay_out_arm,
     scratch_for,
     with_own_object,
 )
 from placement_planner_ros.core.collision.attached_object import AttachedObject, PlacedObject
 from placement_planner_ros.core.collision.body_rows import CollisionBody, Part
 from placement_planner_ros.core.collision.boxes import box_arrays
-from placement_planner_ros.core.collision.edges import OVERFLOW, check_edge
+from placement_planner_ros.core.collision.edges import OVERFLOW, EdgeLimits, check_edge
 from placement_planner_ros.core.collision.hand import WristTurns, hand_collides
 from placement_planner_ros.core.collision.link_shapes import link_shapes
 from placement_planner_ros.core.collision.object_solids import (
@@ -39,7 +39,7 @@ from placement_planner_ros.core.collision.object_solids import (
     object_solids,
 )
 from placement_planner_ros.core.collision.placed_object import PlacedObjectRows
-from placement_planner_ros.core.collision.separation import COLLIDING, FREE, TOLERANCE
+from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M, COLLIDING, FREE
 from placement_planner_ros.core.collision.states import NOT_FINITE, check_states
 from placement_planner_ros.core.errors import JointStateError
 from placement_planner_ros.core.reach.kinematics import Chain, kernel_input
@@ -56,8 +56,8 @@ from placement_planner_ros.core.weak_cache import weak_lru_cache
 HELD_OBJECT = "the held object"
 PLACED_OBJECT = "the placed object"
 ENVIRONMENT = "the environment"
-_QUEUE = 4096
-_REMEMBERED = 32
+_QUEUED_INTERVALS = 4096
+_REMEMBERED_ARMS = 32
 """Arms laid out that are remembered."""
 
 
@@ -99,7 +99,7 @@ class CollisionSettings(Settings):
     def clear(self) -> float:
         """Metres from obstacles at which it is certain that `can_be_left`."""
         kept = self.collision_margin + self.planning_reserve + self.edge_resolution
-        return kept + 2.0 * TOLERANCE
+        return kept + 2.0 * BOUND_TOLERANCE_M
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -166,18 +166,23 @@ class ArmCollision:
         if standing:
             T = pin.SE3.Identity()
             self._flat = with_own_object(self._flat, PLACED_OBJECT, T)
+        # The obstacle set, and room to work in.
         self._boxes = box_arrays(obstacles)
         self._scratch = scratch_for(self._flat, self._boxes.number)
         arrays = self._flat.arrays
+        # What the wrist's pose decides alone.
         self._wrist = WristTurns.of(arrays, float(arm.lower[-1]), float(arm.upper[-1]))
         self._T_tip_joint = np.linalg.inv(arrays.fixed[-1])
         self._placed: PlacedObjectRows | None = None
         if isinstance(load, PlacedObject):
             self._placed = PlacedObjectRows(self._flat, self._scratch, PLACED_OBJECT, T)
             self.place(load.T_world_object)
-        self._queue = np.zeros((_QUEUE, 2))
-        self._settled = np.zeros((_QUEUE, arrays.moving + len(arrays.pairs)), dtype=np.bool_)
+        self._queue = np.zeros((_QUEUED_INTERVALS, 2))
+        self._settled = np.zeros(
+            (_QUEUED_INTERVALS, arrays.moving + len(arrays.pairs)), dtype=np.bool_
+        )
         self._no_deviation = np.zeros(self._dof)
+        # The same arm against another set of obstacles, in the same buffers.
         self._aside: ArmCollision | None = None
         if aside is not None:
             other = copy.copy(self)  # works in the same buffers
@@ -198,8 +203,9 @@ class ArmCollision:
         """Whether q (dof,) keeps the margins, and of `reserve` metres what the settings say.
 
         True is certain. False means a collision, or a distance so close to the margin (some
-        `separation.TOLERANCE`) that it is not certain; cylinders and cones count as the prisms
-        around them, up to 0.5 % of their radius wider, ellipsoids as polyhedra up to 2 % wider.
+        `separation.BOUND_TOLERANCE_M`) that it is not certain; cylinders and cones count as the
+        prisms around them, up to 0.5 % of their radius wider, ellipsoids as polyhedra up to 2 %
+        wider.
 
         Args:
             contact: leave out the held object against the obstacle set.
@@ -271,6 +277,7 @@ class ArmCollision:
             slack: metres that points of the hand may be off by at a configuration.
             reserve, contact: as in `free`.
         """
+        # The margins, less what inverse kinematics may miss.
         margin, self_margin = self._margins(reserve)
         middles, moved = self._wrist.intervals(margin - slack)
         return hand_collides(
@@ -319,20 +326,23 @@ class ArmCollision:
             a,
             b,
             kernel_input(deviation).reshape(self._dof),
-            *self._margins(reserve),
+            EdgeLimits(
+                *self._margins(reserve),
+                self.settings.edge_resolution,
+                self.settings.self_resolution,
+            ),
             contact,
-            self.settings.edge_resolution,
-            self.settings.self_resolution,
-            self._queue,
-            self._settled,
+            (self._queue, self._settled),
         )
         if answer == NOT_FINITE:
             raise _not_finite(a, b, deviation)
+        # Too many intervals for the queue: both halves.
         if answer == OVERFLOW:
             middle = (a + b) / 2
             return self.edge_free(
                 a, middle, contact=contact, deviation=deviation, reserve=reserve
             ) and self.edge_free(middle, b, contact=contact, deviation=deviation, reserve=reserve)
+        # Free here: what the other set of obstacles says.
         if answer != FREE or not contact or self._aside is None:
             return bool(answer == FREE)
         return self._aside.edge_free(a, b, deviation=deviation, reserve=reserve)
@@ -345,9 +355,11 @@ class ArmCollision:
     def meeting(self, q: Array, reserve: float = 0.0, contact: bool = False) -> Meeting | None:
         """A collision at q (dof,), or what is not certain to be free of one; None where free."""
         found = self._collision(q, reserve, contact)
+        # Free here: what the other set of obstacles says.
         if found is None:
             met = self._aside.meeting(q, reserve) if contact and self._aside is not None else None
             return None if met is None else replace(met, box=-1)  # which is of another set
+        # A ball inside a body was found in a box: which part and which box.
         kind, s, other = found
         if kind == 2:
             kind, s, other = self._ball_in_box(s)
@@ -377,6 +389,7 @@ class ArmCollision:
             settings: other margins.
             environment: False leaves out the obstacle set.
         """
+        # Rows of the pairs that are kept.
         names = [body.name for body in self._flat.bodies]
         pairs = self._flat.arrays.pairs
         rows = [kept(names[a], names[b]) for a, b in pairs[:, :2].tolist()]
@@ -411,7 +424,7 @@ class ArmCollision:
         T = part.T_world_part
         if body.joint >= 0:
             zero = self._flat.joint_frames[body.joint]
-            T = _se3(self._scratch.frames[body.joint]) * zero.inverse() * T
+            T = _pose_of_frame(self._scratch.frames[body.joint]) * zero.inverse() * T
         return part.geometry, coal.Transform3s(T.rotation, T.translation)
 
     def _ball_in_box(self, node: int) -> tuple[int, int, int]:
@@ -445,7 +458,7 @@ def arm_joint(model: pin.Model, joint_ids: Sequence[int], joint: int) -> int:
     return joint_ids.index(joint) if joint != 0 else -1
 
 
-@weak_lru_cache("body", maxsize=_REMEMBERED)
+@weak_lru_cache("body", maxsize=_REMEMBERED_ARMS)
 def _flat_arm(
     robot: Robot,
     arm: Arm,
@@ -460,14 +473,16 @@ def _flat_arm(
     Args:
         grasp: index into the arm's grasps; None where the body stands at the world's origin.
         q_zero: (nq,) joints of the whole robot, the arm's at zero.
-        excess, clear: as for `flatten`.
+        excess, clear: as for `lay_out_arm`.
     """
+    # The robot with the arm's joints at zero.
     q = np.frombuffer(q_zero)
     model, data = robot.model, robot.model.createData()
     pin.framesForwardKinematics(model, data, q)
     joint_ids = [model.getJointId(name) for name in arm.joints]
-    bodies = list(_links(robot, tuple(joint_ids), q_zero))
-    pairs = _pairs(robot, [link.name for link in bodies])
+    bodies = list(_arm_links(robot, tuple(joint_ids), q_zero))
+    pairs = _checked_pairs(robot, [link.name for link in bodies])
+    # The object as one more body: placed in the world, or held by the last joint.
     if body is not None:
         tip = robot.frame_id(arm.tip_frame)
         others = [link for link in bodies if link.name not in arm.touch_links]
@@ -479,15 +494,19 @@ def _flat_arm(
             thing = CollisionBody(HELD_OBJECT, tip_joint, parts)
             still = [link for link in others if link.joint == tip_joint]
             _check_grasp(robot, data, arm, grasp, body, still)
+        # Every link but those that may touch it is to keep off the object.
         pairs += [(link.name, thing.name) for link in others]
         bodies.append(thing)
     held = HELD_OBJECT if body is not None and grasp is not None else None
-    return flatten(Chain.from_robot(robot, arm, q), bodies, held, pairs, excess, clear)
+    return lay_out_arm(Chain.from_robot(robot, arm, q), bodies, held, pairs, excess, clear)
 
 
-@weak_lru_cache("robot", maxsize=_REMEMBERED)
-def _links(robot: Robot, joint_ids: tuple[int, ...], q_zero: bytes) -> tuple[CollisionBody, ...]:
+@weak_lru_cache("robot", maxsize=_REMEMBERED_ARMS)
+def _arm_links(
+    robot: Robot, joint_ids: tuple[int, ...], q_zero: bytes
+) -> tuple[CollisionBody, ...]:
     """The links of an arm with those joints, remembered for each grasp and object."""
+    # Geometries by their link, each with the last arm joint that moves it.
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, np.frombuffer(q_zero))
     parts: dict[str, list[Part]] = {}
@@ -506,7 +525,7 @@ def _links(robot: Robot, joint_ids: tuple[int, ...], q_zero: bytes) -> tuple[Col
     )
 
 
-def _pairs(robot: Robot, links: list[str]) -> list[tuple[str, str]]:
+def _checked_pairs(robot: Robot, links: list[str]) -> list[tuple[str, str]]:
     return [
         (a, b)
         for i, a in enumerate(links)
@@ -523,6 +542,7 @@ def _check_grasp(
     robot: Robot, data: pin.Data, arm: Arm, grasp: int, body: Body, links: list[CollisionBody]
 ) -> None:
     """Raise if the object, held, overlaps links that it does not move against."""
+    # Every link that stands still against the object, with every solid of it.
     T_object = data.oMf[robot.frame_id(arm.tip_frame)] * arm.grasps[grasp]
     depths: dict[str, float] = {}
     still = {link.name for link in links}
@@ -542,5 +562,5 @@ def _check_grasp(
         raise object_in_hand(arm, grasp, depths)
 
 
-def _se3(frame: Array) -> pin.SE3:
+def _pose_of_frame(frame: Array) -> pin.SE3:
     return pin.SE3(frame[:3, :3], frame[:3, 3])

@@ -23,7 +23,7 @@ from placement_planner_ros.core.collision.body_rows import (
 )
 from placement_planner_ros.core.collision.meshes import MeshArrays, MeshTree, shared_arrays
 from placement_planner_ros.core.collision.pair_tables import (
-    CELL,
+    CELL_RAD,
     PairTables,
     TablePair,
     TableShape,
@@ -162,7 +162,7 @@ class FlatArm:
     joint_frames: tuple[pin.SE3, ...]
 
 
-def flatten(
+def lay_out_arm(
     chain: Chain,
     bodies: Iterable[CollisionBody],
     held: str | None,
@@ -180,6 +180,7 @@ def flatten(
         excess: how far the finest covering spheres may stick out, metres.
         clear: what tables of pairs certify, metres.
     """
+    # The bodies' rows, each in the frame of its joint with all joints at zero.
     joint_frames = [pin.SE3(T) for T in itertools.accumulate(chain.fixed[:-1], np.matmul)]
     laid_out = [
         (body, body_rows(body, _at_zero(body, joint_frames).homogeneous.tobytes(), excess))
@@ -194,6 +195,7 @@ def flatten(
     world = chain.dof + 1
     joints = [body.joint if body.joint >= 0 else world for body in ordered]
     rows = [of_body for _, of_body in laid_out]
+    # Pairs of bodies, the inner one first; those on one joint do not move against each other.
     between = []
     for a, b in pairs:
         first, second = number[a], number[b]
@@ -203,8 +205,9 @@ def flatten(
             between.append((first, second))
     # Outer links first: they collide most often.
     between.sort(key=lambda p: (-ordered[p[1]].joint, ordered[p[0]].joint))
+    # Room for a direction for each pair of parts.
     sizes = [len(rows[a].radius) * len(rows[b].radius) for a, b in between]
-    table_of, tables = _tables(chain, ordered, joint_frames, between, clear)
+    table_of, tables = _tables_of_pairs(chain, ordered, joint_frames, between, clear)
     arrays = ArmArrays(
         fixed=chain.fixed,
         prismatic=chain.prismatic,
@@ -220,7 +223,7 @@ def flatten(
             dtype=np.int64,
         ).reshape(-1, 5),
         tables=tables,
-        **_stacked(rows, joints),
+        **_stacked_bodies(rows, joints),
     )
     return FlatArm(
         arrays,
@@ -237,7 +240,7 @@ def _at_zero(body: CollisionBody, joint_frames: list[pin.SE3]) -> pin.SE3:
     return joint_frames[body.joint].inverse() if body.joint >= 0 else pin.SE3.Identity()
 
 
-def _tables(
+def _tables_of_pairs(
     chain: Chain,
     bodies: list[CollisionBody],
     joint_frames: list[pin.SE3],
@@ -248,14 +251,16 @@ def _tables(
     tabled: list[TablePair] = []
     rows = []
     for a, b in pairs:
+        # Joints between both bodies.
         inner, outer = bodies[a], bodies[b]
         joints = slice(inner.joint + 1, outer.joint + 1)
         lower, upper = chain.lower[joints], chain.upper[joints]
         fixed = chain.fixed[joints]
         if len(lower) == 1:
             # A second joint at the same place, which stays where it is.
-            lower, upper = np.append(lower, -0.5 * CELL), np.append(upper, -0.5 * CELL)
+            lower, upper = np.append(lower, -0.5 * CELL_RAD), np.append(upper, -0.5 * CELL_RAD)
             fixed = np.concatenate([fixed, np.eye(4)[None]])
+        # A table for rigid links up to two turning joints apart, with limits.
         if (
             len(lower) == 2
             and inner.rigid
@@ -288,6 +293,7 @@ def with_own_object(flat: FlatArm, name: str, T_world_object: pin.SE3) -> FlatAr
 
     Only its `T_world_part` is set: `placed_object.PlacedObject` moves the rows.
     """
+    # Copies of all that depends on where the body is.
     arrays = flat.arrays
     own = arrays._replace(
         vertices=arrays.vertices.copy(),
@@ -309,9 +315,11 @@ def with_own_object(flat: FlatArm, name: str, T_world_object: pin.SE3) -> FlatAr
 def scratch_for(flat: FlatArm, boxes: int) -> ArmScratch:
     """Work space for `flat` against `boxes` obstacles; fixed bodies are placed for good."""
     a = flat.arrays
+    # Frames of joints, tip and world; the last stays as it is.
     joints, sets = len(a.prismatic), len(a.radius)
     frames = np.zeros((joints + 2, 4, 4))
     frames[-1] = np.eye(4)
+    # Boxes around the sets of bodies that nothing moves, for good.
     bounds = np.zeros((sets, 6))
     first = a.sets[:-1, SET_FIRST_VERTEX]
     bounds[:, :3] = np.minimum.reduceat(a.vertices, first) - a.radius[:, None]
@@ -345,15 +353,17 @@ def scratch_for(flat: FlatArm, boxes: int) -> ArmScratch:
     )
 
 
-def _stacked(bodies: list[BodyRows], joints: list[int]) -> dict[str, Any]:
+def _stacked_bodies(bodies: list[BodyRows], joints: list[int]) -> dict[str, Any]:
     """The rows of bodies (b), of joints (b), one below the other."""
+    # Where each body's rows begin.
     ends = np.array([each.ends for each in bodies])
     begins = np.vstack([np.zeros((1, ends.shape[1]), dtype=np.int64), ends.cumsum(axis=0)])
     # In the same order for each arm of a robot, so that they share the arrays.
     carried = [tree for each in bodies for tree in each.meshes]
-    trees = list(dict.fromkeys(sorted(carried, key=_content)))
+    trees = list(dict.fromkeys(sorted(carried, key=_mesh_order)))
     number = {tree: i for i, tree in enumerate(trees)}
     of = [joint for joint, each in zip(joints, bodies, strict=True) for _ in each.meshes]
+    # Numbers of other rows, counted on from the body's first.
     parts, nodes, sets = [], [], []
     for i, each in enumerate(bodies):
         node, part, vertex, plane, mesh = begins[i].tolist()
@@ -388,6 +398,6 @@ def _stacked(bodies: list[BodyRows], joints: list[int]) -> dict[str, Any]:
     }
 
 
-def _content(tree: MeshTree) -> tuple[int, float]:
+def _mesh_order(tree: MeshTree) -> tuple[int, float]:
     """What orders the meshes of a robot."""
     return len(tree.corners), float(tree.corners.sum())

@@ -100,15 +100,15 @@ def body_rows(body: CollisionBody, T_joint_world: bytes, excess: float) -> BodyR
             what does not move.
     """
     placed = pin.SE3(np.frombuffer(T_joint_world).reshape(4, 4))
-    rows = _Rows()
+    rows = _GrowingRows()
     for number, part in enumerate(body.parts):
         step(f"covering {body.name} with spheres")
         spheres = sphere_trees(part.shape, excess if body.joint >= 0 else 10 * excess)
         rows.add(part.shape, spheres, placed * part.T_world_part, number)
-    return rows.end(_extent(body))
+    return rows.end(_summed_extent(body))
 
 
-def _extent(body: CollisionBody) -> float:
+def _summed_extent(body: CollisionBody) -> float:
     """Metres along the three axes of the body's parts, added up."""
     corners = np.vstack(
         [
@@ -120,7 +120,7 @@ def _extent(body: CollisionBody) -> float:
     return float(np.ptp(corners, axis=0).sum())
 
 
-class _Rows:
+class _GrowingRows:
     """Rows of a body as they grow."""
 
     def __init__(self) -> None:

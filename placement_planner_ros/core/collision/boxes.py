@@ -15,7 +15,7 @@ from placement_planner_ros.core.types import Array
 
 _T = TypeVar("_T", bound=np.generic)
 
-_CAP = 0.3
+_FIELD_REACH_M = 0.3
 _made: dict[tuple[int, int], tuple[BoxArrays, Array]] = {}
 
 
@@ -26,30 +26,30 @@ def box_arrays(obstacles: ObstacleSet) -> BoxArrays:
     """
     key = id(obstacles.cells), id(obstacles.lower)
     if key not in _made:
-        _made[key] = _make(obstacles), obstacles.lower
+        _made[key] = _lay_out_boxes(obstacles), obstacles.lower
         weakref.finalize(obstacles.cells, _made.pop, key, None)
     return _made[key][0]
 
 
-def _make(obstacles: ObstacleSet) -> BoxArrays:
+def _lay_out_boxes(obstacles: ObstacleSet) -> BoxArrays:
     number = len(obstacles.lower)
     grid = np.array([*obstacles.origin, obstacles.cell_size])
     if not number:
         return BoxArrays(
             number=0,
-            columns=_shared(np.zeros((1, 2), dtype=np.int32)),
-            layers=_shared(np.zeros(0, dtype=np.int32)),
+            columns=_read_only_view(np.zeros((1, 2), dtype=np.int32)),
+            layers=_read_only_view(np.zeros(0, dtype=np.int32)),
             corners=np.zeros((0, 6)),
             grid=grid,
             field_grid=np.zeros(16),
-            field=_shared(np.zeros((1, 1, 1, 64), dtype=np.uint8)),
+            field=_read_only_view(np.zeros((1, 1, 1, 64), dtype=np.uint8)),
         )
     corners = np.hstack([obstacles.lower, obstacles.upper])
-    field = distance_bound_field(obstacles, _CAP)
+    field = distance_bound_field(obstacles, _FIELD_REACH_M)
     return BoxArrays(
         number=number,
-        columns=_shared(_columns(obstacles)),
-        layers=_shared(obstacles.cells[:, 2]),
+        columns=_read_only_view(_column_index(obstacles)),
+        layers=_read_only_view(obstacles.cells[:, 2]),
         corners=corners,
         grid=grid,
         field_grid=np.array(
@@ -64,11 +64,11 @@ def _make(obstacles: ObstacleSet) -> BoxArrays:
                 1.0 / field.cell_size,
             ]
         ),
-        field=_shared(field.levels),
+        field=_read_only_view(field.levels),
     )
 
 
-def _columns(obstacles: ObstacleSet) -> npt.NDArray[np.int32]:
+def _column_index(obstacles: ObstacleSet) -> npt.NDArray[np.int32]:
     """First box of each column of cells, as `BoxArrays.columns`: boxes are in the cells' order."""
     nx, ny, _ = obstacles.shape
     column = obstacles.cells[:, 0].astype(np.int64) * ny + obstacles.cells[:, 1]
@@ -79,7 +79,7 @@ def _columns(obstacles: ObstacleSet) -> npt.NDArray[np.int32]:
     return columns
 
 
-def _shared(array: npt.NDArray[_T]) -> npt.NDArray[_T]:
+def _read_only_view(array: npt.NDArray[_T]) -> npt.NDArray[_T]:
     """A read-only view: the kernels are compiled for arrays of one kind."""
     view = np.ascontiguousarray(array).view()
     view.setflags(write=False)

@@ -11,6 +11,8 @@ and m_{k+1} + δ_k where the joint slides.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
 
@@ -33,29 +35,46 @@ OVERFLOW = 3
 """An edge needs more intervals than the queue holds: cut it in two."""
 
 
+class EdgeLimits(NamedTuple):
+    """What an edge is to keep, and how closely that is looked at, metres.
+
+    Of the bodies against the obstacle set, and of the robot against itself.
+    """
+
+    margin: float
+    self_margin: float
+    resolution: float
+    """Motion over an interval down to which it is halved."""
+    self_resolution: float
+
+
 @kernel(lean=True)
 def bound_motion(arm: ArmArrays, scratch: ArmScratch, delta: Array, bound: Array) -> None:
     """bound[b, k]: how far joints k and outward move any point of moving body b (this module)."""
     frames, spheres, prismatic = scratch.frames, scratch.body_spheres, arm.prismatic
     for body in range(arm.moving):
         joint = arm.bodies[body, BODY_JOINT]
+        # The ball around the body, where it is at the middle.
         x, y, z, radius = (
             spheres[body, 0],
             spheres[body, 1],
             spheres[body, 2],
             spheres[body, 3],
         )
+        # Joint by joint, from the body's own inward; further joints do not move it.
         m = 0.0
         bound[body, joint + 1] = 0.0
         for k in range(joint, -1, -1):
             if prismatic[k]:
                 m += delta[k]
             else:
+                # The distance of the ball's centre from the joint's axis.
                 dx = x - frames[k, 0, 3]
                 dy = y - frames[k, 1, 3]
                 dz = z - frames[k, 2, 3]
                 along = dx * frames[k, 0, 2] + dy * frames[k, 1, 2] + dz * frames[k, 2, 2]
                 across = np.sqrt(max(dx * dx + dy * dy + dz * dz - along * along, 0.0))
+                # A turn moves no point further than its angle times the distance from the axis.
                 m += delta[k] * (across + radius + m)
             bound[body, k] = m
 
@@ -76,10 +95,12 @@ def _place_interval(
     Filled are `edge`, `bound` and, where the edge is strayed from, `bound_straight`.
     """
     q, straight, delta = scratch.edge[0], scratch.edge[1], scratch.edge[2]
+    # The configuration at the middle, and how far each joint moves along the edge and beside it.
     for j in range(a.shape[0]):
         q[j] = a[j] + middle * (b[j] - a[j])
         straight[j] = half * abs(b[j] - a[j])
         delta[j] = straight[j] + deviation[j]
+    # Place the arm there, and bound its motion.
     place_joints(arm, scratch, q)
     place_all_spheres(arm, scratch)
     bound_motion(arm, scratch, delta, scratch.bound)
@@ -88,10 +109,11 @@ def _place_interval(
 
 
 @kernel(inline=True)
-def _halve(
+def _append_halves(
     queue: Array, settled: npt.NDArray[np.bool_], head: int, waiting: int, items: int
 ) -> None:
     """Append both halves of the interval at `head` to the `waiting` ones, settled as far as it."""
+    # Appended behind those that wait, in a ring.
     size = queue.shape[0]
     middle, half = queue[head, 0], queue[head, 1]
     for side in range(2):
@@ -110,13 +132,9 @@ def check_edge(
     a: Array,
     b: Array,
     deviation: Array,
-    margin: float,
-    self_margin: float,
+    limits: EdgeLimits,
     contact: bool,
-    resolution: float,
-    self_resolution: float,
-    queue: Array,
-    settled: npt.NDArray[np.bool_],
+    work: tuple[Array, npt.NDArray[np.bool_]],
 ) -> int:
     """The straight joint motion from a to b (n,), strayed from by at most `deviation` (n,).
 
@@ -128,8 +146,7 @@ def check_edge(
 
     Args:
         contact: leave out the held object against the obstacle set.
-        resolution, self_resolution: metres.
-        queue: (k, 2) work space, settled: (k, bodies moving + pairs).
+        work: (k, 2) intervals that wait; (k, bodies moving + pairs) what of them is settled.
 
     Returns:
         FREE, COLLIDING (certain), UNDECIDED (not certified), OVERFLOW or NOT_FINITE.
@@ -137,6 +154,8 @@ def check_edge(
     if not (is_finite(a) and is_finite(b) and is_finite(deviation)):
         return NOT_FINITE
     pairs, bound = arm.pairs, scratch.bound
+    queue, settled = work
+    # The items to settle: bodies against the obstacle set, then pairs of bodies.
     items = arm.moving + pairs.shape[0]
     q, delta = scratch.edge[0], scratch.edge[2]
     strays = False
@@ -150,39 +169,46 @@ def check_edge(
     queue[0, 0] = 0.5
     queue[0, 1] = 0.5
     settled[0, :] = False
+    # Nothing to settle for bodies without obstacles, and for the object where it may touch them.
     for body in range(arm.moving):
         if boxes.number == 0 or (contact and body == arm.held):
             settled[0, body] = True
     while waiting > 0:
+        # The first interval that waits, with the arm at its middle.
         _place_interval(arm, scratch, a, b, deviation, queue[head, 0], queue[head, 1], strays)
         open_items = False
         for item in range(items):
             if settled[head, item]:
                 continue
             scratch.counters[2] = 0
+            # A body against the obstacle set, its motion added to the margin.
             if item < arm.moving:
-                need = margin + bound[item, 0]
-                answer = body_meets_boxes(arm, boxes, scratch, item, need, margin)
-                small = exact[item, 0] <= resolution
+                need = limits.margin + bound[item, 0]
+                answer = body_meets_boxes(arm, boxes, scratch, item, need, limits.margin)
+                small = exact[item, 0] <= limits.resolution
             else:
+                # A pair of bodies, the motion of the joints between them added to the margin.
                 pair = item - arm.moving
                 outer, first = pairs[pair, PAIR_OUTER], pairs[pair, PAIR_OUTWARD]
-                need = self_margin + bound[outer, first]
-                answer = pair_meets(arm, scratch, pair, q, delta, need, self_margin)
-                small = exact[outer, first] <= self_resolution
+                need = limits.self_margin + bound[outer, first]
+                answer = pair_meets(arm, scratch, pair, q, delta, need, limits.self_margin)
+                small = exact[outer, first] <= limits.self_resolution
             if answer == COLLIDING:
                 return COLLIDING
             if answer == FREE:
                 settled[head, item] = True
             elif small:
+                # Short enough, and still not certain.
                 return UNDECIDED
             else:
                 open_items = True
+        # Halve the interval where anything is open.
         if open_items:
             if waiting + 2 > queue.shape[0]:
                 return OVERFLOW
-            _halve(queue, settled, head, waiting, items)
+            _append_halves(queue, settled, head, waiting, items)
             waiting += 2
+        # On to the next that waits.
         head = (head + 1) % queue.shape[0]
         waiting -= 1
     return FREE

@@ -34,11 +34,10 @@ from placement_planner_ros.core.collision.separation import COLLIDING
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array
 
-_STRIDE = 0.6180339887498949
-"""Intervals are visited in steps of this share of their number, so that free ones come early."""
-_SHARE = 0.9
+_GOLDEN_RATIO = 0.6180339887498949
+_TURNED_SHARE = 0.9
 """Of the margin, that what turns may move within half an interval."""
-_MAX_INTERVALS = 256
+_MAX_WRIST_INTERVALS = 256
 """Where more were needed, what the last joint but one carries is left out."""
 
 
@@ -76,17 +75,27 @@ class WristTurns:
             Their middles (m,), rad, m = 0 where the margin leaves too little; and how far a point
             moves within half of one, metres.
         """
-        return _intervals(self, margin)
+        return _wrist_intervals(self, margin)
 
 
 @functools.lru_cache(maxsize=64)
-def _intervals(turns: WristTurns, margin: float) -> tuple[Array, float]:
-    moved = _SHARE * max(margin, 0.0)
+def _wrist_intervals(turns: WristTurns, margin: float) -> tuple[Array, float]:
+    moved = _TURNED_SHARE * max(margin, 0.0)
     span = min(turns.upper - turns.lower, 2.0 * math.pi)
     number = 0
-    if math.isfinite(turns.radius) and span * turns.radius <= 2.0 * moved * _MAX_INTERVALS:
+    if math.isfinite(turns.radius) and span * turns.radius <= 2.0 * moved * _MAX_WRIST_INTERVALS:
         number = math.ceil(0.5 * span * turns.radius / moved) if moved > 0.0 else 0
     return turns.lower + span * (np.arange(number) + 0.5) / max(number, 1), moved
+
+
+@kernel(lean=True)
+def spread_stride(count: int) -> int:
+    """A stride that visits each of `count` items once and spreads them: k · stride mod count."""
+    # About the golden ratio of them, and without a common divisor.
+    stride = max(1, int(_GOLDEN_RATIO * count))
+    while np.gcd(stride, count) > 1:
+        stride += 1
+    return stride
 
 
 @kernel(lean=True)
@@ -94,6 +103,7 @@ def _carried_meets_boxes(
     arm: ArmArrays, boxes: BoxArrays, scratch: ArmScratch, joint: int, margin: float, contact: bool
 ) -> bool:
     """Whether a body that hangs on `joint`, whose frame is placed, surely meets an obstacle."""
+    # Bodies that this joint carries, each against the obstacle set.
     for body in range(arm.moving):
         if arm.bodies[body, BODY_JOINT] != joint:
             continue
@@ -109,6 +119,7 @@ def _carried_meets_boxes(
 @kernel(lean=True)
 def _carried_meets_fixed(arm: ArmArrays, scratch: ArmScratch, joint: int, margin: float) -> bool:
     """Whether a body that hangs on `joint` surely meets one that the arm does not move."""
+    # Pairs of a body that nothing moves and one that this joint carries.
     world = len(arm.prismatic) + 1
     bodies, pairs = arm.bodies, arm.pairs
     for pair in range(pairs.shape[0]):
@@ -126,6 +137,7 @@ def _carried_meets_fixed(arm: ArmArrays, scratch: ArmScratch, joint: int, margin
 @kernel(lean=True)
 def _place_before(arm: ArmArrays, scratch: ArmScratch, T_world_joint: Array, q: float) -> None:
     """Frame of the last joint but one, the last being at q: T_world_joint · R_z(-q) · A⁻¹."""
+    # Turn back by the last joint, then undo its fixed transform A, row by row.
     last = len(arm.prismatic) - 1
     frames, A = scratch.frames, arm.fixed[last]
     cos, sin = np.cos(q), np.sin(q)
@@ -178,12 +190,11 @@ def hand_collides(
     if number == 0 or boxes.number == 0:
         return False
     # What turns about the last axis: free at one middle, and nothing is certain.
-    step = max(1, int(_STRIDE * number))
-    while np.gcd(step, number) != 1:
-        step += 1
+    stride = spread_stride(number)
     for visit in range(number):
+        # Turned to the middle of an interval, short of the margin by what it can turn away.
         scratch.counters[0] += 1
-        _place_before(arm, scratch, T_world_joint, middles[(visit * step) % number])
+        _place_before(arm, scratch, T_world_joint, middles[(visit * stride) % number])
         if not _carried_meets_boxes(arm, boxes, scratch, last - 1, shrunk_margin, contact):
             return False
     return True

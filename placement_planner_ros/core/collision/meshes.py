@@ -20,7 +20,7 @@ from placement_planner_ros.core.weak_cache import weak_lru_cache
 Indices = npt.NDArray[np.int64]
 Singles = npt.NDArray[np.float32]
 
-_LEAF = 4
+_LEAF_TRIANGLES = 4
 """Triangles in a leaf, at most."""
 
 _SINGLE = 1e-6, 1e-7
@@ -89,19 +89,21 @@ class MeshTree:
     @classmethod
     def of(cls, vertices: Array, triangles: Indices) -> MeshTree:
         """Of a mesh: vertices (n, 3) metres, triangles (t, 3)."""
+        # Components, each with its own corners.
         made = Components.of(np.asarray(vertices, dtype=np.float64), triangles)
         corners, label, solid = made.corners.copy(), made.label, made.closed
         # A closed component is turned outward: then the solid is where any winds about a point.
         volume = np.bincount(label, np.linalg.det(corners - corners.mean(axis=(0, 1))), len(solid))
         inward = (volume < 0.0)[label]
         corners[inward] = corners[inward][:, ::-1]
-        order, leaves = tree_order(corners.mean(axis=1), _LEAF)
+        # Leaves of a few triangles near each other.
+        order, leaves = tree_order(corners.mean(axis=1), _LEAF_TRIANGLES)
         corners = corners[order]
         _, one = np.unique(label[order], return_index=True)
         # What has two corners at one place bounds nothing; its neighbours meet there.
         point = (corners == np.roll(corners, 1, axis=1)).all(axis=2).any(axis=1)
         return cls(
-            boxes=frozen_array(_boxes(corners, leaves), (-1, 6)),
+            boxes=frozen_array(_tree_boxes(corners, leaves), (-1, 6)),
             turned=_turned_boxes(corners, leaves),
             leaves=leaves,
             corners=frozen_array(corners.reshape(-1, 3)),
@@ -120,6 +122,7 @@ def tree_order(centers: Array, most: int) -> tuple[Indices, Indices]:
     Args:
         most: triangles in a leaf.
     """
+    # As many levels as leaves of that size need.
     count = len(centers)
     depth = max(0, int(np.ceil(np.log2(count / most))))
     # Places along each axis, equal ones alike: whole numbers are sorted in a third of the time.
@@ -127,6 +130,7 @@ def tree_order(centers: Array, most: int) -> tuple[Indices, Indices]:
     order = np.arange(count)
     first = np.array([0, count])
     for _ in range(depth):
+        # Each node is halved along its longest extent, by the triangles' middles.
         placed = centers[order]
         spans = np.maximum.reduceat(placed, first[:-1]) - np.minimum.reduceat(placed, first[:-1])
         sizes = np.diff(first)
@@ -137,8 +141,9 @@ def tree_order(centers: Array, most: int) -> tuple[Indices, Indices]:
     return order, first
 
 
-def _boxes(corners: Array, leaves: Indices) -> Array:
+def _tree_boxes(corners: Array, leaves: Indices) -> Array:
     """(k, 6) boxes of the complete tree over leaves (l + 1,) of triangles (t, 3, 3)."""
+    # Boxes of the leaves, then of two nodes each, up to the root.
     level = np.hstack(
         [
             np.minimum.reduceat(corners.min(axis=1), leaves[:-1]),
@@ -160,6 +165,7 @@ def _turned_boxes(corners: Array, leaves: Indices) -> Singles:
     by its surface. Extents are measured along the axes as rounded, so that rounding leaves nothing
     out.
     """
+    # Sums of the corners and their products, and their span, for each leaf.
     points = corners.reshape(-1, 3)
     away = points - points.mean(axis=0)  # about their common middle
     squares = (away[:, :, None] * away[:, None, :]).reshape(-1, 9)
@@ -168,10 +174,12 @@ def _turned_boxes(corners: Array, leaves: Indices) -> Singles:
     low, high = (each.reduceat(points, first[:-1]) for each in (np.minimum, np.maximum))
     levels = []
     while True:
+        # Principal axes of each node's corners.
         mean, square = np.split(sums / np.diff(first)[:, None], [3], axis=1)
         spread = square.reshape(-1, 3, 3) - mean[:, :, None] * mean[:, None, :]
         own = np.linalg.eigh(spread)[1].transpose(0, 2, 1)
-        made = [_around(points, first, own), _along_axes(low, high)]
+        # The box along these, or along the mesh's own axes, whichever has less surface.
+        made = [_boxes_around(points, first, own), _along_axes(low, high)]
         surfaces = [h[:, 0] * h[:, 1] + h[:, 1] * h[:, 2] + h[:, 2] * h[:, 0] for *_, h in made]
         better = (surfaces[0] < surfaces[1])[:, None]
         axes, middle, half = (np.where(better, *pair) for pair in zip(*made, strict=True))
@@ -179,33 +187,36 @@ def _turned_boxes(corners: Array, leaves: Indices) -> Singles:
         levels.append(np.hstack([axes, middle, half, radius]))
         if len(first) == 2:
             return np.vstack(levels[::-1]).astype(np.float32)
+        # Two nodes each make one of the level above.
         first = np.append(first[:-1:2], first[-1])
         sums = sums[::2] + sums[1::2]
         low, high = np.minimum(low[::2], low[1::2]), np.maximum(high[::2], high[1::2])
 
 
-def _around(points: Array, first: Indices, axes: Array) -> tuple[Array, Array, Array]:
+def _boxes_around(points: Array, first: Indices, axes: Array) -> tuple[Array, Array, Array]:
     """Boxes along `axes` (n, 3, 3), in rows, around points that begin at `first` (n + 1,): the axes
     (n, 9), middles and half extents (n, 3), all as float32 can have them."""
+    # The corners of each node along its axes, with a last one repeated.
     axes = axes.astype(np.float32).astype(np.float64)
     sizes = np.diff(first)[:, None]  # of a level they differ by a triangle
     rows = first[:-1, None] + np.minimum(np.arange(sizes.max()), sizes - 1)
     along = axes @ points[rows].transpose(0, 2, 1)
     low, high = along.min(axis=2), along.max(axis=2)
+    # The middle, rounded, and what the box then reaches from there.
     middle = np.einsum("nij,ni->nj", axes, 0.5 * (low + high)).astype(np.float32)
     middle = middle.astype(np.float64)
     at = np.einsum("nij,nj->ni", axes, middle)
-    return axes.reshape(-1, 9), middle, _half(low, high, at)
+    return axes.reshape(-1, 9), middle, _half_extents(low, high, at)
 
 
 def _along_axes(low: Array, high: Array) -> tuple[Array, Array, Array]:
-    """`_around` along the mesh's own axes, around corners low and high (n, 3)."""
+    """`_boxes_around` along the mesh's own axes, around corners low and high (n, 3)."""
     middle = (0.5 * (low + high)).astype(np.float32).astype(np.float64)
     axes = np.broadcast_to(np.eye(3).ravel(), (len(low), 9))
-    return axes, middle, _half(low, high, middle)
+    return axes, middle, _half_extents(low, high, middle)
 
 
-def _half(low: Array, high: Array, middle: Array) -> Array:
+def _half_extents(low: Array, high: Array, middle: Array) -> Array:
     """Half extents (n, 3) about middles that reach from low to high, and beyond for rounding."""
     return np.maximum(high - middle, middle - low) * (1.0 + _SINGLE[0]) + _SINGLE[1]
 
@@ -213,43 +224,43 @@ def _half(low: Array, high: Array, middle: Array) -> Array:
 def shared_arrays(trees: tuple[MeshTree, ...]) -> MeshArrays:
     """`mesh_arrays`, remembered, since they are the largest part of a robot, as long as the last
     tree is there, which is the object's where there is one."""
-    return _shared(trees[-1], trees[:-1]) if trees else mesh_arrays(trees)
+    return _remembered_arrays(trees[-1], trees[:-1]) if trees else mesh_arrays(trees)
 
 
 @weak_lru_cache("last", maxsize=2)
-def _shared(last: MeshTree, others: tuple[MeshTree, ...]) -> MeshArrays:
+def _remembered_arrays(last: MeshTree, others: tuple[MeshTree, ...]) -> MeshArrays:
     return mesh_arrays([*others, last])
 
 
 def mesh_arrays(trees: Sequence[MeshTree]) -> MeshArrays:
     """Meshes one after the other."""
     return MeshArrays(
-        first_node=_firsts([len(tree.boxes) for tree in trees]),
-        first_leaf=_firsts([len(tree.leaves) - 1 for tree in trees]),
-        first_component=_firsts([len(tree.components) for tree in trees]),
-        boxes=_stacked([tree.boxes for tree in trees], 6),
+        first_node=_first_rows([len(tree.boxes) for tree in trees]),
+        first_leaf=_first_rows([len(tree.leaves) - 1 for tree in trees]),
+        first_component=_first_rows([len(tree.components) for tree in trees]),
+        boxes=_stacked_rows([tree.boxes for tree in trees], 6),
         turned=np.vstack([np.zeros((0, 16), np.float32), *(tree.turned for tree in trees)]),
         leaves=np.concatenate(
             [np.zeros(0, dtype=np.int64)]
             + [
                 tree.leaves[:-1] + first
-                for tree, first in zip(trees, _triangles(trees), strict=False)
+                for tree, first in zip(trees, _first_triangles(trees), strict=False)
             ]
-            + [_triangles(trees)[-1:]]
+            + [_first_triangles(trees)[-1:]]
         ),
-        corners=_stacked([tree.corners for tree in trees], 3),
+        corners=_stacked_rows([tree.corners for tree in trees], 3),
         closed=np.concatenate([np.zeros(0, dtype=np.bool_), *(tree.closed for tree in trees)]),
-        components=_stacked([tree.components for tree in trees], 3),
+        components=_stacked_rows([tree.components for tree in trees], 3),
     )
 
 
-def _triangles(trees: Sequence[MeshTree]) -> Indices:
-    return _firsts([len(tree.closed) for tree in trees])
+def _first_triangles(trees: Sequence[MeshTree]) -> Indices:
+    return _first_rows([len(tree.closed) for tree in trees])
 
 
-def _firsts(sizes: Sequence[int]) -> Indices:
+def _first_rows(sizes: Sequence[int]) -> Indices:
     return np.cumsum([0, *sizes], dtype=np.int64)
 
 
-def _stacked(arrays: Sequence[Array], columns: int) -> Array:
+def _stacked_rows(arrays: Sequence[Array], columns: int) -> Array:
     return np.ascontiguousarray(np.vstack([np.zeros((0, columns)), *arrays]))

@@ -13,6 +13,7 @@ from placement_planner_ros.core.collision.arm import CollisionSettings
 from placement_planner_ros.core.collision.boxes import box_arrays
 from placement_planner_ros.core.collision.object_kernels import (
     ObjectScratch,
+    PoseMargins,
     check_poses,
 )
 from placement_planner_ros.core.collision.object_solids import object_arrays, object_solids
@@ -22,9 +23,9 @@ from placement_planner_ros.core.robot.surface import meet
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import LEVEL, Array, Slope
 
-_ROUNDING = 1e-9
+_HEIGHT_ROUNDING_M = 1e-9
 """m by which heights are off by arithmetic."""
-_LOOKED_AT = 100
+_NEAR_BOXES = 100
 """Boxes near a part that `met` looks at."""
 
 
@@ -56,7 +57,9 @@ class ObjectCollision:
         overhangs: bool = False,
     ) -> None:
         self.settings = settings or CollisionSettings()
-        self._beneath = self.settings.collision_margin - _ROUNDING if overhangs else math.inf
+        self._beneath = (
+            self.settings.collision_margin - _HEIGHT_ROUNDING_M if overhangs else math.inf
+        )
         self._solids = object_solids(body)
         self._boxes = box_arrays(obstacles)
         self._obstacles = obstacles
@@ -77,7 +80,7 @@ class ObjectCollision:
         """Whether the object keeps the margin from `raise_height` above the pose down to it.
 
         True is certain. False means a collision, or a distance so close to the margin
-        (`separation.TOLERANCE`) that it is not certain.
+        (`separation.BOUND_TOLERANCE_M`) that it is not certain.
 
         Args:
             T_world_object: (4, 4) pose at contact.
@@ -134,7 +137,7 @@ class ObjectCollision:
             for raised in (0.0, raise_height):
                 position = T_world_object[:3, 3] + np.array([0.0, 0.0, raised])
                 T = coal.Transform3s(T_world_object[:3, :3], position)
-                for k in rows[:: max(1, len(rows) // _LOOKED_AT)].tolist():
+                for k in rows[:: max(1, len(rows) // _NEAR_BOXES)].tolist():
                     at = coal.Transform3s(np.eye(3), (corners[k, :3] + corners[k, 3:]) / 2)
                     box = coal.Box(corners[k, 3:] - corners[k, :3])
                     if meet(solid.geometry, T, box, at, margin):
@@ -172,9 +175,11 @@ class ObjectCollision:
             poses,
             contact,
             raised,
-            self.settings.collision_margin + self.settings.approach_stray,
-            self._beneath,
-            self._beneath if slope == LEVEL else math.inf,
-            self.settings.contact_tolerance,
+            PoseMargins(
+                self.settings.collision_margin + self.settings.approach_stray,
+                self._beneath,
+                self._beneath if slope == LEVEL else math.inf,
+                self.settings.contact_tolerance,
+            ),
             answers,
         )

@@ -26,7 +26,7 @@ from placement_planner_ros.core.collision.against_boxes import (
 )
 from placement_planner_ros.core.collision.against_mesh import mesh_meets_hull
 from placement_planner_ros.core.collision.meshes import MeshArrays, mesh_arrays
-from placement_planner_ros.core.collision.separation import FREE, TOLERANCE
+from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M, FREE
 from placement_planner_ros.core.collision.shapes import ConvexSet, Shape
 from placement_planner_ros.core.collision.spheres import bounding_sphere
 from placement_planner_ros.core.kernels import kernel
@@ -70,6 +70,19 @@ class ObjectArrays(NamedTuple):
         )
 
 
+class PoseMargins(NamedTuple):
+    """What is to be kept at a pose, metres."""
+
+    margin: float
+    """From what stands beside or above."""
+    beneath: float
+    """From what lies beneath it; infinite where that is as from all else."""
+    under: float
+    """The same from a level contact plane; infinite where it slopes."""
+    tolerance: float
+    """Boxes whose top is as near as that to the height of the contact plane are support."""
+
+
 class ObjectScratch(NamedTuple):
     """Work space; not shared between threads."""
 
@@ -103,9 +116,11 @@ def _place_part(
     thing: ObjectArrays, scratch: ObjectScratch, part: int, T: Array, raised: float
 ) -> None:
     """Vertices of both copies, planes and box of a swept part in the world."""
+    # Where the rows of this part begin.
     first = thing.part_vertices[part]
     count = thing.part_vertices[part + 1] - first
     vertices, planes, bounds = scratch.vertices, scratch.planes, scratch.bounds
+    # One coordinate of all vertices, at rest and raised, and the span of both.
     for i in range(3):
         up = raised if i == 2 else 0.0
         low = np.inf
@@ -120,6 +135,8 @@ def _place_part(
             high = max(high, w + up)
         bounds[part, i] = low
         bounds[part, i + 3] = high
+    # Face planes: the normal turned, the offset moved; those that face up belong to the raised
+    # copy.
     for v in range(thing.part_planes[part], thing.part_planes[part + 1]):
         offset = thing.planes[v, 3]
         for i in range(3):
@@ -142,6 +159,7 @@ def _mesh_meets_box(
     margin: float,
 ) -> int:
     """The swept mesh against box b of `corners` (m, 6)."""
+    # Corners of the box, swept downward instead of the mesh upward, in the object's frame.
     box = scratch.box
     for row in range(8):
         dx = corners[b, 0 if row & 1 == 0 else 3] - T[0, 3]
@@ -149,6 +167,7 @@ def _mesh_meets_box(
         dz = (corners[b, 2] - raised if row & 4 == 0 else corners[b, 5]) - T[2, 3]
         for i in range(3):
             box[row, i] = T[0, i] * dx + T[1, i] * dy + T[2, i] * dz
+    # The mesh as it is against the hull of these corners.
     return mesh_meets_hull(thing.mesh, 0, box, 8, margin, margin, scratch.work)
 
 
@@ -162,19 +181,17 @@ def _part_meets_boxes(
     T: Array,
     raised: float,
     contact: float,
-    closed: bool,
-    margin: float,
-    beneath: float,
-    under: float,
-    tolerance: float,
+    margins: PoseMargins,
 ) -> int:
     """A swept part, placed, against the boxes of all cells that the box around it touches.
 
     FREE, or the answer to the first box that is not.
     """
+    # Columns and layers of the cells that the box around the part touches, the margin added.
     corners, columns = boxes.corners, boxes.columns
     ox, oy, oz, size = boxes.grid[0], boxes.grid[1], boxes.grid[2], boxes.grid[3]
-    reach = margin + TOLERANCE
+    margin = margins.margin
+    reach = margin + BOUND_TOLERANCE_M
     box = scratch.bounds[part]
     i0 = max(int(np.floor((box[0] - reach - ox) / size)), 0)
     j0 = max(int(np.floor((box[1] - reach - oy) / size)), 0)
@@ -182,6 +199,8 @@ def _part_meets_boxes(
     i1 = min(int(np.floor((box[3] + reach - ox) / size)) + 1, columns.shape[0])
     j1 = min(int(np.floor((box[4] + reach - oy) / size)) + 1, columns.shape[1] - 1)
     k1 = int(np.floor((box[5] + reach - oz) / size)) + 1
+    # The part as a convex set: both copies' vertices, and the planes placed, which enclose what it
+    # sweeps and more, but for a part that stays.
     world = SetsInWorld(scratch.vertices, scratch.planes, scratch.bounds, scratch.work)
     rows = SetRows(
         2 * thing.part_vertices[part],
@@ -190,22 +209,25 @@ def _part_meets_boxes(
         thing.part_planes[part + 1],
         part,
         0.0,
+        raised == 0.0,
     )
     for i in range(i0, i1):
         for j in range(j0, j1):
             first, last = layer_range(boxes.layers, columns[i, j], columns[i, j + 1], k0, k1)
             for b in range(first, last):
                 # Boxes that end at the contact plane are support.
-                if abs(tops[b] - contact) <= tolerance or boxes_apart(
+                if abs(tops[b] - contact) <= margins.tolerance or boxes_apart(
                     scratch.bounds, part, corners, b, margin
                 ):
                     continue
                 # parts of a cover may reach below the contact plane, the object does not
-                if box[2] - corners[b, 5] >= beneath or contact - tops[b] >= under:
+                if box[2] - corners[b, 5] >= margins.beneath or contact - tops[b] >= margins.under:
                     continue
+                # This box has been found free of the mesh at this pose.
                 if part >= thing.solids and scratch.seen[b] == scratch.seen[-1]:
                     continue
-                answer = polytope_meets_box(world, rows, closed, corners, b, margin, margin)
+                # The swept convex part, then the mesh where a cover leaves the box open.
+                answer = polytope_meets_box(world, rows, corners, b, margin, margin)
                 if answer != FREE and part >= thing.solids:
                     answer = _mesh_meets_box(thing, scratch, T, raised, corners, b, margin)
                     scratch.seen[b] = scratch.seen[-1]
@@ -220,11 +242,13 @@ def _ball_clear(boxes: BoxArrays, ball: Array, T: Array, raised: float, margin: 
 
     What it sweeps lies in the ball around the sweep's middle that is larger by half its height.
     """
+    # The ball's centre in the world.
     x = T[0, 3] + T[0, 0] * ball[0] + T[0, 1] * ball[1] + T[0, 2] * ball[2]
     y = T[1, 3] + T[1, 0] * ball[0] + T[1, 1] * ball[1] + T[1, 2] * ball[2]
     z = T[2, 3] + T[2, 0] * ball[0] + T[2, 1] * ball[1] + T[2, 2] * ball[2]
+    # The distance of the sweep's middle, against the ball grown by half the sweep.
     bound, _ = distance_bounds(boxes.field_grid, boxes.field, x, y, z + 0.5 * raised)
-    return bound >= ball[3] + 0.5 * raised + (margin + TOLERANCE)
+    return bound >= ball[3] + 0.5 * raised + (margin + BOUND_TOLERANCE_M)
 
 
 @kernel(lean=True)
@@ -236,10 +260,7 @@ def check_pose(
     T: Array,
     contact: float,
     raised: float,
-    margin: float,
-    beneath: float,
-    under: float,
-    tolerance: float,
+    margins: PoseMargins,
 ) -> int:
     """Whether the object keeps the margin from `raised` above the pose T (4, 4) down to it.
 
@@ -249,35 +270,20 @@ def check_pose(
     Args:
         tops: (m,) heights of the boxes above the plane through the origin that is parallel to the
             contact plane.
-        margin: to be kept from what stands beside or above, metres.
-        beneath: from what lies beneath it; infinite where that is as from all else.
-        under: the same from a level contact plane; infinite where it slopes.
-        contact: boxes whose top is within `tolerance` of this height are support.
+        contact: height of the contact plane there, metres.
     """
+    # The ball around all of the object.
     parts = thing.part_vertices.shape[0] - 1
-    if boxes.number == 0 or _ball_clear(boxes, thing.spheres[parts], T, raised, margin):
+    if boxes.number == 0 or _ball_clear(boxes, thing.spheres[parts], T, raised, margins.margin):
         return FREE
+    # Another pose: no box has been seen free of the mesh at it.
     scratch.seen[-1] += 1
+    # Part by part: the ball around it, then its planes and vertices.
     for part in range(parts):
-        if _ball_clear(boxes, thing.spheres[part], T, raised, margin):
+        if _ball_clear(boxes, thing.spheres[part], T, raised, margins.margin):
             continue
         _place_part(thing, scratch, part, T, raised)
-        # The planes of a part enclose what it sweeps and more, but for a part that stays.
-        answer = _part_meets_boxes(
-            thing,
-            boxes,
-            tops,
-            scratch,
-            part,
-            T,
-            raised,
-            contact,
-            raised == 0.0,
-            margin,
-            beneath,
-            under,
-            tolerance,
-        )
+        answer = _part_meets_boxes(thing, boxes, tops, scratch, part, T, raised, contact, margins)
         if answer != FREE:
             return answer
     return FREE
@@ -292,24 +298,12 @@ def check_poses(
     poses: Array,
     contact: Array,
     raised: Array,
-    margin: float,
-    beneath: float,
-    under: float,
-    tolerance: float,
+    margins: PoseMargins,
     answers: npt.NDArray[np.int64],
 ) -> None:
     """Poses (n, 4, 4) with contact planes of one slope and heights (n,) each; answers (n,)."""
+    # Each pose with its own contact height and its own sweep.
     for i in range(poses.shape[0]):
         answers[i] = check_pose(
-            thing,
-            boxes,
-            tops,
-            scratch,
-            poses[i],
-            contact[i],
-            raised[i],
-            margin,
-            beneath,
-            under,
-            tolerance,
+            thing, boxes, tops, scratch, poses[i], contact[i], raised[i], margins
         )

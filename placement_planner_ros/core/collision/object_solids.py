@@ -29,10 +29,10 @@ from placement_planner_ros.core.weak_cache import weak_lru_cache
 
 Indices = npt.NDArray[np.int64]
 
-_MANY = 20_000
+_EXACT_TRIANGLES = 20_000
 """Triangles up to which depths are told as exactly as they are found."""
 
-_ROUGH = 2e-3
+_ROUGH_DEPTH_M = 2e-3
 """Metres that a depth in words may be wrong by at either side of a mesh with more of them."""
 
 
@@ -60,11 +60,11 @@ class ObjectSolid:
 
     @functools.cached_property
     def rough(self) -> Solid:
-        """`geometry`, or where that has more than `_MANY` triangles, fewer that are nowhere further
-        from it than `_ROUGH`; for depths that are only told."""
-        if self.mesh is None or len(self.mesh.triangles) <= _MANY:
+        """`geometry`, or where that has more than `_EXACT_TRIANGLES` triangles, fewer that are
+        nowhere further from it than `_ROUGH_DEPTH_M`; for depths that are only told."""
+        if self.mesh is None or len(self.mesh.triangles) <= _EXACT_TRIANGLES:
             return self.geometry
-        vertices, rows = rounded_mesh(self.mesh.vertices, self.mesh.triangles, _ROUGH)
+        vertices, rows = rounded_mesh(self.mesh.vertices, self.mesh.triangles, _ROUGH_DEPTH_M)
         corners = vertices[rows]
         order, first = tree_order(corners.mean(axis=1), PIECE)
         assert isinstance(self.geometry, Surface)
@@ -75,23 +75,29 @@ class ObjectSolid:
 def object_solids(body: Body) -> tuple[ObjectSolid, ...]:
     """The convex pieces, each for itself, and all others together."""
     solids = []
+    # A solid for each convex piece.
     for part in body.solids:
         convex = coal_convex(part.vertices, part.triangles)
         convex.computeLocalAABB()
         solids.append(ObjectSolid(Shape((part_set(part),)), convex, part.vertices))
+    # What is a mesh, by its cover.
     if body.mesh is not None:
         shape = kept_shape(body.mesh.cover, body.mesh.vertices, body.mesh.triangles)
-        solids.append(ObjectSolid(shape, _surface(shape, body.mesh), body.mesh.vertices, body.mesh))
+        solids.append(
+            ObjectSolid(shape, _coal_surface(shape, body.mesh), body.mesh.vertices, body.mesh)
+        )
     return tuple(solids)
 
 
-def _surface(shape: Shape, mesh: CoveredMesh) -> Surface:
+def _coal_surface(shape: Shape, mesh: CoveredMesh) -> Surface:
     """A mesh for coal, in pieces of whole leaves of its tree."""
     assert shape.mesh is not None
     corners, leaves = shape.mesh.corners.reshape(-1, 3, 3), shape.mesh.leaves
+    # As many pieces as keep each of a size that coal reads well.
     pieces = 1
     while len(corners) > pieces * PIECE:
         pieces *= 2
+    # A point of each connected piece.
     connected = [
         outermost(mesh.vertices[first:end]) for first, end in itertools.pairwise(mesh.pieces)
     ]
@@ -119,18 +125,20 @@ def object_overlaps(robot: Robot, body: Body) -> Overlaps:
 def rounded_mesh(vertices: Array, triangles: Indices, most: float) -> tuple[Array, Indices]:
     """A mesh (n, 3), (t, 3) whose vertices are moved by no more than `most` metres onto a grid;
     triangles that become a line, a point or one another are left out."""
+    # Vertices that fall into one cell of the grid are one.
     side = 2.0 * most / np.sqrt(3.0)
     cells = np.rint(vertices / side).astype(np.int64)
-    first, index = _unlike(cells - cells.min(axis=0))
+    first, index = _distinct_rows(cells - cells.min(axis=0))
+    # Triangles that kept three corners.
     rows = index[triangles]
     rows = rows[(rows != np.roll(rows, 1, axis=1)).all(axis=1)]
     # Turned so that the least comes first: the same triangle, facing the same way, is the same row.
     least = rows.argmin(axis=1)[:, None]
     rows = np.take_along_axis(rows, (least + np.arange(3)) % 3, axis=1)
-    return cells[first] * side, rows[_unlike(rows)[0]]
+    return cells[first] * side, rows[_distinct_rows(rows)[0]]
 
 
-def _unlike(rows: Indices) -> tuple[Indices, Indices]:
+def _distinct_rows(rows: Indices) -> tuple[Indices, Indices]:
     """Of rows (n, 3) of numbers from 0 to 2²⁰ the first of each kind, and the kind of each."""
     keys = rows @ np.array([1 << 40, 1 << 20, 1])
     _, first, kind = np.unique(keys, return_index=True, return_inverse=True)

@@ -28,25 +28,29 @@ import pinocchio as pin
 
 from placement_planner_ros.core.collision.against_mesh import mesh_meets_hull, meshes_meet
 from placement_planner_ros.core.collision.meshes import MeshArrays, MeshTree, mesh_arrays
-from placement_planner_ros.core.collision.separation import FREE, TOLERANCE, separate
+from placement_planner_ros.core.collision.separation import (
+    BOUND_TOLERANCE_M,
+    FREE,
+    check_separation,
+)
 from placement_planner_ros.core.collision.shapes import Shape
-from placement_planner_ros.core.disk_cache import code_digest, digest_of, stored
+from placement_planner_ros.core.disk_cache import code_digest, digest_of, stored_result
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
 
 Indices = npt.NDArray[np.int64]
 
-ROUND = 180
+CELLS_PER_TURN = 180
 """Cells in a whole turn."""
-CELL = 2.0 * math.pi / ROUND
-_MAX_RANGE = 64
+CELL_RAD = 2.0 * math.pi / CELLS_PER_TURN
+_MAX_RANGE_CELLS = 64
 """Cells that one question looks at, at most; wider motions are left to the other checks."""
-_FAR = 1e6
+_FARTHEST_CELL = 1e6
 """Cells from the first one beyond which nothing is known."""
-_BLOCK = 16
+_BLOCK_CELLS = 16
 """Cells along the sides of the blocks that are looked at first; open ones are cut in four."""
-_MESH_BLOCK = 4
+_MESH_BLOCK_CELLS = 4
 """Cells along the sides of the largest blocks in which meshes are compared."""
 
 
@@ -58,7 +62,7 @@ class PairTables(NamedTuple):
     counts: Indices
     """(t, 3) cells along the first joint, along the second, and the table's first in `cells`.
 
-    A joint that can turn all the way round has `ROUND`, and comes back to the first after the last.
+    A joint that can turn all the way round has `CELLS_PER_TURN`, the first after the last.
     """
     clear: float
     """Metres by which pairs are apart throughout a cell that says so."""
@@ -87,7 +91,7 @@ class _Pair(NamedTuple):
     trees: MeshArrays
 
 
-class _Room(NamedTuple):
+class _TableScratch(NamedTuple):
     """Work space: vertices (v, 3) where they are, axes (4, 3), and what `against_mesh` asks for."""
 
     points: Array
@@ -143,9 +147,9 @@ class TablePair:
     upper: tuple[float, ...]
 
 
-def _cells(lower: float, upper: float) -> int:
+def _cell_count(lower: float, upper: float) -> int:
     """How many a joint with these limits has."""
-    return min(math.floor((upper - lower) / CELL) + 1, ROUND)
+    return min(math.floor((upper - lower) / CELL_RAD) + 1, CELLS_PER_TURN)
 
 
 @functools.lru_cache(maxsize=16)
@@ -158,11 +162,12 @@ def pair_tables(pairs: tuple[TablePair, ...], clear: float) -> PairTables:
     counts, tables, total = [], [np.zeros(0, dtype=np.bool_)], 0
     for number, pair in enumerate(pairs):
         step(f"tabling pair {number + 1} of {len(pairs)} of links up to two joints apart")
-        first, second = map(_cells, pair.lower, pair.upper)
+        # Where the table begins, and how many cells it has.
+        first, second = map(_cell_count, pair.lower, pair.upper)
         counts.append((first, second, total))
         total += first * second
-        make = functools.partial(_table, pair, first, second, clear)
-        bits = stored("pair tables", _key(pair, clear), make)
+        make = functools.partial(_apart_bits, pair, first, second, clear)
+        bits = stored_result("pair tables", _table_key(pair, clear), make)
         tables.append(np.unpackbits(bits, count=first * second).astype(np.bool_))
     return PairTables(
         grid=np.array([pair.lower for pair in pairs]).reshape(-1, 2),
@@ -172,15 +177,15 @@ def pair_tables(pairs: tuple[TablePair, ...], clear: float) -> PairTables:
     )
 
 
-def _table(pair: TablePair, first: int, second: int, clear: float) -> npt.NDArray[np.uint8]:
+def _apart_bits(pair: TablePair, first: int, second: int, clear: float) -> npt.NDArray[np.uint8]:
     """Whether the pair is apart in each cell, a bit for each."""
     table = np.zeros((first, second), dtype=np.bool_)
-    geometry = _geometry(pair)
-    _fill(geometry, _room_for(geometry), np.array(pair.lower), clear, table)
+    geometry = _pair_geometry(pair)
+    _fill_table(geometry, _room_for(geometry), np.array(pair.lower), clear, table)
     return np.packbits(table)
 
 
-def _key(pair: TablePair, clear: float) -> str:
+def _table_key(pair: TablePair, clear: float) -> str:
     """Of all that a table depends on."""
     inner, outer = (
         tuple((shape.frame, shape.parts, shape.mesh and shape.mesh.digest) for shape in shapes)
@@ -190,8 +195,9 @@ def _key(pair: TablePair, clear: float) -> str:
     return digest_of(code_digest(__name__), clear, joints, inner, outer)
 
 
-def _geometry(pair: TablePair) -> _Pair:
+def _pair_geometry(pair: TablePair) -> _Pair:
     shapes = pair.inner + pair.outer
+    # All parts of both links, the inner one's first.
     parts = [part for shape in shapes for part in shape.parts]
     vertices = [np.frombuffer(data).reshape(-1, 3) for data, _ in parts]
     meshes = [shape for shape in shapes if shape.mesh is not None]
@@ -212,9 +218,9 @@ def _geometry(pair: TablePair) -> _Pair:
     )
 
 
-def _room_for(pair: _Pair) -> _Room:
+def _room_for(pair: _Pair) -> _TableScratch:
     most = int(np.diff(pair.parts).max(initial=0))
-    return _Room(
+    return _TableScratch(
         points=pair.vertices.copy(),
         axes=np.zeros((4, 3)),
         outer=np.eye(4),
@@ -233,25 +239,38 @@ def apart_within(
 
     It is where all cells say so that these ranges touch.
     """
+    # Joint values and ranges in cells of the table.
     grid, counts = tables.grid, tables.counts
-    u = (q1 - grid[table, 0]) / CELL
-    v = (q2 - grid[table, 1]) / CELL
-    du = delta1 / CELL
-    dv = delta2 / CELL
+    u = (q1 - grid[table, 0]) / CELL_RAD
+    v = (q2 - grid[table, 1]) / CELL_RAD
+    du = delta1 / CELL_RAD
+    dv = delta2 / CELL_RAD
     if counts[table, 1] == 1:
         # One cell for all of it.
         v, dv = 0.5, 0.0
-    if not (du <= _MAX_RANGE and dv <= _MAX_RANGE and abs(u) < _FAR and abs(v) < _FAR):
+    # Too wide a range, or too far away, for whole numbers.
+    if not (
+        du <= _MAX_RANGE_CELLS
+        and dv <= _MAX_RANGE_CELLS
+        and abs(u) < _FARTHEST_CELL
+        and abs(v) < _FARTHEST_CELL
+    ):
         return False
+    # A joint that does not go round must stay within its rows or columns.
     rows, columns = counts[table, 0], counts[table, 1]
-    if not ((rows == ROUND or u >= du) and (columns == ROUND or v >= dv)):
+    if not ((rows == CELLS_PER_TURN or u >= du) and (columns == CELLS_PER_TURN or v >= dv)):
         return False
-    if not ((rows == ROUND or u + du < rows) and (columns == ROUND or v + dv < columns)):
+    if not (
+        (rows == CELLS_PER_TURN or u + du < rows)
+        and (columns == CELLS_PER_TURN or v + dv < columns)
+    ):
         return False
+    # All cells that the range touches, if they are not too many.
     i0, i1 = int(np.floor(u - du)), int(np.floor(u + du))
     j0, j1 = int(np.floor(v - dv)), int(np.floor(v + dv))
-    if (i1 - i0 + 1) * (j1 - j0 + 1) > _MAX_RANGE:
+    if (i1 - i0 + 1) * (j1 - j0 + 1) > _MAX_RANGE_CELLS:
         return False
+    # Every one of them must say that the pair is apart; round joints wrap.
     for i in range(i0, i1 + 1):
         for j in range(j0, j1 + 1):
             if not tables.apart[counts[table, 2] + (i % rows) * columns + j % columns]:
@@ -260,29 +279,35 @@ def apart_within(
 
 
 @kernel()
-def _fill(
-    pair: _Pair, room: _Room, lower: Array, clear: float, apart: npt.NDArray[np.bool_]
+def _fill_table(
+    pair: _Pair, room: _TableScratch, lower: Array, clear: float, apart: npt.NDArray[np.bool_]
 ) -> None:
     """All cells (m, n) of one table: a block at a time, and where that is open its quarters."""
+    # Directions that last kept parts apart, and blocks that are still to be looked at.
     rows, columns = apart.shape
     s = len(pair.radius)
     known = np.zeros((pair.inner, s - pair.inner, 3))
     stack = np.empty((64, 3), dtype=np.int64)
-    for i in range(0, rows, _BLOCK):
-        for j in range(0, columns, _BLOCK):
-            stack[0, 0], stack[0, 1], stack[0, 2] = i, j, _BLOCK
+    for i in range(0, rows, _BLOCK_CELLS):
+        for j in range(0, columns, _BLOCK_CELLS):
+            stack[0, 0], stack[0, 1], stack[0, 2] = i, j, _BLOCK_CELLS
             waiting = 1
             while waiting > 0:
                 waiting -= 1
                 k, m, size = stack[waiting]
                 # A block beyond the last row or column is no larger than the table.
                 across, along = min(size, rows - k), min(size, columns - m)
-                delta1, delta2 = 0.5 * across * CELL + 1e-9, 0.5 * along * CELL + 1e-9
-                q1, q2 = lower[0] + k * CELL + delta1, lower[1] + m * CELL + delta2
+                # The block's middle, and half of what it spans, with some room for rounding.
+                delta1, delta2 = 0.5 * across * CELL_RAD + 1e-9, 0.5 * along * CELL_RAD + 1e-9
+                q1, q2 = lower[0] + k * CELL_RAD + delta1, lower[1] + m * CELL_RAD + delta2
+                # The outer link at the middle, against all that may happen within the block.
                 _place_outer(pair, room, q1, q2)
-                if _apart_around(pair, room, known, delta1, delta2, clear, size <= _MESH_BLOCK):
+                if _apart_around(
+                    pair, room, known, delta1, delta2, clear, size <= _MESH_BLOCK_CELLS
+                ):
                     apart[k : k + size, m : m + size] = True
                 elif size > 1:
+                    # The block's quarters, those that begin within the table.
                     half = size // 2
                     for corner in range(4):
                         k2, m2 = k + half * (corner % 2), m + half * (corner // 2)
@@ -294,7 +319,7 @@ def _fill(
 @kernel()
 def _apart_around(
     pair: _Pair,
-    room: _Room,
+    room: _TableScratch,
     known: Array,
     delta1: float,
     delta2: float,
@@ -308,11 +333,13 @@ def _apart_around(
         meshes: whether what covers leave open is asked of the meshes.
     """
     parts, radius = pair.parts, pair.radius
-    points, axes, work = room.points, room.axes, room.work
+    points, work = room.points, room.work
     B = pair.frames[1]
+    # The offset between both joints' origins.
     offset = np.sqrt(B[0, 3] ** 2 + B[1, 3] ** 2 + B[2, 3] ** 2)
     mesh = other = -1
-    moved = _motion(pair, room, delta1, delta2)
+    # How far any point moves, for the meshes.
+    moved = _motion_bound(pair, room, delta1, delta2)
     for o in range(pair.inner, len(radius)):
         # What the formula's second order may take: ρ_2 is at most the distance `far` from the
         # second joint's origin, ρ_1 at most that and the offset between both joints.
@@ -322,15 +349,17 @@ def _apart_around(
             far = max(far, x * x + y * y + z * z)
         far = np.sqrt(far)
         bend = 0.5 * (delta1 * delta1 * (offset + far) + delta2 * (2.0 * delta1 + delta2) * far)
+        # Against each part of the inner link: the distance that is to be kept to first order.
         for s in range(pair.inner):
-            need = clear + TOLERANCE + radius[o] + radius[s] + bend
+            need = clear + BOUND_TOLERANCE_M + radius[o] + radius[s] + bend
             apart = False
             for attempt in range(2):
+                # Along the remembered direction first, then along that of the distance.
                 if attempt == 0:
                     work[5, :3] = known[s, o - pair.inner]
                 else:
                     work[5, :3] = points[parts[o]] - points[parts[s]]
-                    separate(
+                    check_separation(
                         points,
                         parts[o],
                         parts[o + 1],
@@ -343,20 +372,24 @@ def _apart_around(
                     )
                 nx, ny, nz = work[5, 0], work[5, 1], work[5, 2]
                 length = np.sqrt(nx * nx + ny * ny + nz * nz)
+                # How far they stay apart along it while the joints move.
                 if length > 1e-9:
                     nx, ny, nz = nx / length, ny / length, nz / length
-                    gap = _gap_along(pair, points, axes, o, s, delta1, delta2, nx, ny, nz)
+                    gap = _gap_along(pair, room, o, s, delta1, delta2, (nx, ny, nz))
                     apart = gap >= need
                 if apart:
+                    # Remember it.
                     known[s, o - pair.inner, 0] = nx
                     known[s, o - pair.inner, 1] = ny
                     known[s, o - pair.inner, 2] = nz
                     break
             if apart:
                 continue
+            # The covers leave it open: ask the meshes, where there are any and it is time.
             a, b = pair.mesh[s], pair.mesh[o]
             if not meshes or (a < 0 and b < 0):
                 return False
+            # This pair of meshes has been asked.
             if a >= 0 and b >= 0 and a == mesh and b == other:
                 continue
             if not _meshes_apart(pair, room, s, o, clear + moved):
@@ -366,12 +399,14 @@ def _apart_around(
 
 
 @kernel()
-def _motion(pair: _Pair, room: _Room, delta1: float, delta2: float) -> float:
+def _motion_bound(pair: _Pair, room: _TableScratch, delta1: float, delta2: float) -> float:
     """How far any point of the outer link moves within ±delta, at most (the module's last)."""
+    # The vertices of the outer link, moved by the second joint, then by both.
     most = 0.0
     for v in range(pair.parts[pair.inner], len(room.points)):
         inner = delta2 * _from_axis(room, 1, v)
         most = max(most, inner + delta1 * (_from_axis(room, 0, v) + inner))
+    # The same for what the parts' radii add.
     thick = 0.0
     for part in range(len(pair.radius)):
         thick = max(thick, pair.radius[part])
@@ -379,8 +414,9 @@ def _motion(pair: _Pair, room: _Room, delta1: float, delta2: float) -> float:
 
 
 @kernel(inline=True)
-def _from_axis(room: _Room, joint: int, v: int) -> float:
+def _from_axis(room: _TableScratch, joint: int, v: int) -> float:
     """ρ of a placed vertex: its distance from the axis of the first or second joint."""
+    # The distance of the vertex from the axis at its closest.
     axis, at = room.axes[2 * joint], room.axes[2 * joint + 1]
     x, y, z = room.points[v, 0] - at[0], room.points[v, 1] - at[1], room.points[v, 2] - at[2]
     along = x * axis[0] + y * axis[1] + z * axis[2]
@@ -388,15 +424,17 @@ def _from_axis(room: _Room, joint: int, v: int) -> float:
 
 
 @kernel()
-def _meshes_apart(pair: _Pair, room: _Room, s: int, o: int, need: float) -> bool:
+def _meshes_apart(pair: _Pair, room: _TableScratch, s: int, o: int, need: float) -> bool:
     """Whether what parts s and o belong to, one a mesh at least, keep `need` where they are."""
+    # Two meshes: the pose of the one in the frame of the other.
     a, b = pair.mesh[s], pair.mesh[o]
     if a >= 0 and b >= 0:
-        _compose(pair.mesh_frames[a], room.outer, pair.mesh_frames[b], room.between)
+        _relative_pose(pair.mesh_frames[a], room.outer, pair.mesh_frames[b], room.between)
         answer = meshes_meet(
             pair.trees, a, b, room.between, need, need, room.stack, room.local, room.work
         )
         return answer == FREE
+    # A mesh against the convex part of the other link.
     mesh, part = (a, o) if a >= 0 else (b, s)
     # The mesh where it is, and the points of the other in its frame.
     T = room.between
@@ -404,6 +442,7 @@ def _meshes_apart(pair: _Pair, room: _Room, s: int, o: int, need: float) -> bool
         T[:] = pair.mesh_frames[a]
     else:
         T[:] = room.outer @ pair.mesh_frames[b]
+    # The part's vertices in the mesh's frame.
     first, last = pair.parts[part], pair.parts[part + 1]
     for v in range(first, last):
         for i in range(3):
@@ -411,13 +450,15 @@ def _meshes_apart(pair: _Pair, room: _Room, s: int, o: int, need: float) -> bool
             for j in range(3):
                 room.local[v - first, i] += T[j, i] * (room.points[v, j] - T[j, 3])
     need += pair.radius[part]
+    # The mesh against their hull, the radius added.
     answer = mesh_meets_hull(pair.trees, mesh, room.local, last - first, need, need, room.work)
     return answer == FREE
 
 
 @kernel()
-def _compose(A: Array, T: Array, B: Array, out: Array) -> None:
+def _relative_pose(A: Array, T: Array, B: Array, out: Array) -> None:
     """Set `out` to A⁻¹ T B, all (4, 4) poses."""
+    # T B, seen from A: rotation transposed, its origin taken off.
     C = T @ B
     for i in range(3):
         for j in range(4):
@@ -427,19 +468,22 @@ def _compose(A: Array, T: Array, B: Array, out: Array) -> None:
 
 
 @kernel()
-def _place_outer(pair: _Pair, room: _Room, q1: float, q2: float) -> None:
+def _place_outer(pair: _Pair, room: _TableScratch, q1: float, q2: float) -> None:
     """Put the outer link where it is at q; `axes` are direction and origin of both joints."""
     B = pair.frames[1]
     axes, points, N = room.axes, room.points, room.outer
+    # The first joint's frame, turned by q1.
     T = pair.frames[0].copy()
-    _turn(T, q1)
+    _turn_about_z(T, q1)
+    # The second joint's frame in it, before it turns; directions and origins of both axes.
     for i in range(3):
         for j in range(4):
             N[i, j] = T[i, 0] * B[0, j] + T[i, 1] * B[1, j] + T[i, 2] * B[2, j]
         N[i, 3] += T[i, 3]
         axes[0, i], axes[1, i] = T[i, 2], T[i, 3]
         axes[2, i], axes[3, i] = N[i, 2], N[i, 3]
-    _turn(N, q2)
+    # Turned by q2, with the vertices of the outer link.
+    _turn_about_z(N, q2)
     for v in range(pair.parts[pair.inner], len(points)):
         x, y, z = pair.vertices[v, 0], pair.vertices[v, 1], pair.vertices[v, 2]
         for c in range(3):
@@ -449,30 +493,32 @@ def _place_outer(pair: _Pair, room: _Room, q1: float, q2: float) -> None:
 @kernel(inline=True)
 def _gap_along(
     pair: _Pair,
-    points: Array,
-    axes: Array,
+    room: _TableScratch,
     o: int,
     s: int,
     delta1: float,
     delta2: float,
-    nx: float,
-    ny: float,
-    nz: float,
+    n: tuple[float, float, float],
 ) -> float:
     """How far outer part o stays beyond inner part s along n, up to first order (the formula's).
 
     n·J_k = n·(axis × (p - at)) = (n × axis)·(p - at)
     """
-    ax, ay, az = _cross(nx, ny, nz, axes[0])
-    bx, by, bz = _cross(nx, ny, nz, axes[2])
+    points, axes = room.points, room.axes
+    nx, ny, nz = n
+    # n × axis of both joints, and its product with their origins.
+    ax, ay, az = _cross_product(nx, ny, nz, axes[0])
+    bx, by, bz = _cross_product(nx, ny, nz, axes[2])
     a0 = ax * axes[1, 0] + ay * axes[1, 1] + az * axes[1, 2]
     b0 = bx * axes[3, 0] + by * axes[3, 1] + bz * axes[3, 2]
+    # The outer part's vertex that can come nearest along n, while both joints move.
     nearest = np.inf
     for v in range(pair.parts[o], pair.parts[o + 1]):
         x, y, z = points[v, 0], points[v, 1], points[v, 2]
         slip = delta1 * abs(ax * x + ay * y + az * z - a0)
         slip += delta2 * abs(bx * x + by * y + bz * z - b0)
         nearest = min(nearest, nx * x + ny * y + nz * z - slip)
+    # The inner part's vertex that reaches furthest along n.
     reach = -np.inf
     for v in range(pair.parts[s], pair.parts[s + 1]):
         reach = max(reach, nx * points[v, 0] + ny * points[v, 1] + nz * points[v, 2])
@@ -480,7 +526,7 @@ def _gap_along(
 
 
 @kernel(inline=True)
-def _turn(T: Array, angle: float) -> None:
+def _turn_about_z(T: Array, angle: float) -> None:
     """T (4, 4) turned about its z."""
     c, s = math.cos(angle), math.sin(angle)
     for k in range(3):
@@ -490,6 +536,6 @@ def _turn(T: Array, angle: float) -> None:
 
 
 @kernel(inline=True)
-def _cross(x: float, y: float, z: float, axis: Array) -> tuple[float, float, float]:
+def _cross_product(x: float, y: float, z: float, axis: Array) -> tuple[float, float, float]:
     """(x, y, z) × axis."""
     return y * axis[2] - z * axis[1], z * axis[0] - x * axis[2], x * axis[1] - y * axis[0]

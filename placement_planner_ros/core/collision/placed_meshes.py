@@ -20,6 +20,7 @@ from placement_planner_ros.core.types import Array
 @kernel(lean=True)
 def place_mesh(arm: ArmArrays, scratch: ArmScratch, mesh: int) -> None:
     """Set `mesh_frame` to T_world_mesh."""
+    # The joint's frame, times the mesh's frame in it.
     T, A, B = scratch.mesh_frame, scratch.frames, arm.mesh_frames
     joint = arm.meshes[mesh, MESH_JOINT]
     for i in range(3):
@@ -32,6 +33,7 @@ def place_mesh(arm: ArmArrays, scratch: ArmScratch, mesh: int) -> None:
 @kernel(inline=True)
 def _to_mesh(scratch: ArmScratch, row: int, x: float, y: float, z: float) -> None:
     """Put a point of the world into row of `mesh_points`, in the frame of the placed mesh."""
+    # From the frame's origin, turned back.
     T, points = scratch.mesh_frame, scratch.mesh_points
     dx, dy, dz = x - T[0, 3], y - T[1, 3], z - T[2, 3]
     for i in range(3):
@@ -49,6 +51,7 @@ def mesh_meets_box(
     hit: float,
 ) -> int:
     """A mesh against a box of `corners` (m, 6): FREE from `need` on, COLLIDING below `hit`."""
+    # The box's corners in the mesh's frame.
     place_mesh(arm, scratch, mesh)
     for row in range(8):
         _to_mesh(
@@ -77,12 +80,14 @@ def mesh_meets_set(
 
     Where the set is not exact, COLLIDING is asked of the copy that its shape contains.
     """
+    # The set's vertices in the mesh's frame.
     place_mesh(arm, scratch, mesh)
     first, last = arm.sets[s, SET_FIRST_VERTEX], arm.sets[s + 1, SET_FIRST_VERTEX]
     world = scratch.vertices
     for v in range(first, last):
         _to_mesh(scratch, v - first, world[v, 0], world[v, 1], world[v, 2])
     tree, radius = arm.meshes[mesh, MESH_TREE], arm.radius[s]
+    # The mesh against their hull, the radius added.
     answer = mesh_meets_hull(
         arm.trees,
         tree,
@@ -92,6 +97,7 @@ def mesh_meets_set(
         hit + radius,
         scratch.work,
     )
+    # Certain where the set is exact; else ask the copy that the shape contains.
     if answer != COLLIDING or arm.sets[s, SET_EXACT] != 0:
         return answer
     last = place_inner(arm, scratch, s, 0)
@@ -109,12 +115,14 @@ def placed_meshes_meet(
     arm: ArmArrays, scratch: ArmScratch, mesh: int, other: int, need: float, hit: float
 ) -> int:
     """Two meshes: FREE from `need` on, COLLIDING below `hit`."""
+    # The first mesh in the world.
     place_mesh(arm, scratch, mesh)
     T, A, B = scratch.mesh_frame, scratch.frames, arm.mesh_frames
     joint = arm.meshes[other, MESH_JOINT]
     # T_mesh_other, column by column, in the last rows of the points.
     points = scratch.mesh_points
     for j in range(4):
+        # A column of the other mesh's frame in the world, seen from the first.
         x = A[joint, 0, 0] * B[other, 0, j] + A[joint, 0, 1] * B[other, 1, j]
         y = A[joint, 1, 0] * B[other, 0, j] + A[joint, 1, 1] * B[other, 1, j]
         z = A[joint, 2, 0] * B[other, 0, j] + A[joint, 2, 1] * B[other, 1, j]
@@ -127,6 +135,7 @@ def placed_meshes_meet(
             z += A[joint, 2, 3] - T[2, 3]
         for i in range(3):
             points[j, i] = T[0, i] * x + T[1, i] * y + T[2, i] * z
+    # Into a matrix, for the meshes to be compared.
     for i in range(3):
         for j in range(4):
             T[i, j] = points[j, i]

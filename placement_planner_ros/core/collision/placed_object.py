@@ -37,6 +37,7 @@ class PlacedObjectRows:
     def __init__(
         self, flat: FlatArm, scratch: ArmScratch, name: str, T_world_object: pin.SE3
     ) -> None:
+        # Rows of the object's parts, spheres, sets and vertices.
         body = [b.name for b in flat.bodies].index(name)
         self.T_world_object = T_world_object
         arrays = flat.arrays
@@ -46,6 +47,7 @@ class PlacedObjectRows:
             for column in (PART_FIRST_NODE, PART_SET)
         )
         vertices = slice(*arrays.sets[[sets.start, sets.stop], SET_FIRST_VERTEX].tolist())
+        # Tables whose points move with the object, and the boxes around its sets.
         self._groups = [
             [arrays.vertices[vertices], scratch.vertices[vertices]],
             [arrays.node_spheres[nodes, :3]],
@@ -57,6 +59,7 @@ class PlacedObjectRows:
         self._first = arrays.sets[sets, SET_FIRST_VERTEX] - vertices.start
         used = np.unique(arrays.sets[sets, SET_MESH])
         self._mesh_frames = [arrays.mesh_frames[mesh] for mesh in used[used >= 0].tolist()]
+        # All points in the object's own frame, one below the other.
         ends = np.cumsum([0] + [len(group[0]) for group in self._groups])
         self._rows = [slice(a, b) for a, b in itertools.pairwise(ends.tolist())]
         R, p = T_world_object.rotation, T_world_object.translation
@@ -67,12 +70,14 @@ class PlacedObjectRows:
         R, p = T_world_object.rotation, T_world_object.translation
         self.T_world_object.rotation = R
         self.T_world_object.translation = p
+        # Every point where it is now.
         points = self._points @ R.T + p
         for group, rows in zip(self._groups, self._rows, strict=True):
             for table in group:
                 table[:] = points[rows]
         for frame in self._mesh_frames:  # in the object's own frame
             frame[:] = T_world_object.homogeneous
+        # Boxes around the sets.
         corners = points[self._rows[0]]
         self._bounds[:, :3] = np.minimum.reduceat(corners, self._first) - self._radius
         self._bounds[:, 3:] = np.maximum.reduceat(corners, self._first) + self._radius

@@ -22,6 +22,7 @@ from placement_planner_ros.core.types import Array
 @kernel(lean=True)
 def is_finite(q: Array) -> bool:
     """Whether every number of q (n,) is finite."""
+    # A sum is finite only if all its terms are.
     total = 0.0
     for j in range(q.shape[0]):
         total += q[j]
@@ -31,6 +32,7 @@ def is_finite(q: Array) -> bool:
 @kernel(inline=True)
 def place_joints(arm: ArmArrays, scratch: ArmScratch, q: Array) -> None:
     """Forward kinematics at q (n,); whatever was placed in the world before is outdated."""
+    # A new stamp outdates all that was placed before.
     scratch.counters[0] += 1
     chain_frames(arm.fixed, arm.prismatic, q, scratch.frames)
 
@@ -42,9 +44,11 @@ def place_spheres(arm: ArmArrays, scratch: ArmScratch, body: int) -> None:
     local, world = arm.body_spheres, scratch.body_spheres
     part_local, part_world = arm.part_spheres, scratch.part_spheres
     joint = bodies[body, BODY_JOINT]
+    # The ball around the body.
     world[body, 0], world[body, 1], world[body, 2] = to_world(
         frames, joint, local[body, 0], local[body, 1], local[body, 2]
     )
+    # The balls around its parts.
     for part in range(bodies[body, BODY_FIRST_PART], bodies[body + 1, BODY_FIRST_PART]):
         part_world[part, 0], part_world[part, 1], part_world[part, 2] = to_world(
             frames, joint, part_local[part, 0], part_local[part, 1], part_local[part, 2]
@@ -65,6 +69,7 @@ def place_set(arm: ArmArrays, scratch: ArmScratch, s: int) -> None:
     sets = arm.sets
     local, world = arm.vertices, scratch.vertices
     bounds = scratch.bounds
+    # One coordinate of all vertices, and the span that it covers.
     joint = sets[s, SET_JOINT]
     radius = arm.radius[s]
     for i in range(3):
@@ -77,6 +82,7 @@ def place_set(arm: ArmArrays, scratch: ArmScratch, s: int) -> None:
             world[v, i] = w
             low = min(low, w)
             high = max(high, w)
+        # The box around the set, its radius included.
         bounds[s, i] = low - radius
         bounds[s, i + 3] = high + radius
 
@@ -85,8 +91,10 @@ def place_set(arm: ArmArrays, scratch: ArmScratch, s: int) -> None:
 def place_inner(arm: ArmArrays, scratch: ArmScratch, s: int, first: int) -> int:
     """Put the scaled copy of convex set s, placed, from row `first` of `inner` on; its end."""
     frames, joint = scratch.frames, arm.sets[s, SET_JOINT]
+    # The centre that the copy shrinks towards.
     scale = arm.inner[s, 3]
     x, y, z = to_world(frames, joint, arm.inner[s, 0], arm.inner[s, 1], arm.inner[s, 2])
+    # Each vertex, drawn towards it.
     row = first
     for v in range(arm.sets[s, SET_FIRST_VERTEX], arm.sets[s + 1, SET_FIRST_VERTEX]):
         scratch.inner[row, 0] = x + scale * (scratch.vertices[v, 0] - x)
@@ -100,6 +108,7 @@ def place_inner(arm: ArmArrays, scratch: ArmScratch, s: int, first: int) -> int:
 def place_planes(arm: ArmArrays, scratch: ArmScratch, s: int) -> None:
     """Planes of convex set s in the world."""
     frames, sets = scratch.frames, arm.sets
+    # Each normal turned, its offset moved along it.
     joint = sets[s, SET_JOINT]
     planes, moved = arm.planes, scratch.planes
     for v in range(sets[s, SET_FIRST_PLANE], sets[s + 1, SET_FIRST_PLANE]):
@@ -118,6 +127,7 @@ def place_planes(arm: ArmArrays, scratch: ArmScratch, s: int) -> None:
 @kernel(lean=True)
 def note_undecided(undecided: Indices, counters: Indices, kind: int, a: int, b: int) -> None:
     """Add a row to `ArmScratch.undecided`; where it is full, only count."""
+    # Filled rows are no more than the array has.
     n = counters[2]
     if n < undecided.shape[0]:
         undecided[n, 0] = kind

@@ -19,10 +19,10 @@ COLLIDING = 1
 UNDECIDED = 2
 _OPEN = -1
 
-TOLERANCE = 1e-6
+BOUND_TOLERANCE_M = 1e-6
 """Metres by which a bound must pass its threshold to decide."""
 
-_ITERATIONS = 40
+_WOLFE_ITERATIONS = 40
 
 
 @kernel(lean=True)
@@ -37,6 +37,7 @@ def minimum_norm_point(simplex: Array, weights: Array, count: int) -> int:
     """
     alpha = weights[4:8]
     for _ in range(6):
+        # A single point is the answer itself.
         if count == 1:
             weights[0] = 1.0
             return 1
@@ -50,6 +51,7 @@ def minimum_norm_point(simplex: Array, weights: Array, count: int) -> int:
         sz = simplex[0, 2]
         aa = ax * ax + ay * ay + az * az
         ra = -(ax * sx + ay * sy + az * sz)
+        # A segment: the foot of the origin's perpendicular, unless it has no length.
         if count == 2:
             if aa <= 1e-30:
                 return -1
@@ -58,11 +60,13 @@ def minimum_norm_point(simplex: Array, weights: Array, count: int) -> int:
         else:
             bx = simplex[2, 0] - sx
             by = simplex[2, 1] - sy
+            # A triangle or more: the second edge.
             bz = simplex[2, 2] - sz
             bb = bx * bx + by * by + bz * bz
             ab = ax * bx + ay * by + az * bz
             rb = -(bx * sx + by * sy + bz * sz)
             if count == 3:
+                # A triangle: two equations in two unknowns, unless it is a line.
                 det = aa * bb - ab * ab
                 if det <= 1e-14 * aa * bb:
                     return -1
@@ -79,8 +83,11 @@ def minimum_norm_point(simplex: Array, weights: Array, count: int) -> int:
                 nz = bx * cy - by * cx
                 det = ax * nx + ay * ny + az * nz
                 cc = cx * cx + cy * cy + cz * cz
+                # Four points in a plane span no space.
                 if det * det <= 1e-20 * aa * bb * cc:
                     return -1
+                # Shares of the edges, each a volume by the other two and s_0 over that of all
+                # three.
                 alpha[1] = -(sx * nx + sy * ny + sz * nz) / det
                 alpha[2] = (
                     -(
@@ -135,7 +142,7 @@ def minimum_norm_point(simplex: Array, weights: Array, count: int) -> int:
 
 
 @kernel(lean=True)
-def _advance(
+def _wolfe_step(
     simplex: Array,
     weights: Array,
     count: int,
@@ -165,9 +172,11 @@ def _advance(
         return UNDECIDED, count, v, bounds
     simplex[count, 0], simplex[count, 1], simplex[count, 2] = w
     weights[count] = 0.0 if count > 0 else 1.0
+    # Add w to the simplex, and reduce that to the face next to the origin.
     count = minimum_norm_point(simplex, weights, count + 1)
     if count < 0:
         return UNDECIDED, count, v, bounds
+    # The next v: that face's point next to the origin.
     x = y = z = 0.0
     for i in range(count):
         x += weights[i] * simplex[i, 0]
@@ -181,8 +190,9 @@ def _advance(
 
 
 @kernel(inline=True)
-def _furthest(vertices: Array, first: int, last: int, x: float, y: float, z: float) -> int:
+def _support_vertex(vertices: Array, first: int, last: int, x: float, y: float, z: float) -> int:
     """Which of vertices[first:last] lies furthest in direction (x, y, z)."""
+    # Along the direction, the largest of the products.
     best = first
     value = -np.inf
     for i in range(first, last):
@@ -194,7 +204,7 @@ def _furthest(vertices: Array, first: int, last: int, x: float, y: float, z: flo
 
 
 @kernel(lean=True)
-def separate(
+def check_separation(
     vertices: Array,
     first: int,
     last: int,
@@ -217,18 +227,23 @@ def separate(
         work: (6, 4) work space; work[5, :3] is the start, from B to A, of any length, and after
             FREE a direction in which A and B are apart.
     """
+    # Room for the simplex and the weights of its corners.
     simplex = work[:3].reshape(4, 3)
     weights = work[3:5].reshape(8)
-    free_at += TOLERANCE
-    hit_below = max(hit_below - TOLERANCE, 1e-9)
+    # Thresholds with the tolerance added or taken off.
+    free_at += BOUND_TOLERANCE_M
+    hit_below = max(hit_below - BOUND_TOLERANCE_M, 1e-9)
     box = others.shape[1] == 6
+    # Where to start, and no bounds yet.
     v = (work[5, 0], work[5, 1], work[5, 2])
     bounds = (-np.inf, np.inf)
     count = 0
     answer = _OPEN
-    for _ in range(_ITERATIONS):
+    for _ in range(_WOLFE_ITERATIONS):
+        # How far v is from the origin.
         x, y, z = v
         norm = np.sqrt(x * x + y * y + z * z)
+        # The origin itself lies in A ⊖ B: the sets meet.
         if norm < 1e-12:
             if count > 0:
                 return COLLIDING
@@ -236,22 +251,26 @@ def separate(
             v = (1.0, y, z)
             x, norm = 1.0, 1.0
         # The support of A ⊖ B against v: the corner of A furthest back, of B furthest ahead.
-        a = _furthest(vertices, first, last, -x, -y, -z)
+        a = _support_vertex(vertices, first, last, -x, -y, -z)
         b = first_other
         cx, cy, cz = 0, 1, 2
+        # The corner of the box, coordinate by coordinate.
         if box:
             cx, cy, cz = 3 if x > 0 else 0, 4 if y > 0 else 1, 5 if z > 0 else 2
         else:
-            b = _furthest(others, first_other, last_other, x, y, z)
+            b = _support_vertex(others, first_other, last_other, x, y, z)
+        # The point of A ⊖ B that is furthest against v.
         w = (
             vertices[a, 0] - others[b, cx],
             vertices[a, 1] - others[b, cy],
             vertices[a, 2] - others[b, cz],
         )
-        answer, count, v, bounds = _advance(
+        # A step of the algorithm, until it has an answer.
+        answer, count, v, bounds = _wolfe_step(
             simplex, weights, count, v, w, norm, bounds, free_at, hit_below
         )
         if answer != _OPEN:
             break
+    # Where it ended, for the next time.
     work[5, 0], work[5, 1], work[5, 2] = v
     return UNDECIDED if answer == _OPEN else answer

@@ -24,7 +24,7 @@ from placement_planner_ros.core.collision.meshes import MeshTree
 from placement_planner_ros.core.errors import RobotError
 from placement_planner_ros.core.types import Array, frozen_array
 
-_SIDES = 32
+_ROUND_SIDES = 32
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,7 +69,7 @@ class Shape:
     excess: float = 0.0
 
 
-def polytope(
+def convex_polytope(
     vertices: Array,
     radius: float = 0.0,
     inner_scale: float = 1.0,
@@ -81,11 +81,11 @@ def polytope(
         QhullError: the vertices span no volume.
     """
     data = np.array(vertices, dtype=np.float64).tobytes()
-    return _polytope(data, radius, inner_scale, inner_center)
+    return _made_polytope(data, radius, inner_scale, inner_center)
 
 
 @lru_cache(maxsize=4096)
-def _polytope(
+def _made_polytope(
     data: bytes, radius: float, inner_scale: float, inner_center: tuple[float, float, float]
 ) -> ConvexSet:
     vertices = np.frombuffer(data).reshape(-1, 3)
@@ -118,20 +118,23 @@ def shape_of(geometry: coal.CollisionGeometry, name: str, cover: Cover | None = 
     Raises:
         RobotError: empty, not finite, without volume, or of a kind no robot link has.
     """
+    # A mesh by its cover.
     if isinstance(geometry, coal.BVHModelBase):
         return _mesh_shape(geometry, name, cover)
     radius = (
         float(geometry.getSweptSphereRadius()) if hasattr(geometry, "getSweptSphereRadius") else 0.0
     )
+    # Round solids: a point or a segment with a radius.
     none = np.zeros((0, 3)), np.zeros(0)
     if isinstance(geometry, coal.Sphere):
-        _positive(name, geometry.radius)
-        return _solid(ConvexSet(np.zeros((1, 3)), *none, geometry.radius + radius))
+        _require_positive(name, geometry.radius)
+        return _coal_solid(ConvexSet(np.zeros((1, 3)), *none, geometry.radius + radius))
     if isinstance(geometry, coal.Capsule):
-        _positive(name, geometry.radius)
+        _require_positive(name, geometry.radius)
         ends = np.array([[0, 0, -geometry.halfLength], [0, 0, geometry.halfLength]])
-        return _solid(ConvexSet(ends, *none, geometry.radius + radius))
+        return _coal_solid(ConvexSet(ends, *none, geometry.radius + radius))
     scale, center = 1.0, (0.0, 0.0, 0.0)
+    # Vertices of the others, and by how much they shrink to lie within.
     if isinstance(geometry, coal.Box):
         vertices = np.array(np.meshgrid(*([-1, 1],) * 3)).reshape(3, -1).T * geometry.halfSide
     elif isinstance(geometry, coal.ConvexBase):
@@ -140,13 +143,13 @@ def shape_of(geometry: coal.CollisionGeometry, name: str, cover: Cover | None = 
         rim = _circumscribed_polygon(geometry.radius)
         up = np.array([0.0, 0.0, geometry.halfLength])
         vertices = np.vstack([rim - up, rim + up])
-        scale = math.cos(math.pi / _SIDES)
+        scale = math.cos(math.pi / _ROUND_SIDES)
     elif isinstance(geometry, coal.Cone):
         rim = _circumscribed_polygon(geometry.radius)
         up = np.array([0.0, 0.0, geometry.halfLength])
         vertices = np.vstack([rim - up, up])
         # About its base: moved towards that, a point of a cone stays in it.
-        scale, center = math.cos(math.pi / _SIDES), (0.0, 0.0, -float(geometry.halfLength))
+        scale, center = math.cos(math.pi / _ROUND_SIDES), (0.0, 0.0, -float(geometry.halfLength))
     elif isinstance(geometry, coal.Ellipsoid):
         ball = trimesh.creation.icosphere(subdivisions=2)
         inscribed = np.min(np.einsum("ij,ij->i", ball.face_normals, ball.triangles_center))
@@ -161,8 +164,8 @@ def shape_of(geometry: coal.CollisionGeometry, name: str, cover: Cover | None = 
     if not np.isfinite(vertices).all():
         raise RobotError(f"collision geometry of {name}", "not finite", "repair its numbers")
     try:
-        return _solid(
-            polytope(vertices, radius, scale * (1.0 - 1e-9) if scale < 1.0 else 1.0, center)
+        return _coal_solid(
+            convex_polytope(vertices, radius, scale * (1.0 - 1e-9) if scale < 1.0 else 1.0, center)
         )
     except (QhullError, ValueError) as error:
         raise RobotError(
@@ -196,21 +199,21 @@ def _mesh_shape(geometry: coal.BVHModelBase, name: str, cover: Cover | None) -> 
 
 def covered_mesh(cover: Cover, vertices: Array, triangles: npt.NDArray[np.int64]) -> Shape:
     """A mesh of vertices (n, 3) and triangles (t, 3) with a cover of it."""
-    sets = tuple(polytope(part, inner_scale=0.0) for part in cover.parts)
+    sets = tuple(convex_polytope(part, inner_scale=0.0) for part in cover.parts)
     return Shape(sets, MeshTree.of(vertices, triangles), cover.excess)
 
 
-def _solid(convex_set: ConvexSet) -> Shape:
+def _coal_solid(convex_set: ConvexSet) -> Shape:
     return Shape((convex_set,))
 
 
 def _circumscribed_polygon(radius: float) -> Array:
-    angles = np.arange(_SIDES) * (2 * np.pi / _SIDES)
-    rim = np.stack([np.cos(angles), np.sin(angles), np.zeros(_SIDES)], axis=1)
-    return np.asarray(rim * (radius / np.cos(np.pi / _SIDES)))
+    angles = np.arange(_ROUND_SIDES) * (2 * np.pi / _ROUND_SIDES)
+    rim = np.stack([np.cos(angles), np.sin(angles), np.zeros(_ROUND_SIDES)], axis=1)
+    return np.asarray(rim * (radius / np.cos(np.pi / _ROUND_SIDES)))
 
 
-def _positive(name: str, radius: float) -> None:
+def _require_positive(name: str, radius: float) -> None:
     if not (np.isfinite(radius) and radius > 0.0):
         raise RobotError(
             f"collision geometry of {name}", radius, "give a radius above zero, in metres"

@@ -18,14 +18,14 @@ from scipy.spatial import ConvexHull
 from placement_planner_ros.core.collision.against_mesh import inside_of_mesh
 from placement_planner_ros.core.collision.meshes import mesh_arrays
 from placement_planner_ros.core.collision.shapes import ConvexSet, Shape
-from placement_planner_ros.core.disk_cache import code_digest, digest_of, stored
+from placement_planner_ros.core.disk_cache import code_digest, digest_of, stored_result
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.types import Array, frozen_array
 from placement_planner_ros.core.weak_cache import weak_lru_cache
 
-_PAD = 1e-9
-_MAX_DEPTH = 10
-_FEW = 32
+_PADDING_M = 1e-9
+_MAX_TREE_DEPTH = 10
+_QUICK_VERTICES = 32
 """Vertices of a shape up to which its spheres are made as quickly as they are read."""
 
 
@@ -61,17 +61,19 @@ def sphere_trees(shape: Shape, excess: float) -> tuple[SphereTree, ...]:
     """
 
     def make() -> tuple[SphereTree, ...]:
-        return tuple(_tree(shape, convex, excess) for convex in shape.sets)
+        return tuple(_one_sphere_tree(shape, convex, excess) for convex in shape.sets)
 
-    if shape.mesh is None and sum(len(convex.vertices) for convex in shape.sets) <= _FEW:
+    # Few vertices: made at once, others from disk.
+    if shape.mesh is None and sum(len(convex.vertices) for convex in shape.sets) <= _QUICK_VERTICES:
         return make()
     sets = tuple((s.vertices, s.radius, s.inner_scale, s.inner_center) for s in shape.sets)
     key = digest_of(code_digest(__name__), excess, shape.mesh and shape.mesh.digest, sets)
-    return stored("sphere trees", key, make)
+    return stored_result("sphere trees", key, make)
 
 
-def _tree(shape: Shape, convex: ConvexSet, excess: float) -> SphereTree:
+def _one_sphere_tree(shape: Shape, convex: ConvexSet, excess: float) -> SphereTree:
     volume = len(convex.offsets) > 0
+    # Spheres around the convex set.
     tree = _cover_solid(convex.vertices.tobytes(), volume, convex.radius, excess)
     if convex.inner_scale == 1.0:
         return tree
@@ -80,13 +82,14 @@ def _tree(shape: Shape, convex: ConvexSet, excess: float) -> SphereTree:
         # The ball in the set, scaled like it, holds a smaller one about the same centre.
         apart = np.linalg.norm(tree.centers - convex.inner_center, axis=1)
         inner = convex.inner_scale * tree.inner - (1.0 - convex.inner_scale) * apart
+    # Balls inside the mesh itself.
     if shape.mesh is not None:
         inside_of_mesh(mesh_arrays([shape.mesh]), tree.centers, inner)
-        inner -= _PAD
+        inner -= _PADDING_M
     return replace(tree, inner=frozen_array(inner))
 
 
-class _Builder:
+class _TreeBuilder:
     def __init__(self) -> None:
         self.spheres: list[tuple[float, float, float, float, float]] = []
         self.leaves: list[bool] = []
@@ -121,25 +124,27 @@ class _Builder:
 @functools.lru_cache(maxsize=4096)
 def _cover_solid(vertices: bytes, volume: bool, radius: float, excess: float) -> SphereTree:
     points = np.frombuffer(vertices).reshape(-1, 3).copy()
+    # Facets and surface of the hull, or of a segment.
     if volume:
         hull = ConvexHull(points)
         facets, surface = hull.equations, points[hull.simplices]
     else:  # a point or the axis of a capsule
         facets, surface = np.zeros((1, 4)), points[[[0, 0, len(points) - 1]]]
-    builder = _Builder()
+    builder = _TreeBuilder()
 
     def split(piece: Array, depth: int) -> None:
         # The centre is a mean of the piece's corners, so the set holds it.
-        corners = _corners(piece)
+        corners = _distinct_corners(piece)
         center, ball = bounding_sphere(corners)
         inside = max(0.0, float(np.min(-facets[:, :3] @ center - facets[:, 3])))
-        node = builder.add(center, ball + radius + _PAD, inside + radius - _PAD)
+        node = builder.add(center, ball + radius + _PADDING_M, inside + radius - _PADDING_M)
+        # A leaf where the sphere sticks out little, else both halves.
         sticks_out = ball - inside
-        if sticks_out <= excess or depth == _MAX_DEPTH:
+        if sticks_out <= excess or depth == _MAX_TREE_DEPTH:
             builder.leaves[node] = True
             builder.excess = max(builder.excess, sticks_out)
         else:
-            for half in _halves(piece, corners):
+            for half in _cut_halves(piece, corners):
                 split(half, depth + 1)
         builder.close(node)
 
@@ -148,18 +153,19 @@ def _cover_solid(vertices: bytes, volume: bool, radius: float, excess: float) ->
 
 
 @kernel()
-def _corners(surface: Array) -> Array:
+def _distinct_corners(surface: Array) -> Array:
     """The corners (m, 3) of triangles (k, 3, 3), each once."""
     points = surface.reshape(-1, 3)
     kept = np.empty(points.shape)
     count = 0
     for i in range(len(points)):
+        # A point that is there already, within the padding.
         known = False
         for j in range(count):
             if (
-                abs(kept[j, 0] - points[i, 0]) < _PAD
-                and abs(kept[j, 1] - points[i, 1]) < _PAD
-                and abs(kept[j, 2] - points[i, 2]) < _PAD
+                abs(kept[j, 0] - points[i, 0]) < _PADDING_M
+                and abs(kept[j, 1] - points[i, 1]) < _PADDING_M
+                and abs(kept[j, 2] - points[i, 2]) < _PADDING_M
             ):
                 known = True
                 break
@@ -170,8 +176,9 @@ def _corners(surface: Array) -> Array:
 
 
 @kernel()
-def _halves(surface: Array, corners: Array) -> tuple[Array, Array]:
+def _cut_halves(surface: Array, corners: Array) -> tuple[Array, Array]:
     """Cut a polytope across its longest extent: its surface (k, 3, 3), of `corners` (m, 3)."""
+    # The mean of the corners, and how they spread about it.
     mean = np.zeros(3)
     for i in range(len(corners)):
         mean += corners[i]
@@ -189,6 +196,7 @@ def _halves(surface: Array, corners: Array) -> tuple[Array, Array]:
         z = spread[2, 0] * nx + spread[2, 1] * ny + spread[2, 2] * nz
         length = math.sqrt(x * x + y * y + z * z) + 1e-300
         nx, ny, nz = x / length, y / length, z / length
+    # Heights of all corners along it, from the middle of their span.
     points = surface.reshape(-1, 3)
     low, high = np.inf, -np.inf
     heights = np.empty(len(points))
@@ -196,17 +204,19 @@ def _halves(surface: Array, corners: Array) -> tuple[Array, Array]:
         heights[i] = nx * points[i, 0] + ny * points[i, 1] + nz * points[i, 2]
         low, high = min(low, heights[i]), max(high, heights[i])
     heights -= 0.5 * (low + high)
-    return _below(surface, heights), _below(surface, -heights)
+    # What lies below the middle, and what lies above.
+    return _lower_part(surface, heights), _lower_part(surface, -heights)
 
 
 @kernel()
-def _below(surface: Array, heights: Array) -> Array:
+def _lower_part(surface: Array, heights: Array) -> Array:
     """The surface (., 3, 3) of that part of a convex polytope where heights are not above 0.
 
     Args:
         surface: (k, 3, 3) triangles of the polytope.
         heights: (3 k,) of their corners.
     """
+    # Room for what is kept of each triangle, and for the rim of the cut.
     kept = np.empty((3 * len(surface), 3, 3))
     count = 0
     polygon = np.empty((4, 3))
@@ -214,13 +224,16 @@ def _below(surface: Array, heights: Array) -> Array:
     fan = np.empty(3)
     closing = False
     for t in range(len(surface)):
+        # Walk round the triangle's sides.
         size = crossings = 0
         for v in range(3):
             w = (v + 1) % 3
             a, b = heights[3 * t + v], heights[3 * t + w]
+            # A corner on this side of the plane stays.
             if a <= 0.0:
                 polygon[size] = surface[t, v]
                 size += 1
+            # A side that crosses the plane is cut where it does.
             if (a < 0.0 < b) or (b < 0.0 < a):
                 polygon[size] = surface[t, v] + a / (a - b) * (surface[t, w] - surface[t, v])
                 cut[crossings] = polygon[size]
@@ -231,6 +244,7 @@ def _below(surface: Array, heights: Array) -> Array:
                 crossings += 1
         if size == 0:
             continue
+        # The polygon that is left, as a fan of triangles; a single point or side as a flat one.
         for v in range(2, max(size, 3)):
             kept[count, 0] = polygon[0]
             kept[count, 1] = polygon[min(v - 1, size - 1)]
@@ -254,6 +268,7 @@ def bounding_sphere(points: Array) -> tuple[Array, float]:
 
     Bădoiu and Clarkson's core-set iteration: a step of 1/(i+1) towards the farthest point.
     """
+    # Start from the mean of the points.
     center = np.zeros(3)
     count = points.shape[0]
     for i in range(count):
@@ -262,6 +277,7 @@ def bounding_sphere(points: Array) -> tuple[Array, float]:
     best = center.copy()
     smallest = np.inf
     for step in range(200):
+        # The point that is farthest from the centre.
         farthest = 0
         square = -1.0
         for i in range(count):
@@ -272,9 +288,11 @@ def bounding_sphere(points: Array) -> tuple[Array, float]:
             if d > square:
                 square = d
                 farthest = i
+        # Keep the best centre so far.
         if square < smallest:
             smallest = square
             best[:] = center
+        # A step towards that point.
         for j in range(3):
             center[j] += (points[farthest, j] - center[j]) / (step + 2)
     return best, np.sqrt(smallest)

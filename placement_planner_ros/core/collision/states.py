@@ -43,13 +43,16 @@ def check_states(
         if not is_finite(Q[i]):
             answers[i] = NOT_FINITE
             continue
+        # Place the arm; what stays undecided is counted anew.
         place_joints(arm, scratch, Q[i])
         scratch.counters[2] = 0
         # The field of distances is asked for all bodies first: most collisions are found there.
         result, count = open_leaves(arm, boxes, scratch, 0, moving, left_out, margin, margin)
+        # The boxes in reach of what the field leaves open.
         if result != COLLIDING and count > 0:
             result = open_leaves_meet_boxes(arm, boxes, scratch, count, margin, margin)
         if result != COLLIDING:
+            # Then the robot against itself.
             place_all_spheres(arm, scratch)
             apart = _pairs_meet(arm, scratch, Q[i], self_margin)
             if apart != FREE:
@@ -60,9 +63,11 @@ def check_states(
 @kernel(lean=True)
 def _pairs_meet(arm: ArmArrays, scratch: ArmScratch, q: Array, margin: float) -> int:
     """The robot against itself at q (n,), where it has been placed."""
+    # Nothing moves: no range of joint values.
     still = scratch.edge[2]
     still[:] = 0.0
     result = FREE
+    # Pair by pair, up to the first collision.
     for pair in range(arm.pairs.shape[0]):
         answer = pair_meets(arm, scratch, pair, q, still, margin, margin)
         if answer == COLLIDING:

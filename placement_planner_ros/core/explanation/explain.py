@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from placement_planner_ros.core.errors import NAMED, listed
+from placement_planner_ros.core.errors import NAMED_THINGS, listed
 from placement_planner_ros.core.explanation.constraint_table import (
     TABLE,
     demands,
@@ -219,7 +219,9 @@ def _counts(search: Search, progress: Progress) -> list[str]:
     """What became of the samples of each face, of those with the most, and of each arm's tries."""
     by_face = progress.count.by_face
     totals = by_face.sum(axis=1)
-    most = [face for face in np.argsort(-totals, kind="stable")[:NAMED].tolist() if totals[face]]
+    most = [
+        face for face in np.argsort(-totals, kind="stable")[:NAMED_THINGS].tolist() if totals[face]
+    ]
     words = [f"face {face}: {shares_in_words(by_face[face].tolist(), 'samples')}" for face in most]
     names = [holding.arm.name for holding in search.finder.holdings]
     return words + [

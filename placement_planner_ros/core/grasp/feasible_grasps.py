@@ -31,7 +31,7 @@ from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
 
-_LIMIT_INSET = 1e-3
+_LIMIT_INSET_RAD_OR_M = 1e-3
 """rad or m, how far within the joint limits configurations are planned."""
 
 
@@ -51,18 +51,21 @@ def usable_holdings(
     bad_grasps: list[GraspError] = []
     for arm in problem.arms:
         of_arm: list[Holding] = []
+        # q_0 must lie within the arm's limits.
         q_start = problem.q_start[arm.q_index]
         beyond = beyond_limits(arm, problem.q_start)
         if beyond is not None:
             faults.append(Fault(f"{arm.name}: {beyond.words}", beyond.remedies))
             holdings.append(of_arm)
             continue
+        # What every grasp of the arm shares.
         step(f"making the open hand of arm {arm.name}")
         arm = _within_limits(arm, q_start)
         moving = MovingArm(problem.robot, arm, problem.q_start)
         open_hands: dict[int, OpenHand] = {}
         for grasp in range(len(arm.grasps)):
             step(f"making arm {arm.name} with grasp {grasp}")
+            # The grasp with the obstacles that count for it; one open hand for each set of these.
             obstacles, aside = environment.obstacles_of(arm.name, grasp)
             if id(obstacles) not in open_hands:
                 open_hands[id(obstacles)] = OpenHand(moving, body, obstacles, settings)
@@ -78,6 +81,7 @@ def usable_holdings(
             except GraspError as error:
                 bad_grasps.append(error)
                 continue
+            # Whether q_0 is free with the object held so.
             fault = in_keep_out(moving, grasp, body, keep_out, margin) if len(keep_out) else None
             if fault is None:
                 fault = _why_not_free(holding, obstacles, margin)
@@ -116,15 +120,18 @@ def lay_out_holdings(
 
 def _why_not_free(holding: Holding, obstacles: ObstacleSet, margin: float) -> Fault | None:
     """What q_0 collides with, or how the object leans there; None where all is well."""
+    # The object's tilt first.
     if holding.upright is not None:
         leans = tilt_fault(holding.upright.limit, holding.upright.tilt(holding.q_start))
         if leans is not None:
             return leans
+    # Then the robot against itself.
     alone = holding.collision.with_pairs(lambda a, b: True, environment=False)
     robot, q_start = holding.moving.robot, holding.moving.q_rest
     of_robot = alone.meeting(holding.q_start)
     if of_robot is not None:
         return met_itself(robot, q_start, [(of_robot.first, of_robot.second)])
+    # Then the environment, and whether the cloud touches the object itself.
     with_cloud = holding.collision.explain(holding.q_start)
     if not with_cloud:
         return None
@@ -137,7 +144,7 @@ def _within_limits(arm: Arm, q_start: Array) -> Arm:
 
     A curve may stray from its chords by up to the timing's `chord_tolerance`.
     """
-    inset = np.minimum(_LIMIT_INSET, 0.25 * (arm.upper - arm.lower))
+    inset = np.minimum(_LIMIT_INSET_RAD_OR_M, 0.25 * (arm.upper - arm.lower))
     return arm.with_limits(
         np.minimum(arm.lower + inset, q_start), np.maximum(arm.upper - inset, q_start)
     )

@@ -18,17 +18,17 @@ from placement_planner_ros.core.reach.seeds import seed_table
 from placement_planner_ros.core.reach.turntable import Turntable
 from placement_planner_ros.core.types import LEVEL, Array, Slope, upright
 
-_TURNS = 8
+_SEED_TURNS = 8
 """Turns of the object about which seeds are looked for."""
-_FIRST_SEEDS = 16
-"""Seeds that are tried before the others."""
-_PLACES = 4
+FIRST_SEEDS = 16
+"""Starts of the inverse kinematics beside q_0 that are tried before the others."""
+_OFFERED_TURNS = 4
 """Turns of the object at most that are offered at one place."""
-_SAME = 1e-2
+_SAME_TURN_RAD = 1e-2
 """rad, turns that differ by less are one."""
-_RANK = 1e-3
+_LEAST_RANK_SHARE = 1e-3
 """Share of the largest singular value below which there is none."""
-_MISSED = 1e-2
+_MISSED_SHARE = 1e-2
 """Share of a change that joints may miss; inverse kinematics makes up for it."""
 
 
@@ -60,15 +60,16 @@ class FreeYawIK:
     ) -> list[tuple[pin.SE3, Array]]:
         """Poses at that place, on that face, with the configurations (k, dof) that reach each.
 
-        The pose itself where the arm can bring the object to it; else up to `_PLACES` that differ
-        from it by a turn about the normal, of those that break a rule one only, and that where
-        there are no others. Empty where the arm reaches none.
+        The pose itself where the arm can bring the object to it; else up to `_OFFERED_TURNS` that
+        differ from it by a turn about the normal, of those that break a rule one only, and that
+        where there are no others. Empty where the arm reaches none.
 
         Args:
             T_face_object: fT_o of the face it stands on.
             seeds: starts of the inverse kinematics beside q_start (dof,).
             kept: whether a pose keeps the rules of users.
         """
+        # The face's place, if the arm gets there at all.
         turntable = self._turntable(T_face_object)
         T_world_face = T_world_object * T_face_object.inverse()
         place = T_world_face.homogeneous
@@ -76,24 +77,30 @@ class FreeYawIK:
             return []
         starts = np.append(q_start, 0.0)[None]
         broken: list[tuple[pin.SE3, Array]] = []
-        for count in (min(seeds, _FIRST_SEEDS), seeds - _FIRST_SEEDS):
+        # A few seeds first, then the rest.
+        for count in (min(seeds, FIRST_SEEDS), seeds - FIRST_SEEDS):
             if count < 1:
                 break
             near = self._near(T_world_face, T_face_object, count, rng)
             Q, turns = turntable.solve(place, np.concatenate([starts, near]))
             starts = starts[:0]
+            # The pose as it was asked for, wherever the turn was found.
             as_asked = self._ik.solve(self._tip(T_world_object), Q) if len(Q) else Q
             if len(as_asked):
                 return [(T_world_object, as_asked)]
+            # Else other turns, one at a time, those that are nearly the same left out.
             found: list[tuple[pin.SE3, Array]] = []
-            while len(Q) and len(found) < _PLACES:
-                x = _turned(T_world_face, float(turns[0])) * T_face_object
+            while len(Q) and len(found) < _OFFERED_TURNS:
+                x = _turned_face(T_world_face, float(turns[0])) * T_face_object
                 keeps = kept(x)
                 if keeps or not broken:
                     reaching = self._ik.solve(self._tip(x), Q)
                     if len(reaching):
                         (found if keeps else broken).append((x, reaching))
-                other = np.abs(np.remainder(turns - turns[0] + np.pi, 2.0 * np.pi) - np.pi) > _SAME
+                other = (
+                    np.abs(np.remainder(turns - turns[0] + np.pi, 2.0 * np.pi) - np.pi)
+                    > _SAME_TURN_RAD
+                )
                 Q, turns = Q[other], turns[other]
             if found:
                 return found
@@ -106,14 +113,16 @@ class FreeYawIK:
 
         None where neither is close by.
         """
+        # The pose as it was asked for.
         as_asked = self._ik.track(self._tip(T_world_object)[None], q)
         if as_asked is not None:
             return T_world_object, as_asked[-1]
+        # Else its place, with the turn that the joints give.
         T_world_face = T_world_object * T_face_object.inverse()
         reached = self._turntable(T_face_object).track(T_world_face.homogeneous, q)
         if reached is None:
             return None
-        x = _turned(T_world_face, reached[1]) * T_face_object
+        x = _turned_face(T_world_face, reached[1]) * T_face_object
         tracked = self._ik.track(self._tip(x)[None], reached[0])
         return None if tracked is None else (x, tracked[-1])
 
@@ -127,16 +136,19 @@ class FreeYawIK:
             change: (3,) m, m and rad.
             radius: m that a radian counts as.
         """
+        # The range of the Jacobian, a radian weighing as much as the radius.
         J = self._chain.jacobian(q, self._T_tip_object.homogeneous)
         J[3:] *= radius
         U, sizes, _ = np.linalg.svd(J, full_matrices=False)
-        U = U[:, sizes > _RANK * sizes[0]]
+        U = U[:, sizes > _LEAST_RANK_SHARE * sizes[0]]
+        # The twist of each coordinate of a change.
         twists = np.zeros((6, 3))
         twists[:2, :2] = np.eye(2)
         twists[2, :2] = slope
         twists[3:, 2] = upright(slope)[:, 2]  # for a radian; `radius` metres on both sides
+        # Combinations of coordinates whose twists the joints can make.
         _, missed, V = np.linalg.svd(twists - U @ (U.T @ twists))
-        within = V[missed <= _MISSED]
+        within = V[missed <= _MISSED_SHARE]
         scale = np.array([1.0, 1.0, radius])
         return np.asarray(within.T @ (within @ (change * scale)) / scale)
 
@@ -152,9 +164,10 @@ class FreeYawIK:
         self, T_world_face: pin.SE3, T_face_object: pin.SE3, count: int, rng: np.random.Generator
     ) -> Array:
         """(n, dof + 1) seeds near that place in some turns, each with its turn; n >= count."""
-        turns = rng.uniform(-math.pi, math.pi, _TURNS)
-        tips = [self._tip(_turned(T_world_face, turn) * T_face_object) for turn in turns]
-        each = -(-count // _TURNS)
+        # The tip in turns that are drawn at random.
+        turns = rng.uniform(-math.pi, math.pi, _SEED_TURNS)
+        tips = [self._tip(_turned_face(T_world_face, turn) * T_face_object) for turn in turns]
+        each = -(-count // _SEED_TURNS)
         near = self._seeds.near(np.array(tips), each, rng)
         with_turn = np.concatenate([near, np.tile(turns[:, None, None], (1, each, 1))], axis=2)
         # the nearest of all turns first
@@ -165,6 +178,6 @@ class FreeYawIK:
         return np.asarray((T_world_object * self._T_tip_object.inverse()).homogeneous)
 
 
-def _turned(T_world_face: pin.SE3, turn: float) -> pin.SE3:
+def _turned_face(T_world_face: pin.SE3, turn: float) -> pin.SE3:
     """The face turned about its normal, rad."""
     return T_world_face * pin.SE3(pin.utils.rotate("z", turn), np.zeros(3))

@@ -17,8 +17,8 @@ from placement_planner_ros.core.collision.object_solids import (
     object_solids,
 )
 from placement_planner_ros.core.errors import GraspError, RobotError
-from placement_planner_ros.core.grasp.hand_sweep import revolute
-from placement_planner_ros.core.grasp.settings import PARTING
+from placement_planner_ros.core.grasp.hand_sweep import STILL_M, revolute_coordinates
+from placement_planner_ros.core.grasp.settings import PARTING_M
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
@@ -27,22 +27,22 @@ from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.weak_cache import weak_lru_cache
 
-_TRAVEL = 1e-3
-_TURN = 0.01
+_OPENING_STEP_M = 1e-3
+_OPENING_STEP_RAD = 0.01
 """m or rad that the gripper joints together move between two openings that are looked at."""
-_MOST = 5000
+_MAX_OPENINGS = 5000
 """Openings that are looked at, at most: 5 m, or 50 rad."""
-_STILL = 1e-9
-"""m; geometry that moves less does not move."""
-_DEEPER = 1e-4
+_ADDED_DEPTH_M = 1e-4
 """m that a finger may get deeper into the object, for the numerics."""
-_FINE = 2e-5
+_FINE_DEPTH_M = 2e-5
 """m to which it is told how deep a mesh lies in another shape to begin with."""
-_COARSE = 0.001
+_COARSE_DEPTH_M = 0.001
 """m by which a depth may be told too large."""
 
 
-def check_opening(moving: MovingArm, held: AttachedObject, parted_within: float = PARTING) -> None:
+def check_opening(
+    moving: MovingArm, held: AttachedObject, parted_within: float = PARTING_M
+) -> None:
     """Raise if the hand, from where it is on, cannot let go of the object that it holds.
 
     A finger that lies in the object to begin with, as joint states and meshes may have it, must
@@ -56,14 +56,17 @@ def check_opening(moving: MovingArm, held: AttachedObject, parted_within: float 
     """
     arm = moving.arm
     given = moving.robot, arm, held.grasp, held.body, moving.q_zero.tobytes()
-    pushes, stuck = dict(_pushes(*given)), dict(_stuck(*given, parted_within + _COARSE))
+    pushes, stuck = (
+        dict(_pushing_links(*given)),
+        dict(_stuck_links(*given, parted_within + _COARSE_DEPTH_M)),
+    )
     words = []
     if pushes:
-        words.append(f"opening the hand pushes {_listed(pushes)} into the object")
+        words.append(f"opening the hand pushes {_listed_depths(pushes)} into the object")
     if stuck:
         words.append(
-            f"the open hand leaves {_listed(stuck)} in the object, and the retreat must have "
-            f"brought it off within {parted_within:g} m"
+            f"the open hand leaves {_listed_depths(stuck)} in the object, and the retreat must "
+            f"have brought it off within {parted_within:g} m"
         )
     if words:
         raise GraspError(
@@ -75,7 +78,7 @@ def check_opening(moving: MovingArm, held: AttachedObject, parted_within: float 
         )
 
 
-def _listed(depths: dict[str, float]) -> str:
+def _listed_depths(depths: dict[str, float]) -> str:
     return ", ".join(f"{link} {depth:.4f} m" for link, depth in depths.items())
 
 
@@ -104,31 +107,37 @@ Depths = tuple[tuple[str, float], ...]
 
 
 @weak_lru_cache("body", maxsize=64)
-def _pushes(robot: Robot, arm: Arm, grasp: int, body: Body, q_bytes: bytes) -> Depths:
-    """Which links get how much deeper into the object than they begin, beyond `_DEEPER`."""
+def _pushing_links(robot: Robot, arm: Arm, grasp: int, body: Body, q_bytes: bytes) -> Depths:
+    """Which links get how much deeper into the object than they begin, beyond `_ADDED_DEPTH_M`."""
+    # The object as it is held.
     at = robot.link_pose(np.frombuffer(q_bytes), arm.tip_frame) * arm.grasps[grasp]
     overlaps, first = object_overlaps(robot, body), len(robot.geometry_links)
     deepest: dict[str, float] = {}
-    for finger in _fingers(robot, arm, q_bytes):
+    # Every finger that moves against every solid of the object.
+    for finger in _moving_fingers(robot, arm, q_bytes):
         for number, solid in enumerate(object_solids(body), first):
             meshes = (finger.geometry, solid.geometry)
             if any(is_mesh(each) for each in meshes):
                 depth = _mesh_deeper(finger, overlaps, number, at)
             else:
-                depth = _deeper(finger, solid.geometry, at)
-            if depth > _DEEPER:
+                depth = _added_depth(finger, solid.geometry, at)
+            if depth > _ADDED_DEPTH_M:
                 deepest[finger.link] = max(depth, deepest.get(finger.link, 0.0))
     return tuple(deepest.items())
 
 
 @weak_lru_cache("body", maxsize=64)
-def _stuck(robot: Robot, arm: Arm, grasp: int, body: Body, q_bytes: bytes, most: float) -> Depths:
+def _stuck_links(
+    robot: Robot, arm: Arm, grasp: int, body: Body, q_bytes: bytes, most: float
+) -> Depths:
     """Which links lie deeper in the object than `most`, metres, when the hand is open."""
+    # The hand open, with the object where it is held.
     q = robot.with_open_hand(np.frombuffer(q_bytes), arm)
     places = robot.geometry_poses(q)
     at = robot.link_pose(q, arm.tip_frame) * arm.grasps[grasp]
     overlaps, first = object_overlaps(robot, body), len(robot.geometry_links)
     found: dict[str, float] = {}
+    # Every link that may touch, against every solid.
     for i, link in enumerate(robot.geometry_links):
         if link not in arm.touch_links:
             continue
@@ -140,79 +149,91 @@ def _stuck(robot: Robot, arm: Arm, grasp: int, body: Body, q_bytes: bytes, most:
     return tuple(found.items())
 
 
-def _deeper(finger: _Finger, part: coal.CollisionGeometry, T_part: pin.SE3) -> float:
+def _added_depth(finger: _Finger, part: coal.CollisionGeometry, T_part: pin.SE3) -> float:
     """How much deeper it gets into a part than it begins, metres; only looked at where it might."""
+    # Too far apart to meet on the way.
     at = coal_transform(T_part)
-    first = _gap(finger, 0, part, at)
+    first = _signed_distance(finger, 0, part, at)
     if first > finger.travel:
         return 0.0
+    # A convex solid: the distance is convex along the way, so that its first step bounds the rest.
     allowed = min(first, 0.0)
-    second = _gap(finger, 1, part, at)
+    second = _signed_distance(finger, 1, part, at)
     steps = len(finger.places) - 1
-    if finger.slides and first + steps * min(second - first, 0.0) > allowed - _DEEPER:
+    if finger.slides and first + steps * min(second - first, 0.0) > allowed - _ADDED_DEPTH_M:
         return 0.0
+    # Else the least distance at all places on the way.
     least = second
     for stage in range(2, steps + 1):
         step(f"looking whether {finger.link} opens into the object")
-        least = min(least, _gap(finger, stage, part, at))
+        least = min(least, _signed_distance(finger, stage, part, at))
     return allowed - least
 
 
 def _mesh_deeper(finger: _Finger, overlaps: Overlaps, number: int, at: pin.SE3) -> float:
     """The same where one of both is a mesh, the object's solid being of that number."""
+    # Balls around both, too far apart to meet on the way.
     i, places = finger.number, finger.places
     apart = np.linalg.norm(places[0].act(overlaps.centers[i]) - at.act(overlaps.centers[number]))
     if apart > overlaps.radii[i] + overlaps.radii[number] + finger.travel:
         return 0.0
-    begun = overlaps.depth(i, number, places[0], at, _FINE)
+    # The depth at the beginning, and the greatest one on the way.
+    begun = overlaps.depth(i, number, places[0], at, _FINE_DEPTH_M)
     most = begun
     for place in places[1:]:
         step(f"looking whether {finger.link} opens into the object")
-        told = max(begun + _DEEPER, most)
+        told = max(begun + _ADDED_DEPTH_M, most)
         most = max(most, overlaps.depth(i, number, place, at, beyond=told))
     return most - begun
 
 
 @functools.lru_cache(maxsize=8)
-def _fingers(robot: Robot, arm: Arm, q_bytes: bytes) -> tuple[_Finger, ...]:
+def _moving_fingers(robot: Robot, arm: Arm, q_bytes: bytes) -> tuple[_Finger, ...]:
     q = np.frombuffer(q_bytes)
+    # How far the joints move, in steps.
     change = robot.with_open_hand(q, arm) - q
-    turning = revolute(robot)
-    steps = max(1, int(np.ceil(np.abs(change / np.where(turning, _TURN, _TRAVEL)).sum())))
-    if steps > _MOST:
+    turning = revolute_coordinates(robot)
+    steps = max(
+        1,
+        int(np.ceil(np.abs(change / np.where(turning, _OPENING_STEP_RAD, _OPENING_STEP_M)).sum())),
+    )
+    if steps > _MAX_OPENINGS:
         raise RobotError(
             f"{arm.name}.gripper_open",
             list(arm.gripper_open),
-            f"is too far from where the gripper is: {steps} steps of {_TRAVEL:g} m or {_TURN:g} "
-            f"rad, and {_MOST} are looked at; give it in m or rad",
+            f"is too far from where the gripper is: {steps} steps of {_OPENING_STEP_M:g} m or "
+            f"{_OPENING_STEP_RAD:g} rad, and {_MAX_OPENINGS} are looked at; give it in m or rad",
         )
+    # Joint frames at every step.
     data = robot.model.createData()
     frames = []
     for share in np.linspace(0.0, 1.0, steps + 1):
         step(f"opening the hand of arm {arm.name}")
         pin.forwardKinematics(robot.model, data, q + share * change)
         frames.append([pin.SE3(T) for T in data.oMi])
-    fingers, moved = [], _moved(robot, change)
+    # Geometries on joints that move.
+    fingers, moved = [], _moved_joints(robot, change)
     for i, (link, thing) in enumerate(
         zip(robot.geometry_links, robot.geometry.geometryObjects, strict=True)
     ):
         if thing.parentJoint not in moved:
             continue
         step(f"opening the hand of arm {arm.name}, at {link}")
+        # How far any point of it gets from where it begins.
         ways = [frames[0][thing.parentJoint].actInv(f[thing.parentJoint]) for f in frames]
         turned = max(float(np.linalg.norm(pin.log3(way.rotation))) for way in ways)
         thing.geometry.computeLocalAABB()
         reach = float(np.linalg.norm(thing.placement.act(thing.geometry.aabb_center)))
         reach += thing.geometry.aabb_radius
         travel = max(float(np.linalg.norm(way.translation)) for way in ways) + turned * reach
-        if travel > _STILL:
+        if travel > STILL_M:
             places = tuple(frame[thing.parentJoint] * thing.placement for frame in frames)
-            slides = turned < _STILL and not is_mesh(thing.geometry)
+            slides = turned < STILL_M and not is_mesh(thing.geometry)
             fingers.append(_Finger(i, link, thing.geometry, places, travel, slides))
     return tuple(fingers)
 
 
-def _moved(robot: Robot, change: Array) -> set[int]:
+def _moved_joints(robot: Robot, change: Array) -> set[int]:
     """Joints that a change (nq,) of configuration moves, themselves or by one they hang on."""
     moved: set[int] = set()
     for joint in range(1, robot.model.njoints):
@@ -223,7 +244,9 @@ def _moved(robot: Robot, change: Array) -> set[int]:
     return moved
 
 
-def _gap(finger: _Finger, stage: int, part: coal.CollisionGeometry, at: coal.Transform3s) -> float:
+def _signed_distance(
+    finger: _Finger, stage: int, part: coal.CollisionGeometry, at: coal.Transform3s
+) -> float:
     """Signed distance, metres."""
     request = coal.DistanceRequest()
     request.enable_signed_distance = True

@@ -20,13 +20,13 @@ from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
 
-_TURN = 0.05
+_COPY_TURN_RAD = 0.05
 """rad that all joints that turn a part together turn between two copies of it, at most."""
-_STILL = 1e-9
-"""Joint frames as equal as this do not move as the hand opens."""
-_THICKNESS = 1e-4
+STILL_M = 1e-9
+"""m, or of a rotation matrix: what moves less as the hand opens does not move."""
+_FLAT_THICKNESS_M = 1e-4
 """m that flat geometry is given, which has no hull."""
-_ROUNDED = 2e-4
+_ROUNDED_CORNER_M = 2e-4
 """m that corners of rounded fingers may lie outside what these are taken for: they have hundreds,
 and each of the hulls that they sweep has those of two copies."""
 
@@ -40,18 +40,20 @@ def with_opening_hand(robot: Robot, arm: Arm, q: Array) -> Robot:
     """
     change = robot.with_open_hand(q, arm) - q
     hand = np.where(change != 0.0, q, 0.0)
-    return _swept(robot, hand.tobytes(), change.tobytes())
+    return _swept_hand(robot, hand.tobytes(), change.tobytes())
 
 
 @functools.lru_cache(maxsize=8)
-def _swept(robot: Robot, hand_bytes: bytes, change_bytes: bytes) -> Robot:
+def _swept_hand(robot: Robot, hand_bytes: bytes, change_bytes: bytes) -> Robot:
     """`with_opening_hand` from q (nq,) on by that change (nq,)."""
     hand, change = np.frombuffer(hand_bytes), np.frombuffer(change_bytes)
-    turns = revolute(robot)
+    # Which joints move each frame, and by how much the parts turn together.
+    turns = revolute_coordinates(robot)
     joints = {thing.parentJoint for thing in robot.geometry.geometryObjects}
-    movers = {joint: _movers(robot, joint) & (change != 0.0) for joint in joints}
+    movers = {joint: _moving_coordinates(robot, joint) & (change != 0.0) for joint in joints}
     turned = max((np.abs(change[each & turns]).sum() for each in movers.values()), default=0.0)
-    steps = max(1, int(np.ceil(turned / _TURN)))
+    steps = max(1, int(np.ceil(turned / _COPY_TURN_RAD)))
+    # Joint frames at every copy.
     frames = []
     for share in np.linspace(0.0, 1.0, steps + 1):
         step("opening the hand")
@@ -64,15 +66,18 @@ def _swept(robot: Robot, hand_bytes: bytes, change_bytes: bytes) -> Robot:
         robot.geometry_links, robot.geometry.geometryObjects, robot.covers, strict=True
     ):
         joint = thing.parentJoint
-        if all(frame[joint].isApprox(frames[0][joint], _STILL) for frame in frames):
+        # What does not move stays as it is.
+        if all(frame[joint].isApprox(frames[0][joint], STILL_M) for frame in frames):
             swept.addGeometryObject(pin.GeometryObject(thing))
             links.append(link)
             covers.append(cover)
             continue
-        local, lost = few_corners(_solid_vertices(thing.geometry, link), _ROUNDED)
+        # Its corners, placed at every copy.
+        local, lost = few_corners(_solid_vertices(thing.geometry, link), _ROUNDED_CORNER_M)
         turning = movers[joint] & turns
         turn, slide = float(change[turning].sum()), float(change[movers[joint] & ~turns].sum())
-        copies = [_act(frame[joint] * thing.placement, local) for frame in frames]
+        copies = [_transformed_points(frame[joint] * thing.placement, local) for frame in frames]
+        # How far they are from the axes that turn them.
         axes = np.array([[T.translation for T in frame[1:]] for frame in frames])[:, turning]
         away = [
             np.linalg.norm(copy[:, None] - axis, axis=2).max(initial=0.0)
@@ -83,6 +88,7 @@ def _swept(robot: Robot, hand_bytes: bytes, change_bytes: bytes) -> Robot:
         # W R + V.
         reach = max(away) * (1.0 + turn) + slide
         strays = 0.25 * turn * (turn * reach + slide)
+        # The hull of each copy and the next.
         for k, (before, after) in enumerate(itertools.pairwise(copies)):
             step(f"making what {link} sweeps as the hand opens")
             hull = convex(ConvexHull(np.vstack([before, after])))
@@ -97,14 +103,14 @@ def _swept(robot: Robot, hand_bytes: bytes, change_bytes: bytes) -> Robot:
     return replace(robot, geometry=swept, geometry_links=tuple(links), covers=tuple(covers))
 
 
-def _movers(robot: Robot, joint: int) -> npt.NDArray[np.bool_]:
+def _moving_coordinates(robot: Robot, joint: int) -> npt.NDArray[np.bool_]:
     """(nq,) which coordinates move that joint's frame."""
     result = np.zeros(robot.model.nq, np.bool_)
     result[[k - 1 for k in robot.model.supports[joint] if k > 0]] = True
     return result
 
 
-def revolute(robot: Robot) -> npt.NDArray[np.bool_]:
+def revolute_coordinates(robot: Robot) -> npt.NDArray[np.bool_]:
     """(nq,) which coordinates are angles."""
     return np.array([not j.shortname().startswith("JointModelP") for j in robot.model.joints[1:]])
 
@@ -115,23 +121,25 @@ def _joint_frames(robot: Robot, q: Array) -> list[pin.SE3]:
     return [pin.SE3(T) for T in data.oMi]
 
 
-def _act(T: pin.SE3, points: Array) -> Array:
+def _transformed_points(T: pin.SE3, points: Array) -> Array:
     return np.asarray(points @ T.rotation.T + T.translation)
 
 
 def _solid_vertices(geometry: coal.CollisionGeometry, link: str) -> Array:
     """(m, 3) vertices of a solid that contains the geometry: its hull, or a box where it is round
     or flat."""
+    # Vertices of a mesh, or of a shape with what rounds it.
     if isinstance(geometry, coal.BVHModelBase):
         vertices, radius = np.array(geometry.vertices()), 0.0
     else:
         sets = shape_of(geometry, f"link {link}").sets
         vertices = np.vstack([s.vertices for s in sets])
         radius = max(s.radius for s in sets)
+    # Their hull, unless it is flat or rounded: then the box around them.
     if radius == 0.0:
         try:
             return np.asarray(vertices[ConvexHull(vertices).vertices])
         except QhullError:
-            radius = _THICKNESS
+            radius = _FLAT_THICKNESS_M
     corners = np.array([vertices.min(axis=0) - radius, vertices.max(axis=0) + radius])
     return np.array(list(itertools.product(*corners.T)))

@@ -13,11 +13,11 @@ from placement_planner_ros.core.collision.arm import ArmCollision, Meeting
 from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.errors import GraspError
-from placement_planner_ros.core.grasp.free_yaw_ik import FreeYawIK
+from placement_planner_ros.core.grasp.free_yaw_ik import FIRST_SEEDS, FreeYawIK
 from placement_planner_ros.core.grasp.open_hand import OpenHand
 from placement_planner_ros.core.grasp.release_check import check_letting_go
 from placement_planner_ros.core.grasp.settings import GraspSettings
-from placement_planner_ros.core.grasp.straight_down import stray, stray_at
+from placement_planner_ros.core.grasp.straight_down import greatest_stray, stray_at
 from placement_planner_ros.core.reach.ik import InverseKinematics
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.reach.seeds import seed_table
@@ -26,13 +26,11 @@ from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.types import LEVEL, Array, Slope, Verdict
 
-_FIRST_SEEDS = 16
-"""Starts of the inverse kinematics beside q_0 that are tried before the others."""
-_HAND_SLACK = 1e-4
+_HAND_SLACK_M = 1e-4
 """m, more than what inverse kinematics leaves open moves any point of a hand."""
-_PLANNED_STRAY = 0.75
+_PLANNED_STRAY_SHARE = 0.75
 """Share of `approach_stray` that waypoints use; the rest is for the timed curve."""
-_HALVINGS = 4
+_STEP_HALVINGS = 4
 """How often a step of the approach is halved at most, to keep the object on its line."""
 
 
@@ -87,6 +85,8 @@ class Holding:
         self.q_start = moving.q
         self.chain = Chain.from_robot(moving.robot, moving.arm, moving.q_rest)
         self.require_retreat = settings.require_retreat
+        # The arm with the object in its hand, and the hand's way off it; all that is wrong is told
+        # at once.
         errors = []
         try:
             self.collision = ArmCollision(moving, held, obstacles, settings.collision, aside)
@@ -114,6 +114,7 @@ class Holding:
         self._settings = settings.approach
         self._reserve = settings.collision.planning_reserve
         self._stray = settings.collision.approach_stray
+        # The box around the object.
         vertices = held.body.vertices
         lower, upper = vertices.min(axis=0), vertices.max(axis=0)
         corners = np.array(list(itertools.product(*zip(lower, upper, strict=True))))
@@ -147,16 +148,18 @@ class Holding:
         Returns:
             k >= 1 configurations, or the verdict that names why there are none.
         """
+        # What the tip's pose alone decides: the reach, and the hand's own collisions.
         T_world_tip = self.tip_pose(T_world_object)
         if not self._ik.reachable(T_world_tip):
             return Verdict.NO_IK
         if hand_first and self.collision.hand_collides(
-            T_world_tip, _HAND_SLACK, self._reserve, contact=True
+            T_world_tip, _HAND_SLACK_M, self._reserve, contact=True
         ):
             return Verdict.ARM_COLLIDING
         verdict = Verdict.NO_IK
         own = self.q_start[None]
-        for count in (min(seeds, _FIRST_SEEDS), seeds - _FIRST_SEEDS):
+        # A few seeds first, q_0 among them, then the rest.
+        for count in (min(seeds, FIRST_SEEDS), seeds - FIRST_SEEDS):
             if count < 1:
                 break
             near = self._seeds.near(T_world_tip[None], count, rng)[0]
@@ -165,6 +168,7 @@ class Holding:
             if len(solutions) == 0:
                 continue
             verdict = Verdict.ARM_COLLIDING
+            # Free solutions, or free ones among the self-motions of all.
             free = self.free_ones(solutions)
             if len(free) == 0:
                 free = self.free_ones(self._ik.sweep(T_world_tip, solutions))
@@ -198,9 +202,11 @@ class Holding:
         Collisions of the arm at contact; where there are none, of the fingers as they open, of the
         way down, or of the hand's way back.
         """
+        # The arm at contact, then the fingers as they open.
         found = self.collision.meeting(q, self._reserve, contact=True)
         found = found or self.open_hand.release_meeting(q)
         if found is None:
+            # Then the arm where the way down begins.
             raised = pin.SE3(T_world_object)
             raised.translation[2] += self._settings.approach_minimum
             above = self.follow(raised, q)
@@ -247,7 +253,7 @@ class Holding:
         Args:
             points: (m, 6, dof) Bézier control points of the curve's pieces, from above to rest.
         """
-        return stray(self.chain, points, *self._lines(T_world_object)) <= self._stray
+        return greatest_stray(self.chain, points, *self._lines(T_world_object)) <= self._stray
 
     def _lines(self, T_world_object: pin.SE3) -> tuple[Array, Array]:
         """(8, 3) what is to come straight down, in the frame of the tip, and where to."""
@@ -268,11 +274,13 @@ class Holding:
         Returns:
             The certified motion, or the verdict that names what stood in the way.
         """
+        # Contact and release.
         if not self.free_at_contact(q):
             return Verdict.ARM_COLLIDING
         released = self.open_hand.release_free(q)
         if self.require_retreat and not released:
             return Verdict.NO_RELEASE
+        # The way down, then the way back.
         approach = self._approach(q, T_world_object, contact_height, poses, slope)
         if approach is None:
             return Verdict.NO_APPROACH
@@ -292,6 +300,7 @@ class Holding:
         """(k, dof) the straight way down to `q`, raised pre-placement first, as high as there is
         room; None where even the least height is blocked."""
         settings = self._settings
+        # Heights of the waypoints, the least one among them.
         steps = max(1, round(settings.approach_distance / settings.approach_step))
         heights = np.linspace(0.0, settings.approach_distance, steps + 1)[1:]
         heights = np.unique(np.append(heights, settings.approach_minimum))
@@ -299,8 +308,10 @@ class Holding:
         raised: list[Array] = []
         below = 0.0
         for height in heights.tolist():
+            # Up to that height the object is free.
             if not poses.free(T_world_object, contact_height, height + self._stray, slope):
                 break
+            # The arm follows, and is free where the way may begin.
             way = self._straight_up(upward[-1], T_world_object, below, height)
             if way is None:
                 break
@@ -317,21 +328,23 @@ class Holding:
         T_world_object: pin.SE3,
         below: float,
         height: float,
-        halvings: int = _HALVINGS,
+        halvings: int = _STEP_HALVINGS,
     ) -> list[Array] | None:
         """Waypoints (dof,) after `q` at height `below` up to another, metres, their edges free.
 
         Steps on which the object would leave its line, or lean, are halved; None where that does
         not help.
         """
+        # The next waypoint.
         above = pin.SE3(T_world_object)
         above.translation = T_world_object.translation + np.array([0.0, 0.0, height])
         q_next = self.follow(above, q)
         if q_next is None:
             return None
+        # How far the object leaves its line between both, and whether it leans.
         chord = np.linspace(q_next, q, 5)
         strays = stray_at(self.chain, chord, *self._lines(T_world_object))
-        if strays <= _PLANNED_STRAY * self._stray and self._keeps_tilt(q, q_next):
+        if strays <= _PLANNED_STRAY_SHARE * self._stray and self._keeps_tilt(q, q_next):
             is_free = self.collision.edge_free(q, q_next, contact=True, reserve=self._reserve)
             return [q_next] if is_free else None
         if halvings == 0:

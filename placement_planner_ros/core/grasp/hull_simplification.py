@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull
 
 from placement_planner_ros.core.types import Array
 
-_ENOUGH = 32
+_SIMPLE_HULL_CORNERS = 32
 """Hulls of so many corners are left as they are."""
 _AROUND = np.array([d for d in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
 """(26, 3) directions, by the principal axes, whose furthest corners are taken first: by other axes
@@ -33,11 +33,13 @@ def few_corners(corners: Array, tolerance: float) -> tuple[Array, float]:
     Raises:
         QhullError: the corners span no volume.
     """
-    if len(corners) <= _ENOUGH:
+    if len(corners) <= _SIMPLE_HULL_CORNERS:
         return corners, 0.0
+    # Start from the corners that lie furthest in directions along the principal axes.
     axes = np.linalg.svd(corners - corners.mean(axis=0), full_matrices=False)[2]
     taken = np.unique((corners @ (_AROUND @ axes).T).argmax(axis=0))
     while True:
+        # How far each corner lies beyond each facet of the hull so far.
         hull = ConvexHull(corners[taken])
         beyond = corners @ hull.equations[:, :3].T + hull.equations[:, 3]
         # what is next to a point outside lies on a facet that is seen from there
@@ -45,10 +47,12 @@ def few_corners(corners: Array, tolerance: float) -> tuple[Array, float]:
         triangles = hull.points[hull.simplices[facet]]
         nearest = trimesh.triangles.closest_point(triangles, corners[point])
         away = np.full(len(corners), np.inf)
+        # Corners inside are not away at all.
         away[beyond.max(axis=1) <= 0.0] = 0.0
         # fmin: next to a triangle of no area is NaN, which tells nothing
         np.fmin.at(away, point, np.linalg.norm(nearest - corners[point], axis=1))
         away[taken] = 0.0
+        # Those too far away: the furthest beyond each facet joins the hull.
         lacking = np.flatnonzero(away > tolerance)
         if not len(lacking):
             return corners[taken], float(away.max())

@@ -1,7 +1,7 @@
 """Release and retreat: the hand opens, then leaves the placed object along a straight line.
 
 Links of the hand that touch the object, when it has opened, may do so until they have come off it,
-and for the first `PARTING` of the way at the longest; what has come off must not meet it again.
+and for the first `PARTING_M` of the way at the longest; what has come off must not meet it again.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from placement_planner_ros.core.collision.arm import (
 )
 from placement_planner_ros.core.collision.attached_object import PlacedObject
 from placement_planner_ros.core.grasp.hand_sweep import with_opening_hand
-from placement_planner_ros.core.grasp.settings import LONGEST_RETREAT, PARTING, GraspSettings
+from placement_planner_ros.core.grasp.settings import LONGEST_RETREAT_M, PARTING_M, GraspSettings
 from placement_planner_ros.core.reach.ik import InverseKinematics
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.robot.model import Arm
@@ -31,10 +31,10 @@ from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
 
-_TOUCHING = 1e-3
+_TOUCHING_M = 1e-3
 """m; a touch link of the open hand that is closer to the object than this touches it still."""
 
-_STATIONS = (0.001, 0.002, PARTING)
+_STATIONS = (0.001, 0.002, PARTING_M)
 """m of the retreat at which links that touch the object still are looked at again."""
 
 _BISECTIONS = 20
@@ -47,7 +47,7 @@ class _Leaving:
 
     Attributes:
         touching: touch links that touch the object when the hand has opened. They may do so until
-            they have come off, and no longer than for the first `PARTING` of the way; all other
+            they have come off, and no longer than for the first `PARTING_M` of the way; all other
             links must not meet it.
     """
 
@@ -55,7 +55,7 @@ class _Leaving:
         self._open = open_
         self.touching = touching
         self._without: dict[frozenset[str], ArmCollision] = {}
-        self._only = {link: _alone(open_, link, open_.settings) for link in touching}
+        self._only = {link: _link_alone(open_, link, open_.settings) for link in touching}
 
     def without(self, links: frozenset[str]) -> ArmCollision:
         """The arm, where these links may touch the object."""
@@ -70,7 +70,7 @@ class _Leaving:
         return frozenset(link for link in links if not self._only[link].free(q, reserve))
 
 
-def _alone(open_: ArmCollision, link: str, settings: CollisionSettings) -> ArmCollision:
+def _link_alone(open_: ArmCollision, link: str, settings: CollisionSettings) -> ArmCollision:
     """The link against the placed object, and nothing else."""
     return open_.with_pairs(lambda a, b: {a, b} == {link, PLACED_OBJECT}, settings, False)
 
@@ -93,6 +93,7 @@ class OpenHand:
         settings: GraspSettings,
     ) -> None:
         robot, arm, collision = moving.robot, moving.arm, settings.collision
+        # The arm with its hand open, and with what it sweeps by opening.
         opened = moving.with_open_hand()
         self._settings = settings.retreat
         self._reserve = collision.planning_reserve
@@ -108,9 +109,11 @@ class OpenHand:
             replace(collision, self_margin=collision.collision_margin),
             environment=False,
         )
+        # What leaves the object in each grasp.
         tip = Chain.from_robot(robot, arm, moving.q_rest).forward(np.zeros(arm.dof))
         self._leaving = [self._leaving_grasp(arm, pin.SE3(tip) * grasp) for grasp in arm.grasps]
         self._placed: pin.SE3 | None = None
+        # The directions of the retreat, of unit length.
         self._directions = [
             (np.array(direction) / np.linalg.norm(direction), in_tip)
             for in_tip, directions in (
@@ -134,15 +137,17 @@ class OpenHand:
         None where nothing, or where the arm cannot follow that way at all.
         """
         self._place(T_world_object)
+        # The way back along the tip's z, in steps.
         settings = self._settings
         steps = max(1, round(settings.retreat_distance / settings.retreat_step))
         T_world_tip = self._ik.chain.forward(q)
         poses = np.repeat(T_world_tip[None], steps, axis=0)
         along = settings.retreat_distance / steps * np.arange(1, steps + 1)
         poses[:, :3, 3] -= along[:, None] * T_world_tip[:3, 2]
+        # Follow it until something is met.
         leaving = self._leaving[grasp].without(frozenset())
         way = q
-        for pose in poses[along >= PARTING]:
+        for pose in poses[along >= PARTING_M]:
             tracked = self._ik.track(pose[None], way)
             if tracked is None:
                 return None
@@ -161,6 +166,7 @@ class OpenHand:
         """
         self._place(T_world_object)
         T_world_tip = self._ik.chain.forward(q)
+        # The first direction in which a way is found.
         for direction, in_tip in self._directions:
             if in_tip:
                 direction = T_world_tip[:3, :3] @ direction
@@ -175,6 +181,7 @@ class OpenHand:
         Args:
             way: (m, dof) what `retreat` returned, which the motion is along.
         """
+        # How far the tip must have gone before each link has to be off.
         leaving, chain = self._leaving[grasp], self._ik.chain
         start = chain.forward(way[0])[:3, 3]
         self._place(T_world_object)
@@ -185,13 +192,15 @@ class OpenHand:
 
         def leaves(a: Array, b: Array, deviation: Array) -> bool:
             self._place(T_world_object)
+            # Nothing touches: one stage for the whole way.
             if len(stages) == 1:
                 return stages[0][1].edge_free(a, b, deviation=deviation)
+            # The part of the motion within each stage.
             near, far = (a, b) if gone(a) <= gone(b) else (b, a)
             for end, arm in stages:
                 if gone(near) >= end:
                     continue
-                last = far if gone(far) <= end else _between(near, far, gone, end)
+                last = far if gone(far) <= end else _configuration_between(near, far, gone, end)
                 if not arm.edge_free(near, last, deviation=deviation):
                     return False
                 if last is far:
@@ -217,20 +226,23 @@ class OpenHand:
 
     def _way(self, q: Array, grasp: int, T_world_tip: Array, direction: Array) -> Array | None:
         settings, leaving = self._settings, self._leaving[grasp].without(frozenset())
+        # The way on which links come off, if they touch.
         steps = max(1, round(settings.retreat_distance / settings.retreat_step))
         step = settings.retreat_distance / steps
         way = self._parting(q, grasp, T_world_tip, direction)
         if way is None:
             return None
         # Where links had to come off first, the way has gone on for as long as that may take.
-        done = int(PARTING / step + 1e-9) if len(way) > 1 else 0
+        done = int(PARTING_M / step + 1e-9) if len(way) > 1 else 0
         first = done
+        # Go on until the whole hand is off, or for as long as a retreat may be.
         while done == first or not self._parted.free(way[-1], self._reserve):
             further = np.arange(done + 1, max(steps, done + 1) + 1)
-            if further[-1] * step > LONGEST_RETREAT + 1e-9:
+            if further[-1] * step > LONGEST_RETREAT_M + 1e-9:
                 return None
+            # Follow the line, and certify states and edges.
             tracked = self._ik.track(
-                _along(T_world_tip, direction, step * further.astype(float)), way[-1]
+                _poses_along(T_world_tip, direction, step * further.astype(float)), way[-1]
             )
             if tracked is None or not leaving.free_batch(tracked, self._reserve).all():
                 return None
@@ -247,7 +259,8 @@ class OpenHand:
         touching = leaving.touching
         if not touching:
             return q[None]
-        tracked = self._ik.track(_along(T_world_tip, direction, np.array(_STATIONS)), q)
+        # Follow the line from station to station; links that came off must stay off.
+        tracked = self._ik.track(_poses_along(T_world_tip, direction, np.array(_STATIONS)), q)
         if tracked is None:
             return None
         way = np.vstack([q[None], tracked])
@@ -261,24 +274,28 @@ class OpenHand:
         """The arm while it leaves an object held there with all joints at zero."""
         step(f"looking what of arm {arm.name} leaves the object")
         self._open.place(T_world_object)
-        near = replace(self._open.settings, self_margin=_TOUCHING)
+        # Links that touch the object with the hand open.
+        near = replace(self._open.settings, self_margin=_TOUCHING_M)
         zero = np.zeros(arm.dof)
         touching = {
-            link for link in arm.touch_links if not _alone(self._open, link, near).free(zero)
+            link for link in arm.touch_links if not _link_alone(self._open, link, near).free(zero)
         }
         return _Leaving(self._open, frozenset(touching))
 
 
-def _along(T_world_tip: Array, direction: Array, distances: Array) -> Array:
+def _poses_along(T_world_tip: Array, direction: Array, distances: Array) -> Array:
     """(n, 4, 4) the pose moved by distances (n,) along a direction (3,)."""
     poses = np.repeat(T_world_tip[None], len(distances), axis=0)
     poses[:, :3, 3] += distances[:, None] * direction
     return poses
 
 
-def _between(near: Array, far: Array, gone: Callable[[Array], float], end: float) -> Array:
+def _configuration_between(
+    near: Array, far: Array, gone: Callable[[Array], float], end: float
+) -> Array:
     """Where on the straight motion from `near` to `far` (dof,) the tip has gone `end` metres, or
     just less."""
+    # Bisect, keeping the end that has not gone too far.
     low, high = 0.0, 1.0
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)

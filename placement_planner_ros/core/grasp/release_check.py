@@ -17,7 +17,7 @@ from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.collision.object_solids import object_overlaps
 from placement_planner_ros.core.errors import GraspError
 from placement_planner_ros.core.grasp.hand_opening import check_opening
-from placement_planner_ros.core.grasp.settings import PARTING, GraspSettings, RetreatSettings
+from placement_planner_ros.core.grasp.settings import PARTING_M, GraspSettings, RetreatSettings
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
@@ -25,10 +25,10 @@ from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.types import Array
 from placement_planner_ros.core.weak_cache import weak_lru_cache
 
-_STEP = 1e-3
+_LEAVING_STEP_M = 1e-3
 """m between the places that are looked at on a way."""
 
-_ROUNDING = 2e-5
+_DISTANCE_ROUNDING_M = 2e-5
 """m by which coal's distances may be off."""
 
 Hindrance = tuple[str, str, float]
@@ -42,7 +42,7 @@ def check_letting_go(moving: MovingArm, held: AttachedObject, settings: GraspSet
         GraspError: names the grasp, and what opens into the object, stays in it, or meets it on
             the hand's ways off.
     """
-    check_opening(moving, held, max(PARTING - settings.room, 0.0))
+    check_opening(moving, held, max(PARTING_M - settings.room, 0.0))
     check_leaving(moving, held, settings)
 
 
@@ -54,9 +54,10 @@ def check_leaving(moving: MovingArm, held: AttachedObject, settings: GraspSettin
     """
     arm = moving.arm
     given = moving.robot, arm, held.grasp, held.body, moving.q_zero.tobytes()
-    found = _hindrances(*given, settings.retreat, settings.room)
+    found = _leaving_hindrances(*given, settings.retreat, settings.room)
     if not found:
         return
+    # In words: the first way and the furthest.
     furthest = max(found, key=lambda each: each[2])
     words = (
         f"the open hand can leave the object in none of the {len(found)} directions that are tried"
@@ -76,7 +77,7 @@ def check_leaving(moving: MovingArm, held: AttachedObject, settings: GraspSettin
 
 
 @weak_lru_cache("body", maxsize=64)
-def _hindrances(
+def _leaving_hindrances(
     robot: Robot,
     arm: Arm,
     grasp: int,
@@ -88,22 +89,24 @@ def _hindrances(
     """What stands in the hand's way in each direction; empty where one of them leads off.
 
     A place on the way counts where a link of the hand is nearer to the object than it may be, and
-    none before `PARTING`; the environment and the arm are left out. So this is less than `OpenHand`
-    asks for.
+    none before `PARTING_M`; the environment and the arm are left out. So this is less than
+    `OpenHand` asks for.
 
     Args:
         q_bytes: of (nq,), the arm's joints at zero.
         room: as of `GraspSettings`, metres.
     """
+    # The open hand with the object held.
     q = robot.with_open_hand(np.frombuffer(q_bytes), arm)
     data, things = robot.model.createData(), robot.geometry.geometryObjects
     pin.forwardKinematics(robot.model, data, q)
-    T_tip, links = robot.link_pose(q, arm.tip_frame), _hand(robot, arm)
+    T_tip, links = robot.link_pose(q, arm.tip_frame), _hand_geometries(robot, arm)
     # pinocchio's own data of the geometry would be of all links and pairs of them
     placed = {i: data.oMi[things[i].parentJoint] * things[i].placement for i in links}
     T_object = T_tip * arm.grasps[grasp]
     overlaps, first = object_overlaps(robot, body), len(robot.geometry_links)
-    ways = np.arange(PARTING, settings.retreat_distance + _STEP, _STEP)
+    # Places on a way, and balls around links and solids.
+    ways = np.arange(PARTING_M, settings.retreat_distance + _LEAVING_STEP_M, _LEAVING_STEP_M)
     middles = np.array([placed[i].act(overlaps.centers[i]) for i in links]).reshape(-1, 3)
     solids = np.array([T_object.act(center) for center in overlaps.centers[first:]]).reshape(-1, 3)
     reach = overlaps.radii[list(links)][:, None] + overlaps.radii[first:] + room
@@ -121,16 +124,17 @@ def _hindrances(
                 if ways[row] < clear:
                     continue
                 at = pin.SE3(T_object.rotation, T_object.translation - ways[row] * direction)
-                if overlaps.meet(i, j, placed[i], at, max(room - _ROUNDING, 0.0)):
+                if overlaps.meet(i, j, placed[i], at, max(room - _DISTANCE_ROUNDING_M, 0.0)):
                     first_met, by = row, robot.geometry_links[i]
                     break
                 # Nothing comes nearer to the object by more than its way.
                 clear = ways[row] + overlaps.solids_apart(i, j, placed[i], at)
-                clear -= room + _ROUNDING
+                clear -= room + _DISTANCE_ROUNDING_M
         return (by, float(ways[first_met])) if by else None
 
     found: list[Hindrance] = []
-    for words, direction in _directions(settings, T_tip, T_object, body):
+    # The first direction that leads off is enough.
+    for words, direction in _leaving_directions(settings, T_tip, T_object, body):
         hindrance = met(direction)
         if hindrance is None:
             return ()
@@ -138,10 +142,11 @@ def _hindrances(
     return tuple(found)
 
 
-def _hand(robot: Robot, arm: Arm) -> tuple[int, ...]:
+def _hand_geometries(robot: Robot, arm: Arm) -> tuple[int, ...]:
     """Geometries that stand still against the tip when the hand is open."""
     tip = robot.model.frames[robot.frame_id(arm.tip_frame)].parentJoint
     carried = []
+    # Geometries that hang on the tip's joint without another that moves.
     for i, thing in enumerate(robot.geometry.geometryObjects):
         joint = thing.parentJoint
         while joint > tip:
@@ -151,11 +156,12 @@ def _hand(robot: Robot, arm: Arm) -> tuple[int, ...]:
     return tuple(carried)
 
 
-def _directions(
+def _leaving_directions(
     settings: RetreatSettings, T_tip: pin.SE3, T_object: pin.SE3, body: Body
 ) -> Iterator[tuple[str, Array]]:
     """Directions (3,) of the hand's ways off the object, in words and in the frame of T_tip and
     T_object; those in the world for each side that the object can stand on."""
+    # Directions given in the tip frame, then those given in the world.
     for direction in settings.tip_directions:
         unit = np.array(direction) / np.linalg.norm(direction)
         named = ", ".join(f"{x:g}" for x in direction)

@@ -12,9 +12,9 @@ from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.reach.ik import IKSettings
 from placement_planner_ros.core.settings import Settings, setting
 
-LONGEST_RETREAT = 0.5
+LONGEST_RETREAT_M = 0.5
 """m."""
-PARTING = 0.003
+PARTING_M = 0.003
 """m of the retreat, at the longest, on which links of the open hand may touch the object still."""
 _SIDEWAYS = ((0.0, 1.0), (0.0, -1.0), (1.0, 0.0), (-1.0, 0.0))
 
@@ -66,7 +66,7 @@ class RetreatSettings(Settings):
 
     retreat_distance: float = setting(
         0.1,
-        f"[0.01, {LONGEST_RETREAT}]",
+        f"[0.01, {LONGEST_RETREAT_M}]",
         "m",
         "Length of the straight way that the open hand takes off the placed object.",
     )
@@ -108,7 +108,7 @@ class GraspSettings:
 
     @property
     def room(self) -> float:
-        """m by which a link of the open hand must be off the object after `PARTING` of its way and
-        from then on: the margin of links, and what planning keeps beyond it."""
+        """m by which a link of the open hand must be off the object after `PARTING_M` of its way
+        and from then on: the margin of links, and what planning keeps beyond it."""
         keep = self.collision
         return keep.self_margin + min(keep.planning_reserve, keep.self_reserve)

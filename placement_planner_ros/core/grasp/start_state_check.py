@@ -50,12 +50,12 @@ FILTER_ITSELF = (
     "where these are points of the robot or of the object, set self_filter.enabled or raise "
     "self_filter.padding"
 )
-_MOST_PRESSED = 0.006
+_MOST_PRESSED_M = 0.006
 """Metres that a link which holds the object may lie in it, as joint states, meshes and what gives
 way may have it, without a word."""
 _Thing = tuple[str, Solid, coal.Transform3s, Array | None]
 """A name, a shape at its place, and what triangles enclose its inside, where it is a surface."""
-_NAMED = 3
+_NAMED_PAIRS = 3
 """Pairs of links that are named at most."""
 
 
@@ -102,6 +102,7 @@ def faults_at_start(
     placed = _Placed(robot, q_start)
     margin = settings.collision_margin
     for arm in arms:
+        # What the arm meets wherever the object is held.
         fault = beyond_limits(arm, q_start) or placed.met(arm, settings.self_margin)
         if obstacles is not None and not fault:
             fault = placed.met_in(obstacles, arm, margin)
@@ -110,6 +111,7 @@ def faults_at_start(
             bad_grasps += placed.bad_grasps(arm, body)  # wherever the arm is
             continue
         for grasp in range(len(arm.grasps)):
+            # What the object meets in each grasp: the hand, other links, boxes, the cloud.
             depths, link = placed.met_by_object(arm, grasp, body, settings.self_margin)
             in_cloud = None
             if keep_out is not None and not (depths or link):
@@ -207,6 +209,7 @@ def none_usable(faults: list[Fault], bad_grasps: list[GraspError]) -> PlacementP
     """What to raise where no arm and grasp is left."""
     if not faults:
         return bad_grasps[0]
+    # All faults in one sentence, and every remedy once.
     remedies = dict.fromkeys(remedy for fault in faults for remedy in fault.remedies)
     words = [*(fault.words for fault in faults), *map(str, bad_grasps)]
     return StartError("joint_states", listed(words, "; ", 4), "; ".join(remedies))
@@ -215,6 +218,7 @@ def none_usable(faults: list[Fault], bad_grasps: list[GraspError]) -> PlacementP
 def beyond_limits(arm: Arm, q_start: Array) -> Fault | None:
     """Which of the arm's joints are beyond their limits at q_0 (nq,), and how far."""
     beyond = []
+    # Joints beyond their limits, but for those that turn without end.
     for joint, q, lower, upper in zip(
         arm.joints, q_start[arm.q_index].tolist(), arm.lower, arm.upper, strict=True
     ):
@@ -238,8 +242,9 @@ def beyond_limits(arm: Arm, q_start: Array) -> Fault | None:
 
 def met_itself(robot: Robot, q: Array, links: list[tuple[str, str]]) -> Fault:
     """The fault of links that meet each other at q (nq,), with what they need to be left out."""
+    # Where the links of each pair are deepest in each other.
     rows = dict.fromkeys(pair(*each) for each in links)
-    overlaps, placements = _overlaps(robot), robot.geometry_poses(q)
+    overlaps, placements = _robot_overlaps(robot), robot.geometry_poses(q)
     words = []
     for first, second in rows:
         said, deepest = f"{first} meets {second}", 0.0
@@ -290,14 +295,15 @@ class _Placed:
             (g.geometry, coal.Transform3s(T.rotation, T.translation))
             for g, T in zip(objects, places, strict=True)
         ]
-        self._q, self._places, self._overlaps = q, places, _overlaps(robot)
+        self._q, self._places, self._overlaps = q, places, _robot_overlaps(robot)
         centers, self._radii = self._overlaps.centers, self._overlaps.radii
         self._centers = np.array([T.act(c) for T, c in zip(places, centers, strict=True)])
         self._centers = self._centers.reshape(-1, 3)
 
     def met(self, arm: Arm, margin: float) -> Fault | None:
         """Which links meet that move to each other with the arm; None where none do."""
-        pairs, carried = _pairs(self._robot), _carried(self._robot, arm)
+        pairs, carried = _checked_pairs(self._robot), _carrying_joints(self._robot, arm)
+        # Pairs that the arm moves against each other, and whose balls are near.
         pairs = pairs[carried[pairs[:, 0]] != carried[pairs[:, 1]]]
         apart = np.linalg.norm(self._centers[pairs[:, 0]] - self._centers[pairs[:, 1]], axis=1)
         near = apart <= self._radii[pairs[:, 0]] + self._radii[pairs[:, 1]] + margin
@@ -308,7 +314,7 @@ class _Placed:
                 a, b, self._places[a], self._places[b]
             ):
                 met.append((names[a], names[b]))
-                if len(set(met)) == _NAMED:
+                if len(set(met)) == _NAMED_PAIRS:
                     break
         return met_itself(self._robot, self._q, met) if met else None
 
@@ -332,16 +338,18 @@ class _Placed:
 
     def pressed(self, arm: Arm, grasp: int, body: Body) -> str:
         """In words, in which links that may touch it the object lies deep; '' where in none."""
+        # The object in that grasp.
         T = self._data.oMf[self._robot.frame_id(arm.tip_frame)] * arm.grasps[grasp]
         overlaps, first = object_overlaps(self._robot, body), len(self._solids)
         deep: dict[str, float] = {}
+        # Links whose ball is near a solid's, and which may touch it.
         for j in range(first, len(overlaps.shapes)):
             away = np.linalg.norm(self._centers - T.act(overlaps.centers[j]), axis=1)
             for i in np.flatnonzero(away <= self._radii + overlaps.radii[j]).tolist():
                 link = self._robot.geometry_links[i]
                 if link in arm.touch_links:
-                    depth = overlaps.depth_in_words(i, j, self._places[i], T, _MOST_PRESSED)
-                    if depth > _MOST_PRESSED:
+                    depth = overlaps.depth_in_words(i, j, self._places[i], T, _MOST_PRESSED_M)
+                    if depth > _MOST_PRESSED_M:
                         deep[link] = max(depth, deep.get(link, 0.0))
         if not deep:
             return ""
@@ -361,13 +369,15 @@ class _Placed:
         frame = robot.frame_id(arm.tip_frame)
         T = self._data.oMf[frame] * arm.grasps[grasp]
         place = coal_transform(T)
-        carried = _carried(robot, arm)
+        # Which geometries move with the hand.
+        carried = _carrying_joints(robot, arm)
         hand = arm_joint(model, _joint_ids(robot, arm), model.frames[frame].parentJoint)
         in_hand = carried == hand
         overlaps, first = object_overlaps(robot, body), len(self._solids)
         depths: dict[str, float] = {}
         met = ""
         for rows, kept in ((in_hand, 0.0), (~in_hand, margin)):
+            # Links of the hand without a margin, then all others with it.
             for j, part in enumerate(object_solids(body), first):
                 away = np.linalg.norm(self._centers - T.act(overlaps.centers[j]), axis=1)
                 near = away <= self._radii + overlaps.radii[j] + kept
@@ -375,6 +385,7 @@ class _Placed:
                     link, (solid, T_solid) = robot.geometry_links[i], self._solids[i]
                     if link in arm.touch_links:
                         continue
+                    # How deep the object lies in a link of the hand; whether it meets another.
                     if in_hand[i]:
                         depth = overlaps.depth_in_words(i, j, self._places[i], T)
                         if depth > 0.0:
@@ -404,7 +415,7 @@ class _Placed:
 
     def _moved(self, arm: Arm) -> list[_Thing]:
         """The geometries that the arm moves."""
-        moved = np.flatnonzero(_carried(self._robot, arm) >= 0).tolist()
+        moved = np.flatnonzero(_carrying_joints(self._robot, arm) >= 0).tolist()
         return [(self._robot.geometry_links[i], *self._solids[i], None) for i in moved]
 
     def met_by_object_in(
@@ -443,6 +454,7 @@ def _first_met(
     margin: float,
 ) -> str:
     """The first of the things that comes as near to a box, in words; '' where none does."""
+    # Boxes along the axes around the things, the margin added.
     bounds = np.empty((len(things), 2, 3))
     for bound, (_, thing, T, _) in zip(bounds, things, strict=True):
         thing.computeLocalAABB()
@@ -450,13 +462,15 @@ def _first_met(
         center = T.getRotation() @ ((local.min_ + local.max_) / 2) + T.getTranslation()
         half = np.abs(T.getRotation()) @ ((local.max_ - local.min_) / 2) + margin
         bound[:] = center - half, center + half
+    # Boxes of the obstacles near any of them.
     lower, upper = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
     near = ((box_lower <= upper) & (box_upper >= lower)).all(axis=1)
     corners = np.hstack([box_lower[near], box_upper[near]])
     for (low, high), (name, thing, T, around) in zip(bounds, things, strict=True):
+        # Each thing against the boxes near it.
         for box in corners[((corners[:, :3] <= high) & (corners[:, 3:] >= low)).all(axis=1)]:
             at = coal.Transform3s(np.eye(3), (box[:3] + box[3:]) / 2)
-            if meet(thing, T, coal.Box(box[3:] - box[:3]), at, margin) or _encloses(
+            if meet(thing, T, coal.Box(box[3:] - box[:3]), at, margin) or _surface_encloses(
                 around, T, (box[:3] + box[3:]) / 2
             ):
                 x, y, z = (box[:3] + box[3:]) / 2
@@ -464,10 +478,11 @@ def _first_met(
     return ""
 
 
-def _encloses(triangles: Array | None, T: coal.Transform3s, point: Array) -> bool:
+def _surface_encloses(triangles: Array | None, T: coal.Transform3s, point: Array) -> bool:
     """Whether a closed surface (t, 3, 3) at T encloses a point (3,)."""
     if triangles is None:
         return False
+    # The point in the surface's frame, outside the box around that at once.
     local = T.getRotation().T @ (point - T.getTranslation())
     if (local < triangles.min(axis=(0, 1))).any() or (local > triangles.max(axis=(0, 1))).any():
         return False
@@ -475,19 +490,19 @@ def _encloses(triangles: Array | None, T: coal.Transform3s, point: Array) -> boo
 
 
 @lru_cache(maxsize=4)
-def _overlaps(robot: Robot) -> Overlaps:
+def _robot_overlaps(robot: Robot) -> Overlaps:
     return Overlaps.of(robot.geometry, robot.covers)
 
 
 @lru_cache(maxsize=4)
-def _pairs(robot: Robot) -> npt.NDArray[np.int64]:
+def _checked_pairs(robot: Robot) -> npt.NDArray[np.int64]:
     """(m, 2) geometries that must not meet."""
     pairs = [(pair.first, pair.second) for pair in robot.geometry.collisionPairs]
     return np.array(pairs, dtype=np.int64).reshape(-1, 2)
 
 
 @lru_cache(maxsize=16)
-def _carried(robot: Robot, arm: Arm) -> npt.NDArray[np.int64]:
+def _carrying_joints(robot: Robot, arm: Arm) -> npt.NDArray[np.int64]:
     """(n,) per geometry, the arm's last joint that moves it; -1 where none does."""
     joints, ids = [g.parentJoint for g in robot.geometry.geometryObjects], _joint_ids(robot, arm)
     return np.array([arm_joint(robot.model, ids, joint) for joint in joints], dtype=np.int64)

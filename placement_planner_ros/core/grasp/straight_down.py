@@ -7,10 +7,10 @@ import math
 import numpy as np
 
 from placement_planner_ros.core.reach.kinematics import Chain
-from placement_planner_ros.core.reach.reach_bound import levers
+from placement_planner_ros.core.reach.reach_bound import lever_arms
 from placement_planner_ros.core.types import Array
 
-_BENT = 1e-5
+_CHORD_DEVIATION_M = 1e-5
 """m, what a point may do between two samples beyond their chord."""
 _BINOMIALS = np.array([math.comb(5, k) for k in range(6)])
 
@@ -26,14 +26,16 @@ def stray_at(chain: Chain, Q: Array, vertices: Array, placed: Array) -> float:
     Returns:
         the furthest, metres.
     """
+    # The vertices at every configuration, from where they are placed.
     T = chain.forward_batch(Q)
     away = vertices @ T[:, :3, :3].transpose(0, 2, 1) + T[:, None, :3, 3] - placed
+    # What is left beside the vertical line up to its end.
     height = max(float(away[0, :, 2].min()), 0.0)
     away[..., 2] -= np.clip(away[..., 2], 0.0, height)
     return math.sqrt(float(np.square(away).sum(axis=-1).max()))
 
 
-def stray(chain: Chain, points: Array, vertices: Array, placed: Array) -> float:
+def greatest_stray(chain: Chain, points: Array, vertices: Array, placed: Array) -> float:
     """`stray_at` at most on a whole curve.
 
     The curve is sampled, and between samples a point differs from their chord by at most
@@ -47,20 +49,22 @@ def stray(chain: Chain, points: Array, vertices: Array, placed: Array) -> float:
         vertices, placed: as for `stray_at`.
 
     Returns:
-        metres, `_BENT` above the furthest that is reached at most.
+        metres, `_CHORD_DEVIATION_M` above the furthest that is reached at most.
     """
-    reach = levers(chain, vertices)
+    # Bounds of the joints' first and second derivatives over each piece.
+    reach = lever_arms(chain, vertices)
     joints = np.arange(chain.dof)
     first = 5.0 * np.abs(np.diff(points, axis=1)).max(axis=1)
     second = 20.0 * np.abs(np.diff(points, 2, axis=1)).max(axis=1)
+    # How far a point may bend away from a chord, and samples close enough for that.
     outer = reach[np.maximum.outer(joints, joints)]
     bend = second @ reach + np.einsum("mi,ij,mj->m", first, outer, first)
-    counts = np.maximum(np.ceil(np.sqrt(bend / (8.0 * _BENT))), 1.0).astype(np.int64)
-    Q = [_bezier(piece, count) for piece, count in zip(points, counts, strict=True)]
-    return stray_at(chain, np.vstack(Q), vertices, placed) + _BENT
+    counts = np.maximum(np.ceil(np.sqrt(bend / (8.0 * _CHORD_DEVIATION_M))), 1.0).astype(np.int64)
+    Q = [_bezier_samples(piece, count) for piece, count in zip(points, counts, strict=True)]
+    return stray_at(chain, np.vstack(Q), vertices, placed) + _CHORD_DEVIATION_M
 
 
-def _bezier(points: Array, count: int) -> Array:
+def _bezier_samples(points: Array, count: int) -> Array:
     """(count + 1, dof) evenly along a piece (6, dof)."""
     s = np.linspace(0.0, 1.0, count + 1)[:, None]
     powers = np.arange(6)

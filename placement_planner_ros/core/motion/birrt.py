@@ -27,7 +27,7 @@ from placement_planner_ros.core.types import Array
 
 _FORWARD = 0
 _ANY_BACKWARD = -1
-_BLOCK = 256
+_BLOCK_NODES = 256
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +81,7 @@ class _Goal:
 
 
 @kernel()
-def _nearest(
+def _nearest_node(
     nodes: Array, labels: npt.NDArray[np.int32], count: int, q: Array, scale: Array, label: int
 ) -> int:
     """Index of the node closest to `q` among those with `label` (-1: any backward tree), or -1.
@@ -90,14 +90,16 @@ def _nearest(
         nodes: (dof, capacity), one column per node, so that the inner loops vectorise.
         scale: (dof,) squared weights.
     """
-    distances = np.empty(_BLOCK)
+    distances = np.empty(_BLOCK_NODES)
     best = np.inf
     arg = -1
-    for low in range(0, count, _BLOCK):
-        size = min(_BLOCK, count - low)
+    # A block of nodes at a time.
+    for low in range(0, count, _BLOCK_NODES):
+        size = min(_BLOCK_NODES, count - low)
         d2 = distances[:size]
         d2[:] = 0.0
         block_labels = labels[low : low + size]
+        # Squared weighted distances of the block, joint by joint.
         for j in range(nodes.shape[0]):
             row = nodes[j, low : low + size]
             x = q[j]
@@ -105,6 +107,7 @@ def _nearest(
             for i in range(size):
                 d = row[i] - x
                 d2[i] += w * d * d
+        # The nearest with the label.
         for i in range(size):
             if d2[i] < best:
                 of_interest = block_labels[i] == label or (label < 0 and block_labels[i] > 0)
@@ -294,6 +297,7 @@ class GoalSetRRT:
             The goal's key and the path (n, dof) from start to goal, every edge of it free, or
             None: nothing reached within the limits, or no goal is left to reach.
         """
+        # Iterate until a goal is reached, or none is left.
         for _ in range(max_iterations):
             if self._connected or not self._unreached or should_stop():
                 break
@@ -325,14 +329,17 @@ class GoalSetRRT:
         return self._nodes[:, :n].T.copy(), self._parents[:n].copy(), self._labels[:n].copy()
 
     def _iterate(self, should_stop: Callable[[], bool]) -> None:
+        # A goal that is new is tried directly.
         if self._untried:
             goal = self._goals[self._untried.popleft()]
             goal.tried = True
             self._connect(_FORWARD, goal.tip, should_stop)
             return
+        # Whose turn it is: that of the smaller side, every fourth time of the other.
         self._turns += 1
         backward = sum(self._sizes[self._goals[key].label] for key in self._unreached)
         forward_turn = (self._sizes[_FORWARD] <= backward) != (self._turns % 4 == 0)
+        # Grow the forward tree, then a goal's tree towards its new node.
         if forward_turn:
             self._forward_turns += 1
             new = self._extend(_FORWARD)
@@ -341,6 +348,7 @@ class GoalSetRRT:
                 label = _ANY_BACKWARD if at_nearest else self._label_in_rotation(turn)
                 self._connect(label, new, should_stop)
         else:
+            # Grow a goal's tree, then the forward tree towards its new node.
             turn = self._turns - self._forward_turns
             new = self._extend(self._label_in_rotation(turn))
             if new >= 0:
@@ -353,6 +361,7 @@ class GoalSetRRT:
     def _sample(self, label: int) -> Array:
         """A configuration (dof,) for a tree to grow towards."""
         settings, rng = self._settings, self._rng
+        # Near a node of the tree, between start and a goal, or anywhere.
         kind = rng.random() - settings.local_share
         if kind < 0.0:
             nodes = np.flatnonzero(self._labels[: self._count] == label)
@@ -363,6 +372,7 @@ class GoalSetRRT:
             mean, spread = start + rng.random() * (tip - start), settings.max_step
         else:
             return self._tied(rng.uniform(self._lower, self._upper))
+        # Normally distributed about the mean, within the bounds.
         q = mean + spread / np.sqrt(self._scale) * rng.standard_normal(len(mean))
         return self._tied(np.minimum(np.maximum(q, self._lower), self._upper))
 
@@ -371,6 +381,7 @@ class GoalSetRRT:
         target = self._sample(label)
         if self._projected is not None:
             return self._extend_projected(self._projected, target, label)
+        # A step from the nearest node, kept where it is free.
         near = self._nearest(target, label)
         q, _ = self._step(near, target)
         if np.array_equal(q, self._q(near)) or not self._is_free(near, q):
@@ -470,7 +481,7 @@ class GoalSetRRT:
         return self._nodes[:, node].copy()
 
     def _nearest(self, q: Array, label: int) -> int:
-        return int(_nearest(self._nodes, self._labels, self._count, q, self._scale, label))
+        return int(_nearest_node(self._nodes, self._labels, self._count, q, self._scale, label))
 
     def _in_forward_tree(self, goal: _Goal) -> bool:
         return bool(self._labels[goal.root] == _FORWARD)
@@ -512,10 +523,12 @@ class GoalSetRRT:
 
     def _cut_back(self) -> None:
         """Free at least half of the pool, see the class description."""
+        # Forget retired goals: those never reached first, then all.
         for keep_retired in (True, False):
             for key, goal in list(self._goals.items()):
                 if not goal.active and not (keep_retired and self._in_forward_tree(goal)):
                     del self._goals[key]
+            # Keep the start, branches to goals that were reached, and those of the others.
             kept = {0}
             for goal in self._goals.values():
                 if self._in_forward_tree(goal):
@@ -525,6 +538,7 @@ class GoalSetRRT:
             if 2 * len(kept) <= self._max_nodes:
                 break
         self._max_nodes = max(self._max_nodes, 2 * len(kept))
+        # Move the kept nodes to the front, and number their parents and the goals anew.
         old = np.array(sorted(kept))
         new_index = np.full(self._count + 1, -1, dtype=np.int32)  # the last stands for "no parent"
         new_index[old] = np.arange(len(old), dtype=np.int32)

@@ -14,11 +14,11 @@ import numpy as np
 
 from placement_planner_ros.core.types import Array
 
-_SHORTEST = 0.01
+_SHORTEST_SHARE = 0.01
 """Share of the longest step below which no shorter one is tried."""
-_PROGRESS = 0.05
+_PROGRESS_SHARE = 0.05
 """Share of a step's length that it must come nearer to its target."""
-_DETOUR = 2.0
+_DETOUR_STEPS = 2.0
 """Times a step's length that its projection may be away."""
 
 
@@ -64,18 +64,21 @@ class ProjectedSteps:
         """
         difference = target - q
         distance = self._norm(difference)
+        # Start from the length that worked last, doubled.
         length = min(2.0 * self._length, self._longest)
-        while length >= _SHORTEST * self._longest:
+        while length >= _SHORTEST_SHARE * self._longest:
+            # The target is within reach: it is the step, if the edge keeps the constraint.
             if distance <= length:
                 if self.constraint.keeps(q, target):
                     self._length = length
                     return target, True
             else:
+                # A step towards the target, projected, if it comes nearer and strays little.
                 near = self.constraint.project(q + (length / distance) * difference)
                 if (
                     near is not None
-                    and self._norm(target - near) <= distance - _PROGRESS * length
-                    and self._norm(near - q) <= _DETOUR * length
+                    and self._norm(target - near) <= distance - _PROGRESS_SHARE * length
+                    and self._norm(near - q) <= _DETOUR_STEPS * length
                     and self.constraint.keeps(q, near)
                 ):
                     self._length = length
@@ -89,6 +92,7 @@ class ProjectedSteps:
         way, gone = [a], 0.0
         self.begin()
         while True:
+            # A step onward, until the way grows too long.
             step = self.step(way[-1], b)
             if step is None:
                 return None

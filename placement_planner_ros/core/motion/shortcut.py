@@ -11,11 +11,11 @@ from placement_planner_ros.core.types import Array
 
 _PROJECTED_STEP = 1.2
 """Length of steps along a constraint at most."""
-_MORE_ATTEMPTS = 4
+_CONSTRAINED_ATTEMPTS = 4
 """Times as many attempts along a constraint, whose shortcuts soon fail or are short."""
 
 
-def shorten(
+def shorten_path(
     path: Array,
     edge_is_free: Callable[[Array, Array], bool],
     rng: np.random.Generator,
@@ -50,19 +50,22 @@ def shorten(
         (m, dof) waypoints.
     """
     path = np.array(path, dtype=np.float64)
+    # Skip vertices first.
     points = _skip_vertices(list(_without_repetition(path)), edge_is_free, should_stop)
     best = np.array(points)
     if len(points) < 3:
         return best
+    # Along a constraint, shortcuts are walked.
     along = None
     if constraint is not None:
         along = ProjectedSteps(constraint, _PROJECTED_STEP, np.ones(path.shape[1]))
-        attempts *= _MORE_ATTEMPTS
+        attempts *= _CONSTRAINED_ATTEMPTS
+    # Independent tries, of which the shortest is taken.
     for child in rng.spawn(tries):
         if should_stop():
             break
         found = _cut_short(points, edge_is_free, child, attempts // tries, should_stop, along)
-        if _length(found) < _length(best):
+        if _path_length(found) < _path_length(best):
             best = found
     return best
 
@@ -79,6 +82,7 @@ def _cut_short(
     for _ in range(attempts):
         if len(points) < 3 or should_stop():
             break
+        # Two random points of the path, and the edges that they lie on.
         lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
         reached = np.concatenate(([0.0], np.cumsum(lengths)))
         low, high = np.sort(rng.uniform(0.0, reached[-1], 2))
@@ -88,9 +92,11 @@ def _cut_short(
             continue
         a = points[i] + (low - reached[i]) / lengths[i] * (points[i + 1] - points[i])
         b = points[j] + (high - reached[j]) / lengths[j] * (points[j + 1] - points[j])
+        # Nothing is gained where the path is straight between them.
         straight_already = np.linalg.norm(b - a) >= (high - low) * (1.0 - 1e-9)
         if straight_already:
             continue
+        # Replace what is between them by the edge, or by a walk along the constraint.
         if edge_is_free(a, b):
             points = [*points[: i + 1], a, b, *points[j + 1 :]]
         elif along is not None:
@@ -116,7 +122,7 @@ def _free_walk(
     return way if all(edge_is_free(p, q) for p, q in edges) else None
 
 
-def _length(path: Array) -> float:
+def _path_length(path: Array) -> float:
     return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
 
 
@@ -151,6 +157,7 @@ def _skip_vertices(
     kept = [points[0]]
     i = 0
     while i < len(points) - 1:
+        # The furthest vertex that a free edge reaches, at distances that halve.
         reach = len(points) - 1 - i
         while reach > 1 and (should_stop() or not edge_is_free(points[i], points[i + reach])):
             reach //= 2

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from placement_planner_ros.core.errors import ParameterError
-from placement_planner_ros.core.objective.objective import Objective, gradient
+from placement_planner_ros.core.objective.objective import Objective, objective_gradient
 from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.types import LEVEL, Array, Slope
 
@@ -38,7 +38,7 @@ class AscentSettings(Settings):
             raise ParameterError("last_step", self.last_step, "must be in (0, first_step]")
 
 
-def climb(
+def climb_objective(
     objective: Objective,
     x: pin.SE3,
     attempt: Callable[[Array], pin.SE3 | None],
@@ -55,6 +55,7 @@ def climb(
     """
     step = settings.first_step
     directions = ascent_directions(objective, x, settings.turn_radius, slope)
+    # Every direction at one step; then with a step of half the length.
     untried: Iterator[Array] = iter(directions)
     for _ in range(settings.max_steps):
         if should_stop():
@@ -66,6 +67,7 @@ def climb(
                 return
             untried = iter(directions)
             continue
+        # Where a step is taken, start again from there with a longer one.
         reached = attempt(step * direction)
         if reached is None:
             continue
@@ -82,8 +84,9 @@ def ascent_directions(
     At a wall the gradient itself is blocked while one of its components still is free. Each is of
     unit length, a radian counting as `turn_radius` metres.
     """
+    # The gradient and its components, in metres.
     scale = np.array([1.0, 1.0, 1.0 / turn_radius])
-    masked = gradient(objective, x, slope=slope) * scale * _MASKS
+    masked = objective_gradient(objective, x, slope=slope) * scale * _MASKS
     lengths = np.linalg.norm(masked, axis=1)
     kept = lengths > 1e-9
     return np.asarray(masked[kept] / lengths[kept, None] * scale)

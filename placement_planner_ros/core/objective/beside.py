@@ -15,22 +15,26 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from placement_planner_ros.core.objective.objective import ObjectiveContext
-from placement_planner_ros.core.objective.supporting_faces import Index, SupportingFaces, padded
+from placement_planner_ros.core.objective.supporting_faces import (
+    Index,
+    SupportingFaces,
+    padded_rows,
+)
 from placement_planner_ros.core.types import Array, Slope
 
 Mask = npt.NDArray[np.bool_]
 
-_AT_ONCE = 256
+_POSES_AT_ONCE = 256
 """Poses that are looked at together."""
-_SAME = 1e-3
+_SAME_HEIGHT_M = 1e-3
 """m: contact planes share tables that are so far apart."""
-_ROOM = 0.003
+_STANDING_GAP_M = 0.003
 """m that a surface may be above or below the contact plane to be what the object stands on."""
-ABOVE = 0.01
+ABOVE_CONTACT_M = 0.01
 """m above the contact plane, what stands beside the object begins to count."""
-_RISE = 0.005
+_THING_RISE_M = 0.005
 """m above a surface, what rises higher is a thing that stands there."""
-_BESIDE = 0.015
+_THING_DISTANCE_M = 0.015
 """m beside such a thing, the end of a surface is taken for one that the thing stands at."""
 
 
@@ -63,18 +67,21 @@ class Beside:
 
     def _groups(self, T: Array) -> Iterator[Group]:
         """Of poses (n, 4, 4), a few hundred at a time; what has nothing around is left out."""
-        for start in range(0, len(T), _AT_ONCE):
-            part = T[start : start + _AT_ONCE]
+        for start in range(0, len(T), _POSES_AT_ONCE):
+            # What each pose stands on, and where the middle of that side is.
+            part = T[start : start + _POSES_AT_ONCE]
             stood = self._standing.at(part)
             at = np.einsum("nij,nj->ni", part[:, :3, :3], self._standing.middles[stood.face])
             at += part[:, :3, 3]
             slopes = self._standing.slopes[stood.slope]
-            level = np.round((at[:, 2] - (at[:, :2] * slopes).sum(axis=1)) / _SAME)
+            # Contact planes, by slope and by height in steps.
+            level = np.round((at[:, 2] - (at[:, :2] * slopes).sum(axis=1)) / _SAME_HEIGHT_M)
             planes = np.column_stack([stood.slope, level]).astype(np.int64)
             for slope, height in sorted(set(map(tuple, planes.tolist()))):
                 tree, known = self._table(slope, height)
                 if tree is None:
                     continue
+                # The poses on that plane.
                 of = np.flatnonzero((planes == (slope, height)).all(axis=1))
                 along = self._slope(slope)
                 yield Group(start + of, stood.face[of], at[of, :2], along, tree, known)
@@ -87,11 +94,11 @@ class Beside:
         """Places around a contact plane as a tree, and what is known of each.
 
         Args:
-            level: its height above x = y = 0, in units of `_SAME`.
+            level: its height above x = y = 0, in units of `_SAME_HEIGHT_M`.
         """
         key = slope, level
         if key not in self._tables:
-            places, known = self._places(self._slope(slope), level * _SAME)
+            places, known = self._places(self._slope(slope), level * _SAME_HEIGHT_M)
             self._tables[key] = (cKDTree(places) if len(places) else None), known
         return self._tables[key]
 
@@ -100,22 +107,25 @@ class Beside:
 
     def _ends(self, slope: Slope, height: float) -> Array:
         """(n, 2) where the surfaces of that height end, but where a thing stands."""
+        # Ends of the surfaces of that height.
         support = self._environment.support_of(slope)
         of = np.repeat(np.arange(len(support.height)), np.diff(support.first))
-        near = np.abs(support.height - height) <= _ROOM
+        near = np.abs(support.height - height) <= _STANDING_GAP_M
         ends = support.points[support.ends & near[of]].astype(np.float64)
+        # Things that rise above the plane there.
         measured = self._environment.measured
         low, high = measured.lower, measured.upper
         plane = height + 0.5 * (low[:, :2] + high[:, :2]) @ np.array(slope)
-        rises = (high[:, 2] > plane + _RISE) & (low[:, 2] < plane + 2.0 * ABOVE)
+        rises = (high[:, 2] > plane + _THING_RISE_M) & (low[:, 2] < plane + 2.0 * ABOVE_CONTACT_M)
         beside = np.zeros(len(ends), np.bool_)
+        # Ends that lie within reach of such a thing are left out.
         if rises.any() and len(ends):
             low, high = low[rises, :2], high[rises, :2]
             things = cKDTree(0.5 * (low + high))
-            reach = _BESIDE + math.sqrt(0.5) * measured.cell_size
+            reach = _THING_DISTANCE_M + math.sqrt(0.5) * measured.cell_size
             for n, boxes in enumerate(things.query_ball_point(ends, reach)):
                 off = np.maximum(np.maximum(low[boxes] - ends[n], ends[n] - high[boxes]), 0.0)
-                beside[n] = bool((np.hypot(off[:, 0], off[:, 1]) <= _BESIDE).any())
+                beside[n] = bool((np.hypot(off[:, 0], off[:, 1]) <= _THING_DISTANCE_M).any())
         return ends[~beside]
 
 
@@ -133,15 +143,16 @@ class Edge(Beside):
 
     def __init__(self, context: ObjectiveContext) -> None:
         super().__init__(context)
-        self._corners = padded([face.vertices for face in context.body.faces])  # (|F|, k, 3)
+        self._corners = padded_rows([face.vertices for face in context.body.faces])  # (|F|, k, 3)
 
     def values(self, T_world_object: Array) -> Array:
         """(n,) at poses (n, 4, 4)."""
         result = np.full(len(T_world_object), self.ends[1])
         for group in self._groups(T_world_object):
+            # Ends that may be nearest to the side: those within its radius of the middle's nearest.
             feet = self._feet(group, T_world_object)
             nearest, _ = group.tree.query(group.middle)
-            near = group.tree.query_ball_point(group.middle, nearest + _radius(group, feet))
+            near = group.tree.query_ball_point(group.middle, nearest + _corner_radius(group, feet))
             numbers = np.array([len(points) for points in near])
             points = group.tree.data[np.concatenate(near).astype(np.int64)]
             away = _from_polygons(points, np.repeat(feet, numbers, axis=0))
@@ -155,7 +166,7 @@ class Edge(Beside):
         low, high = (np.full(len(T_world_object), self.ends[1]) for _ in range(2))
         for group in self._groups(T_world_object):
             nearest, _ = group.tree.query(group.middle)
-            radius = _radius(group, self._feet(group, T_world_object))
+            radius = _corner_radius(group, self._feet(group, T_world_object))
             low[group.rows] = self._trimmed(group, nearest - radius)
             high[group.rows] = self._trimmed(group, nearest)
         return low, high
@@ -175,7 +186,7 @@ class Edge(Beside):
         return ends, np.zeros(len(ends))
 
 
-def _radius(group: Group, feet: Array) -> Array:
+def _corner_radius(group: Group, feet: Array) -> Array:
     """(n,) how far from their middles the corners (n, k, 2) are at most."""
     return np.asarray(np.linalg.norm(feet - group.middle[:, None], axis=2).max(axis=1))
 
@@ -183,12 +194,14 @@ def _radius(group: Group, feet: Array) -> Array:
 def _from_polygons(points: Array, corners: Array) -> Array:
     """(n,) distance of each of the points (n, 2) from its own convex polygon, of corners (n, k, 2)
     in order; 0 inside."""
+    # The nearest point of each edge.
     edges = np.roll(corners, -1, axis=1) - corners
     lengths = np.maximum((edges * edges).sum(axis=2), 1e-18)
     off = points[:, None] - corners
     share = np.clip((off * edges).sum(axis=2) / lengths, 0.0, 1.0)
     away = off - share[..., None] * edges
     distance = np.sqrt((away * away).sum(axis=2).min(axis=1))
+    # Inside, where the point lies on the same side of all edges.
     across = edges[..., 0] * off[..., 1] - edges[..., 1] * off[..., 0]
     inside = (across >= 0.0).all(axis=1) | (across <= 0.0).all(axis=1)
     return np.where(inside, 0.0, distance)

@@ -8,7 +8,11 @@ from importlib.metadata import EntryPoint, entry_points
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.objective.clearance import Clearance
-from placement_planner_ros.core.objective.objective import Objective, ObjectiveContext, asked
+from placement_planner_ros.core.objective.objective import (
+    Objective,
+    ObjectiveContext,
+    ask_objective,
+)
 from placement_planner_ros.core.objective.terms import Term
 from placement_planner_ros.core.objective.weighted import (
     BUILT_IN,
@@ -75,8 +79,8 @@ def make_objective(name: str, context: ObjectiveContext) -> Objective:
     if not found:
         known = ", ".join(objective_names())
         raise ParameterError("objective", name, f"is not known; choose one of {known}")
-    factory = asked(found[0], found[0].load)
-    objective = asked(factory, lambda: factory(context))
+    factory = ask_objective(found[0], found[0].load)
+    objective = ask_objective(factory, lambda: factory(context))
     if not callable(objective):
         raise ParameterError(
             "objective", name, f"its factory made a {type(objective).__name__}, not a callable"

@@ -26,7 +26,7 @@ class Clearance:
         self._normals = np.array([upright(each.slope)[:, 2] for each in self._inclines])
         self._faces = np.array([face.normal for face in context.body.faces]).reshape(-1, 3)
         self._points = context.body.volume_points
-        self._some_points = thinned(self._points)
+        self._some_points = thinned_points(self._points)
         self._sign = sign
 
     def __call__(self, T_world_object: pin.SE3) -> float:
@@ -56,6 +56,7 @@ class Clearance:
             return self._field.mean_clearance_batch(T, points, slopes)
         stands_on = self._stands_on(T)
         values, gradients = np.empty(len(T)), np.empty((len(T), 3))
+        # Poses on one incline are looked up in its field, with its slope taken out.
         for k in np.unique(stands_on):
             rows, field, poses = stands_on == k, self._field, T
             if k > 0:
@@ -66,13 +67,15 @@ class Clearance:
     def _stands_on(self, T: Array) -> npt.NDArray[np.int64]:
         """(n,) the incline against whose normal a face of the object points, from 1 on; 0 for level
         ground."""
+        # How far each face points against each normal.
         normals = np.vstack([[0.0, 0.0, 1.0], self._normals])
         down = T[:, :3, :3] @ self._faces.T  # (n, 3, faces)
         return np.asarray((normals @ down).min(axis=2).argmin(axis=1))
 
 
-def thinned(points: Array) -> Array:
+def thinned_points(points: Array) -> Array:
     """Every second, fourth or eighth of the (n, 3) voxel centres, spread evenly, 300 at least."""
+    # Keep a share by the sum of the grid indices, which spreads them.
     share = next((s for s in (8, 4, 2) if len(points) >= 300 * s), 1)
     index = [np.unique(np.round(line, 6), return_inverse=True)[1] for line in points.T]
     return np.asarray(points[(index[0] + 3 * index[1] + 5 * index[2]) % share == 0])

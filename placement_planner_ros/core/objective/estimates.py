@@ -11,9 +11,9 @@ from placement_planner_ros.core.objective.objective import (
 )
 from placement_planner_ros.core.types import Array
 
-_COMPARISONS = 128
+_COMPARED_POSES = 128
 """Poses whose value is both estimated and computed, to learn how good the estimates are."""
-_RESERVE = 1.5
+_ERROR_FACTOR = 1.5
 """Estimates are taken to be off by at most so many times the largest error seen."""
 
 
@@ -38,8 +38,10 @@ class LearnedEstimates:
             ParameterError: see `evaluate_batch`.
         """
         estimates = estimate_batch(self._objective, T_world_object)
-        if self._compared >= _COMPARISONS:
-            return estimates, _RESERVE * self._error
+        # Enough is known: the estimate, with the largest error times a reserve.
+        if self._compared >= _COMPARED_POSES:
+            return estimates, _ERROR_FACTOR * self._error
+        # Compute the values too, and learn from the difference.
         values = evaluate_batch(self._objective, T_world_object)
         self._compared += len(values)
         self._error = max(self._error, float(np.abs(values - estimates).max(initial=0.0)))

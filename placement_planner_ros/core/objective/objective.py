@@ -93,7 +93,7 @@ class ObjectiveContext:
     contact_tolerance: float = 0.003
 
 
-def asked(objective: object, ask: Callable[[], _Said]) -> _Said:
+def ask_objective(objective: object, ask: Callable[[], _Said]) -> _Said:
     """What an objective answers; of somebody else's code, whatever it raises is its fault.
 
     Raises:
@@ -107,11 +107,11 @@ def asked(objective: object, ask: Callable[[], _Said]) -> _Said:
         if type(objective).__module__.startswith(f"{__package__}."):
             raise
         remedy = "the objective raised this; mend it, or choose another"
-        said = f"{type(error).__name__}: {_words(error)}"
+        said = f"{type(error).__name__}: {_error_words(error)}"
         raise ParameterError("objective", said, remedy) from error
 
 
-def _words(error: BaseException) -> str:
+def _error_words(error: BaseException) -> str:
     """What somebody else's error says, as text that can be sent and logged."""
     try:
         words = str(error)
@@ -120,13 +120,13 @@ def _words(error: BaseException) -> str:
     return sayable(words)
 
 
-def evaluate(objective: Objective, T_world_object: pin.SE3) -> float:
+def evaluate_objective(objective: Objective, T_world_object: pin.SE3) -> float:
     """ξ(x), checked.
 
     Raises:
         ParameterError: the objective raises, or is not a finite number there.
     """
-    value = asked(objective, lambda: float(objective(T_world_object)))
+    value = ask_objective(objective, lambda: float(objective(T_world_object)))
     if not math.isfinite(value):
         raise ParameterError(
             "objective", value, f"must be finite, at position {T_world_object.translation.tolist()}"
@@ -145,9 +145,11 @@ def evaluate_batch(objective: Objective, T_world_object: Array) -> Array:
         values = []
         for T in T_world_object:
             step("asking the objective")  # one that takes long is asked no more once that is over
-            values.append(evaluate(objective, pin.SE3(T)))
+            values.append(evaluate_objective(objective, pin.SE3(T)))
         return np.array(values)
-    return _finite(objective, lambda: objective.values(T_world_object), (len(T_world_object),))
+    return _finite_answer(
+        objective, lambda: objective.values(T_world_object), (len(T_world_object),)
+    )
 
 
 def _takes_batches(objective: Objective) -> TypeGuard[BatchObjective]:
@@ -162,7 +164,7 @@ def values_above(objective: BoundedObjective, T_world_object: Array, best: float
         ParameterError: the objective raises, or is not a finite number somewhere.
     """
     ask = lambda: objective.values_above(T_world_object, best)  # noqa: E731
-    return _finite(objective, ask, (len(T_world_object),))
+    return _finite_answer(objective, ask, (len(T_world_object),))
 
 
 def estimate_batch(objective: EstimatedObjective, T_world_object: Array) -> Array:
@@ -171,17 +173,19 @@ def estimate_batch(objective: EstimatedObjective, T_world_object: Array) -> Arra
     Raises:
         ParameterError: the objective raises, or does not estimate a finite number somewhere.
     """
-    return _finite(objective, lambda: objective.estimates(T_world_object), (len(T_world_object),))
+    return _finite_answer(
+        objective, lambda: objective.estimates(T_world_object), (len(T_world_object),)
+    )
 
 
-def _finite(objective: object, ask: Callable[[], Array], shape: tuple[int, ...]) -> Array:
-    numbers = asked(objective, lambda: np.array(ask(), dtype=np.float64))
+def _finite_answer(objective: object, ask: Callable[[], Array], shape: tuple[int, ...]) -> Array:
+    numbers = ask_objective(objective, lambda: np.array(ask(), dtype=np.float64))
     if numbers.shape != shape or not np.isfinite(numbers).all():
         raise ParameterError("objective", numbers.tolist(), f"must be {shape[0]} finite numbers")
     return numbers
 
 
-def gradient(
+def objective_gradient(
     objective: Objective,
     T_world_object: pin.SE3,
     step: float = 1e-3,
@@ -200,23 +204,25 @@ def gradient(
     """
     if isinstance(objective, DifferentiableObjective):
         smooth = objective
-        return _finite(objective, lambda: smooth.gradient(T_world_object), (3,))
+        return _finite_answer(objective, lambda: smooth.gradient(T_world_object), (3,))
+    # Central differences, one coordinate at a time.
     result = np.zeros(3)
     for axis, size in enumerate((step, step, angle_step)):
         change = np.zeros(3)
         change[axis] = size
-        ahead = evaluate(objective, moved(T_world_object, change, slope))
-        behind = evaluate(objective, moved(T_world_object, -change, slope))
+        ahead = evaluate_objective(objective, moved_pose(T_world_object, change, slope))
+        behind = evaluate_objective(objective, moved_pose(T_world_object, -change, slope))
         result[axis] = (ahead - behind) / (2.0 * size)
     return result
 
 
-def moved(T_world_object: pin.SE3, change: Array, slope: Slope = LEVEL) -> pin.SE3:
+def moved_pose(T_world_object: pin.SE3, change: Array, slope: Slope = LEVEL) -> pin.SE3:
     """The pose moved within a plane of that slope, turned about its normal through its origin.
 
     Args:
         change: (3,) metres along x and y, and rad.
     """
+    # Turned about the normal, and moved within the plane.
     turn = pin.utils.rotate("z", float(change[2]))
     if slope != LEVEL:
         to_normal = upright(slope)

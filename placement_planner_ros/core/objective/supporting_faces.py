@@ -27,7 +27,7 @@ class SupportingFace:
     slope: Index
 
 
-def padded(rows: Sequence[Array]) -> Array:
+def padded_rows(rows: Sequence[Array]) -> Array:
     """(n, k, m) of n arrays of at most k rows each, (≤ k, m), whose last row stands for what is
     lacking."""
     most = max((len(each) for each in rows), default=0)
@@ -52,9 +52,11 @@ class SupportingFaces:
 
     def at(self, T_world_object: Array) -> SupportingFace:
         """At poses (n, 4, 4)."""
+        # Level surfaces only.
         if len(self.slopes) == 1:
             face = (T_world_object[:, 2, :3] @ self._down).argmin(axis=1)
             return SupportingFace(face, np.zeros(len(face), np.int64))
+        # The pair of slope and face whose normals are most opposed.
         off = self._up @ (T_world_object[:, :3, :3] @ self._down)  # (n, slopes, faces)
         slope, face = np.divmod(off.reshape(len(off), -1).argmin(axis=1), off.shape[2])
         return SupportingFace(face, slope)

@@ -15,7 +15,11 @@ from scipy.spatial import ConvexHull, QhullError
 from placement_planner_ros.core.body.contact_points import contact_points
 from placement_planner_ros.core.objective.clearance import Clearance
 from placement_planner_ros.core.objective.objective import ObjectiveContext
-from placement_planner_ros.core.objective.supporting_faces import Index, SupportingFaces, padded
+from placement_planner_ros.core.objective.supporting_faces import (
+    Index,
+    SupportingFaces,
+    padded_rows,
+)
 from placement_planner_ros.core.scene.distance import CAP
 from placement_planner_ros.core.types import Array
 
@@ -190,32 +194,38 @@ class Stance:
         self._contacts: list[tuple[Array, pin.SE3]] = []
         rotations, heights, hulls = [], [], []
         for face in context.body.faces:
+            # The face's frame, its origin below the centre of mass.
             over = face.over(context.body.center_of_mass)
             T = over.T_face_object
             rotations.append(T.rotation)
             heights.append(float(T.act(context.body.center_of_mass)[2]))
             feet = (face.vertices @ T.rotation.T + T.translation)[:, :2]
+            # What of the object touches, where support decides.
             if self.expensive:
                 feet = contact_points(context.body, over).points
                 self._contacts.append((feet, T.inverse()))
-            hulls.append(_edges(feet))
+            hulls.append(_inward_normals(feet))
         self._rotations, self._heights = np.array(rotations).reshape(-1, 3, 3), np.array(heights)
-        self._hulls = padded(hulls)  # (|F|, k, 3)
+        self._hulls = padded_rows(hulls)  # (|F|, k, 3)
 
     def values(self, T_world_object: Array) -> Array:
         """(n,) at poses (n, 4, 4)."""
         stood = self._standing.at(T_world_object)
+        # All of the side carries.
         if not self.expensive:
             return self._tips(stood.face, self._hulls[stood.face], T_world_object)
         result = np.empty(len(T_world_object))
         for n, T in enumerate(T_world_object):
             face, slope = int(stood.face[n]), self._standing.slopes[stood.slope[n]]
+            # The contact points in the world, and which of them a surface carries.
             feet, inward = self._contacts[face]
             points = feet @ inward.rotation[:, :2].T + inward.translation
             placed = points @ T[:3, :3].T + T[:3, 3]
             support = self._environment.support_of((float(slope[0]), float(slope[1])))
             carried = feet[support.supported(placed, self._tolerance)]
-            result[n] = self._tips(stood.face[n : n + 1], _edges(carried)[None], T[None])[0]
+            result[n] = self._tips(stood.face[n : n + 1], _inward_normals(carried)[None], T[None])[
+                0
+            ]
         return result
 
     def bounds(self, T_world_object: Array) -> tuple[Array, Array]:
@@ -231,13 +241,14 @@ class Stance:
 
     def _tips(self, face: Index, edges: Array, T: Array) -> Array:
         """(n,) least angle over the edges (n, k, 3) of what carries it, at poses (n, 4, 4)."""
+        # Up in the frame of the face; the angle of each edge, less gravity's lean over it.
         ups = np.einsum("nij,nj->ni", self._rotations[face], T[:, 2, :3])  # in the face's frame
         firm = np.arctan2(edges[..., 2], self._heights[face, None])
         lean = np.arctan2(np.einsum("nki,ni->nk", edges[..., :2], ups[:, :2]), ups[:, 2:])
         return np.asarray((firm - lean).min(axis=1))
 
 
-def _edges(points: Array) -> Array:
+def _inward_normals(points: Array) -> Array:
     """(k, 3) inward normal of each edge of the hull of (m, 2) points about the foot of the centre
     of mass, and how far inside that is; where they are in line it falls over any."""
     try:

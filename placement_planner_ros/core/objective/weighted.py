@@ -17,8 +17,8 @@ from placement_planner_ros.core.objective.objective import (
     Objective,
     ObjectiveContext,
     evaluate_batch,
-    gradient,
-    moved,
+    moved_pose,
+    objective_gradient,
 )
 from placement_planner_ros.core.objective.supporting_faces import SupportingFaces
 from placement_planner_ros.core.objective.terms import (
@@ -45,9 +45,9 @@ BUILT_IN: dict[str, Callable[[ObjectiveContext], Term]] = {
 """Terms by name."""
 _STEPS = np.array([1e-3, 1e-3, 5e-3])
 """m, m and rad of the differences that gradients are taken from."""
-_ROUNDING = 1e-9
+_TERM_ROUNDING = 1e-9
 """By so much a required term may be too low."""
-_UNASKED = 1e3
+_UNASKED_SCALES = 1e3
 """Scales that an expensive term counts as too low by where it was not asked."""
 
 
@@ -68,7 +68,7 @@ class PlugInTerm:
 
     def gradient(self, T_world_object: pin.SE3) -> Array:
         """(3,) its own, or by differences."""
-        return gradient(self._objective, T_world_object)
+        return objective_gradient(self._objective, T_world_object)
 
 
 class _WeightedPart:
@@ -101,7 +101,9 @@ class _WeightedPart:
         """(3,) of what it adds, within a plane of that slope."""
         if isinstance(self.term, SmoothTerm):
             return self.factor * self.term.gradient(x)
-        poses = [moved(x, s * d, slope).homogeneous for d in np.diag(_STEPS) for s in (1.0, -1.0)]
+        poses = [
+            moved_pose(x, s * d, slope).homogeneous for d in np.diag(_STEPS) for s in (1.0, -1.0)
+        ]
         values = self.term.values(np.array(poses)).reshape(3, 2)
         return np.asarray(self.factor * (values[:, 0] - values[:, 1]) / (2.0 * _STEPS))
 
@@ -155,18 +157,22 @@ class Weighted:
         """(n,) ξ of the (n, 4, 4) poses; at most `best`, and no less than ξ, where that is not
         above it."""
         T = T_world_object
+        # What the cheap terms add up to.
         total = np.zeros(len(T))
         for part in self._cheap:
             total += part.factor * part.term.values(T)
         if not self._expensive:
             return total
+        # At most what the expensive ones add.
         most = np.array([part.most(T) for part in self._expensive])  # (expensive, n)
+        # Estimates first, where a pose could still be better than the best.
         for part, row in zip(self._expensive, most, strict=True):
             left = np.flatnonzero(total + most.sum(axis=0) > best)
             if len(left):
                 estimated = part.estimated_most(T[left])
                 if estimated is not None:
                     row[left] = np.minimum(row[left], estimated)
+        # Then the terms themselves, one after the other, where it still could.
         for k, part in enumerate(self._expensive):
             left = np.flatnonzero(total + most.sum(axis=0) > best)
             if len(left):
@@ -210,18 +216,20 @@ class Requirements:
     def lacking(self, T_world_object: Array) -> Array:
         """(n,) by how many of their scales all together are too low at poses (n, 4, 4); 0 where all
         are reached. Dear ones are asked only where the others are; elsewhere they count as
-        `_UNASKED`."""
+        `_UNASKED_SCALES`."""
         total = np.zeros(len(T_world_object))
         for expensive in (False, True):
+            # Terms are asked of poses that lack nothing so far.
             rows = np.flatnonzero(total == 0.0)
             terms = [
                 (term, least) for _, term, least in self.terms_asked if term.expensive == expensive
             ]
             if expensive and terms:
-                total[total > 0.0] += _UNASKED
+                total[total > 0.0] += _UNASKED_SCALES
+            # By how many scales each is too low.
             for term, least in terms if len(rows) else ():
                 short = least - term.values(T_world_object[rows])
-                total[rows] += np.where(short > _ROUNDING, short, 0.0) / term.scale
+                total[rows] += np.where(short > _TERM_ROUNDING, short, 0.0) / term.scale
         return total
 
     def terms(self, T_world_object: pin.SE3) -> dict[str, float]:
@@ -233,4 +241,4 @@ class Requirements:
         """The names of those that are too low."""
         at_least = self.at_least
         found = self.terms(T_world_object)
-        return [name for name, value in found.items() if value < at_least[name] - _ROUNDING]
+        return [name for name, value in found.items() if value < at_least[name] - _TERM_ROUNDING]

@@ -16,7 +16,7 @@ from placement_planner_ros.core.robot.arm import follow_masters
 from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.types import Array, Goal
 
-_MAX_WAITING = 1000
+_MAX_WAITING_GOALS = 1000
 """Goals of one arm and grasp that wait; once there are twice as many, the rest is forgotten."""
 
 
@@ -137,9 +137,10 @@ class _Trees:
     def add(self, goal: Goal) -> None:
         self._waiting.append(_Candidate(goal, self._next_key))
         self._next_key += 1
-        if len(self._waiting) > 2 * _MAX_WAITING:
+        # Too many wait: forget the worse half.
+        if len(self._waiting) > 2 * _MAX_WAITING_GOALS:
             self._waiting.sort(key=_Candidate.order)
-            del self._waiting[_MAX_WAITING:]
+            del self._waiting[_MAX_WAITING_GOALS:]
 
     def retire(self, unwanted: Callable[[Goal], bool]) -> None:
         self._waiting = [c for c in self._waiting if not unwanted(c.goal)]
@@ -162,12 +163,14 @@ class _Trees:
     def _share(self) -> None:
         """Let goals that resist wait; activate those that had the fewest turns, best ξ first."""
         iterations, settings = self.rrt.iterations, self._settings
+        # Goals that resist are tried the longer way round, too.
         for candidate in list(self._active.values()):
             if not candidate.turned and iterations - candidate.activated >= settings.patience:
                 candidate.turned = True
                 other = self._other_way_round(candidate.goal)
                 if other is not None:
                     self.add(other)
+        # Goals that have resisted for long make room for others that wait.
         if self._waiting:
             tired = settings.patience * max(1, len(self._active))
             for key, candidate in list(self._active.items()):
@@ -175,6 +178,7 @@ class _Trees:
                     self.rrt.retire_goal(key)
                     candidate.turns += 1
                     self._waiting.append(self._active.pop(key))
+        # Fill the room with the best of those that had the fewest turns.
         room = settings.active_goals - len(self._active)
         if room <= 0 or not self._waiting:
             return
@@ -183,6 +187,7 @@ class _Trees:
             candidate.activated = iterations
             self._active[candidate.key] = candidate
             self.rrt.add_goal(candidate.key, candidate.goal.q_raised)
+            # Give a goal its straight way out when it is first active.
             if settings.withdrawal and candidate.branch is None:
                 candidate.branch = straight_way(self._holding, candidate.goal.q_raised)
                 candidate.widen = iterations + settings.winding
@@ -196,6 +201,7 @@ class _Trees:
         other. None where there is none, or it is that already.
         """
         arm = self._holding.arm
+        # The joint that turns furthest on the short way, turned the other way.
         way = goal.q_raised - self._holding.q_start
         turnable = np.isin(arm.joints, arm.turnable) & (np.abs(way) <= np.pi)
         if not turnable.any():
@@ -203,6 +209,7 @@ class _Trees:
         shift = np.zeros(arm.dof)
         joint = int(np.argmax(np.where(turnable, np.abs(way), -1.0)))
         shift[joint] = -np.copysign(2.0 * np.pi, way[joint])
+        # The same turn for all waypoints, where the limits allow it.
         approach = goal.approach + shift
         retreat = None if goal.retreat is None else goal.retreat + shift
         ways = approach if retreat is None else np.vstack([approach, retreat])
@@ -213,6 +220,7 @@ class _Trees:
     def _widen(self, should_stop: Callable[[], bool]) -> None:
         """Seek a winding way out of one goal that resists, the one that has waited longest."""
         iterations = self.rrt.iterations
+        # The goal that is due for longest.
         due = [c for c in self._active.values() if c.branch is not None and c.widen <= iterations]
         if not due:
             return

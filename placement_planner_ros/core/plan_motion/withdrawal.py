@@ -13,19 +13,19 @@ import pinocchio as pin
 from placement_planner_ros.core.grasp.holding import Holding
 from placement_planner_ros.core.types import Array
 
-_STEP = 0.03
+_WAYPOINT_STEP_M = 0.03
 """m, between the waypoints."""
-_STEPS = 12
+_MAX_WAYPOINTS = 12
 """Waypoints of a straight way at most."""
-_OUT = 0.3
+_DRAWN_OUT_M = 0.3
 """m from the goal, where the object counts as drawn out."""
-_RUN = 6
+_RUN_WAYPOINTS = 6
 """Waypoints at most that a winding way goes on in one direction."""
-_TRIES = 40
+_TRIED_DIRECTIONS = 40
 """Directions that a winding way tries at most."""
-_SMALLEST = 0.2
+_SMALLEST_SHARE = 0.2
 """Of the steps and turns of a winding way, as a share of the largest."""
-_TURN = 0.25
+_TURN_DEVIATION_RAD = 0.25
 """rad, the standard deviation of each coordinate of the largest turn between waypoints."""
 
 
@@ -37,14 +37,17 @@ def straight_way(holding: Holding, q: Array) -> Array:
     T_world_object = holding.object_pose(q)
     hand = holding.tip_pose(T_world_object)[:3, 2]
     best = [q]
-    for direction in (_inwards(holding, T_world_object), np.array([0.0, 0.0, 1.0]), -hand):
+    # The longest free way of the three.
+    for direction in (_inward_direction(holding, T_world_object), np.array([0.0, 0.0, 1.0]), -hand):
         length = float(np.linalg.norm(direction))
         if length < 1e-6:
             continue
-        way = _run(holding, q, direction * (_STEP / length), np.eye(3), _STEPS)
+        way = _straight_run(
+            holding, q, direction * (_WAYPOINT_STEP_M / length), np.eye(3), _MAX_WAYPOINTS
+        )
         if len(way) > len(best):
             best = way
-        if len(best) > _STEPS:
+        if len(best) > _MAX_WAYPOINTS:
             break
     return np.array(best)
 
@@ -67,33 +70,38 @@ def winding_way(
     Returns:
         None where the object is out already, or no way further out is found.
     """
+    # The known way is the tree so far, its end the furthest out.
     nodes = list(branch)
     parents = list(range(-1, len(nodes) - 1))
     goal = holding.object_pose(nodes[0])
-    inwards = _inwards(holding, goal)
+    inwards = _inward_direction(holding, goal)
     inwards /= max(float(np.linalg.norm(inwards)), 1e-6)
     best = len(nodes) - 1
-    out = begun = _distance(holding, nodes[best], goal)
-    for _ in range(_TRIES):
-        if out >= _OUT or should_stop():
+    out = begun = _distance_from_goal(holding, nodes[best], goal)
+    for _ in range(_TRIED_DIRECTIONS):
+        if out >= _DRAWN_OUT_M or should_stop():
             break
+        # From the node that is furthest out, or from any.
         last = best if rng.random() < 0.5 else int(rng.integers(len(nodes)))
+        # A direction, inwards rather than outwards, and half of the time a turn.
         direction = rng.standard_normal(3) + inwards
-        size = rng.uniform(_SMALLEST, 1.0)
-        direction *= size * _STEP / max(float(np.linalg.norm(direction)), 1e-6)
+        size = rng.uniform(_SMALLEST_SHARE, 1.0)
+        direction *= size * _WAYPOINT_STEP_M / max(float(np.linalg.norm(direction)), 1e-6)
         turn = np.eye(3)
         if rng.random() < 0.5:
-            vector = size * _TURN * rng.standard_normal(3)
+            vector = size * _TURN_DEVIATION_RAD * rng.standard_normal(3)
             if holding.upright is not None:
                 vector[:2] = 0.0  # about the vertical, which tilts nothing
             turn = pin.exp3(vector)
-        for q in _run(holding, nodes[last], direction, turn, _RUN)[1:]:
+        # Go on as far as that is free.
+        for q in _straight_run(holding, nodes[last], direction, turn, _RUN_WAYPOINTS)[1:]:
             parents.append(last)
             last = len(nodes)
             nodes.append(q)
-        reached = _distance(holding, nodes[last], goal)
+        reached = _distance_from_goal(holding, nodes[last], goal)
         if reached > out:
             best, out = last, reached
+    # The way back from the node that is furthest out.
     if out <= begun:
         return None
     way = []
@@ -103,19 +111,19 @@ def winding_way(
     return np.array(way[::-1])
 
 
-def _inwards(holding: Holding, T_world_object: pin.SE3) -> Array:
+def _inward_direction(holding: Holding, T_world_object: pin.SE3) -> Array:
     """(3,) horizontally from the object to the arm's base."""
     inwards = np.array(holding.chain.fixed[0, :3, 3] - T_world_object.translation)
     inwards[2] = 0.0
     return inwards
 
 
-def _distance(holding: Holding, q: Array, goal: pin.SE3) -> float:
+def _distance_from_goal(holding: Holding, q: Array, goal: pin.SE3) -> float:
     """Of the object's origin at `q` from where it is at the goal, metres."""
     return float(np.linalg.norm(holding.object_pose(q).translation - goal.translation))
 
 
-def _run(holding: Holding, q: Array, step: Array, turn: Array, steps: int) -> list[Array]:
+def _straight_run(holding: Holding, q: Array, step: Array, turn: Array, steps: int) -> list[Array]:
     """Configurations from `q` on, moving the object by `step` (3,) and turning it by `turn` (3, 3)
     about its origin from one to the next, as far as that is free."""
     way, T = [q], holding.object_pose(q)

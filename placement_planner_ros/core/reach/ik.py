@@ -29,9 +29,9 @@ class IKSettings(Settings):
         min_difference: solutions closer than this in every joint are the same one.
         sweep_step: the largest change of a joint between neighbours of `sweep`.
         max_sweep: configurations of `sweep` at most.
-        max_joint_step: a larger change between waypoints of `track` is a jump.
+        max_joint_step: a larger change between waypoints of `track_targets` is a jump.
         line_tolerance: m (and rad); how far the tip may be from the middle between two waypoints
-            of `track` when the joints are.
+            of `track_targets` when the joints are.
     """
 
     position_tolerance: float = setting(1e-5, "(0, inf)", "m")
@@ -159,7 +159,7 @@ class InverseKinematics:
         chain, settings = self.chain, self.settings
         T = kernel_input(T_world_tip)
         path = np.empty((len(T), chain.dof))
-        tracked = ik_kernels.track(
+        tracked = ik_kernels.track_targets(
             self._arm,
             T,
             np.clip(np.asarray(q0, dtype=np.float64), chain.lower, chain.upper),

@@ -19,23 +19,23 @@ from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.reach.kinematics import Flags, chain_frames, frames_jacobian
 from placement_planner_ros.core.types import Array
 
-ROTATION_SCALE = 0.25
+ROTATION_SCALE_M = 0.25
 """m; a rotation error of 1 rad weighs as much as this position error."""
 
-DAMPING = 0.1
+DAMPING_PER_ERROR = 0.1
 """λ per squared error."""
 
-MIN_DAMPING = 1e-7
+MIN_DAMPING_M2 = 1e-7
 """λ at zero error, m²."""
 
-MAX_STEP = 0.7
+MAX_JOINT_STEP = 0.7
 """rad or m, largest change of a joint in an iteration."""
 
-STALL = 8
+STALL_ITERATIONS = 8
 """Iterations within which the squared error must halve."""
 
 TRACK_ITERATIONS = 10
-"""Iterations per waypoint of `track`, which starts next to its solution."""
+"""Iterations per waypoint of `track_targets`, which starts next to its solution."""
 
 
 class IKArm(NamedTuple):
@@ -88,6 +88,7 @@ def ik_scratch(dof: int) -> IKScratch:
 def _pose_error(tip: Array, target: Array, error: Array) -> None:
     """error (6,): translation, then rotation vector, that take the tip to the target, in world."""
     for a in range(3):
+        # The translation that is left.
         error[a] = target[a, 3] - tip[a, 3]
     # R = R_target R_tipᵀ
     # its diagonal, and the part that is skew: 2 sin(angle) axis
@@ -157,6 +158,7 @@ def solve_spd(M: Array, b: Array) -> None:
 @kernel(inline=True)
 def follow_in_place(ties: Array, q: Array) -> None:
     """`arm.follow_masters` of q (n,) itself."""
+    # Each follower from the joint that it follows.
     for k in range(len(ties)):
         q[int(ties[k, 0])] = ties[k, 2] * q[int(ties[k, 1])] + ties[k, 3]
 
@@ -175,7 +177,7 @@ def weighted_jacobian(arm: IKArm, scratch: IKScratch) -> None:
     # rotation in metres
     for a in range(3, 6):
         for i in range(dof):
-            J[a, i] *= ROTATION_SCALE
+            J[a, i] *= ROTATION_SCALE_M
     # a follower's column, by its factor, joins that of its master
     for k in range(len(arm.ties)):
         joint, other = int(arm.ties[k, 0]), int(arm.ties[k, 1])
@@ -250,7 +252,9 @@ def _step_within_limits(arm: IKArm, q: Array, scratch: IKScratch, damping: float
 
 
 @kernel(lean=True)
-def descend(arm: IKArm, target: Array, q: Array, max_iterations: int, scratch: IKScratch) -> bool:
+def descend_to_target(
+    arm: IKArm, target: Array, q: Array, max_iterations: int, scratch: IKScratch
+) -> bool:
     """Move q (n,) within its limits until the tip is at the target (4, 4); False where it is not.
 
     The frames of the scratch hold the chain at q on return.
@@ -265,25 +269,28 @@ def descend(arm: IKArm, target: Array, q: Array, max_iterations: int, scratch: I
         _pose_error(scratch.frames[dof], target, error)
         position = error[0] ** 2 + error[1] ** 2 + error[2] ** 2
         rotation = error[3] ** 2 + error[4] ** 2 + error[5] ** 2
+        # At the target, within both tolerances.
         if position <= arm.position_tolerance**2 and rotation <= arm.rotation_tolerance**2:
             return True
-        squared = position + ROTATION_SCALE**2 * rotation
+        # The error with rotation in metres; `age` counts steps that did not halve its square.
+        squared = position + ROTATION_SCALE_M**2 * rotation
         if squared < 0.5 * best:
             best = squared
             age = 0
         else:
             age += 1
-        if iteration == max_iterations or age > STALL:
+        if iteration == max_iterations or age > STALL_ITERATIONS:
             return False
         # The step, shortened where a joint would go further than the linear model is good for.
         weighted_jacobian(arm, scratch)
         for a in range(3, 6):
-            error[a] *= ROTATION_SCALE
-        _step_within_limits(arm, q, scratch, DAMPING * squared + MIN_DAMPING)
+            error[a] *= ROTATION_SCALE_M
+        _step_within_limits(arm, q, scratch, DAMPING_PER_ERROR * squared + MIN_DAMPING_M2)
         largest = 0.0
         for i in range(dof):
             largest = max(largest, abs(dq[i]))
-        scale = min(1.0, MAX_STEP / max(largest, 1e-300))
+        scale = min(1.0, MAX_JOINT_STEP / max(largest, 1e-300))
+        # The step, kept within limits, with the followers.
         for i in range(dof):
             q[i] = min(max(q[i] + scale * dq[i], arm.lower[i]), arm.upper[i])
         follow_in_place(arm.ties, q)
@@ -291,9 +298,10 @@ def descend(arm: IKArm, target: Array, q: Array, max_iterations: int, scratch: I
 
 
 @kernel(lean=True)
-def differs(a: Array, b: Array, prismatic: Flags, min_difference: float) -> bool:
+def configurations_differ(a: Array, b: Array, prismatic: Flags, min_difference: float) -> bool:
     """Whether two configurations differ in some joint by more than full turns explain."""
     for i in range(len(a)):
+        # The difference of a joint that turns, without full turns.
         d = abs(a[i] - b[i])
         if not prismatic[i]:
             d = abs(d - 2.0 * math.pi * math.floor(d / (2.0 * math.pi) + 0.5))
@@ -317,6 +325,7 @@ def solve_batch(
     scratch = ik_scratch(dof)
     q = np.empty(dof)
     for t in range(len(targets)):
+        # Every seed, until the solutions are as many as there is room for.
         count = 0
         for s in range(seeds.shape[1]):
             if count == solutions.shape[1]:
@@ -325,12 +334,12 @@ def solve_batch(
             for i in range(dof):
                 q[i] = min(max(seeds[t, s, i], arm.lower[i]), arm.upper[i])
             follow_in_place(arm.ties, q)
-            if not descend(arm, targets[t], q, max_iterations, scratch):
+            if not descend_to_target(arm, targets[t], q, max_iterations, scratch):
                 continue
             # kept unless a solution that is the same but for full turns is there
             new = True
             for k in range(count):
-                if not differs(solutions[t, k], q, arm.prismatic, min_difference):
+                if not configurations_differ(solutions[t, k], q, arm.prismatic, min_difference):
                     new = False
                     break
             if new:
@@ -340,7 +349,7 @@ def solve_batch(
 
 
 @kernel(nogil=True)
-def track(
+def track_targets(
     arm: IKArm,
     targets: Array,
     q0: Array,
@@ -354,6 +363,7 @@ def track(
     tip is within `line_tolerance` (m, rad) of half-way between both.
     """
     dof = len(arm.lower)
+    # Start at q0, its followers where they belong.
     scratch = ik_scratch(dof)
     q = q0.copy()
     follow_in_place(arm.ties, q)
@@ -362,9 +372,11 @@ def track(
     error = np.empty(6)
     other = np.empty(6)
     for n in range(len(targets)):
-        if not descend(arm, targets[n], q, TRACK_ITERATIONS, scratch):
+        # On to the next target, from the configuration before.
+        if not descend_to_target(arm, targets[n], q, TRACK_ITERATIONS, scratch):
             return False
         path[n] = q
+        # No joint may have moved too far; half-way in the joints.
         for i in range(dof):
             if abs(q[i] - previous[i]) > max_joint_step:
                 return False
@@ -376,6 +388,7 @@ def track(
         chain_frames(arm.fixed, arm.prismatic, between, scratch.frames)
         _pose_error(scratch.frames[dof], targets[n - 1], other)
         _pose_error(scratch.frames[dof], targets[n], error)
+        # What the tip is off from the middle of both targets.
         for a in range(6):
             error[a] = 0.5 * (error[a] + other[a])
         if (

@@ -29,7 +29,7 @@ from placement_planner_ros.core.types import Array, frozen_array
 
 Flags = npt.NDArray[np.bool_]
 
-_CHAINS = 16
+_REMEMBERED_CHAINS = 16
 """How many chains are remembered."""
 
 
@@ -47,33 +47,41 @@ def chain_frames(fixed: Array, prismatic: Flags, q: Array, frames: Array) -> Non
             The bottom rows are left alone.
     """
     dof = len(q)
+    # Rotation and position so far: the identity.
     r00, r01, r02 = 1.0, 0.0, 0.0
     r10, r11, r12 = 0.0, 1.0, 0.0
     r20, r21, r22 = 0.0, 0.0, 1.0
     px, py, pz = 0.0, 0.0, 0.0
     for i in range(dof + 1):
+        # The origin moves by A's translation.
         A = fixed[i]
         px += r00 * A[0, 3] + r01 * A[1, 3] + r02 * A[2, 3]
         py += r10 * A[0, 3] + r11 * A[1, 3] + r12 * A[2, 3]
         pz += r20 * A[0, 3] + r21 * A[1, 3] + r22 * A[2, 3]
+        # The first two columns of the rotation times A's.
         x0 = r00 * A[0, 0] + r01 * A[1, 0] + r02 * A[2, 0]
         x1 = r10 * A[0, 0] + r11 * A[1, 0] + r12 * A[2, 0]
         x2 = r20 * A[0, 0] + r21 * A[1, 0] + r22 * A[2, 0]
         y0 = r00 * A[0, 1] + r01 * A[1, 1] + r02 * A[2, 1]
         y1 = r10 * A[0, 1] + r11 * A[1, 1] + r12 * A[2, 1]
         y2 = r20 * A[0, 1] + r21 * A[1, 1] + r22 * A[2, 1]
+        # The third is their cross product.
         r02, r12, r22 = x1 * y2 - x2 * y1, x2 * y0 - x0 * y2, x0 * y1 - x1 * y0
+        # The tip has no joint to move.
         if i == dof:
             r00, r10, r20, r01, r11, r21 = x0, x1, x2, y0, y1, y2
         elif prismatic[i]:
             r00, r10, r20, r01, r11, r21 = x0, x1, x2, y0, y1, y2
+            # A joint that slides moves the origin along z.
             px += q[i] * r02
             py += q[i] * r12
             pz += q[i] * r22
         else:
+            # A joint that turns mixes the first two columns.
             c, s = math.cos(q[i]), math.sin(q[i])
             r00, r10, r20 = c * x0 + s * y0, c * x1 + s * y1, c * x2 + s * y2
             r01, r11, r21 = c * y0 - s * x0, c * y1 - s * x1, c * y2 - s * x2
+        # The moved frame.
         F = frames[i]
         F[0, 0], F[0, 1], F[0, 2], F[0, 3] = r00, r01, r02, px
         F[1, 0], F[1, 1], F[1, 2], F[1, 3] = r10, r11, r12, py
@@ -114,10 +122,12 @@ def frames_jacobian(
     for i in range(len(prismatic)):
         F = frames[i]
         zx, zy, zz = F[0, 2], F[1, 2], F[2, 2]
+        # A joint that slides moves the point along its axis.
         if prismatic[i]:
             jacobian[0, i], jacobian[1, i], jacobian[2, i] = zx, zy, zz
             jacobian[3, i], jacobian[4, i], jacobian[5, i] = 0.0, 0.0, 0.0
         else:
+            # A joint that turns: z_i × (p - o_i), and z_i.
             dx, dy, dz = x - F[0, 3], y - F[1, 3], z - F[2, 3]
             jacobian[0, i] = zy * dz - zz * dy
             jacobian[1, i] = zz * dx - zx * dz
@@ -130,6 +140,7 @@ def _forward_batch(fixed: Array, prismatic: Flags, Q: Array, tips: Array) -> Non
     """Tips (n, 4, 4), zero before, of Q (n, dof)."""
     frames = np.zeros((len(prismatic) + 1, 4, 4))
     for k in range(len(Q)):
+        # The tip of each configuration.
         chain_frames(fixed, prismatic, Q[k], frames)
         for a in range(3):
             for b in range(4):
@@ -145,6 +156,7 @@ def _joint_frames_batch(
     dof = len(prismatic)
     frames = np.zeros((dof + 1, 4, 4))
     for k in range(len(Q)):
+        # The frames of each configuration, each turned back.
         chain_frames(fixed, prismatic, Q[k], frames)
         for i in range(dof):
             for a in range(3):
@@ -165,6 +177,7 @@ def _jacobian_batch(
     frames = np.zeros((len(prismatic) + 1, 4, 4))
     for k in range(len(Q)):
         chain_frames(fixed, prismatic, Q[k], frames)
+        # Where the object's origin is.
         x, y, z = to_world(
             frames, len(prismatic), T_tip_object[0, 3], T_tip_object[1, 3], T_tip_object[2, 3]
         )
@@ -228,21 +241,23 @@ class Chain:
                 "q_rest", q.shape, f"give {robot.model.nq} values: {robot.joint_names}"
             )
         q[arm.q_index] = 0.0
-        return _chain(robot, arm, q.tobytes())
+        return _make_chain(robot, arm, q.tobytes())
 
     @classmethod
     def _of(cls, robot: Robot, arm: Arm, q: Array) -> Chain:
         model = robot.model
         data = model.createData()
         pin.framesForwardKinematics(model, data, q)
+        # Frame of each joint with its axis along z.
         aligned, prismatic, T_world_aligned = [], [], []
         for index in arm.q_index:
             joint = int(index) + 1  # one coordinate per joint; joint 0 is the universe
-            axis, slides = _axis(model.joints[joint])
+            axis, slides = _joint_axis(model.joints[joint])
             R_joint_aligned = _rotation_from_z(axis)
             T_world_aligned.append(data.oMi[joint] * pin.SE3(R_joint_aligned, np.zeros(3)))
             aligned.append(R_joint_aligned.T)
             prismatic.append(slides)
+        # Transforms from each to the next, the tip last.
         T_world_tip = data.oMf[robot.frame_id(arm.tip_frame)]
         T_world = [pin.SE3.Identity(), *T_world_aligned, T_world_tip]
         fixed = [(a.inverse() * b).homogeneous for a, b in itertools.pairwise(T_world)]
@@ -284,10 +299,12 @@ class Chain:
         What is below a millimetre, or a milliradian, for one rad or m is no motion: descriptions
         round their angles.
         """
+        # Jacobians at random configurations.
         rng = np.random.default_rng(0)
         Q = rng.uniform(
             np.maximum(self.lower, -np.pi), np.minimum(self.upper, np.pi), (16, self.dof)
         )
+        # What followers move counts for the joint that they follow.
         J = self.jacobian_batch(follow_masters(self.ties, Q), np.eye(4))
         for joint, other, factor, _ in self.ties.tolist():
             J[..., int(other)] += factor * J[..., int(joint)]
@@ -332,13 +349,13 @@ class Chain:
         return out
 
 
-@functools.lru_cache(maxsize=_CHAINS)
-def _chain(robot: Robot, arm: Arm, q_zero: bytes) -> Chain:
+@functools.lru_cache(maxsize=_REMEMBERED_CHAINS)
+def _make_chain(robot: Robot, arm: Arm, q_zero: bytes) -> Chain:
     """The chain with `arm` at zero and the rest of the robot as in q (nq,)."""
     return Chain._of(robot, arm, np.frombuffer(q_zero))
 
 
-def _axis(joint: pin.JointModel) -> tuple[Array, bool]:
+def _joint_axis(joint: pin.JointModel) -> tuple[Array, bool]:
     """Axis in the joint frame, and whether the joint slides along it."""
     data = joint.createData()
     # calc reads its own coordinates out of the whole robot's, without a check of their length

@@ -36,7 +36,7 @@ class ReachBound:
     def of(cls, chain: Chain) -> ReachBound:
         """The bound of a chain, remembered."""
         arrays = (chain.fixed, chain.prismatic, chain.lower, chain.upper)
-        return _of(chain.dof, *(np.asarray(array).tobytes() for array in arrays))
+        return _make_reach_bound(chain.dof, *(np.asarray(array).tobytes() for array in arrays))
 
     def within(self, T_world_tip: Array, slack: float) -> npt.NDArray[np.bool_]:
         """Which of the (..., 4, 4) poses are no further than `slack` m beyond `length`."""
@@ -44,7 +44,7 @@ class ReachBound:
         return np.asarray((gap * gap).sum(axis=-1) <= (self.length + slack) ** 2)
 
 
-def levers(chain: Chain, points: Array) -> Array:
+def lever_arms(chain: Chain, points: Array) -> Array:
     """(dof,) most metres that any of the points (n, 3) of the tip moves per unit of each joint."""
     slides = np.where(chain.prismatic, np.maximum(np.abs(chain.lower), np.abs(chain.upper)), 0.0)
     links = np.linalg.norm(chain.fixed[1:, :3, 3], axis=1)
@@ -54,7 +54,10 @@ def levers(chain: Chain, points: Array) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _of(dof: int, fixed: bytes, prismatic: bytes, lower: bytes, upper: bytes) -> ReachBound:
+def _make_reach_bound(
+    dof: int, fixed: bytes, prismatic: bytes, lower: bytes, upper: bytes
+) -> ReachBound:
+    # A joint that slides stands in the middle of its range.
     frames = np.frombuffer(fixed).reshape(-1, 4, 4)
     sliding = np.frombuffer(prismatic, dtype=np.bool_)
     low, high = np.frombuffer(lower), np.frombuffer(upper)
@@ -72,10 +75,12 @@ def _of(dof: int, fixed: bytes, prismatic: bytes, lower: bytes, upper: bytes) ->
     def total(along: Array) -> float:
         return float(np.linalg.norm(gaps(along), axis=1).sum())
 
+    # Points on the axes with the least way through them, further than which the arm never reaches.
     along = np.asarray(minimize(total, np.zeros(dof), method="Powell").x).reshape(-1)
     T_last_tip = frames[-1]
     on_last = np.array([0.0, 0.0, along[-1]])
     on_first = np.array([0.0, 0.0, along[0] + middle[0], 1.0])
+    # What a slide may add to the way.
     return ReachBound(
         shoulder=(frames[0] @ on_first)[:3],
         wrist=T_last_tip[:3, :3].T @ (on_last - T_last_tip[:3, 3]),

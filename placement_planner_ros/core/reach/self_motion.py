@@ -16,8 +16,8 @@ from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.reach.ik_kernels import (
     IKArm,
     IKScratch,
-    descend,
-    differs,
+    configurations_differ,
+    descend_to_target,
     ik_scratch,
     solve_normal,
     weighted_jacobian,
@@ -25,43 +25,47 @@ from placement_planner_ros.core.reach.ik_kernels import (
 from placement_planner_ros.core.reach.kinematics import Flags, chain_frames
 from placement_planner_ros.core.types import Array
 
-CORRECTIONS = 6
+CORRECTION_ITERATIONS = 6
 """Iterations at most that lead back onto the pose after a step."""
 
-REGULARIZATION = 1e-9
+REGULARIZATION_M2 = 1e-9
 """Added to J Jᵀ, m²: singular configurations stay solvable."""
 
-MIN_TANGENT = 0.05
+MIN_TANGENT_LENGTH = 0.05
 """Length below which what the null space leaves of a unit vector is no direction."""
 
-MIN_STEP = 0.25
+MIN_STEP_SHARE = 0.25
 """Share of a step that a joint limit must leave for it to be made."""
 
 
 @kernel(lean=True)
-def _project(arm: IKArm, tangent: Array, scratch: IKScratch) -> bool:
+def _project_to_null_space(arm: IKArm, tangent: Array, scratch: IKScratch) -> bool:
     """Project tangent (n,) onto the null space of the Jacobian at the scratch's frames.
 
     Its length becomes 1. False where next to nothing is left.
     """
     J, y = scratch.J, scratch.y
     dof = len(tangent)
+    # J times the tangent: the tip's motion that is to be taken out.
     weighted_jacobian(arm, scratch)
     for a in range(6):
         y[a] = 0.0
         for i in range(dof):
             y[a] += J[a, i] * tangent[i]
+    # The joint motion of least norm that does the same, all joints taking part.
     scratch.free[:] = True
-    solve_normal(scratch, REGULARIZATION)
+    solve_normal(scratch, REGULARIZATION_M2)
+    # Take it off the tangent; followers move as their masters do.
     for i in range(dof):
         for a in range(6):
             tangent[i] -= J[a, i] * y[a]
     for k in range(len(arm.ties)):
         tangent[int(arm.ties[k, 0])] = arm.ties[k, 2] * tangent[int(arm.ties[k, 1])]
+    # What is left, to length 1.
     squared = 0.0
     for i in range(dof):
         squared += tangent[i] ** 2
-    if squared < MIN_TANGENT**2:
+    if squared < MIN_TANGENT_LENGTH**2:
         return False
     scale = 1.0 / math.sqrt(squared)
     for i in range(dof):
@@ -74,26 +78,28 @@ def _null_direction(
     arm: IKArm, axis: int, any_axis: bool, tangent: Array, scratch: IKScratch
 ) -> bool:
     """tangent (n,): joint `axis`, or the first that can, moved within the null space."""
+    # One joint after the other, moved alone, until something is left in the null space.
     for i in range(len(tangent) if any_axis else 1):
         tangent[:] = 0.0
         tangent[(axis + i) % len(tangent)] = 1.0
-        if _project(arm, tangent, scratch):
+        if _project_to_null_space(arm, tangent, scratch):
             return True
     return False
 
 
 @kernel(lean=True)
-def _visited(q: Array, starts: Array, found: Array, prismatic: Flags, radius: float) -> bool:
+def _near_visited(q: Array, starts: Array, found: Array, prismatic: Flags, radius: float) -> bool:
     """Whether q is next to one of the configurations."""
+    # Newest first, as the walk's own last steps are nearest.
     for near in (found, starts):
         for k in range(len(near) - 1, -1, -1):
-            if not differs(near[k], q, prismatic, radius):
+            if not configurations_differ(near[k], q, prismatic, radius):
                 return True
     return False
 
 
 @kernel()
-def _walk(
+def _walk_self_motion(
     arm: IKArm,
     target: Array,
     step: float,
@@ -110,6 +116,7 @@ def _walk(
     """
     lower, upper = arm.lower, arm.upper
     dof = len(lower)
+    # The walk starts at the last of the starts.
     last = starts[len(starts) - 1].copy()
     ahead = np.empty(dof)
     q = np.empty(dof)
@@ -125,28 +132,32 @@ def _walk(
                 length = min(length, (upper[i] - last[i]) / tangent[i])
             elif tangent[i] < 0.0:
                 length = min(length, (lower[i] - last[i]) / tangent[i])
+        # Too short a step: the walk is at a limit.
         moved = length * largest
-        if moved < MIN_STEP * step:
+        if moved < MIN_STEP_SHARE * step:
             break
+        # That far along the tangent, within limits.
         for i in range(dof):
             ahead[i] = min(max(last[i] + length * tangent[i], lower[i]), upper[i])
             q[i] = ahead[i]
         # Back onto the pose, and not far along it: else it may be another curve.
-        reached = descend(arm, target, q, CORRECTIONS, scratch)
+        reached = descend_to_target(arm, target, q, CORRECTION_ITERATIONS, scratch)
         strayed = 0.0
         for i in range(dof):
             strayed = max(strayed, abs(q[i] - ahead[i]))
         if not reached or strayed > 0.5 * moved:
             share *= 0.5
             continue
-        if _visited(q, starts, found[:count], arm.prismatic, 0.5 * moved):
+        # A configuration that was there before closes the curve.
+        if _near_visited(q, starts, found[:count], arm.prismatic, 0.5 * moved):
             break
+        # Keep it, and try twice as long a step next.
         found[count] = q
         last[:] = q
         count += 1
         share = min(1.0, 2.0 * share)
         # The old tangent, projected, goes on in the same direction.
-        if not _project(arm, tangent, scratch):
+        if not _project_to_null_space(arm, tangent, scratch):
             break
     return count
 
@@ -167,6 +178,7 @@ def sweep_batch(
         starts: (k, s, n), of which the first start_counts[i] (k,) solve targets[i] (4, 4).
         step: rad or m, the largest change of a joint from one configuration to the next.
     """
+    # Joints beyond the six that a pose needs: without them there is no self-motion.
     dof = len(arm.lower)
     spare = dof - len(arm.ties) - 6
     counts[:] = 0
@@ -174,21 +186,24 @@ def sweep_batch(
         return
     scratch = ik_scratch(dof)
     tangent = np.empty(dof)
+    # Each target with its starts, but for those that a walk has passed already.
     for n in range(len(targets)):
         count = 0
         own = starts[n, : start_counts[n]]
         for s in range(len(own)):
-            if _visited(own[s], own[:0], found[n, :count], arm.prismatic, 0.5 * step):
+            if _near_visited(own[s], own[:0], found[n, :count], arm.prismatic, 0.5 * step):
                 continue
             # one direction spans a curve; a surface is cut along one direction for each joint
             for axis in range(1 if spare == 1 else dof):
                 for side in (1.0, -1.0):
+                    # The direction in which the joint moves without the tip, then its opposite.
                     chain_frames(arm.fixed, arm.prismatic, own[s], scratch.frames)
                     if not _null_direction(arm, axis, spare == 1, tangent, scratch):
                         break
                     for i in range(dof):
                         tangent[i] *= side
-                    count = _walk(
+                    # The walk along it.
+                    count = _walk_self_motion(
                         arm, targets[n], step, own[: s + 1], tangent, found[n], count, scratch
                     )
         counts[n] = count

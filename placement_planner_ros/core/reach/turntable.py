@@ -29,13 +29,13 @@ _UPSIDE_DOWN = np.diag([1.0, -1.0, -1.0, 1.0])
 """Half a turn about x: the turntable's axis is -z of the face."""
 
 
-DIRECTIONS = 6
+POSE_DIMENSIONS = 6
 """In which a body can be moved: along three axes, and about them."""
 
 
 def lacks_directions(chain: Chain) -> bool:
     """Whether the joints move the tip in fewer directions than there are."""
-    return chain.freedom < DIRECTIONS
+    return chain.freedom < POSE_DIMENSIONS
 
 
 class Turntable:
@@ -49,7 +49,7 @@ class Turntable:
 
     def __init__(self, chain: Chain, T_tip_face: Array, settings: IKSettings) -> None:
         self._ik = InverseKinematics(
-            _prolonged(chain, T_tip_face), settings, _reach(chain, T_tip_face)
+            _prolonged_chain(chain, T_tip_face), settings, _face_reach(chain, T_tip_face)
         )
 
     def reachable(self, T_world_face: Array) -> bool:
@@ -78,15 +78,16 @@ class Turntable:
         return None if way is None else (way[-1, :-1], float(way[-1, -1]))
 
 
-def _reach(chain: Chain, T_tip_face: Array) -> ReachBound:
+def _face_reach(chain: Chain, T_tip_face: Array) -> ReachBound:
     """How far the face's origin gets: it keeps its distance from the wrist."""
     arm = ReachBound.of(chain)
     beyond_wrist = float(np.linalg.norm(T_tip_face[:3, 3] - arm.wrist))
     return ReachBound(arm.shoulder, np.zeros(3), arm.length + beyond_wrist)
 
 
-def _prolonged(chain: Chain, T_tip_face: Array) -> Chain:
+def _prolonged_chain(chain: Chain, T_tip_face: Array) -> Chain:
     """The chain with the turntable as its last joint and the face as its tip."""
+    # The turntable at the face, its axis against the normal.
     fixed = np.concatenate([chain.fixed, _UPSIDE_DOWN[None]])
     fixed[-2] = chain.fixed[-1] @ T_tip_face @ _UPSIDE_DOWN
     return replace(

@@ -12,12 +12,12 @@ from scipy.optimize import least_squares
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.types import Array
 
-_DRAWN = 1024
+_DRAWN_CONFIGURATIONS = 1024
 """Configurations of which the most upright are made more so."""
-_TRIED = 4
-_LENGTHS = 1e-3
+_TRIED_CONFIGURATIONS = 4
+_STILL_M_PER_UNIT = 1e-3
 """m per rad or m; what moves the object by less does not move it."""
-_UPRIGHT = 1e-6
+_UPRIGHT_RAD = 1e-6
 """rad, beyond which nothing more upright is looked for."""
 _UP = np.array([0.0, 0.0, 1.0])
 
@@ -64,10 +64,11 @@ def upright_motion(chain: Chain, T_tip_face: Array) -> UprightMotion:
     The configurations that have z most upright among random ones are improved by least squares;
     nothing is looked at but joint limits.
     """
+    # The most upright of many configurations, drawn at random.
     rng = np.random.default_rng(0)
     axis = T_tip_face[:3, 2]
-    Q = chain.random(rng, (_DRAWN,))
-    most = np.argsort(-chain.forward_batch(Q)[:, 2, :3] @ axis)[:_TRIED]
+    Q = chain.random(rng, (_DRAWN_CONFIGURATIONS,))
+    most = np.argsort(-chain.forward_batch(Q)[:, 2, :3] @ axis)[:_TRIED_CONFIGURATIONS]
 
     def off(q: Array) -> Array:
         return np.asarray(chain.forward(q)[:3, :3] @ axis - _UP)
@@ -79,18 +80,19 @@ def upright_motion(chain: Chain, T_tip_face: Array) -> UprightMotion:
     bounds = chain.lower, chain.upper
     best = UprightMotion(np.pi, 0)
     for seed in Q[most]:
+        # Bring the axis upright, and see how the face can then move.
         q = least_squares(off, seed, turning, bounds, xtol=1e-12, ftol=1e-15).x
         tilt = 2.0 * float(np.arcsin(min(0.5 * float(np.linalg.norm(off(q))), 1.0)))
-        directions = _directions(chain, q, turning(q), T_tip_face)
+        directions = _upright_dimensions(chain, q, turning(q), T_tip_face)
         best = UprightMotion(min(tilt, best.tilt), max(directions, best.directions))
-        if not best.hindrance(_UPRIGHT):
+        if not best.hindrance(_UPRIGHT_RAD):
             break
     return best
 
 
-def _directions(chain: Chain, q: Array, turning: Array, T_tip_face: Array) -> int:
+def _upright_dimensions(chain: Chain, q: Array, turning: Array, T_tip_face: Array) -> int:
     """Dimensions of the velocities of the face's origin at q (dof,) that do not turn its normal."""
     _, sizes, V = np.linalg.svd(turning)
-    still = V[np.append(sizes, np.zeros(len(V) - len(sizes))) <= _LENGTHS]
+    still = V[np.append(sizes, np.zeros(len(V) - len(sizes))) <= _STILL_M_PER_UNIT]
     moved = chain.jacobian(q, T_tip_face)[:3] @ still.T
-    return int(np.linalg.matrix_rank(moved, tol=_LENGTHS))
+    return int(np.linalg.matrix_rank(moved, tol=_STILL_M_PER_UNIT))

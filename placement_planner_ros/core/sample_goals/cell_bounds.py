@@ -19,7 +19,7 @@ from placement_planner_ros.core.types import Array
 
 Mask = npt.NDArray[np.bool_]
 
-_REACH_SLACK = 1e-3
+_REACH_SLACK_M = 1e-3
 """m, more than inverse kinematics leaves open."""
 
 
@@ -27,6 +27,7 @@ class _Reach:
     """Whether any arm is long enough: how far its wrist gets from its shoulder is bounded."""
 
     def __init__(self, body: Body, holdings: Iterable[Holding]) -> None:
+        # Each arm's bound, with its wrist in the frame of the object.
         bounds, in_object = [], []
         for holding in holdings:
             bound = ReachBound.of(holding.chain)
@@ -35,13 +36,14 @@ class _Reach:
         wrists = np.array(in_object).reshape(-1, 3)
         self._shoulders = np.array([bound.shoulder for bound in bounds]).reshape(-1, 3)
         self._lengths = np.array([bound.length for bound in bounds])
+        # The wrists in the frame of each face.
         self._wrists = np.array(
             [wrists @ f.T_face_object.rotation.T + f.T_face_object.translation for f in body.faces]
         ).reshape(len(body.faces), len(wrists), 3)
 
     def out_of_reach(self, placed: PlacedCells) -> Mask:
         """(n,) cells at none of whose poses any wrist is where its arm can bring it."""
-        return np.asarray((self.beyond(placed) > _REACH_SLACK).all(axis=1))
+        return np.asarray((self.beyond(placed) > _REACH_SLACK_M).all(axis=1))
 
     def beyond(self, placed: PlacedCells) -> Array:
         """(n, holdings) m, how far beyond its arm's length each wrist is at all poses at least."""

@@ -15,17 +15,17 @@ from placement_planner_ros.core.objective.objective import (
     BoundedObjective,
     EstimatedObjective,
     Objective,
-    evaluate,
     evaluate_batch,
+    evaluate_objective,
     values_above,
 )
 from placement_planner_ros.core.sample_goals.rejections import RejectedPose, Rejections
 from placement_planner_ros.core.search.sampler import Draws, Outcome
 from placement_planner_ros.core.types import Array, Goal, Slope, Verdict
 
-_BELOW_ALL = -1e9
+_BELOW_ALL_VALUES = -1e9
 """ξ that poses count as which lack what is required, less by what they lack."""
-_ATTEMPTS = 2
+_TRIED_CONFIGURATIONS = 2
 """Configurations at most whose approach and retreat are tried at one pose."""
 
 
@@ -79,19 +79,23 @@ class GoalFinder:
         self, draws: Draws, best: float, goals: int, should_stop: Callable[[], bool]
     ) -> Outcome:
         """Each up to its first constraint that fails; the cheap ones of all draws together."""
+        # Cheap constraints of all draws at once.
         lacking = np.zeros(len(draws.face))
         verdicts, T = self._poses.verdicts(
             draws.face, draws.contact, draws.angle, draws.slope, lacking
         )
-        values = np.where(lacking > 0.0, _BELOW_ALL - lacking, -np.inf)
+        values = np.where(lacking > 0.0, _BELOW_ALL_VALUES - lacking, -np.inf)
         free = np.flatnonzero(verdicts == Verdict.FEASIBLE)
         remembering = best == -np.inf
+        # Poses refused before anything is found are remembered.
         if remembering:
             heights = draws.contact[:, 2] - (draws.contact[:, :2] * draws.slope).sum(axis=1)
             self.rejections.remember(verdicts, draws.face, T, heights, draws.slope)
+        # ξ of those that pass.
         if len(free):
             values[free] = self._values(T[free], best)
             verdicts[free] = Verdict.NOT_BETTER
+        # Those that would be better are to be reached, one at a time.
         found: list[Goal] = []
         for row in free[values[free] > best]:
             if should_stop():
@@ -119,6 +123,7 @@ class GoalFinder:
 
     def _values(self, T: Array, best: float) -> Array:
         """(n,) ξ of the poses (n, 4, 4); only estimated where that shows it is not above `best`."""
+        # By bounds, by values, or by estimates with their error.
         if self._bounded is not None:
             return values_above(self._bounded, T, best)
         if self._estimates is None:
@@ -139,11 +144,12 @@ class GoalFinder:
         for row in range(len(draws.face)):
             if should_stop():
                 break
+            # Every check, whatever the others say.
             face, contact = int(draws.face[row]), draws.contact[row]
             height, slope = _contact_plane(draws, row)
             x = placement_pose(self._body.faces[face], contact, float(draws.angle[row]), slope)
             verdict = self._poses.verdict(x, face, height, slope)
-            value = evaluate(self._objective, x)
+            value = evaluate_objective(self._objective, x)
             goal = self._reach_any(
                 draws,
                 row,
@@ -158,6 +164,7 @@ class GoalFinder:
             arm_free = isinstance(goal, Goal) or goal > Verdict.ARM_COLLIDING
             stable = self._poses.stable(x, face, slope)
             free = self._poses.free(x, height, slope=slope)
+            # The first that fails gives the verdict.
             if verdict is Verdict.FEASIBLE and not value > best:
                 verdict = Verdict.NOT_BETTER
             if verdict is Verdict.FEASIBLE and isinstance(goal, Verdict):
@@ -185,6 +192,7 @@ class GoalFinder:
         remembering: bool = False,
     ) -> Goal | Verdict:
         """A goal with the arm and grasp drawn, or where none was drawn, with the first that can."""
+        # The arm and grasp that were drawn, or all in random order.
         wanted = Wanted(int(draws.face[row]), x, *_contact_plane(draws, row), value)
         if draws.arm[row] >= 0:
             candidates = [self._first[draws.arm[row]] + int(draws.grasp[row])]
@@ -211,9 +219,11 @@ class GoalFinder:
     ) -> Iterator[tuple[Wanted, Goal | Verdict]]:
         """The pose, and what becomes of it; where the arm says how the object is turned, the poses
         that it can give it at that place."""
+        # An arm that can turn the object as asked.
         if holding.any_turn is None:
             yield wanted, self._reach_goal(holding, wanted, hand_first)
             return
+        # Places for the others, with the turns that the arm can give.
         T_face_object = self._body.faces[wanted.face].T_face_object
         places = holding.any_turn.placed(
             wanted.x,
@@ -225,6 +235,7 @@ class GoalFinder:
         )
         if not places:
             yield wanted, Verdict.NO_IK
+        # A pose turned otherwise is judged anew.
         for x, Q in places:
             turned = wanted if x is wanted.x else wanted._replace(x=x)
             verdict = Verdict.FEASIBLE
@@ -240,7 +251,7 @@ class GoalFinder:
         verdict = self._poses.verdict(pose.x, pose.face, pose.contact_height, pose.slope)
         if verdict is not Verdict.FEASIBLE:
             return pose, verdict
-        pose = pose._replace(value=evaluate(self._objective, pose.x))
+        pose = pose._replace(value=evaluate_objective(self._objective, pose.x))
         return pose, Verdict.FEASIBLE if pose.value > best else Verdict.NOT_BETTER
 
     def _reach_goal(self, holding: Holding, wanted: Wanted, hand_first: bool) -> Goal | Verdict:
@@ -249,6 +260,7 @@ class GoalFinder:
 
     def _placed(self, holding: Holding, wanted: Wanted, Q: Array) -> Goal | Verdict:
         """The goal at one of the configurations Q (k, dof) that reach it, free at contact."""
+        # One configuration after the other, up to a few.
         furthest, attempts = Verdict.ARM_COLLIDING, 0
         for q in Q:
             motion = holding.placing_motion(
@@ -268,7 +280,7 @@ class GoalFinder:
                 )
             furthest = max(furthest, motion)
             attempts += motion > Verdict.NO_RELEASE
-            if attempts == _ATTEMPTS:
+            if attempts == _TRIED_CONFIGURATIONS:
                 break
         return furthest
 

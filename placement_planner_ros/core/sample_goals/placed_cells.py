@@ -4,7 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from placement_planner_ros.core.search.cell_layout import ANGLE, FACE, SLOPE, X, Y, Z, contacts
+from placement_planner_ros.core.search.cell_layout import (
+    ANGLE,
+    FACE,
+    SLOPE,
+    X,
+    Y,
+    Z,
+    contact_points,
+)
 from placement_planner_ros.core.types import Array, upright
 
 
@@ -18,13 +26,15 @@ class PlacedCells:
 
     def __init__(self, cells: Array) -> None:
         self.face = cells[:, FACE].astype(np.int64)
+        # The middle of each cell, and how far its points are from there.
         self.half = 0.5 * np.column_stack(
             [cells[:, X + 1] - cells[:, X], cells[:, Y + 1] - cells[:, Y]]
         )
         middle = np.column_stack([cells[:, X], cells[:, Y]]) + self.half
-        self.contact = contacts(cells, middle)
+        self.contact = contact_points(cells, middle)
         self.height = cells[:, Z]
         self.slope = cells[:, [SLOPE, SLOPE + 1]]
+        # The object's turn in the middle of the range, on the plane's slope.
         angle = 0.5 * (cells[:, ANGLE] + cells[:, ANGLE + 1])
         self.half_turn = np.minimum(0.5 * (cells[:, ANGLE + 1] - cells[:, ANGLE]), np.pi)
         cos, sin = np.cos(angle), np.sin(angle)
@@ -36,6 +46,7 @@ class PlacedCells:
             self._turned = upright(self.slope) @ self._turned
         # how far a point at distance 1 from the normal through c is from its middle at most
         self.turn = 2.0 * np.sin(0.5 * self.half_turn)
+        # How much the plane rises over half a cell, and how steep it is.
         self.rise = (np.abs(self.slope) * self.half).sum(axis=1)
         rises = np.hypot(self.slope[:, 0], self.slope[:, 1])
         self.steep = rises / np.sqrt(1.0 + rises * rises)

@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from placement_planner_ros.core.types import LEVEL, Array, Slope, Verdict
 
-_POSES = 32
+_REMEMBERED_POSES = 32
 """Poses remembered of each verdict, the newest."""
 
 
@@ -46,7 +46,7 @@ class Rejections:
             (holdings, faces, len(Verdict)), dtype=np.int64
         )
         self.poses: dict[Verdict, deque[RejectedPose]] = {
-            verdict: deque(maxlen=_POSES) for verdict in Verdict
+            verdict: deque(maxlen=_REMEMBERED_POSES) for verdict in Verdict
         }
 
     def by_name(self, names: Sequence[str]) -> dict[str, npt.NDArray[np.int64]]:

@@ -10,7 +10,7 @@ from placement_planner_ros.core.objective.terms import SlowTerm
 from placement_planner_ros.core.sample_goals.placed_cells import PlacedCells
 from placement_planner_ros.core.types import Array
 
-_ROUNDING = 1e-6
+_TERM_ROUNDING = 1e-6
 """More than arithmetic is off by, in a term's unit."""
 
 
@@ -31,7 +31,7 @@ class RequiredBound:
         """(n,) cells at all of whose poses one of them is too low."""
         result = np.zeros(len(placed.face), np.bool_)
         for name, most in self.most(placed).items():
-            result |= most < self.at_least[name] - _ROUNDING
+            result |= most < self.at_least[name] - _TERM_ROUNDING
         return result
 
     @property

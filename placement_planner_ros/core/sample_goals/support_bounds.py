@@ -20,9 +20,9 @@ from placement_planner_ros.core.types import Array, TargetVolume
 Mask = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.int64]
 
-_ROUNDING = 1e-6
+_ROUNDING_M = 1e-6
 """m, more than arithmetic is off by, and than surfaces reach beyond their edges."""
-_SAME_HEIGHT = 1e-3
+_SAME_HEIGHT_M = 1e-3
 """m: surfaces for contact heights closer together than this are looked up in one table."""
 
 
@@ -47,9 +47,9 @@ class SupportBound:
         """(n,) cells at all of whose poses support is lacking, or the centre of mass beside V."""
         centers = self._centers[placed.face]
         middle = placed.middles(centers)[:, 0, :2]
-        within = placed.half + placed.strays(centers) + _ROUNDING
-        heights = placed.contact[:, 2], placed.rise + _ROUNDING
-        outside = _beside(self._volume, middle, within, *heights)
+        within = placed.half + placed.strays(centers) + _ROUNDING_M
+        heights = placed.contact[:, 2], placed.rise + _ROUNDING_M
+        outside = _beside_volume(self._volume, middle, within, *heights)
         return np.asarray(self._rule.lacks(placed) | outside)
 
 
@@ -64,6 +64,7 @@ class _Vertices:
 
     def __init__(self, poses: PoseConstraints, columns: _Columns) -> None:
         self._columns = columns
+        # The corners of each face about the contact point.
         feet = []
         for face in poses.problem.body.faces:
             T = face.T_face_object
@@ -78,7 +79,7 @@ class _Vertices:
     def lacks(self, placed: PlacedCells) -> Mask:
         feet = self._contacts[placed.face]
         middles = placed.middles(feet)[..., :2]
-        within = placed.half[:, None] + placed.strays(feet)[..., None] + _ROUNDING
+        within = placed.half[:, None] + placed.strays(feet)[..., None] + _ROUNDING_M
         found = self._columns.within(placed, middles - within, middles + within)
         return np.asarray((found == 0).any(axis=1))
 
@@ -92,18 +93,20 @@ class _Polygon:
         self._columns = columns
 
     def lacks(self, placed: PlacedCells) -> Mask:
+        # Squares that must hold support: to each side of the centre of mass.
         shift, inside = self._support.least_inside(placed.face, placed.slope)
-        radius = self._support.radii[placed.face, None] + _ROUNDING
+        radius = self._support.radii[placed.face, None] + _ROUNDING_M
         foot = placed.contact[:, :2]
         low, high = foot - placed.half, foot + placed.half
         lowest, highest = (
             np.stack([low - radius] * 4, axis=1),
             np.stack([high + radius] * 4, axis=1),
         )
-        keeps = inside[:, None] - _ROUNDING
+        keeps = inside[:, None] - _ROUNDING_M
         for axis in range(2):
             lowest[:, 2 * axis, axis] = (low + shift + keeps)[:, axis]
             highest[:, 2 * axis + 1, axis] = (high + shift - keeps)[:, axis]
+        # Some of them holds none.
         found = self._columns.within(placed, lowest, highest)
         return np.asarray((found == 0).any(axis=1))
 
@@ -117,16 +120,18 @@ class _Columns:
     def __init__(self, poses: PoseConstraints, margin: float | None) -> None:
         body, environment = poses.problem.body, poses.problem.environment
         volume, support = poses.problem.volume, environment.support
+        # Columns of the map around V.
         size = float(np.linalg.norm(np.ptp(body.vertices, axis=0)))
         corners = np.array([volume.lower[:2] - size, volume.upper[:2] + size])
-        first, last = _columns(support, corners)
+        first, last = _map_columns(support, corners)
         self._origin = support.origin[:2] + first * support.cell_size
         self._cell_size = support.cell_size
         self._shape = np.maximum(last - first + 1, 0)
         self._tables = {}
+        # A table for each slope of a region.
         for slope in {region.slope for region in poses.regions}:
             heights = np.array([r.z for r in poses.regions if r.slope == slope])
-            levels = np.unique(np.round(heights / _SAME_HEIGHT))
+            levels = np.unique(np.round(heights / _SAME_HEIGHT_M))
             tolerance = poses.footing.contact_tolerance
             sums = self._summed(environment.support_of(slope), levels, first, tolerance, margin)
             self._tables[slope] = levels, sums
@@ -140,40 +145,47 @@ class _Columns:
         margin: float | None,
     ) -> Array:
         """(levels, nx + 1, ny + 1) columns with a roomy surface at that height, summed up."""
-        off = 0.51 * _SAME_HEIGHT
+        off = 0.51 * _SAME_HEIGHT_M
+        # Surfaces of the columns in question.
         column = np.repeat(np.arange(len(support.start) - 1), np.diff(support.start))
         i, j = np.array(np.divmod(column, support.columns[1])) - first[:, None]
         nx, ny = self._shape
         near = (i >= 0) & (i < nx) & (j >= 0) & (j < ny)
         i, j = i[near], j[near]
         sums = np.zeros((len(levels), nx + 1, ny + 1), dtype=np.int32)
+        # Mark columns with a surface at that height, and sum them up.
         for table, level in zip(sums, levels, strict=True):
-            at = support.roomy(level * _SAME_HEIGHT, tolerance, margin, off)[near]
+            at = support.roomy(level * _SAME_HEIGHT_M, tolerance, margin, off)[near]
             table[i[at] + 1, j[at] + 1] = 1
         return np.asarray(sums.cumsum(axis=1, dtype=np.int32).cumsum(axis=2, dtype=np.int32))
 
     def within(self, placed: PlacedCells, lowest: Array, highest: Array) -> Index:
         """(n, m) how many there are at the height of each cell from corners to corners (n, m, 2);
         none where the first lie beyond the second."""
+        # Columns of both corners, within the table.
         low = np.floor((lowest - self._origin) / self._cell_size).astype(np.int64)
         high = np.floor((highest - self._origin) / self._cell_size).astype(np.int64) + 1
         low, high = np.clip(low, 0, self._shape), np.clip(high, 0, self._shape)
         high = np.maximum(low, high)
         i0, j0, i1, j1 = low[..., 0], low[..., 1], high[..., 0], high[..., 1]
         found = np.zeros(i0.shape, dtype=np.int64)
+        # The number in a rectangle, by four sums.
         for slope, (levels, sums) in self._tables.items():
             of = (placed.slope == slope).all(axis=1)
-            level = np.searchsorted(levels, np.round(placed.height[of] / _SAME_HEIGHT))[:, None]
+            level = np.searchsorted(levels, np.round(placed.height[of] / _SAME_HEIGHT_M))[:, None]
             a, b, c, d = i0[of], j0[of], i1[of], j1[of]
             found[of] = sums[level, c, d] - sums[level, a, d] - sums[level, c, b]
             found[of] += sums[level, a, b]
         return found
 
 
-def _beside(volume: TargetVolume, middle: Array, within: Array, height: Array, rise: Array) -> Mask:
+def _beside_volume(
+    volume: TargetVolume, middle: Array, within: Array, height: Array, rise: Array
+) -> Mask:
     """(n,) whether no point within a square of half sides (n, 2), and within a rise (n,) of a
     height (n,), lies in V."""
     beside = np.ones(len(middle), np.bool_)
+    # Beside or above or below every box of V.
     for lower, upper in volume.joined:
         away = (middle + within < lower[:2]) | (middle - within > upper[:2])
         apart = (height + rise < lower[2]) | (height - rise > upper[2])
@@ -181,7 +193,7 @@ def _beside(volume: TargetVolume, middle: Array, within: Array, height: Array, r
     return beside
 
 
-def _columns(support: SupportMap, corners: Array) -> tuple[Index, Index]:
+def _map_columns(support: SupportMap, corners: Array) -> tuple[Index, Index]:
     """First and last column (i, j) of the map between two corners (2, 2)."""
     at = np.floor((corners - support.origin[:2]) / support.cell_size).astype(np.int64)
     first, last = np.clip(at, 0, np.array(support.columns) - 1)

@@ -129,6 +129,7 @@ class AfrHierarchy:
         if node.region is None:
             return AfrNode(node.arm, node.grasp, node.face, *self.pose_sets[node.face][index])
         pieces = self._pieces(node)
+        # Which part of the region, and which interval of the angle.
         part, piece = divmod(index, pieces)
         length = (node.angle_max - node.angle_min) / pieces
         return AfrNode(

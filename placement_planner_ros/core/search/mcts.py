@@ -100,6 +100,7 @@ class MctsSampler(BatchSampler):
     def _draw(self, most: int, best: float) -> Draws:
         """A pose from each node that Algorithm 3 selects for the batch."""
         self._selected = []
+        # Select and hold nodes, so that the next ones differ.
         for _ in range(min(most, self._budget.batch)):
             self._selected.append(self.tree.select())
             self.tree.hold(self._selected[-1])
@@ -116,6 +117,7 @@ class MctsSampler(BatchSampler):
 
     def _learn(self, outcome: Outcome, best: float) -> None:
         """Update: Δr of each sample, to its node and the ancestors."""
+        # Take back what was held, and add the rewards.
         for node in self._selected:
             self.tree.release(node)
         samples = zip(outcome.verdicts.tolist(), outcome.values.tolist(), strict=True)

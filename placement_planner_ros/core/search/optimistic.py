@@ -17,17 +17,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from placement_planner_ros.core.search.cell_layout import (
-    COLUMNS,
+    CELL_COLUMNS,
     FACE,
     LOWER,
     PARTS,
     SLOPE,
     UPPER,
     Z,
-    areas,
-    contacts,
-    extent,
-    halved,
+    contact_areas,
+    contact_points,
+    halved_cells,
+    region_extent,
 )
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy
 from placement_planner_ros.core.search.pruning import CellBounds, Ruling
@@ -43,19 +43,19 @@ from placement_planner_ros.core.search.uniform import UniformPoses
 from placement_planner_ros.core.settings import setting
 from placement_planner_ros.core.types import Array, Goal, Verdict
 
-_LOWEST = -1e300
+_LOWEST_VALUE = -1e300
 """Of values that are ranked."""
-_COARSE = 4
+_COARSE_CELLS = 4
 """A region's extent is cut into so many coarse cells along x and y."""
 _MAX_CELLS = 20_000
 """Cells of one scale that are remembered; beyond, the worse half is forgotten. Of those with a goal
 as many are, and the worst is."""
 
 _UNREACHED = 1
-_CLASS = np.array(
+_VERDICT_CLASS = np.array(
     [3 if v <= Verdict.UNSTABLE else 2 if v is Verdict.COLLIDING else _UNREACHED for v in Verdict]
 )  # of a cell by its sample's verdict: what is free comes first, what cannot be reached after it
-_CLASS[[Verdict.BREAKS_RULE, Verdict.NOT_BETTER, Verdict.FEASIBLE]] = 0
+_VERDICT_CLASS[[Verdict.BREAKS_RULE, Verdict.NOT_BETTER, Verdict.FEASIBLE]] = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,9 +104,11 @@ class OptimisticSampler(BatchSampler):
         self._bounds = bounds if settings.prune else None
         self._rng = rng
         self._uniform = UniformPoses(hierarchy, rng, settings.even_share)
-        self._extents = np.array([extent(region) for region in hierarchy.regions])
+        self._extents = np.array([region_extent(region) for region in hierarchy.regions])
         self._heights = np.array([region.z for region in hierarchy.regions])
-        self._steps = np.array([_COARSE, _COARSE, hierarchy.settings.angle_intervals**2])
+        self._steps = np.array(
+            [_COARSE_CELLS, _COARSE_CELLS, hierarchy.settings.angle_intervals**2]
+        )
         self._min_area = hierarchy.settings.min_area
         # per depth, a heap of (class, rank, number, cell): the least is split next
         self._levels: list[list[tuple[int, float, int, Array]]] = [[]]
@@ -120,7 +122,7 @@ class OptimisticSampler(BatchSampler):
         # (ξ, number, depth, cell)
         self._with_goal: list[tuple[float, int, int, Array]] = []
         # what is left of the round: cells, their depths, and the poses (x, y, θ) drawn from them
-        self._cells = np.empty((0, COLUMNS))
+        self._cells = np.empty((0, CELL_COLUMNS))
         self._depths = np.empty(0, dtype=np.int64)
         self._poses = np.empty((0, 3))
 
@@ -134,6 +136,7 @@ class OptimisticSampler(BatchSampler):
 
     def _draw(self, most: int, best: float) -> Draws:
         """The next poses of the round, at most so many; of a new round where it is over."""
+        # A new round, with parts of cells once it is known what is good.
         if len(self._depths) == 0:
             graded = self.count.samples >= self._settings.uniform_first
             self._begin_round(graded and (best > -np.inf or self._lacking), best)
@@ -143,7 +146,7 @@ class OptimisticSampler(BatchSampler):
             undecided,
             undecided,
             cells[:, FACE].astype(np.int64),
-            contacts(cells, poses[:, :2]),
+            contact_points(cells, poses[:, :2]),
             poses[:, 2],
             cells[:, [SLOPE, SLOPE + 1]],
         )
@@ -161,6 +164,7 @@ class OptimisticSampler(BatchSampler):
 
     def _begin_round(self, refine: bool, best: float = -np.inf) -> None:
         """Draw poses to be checked; each grades the cell it was drawn from."""
+        # Parts of the best cells, and uniform poses beside them.
         share = self._settings.uniform_share
         parts = [self._open_parts(best)] if refine else []
         finer = sum(len(cells) for cells, _ in parts)
@@ -169,6 +173,7 @@ class OptimisticSampler(BatchSampler):
         parts.append((coarse, np.zeros(len(coarse), dtype=np.int64)))
         self._cells = np.concatenate([cells for cells, _ in parts])
         self._depths = np.concatenate([depths for _, depths in parts])
+        # A pose at random in each part; the uniform poses are those drawn.
         low, high = self._cells[:, LOWER], self._cells[:, UPPER]
         self._poses = low + self._rng.random((len(low), 3)) * (high - low)
         self._poses[finer:] = drawn
@@ -176,15 +181,17 @@ class OptimisticSampler(BatchSampler):
 
     def _graded(self, count: int) -> tuple[Array, Array]:
         """Coarse cells (n, 10) of n uniform poses, and these (n, 3) as x, y, θ."""
+        # Uniform poses, and the extent of the pose set that each is from.
         drawn = self._uniform.draw(count)
         regions = drawn.region
         poses = np.column_stack([drawn.contact[:, :2], drawn.angle])
         low, high = np.empty((count, 3)), np.empty((count, 3))
         low[:, :2], high[:, :2] = self._extents[regions, ::2], self._extents[regions, 1::2]
         low[:, 2], high[:, 2] = drawn.low, drawn.high
+        # The coarse cell that the pose lies in.
         size = (high - low) / self._steps
         place = np.clip(np.floor((poses - low) / size), 0, self._steps - 1)
-        cells = np.empty((count, COLUMNS))
+        cells = np.empty((count, CELL_COLUMNS))
         cells[:, FACE] = drawn.face
         cells[:, Z] = self._heights[regions]
         cells[:, [SLOPE, SLOPE + 1]] = self._uniform.slopes[regions]
@@ -194,10 +201,11 @@ class OptimisticSampler(BatchSampler):
 
     def _remember(self, outcome: Outcome, cells: Array, depths: Index) -> None:
         """File the cells under their depth by what their sample was, leaves left out."""
-        kinds = _CLASS[outcome.verdicts]
-        worth = np.maximum(outcome.values, _LOWEST)
+        # Classes of the verdicts; within the best class by ξ, else by chance.
+        kinds = _VERDICT_CLASS[outcome.verdicts]
+        worth = np.maximum(outcome.values, _LOWEST_VALUE)
         ranks = np.where(kinds == 0, -worth, self._rng.random(len(cells)))
-        kept = areas(cells) > self._min_area
+        kept = contact_areas(cells) > self._min_area
         found = outcome.verdicts == Verdict.FEASIBLE
         # the cells are copied one by one: a view would keep the whole round in memory
         for k in np.flatnonzero(kept & found).tolist():
@@ -233,7 +241,7 @@ class OptimisticSampler(BatchSampler):
         Where the cell's sample was free of collision nothing is known to rule parts out.
         """
         cells, depths, kinds = self._split_best(best)
-        parts, depths = halved(cells), np.repeat(depths + 1, PARTS)
+        parts, depths = halved_cells(cells), np.repeat(depths + 1, PARTS)
         doubtful = np.repeat(kinds > 0, PARTS)
         if self._bounds is None or not doubtful.any():
             return parts, depths
@@ -246,6 +254,7 @@ class OptimisticSampler(BatchSampler):
         depth whose turn it is, one whose sample was better but not reached, if there is any."""
         cells, depths, kinds = [], [], []
         turn = next(self._turns) % len(self._levels)
+        # The best cell of each depth; coarse cells only once.
         for depth, level in enumerate(self._levels):
             unreached = self._next_unreached(depth, best) if depth == turn else None
             if unreached is not None:
@@ -268,7 +277,7 @@ class OptimisticSampler(BatchSampler):
             self._levels.append([])
             self._unreached.append([])
         return (
-            np.array(cells).reshape(-1, COLUMNS),
+            np.array(cells).reshape(-1, CELL_COLUMNS),
             np.array(depths, dtype=np.int64),
             np.array(kinds, dtype=np.int64),
         )

@@ -8,13 +8,18 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from placement_planner_ros.core.search.cell_layout import ANGLE, areas, halved, whole_cells
+from placement_planner_ros.core.search.cell_layout import (
+    ANGLE,
+    contact_areas,
+    halved_cells,
+    whole_cells,
+)
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy
 from placement_planner_ros.core.types import Array
 
-_AT_ONCE = 8
+_CELLS_AT_ONCE = 8
 """Cells that are judged together: enough to make use of arrays, few enough to go deep first."""
-_ROUNDS = 500
+_JUDGING_ROUNDS = 500
 """Rounds of judging in one call at most, some 0.1 s."""
 
 
@@ -72,21 +77,23 @@ class Remainder:
 
     def empty(self) -> bool:
         """Whether there is no goal; False as long as that is not proven."""
-        for _ in range(_ROUNDS):
+        for _ in range(_JUDGING_ROUNDS):
             if self._found:
                 return False
             if not self._open:
                 return True
-            cells = np.array(self._open[-_AT_ONCE:])
-            del self._open[-_AT_ONCE:]
+            # Judge some cells, the deepest first.
+            cells = np.array(self._open[-_CELLS_AT_ONCE:])
+            del self._open[-_CELLS_AT_ONCE:]
             rulings = self._bounds.rulings(cells)
             self.rulings |= {Ruling(r) for r in rulings if r != Ruling.OPEN}
             cells = cells[rulings == Ruling.OPEN]
+            # A leaf that is still open may hold a goal; other cells are halved.
             angles = cells[:, ANGLE + 1] - cells[:, ANGLE]
             self._found = bool(
-                ((areas(cells) <= self._min_area) & (angles <= self._min_angle)).any()
+                ((contact_areas(cells) <= self._min_area) & (angles <= self._min_angle)).any()
             )
-            self._open += list(halved(cells))
+            self._open += list(halved_cells(cells))
         return False
 
     @property

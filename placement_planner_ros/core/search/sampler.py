@@ -110,6 +110,7 @@ class SampleCount:
 
     def add(self, verdicts: npt.ArrayLike, faces: npt.ArrayLike = 0) -> None:
         """Count samples with these verdicts, of these faces."""
+        # Count by face and verdict in one go.
         cells = np.atleast_1d(np.multiply(faces, len(Verdict)) + verdicts)
         counts = np.bincount(cells.astype(np.int64, copy=False), minlength=self.by_face.size)
         if len(counts) > self.by_face.size:  # a face that was not seen before
@@ -148,6 +149,7 @@ class BatchSampler(ABC):
         goals: list[Goal] = []
         left, wanted = self._budget.samples_per_call, self._budget.goals_per_call
         while left > 0 and len(goals) < wanted and not should_stop():
+            # A batch: draw, check, learn.
             draws = self._draw(left, best)
             outcome = self._check(draws, best, wanted - len(goals), should_stop)
             self._learn(outcome, best)

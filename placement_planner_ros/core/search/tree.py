@@ -18,41 +18,45 @@ from placement_planner_ros.core.types import Array
 
 N = TypeVar("N")
 
-_SAMPLE = 0  # the descent ends here: sample this node
-_ADD = 1  # the descent ends here: add a child to this node
-_UNKNOWN = -1  # the number of children is not known yet
+_UNKNOWN = -1
+"""The number of children is not known yet."""
 
 
 @kernel(lean=True)
-def _descend(
+def _descend_tree(
     node: int,
     depth: int,
     min_depth: int,
     c: float,
     may_add: bool,
-    first_child: np.ndarray,
-    next_sibling: np.ndarray,
-    added: np.ndarray,
-    total: np.ndarray,
-    visits: np.ndarray,
-    rewards: np.ndarray,
-) -> tuple[int, int, int]:
+    links: tuple[np.ndarray, np.ndarray],
+    children: tuple[np.ndarray, np.ndarray],
+    counts: tuple[np.ndarray, np.ndarray],
+) -> tuple[int, int, bool]:
     """Follow SelectChild (Algorithm 3) from `node` until one is to be sampled or a child added.
 
     UCB1: the child with the greatest r(n)/v(n) + c sqrt(2 ln v(parent) / v(n)). A child that is not
     in the tree yet counts as one with the mean of the j that are, and j visits.
 
+    Args:
+        links: first child and next sibling of each node, -1 without one.
+        children: how many of its children are in the tree, and how many it has.
+        counts: v and r.
+
     Returns:
-        the node, its depth, and `_SAMPLE` or `_ADD`.
+        the node, its depth, and whether a child is to be added to it.
     """
+    first_child, next_sibling = links
+    added, total = children
+    visits, rewards = counts
     while True:
         # A new node is sampled before it is descended, and so is a leaf.
         if depth >= min_depth and (visits[node] == 0 or total[node] == 0):
-            return node, depth, _SAMPLE
+            return node, depth, False
         if total[node] == _UNKNOWN or added[node] == 0:
             if depth >= min_depth and not may_add:
-                return node, depth, _SAMPLE
-            return node, depth, _ADD
+                return node, depth, False
+            return node, depth, True
         # UCB1 of the children in the tree.
         log_visits = np.log(visits[node])
         best, best_child, mean_sum = -np.inf, -1, 0.0
@@ -62,6 +66,7 @@ def _descend(
                 best, best_child = np.inf, child
                 child = next_sibling[child]
                 continue
+            # Mean reward, and the width of its confidence bound.
             mean = rewards[child] / visits[child]
             u = mean + c * np.sqrt(2.0 * log_visits / visits[child])
             mean_sum += mean
@@ -73,13 +78,14 @@ def _descend(
             j = added[node]
             u_new = mean_sum / j + c * np.sqrt(2.0 * log_visits / j)
             if u_new > best:
-                return node, depth, _ADD
+                return node, depth, True
+        # Down to the best child.
         node = best_child
         depth += 1
 
 
 @kernel(lean=True)
-def _propagate(
+def _propagate_reward(
     node: int,
     visit: int,
     reward: float,
@@ -88,6 +94,7 @@ def _propagate(
     rewards: np.ndarray,
 ) -> None:
     """Add to v and r of a node and of all above it."""
+    # From the node up to the root.
     while node >= 0:
         visits[node] += visit
         rewards[node] += reward
@@ -187,20 +194,17 @@ class SearchTree(Generic[N]):
         """
         node, depth = 0, 0
         while True:
-            node, depth, action = _descend(
+            node, depth, add = _descend_tree(
                 node,
                 depth,
                 self._min_depth,
                 self._exploration,
                 len(self._payload) < self._max_nodes,
-                self._first_child,
-                self._next_sibling,
-                self._added,
-                self._total,
-                self._visits,
-                self._rewards,
+                (self._first_child, self._next_sibling),
+                (self._added, self._total),
+                (self._visits, self._rewards),
             )
-            if action == _SAMPLE:
+            if not add:
                 return node
             if self.is_leaf(node):
                 if depth < self._min_depth:
@@ -214,11 +218,11 @@ class SearchTree(Generic[N]):
 
     def hold(self, node: int) -> None:
         """Count a visit whose reward is not known yet, as if it were 0, until `release`."""
-        _propagate(node, 1, 0.0, self._parent, self._visits, self._rewards)
+        _propagate_reward(node, 1, 0.0, self._parent, self._visits, self._rewards)
 
     def release(self, node: int) -> None:
         """Take back what `hold` counted."""
-        _propagate(node, -1, 0.0, self._parent, self._visits, self._rewards)
+        _propagate_reward(node, -1, 0.0, self._parent, self._visits, self._rewards)
 
     def update(self, node: int, reward: float, value: float, demoted: float) -> None:
         """Update: one more sample of `node`, propagated to its ancestors.
@@ -230,7 +234,7 @@ class SearchTree(Generic[N]):
         """
         if value <= self._threshold:
             value = -np.inf
-        _propagate(node, 1, reward, self._parent, self._visits, self._rewards)
+        _propagate_reward(node, 1, reward, self._parent, self._visits, self._rewards)
         if value > -np.inf and reward != demoted:
             record = (value, next(self._record_count), node, demoted - reward)
             heapq.heappush(self._records, record)
@@ -244,7 +248,7 @@ class SearchTree(Generic[N]):
             self._demote(heapq.heappop(self._records))
 
     def _demote(self, record: tuple[float, int, int, float]) -> None:
-        _propagate(record[2], 0, record[3], self._parent, self._visits, self._rewards)
+        _propagate_reward(record[2], 0, record[3], self._parent, self._visits, self._rewards)
 
     def _add_child(self, node: int) -> int:
         waiting = self._waiting.get(node)

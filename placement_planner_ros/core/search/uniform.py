@@ -59,6 +59,7 @@ class UniformPoses:
         self._ranges = _RangesByPair(hierarchy) if hierarchy.restricted else None
         self._points = RegionPoints(hierarchy.regions)
         self.slopes = self._points.slopes
+        # Regions by their area, or with an even share; none where no face may be placed.
         areas = np.array([region.area for region in hierarchy.regions])
         even = np.full(len(areas), 1.0 / max(len(areas), 1))
         if self._ranges is not None:
@@ -85,6 +86,7 @@ class _RangesByPair:
     """
 
     def __init__(self, hierarchy: AfrHierarchy) -> None:
+        # Ranges of each pair of region and face.
         number = {region: k for k, region in enumerate(hierarchy.regions)}
         ranges: dict[tuple[int, int], list[tuple[float, float]]] = {}
         for face, sets in enumerate(hierarchy.pose_sets):
@@ -110,6 +112,7 @@ class _RangesByPair:
         self, regions: Index, contact: Array, face_share: Array, share: Array
     ) -> UniformDraws:
         """The faces and angles at shares (n,), in [0, 1), of those that regions (n,) allow."""
+        # The face by its share, and the range that the angle's share falls into.
         row = self._first[regions] + (face_share * self.faces_of[regions]).astype(np.int64)
         at = share * self._total[row]
         which = (self._before[row] <= at[:, None]).sum(axis=1) - 1

@@ -13,12 +13,12 @@ from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.scene.regions import Region
 from placement_planner_ros.core.scene.spans import Footprint, spans
-from placement_planner_ros.core.stability.coplanarity import LEANS
+from placement_planner_ros.core.stability.coplanarity import MAX_LEAN_SLOPE
 from placement_planner_ros.core.stability.protrusions import Protrusions
 from placement_planner_ros.core.stability.support_settings import SupportSettings
 from placement_planner_ros.core.types import Array, Slope, upright
 
-_FILLED = 0.5
+_FILLED_SHARE = 0.5
 """Share of the contact points below which what carries them in a noisy cloud may be thin bars."""
 TIPS = math.radians(5.0)
 """By so much, at least, an object can be tipped before it falls, from how it stands."""
@@ -40,6 +40,7 @@ class PolygonSupport:
         self.faces = tuple(face.over(body.center_of_mass) for face in body.faces)
         self.footing = footing
         self._problem = problem
+        # The centre of mass over each face, and the points that touch.
         centers = [face.T_face_object.act(body.center_of_mass) for face in self.faces]
         self.heights = np.array([center[2] for center in centers])
         self._contacts = [contact_points(body, face) for face in self.faces]
@@ -78,6 +79,7 @@ class PolygonSupport:
         truly carries lies within so much of each, where the object touches, too, and the hull is
         shrunk by as much more.
         """
+        # The points that span the contact, then all, then those with room around.
         added = self._problem.environment.support_of(slope).trim
         looks = [(self._spread, 0.0), (self._others, 0.0)]
         if added > 0.0:
@@ -106,12 +108,14 @@ class PolygonSupport:
             points: (k, 2) of each face.
             added: m that surfaces may reach beyond their true ends, and are taken to.
         """
+        # Poses on one face together.
         widths, planes, noise = np.zeros(len(T)), np.zeros((len(T), 3)), np.zeros(len(T))
         for face in np.unique(faces):
             if len(points[face]):
                 on = np.flatnonzero(faces == face)
                 found = self._carried(points[face], T[on], int(face), slope, added)
                 widths[on], planes[on], noise[on] = found
+        # Those that carry, unless something under them lifts the object.
         firm = np.asarray(widths > 0.0)
         rows = np.flatnonzero(firm)
         if len(rows):
@@ -123,9 +127,10 @@ class PolygonSupport:
     def _carried(
         self, points: Array, T: Array, face: int, slope: Slope, added: float
     ) -> tuple[Array, Array, Array]:
-        """What `_firm` below says of poses on one face; (n,) m that heights may be off by."""
+        """What `_firm_support` says of poses on one face; (n,) m that heights may be off by."""
         environment = self._problem.environment
         inward = self.faces[face].T_face_object.inverse()
+        # The contact points at each pose, and how far the surface is above each.
         in_object = points @ inward.rotation[:, :2].T + inward.translation
         placed = in_object @ T[:, :3, :3].transpose(0, 2, 1) + T[:, None, :3, 3]
         support = environment.support_of(slope)
@@ -134,10 +139,10 @@ class PolygonSupport:
         ).reshape(len(T), -1)
         noise = np.full(len(T), support.height_noise)
         if added:  # thin bars are told by few points each
-            noise[np.isfinite(gaps).mean(axis=1) < _FILLED] = environment.measured.noise
+            noise[np.isfinite(gaps).mean(axis=1) < _FILLED_SHARE] = environment.measured.noise
         ups = np.ascontiguousarray(T[:, 2, :3] @ inward.rotation)
         margin, height = self.footing.support_margin, float(self.heights[face])
-        widths, planes = _firm(points, gaps, ups, height, margin, noise, added)
+        widths, planes = _firm_support(points, gaps, ups, height, margin, noise, added)
         return widths, planes, noise
 
     def least_inside(self, face: npt.NDArray[np.int64], slope: Array) -> tuple[Array, Array]:
@@ -151,6 +156,7 @@ class PolygonSupport:
             (n, 2) m from the reference point to where it lies along gravity; (n,) m at least that
             supported points reach beyond that in all directions, seen from above.
         """
+        # Gravity's lean shifts the foot; the margin, or what tipping takes on level ground.
         shift = self.heights[face, None] * upright(slope)[:, :2, 2]
         keeps = np.full(len(face), self.footing.support_margin)
         level = ~slope.any(axis=1)
@@ -159,7 +165,7 @@ class PolygonSupport:
 
 
 @kernel(nogil=True)
-def _firm(
+def _firm_support(
     points: Array,
     gaps: Array,
     ups: Array,
@@ -186,72 +192,84 @@ def _firm(
     widths, planes, plane = np.zeros(len(gaps)), np.zeros((len(gaps), 3)), np.zeros(3)
     hull = np.empty(2 * len(points) + 2, np.int64)
     carries = np.empty(len(points), np.bool_)
+    # Which points carry the object, if their plane does not lean too much.
     for n in range(len(gaps)):
-        if not _carrying(points, gaps[n], noise[n], carries, plane):
+        if not _carrying_points(points, gaps[n], noise[n], carries, plane):
             continue
-        corners = _hull(points, carries, hull)
+        corners = _convex_hull(points, carries, hull)
         if corners < 3:
             continue
         # from the foot of the centre of mass to the point under it along gravity
         under_x = -height * ups[n, 0] / ups[n, 2]
         under_y = -height * ups[n, 1] / ups[n, 2]
         firm = True
+        # Each side of the hull: its direction, and the one into the hull.
         for c in range(corners):
             a, b = hull[c], hull[(c + 1) % corners]
             along_x, along_y = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
             length = math.sqrt(along_x * along_x + along_y * along_y)
             in_x, in_y = -along_y / length, along_x / length
+            # How far the foot lies within the side.
             inside = -(in_x * points[a, 0] + in_y * points[a, 1]) - added
+            # The angle by which the object can be tipped over that side, gravity's own lean taken
+            # off.
             net = math.atan2(inside, height)
             net -= math.atan2(in_x * ups[n, 0] + in_y * ups[n, 1], ups[n, 2])
+            # The point under the centre of mass keeps the margin, and the object can be tipped that
+            # far.
             if inside + in_x * under_x + in_y * under_y < margin or net < TIPS:
                 firm = False
                 break
         if firm:
-            widths[n], planes[n] = _across(points, hull[:corners]), plane
+            widths[n], planes[n] = _narrowest_width(points, hull[:corners]), plane
     return widths, planes
 
 
 @kernel(lean=True)
-def _carrying(
+def _carrying_points(
     points: Array, gaps: Array, noise: float, carries: npt.NDArray[np.bool_], plane: Array
 ) -> bool:
     """Which points carry the object; whether the surface under them does not lean, at all.
 
-    As `in_one_plane`, for a varying number of points. What lies lower than so little a lean
+    As `coplanar_support`, for a varying number of points. What lies lower than so little a lean
     would bridge is not touched.
 
     Args:
         plane: (3,) receives that of those which carry.
     """
+    # Points with a surface under them, and the plane fitted to it.
     for k in range(len(points)):
         carries[k] = not math.isnan(gaps[k])
-    width = _fit(points, gaps, carries, plane)
+    width = _fit_plane(points, gaps, carries, plane)
     if width == 0.0:
         return False
-    allowed = LEANS + noise / width
+    # The plane may lean by `MAX_LEAN_SLOPE`, and by what noise makes of so short a width.
+    allowed = MAX_LEAN_SLOPE + noise / width
     if math.sqrt(plane[1] * plane[1] + plane[2] * plane[2]) > allowed:
         return False
+    # The highest surface about the plane.
     highest = -np.inf
     for k in range(len(points)):
         if carries[k]:
             above = gaps[k] - plane[1] * points[k, 0] - plane[2] * points[k, 1]
             highest = max(highest, above)
+    # Keep those points under which it is not lower than the lean would bridge.
     lowest = highest - 0.5 * allowed * width - 0.5 * noise
     for k in range(len(points)):
         if carries[k]:
             above = gaps[k] - plane[1] * points[k, 0] - plane[2] * points[k, 1]
             carries[k] = above >= lowest
-    return _fit(points, gaps, carries, plane) > 0.0
+    return _fit_plane(points, gaps, carries, plane) > 0.0
 
 
 @kernel(lean=True)
-def _fit(points: Array, gaps: Array, of: npt.NDArray[np.bool_], plane: Array) -> float:
+def _fit_plane(points: Array, gaps: Array, of: npt.NDArray[np.bool_], plane: Array) -> float:
     """m across some of the points, where they are narrowest; 0 where they are in line.
 
     Args:
         plane: (3,) receives what is fitted to their gaps: how much at the origin, along x and y.
     """
+    # The mean of the points and of their gaps.
     count, mean_x, mean_y, mean = 0, 0.0, 0.0, 0.0
     for k in range(len(points)):
         if of[k]:
@@ -262,6 +280,7 @@ def _fit(points: Array, gaps: Array, of: npt.NDArray[np.bool_], plane: Array) ->
     if count < 3:
         return 0.0
     mean_x, mean_y, mean = mean_x / count, mean_y / count, mean / count
+    # Second moments of the points, and of points with gaps.
     xx, xy, yy, fall_x, fall_y = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(len(points)):
         if of[k]:
@@ -271,24 +290,28 @@ def _fit(points: Array, gaps: Array, of: npt.NDArray[np.bool_], plane: Array) ->
             yy += y * y
             fall_x += x * z
             fall_y += y * z
+    # Points in line determine no plane.
     determinant = xx * yy - xy * xy
     if determinant <= 1e-9 * (xx + yy) ** 2:
         return 0.0
+    # Least squares: slopes along the axes, and the value at the origin.
     plane[1] = (yy * fall_x - xy * fall_y) / determinant
     plane[2] = (xx * fall_y - xy * fall_x) / determinant
     plane[0] = mean - plane[1] * mean_x - plane[2] * mean_y
+    # The smaller principal moment gives the width across.
     least = 0.5 * (xx + yy - math.sqrt((xx - yy) ** 2 + 4.0 * xy * xy))
     return 2.0 * math.sqrt(least / count)
 
 
 @kernel(lean=True)
-def _across(points: Array, corners: npt.NDArray[np.int64]) -> float:
+def _narrowest_width(points: Array, corners: npt.NDArray[np.int64]) -> float:
     """m between the two parallel lines, closest together, that hold a convex polygon.
 
     Args:
         corners: rows of the points (k, 2), in boundary order.
     """
     narrowest = np.inf
+    # Each side, and the corner furthest from it.
     for c in range(len(corners)):
         a, b = corners[c], corners[(c + 1) % len(corners)]
         along_x, along_y = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
@@ -302,12 +325,13 @@ def _across(points: Array, corners: npt.NDArray[np.int64]) -> float:
 
 
 @kernel(lean=True)
-def _hull(points: Array, of: npt.NDArray[np.bool_], hull: npt.NDArray[np.int64]) -> int:
+def _convex_hull(points: Array, of: npt.NDArray[np.bool_], hull: npt.NDArray[np.int64]) -> int:
     """Rows of the corners of the convex hull of some of the points (k, 2), sorted, anticlockwise.
 
     Returns:
         How many they are; they stand at the beginning of `hull`.
     """
+    # The lower chain from left to right, then the upper one from right to left.
     count = 0
     for upper in range(2):
         begin = count
@@ -315,6 +339,7 @@ def _hull(points: Array, of: npt.NDArray[np.bool_], hull: npt.NDArray[np.int64])
             k = len(points) - 1 - step if upper == 1 else step
             if not of[k]:
                 continue
+            # Take back corners at which the chain does not turn left.
             while count - begin >= 2:
                 a, b = hull[count - 2], hull[count - 1]
                 turn = (points[b, 0] - points[a, 0]) * (points[k, 1] - points[a, 1]) - (

@@ -43,11 +43,13 @@ class VertexSupport:
 
     def stable(self, T: Array, faces: npt.NDArray[np.int64], slope: Slope) -> npt.NDArray[np.bool_]:
         """(n,) s(x) of poses (n, 4, 4) on these faces (n,) and one slope."""
-        points, first = _placed(self._corners, self._first, faces, np.ascontiguousarray(T))
+        # Every corner of the face needs support, in one plane.
+        points, first = _placed_corners(self._corners, self._first, faces, np.ascontiguousarray(T))
         support = self._environment.support_of(slope)
         gaps = support.gaps(points, self.footing.contact_tolerance, self.footing.edge_margin, first)
         widths, above = coplanar_support(points, gaps, first, support.height_noise)
         stable = widths > 0.0
+        # Nothing under it lifts the object.
         rows = np.flatnonzero(stable)
         if len(rows):
             planes = np.zeros((len(rows), 3))
@@ -56,18 +58,19 @@ class VertexSupport:
             stable[rows] = ~self._rises.lift(
                 T[rows], faces[rows], slope, planes, widths[rows], noise
             )
+        # On a slope it must not tip over.
         if slope != LEVEL:
             rows = np.flatnonzero(stable)
             for face in np.unique(faces[rows]):
                 on = rows[faces[rows] == face]
                 corners = points[first[on, None] + np.arange(first[on[0] + 1] - first[on[0]])]
                 centers = T[on, :3, :3] @ self._center + T[on, :3, 3]
-                stable[on] = stays(corners - centers[:, None])
+                stable[on] = stays_standing(corners - centers[:, None])
         return stable
 
 
 @kernel(nogil=True)
-def _placed(
+def _placed_corners(
     corners: Array, first: npt.NDArray[np.int64], faces: npt.NDArray[np.int64], T: Array
 ) -> tuple[Array, npt.NDArray[np.int64]]:
     """(k, 3) where the corners of each pose's face are, and (n + 1,) which is its first, and k.
@@ -78,9 +81,11 @@ def _placed(
         faces: (n,)
         T: (n, 4, 4) T_world_object.
     """
+    # Where the corners of each pose's face begin.
     begins = np.zeros(len(faces) + 1, np.int64)
     for n in range(len(faces)):
         begins[n + 1] = begins[n] + first[faces[n] + 1] - first[faces[n]]
+    # Each corner, put into the world.
     points = np.empty((begins[-1], 3))
     for n in range(len(faces)):
         for k in range(begins[n + 1] - begins[n]):
@@ -95,7 +100,7 @@ def _placed(
     return points, begins
 
 
-def stays(corners: Array) -> npt.NDArray[np.bool_]:
+def stays_standing(corners: Array) -> npt.NDArray[np.bool_]:
     """(n,) whether bodies stay that stand on polygons, as firmly as a rest on level ground does.
 
     The centre of mass lies inside along gravity, and to tip over any edge it would have to be
@@ -105,10 +110,12 @@ def stays(corners: Array) -> npt.NDArray[np.bool_]:
     Args:
         corners: (n, k, 3) of each polygon in boundary order, seen from the centre of mass, z up.
     """
+    # Sides of the polygon, and whether the centre of mass is over it.
     edges = np.roll(corners, -1, axis=1) - corners
     edges /= np.maximum(np.linalg.norm(edges, axis=2, keepdims=True), 1e-12)
     across = edges[..., 0] * corners[..., 1] - edges[..., 1] * corners[..., 0]
     inside = (across < 0.0).all(axis=1) | (across > 0.0).all(axis=1)
+    # How high the centre of mass rises over each side before it falls.
     away = (corners * edges).sum(axis=2, keepdims=True) * edges - corners
     highest = np.linalg.norm(away, axis=2) * np.sqrt(1.0 - edges[..., 2] ** 2)
     lifted = (highest - away[..., 2]).min(axis=1)

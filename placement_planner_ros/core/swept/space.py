@@ -8,11 +8,11 @@ known when it was planned. So each point is put to these questions, until one an
 2. Is it news, that is, beyond the margin from every box of the obstacle set, or beyond its noise?
    The way keeps the margin from these boxes, so what is no news is not in the way.
 3. Is it nearer than the margin to a body? Asked at configurations between which no point of a body
-   moves further than `BETWEEN`, of the margin and about half of that.
+   moves further than `MOTION_BETWEEN_M`, of the margin and about half of that.
 
 Nothing is built of the points, and the first two questions, in one pass over all of them, take some
 ten nanoseconds each. They never let a point go that is news and comes nearer than the margin; the
-third may call one near that is `BETWEEN` beyond it.
+third may call one near that is `MOTION_BETWEEN_M` beyond it.
 """
 
 from __future__ import annotations
@@ -25,37 +25,37 @@ import numpy.typing as npt
 
 from placement_planner_ros.core.collision.arm import ArmCollision
 from placement_planner_ros.core.collision.arrays import ArmArrays
-from placement_planner_ros.core.collision.separation import TOLERANCE
+from placement_planner_ros.core.collision.separation import BOUND_TOLERANCE_M
 from placement_planner_ros.core.scene.grid import ObstacleSet
 from placement_planner_ros.core.swept.kernels import (
-    BLOCK,
-    Cubes,
-    Path,
+    BLOCK_CONFIGURATIONS,
+    SweptCubes,
+    SweptPath,
     extend_corners,
     find_hit,
     find_news,
+    largest_motions,
     mark_cubes,
-    motions,
     place_all,
 )
 from placement_planner_ros.core.types import LEVEL, Array, Slope
 
-BETWEEN = 0.002
+MOTION_BETWEEN_M = 0.002
 """m, how far a point of a body moves at most between configurations that are looked at."""
-_HALF = 0.52
+_HALF_WAY_SHARE = 0.52
 """Of that, that a point may be from where it is at the nearer of the two; a little more than half,
 as its way is not quite straight."""
-_CUBE = 0.02
+_CUBE_EDGE_M = 0.02
 """m, edge of the grid's cubes, ..."""
 _MOST_CUBES = 1_000_000
 """... unless there were more than these."""
-_TOGETHER = 1.5
+_CLUSTER_CELLS = 1.5
 """Cells of the obstacle set by which points that lie together differ at most along an axis."""
-_FEWEST = 5
+_CLUSTER_POINTS = 5
 """Points of news that lie together before they count; fewer are flying pixels, ..."""
-_SPARSE = 4.0
+_SPARSE_POINTS_PER_CELL = 4.0
 """... unless there are fewer points than this in a cell: then each of them counts."""
-_NOISE = 5.0
+_KNOWN_SURFACE_NOISES = 5.0
 """Points within this times the noise of a surface that was known are no news."""
 
 
@@ -66,7 +66,7 @@ class Stretch:
     Attributes:
         name: of the part, in words.
         arm: the arm, with the held object or without.
-        configurations: (k, dof), k >= 1, from `evenly`.
+        configurations: (k, dof), k >= 1, from `even_times`.
         contact: m, up to this height points do not count for the held object: its support.
         slope: of that height, which is the one at x = y = 0.
     """
@@ -113,19 +113,23 @@ class SweptSpace:
         density: float = np.inf,
     ) -> None:
         self._stretches = tuple(stretches)
-        self._margin = margin + TOLERANCE
+        self._margin = margin + BOUND_TOLERANCE_M
         self._known = known.arrays
-        self._known_within = max(margin, _NOISE * known.noise)
-        self._together = _TOGETHER * known.cell_size
-        self._fewest = _FEWEST if density >= _SPARSE else 1
+        # Points as near as that to what is known are no news, and how many must lie together.
+        self._known_within = max(margin, _KNOWN_SURFACE_NOISES * known.noise)
+        self._together = _CLUSTER_CELLS * known.cell_size
+        self._fewest = _CLUSTER_POINTS if density >= _SPARSE_POINTS_PER_CELL else 1
         self._paths = []
         marks = 0
+        # Frames of each stretch, with half of the motion between two of them.
         for stretch in stretches:
             arrays = stretch.arm.arrays
-            frames = _frames(arrays, stretch.configurations)
-            slack = _HALF * float(motions(arrays, frames).max(initial=0.0))
-            self._paths.append(Path(arrays, frames, slack, stretch.contact, *stretch.slope, marks))
-            marks += -(-len(frames) // BLOCK)
+            frames = _frames_along(arrays, stretch.configurations)
+            slack = _HALF_WAY_SHARE * float(largest_motions(arrays, frames).max(initial=0.0))
+            self._paths.append(
+                SweptPath(arrays, frames, slack, stretch.contact, *stretch.slope, marks)
+            )
+            marks += -(-len(frames) // BLOCK_CONFIGURATIONS)
         self._cubes = self._sweep()
 
     def news(self, points: Array) -> npt.NDArray[np.int64]:
@@ -146,34 +150,39 @@ class SweptSpace:
                 return Hit(points[row], stretch.name, stretch.arm.body_names[body])
         return None
 
-    def _sweep(self) -> Cubes:
-        reach = [self._margin + path.slack * BLOCK for path in self._paths]
+    def _sweep(self) -> SweptCubes:
+        # A grid around all that is swept.
+        reach = [self._margin + path.slack * BLOCK_CONFIGURATIONS for path in self._paths]
         lower, upper = np.full(3, np.inf), np.full(3, -np.inf)
         for path, beyond in zip(self._paths, reach, strict=True):
             extend_corners(path, beyond, lower, upper)
         sides = np.maximum(upper - lower, 1e-3)
-        size = max(_CUBE, float(np.cbrt(np.prod(sides) / _MOST_CUBES)))
+        size = max(_CUBE_EDGE_M, float(np.cbrt(np.prod(sides) / _MOST_CUBES)))
         shape = tuple((np.floor(sides / size) + 1.0).astype(int).tolist())
-        cubes = Cubes(lower, size, np.zeros(shape, dtype=np.int32), np.zeros(shape, dtype=np.int32))
+        cubes = SweptCubes(
+            lower, size, np.zeros(shape, dtype=np.int32), np.zeros(shape, dtype=np.int32)
+        )
+        # Mark the cubes of each stretch.
         for path, beyond in zip(self._paths, reach, strict=True):
             mark_cubes(path, beyond, cubes)
         return cubes
 
 
-def evenly(arm: ArmCollision, coarse: Array, times: Array) -> Array:
+def even_times(arm: ArmCollision, coarse: Array, times: Array) -> Array:
     """Times (n,) at which a curve is to be looked at for a `Stretch`.
 
     Args:
         coarse: (k, dof) the curve at `times`, dense enough that it is straight in between.
         times: (k,).
     """
-    moved = motions(arm.arrays, _frames(arm.arrays, coarse))
+    # Times at even steps of the greatest motion.
+    moved = largest_motions(arm.arrays, _frames_along(arm.arrays, coarse))
     along = np.concatenate([[0.0], np.cumsum(moved)])
-    number = int(np.ceil(along[-1] / BETWEEN))
+    number = int(np.ceil(along[-1] / MOTION_BETWEEN_M))
     return np.asarray(np.interp(np.linspace(0.0, along[-1], number + 1), along, times))
 
 
-def _frames(arm: ArmArrays, configurations: Array) -> Array:
+def _frames_along(arm: ArmArrays, configurations: Array) -> Array:
     """(k, n + 2, 4, 4) joint frames at (k, dof)."""
     frames = np.zeros((len(configurations), len(arm.prismatic) + 2, 4, 4))
     frames[:, -1] = np.eye(4)

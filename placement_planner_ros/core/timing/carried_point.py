@@ -19,13 +19,13 @@ from toppra.interpolator import AbstractGeometricPath
 
 from placement_planner_ros.core.kernels import kernel
 from placement_planner_ros.core.reach.kinematics import Chain, Flags, chain_frames, kernel_input
-from placement_planner_ros.core.reach.reach_bound import levers
-from placement_planner_ros.core.timing.quintic import halved
+from placement_planner_ros.core.reach.reach_bound import lever_arms
+from placement_planner_ros.core.timing.quintic import halved_pieces
 from placement_planner_ros.core.types import Array
 
-_SLACK = 0.01
+_BOUND_SLACK = 0.01
 """By which, as a share, the bound may be above what is reached."""
-_STILL = 1e-9
+_STILL_M_PER_S2 = 1e-9
 """m/s² that is nothing."""
 _DIRECTIONS = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
 _FACETS = _DIRECTIONS / np.linalg.norm(_DIRECTIONS, axis=1)[:, None]
@@ -41,15 +41,18 @@ def _point_derivatives(
     Joint after joint outwards: with ω, α the turning of a link and a the acceleration of its
     origin, a point r away has v + ω × r and a + α × r + ω × (ω × r).
     """
+    # The frames at each sample.
     dof = len(prismatic)
     frames = np.zeros((dof + 1, 4, 4))
     for n in range(len(Q)):
         chain_frames(fixed, prismatic, Q[n], frames)
         tip = frames[-1]
+        # Turning of the link, velocity and acceleration of its origin, and where that is.
         wx = wy = wz = bx = by = bz = 0.0
         vx = vy = vz = ax = ay = az = 0.0
         ox = oy = oz = 0.0
         for i in range(dof + 1):
+            # The next joint's origin, and after the last one the point.
             if i < dof:
                 x, y, z = frames[i, 0, 3], frames[i, 1, 3], frames[i, 2, 3]
             else:
@@ -58,24 +61,31 @@ def _point_derivatives(
                     tip[1, 3] + tip[1, 0] * point[0] + tip[1, 1] * point[1] + tip[1, 2] * point[2],
                     tip[2, 3] + tip[2, 0] * point[0] + tip[2, 1] * point[1] + tip[2, 2] * point[2],
                 )
+            # From the last origin to it.
             rx, ry, rz = x - ox, y - oy, z - oz
             ox, oy, oz = x, y, z
+            # ω × r, carried on by the link that the joint stands on.
             sx, sy, sz = wy * rz - wz * ry, wz * rx - wx * rz, wx * ry - wy * rx
             vx, vy, vz = vx + sx, vy + sy, vz + sz
+            # α × r + ω × (ω × r).
             ax += by * rz - bz * ry + wy * sz - wz * sy
             ay += bz * rx - bx * rz + wz * sx - wx * sz
             az += bx * ry - by * rx + wx * sy - wy * sx
             if i == dof:
                 break
+            # The joint's axis, its velocity and acceleration, and ω × z.
             zx, zy, zz = frames[i, 0, 2], frames[i, 1, 2], frames[i, 2, 2]
             v, a = V[n, i], A[n, i]
             tx, ty, tz = wy * zz - wz * zy, wz * zx - wx * zz, wx * zy - wy * zx
             if prismatic[i]:
+                # A joint that slides adds to the origin's velocity and acceleration, with the
+                # Coriolis term.
                 vx, vy, vz = vx + v * zx, vy + v * zy, vz + v * zz
                 ax += a * zx + 2.0 * v * tx
                 ay += a * zy + 2.0 * v * ty
                 az += a * zz + 2.0 * v * tz
             else:
+                # A joint that turns adds to the link's turning.
                 bx += a * zx + v * tx
                 by += a * zy + v * ty
                 bz += a * zz + v * tz
@@ -100,7 +110,7 @@ class CarriedPoint:
         self.limit = limit
         self._chain = chain
         self._point = kernel_input(point)
-        self._levers = levers(chain, self._point[None])
+        self._levers = lever_arms(chain, self._point[None])
 
     def derivatives(self, Q: Array, V: Array, A: Array) -> tuple[Array, Array]:
         """p' and p'' (n, 3) where the joints' q, q' and q'' are (n, dof)."""
@@ -129,20 +139,25 @@ class CarriedPoint:
         """
         most = 0.0
         h = np.asarray(durations, dtype=np.float64)
+        # Derivatives of each piece by its control points.
         while len(points):
             first = 5.0 * np.diff(points, axis=1) / h[:, None, None]
             second = 4.0 * np.diff(first, axis=1) / h[:, None, None]
             third = 3.0 * np.diff(second, axis=1) / h[:, None, None]
-            middle = [_middle(values) for values in (points, first, second)]
+            # What is reached in the middle of each piece.
+            middle = [_curve_middles(values) for values in (points, first, second)]
             reached = np.linalg.norm(self.derivatives(*middle)[1], axis=1)
             most = max(most, float(reached.max()))
+            # Bounds of speed, acceleration and jerk of each joint; W and A of all up to each joint.
             speed, strength, jerk = (np.abs(v).max(axis=1) for v in (first, second, third))
             W, A = np.cumsum(speed, axis=1), np.cumsum(strength, axis=1)
             turning = np.diff(3.0 * W * A + W**3, axis=1, prepend=0.0)
+            # How fast p'' may change over a piece, by each joint's lever.
             change = (jerk + turning) @ self._levers
-            open_ones = reached + 0.5 * h * change > (1.0 + _SLACK) * most + _STILL
-            points, h = halved(points[open_ones]), np.repeat(0.5 * h[open_ones], 2)
-        return (1.0 + _SLACK) * most + _STILL
+            # Go on with pieces that may exceed the most seen.
+            open_ones = reached + 0.5 * h * change > (1.0 + _BOUND_SLACK) * most + _STILL_M_PER_S2
+            points, h = halved_pieces(points[open_ones]), np.repeat(0.5 * h[open_ones], 2)
+        return (1.0 + _BOUND_SLACK) * most + _STILL_M_PER_S2
 
 
 class PointAccelerationConstraint(LinearConstraint):
@@ -162,6 +177,7 @@ class PointAccelerationConstraint(LinearConstraint):
         self, path: AbstractGeometricPath, gridpoints: Array, *args: Any, **kwargs: Any
     ) -> Any:
         """The coefficients a, b, c, F, g of a u + b x + c = v, F v ≤ g at the grid points."""
+        # p' and p'' along the path, against each facet.
         first, second = self._carried.derivatives(
             path(gridpoints), path(gridpoints, order=1), path(gridpoints, order=2)
         )
@@ -172,7 +188,7 @@ class PointAccelerationConstraint(LinearConstraint):
         )
 
 
-def _middle(points: Array) -> Array:
+def _curve_middles(points: Array) -> Array:
     """(m, dof) of Bézier curves (m, degree + 1, dof) in their middle."""
     while points.shape[1] > 1:
         points = 0.5 * (points[:, :-1] + points[:, 1:])

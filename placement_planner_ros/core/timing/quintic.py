@@ -15,7 +15,7 @@ import numpy as np
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.types import Array, Trajectory
 
-ROUNDING = 1e-9
+DEVIATION_ROUNDING_RAD = 1e-9
 """Radians added to every deviation, far above what floating point loses."""
 
 
@@ -23,6 +23,7 @@ def control_points(
     times: Array, positions: Array, velocities: Array, accelerations: Array
 ) -> Array:
     """Bézier control points (n-1, 6, dof) of the quintics between n timed points."""
+    # Ends, and what velocities and accelerations move the inner points by.
     h = np.diff(times)[:, None]
     p, q = positions[:-1], positions[1:]
     v, w = 0.2 * h * velocities[:-1], 0.2 * h * velocities[1:]
@@ -30,7 +31,7 @@ def control_points(
     return np.stack([p, p + v, p + 2.0 * v + a, q - 2.0 * w + b, q - w, q], axis=1)
 
 
-def evaluate(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:
+def evaluate_trajectory(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:
     """Positions, velocities and accelerations, each (k, dof), at times t (k,).
 
     Before the first and after the last point the curve stands still there.
@@ -39,9 +40,11 @@ def evaluate(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:
     if len(times) == 1:
         still = np.zeros((len(t), len(trajectory.joints)))
         return positions_at(trajectory, t), still, still.copy()
-    points, x, h = _pieces(trajectory, t)
+    # Derivatives of the pieces as Bézier curves of lower degree.
+    points, x, h = _pieces_at(trajectory, t)
     first = 5.0 * np.diff(points, axis=1) / h[:, None]
     second = 4.0 * np.diff(first, axis=1) / h[:, None]
+    # Before and after, the curve stands still.
     outside = (t < times[0]) | (t > times[-1])
     velocities, accelerations = _de_casteljau(first, x), _de_casteljau(second, x)
     velocities[outside] = 0.0
@@ -53,24 +56,25 @@ def positions_at(trajectory: Trajectory, t: Array) -> Array:
     """The first of these alone, in a third of the time."""
     if len(trajectory.times) == 1:
         return np.zeros((len(t), len(trajectory.joints))) + trajectory.positions[0]
-    points, x, _ = _pieces(trajectory, t)
+    points, x, _ = _pieces_at(trajectory, t)
     return _de_casteljau(points, x)
 
 
-def concatenate(first: Trajectory, second: Trajectory) -> Trajectory:
+def concatenate_trajectories(first: Trajectory, second: Trajectory) -> Trajectory:
     """`first`, then `second`, which starts where and as fast as `first` ends.
 
     The acceleration may jump there; the joint point keeps that of `first`, so it should be zero on
-    both sides, as it is where `parameterize` starts and ends.
+    both sides, as it is where `parameterize_path` starts and ends.
 
     Raises:
         ParameterError: the joints differ, or the ends do not meet.
     """
     if first.joints != second.joints:
         raise ParameterError("joints", second.joints, f"must be those of the first {first.joints}")
+    # Where both meet.
     for name in ("positions", "velocities", "accelerations"):
         end, start = getattr(first, name)[-1], getattr(second, name)[0]
-        if not np.allclose(end, start, rtol=0.0, atol=ROUNDING):
+        if not np.allclose(end, start, rtol=0.0, atol=DEVIATION_ROUNDING_RAD):
             raise ParameterError(name, start.tolist(), f"must start at {end.tolist()}")
     return Trajectory(
         first.joints,
@@ -91,17 +95,21 @@ def limit_ratio(points: Array, durations: Array, velocity: Array, acceleration: 
         durations: (m,) seconds.
         velocity, acceleration: (dof,) limits.
     """
+    # Control points of quarter pieces, which lie close to the curve.
     h = np.repeat(durations, 4)[:, None, None] / 4.0
-    points = halved(halved(points))
+    points = halved_pieces(halved_pieces(points))
+    # Those of the derivatives bound them.
     first = 5.0 * np.diff(points, axis=1) / h
     second = 4.0 * np.diff(first, axis=1) / h
+    # Time stretched by a factor divides velocities by it and accelerations by its square.
     fastest = float(np.max(np.abs(first) / velocity))
     hardest = float(np.max(np.abs(second) / acceleration))
     return max(fastest, float(np.sqrt(hardest)))
 
 
-def halved(points: Array) -> Array:
+def halved_pieces(points: Array) -> Array:
     """Both halves of each Bézier piece: (m, 6, dof) to (2 m, 6, dof) control points."""
+    # De Casteljau's scheme in the middle: its first and last points are those of both halves.
     left, right = [points[:, 0]], [points[:, -1]]
     while points.shape[1] > 1:
         points = 0.5 * (points[:, :-1] + points[:, 1:])
@@ -121,12 +129,15 @@ def chord_deviation(points: Array) -> tuple[Array, int]:
         (dof,) bound: every point of the curve is within it of some point of the chord; and the
         piece in which the furthest control point lies.
     """
+    # Every control point against the nearest point of the chord.
     flat = points.reshape(-1, points.shape[-1]) - points[0, 0]
     chord = flat[-1]
     squared = float(chord @ chord)
     along = np.clip(flat @ chord / squared, 0.0, 1.0) if squared > 0.0 else np.zeros(len(flat))
     away = np.abs(flat - along[:, None] * chord)
-    return away.max(axis=0) + ROUNDING, int(away.max(axis=1).argmax()) // points.shape[1]
+    return away.max(axis=0) + DEVIATION_ROUNDING_RAD, int(
+        away.max(axis=1).argmax()
+    ) // points.shape[1]
 
 
 def first_uncertified(
@@ -149,13 +160,16 @@ def first_uncertified(
     Returns:
         None where the whole curve is certified, else the first piece that is not.
     """
+    # Runs of pieces that are still to be certified, the first on top.
     stack = [(0, points)]
     while stack:
         index, run = stack.pop()
+        # One edge with the run's deviation as slack.
         deviation, furthest = chord_deviation(run)
         largest = float(np.max(deviation))
         if largest <= tolerance and edge_free(run[0, 0], run[-1, -1], deviation):
             continue
+        # Divide the run at its furthest piece, or in the middle where it is straight already.
         if len(run) > 1:
             middle = len(run) // 2 if largest <= finest else min(max(furthest, 1), len(run) - 1)
             stack.append((index + middle, run[middle:]))
@@ -163,15 +177,17 @@ def first_uncertified(
         elif largest <= finest:
             return index
         else:
-            halves = halved(run)
+            # Divide the piece itself.
+            halves = halved_pieces(run)
             stack.append((index, halves[1:]))
             stack.append((index, halves[:1]))
     return None
 
 
-def _pieces(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:
+def _pieces_at(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:
     """Control points (k, 6, dof) of the pieces at times t (k,), where in them (k, 1) in [0, 1], and
     how long they take (k, 1)."""
+    # The piece at each time, and where in it.
     times = trajectory.times
     inside = np.clip(t, times[0], times[-1])
     piece = np.clip(np.searchsorted(times, inside, side="right") - 1, 0, len(times) - 2)

@@ -36,17 +36,20 @@ class RoundedPolyline:
             cuts: (n,) cut lengths; the first and last are zero, the others above zero, and two
                 neighbours together shorter than the segment between them.
         """
+        # Lengths and directions of the segments.
         steps = np.diff(waypoints, axis=0)
         lengths = np.linalg.norm(steps, axis=1)
         directions = steps / lengths[:, None]
         coefficients, spans, self.is_blend, self.corner = [], [], [], []
         for i, direction in enumerate(directions):
+            # The blend at the segment's start, as a polynomial.
             if cuts[i] > 0.0:
                 blend = blend_control_points(waypoints, cuts, i)
                 coefficients.append(_power_basis(blend, 2.0 * cuts[i]))
                 spans.append(2.0 * cuts[i])
                 self.is_blend.append(True)
                 self.corner.append(i)
+            # What is left of the segment between both cuts.
             line = np.zeros((6, waypoints.shape[1]))
             line[4] = direction
             line[5] = waypoints[i] + cuts[i] * direction
@@ -60,6 +63,7 @@ class RoundedPolyline:
 
 def blend_control_points(waypoints: Array, cuts: Array, corner: int) -> Array:
     """Bézier control points (6, dof) of the blend around a waypoint."""
+    # Velocities at both ends of the blend, which has no acceleration there.
     u = waypoints[corner] - waypoints[corner - 1]
     v = waypoints[corner + 1] - waypoints[corner]
     u, v = cuts[corner] * u / np.linalg.norm(u), cuts[corner] * v / np.linalg.norm(v)
@@ -76,9 +80,11 @@ def largest_cuts(waypoints: Array, deviation: float) -> Array:
     steps = np.diff(waypoints, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
     directions = steps / lengths[:, None]
+    # How far the direction changes at each corner, and what its segments leave room for.
     cuts = np.zeros(len(waypoints))
     turns = np.linalg.norm(np.diff(directions, axis=0), axis=1)
     room = 0.49 * np.minimum(lengths[:-1], lengths[1:])
+    # The cut at which the blend's middle is as far from the corner as it may be.
     cuts[1:-1] = np.minimum(room, deviation / (_DEVIATION_PER_CUT * np.maximum(turns, 1e-12)))
     cuts[1:-1][(directions[:-1] * directions[1:]).sum(axis=1) < _SHARPEST] = 0.0
     return cuts
@@ -88,6 +94,7 @@ def _power_basis(points: Array, span: float) -> Array:
     """Coefficients (6, dof), highest power first, in s ∈ [0, span] of a Bézier quintic."""
     d, binomial = points, np.array([1.0, 5.0, 10.0, 10.0, 5.0, 1.0])
     coefficients = np.empty_like(points)
+    # Differences of the control points, order by order.
     for k in range(6):
         coefficients[5 - k] = binomial[k] * d[0] / span**k
         d = np.diff(d, axis=0)

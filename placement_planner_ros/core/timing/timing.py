@@ -25,9 +25,9 @@ from placement_planner_ros.core.timing.carried_point import (
     PointAccelerationConstraint,
 )
 from placement_planner_ros.core.timing.quintic import (
-    concatenate,
+    concatenate_trajectories,
     control_points,
-    evaluate,
+    evaluate_trajectory,
     first_uncertified,
     limit_ratio,
 )
@@ -38,13 +38,16 @@ from placement_planner_ros.core.timing.rounding import (
 )
 from placement_planner_ros.core.types import Array, Trajectory
 
-__all__ = ["CurveSettings", "concatenate", "evaluate", "parameterize"]
+__all__ = ["CurveSettings", "concatenate_trajectories", "evaluate_trajectory", "parameterize_path"]
 
 EdgeFree = Callable[[Array, Array, Array], bool]
 
-_SAME = 1e-9  # waypoints closer than this (radians) are one
-_ROUNDS = 12  # timed curves tried, each with smaller blends than the one before, the last with none
-_BLEND_SIZES = 5  # sizes a blend is tried at, each half of the one before
+_SAME_WAYPOINT_RAD = 1e-9
+"""rad between waypoints, over all joints, below which they are one."""
+_BLENDING_ROUNDS = 12
+"""Timed curves tried, each with smaller blends than the one before, the last with none."""
+_BLEND_SIZES = 5
+"""Sizes that a blend is tried at, each half of the one before."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +70,7 @@ class CurveSettings(Settings):
     max_points: int = setting(2000, "[10, inf)")
 
 
-def parameterize(
+def parameterize_path(
     path: Array,
     joints: Sequence[str],
     velocity: Array,
@@ -111,7 +114,8 @@ def parameterize(
     if not (np.isfinite(limits) & (limits > 0.0)).all():
         raise ParameterError("limits", limits.tolist(), "give finite numbers above zero")
 
-    waypoints = _distinct(path)
+    # A path that does not move is its one point.
+    waypoints = _distinct_waypoints(path)
     if len(waypoints) == 1:
         still = np.zeros_like(waypoints)
         return Trajectory(tuple(joints), np.zeros(1), waypoints, still, still)
@@ -119,20 +123,24 @@ def parameterize(
     def free_until_stopped(a: Array, b: Array, deviation: Array) -> bool:
         return not should_stop() and edge_free(a, b, deviation)
 
+    # The largest blends first; of a corner whose curve is refused half, then none.
     cuts = largest_cuts(waypoints, settings.blend_deviation)
     refused = np.zeros(len(cuts), dtype=bool)
-    for round_ in range(_ROUNDS):
+    for round_ in range(_BLENDING_ROUNDS):
+        # The second round asks for each blend alone, the last one stops at every waypoint.
         if round_ == 1:
             cuts = _certified_cuts(waypoints, cuts, free_until_stopped, settings)
-        elif round_ == _ROUNDS - 1:
+        elif round_ == _BLENDING_ROUNDS - 1:
             cuts = np.zeros_like(cuts)
         timed = None if should_stop() else _timed_curve(waypoints, cuts, limits, settings, carried)
         if timed is None:
             return None
+        # Certify the curve piece by piece.
         points = control_points(*timed)
         failed = first_uncertified(points, free_until_stopped, settings.chord_tolerance)
         if failed is None:
             return Trajectory(tuple(joints), *timed)
+        # The corner nearest to the piece that was refused.
         distance = np.linalg.norm(waypoints - points[failed].mean(axis=0), axis=1)
         distance[cuts == 0.0] = np.inf
         corner = int(distance.argmin())
@@ -145,11 +153,11 @@ def parameterize(
     return None
 
 
-def _distinct(path: Array) -> Array:
+def _distinct_waypoints(path: Array) -> Array:
     """The waypoints less those that repeat their predecessor; both ends stay exact."""
     kept = [path[0]]
     for q in path[1:]:
-        if np.linalg.norm(q - kept[-1]) > _SAME:
+        if np.linalg.norm(q - kept[-1]) > _SAME_WAYPOINT_RAD:
             kept.append(q)
     if len(kept) > 1:
         kept[-1] = path[-1]
@@ -163,6 +171,7 @@ def _certified_cuts(
     certified = cuts.copy()
     for corner in np.flatnonzero(cuts):
         for _ in range(_BLEND_SIZES):
+            # The blend with this cut alone.
             blend = blend_control_points(waypoints, certified, int(corner))[None]
             if first_uncertified(blend, edge_free, settings.chord_tolerance) is None:
                 break
@@ -180,6 +189,7 @@ def _timed_curve(
     carried: CarriedPoint | None,
 ) -> tuple[Array, Array, Array, Array] | None:
     """Times, positions, velocities and accelerations; at rest at both ends and where cuts are 0."""
+    # From stop to stop.
     stops = np.flatnonzero(cuts == 0.0)
     stretches = []
     for i, j in pairwise(stops):
@@ -187,6 +197,7 @@ def _timed_curve(
         if stretch is None:
             return None
         stretches.append(stretch)
+    # One after the other, each without its first point, which is the last one's end.
     times, positions, velocities, accelerations = stretches[0]
     for t, q, v, a in stretches[1:]:
         times = np.concatenate([times, times[-1] + t[1:]])
@@ -204,14 +215,16 @@ def _timed_stretch(
     carried: CarriedPoint | None,
 ) -> tuple[Array, Array, Array, Array] | None:
     """One stretch from rest to rest; sampled more finely where that makes it faster."""
+    # The time-optimal profile, on finer grids where none is found.
     rounded = RoundedPolyline(waypoints, cuts)
     profile = None
     for refinement in (1, 2, 4):
-        profile = _fastest_profile(rounded.curve, _grid(rounded, refinement), limits, carried)
+        profile = _fastest_profile(rounded.curve, _path_grid(rounded, refinement), limits, carried)
         if profile is not None:
             break
     if profile is None:
         return None
+    # How far the jerk is smoothed, and between how many points.
     times, s, speed = profile
     window = min(settings.smoothing_time, 0.2 * times[-1])
     duration = times[-1] + window
@@ -219,9 +232,11 @@ def _timed_stretch(
     best = None
     for finer in (1, 2, 4):
         count = min(int(np.ceil(finer * duration / interval)) + 1, settings.max_points)
+        # Sample the smoothed motion.
         t = np.linspace(0.0, duration, count)
-        timed = _sampled(rounded.curve, t, *_averaged(times, s, speed, t, window))
+        timed = _sampled_curve(rounded.curve, t, *_averaged_position(times, s, speed, t, window))
         timed[1][[0, -1]] = waypoints[[0, -1]]
+        # By how much it exceeds the limits, and the limit of the point that is carried.
         points, durations = control_points(*timed), np.diff(t)
         ratio = limit_ratio(points, durations, limits[0], limits[1])
         if carried is not None:
@@ -232,6 +247,7 @@ def _timed_stretch(
         if ratio < 1.05:
             break
     assert best is not None
+    # Slow the best down until all limits hold.
     stretch, (t, q, v, a) = best[0] * (1.0 + 1e-9), best[1]
     return t * stretch, q, v / stretch, a / stretch**2
 
@@ -254,11 +270,12 @@ class _Geometry(AbstractGeometricPath):
         return np.asarray(self._derivatives[0].x[[0, -1]])
 
 
-def _grid(rounded: RoundedPolyline, refinement: int) -> Array:
+def _path_grid(rounded: RoundedPolyline, refinement: int) -> Array:
     """Path positions for toppra: some on every piece, more on blends that turn far."""
     breaks = rounded.curve.x
     directions = rounded.curve.derivative()(breaks)
     spans = np.diff(breaks)
+    # Points inside each piece, by its turn or by its share of the whole.
     grid = [breaks[:1]]
     for i, blend in enumerate(rounded.is_blend):
         if blend:
@@ -278,17 +295,19 @@ def _fastest_profile(
     constraints = [JointVelocityConstraint(limits[0]), JointAccelerationConstraint(limits[1])]
     if carried is not None:
         constraints.append(PointAccelerationConstraint(carried))
+    # Speeds at the grid points, as fast as the limits allow.
     solver = TOPPRA(constraints, _Geometry(curve), gridpoints=grid, solver_wrapper="seidel")
     _, speed, _ = solver.compute_parameterization(0.0, 0.0)
     if speed is None or not np.isfinite(speed).all():
         return None
+    # Between two points the speed is linear in time.
     mean = 0.5 * (speed[:-1] + speed[1:])
     if not (mean > 0.0).all():
         return None
     return np.concatenate([[0.0], np.cumsum(np.diff(grid) / mean)]), grid, np.asarray(speed)
 
 
-def _averaged(
+def _averaged_position(
     times: Array, s: Array, speed: Array, t: Array, window: float
 ) -> tuple[Array, Array, Array]:
     """s(t) averaged over the last `window` seconds, with its first and second derivative (k,).
@@ -296,6 +315,7 @@ def _averaged(
     s is quadratic between `times`; the average of a motion from rest to rest is one too, lasts
     longer by `window`, and its acceleration is continuous.
     """
+    # The position as a piecewise parabola, its integral and its derivative.
     steps = np.diff(times)
     position = PPoly(np.stack([0.5 * np.diff(speed) / steps, speed[:-1], s[:-1]]), times)
     area = position.antiderivative()
@@ -308,16 +328,18 @@ def _averaged(
         over = x - inside
         return area(inside) + over * s[-1], position(inside), np.where(moving, velocity(inside), 0)
 
+    # The mean over the window, and its derivatives.
     now, before = at(t), at(t - window)
     value, first, second = ((a - b) / window for a, b in zip(now, before, strict=True))
     first[[0, -1]] = second[[0, -1]] = 0.0
     return np.clip(value, s[0], s[-1]), first, second
 
 
-def _sampled(
+def _sampled_curve(
     curve: PPoly, t: Array, s: Array, first: Array, second: Array
 ) -> tuple[Array, Array, Array, Array]:
     """The curve at s(t): times, positions, velocities and accelerations."""
+    # By the chain rule.
     tangent = curve(s, 1)
     velocities = tangent * first[:, None]
     accelerations = curve(s, 2) * (first**2)[:, None] + tangent * second[:, None]

@@ -9,13 +9,13 @@ import numpy as np
 
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.grasp.holding import Holding
-from placement_planner_ros.core.motion.shortcut import shorten
+from placement_planner_ros.core.motion.shortcut import shorten_path
 from placement_planner_ros.core.robot.arm import Arm
 from placement_planner_ros.core.robot.joint_limits import ANGULAR_ACCELERATION
 from placement_planner_ros.core.settings import Settings, setting
 from placement_planner_ros.core.timing.carried_point import CarriedPoint
 from placement_planner_ros.core.timing.quintic import control_points
-from placement_planner_ros.core.timing.timing import concatenate, parameterize
+from placement_planner_ros.core.timing.timing import concatenate_trajectories, parameterize_path
 from placement_planner_ros.core.types import Array, Goal, Trajectory
 
 
@@ -114,7 +114,8 @@ class TrajectoryMaker:
             retreat that could not be certified is left out, where the goal may do without.
         """
         settings = self._settings
-        path = shorten(
+        # A shorter path.
+        path = shorten_path(
             path,
             holding.transit_free,
             self._rng,
@@ -122,6 +123,7 @@ class TrajectoryMaker:
             should_stop,
             constraint=holding.upright,
         )
+        # The transit, by limits scaled for it.
         velocity = holding.arm.velocity * settings.velocity_scaling
         acceleration = settings.accelerations(holding.arm) * settings.acceleration_scaling
 
@@ -129,7 +131,7 @@ class TrajectoryMaker:
             return holding.timed_free(a, b, deviation, contact=True)
 
         joints, carried = holding.arm.joints, self._carried(holding)
-        transit = parameterize(
+        transit = parameterize_path(
             path,
             joints,
             velocity,
@@ -140,8 +142,9 @@ class TrajectoryMaker:
         )
         if transit is None:
             return None
+        # The approach, slower, with contact allowed.
         slow = settings.approach_scaling
-        approach = parameterize(
+        approach = parameterize_path(
             goal.approach,
             joints,
             slow * velocity,
@@ -152,17 +155,19 @@ class TrajectoryMaker:
         )
         if approach is None:
             return None
+        # The timed approach stays on its line.
         curve = control_points(
             approach.times, approach.positions, approach.velocities, approach.accelerations
         )
         if not holding.comes_straight_down(curve, goal.T_world_object):
             return None
+        # The retreat, if there is one.
         retreat = None
         if goal.retreat is not None:
             leaving_free = holding.open_hand.edge_free(
                 goal.grasp, goal.T_world_object, goal.retreat
             )
-            retreat = parameterize(
+            retreat = parameterize_path(
                 goal.retreat,
                 joints,
                 slow * velocity,
@@ -172,7 +177,7 @@ class TrajectoryMaker:
             )
         if retreat is None and (holding.require_retreat or should_stop()):
             return None
-        return TimedMotion(concatenate(transit, approach), transit.duration, retreat)
+        return TimedMotion(concatenate_trajectories(transit, approach), transit.duration, retreat)
 
     def _carried(self, holding: Holding) -> CarriedPoint | None:
         """The centre of mass of the held object, where its acceleration is limited."""

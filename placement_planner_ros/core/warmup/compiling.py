@@ -24,10 +24,10 @@ from placement_planner_ros.core.stopping import step
 from placement_planner_ros.core.warmup.known_task import KnownTask
 from placement_planner_ros.core.warmup.passing import load_passed, pass_every_stage
 
-_LOOK = 0.5
+_LOOK_PERIOD_S = 0.5
 """Seconds between looks at how far the processes are."""
 
-_ROOM = 30_000_000
+_KERNEL_BYTES = 30_000_000
 """Bytes that all kernels take at most."""
 
 _SPARING = {
@@ -103,23 +103,23 @@ def compile_kernels(told: Callable[[CompilationProgress], None]) -> None:
             told(CompilationProgress(done, kernels, time.monotonic() - began, before))
 
     with tempfile.TemporaryFile() as errors:  # a file, since a pipe that nobody reads would fill
-        _run(errors, lambda: tell(kernels - len(not_kept()[0])))
+        _run_processes(errors, lambda: tell(kernels - len(not_kept()[0])))
     tell(kernels)
 
 
-def _run(errors: IO[bytes], look: Callable[[], None]) -> None:
+def _run_processes(errors: IO[bytes], look: Callable[[], None]) -> None:
     """Have the processes work to their end, and look at them meanwhile.
 
     Raises:
         CompilationError: one failed.
         StoppedError: nobody wants them any more.
     """
-    with _spawn(errors) as process:
+    with _spawn_process(errors) as process:
         try:
             while process.poll() is None:
                 step("compiling kernels")
                 look()
-                time.sleep(_LOOK)
+                time.sleep(_LOOK_PERIOD_S)
         finally:
             process.kill()  # the copy of it ends as the pipe is closed
     if process.returncode != 0:
@@ -140,12 +140,12 @@ def _require_room() -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder) as probe:
-            probe.write(bytes(_ROOM))
+            probe.write(bytes(_KERNEL_BYTES))
     except OSError as error:
         raise CompilationError(f"{folder}: {error.strerror or error}") from error
 
 
-def _spawn(errors: IO[bytes]) -> subprocess.Popen[bytes]:
+def _spawn_process(errors: IO[bytes]) -> subprocess.Popen[bytes]:
     return subprocess.Popen(
         [sys.executable, "-m", __name__],
         stdin=subprocess.PIPE,
@@ -156,7 +156,7 @@ def _spawn(errors: IO[bytes]) -> subprocess.Popen[bytes]:
     )
 
 
-def _work() -> int:
+def _compile_in_processes() -> int:
     """Compile in two processes, of which the second is a copy of what the first has imported.
 
     Returns:
@@ -176,4 +176,4 @@ def _end_with_caller() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(_work())
+    sys.exit(_compile_in_processes())

@@ -46,7 +46,7 @@ START = {"finger_1": 0.03, "lift": 0.45}
 
 def known_robot() -> tuple[Robot, Arm]:
     """The robot, and its arm with one grasp: from above, of what is 0.06 m wide."""
-    robot = Robot.from_urdf(_urdf(), _Bracket())
+    robot = Robot.from_urdf(_urdf_text(), _Bracket())
     grasp = np.eye(4)
     grasp[2, 3] = -0.09
     arm = robot.arm(
@@ -55,12 +55,14 @@ def known_robot() -> tuple[Robot, Arm]:
     return robot, arm
 
 
-def _urdf() -> str:
-    links = [_link(name, given) for name, given in _LINKS.items()]
-    return "\n".join(['<robot name="known">', *links, *(_joint(*j) for j in _JOINTS), "</robot>"])
+def _urdf_text() -> str:
+    links = [_link_element(name, given) for name, given in _LINKS.items()]
+    return "\n".join(
+        ['<robot name="known">', *links, *(_joint_element(*j) for j in _JOINTS), "</robot>"]
+    )
 
 
-def _link(name: str, given: tuple[str, str] | None) -> str:
+def _link_element(name: str, given: tuple[str, str] | None) -> str:
     if given is None:
         return f'<link name="{name}"/>'
     shape, place = given
@@ -68,7 +70,7 @@ def _link(name: str, given: tuple[str, str] | None) -> str:
     return f'<link name="{name}"><collision>{geometry}</collision></link>'
 
 
-def _joint(
+def _joint_element(
     name: str, kind: str, parent: str, child: str, axis: str, limits: tuple[float, float] | None
 ) -> str:
     within = f'lower="{limits[0]}" upper="{limits[1]}" ' if limits else ""

@@ -24,7 +24,7 @@ from placement_planner_ros.core.collision.arm import ArmCollision
 from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.errors import PlacementPlannerError
 from placement_planner_ros.core.objective.by_name import make_objective
-from placement_planner_ros.core.objective.objective import ObjectiveContext, gradient
+from placement_planner_ros.core.objective.objective import ObjectiveContext, objective_gradient
 from placement_planner_ros.core.planner import SAMPLERS, PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.problem import Problem, workspace
 from placement_planner_ros.core.reach.ik import InverseKinematics
@@ -44,7 +44,7 @@ from placement_planner_ros.core.types import LEVEL, Array, Placement, TargetVolu
 from placement_planner_ros.core.warmup.known_robot import START, known_robot
 from placement_planner_ros.core.wishes.settings import TurnSettings
 
-SAMPLES = 4000
+TASK_SAMPLES = 4000
 """Samples within which a task must be solved, or be known to be hopeless."""
 
 
@@ -61,7 +61,7 @@ class KnownTask:
         self._robot, self._arm = known_robot()
         self._q = self._robot.with_positions(np.zeros(self._robot.model.nq), START)
         self._moving = MovingArm(self._robot, self._arm, self._q)
-        self._box = _body(trimesh.creation.box((0.06, 0.06, 0.1)))
+        self._box = _body_of_mesh(trimesh.creation.box((0.06, 0.06, 0.1)))
 
     def solve(self, first: Sequence[Callable[[KnownTask], None]] = ()) -> None:
         """Pass all stages.
@@ -82,7 +82,7 @@ class KnownTask:
         for stage in STAGES:
             if stage not in first:
                 stage(self)
-        self._place(replace(self._problem, body=_body(_tray())), PlannerSettings())
+        self._place(replace(self._problem, body=_body_of_mesh(_tray_mesh())), PlannerSettings())
         self._search_in_vain()
 
     def reach(self) -> None:
@@ -91,7 +91,7 @@ class KnownTask:
         q = self._q[self._arm.q_index]
         tip = chain.forward(q)
         inverse = InverseKinematics(chain, PlannerSettings().ik)
-        inverse.solve(tip, seed_table(chain).near(tip[None], 2, _rng())[0])
+        inverse.solve(tip, seed_table(chain).near(tip[None], 2, _stage_rng())[0])
         inverse.sweep(tip, q[None])
         inverse.track([tip, tip], q)
         chain.jacobian(q, np.eye(4))
@@ -109,11 +109,14 @@ class KnownTask:
         """Clearance and its gradient; how far surfaces go on, and what rises from them."""
         context = ObjectiveContext(self._environment, self._environment.volume, self._box)
         objective = make_objective("maximize_clearance", context)
-        gradient(objective, _pose(0.05, 0.05, 0.06))
+        objective_gradient(objective, _translated_pose(0.05, 0.05, 0.06))
         self._environment.clearance.distance(np.zeros((1, 3)))
         support = self._environment.support
         support.roomy(0.0, 0.003, 0.05)
-        one, far_below = _pose(0.05, 0.05, 0.06).homogeneous[None], np.array([[-10.0, 0.0, 0.0]])
+        one, far_below = (
+            _translated_pose(0.05, 0.05, 0.06).homogeneous[None],
+            np.array([[-10.0, 0.0, 0.0]]),
+        )
         rises = Protrusions(self._environment, self._box.faces, lambda _: np.zeros((1, 2)), 0.003)
         none = np.zeros(1)
         rises.lift(one, np.zeros(1, np.int64), LEVEL, far_below, none, none)
@@ -122,7 +125,7 @@ class KnownTask:
         """What a path sweeps, against a cloud."""
         arm, q = self._holding_arm(), self._q[self._arm.q_index]
         swept = SweptSpace([Stretch("", arm, np.array([q, q]))], self._obstacles, 0.01)
-        near = _rng().normal([0.0, 0.0, 0.3], 0.2, (1000, 3))
+        near = _stage_rng().normal([0.0, 0.0, 0.3], 0.2, (1000, 3))
         swept.news(near)
         swept.first_hit(near)
 
@@ -138,7 +141,7 @@ class KnownTask:
 
     @functools.cached_property
     def _environment(self) -> Environment:
-        return _surroundings(self._robot, self._arm, self._q, self._box, _rng())
+        return _noisy_surroundings(self._robot, self._arm, self._q, self._box, _stage_rng())
 
     @functools.cached_property
     def _problem(self) -> Problem:
@@ -151,7 +154,7 @@ class KnownTask:
     @functools.cached_property
     def _obstacles(self) -> ObstacleSet:
         """Few, for what needs nothing of the environment: another process compiles that."""
-        return ObstacleSet.from_points(_level(0.03, 0.03, 0.0))
+        return ObstacleSet.from_points(_level_points(0.03, 0.03, 0.0))
 
     def _carefully(self) -> PlannerSettings:
         """Settings that keep the object as upright as it is held at first, and jerk it little."""
@@ -170,9 +173,9 @@ class KnownTask:
         """A placement, and a second one where better ones are sought at once."""
         context = ObjectiveContext(problem.environment, problem.volume, problem.body)
         objective = make_objective("maximize_clearance", context)
-        planner = PlacementPlanner(problem, objective, settings, _rng())
+        planner = PlacementPlanner(problem, objective, settings, _stage_rng())
         wanted = 2 if settings.sampler == SAMPLERS[0] else 1
-        found = list(islice(_bounded(planner), wanted))
+        found = list(islice(_bounded_run(planner), wanted))
         if not found or found[-1].retreat is None:
             raise WarmupError("warmup", settings.sampler, f"found nothing: {planner.explain()}")
         planner.explain()
@@ -183,12 +186,12 @@ class KnownTask:
         for away, width, name in ((4.0, 0.06, "out of reach"), (0.0, 0.02, "too narrow")):
             offset = np.array([away, 0.0, 0.0])
             volume = TargetVolume(inside.lower + offset, inside.upper + offset)
-            environment = Environment.from_points(_level(0.06, width, 0.0) + offset, volume)
+            environment = Environment.from_points(_level_points(0.06, width, 0.0) + offset, volume)
             there = replace(self._problem, volume=volume, environment=environment)
             context = ObjectiveContext(environment, volume, self._box)
             objective = make_objective("maximize_clearance", context)
-            planner = PlacementPlanner(there, objective, PlannerSettings(), _rng())
-            if any(_bounded(planner)):
+            planner = PlacementPlanner(there, objective, PlannerSettings(), _stage_rng())
+            if any(_bounded_run(planner)):
                 raise WarmupError("warmup", name, "something was placed where nothing can be")
             planner.explain()
 
@@ -203,24 +206,24 @@ STAGES = (
 """What only some searches need."""
 
 
-def _rng() -> np.random.Generator:
+def _stage_rng() -> np.random.Generator:
     """The same draws for each stage, whichever come before it."""
     return np.random.default_rng(0)
 
 
-def _bounded(planner: PlacementPlanner) -> Iterator[Placement]:
-    return planner.run(lambda: planner.statistics.samples >= SAMPLES)
+def _bounded_run(planner: PlacementPlanner) -> Iterator[Placement]:
+    return planner.run(lambda: planner.statistics.samples >= TASK_SAMPLES)
 
 
-def _surroundings(
+def _noisy_surroundings(
     robot: Robot, arm: Arm, q_start: Array, body: Body, rng: np.random.Generator
 ) -> Environment:
     """A noisy level surface with a block on it.
 
     Another is made with what a sensor above does not see, and with a gap that it sees through.
     """
-    block = _level(0.03, 0.03, 0.06) + np.array([0.15, 0.15, 0.0])
-    points = rng.normal(np.vstack([_level(0.25, 0.25, 0.0), block]), 0.001)
+    block = _level_points(0.03, 0.03, 0.06) + np.array([0.15, 0.15, 0.0])
+    points = rng.normal(np.vstack([_level_points(0.25, 0.25, 0.0), block]), 0.001)
     volume = TargetVolume(np.array([-0.25, -0.25, -0.05]), np.array([0.25, 0.25, 0.3]))
     lower, upper = workspace(robot, (arm,), q_start, body, volume)
     settings = GridSettings()
@@ -230,14 +233,14 @@ def _surroundings(
     seen[np.hypot(seen[:, 0] + 0.15, seen[:, 1] + 0.15) < 0.05, 2] -= 0.15
     Environment.from_points(seen, volume, settings, None, bounds, views=[View(seen, eye)])
     # thinned, so that 27 cells hold few points
-    sparse = _level(0.15, 0.15, 0.0)
+    sparse = _level_points(0.15, 0.15, 0.0)
     sparse = sparse[np.unique(np.floor(sparse / 0.009), axis=0, return_index=True)[1]]
     sparse += 0.0005 * np.random.default_rng(1).normal(size=sparse.shape)
     ObstacleSet.from_points(sparse)
     return Environment.from_points(points, volume, settings, None, bounds)
 
 
-def _level(length: float, width: float, height: float) -> Array:
+def _level_points(length: float, width: float, height: float) -> Array:
     """Points (n, 3) of a rectangle of twice that length and width around the origin."""
     spacing = 0.005
     x, y = (np.arange(-half, half + spacing, spacing) for half in (length, width))
@@ -245,15 +248,15 @@ def _level(length: float, width: float, height: float) -> Array:
     return np.column_stack([flat, np.full(len(flat), height)])
 
 
-def _pose(x: float, y: float, z: float) -> pin.SE3:
+def _translated_pose(x: float, y: float, z: float) -> pin.SE3:
     return pin.SE3(np.eye(3), np.array([x, y, z]))
 
 
-def _body(mesh: trimesh.Trimesh) -> Body:
+def _body_of_mesh(mesh: trimesh.Trimesh) -> Body:
     return Body.from_mesh(mesh.vertices, mesh.faces)
 
 
-def _tray() -> trimesh.Trimesh:
+def _tray_mesh() -> trimesh.Trimesh:
     """A flat open box, a single closed mesh."""
     outline = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=np.float64)
     rings = [(0.03, 0.0), (0.03, 0.04), (0.024, 0.04), (0.024, 0.005)]

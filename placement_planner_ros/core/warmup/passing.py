@@ -15,10 +15,10 @@ import scipy
 from placement_planner_ros.core import kernel_cache
 from placement_planner_ros.core.disk_cache import (
     TROUBLES,
-    bypassed,
+    bypassed_cache,
     cache_folder,
-    sealed,
-    unsealed,
+    seal_content,
+    unseal_content,
 )
 from placement_planner_ros.core.kernels import forget_all, version_of_kernels
 from placement_planner_ros.core.warmup.known_task import KnownTask
@@ -36,12 +36,14 @@ def pass_every_stage(first: Sequence[Callable[[KnownTask], None]] = ()) -> None:
     Raises:
         WarmupError: a stage was not passed.
     """
-    path = _path()  # of the code that was loaded, should it change meanwhile
-    with bypassed():
+    path = _passed_file()  # of the code that was loaded, should it change meanwhile
+    with bypassed_cache():
         KnownTask().solve(first)
     if path is not None:
         with contextlib.suppress(OSError):  # the next process solves it too
-            kernel_cache.write_whole(path, sealed(kernel_cache.versions(_NAME), path.name))
+            kernel_cache.write_whole(
+                path, seal_content(kernel_cache.kernel_versions(_NAME), path.name)
+            )
 
 
 def load_passed() -> bool:
@@ -49,11 +51,11 @@ def load_passed() -> bool:
 
     Where not all of them can be loaded, none is kept any longer, and `TROUBLES` is told.
     """
-    path = _path()
+    path = _passed_file()
     if path is None or not path.is_file():
         return False
     with contextlib.suppress(OSError, ValueError):
-        if kernel_cache.load(unsealed(path.read_bytes(), path.name)):
+        if kernel_cache.load_kernels(unseal_content(path.read_bytes(), path.name)):
             return True
     TROUBLES.note(
         "unloadable", f"the kernels in {path.parent} cannot be loaded; all are compiled anew"
@@ -64,7 +66,7 @@ def load_passed() -> bool:
     return False
 
 
-def _path() -> Path | None:
+def _passed_file() -> Path | None:
     """For this version of all that calls kernels, which decides with which arguments it does."""
     folder = cache_folder()
     if folder is None:

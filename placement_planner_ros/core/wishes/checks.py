@@ -11,47 +11,50 @@ import numpy as np
 
 from placement_planner_ros.core.errors import ParameterError
 
-MAX_KEEP_OUT = 64
+MAX_KEEP_OUT_BOXES = 64
 """Boxes to keep out of, at most."""
-_UNIT = 1e-2
+_UNIT_LENGTH_TOLERANCE = 1e-2
 """How far a quaternion's length may be from 1."""
-_LEAST, _MOST = 1e-6, 1e6
+_LEAST_COORDINATE, _GREATEST_COORDINATE = 1e-6, 1e6
 """Of the largest coordinate of a direction, so that its length can be told."""
-_FAR = 1e3
+_FARTHEST_POSE_M = 1e3
 """m from the origin that a pose may be."""
 
 
-def direction(name: str, value: Sequence[float]) -> None:
+def check_direction(name: str, value: Sequence[float]) -> None:
     """Three numbers that are not all zero, or nothing."""
     if len(value) not in (0, 3):
         raise ParameterError(name, list(value), "give a direction x y z, or nothing")
-    if len(value) and not _LEAST <= np.abs(value).max() <= _MOST:
+    if len(value) and not _LEAST_COORDINATE <= np.abs(value).max() <= _GREATEST_COORDINATE:
         raise ParameterError(
             name,
             list(value),
-            f"give three numbers that are not all zero, up to {_MOST:g}: only the direction counts",
+            f"give three numbers that are not all zero, up to {_GREATEST_COORDINATE:g}: only the "
+            "direction counts",
         )
 
 
-def pose(name: str, value: Sequence[float]) -> None:
+def check_pose_value(name: str, value: Sequence[float]) -> None:
     """One pose x y z qx qy qz qw, or nothing."""
     if len(value) not in (0, 7):
         raise ParameterError(name, list(value), "give seven numbers: x y z qx qy qz qw")
-    if len(value) and not np.abs(value[:3]).max() <= _FAR:
-        raise ParameterError(name, list(value), f"give a place within {_FAR:g} m of the origin")
+    if len(value) and not np.abs(value[:3]).max() <= _FARTHEST_POSE_M:
+        raise ParameterError(
+            name, list(value), f"give a place within {_FARTHEST_POSE_M:g} m of the origin"
+        )
     length = float(np.linalg.norm(value[3:])) if len(value) else 1.0
-    if not abs(length - 1.0) < _UNIT:
+    if not abs(length - 1.0) < _UNIT_LENGTH_TOLERANCE:
         raise ParameterError(
             name, list(value), f"the quaternion x y z w must have length 1, not {length:.3g}"
         )
 
 
-def boxes(name: str, value: Sequence[float]) -> None:
+def check_boxes(name: str, value: Sequence[float]) -> None:
     """Minimum and maximum corners of boxes, six numbers each, or nothing."""
     if len(value) % 6:
         raise ParameterError(name, list(value), f"give six numbers per box, not {len(value)}")
-    if len(value) > 6 * MAX_KEEP_OUT:
-        raise ParameterError(name, f"{len(value) // 6} boxes", f"give {MAX_KEEP_OUT} at most")
+    if len(value) > 6 * MAX_KEEP_OUT_BOXES:
+        raise ParameterError(name, f"{len(value) // 6} boxes", f"give {MAX_KEEP_OUT_BOXES} at most")
     for number, box in enumerate(np.array(value, dtype=np.float64).reshape(-1, 6)):
         if not (np.isfinite(box).all() and (box[3:] > box[:3]).all()):
             raise ParameterError(

@@ -46,8 +46,8 @@ class TurnSettings(Settings):
 
     def __post_init__(self) -> None:
         Settings.__post_init__(self)
-        checks.direction("object.up", self.up)
-        checks.direction("object.front", self.front)
+        checks.check_direction("object.up", self.up)
+        checks.check_direction("object.front", self.front)
 
     @property
     def asks(self) -> bool:
@@ -96,7 +96,7 @@ class WishSettings(Settings):
 
     def __post_init__(self) -> None:
         Settings.__post_init__(self)
-        checks.pose("near_pose", self.near_pose)
+        checks.check_pose_value("near_pose", self.near_pose)
 
     def require_consistent(self) -> None:
         """Refuse lists that do not fit each other.

@@ -21,9 +21,9 @@ from placement_planner_ros.core.wishes.settings import TurnSettings
 FULL_TURN = 2.0 * math.pi
 VERTICAL = math.radians(5.0)
 """Nearer than this to the vertical a direction faces nowhere."""
-_ROUNDING = 1e-6
+_ANGLE_ROUNDING_RAD = 1e-6
 """rad that a tolerance is exceeded by at most, so that 0 can be kept; arms are less exact."""
-_LOOKED_AT = 360
+_SAMPLED_TURNS = 360
 """Turns that are looked at to say how far an object leans."""
 
 Ranges = tuple[tuple[float, float], ...]
@@ -39,15 +39,15 @@ class Turns:
 
     def __init__(self, settings: TurnSettings, faces: Sequence[PlacementFace]) -> None:
         self.settings = settings
-        self._up = _unit(settings.up)
-        self._front = _unit(settings.front)
+        self._up = _unit_vector(settings.up)
+        self._front = _unit_vector(settings.front)
         self._to_face = [face.T_face_object.rotation for face in faces]
         self.ranges = functools.cache(self._ranges)
 
     def kept(self, rotations: Array) -> npt.NDArray[np.bool_]:
         """(n,) whether the rules are kept by objects turned by (n, 3, 3)."""
-        kept = self.leans(rotations) <= self.settings.up_tolerance + _ROUNDING
-        kept &= self.faces_away(rotations) <= self.settings.front_tolerance + _ROUNDING
+        kept = self.leans(rotations) <= self.settings.up_tolerance + _ANGLE_ROUNDING_RAD
+        kept &= self.faces_away(rotations) <= self.settings.front_tolerance + _ANGLE_ROUNDING_RAD
         return kept
 
     def broken(self, rotation: Array) -> list[str]:
@@ -56,7 +56,7 @@ class Turns:
             "object.up": self.leans(rotation[None])[0] - self.settings.up_tolerance,
             "object.front": self.faces_away(rotation[None])[0] - self.settings.front_tolerance,
         }
-        return [name for name, beyond in off.items() if beyond > _ROUNDING]
+        return [name for name, beyond in off.items() if beyond > _ANGLE_ROUNDING_RAD]
 
     def leans(self, rotations: Array) -> Array:
         """(n,) rad between `up` and the vertical of objects turned by (n, 3, 3); 0 without it."""
@@ -78,7 +78,7 @@ class Turns:
 
     def least_lean(self, face: int, slope: Slope) -> float:
         """rad that `up` leans at least with the object on that face and a plane of that slope."""
-        angles = np.linspace(0.0, FULL_TURN, _LOOKED_AT, endpoint=False)
+        angles = np.linspace(0.0, FULL_TURN, _SAMPLED_TURNS, endpoint=False)
         turned = upright(slope) @ _about_z(angles) @ self._to_face[face]
         return float(self.leans(turned).min())
 
@@ -88,15 +88,15 @@ class Turns:
         to_normal, to_face = upright(slope), self._to_face[face]
         ends: list[float] = []
         if self._up is not None:
-            _, _, up = _coordinates(to_normal, to_face @ self._up)
-            ends += _roots(up, math.cos(self.settings.up_tolerance + _ROUNDING))
+            _, _, up = _turned_coordinates(to_normal, to_face @ self._up)
+            ends += _angles_of_value(up, math.cos(self.settings.up_tolerance + _ANGLE_ROUNDING_RAD))
         if self._front is not None:
-            x, y, z = _coordinates(to_normal, to_face @ self._front)
+            x, y, z = _turned_coordinates(to_normal, to_face @ self._front)
             for sign in (-1.0, 1.0):
-                off = sign * (self.settings.front_tolerance + _ROUNDING)
+                off = sign * (self.settings.front_tolerance + _ANGLE_ROUNDING_RAD)
                 azimuth = self.settings.front_direction + off
-                ends += _roots(math.cos(azimuth) * y - math.sin(azimuth) * x, 0.0)
-                ends += _roots(z, sign * math.cos(VERTICAL))
+                ends += _angles_of_value(math.cos(azimuth) * y - math.sin(azimuth) * x, 0.0)
+                ends += _angles_of_value(z, sign * math.cos(VERTICAL))
         return self._kept_between(sorted({0.0, *ends}), to_normal, to_face)
 
     def _kept_between(self, ends: list[float], to_normal: Array, to_face: Array) -> Ranges:
@@ -118,14 +118,14 @@ class Turns:
         return tuple(found)
 
 
-def _unit(direction: Sequence[float]) -> Array | None:
+def _unit_vector(direction: Sequence[float]) -> Array | None:
     if not direction:
         return None
     array = np.array(direction, dtype=np.float64)
     return np.asarray(array / np.linalg.norm(array))
 
 
-def _coordinates(to_normal: Array, direction: Array) -> Array:
+def _turned_coordinates(to_normal: Array, direction: Array) -> Array:
     """(3, 3) of each coordinate of R_n R_z(θ) d: its constant, and what comes with cos θ and
     sin θ."""
     dx, dy, dz = direction
@@ -134,7 +134,7 @@ def _coordinates(to_normal: Array, direction: Array) -> Array:
     return np.asarray(np.stack([constant, along_cos, along_sin]) @ to_normal.T).T
 
 
-def _roots(terms: Array, value: float) -> list[float]:
+def _angles_of_value(terms: Array, value: float) -> list[float]:
     """The angles in [0, 2π) at which a + b cos θ + c sin θ is that value, of (3,) terms."""
     constant, along_cos, along_sin = terms.tolist()
     size = math.hypot(along_cos, along_sin)

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from placement_planner_ros.core.robot.model import Arm, Robot
-from placement_planner_ros.core.timing.quintic import evaluate
+from placement_planner_ros.core.timing.quintic import evaluate_trajectory
 from placement_planner_ros.core.types import Array, Trajectory
 from placement_planner_ros.demo.physics.model import TIME_STEP, SimulatedThing, WeldedObject
 from placement_planner_ros.demo.physics.world import PhysicsContact, PhysicsWorld
@@ -162,6 +162,6 @@ def _asked(robot: Robot, q: Array, trajectory: Trajectory) -> _Asked:
     columns = [robot.index(joint) for joint in trajectory.joints]
     still = np.zeros((len(times), len(q)))
     asked = still + q, still, still.copy()
-    for whole, some in zip(asked, evaluate(trajectory, times), strict=True):
+    for whole, some in zip(asked, evaluate_trajectory(trajectory, times), strict=True):
         whole[:, columns] = some
     return asked

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from placement_planner_ros.core.body.convex_cover import Cover, hull_cover
 from placement_planner_ros.core.body.covered_mesh import kept_cover
-from placement_planner_ros.core.disk_cache import find, keep
+from placement_planner_ros.core.disk_cache import find_result, keep_result
 from placement_planner_ros.core.meshes.collada import Triangles
 from placement_planner_ros.core.meshes.digest import content_digest
 from placement_planner_ros.core.types import Array
@@ -30,11 +30,11 @@ def read_kept(process: MeshProcess, path: Path) -> tuple[Array, Triangles]:
         StoppedError: nobody wants it any more.
     """
     digest = content_digest(path.suffix.lower(), path.read_bytes())
-    arrays: tuple[Array, Triangles] | None = find("read meshes", digest.hex())
+    arrays: tuple[Array, Triangles] | None = find_result("read meshes", digest.hex())
     if arrays is None:
         vertices, triangles, digest = process.read_with_digest(path)  # it may have changed
         arrays = vertices, triangles
-        keep("read meshes", digest.hex(), arrays)
+        keep_result("read meshes", digest.hex(), arrays)
     return arrays
 
 

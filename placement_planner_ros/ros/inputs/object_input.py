@@ -18,7 +18,7 @@ from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.body.covered_mesh import MOST_SECONDS
 from placement_planner_ros.core.body.mesh import require_few
 from placement_planner_ros.core.collision.object_solids import object_solids
-from placement_planner_ros.core.disk_cache import code_digest, digest_of, find, keep
+from placement_planner_ros.core.disk_cache import code_digest, digest_of, find_result, keep_result
 from placement_planner_ros.core.errors import ObjectError, PlacementPlannerError, forget_where
 from placement_planner_ros.core.meshes.digest import content_digest
 from placement_planner_ros.core.meshes.headers import check_header
@@ -283,7 +283,7 @@ class ObjectInput:
             return digest_of(_makers(), content, tuple(center), scale, settings)
 
         def make(should_stop: ShouldStop) -> Body:
-            body: Body | None = find("prepared objects", key_of(given.content()))
+            body: Body | None = find_result("prepared objects", key_of(given.content()))
             if body is None:
                 body = anew(should_stop)
             # Takes seconds for many triangles, and start's answer is not to wait for it.
@@ -319,7 +319,7 @@ class ObjectInput:
                 finally:
                     self._tell("")
             if not failed:
-                keep("prepared objects", key_of(content), body)
+                keep_result("prepared objects", key_of(content), body)
             return body
 
         return (given.key, tuple(center), scale, settings), make

@@ -58,10 +58,10 @@ OBJECT_TURNS = {
 }
 """The same of how the object is turned, which stand with the object's."""
 _CHECKS: dict[str, Check] = {
-    "keep_out": wish_checks.boxes,
-    "near_pose": wish_checks.pose,
-    "object.up": wish_checks.direction,
-    "object.front": wish_checks.direction,
+    "keep_out": wish_checks.check_boxes,
+    "near_pose": wish_checks.check_pose_value,
+    "object.up": wish_checks.check_direction,
+    "object.front": wish_checks.check_direction,
     "objective_terms": checks.terms,
     "require_terms": checks.terms,
 }

@@ -15,7 +15,7 @@ from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.environment import Environment
 from placement_planner_ros.core.scene.flying_pixels import flying_among
 from placement_planner_ros.core.scene.grid import ObstacleSet
-from placement_planner_ros.core.swept.space import Stretch, SweptSpace, evenly
+from placement_planner_ros.core.swept.space import Stretch, SweptSpace, even_times
 from placement_planner_ros.core.timing.quintic import positions_at
 from placement_planner_ros.core.types import Array, Goal, Placement, Trajectory
 from placement_planner_ros.ros.inputs.inputs import Inputs
@@ -148,7 +148,7 @@ def _dense(arm: ArmCollision, curve: Trajectory, begin: float, end: float) -> Ar
     """(k, dof) the curve from one time to another, as a `Stretch` needs it."""
     number = int(np.clip(_SAMPLES * (end - begin), _FEWEST_SAMPLES, _MOST_SAMPLES))
     times = np.linspace(begin, end, number)
-    return positions_at(curve, evenly(arm, positions_at(curve, times), times))
+    return positions_at(curve, even_times(arm, positions_at(curve, times), times))
 
 
 def outdated(snapshot: Snapshot, inputs: Inputs) -> str:

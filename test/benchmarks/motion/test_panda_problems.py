@@ -11,7 +11,7 @@ from helpers.shared import SHARED
 from benchmarks.motion.comparison import Workbench, path_length
 from benchmarks.motion.problems import panda_problems, read_problem
 from placement_planner_ros.core.errors import JointStateError, ParameterError
-from placement_planner_ros.core.timing.timing import evaluate
+from placement_planner_ros.core.timing.timing import evaluate_trajectory
 
 DATA = SHARED / "data"
 SOME = ("bookshelf_small/0009", "table_pick/0005")
@@ -93,7 +93,7 @@ def test_paths_and_timed_curves_are_free_among_the_true_primitives(problems, nam
     assert shortened.length == path_length(shortened.path) <= path_length(planned.path)
     assert shortened.trajectory is not None
     instants = np.linspace(0, shortened.trajectory.duration, 200)
-    timed, velocity, _ = evaluate(shortened.trajectory, instants)
+    timed, velocity, _ = evaluate_trajectory(shortened.trajectory, instants)
     assert (np.abs(velocity) <= problem.arm.velocity * (1 + 1e-6)).all()
 
     world = TrueWorld(problem)

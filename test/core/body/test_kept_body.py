@@ -43,5 +43,5 @@ def test_a_kept_body_is_the_same_to_the_last_bit(name, monkeypatch, tmp_path):
         mesh = trimesh.util.concatenate([boxes[0], ring, boxes[1]])
     settings = BodySettings(allow_rolling=name == "ball")
     made = Body.from_mesh(mesh.vertices, mesh.faces, cover=halves, settings=settings)
-    disk_cache.keep("bodies", "key", made)
-    assert content(disk_cache.find("bodies", "key")) == content(made)
+    disk_cache.keep_result("bodies", "key", made)
+    assert content(disk_cache.find_result("bodies", "key")) == content(made)

@@ -962,7 +962,7 @@ def test_certified_edges_keep_their_distance_all_the_way(mixed):
 def test_a_short_queue_changes_no_answer(slider, monkeypatch):
     obstacles = obstacles_of(plate((0.002, 0.4, 0.4), (0.5, 0.0, 0.0)))
     long = slider_checker(slider, obstacles)
-    monkeypatch.setattr("placement_planner_ros.core.collision.arm._QUEUE", 2)
+    monkeypatch.setattr("placement_planner_ros.core.collision.arm._QUEUED_INTERVALS", 2)
     short = slider_checker(slider, obstacles)
     side = obstacles.upper[:, 1].max() + 0.02 + 0.003
     for gap in (0.0006, 0.002, -0.0001):

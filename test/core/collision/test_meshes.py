@@ -11,7 +11,7 @@ from placement_planner_ros.core.collision.against_mesh import (
     mesh_meets_hull,
     meshes_meet,
     surface_distance,
-    winding,
+    winding_number,
 )
 from placement_planner_ros.core.collision.meshes import MeshTree, mesh_arrays
 from placement_planner_ros.core.collision.separation import COLLIDING, FREE, UNDECIDED
@@ -109,7 +109,7 @@ def test_inside_is_where_the_solid_is(name, turned):
     points = rng.uniform(mesh.bounds[0] - 0.02, mesh.bounds[1] + 0.02, (1500, 3))
     inside = Components.of(np.asarray(mesh.vertices), np.asarray(mesh.faces)).inside(points)
     assert 50 < inside.sum() < 1450
-    assert [winding(arrays, 0, *p) > 0 for p in points] == inside.tolist()
+    assert [winding_number(arrays, 0, *p) > 0 for p in points] == inside.tolist()
 
 
 def test_rays_through_edges_and_corners_find_the_inside_too():
@@ -117,19 +117,19 @@ def test_rays_through_edges_and_corners_find_the_inside_too():
     away = np.array([[0.34107, 0.22713, 0.91218], [0.87131, 0.39217, 0.29498]])
     corner = np.array([0.1, 0.1, 0.1])
     for point in (*(corner - 0.1 * away), np.zeros(3), np.array([0.05, 0.05, 0.05])):
-        assert winding(arrays, 0, *point) == 1
-    assert winding(arrays, 0, 0.11, 0.0, 0.0) == 0
+        assert winding_number(arrays, 0, *point) == 1
+    assert winding_number(arrays, 0, 0.11, 0.0, 0.0) == 0
 
 
 def test_sheets_have_no_inside_and_what_encloses_no_hollow():
     sphere = trimesh.creation.icosphere(2, 0.1)
     opened = trimesh.Trimesh(sphere.vertices, sphere.faces[1:], process=False)
-    assert winding(arrays_of(opened), 0, 0.0, 0.0, 0.0) == 0
+    assert winding_number(arrays_of(opened), 0, 0.0, 0.0, 0.0) == 0
     inner = trimesh.creation.icosphere(2, 0.05)
     inner.invert()
     shell = trimesh.util.concatenate([sphere, inner])
-    assert winding(arrays_of(shell), 0, 0.07, 0.0, 0.0) > 0
-    assert winding(arrays_of(shell), 0, 0.0, 0.0, 0.0) > 0, "nothing gets there"
+    assert winding_number(arrays_of(shell), 0, 0.07, 0.0, 0.0) > 0
+    assert winding_number(arrays_of(shell), 0, 0.0, 0.0, 0.0) > 0, "nothing gets there"
 
 
 @pytest.mark.parametrize("name", SOLIDS)
@@ -254,5 +254,5 @@ def test_triangles_too_many_and_without_area_change_nothing(spoil):
     more = faces[:3] if spoil == "repeated" else np.array([[0, 0, 1], [2, 2, 2]])
     spoilt = trimesh.Trimesh(mesh.vertices, np.vstack([faces, more]), process=False)
     arrays = arrays_of(spoilt)
-    assert winding(arrays, 0, 0.01, 0.02, 0.003) == 1
+    assert winding_number(arrays, 0, 0.01, 0.02, 0.003) == 1
     assert surface_distance(arrays, 0, 0.0, 0.0, 0.0) == pytest.approx(0.025)

@@ -8,7 +8,7 @@ import pytest
 from placement_planner_ros.core import disk_cache
 from placement_planner_ros.core.collision import arm, pair_tables
 from placement_planner_ros.core.collision.arm import ArmCollision, CollisionSettings
-from placement_planner_ros.core.collision.pair_tables import CELL, apart_within
+from placement_planner_ros.core.collision.pair_tables import CELL_RAD, apart_within
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
@@ -111,10 +111,10 @@ def test_links_are_apart_throughout_the_cells_that_say_so(request, which):
             if not apart_within(tables, table, *at, 0.0, 0.0):
                 continue
             certified += 1
-            corner = lower + np.floor((at - lower) / CELL) * CELL
+            corner = lower + np.floor((at - lower) / CELL_RAD) * CELL_RAD
             for share in (rng.random(2), rng.integers(0, 2, 2)):
                 q = np.zeros(robot.model.nq)
-                q[arm.q_index[joints]] = corner + share * CELL
+                q[arm.q_index[joints]] = corner + share * CELL_RAD
                 closest = min(closest, distance(robot, links, q))
         assert certified >= 6
         assert closest >= MARGIN - 1e-6
@@ -135,7 +135,7 @@ def test_links_are_apart_all_over_the_cells_next_to_open_ones(elbow):
     closest = np.inf
     for corner in corners:
         q = np.zeros(robot.model.nq)
-        q[arm.q_index[:2]] = arm.lower[:2] + corner * CELL
+        q[arm.q_index[:2]] = arm.lower[:2] + corner * CELL_RAD
         closest = min(closest, distance(robot, ("base", "fore"), q))
     assert MARGIN - 1e-6 <= closest < MARGIN + 0.003
 
@@ -146,22 +146,22 @@ def test_a_range_is_apart_where_all_its_cells_are(elbow):
     rng = np.random.default_rng(2)
     answers = []
     for at in rng.uniform(arm.lower, arm.upper, (200, 2)):
-        wide = apart_within(tables, 0, *at, 2 * CELL, CELL)
-        offsets = rng.uniform(-1.0, 1.0, (60, 2)) * [2 * CELL, CELL]
+        wide = apart_within(tables, 0, *at, 2 * CELL_RAD, CELL_RAD)
+        offsets = rng.uniform(-1.0, 1.0, (60, 2)) * [2 * CELL_RAD, CELL_RAD]
         inside = [apart_within(tables, 0, *(at + offset), 0.0, 0.0) for offset in offsets]
         assert all(inside) or not wide
         answers.append((wide, all(inside)))
     assert {(True, True), (False, False)} <= set(answers)
     assert not apart_within(tables, 0, *(arm.lower - 0.01), 0.0, 0.0)
-    assert not apart_within(tables, 0, *(arm.upper + 2 * CELL), 0.0, 0.0)
+    assert not apart_within(tables, 0, *(arm.upper + 2 * CELL_RAD), 0.0, 0.0)
     assert not apart_within(tables, 0, 0.0, 0.0, 1e300, np.inf)
 
 
 def test_tables_are_kept_for_the_next_process(elbow, monkeypatch, tmp_path):
     monkeypatch.setattr(disk_cache, "cache_folder", lambda: tmp_path)
     made = []
-    fill = pair_tables._fill
-    monkeypatch.setattr(pair_tables, "_fill", lambda *given: (made.append(1), fill(*given)))
+    fill = pair_tables._fill_table
+    monkeypatch.setattr(pair_tables, "_fill_table", lambda *given: (made.append(1), fill(*given)))
     tables = []
     for _ in range(2):
         pair_tables.pair_tables.cache_clear()
@@ -197,7 +197,7 @@ def test_every_cell_says_so_where_links_are_far_apart(elbow):
     far = 0
     for cell in np.random.default_rng(3).integers(0, (first, second), (400, 2)):
         q = np.zeros(robot.model.nq)
-        q[arm.q_index[:2]] = arm.lower[:2] + (cell + 0.5) * CELL
+        q[arm.q_index[:2]] = arm.lower[:2] + (cell + 0.5) * CELL_RAD
         if distance(robot, ("base", "fore"), q) > 0.03:
             far += 1
             assert apart[*cell]

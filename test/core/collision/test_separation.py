@@ -13,8 +13,13 @@ from placement_planner_ros.core.collision.against_boxes import (
     polytope_meets_box,
 )
 from placement_planner_ros.core.collision.boxes import box_arrays
-from placement_planner_ros.core.collision.separation import COLLIDING, FREE, UNDECIDED, separate
-from placement_planner_ros.core.collision.shapes import polytope
+from placement_planner_ros.core.collision.separation import (
+    COLLIDING,
+    FREE,
+    UNDECIDED,
+    check_separation,
+)
+from placement_planner_ros.core.collision.shapes import convex_polytope
 from placement_planner_ros.core.scene.grid import GridSettings, ObstacleSet
 
 NEAR = 1e-5
@@ -68,7 +73,7 @@ def asked(a, other, free_at, hit_below, start):
     work[5, :3] = start
     around = np.full((2, 3), 1e3)
     outside = np.full((3, other.shape[1]), -1e3)
-    answer = separate(
+    answer = check_separation(
         np.vstack([around, a, around]),
         2,
         2 + len(a),
@@ -111,7 +116,7 @@ def test_a_polytope_is_as_far_from_a_box_as_all_faces_of_their_difference_say(cl
     for a, box, d in cases(rng, 400):
         if box.shape[1] != 6 or abs(d) < 1e-3:
             continue
-        hull = polytope(a)
+        hull = convex_polytope(a)
         radius = rng.choice([0.0, 0.05])
         points = np.vstack([np.full((1, 3), 9.0), hull.vertices, np.full((1, 3), -9.0)])
         planes = np.column_stack([hull.normals, hull.offsets])
@@ -119,11 +124,11 @@ def test_a_polytope_is_as_far_from_a_box_as_all_faces_of_their_difference_say(cl
         bounds[2] = *(a.min(axis=0) - radius), *(a.max(axis=0) + radius)
         last = len(planes) if rng.random() < 0.8 else 0
         world = SetsInWorld(points, planes, bounds, np.zeros((6, 4)))
-        rows = SetRows(1, 1 + len(hull.vertices), 0, last, 2, radius)
+        rows = SetRows(1, 1 + len(hull.vertices), 0, last, 2, radius, closed)
         corners = np.vstack([np.full((1, 6), 7.0), box])
 
         def meets(need, hit, world=world, rows=rows, corners=corners):
-            return polytope_meets_box(world, rows, closed, corners, 1, need, hit)
+            return polytope_meets_box(world, rows, corners, 1, need, hit)
 
         gap = d - radius
         if gap < 0.0:

@@ -6,7 +6,7 @@ import pytest
 import trimesh
 
 from placement_planner_ros.core.body.convex_cover import convex_cover
-from placement_planner_ros.core.collision.shapes import Shape, polytope, shape_of
+from placement_planner_ros.core.collision.shapes import Shape, convex_polytope, shape_of
 from placement_planner_ros.core.collision.spheres import (
     SphereTree,
     bounding_sphere,
@@ -226,7 +226,7 @@ def test_unusable_geometry_is_refused_by_name(geometry):
 
 def test_cube_has_six_planes():
     corners = np.array(np.meshgrid([0, 1], [0, 1], [0, 1]), dtype=float).reshape(3, -1).T
-    cube = polytope(corners)
+    cube = convex_polytope(corners)
     assert len(cube.offsets) == 6
 
 

@@ -7,7 +7,7 @@ from helpers import few_joints
 
 from placement_planner_ros.core.constraints import placement_pose
 from placement_planner_ros.core.grasp.free_yaw_ik import FreeYawIK
-from placement_planner_ros.core.objective.objective import moved
+from placement_planner_ros.core.objective.objective import moved_pose
 from placement_planner_ros.core.reach.ik import InverseKinematics
 from placement_planner_ros.core.reach.kinematics import Chain
 from placement_planner_ros.core.reach.upright_motion import upright_motion
@@ -113,7 +113,7 @@ def test_changes_are_the_nearest_that_the_joints_make(hand):
     assert possible @ possible == pytest.approx(possible, abs=1e-6)
     assert round(float(np.trace(possible))) == (3 if turns_freely(hand) else 2)
     for change in 0.003 * possible / scale:  # the way is a curve, off it by the square of the step
-        wanted = moved(x, change)
+        wanted = moved_pose(x, change)
         given, q_given = hand.any_turn.follow(wanted, hand.face.T_face_object, q)
         assert_reached(hand, given, q_given)
         assert abs(turn_between(hand, wanted, given)) <= 1e-3
@@ -121,12 +121,12 @@ def test_changes_are_the_nearest_that_the_joints_make(hand):
 
 def test_a_place_is_followed_with_the_turn_that_comes(hand):
     x, q = upright_near_the_middle(hand)
-    near = moved(x, np.array([0.01, -0.01, 0.0]))
+    near = moved_pose(x, np.array([0.01, -0.01, 0.0]))
     other, q_next = hand.any_turn.follow(near, hand.face.T_face_object, q)
     assert abs(turn_between(hand, near, other)) <= 0.2
     assert_reached(hand, other, q_next)
     assert np.abs(q_next - q).max() <= 0.2
-    far = moved(x, np.array([3.0, 0.0, 0.0]))
+    far = moved_pose(x, np.array([3.0, 0.0, 0.0]))
     assert hand.any_turn.follow(far, hand.face.T_face_object, q) is None
 
 

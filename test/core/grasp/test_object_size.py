@@ -8,7 +8,7 @@ import pytest
 from helpers.scans import SHAPES
 
 from placement_planner_ros.core.body.body import Body
-from placement_planner_ros.core.grasp.object_size import hand_size, size_doubt, stretched
+from placement_planner_ros.core.grasp.object_size import hand_size, size_doubt, stretched_length
 from placement_planner_ros.scenes.objects import OBJECT_NAMES, object_by_name
 from placement_planner_ros.scenes.yumi import load_yumi, yumi_arm
 
@@ -41,4 +41,4 @@ def test_hand_and_reach_are_those_of_the_robot(yumi):
     robot, arms = yumi
     q = np.zeros(len(robot.joint_names))
     assert 0.1 < hand_size(robot, arms[0], q) < 0.2
-    assert 0.5 < stretched(robot, arms[0]) < 1.2
+    assert 0.5 < stretched_length(robot, arms[0]) < 1.2

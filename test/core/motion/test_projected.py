@@ -7,7 +7,7 @@ import pytest
 
 from placement_planner_ros.core.motion.birrt import GoalSetRRT, GoalSetRRTSettings
 from placement_planner_ros.core.motion.projected import ProjectedSteps
-from placement_planner_ros.core.motion.shortcut import shorten
+from placement_planner_ros.core.motion.shortcut import shorten_path
 
 INNER, OUTER = 0.98, 1.02
 LOWER, UPPER = np.array([-1.5, -1.5]), np.array([1.5, 1.5])
@@ -96,7 +96,7 @@ def test_shortcuts_follow_the_ring_and_never_lengthen():
     path = radii[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
     assert_on_ring(path, ring)
     before = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
-    short = shorten(path, ring.keeps, rng, constraint=ring)
+    short = shorten_path(path, ring.keeps, rng, constraint=ring)
     assert_on_ring(short, ring)
     np.testing.assert_array_equal(short[[0, -1]], path[[0, -1]])
     after = np.linalg.norm(np.diff(short, axis=0), axis=1).sum()

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from placement_planner_ros.core.motion.shortcut import shorten
+from placement_planner_ros.core.motion.shortcut import shorten_path
 
 
 def outside_disc(a, b):
@@ -35,7 +35,7 @@ def test_shorter_with_the_same_ends_and_free(seed, attempts, tries):
     rng = np.random.default_rng(seed)
     path = wandering_path(rng)
     copy = path.copy()
-    result = shorten(path, outside_disc, rng, attempts, tries=tries)
+    result = shorten_path(path, outside_disc, rng, attempts, tries=tries)
     np.testing.assert_array_equal(path, copy)
     np.testing.assert_array_equal(result[[0, -1]], path[[0, -1]])
     outward = 5.0 + (result - 5.0) * (1.0 + 1e-9)  # parts of edges that graze are rounded
@@ -54,7 +54,9 @@ def test_several_tries_find_a_way_that_one_may_miss():
         path = wandering_path(np.random.default_rng(seed))
         one, four = (
             length(
-                shorten(path, outside_disc, np.random.default_rng(seed), 20 * tries, tries=tries)
+                shorten_path(
+                    path, outside_disc, np.random.default_rng(seed), 20 * tries, tries=tries
+                )
             )
             for tries in (1, 4)
         )
@@ -65,13 +67,13 @@ def test_several_tries_find_a_way_that_one_may_miss():
 
 def test_vertices_that_are_not_needed_are_left_out():
     path = wandering_path(np.random.default_rng(6))
-    result = shorten(path, outside_disc, np.random.default_rng(0), 200)
+    result = shorten_path(path, outside_disc, np.random.default_rng(0), 200)
     assert not any(outside_disc(a, b) for a, b in zip(result[:-2], result[2:], strict=True))
 
 
 def test_nothing_free_leaves_the_path_as_it_is():
     path = wandering_path(np.random.default_rng(2))
-    result = shorten(path, lambda a, b: False, np.random.default_rng(0), 50)
+    result = shorten_path(path, lambda a, b: False, np.random.default_rng(0), 50)
     np.testing.assert_array_equal(result, path)
 
 
@@ -88,14 +90,14 @@ def test_every_new_edge_was_asked_for():
     def on(p, a, b):
         return np.linalg.norm(p - a) + np.linalg.norm(b - p) <= np.linalg.norm(b - a) + 1e-9
 
-    for a, b in pairwise(shorten(path, record, np.random.default_rng(0), 60)):
+    for a, b in pairwise(shorten_path(path, record, np.random.default_rng(0), 60)):
         assert any(on(a, *edge) and on(b, *edge) for edge in certified)
 
 
 def test_stop_ends_it_with_a_whole_path():
     path = wandering_path(np.random.default_rng(4))
     np.testing.assert_array_equal(
-        shorten(path, outside_disc, np.random.default_rng(0), 50, lambda: True), path
+        shorten_path(path, outside_disc, np.random.default_rng(0), 50, lambda: True), path
     )
     asked = 0
 
@@ -104,7 +106,7 @@ def test_stop_ends_it_with_a_whole_path():
         asked += 1
         return outside_disc(a, b)
 
-    result = shorten(path, count, np.random.default_rng(0), 10**9, lambda: asked >= 20)
+    result = shorten_path(path, count, np.random.default_rng(0), 10**9, lambda: asked >= 20)
     assert asked == 20
     np.testing.assert_array_equal(result[[0, -1]], path[[0, -1]])
     assert length(result) < length(path)
@@ -120,5 +122,5 @@ def test_stop_ends_it_with_a_whole_path():
     ],
 )
 def test_degenerate_paths(path, expected):
-    result = shorten(np.array(path), lambda a, b: True, np.random.default_rng(0), 10)
+    result = shorten_path(np.array(path), lambda a, b: True, np.random.default_rng(0), 10)
     np.testing.assert_array_equal(result, expected)

@@ -9,9 +9,9 @@ from placement_planner_ros.core.objective import by_name
 from placement_planner_ros.core.objective.clearance import Clearance
 from placement_planner_ros.core.objective.objective import (
     estimate_batch,
-    evaluate,
     evaluate_batch,
-    gradient,
+    evaluate_objective,
+    objective_gradient,
 )
 from placement_planner_ros.core.stopping import StoppedError, stoppable
 
@@ -22,10 +22,10 @@ POSES = np.eye(4)[None].repeat(2, axis=0)
 def ask_all(objective):
     """Everything that the planner may ask of it."""
     return (
-        lambda: evaluate(objective, AT),
+        lambda: evaluate_objective(objective, AT),
         lambda: evaluate_batch(objective, POSES),
         lambda: estimate_batch(objective, POSES),
-        lambda: gradient(objective, AT),
+        lambda: objective_gradient(objective, AT),
     )
 
 

@@ -8,9 +8,9 @@ from benchmarks.cases import Case
 from placement_planner_ros.core.objective.by_name import make_objective
 from placement_planner_ros.core.objective.objective import (
     ObjectiveContext,
-    evaluate,
-    gradient,
-    moved,
+    evaluate_objective,
+    moved_pose,
+    objective_gradient,
 )
 
 CASE = Case("cabinet_high_clutter", "wine_glass", "maximize_clearance")
@@ -32,7 +32,7 @@ def poses_above_the_shelves(problem, rng, count):
     for k in range(count):
         pose = face.copy()
         pose.translation = face.translation + regions[k % len(regions)].sample(rng)
-        yield moved(pose, np.array([0.0, 0.0, rng.uniform(-3.0, 3.0)]))
+        yield moved_pose(pose, np.array([0.0, 0.0, rng.uniform(-3.0, 3.0)]))
 
 
 @pytest.mark.parametrize("name", ["maximize_clearance", "minimize_clearance"])
@@ -40,8 +40,8 @@ def test_the_gradient_is_the_change_of_the_value(problem, name):
     objective = objective_of(problem, name)
     steep = 0
     for pose in poses_above_the_shelves(problem, np.random.default_rng(0), 60):
-        own = gradient(objective, pose)
-        numeric = gradient(lambda T: evaluate(objective, T), pose, 1e-4, 1e-3)
+        own = objective_gradient(objective, pose)
+        numeric = objective_gradient(lambda T: evaluate_objective(objective, T), pose, 1e-4, 1e-3)
         np.testing.assert_allclose(own, numeric, atol=0.03)
         steep += np.linalg.norm(own) > 0.3
     assert steep > 30
@@ -52,4 +52,6 @@ def test_one_clearance_is_the_other_with_the_sign_turned(problem):
     for pose in poses_above_the_shelves(problem, np.random.default_rng(2), 10):
         assert most(pose) > 0.0
         assert least(pose) == -most(pose)
-        np.testing.assert_array_equal(gradient(least, pose), -gradient(most, pose))
+        np.testing.assert_array_equal(
+            objective_gradient(least, pose), -objective_gradient(most, pose)
+        )

@@ -8,7 +8,7 @@ from helpers.problems import problem_of
 from benchmarks.cases import Case
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.objective.by_name import make_objective, make_term
-from placement_planner_ros.core.objective.objective import gradient, moved
+from placement_planner_ros.core.objective.objective import moved_pose, objective_gradient
 from placement_planner_ros.core.objective.terms import BoundedTerm
 from placement_planner_ros.core.planner import PlacementPlanner, PlannerSettings
 from placement_planner_ros.core.types import Verdict
@@ -119,10 +119,10 @@ def test_the_sum_its_gradient_and_what_it_leaves_out(table, standing):
         x = pin.SE3(T)
         steps = [1e-4, 1e-4, 1e-4]
         differences = [
-            (smooth(moved(x, s * e)) - smooth(moved(x, -s * e))) / (2.0 * s)
+            (smooth(moved_pose(x, s * e)) - smooth(moved_pose(x, -s * e))) / (2.0 * s)
             for s, e in zip(steps, np.eye(3), strict=True)
         ]
-        assert gradient(smooth, x) == pytest.approx(differences, rel=0.2, abs=0.3)
+        assert objective_gradient(smooth, x) == pytest.approx(differences, rel=0.2, abs=0.3)
 
 
 def test_a_weighted_search_publishes_its_terms_and_nears_what_is_asked(table):

@@ -12,7 +12,7 @@ from placement_planner_ros.core.constraints import PoseConstraints
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.sample_goals.placed_cells import PlacedCells
 from placement_planner_ros.core.sample_goals.support_bounds import SupportBound
-from placement_planner_ros.core.search.cell_layout import LOWER, SLOPE, UPPER, contacts
+from placement_planner_ros.core.search.cell_layout import LOWER, SLOPE, UPPER, contact_points
 from placement_planner_ros.core.types import LEVEL, Verdict
 from placement_planner_ros.scenes.objects import object_by_name
 
@@ -95,7 +95,7 @@ def test_no_cell_with_a_pose_that_stands_is_ruled_out(kind, name, slope):
     unsupported = SupportBound(poses).unsupported(PlacedCells(cells))
     at = np.repeat(cells, times, axis=0)
     x, y, angle = (at[:, LOWER] + rng.random((len(at), 3)) * (at[:, UPPER] - at[:, LOWER])).T
-    points = contacts(at, np.column_stack([x, y]))
+    points = contact_points(at, np.column_stack([x, y]))
     verdicts, _ = poses.verdicts(at[:, 0].astype(np.int64), points, angle, at[:, SLOPE:])
     stable = (verdicts > Verdict.UNSTABLE).reshape(-1, times).any(axis=1)
     assert not (stable & unsupported).any()

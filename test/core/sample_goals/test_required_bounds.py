@@ -18,8 +18,8 @@ from placement_planner_ros.core.search.cell_layout import (
     SLOPE,
     X,
     Y,
-    contacts,
-    halved,
+    contact_points,
+    halved_cells,
     whole_cells,
 )
 from placement_planner_ros.core.search.pruning import Cause, Ruling
@@ -61,7 +61,7 @@ def test_no_pose_of_a_cell_has_more(ground, request):
     cells = whole_cells(search.hierarchy)
     some = [cells]
     for _ in range(4):
-        cells = halved(cells[rng.permutation(len(cells))[:6]])
+        cells = halved_cells(cells[rng.permutation(len(cells))[:6]])
         some.append(cells)
     cells = np.concatenate(some)
     cells = cells[rng.permutation(len(cells))[:400]]
@@ -72,7 +72,7 @@ def test_no_pose_of_a_cell_has_more(ground, request):
         low, high = cell[[X, Y, ANGLE]], cell[[X + 1, Y + 1, ANGLE + 1]]
         at = low + share * (high - low)
         face, slope = problem.body.faces[int(cell[FACE])], (cell[SLOPE], cell[SLOPE + 1])
-        places = contacts(np.tile(cell, (12, 1)), at[:, :2])
+        places = contact_points(np.tile(cell, (12, 1)), at[:, :2])
         T = [
             placement_pose(face, c, a, slope).homogeneous
             for c, a in zip(places, at[:, 2], strict=True)

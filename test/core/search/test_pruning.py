@@ -15,7 +15,7 @@ from placement_planner_ros.core.sample_goals.placed_cells import PlacedCells
 from placement_planner_ros.core.search.cell_layout import (
     LOWER,
     UPPER,
-    halved,
+    halved_cells,
     whole_cells,
 )
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy
@@ -41,7 +41,7 @@ def random_cells(problem, rng: np.random.Generator) -> np.ndarray:
     level = whole_cells(hierarchy(problem))
     cells = [level]
     for _ in range(6):
-        parts = halved(level).reshape(len(level), 8, -1)
+        parts = halved_cells(level).reshape(len(level), 8, -1)
         level = parts[np.arange(len(level)), rng.integers(8, size=len(level))]
         cells.append(level)
     return np.concatenate(cells)

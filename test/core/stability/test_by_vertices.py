@@ -8,7 +8,7 @@ from helpers.footholds import pedestal, problem_on
 from placement_planner_ros.core.body.body import Body
 from placement_planner_ros.core.planner import PlannerSettings
 from placement_planner_ros.core.stability.by_vertices import VertexSupport
-from placement_planner_ros.core.stability.coplanarity import LEANS, coplanar_support
+from placement_planner_ros.core.stability.coplanarity import MAX_LEAN_SLOPE, coplanar_support
 from placement_planner_ros.core.types import LEVEL
 
 CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
@@ -42,9 +42,9 @@ def test_nothing_stands_that_could_rock_by_more_than_it_may_lean(size):
     slope = np.linalg.lstsq(np.column_stack([corners, np.ones(4)]), gaps.T, rcond=None)[0][:2]
     lean, rock = np.linalg.norm(slope, axis=0), np.array([rocks(corners, each) for each in gaps])
     assert 0.05 < stands.mean() < 0.95
-    assert lean[stands].max() <= LEANS
-    assert rock[stands].max() <= LEANS
-    assert stands[(lean <= LEANS) & (rock <= 0.7 * LEANS)].all()
+    assert lean[stands].max() <= MAX_LEAN_SLOPE
+    assert rock[stands].max() <= MAX_LEAN_SLOPE
+    assert stands[(lean <= MAX_LEAN_SLOPE) & (rock <= 0.7 * MAX_LEAN_SLOPE)].all()
 
 
 def test_noise_excuses_errors_of_surfaces_but_no_step():

@@ -12,7 +12,7 @@ from placement_planner_ros.core.collision.attached_object import AttachedObject
 from placement_planner_ros.core.robot.model import Robot
 from placement_planner_ros.core.robot.moving_arm import MovingArm
 from placement_planner_ros.core.scene.grid import ObstacleSet
-from placement_planner_ros.core.swept.space import BETWEEN, Stretch, SweptSpace, evenly
+from placement_planner_ros.core.swept.space import MOTION_BETWEEN_M, Stretch, SweptSpace, even_times
 
 MARGIN = 0.004
 BOX = (0.06, 0.04, 0.03)
@@ -83,7 +83,7 @@ class Path:
 
     def dense(self, arm):
         times = np.linspace(0.0, 1.0, 200)
-        return self.at(evenly(arm, self.at(times), times))
+        return self.at(even_times(arm, self.at(times), times))
 
 
 def nearest(robot, points, Q):
@@ -131,7 +131,7 @@ def test_every_point_in_the_way_is_told_and_none_that_is_not(robot, holding, obs
     near = nearest(robot, points, path.at(np.linspace(0.0, 1.0, 2 * len(dense))))
     told = np.array([hits(space, point) for point in points])
     assert told[near < MARGIN].all()
-    assert not told[near > MARGIN + 1.5 * BETWEEN].any()
+    assert not told[near > MARGIN + 1.5 * MOTION_BETWEEN_M].any()
     assert 5 < told.sum() < 35
 
 
@@ -213,6 +213,6 @@ def test_a_path_that_stands_still_is_swept_too(robot, holding, obstacles):
     q = np.array([[0.3, 0.1, 0.05, 0.0]])
     times = np.linspace(0.0, 1.0, 7)
     still = np.repeat(q, 7, axis=0)
-    assert len(evenly(holding, still, times)) == 1
+    assert len(even_times(holding, still, times)) == 1
     space = SweptSpace([Stretch("release", holding, q)], obstacles, MARGIN)
     assert hits(space, robot.link_pose(q[0], "fore").act(np.array([0.1, 0.0, 0.0])))

@@ -12,9 +12,9 @@ from scipy.spatial import cKDTree
 from placement_planner_ros.core.errors import ParameterError
 from placement_planner_ros.core.timing.timing import (
     CurveSettings,
-    concatenate,
-    evaluate,
-    parameterize,
+    concatenate_trajectories,
+    evaluate_trajectory,
+    parameterize_path,
 )
 from placement_planner_ros.core.types import Trajectory
 
@@ -91,13 +91,15 @@ def test_random_paths_keep_limits_and_polyline(seed):
     dof = int(rng.integers(1, 8))
     path = random_path(rng, dof, int(rng.integers(2, 15)), 10.0 ** rng.uniform(-2.5, 0.5))
     velocity, acceleration = rng.uniform(0.1, 6.0, dof), rng.uniform(0.5, 20.0, dof)
-    trajectory = parameterize(path, [f"j{i}" for i in range(dof)], velocity, acceleration, always)
+    trajectory = parameterize_path(
+        path, [f"j{i}" for i in range(dof)], velocity, acceleration, always
+    )
     assert_sound(trajectory, path, velocity, acceleration, 0.2)
 
 
 def test_a_straight_line_takes_about_the_shortest_time():
     path = np.array([[0.0, 0.0], [1.5, 0.3]])
-    trajectory = parameterize(path, JOINTS, VELOCITY, ACCELERATION, always)
+    trajectory = parameterize_path(path, JOINTS, VELOCITY, ACCELERATION, always)
     assert_sound(trajectory, path, VELOCITY, ACCELERATION, 1e-9)
     shortest = 1.5 / 1.0 + 1.0 / 4.0  # trapezoid of the first joint
     assert shortest <= trajectory.duration <= 1.1 * shortest
@@ -105,16 +107,16 @@ def test_a_straight_line_takes_about_the_shortest_time():
 
 def test_points_are_dense_and_bounded():
     path = np.array([[0.0, 0.0], [1.5, 0.3], [0.0, 2.0]])
-    trajectory = parameterize(path, JOINTS, VELOCITY, ACCELERATION, always)
+    trajectory = parameterize_path(path, JOINTS, VELOCITY, ACCELERATION, always)
     assert np.diff(trajectory.times).max() <= 0.1
-    crawl = parameterize(path, JOINTS, VELOCITY * 1e-4, ACCELERATION, always)
+    crawl = parameterize_path(path, JOINTS, VELOCITY * 1e-4, ACCELERATION, always)
     assert len(crawl.times) <= CurveSettings().max_points
     assert_sound(crawl, path, VELOCITY * 1e-4, ACCELERATION, 0.2)
 
 
 def test_corners_are_rounded_without_a_stop():
     path = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
-    trajectory = parameterize(path, JOINTS, VELOCITY, ACCELERATION, always)
+    trajectory = parameterize_path(path, JOINTS, VELOCITY, ACCELERATION, always)
     _, q, v, _ = sample(trajectory)
     near_corner = np.linalg.norm(q - path[1], axis=1) < 0.3
     assert near_corner.any()
@@ -153,14 +155,14 @@ class Square:
 def test_an_obstacle_inside_the_corner_is_never_entered(gap):
     path = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
     square = Square([0.1, gap], [1.0 - gap, 0.9])
-    trajectory = parameterize(path, JOINTS, VELOCITY, ACCELERATION, square.edge_free)
+    trajectory = parameterize_path(path, JOINTS, VELOCITY, ACCELERATION, square.edge_free)
     assert trajectory is not None
     assert_sound(trajectory, path, VELOCITY, ACCELERATION, 0.2)
     _, q, _, _ = sample(trajectory, 200)
     assert not square.contains(q).any()
     if gap < 0.05:
         assert square.refused > 0
-        free = parameterize(path, JOINTS, VELOCITY, ACCELERATION, always)
+        free = parameterize_path(path, JOINTS, VELOCITY, ACCELERATION, always)
         assert square.contains(sample(free)[1]).any(), "the obstacle matters"
         assert trajectory.duration > free.duration
 
@@ -178,7 +180,7 @@ def test_every_point_of_the_curve_lies_within_a_certified_chord(seed):
         return True
 
     velocity, acceleration = np.full(3, 1.5), np.full(3, 5.0)
-    trajectory = parameterize(path, "abc", velocity, acceleration, record)
+    trajectory = parameterize_path(path, "abc", velocity, acceleration, record)
     _, q, _, _ = sample(trajectory)
     covered = np.zeros(len(q), dtype=bool)
     for a, b, deviation in certified:
@@ -196,7 +198,7 @@ def test_every_point_of_the_curve_lies_within_a_certified_chord(seed):
 
 def test_refused_everywhere_gives_none():
     path = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
-    assert parameterize(path, JOINTS, VELOCITY, ACCELERATION, lambda a, b, d: False) is None
+    assert parameterize_path(path, JOINTS, VELOCITY, ACCELERATION, lambda a, b, d: False) is None
 
 
 def test_where_only_the_polyline_is_free_it_stops_at_each_waypoint():
@@ -206,7 +208,7 @@ def test_where_only_the_polyline_is_free_it_stops_at_each_waypoint():
         ends = distance_to_polyline(np.array([a, b, 0.5 * (a + b)]), path)
         return bool(max(ends.max(), deviation.max()) < 1e-8)
 
-    trajectory = parameterize(path, JOINTS, VELOCITY, ACCELERATION, on_polyline)
+    trajectory = parameterize_path(path, JOINTS, VELOCITY, ACCELERATION, on_polyline)
     assert_sound(trajectory, path, VELOCITY, ACCELERATION, 1e-8)
     for waypoint in path[1:-1]:
         (k,) = np.flatnonzero((trajectory.positions == waypoint).all(axis=1))
@@ -215,17 +217,17 @@ def test_where_only_the_polyline_is_free_it_stops_at_each_waypoint():
 
 def test_turning_back_stops_at_the_tip():
     path = np.array([[0.0, 0.0], [1.0, 0.0], [0.2, 0.0]])
-    trajectory = parameterize(path, JOINTS, VELOCITY, ACCELERATION, always)
+    trajectory = parameterize_path(path, JOINTS, VELOCITY, ACCELERATION, always)
     assert_sound(trajectory, path, VELOCITY, ACCELERATION, 1e-8)
     assert (trajectory.positions == path[1]).all(axis=1).any()
 
 
 def test_repeated_waypoints_and_paths_that_do_not_move():
     path = np.array([[0.0, 0.0], [0.0, 0.0], [1.0, 0.0], [1.0, 1e-12], [1.0, 1.0], [1.0, 1.0]])
-    trajectory = parameterize(path, JOINTS, VELOCITY, ACCELERATION, always)
+    trajectory = parameterize_path(path, JOINTS, VELOCITY, ACCELERATION, always)
     assert_sound(trajectory, path, VELOCITY, ACCELERATION, 0.2)
     for still in ([[1.0, 2.0]], [[1.0, 2.0], [1.0, 2.0]]):
-        trajectory = parameterize(np.array(still), JOINTS, VELOCITY, ACCELERATION, always)
+        trajectory = parameterize_path(np.array(still), JOINTS, VELOCITY, ACCELERATION, always)
         np.testing.assert_array_equal(trajectory.positions, [[1.0, 2.0]])
         np.testing.assert_array_equal(trajectory.velocities, 0.0)
         assert trajectory.duration == 0.0
@@ -233,22 +235,22 @@ def test_repeated_waypoints_and_paths_that_do_not_move():
 
 def test_tiny_and_dense_paths():
     tiny = np.array([[0.3, 0.3], [0.3 + 1e-7, 0.3]])
-    trajectory = parameterize(tiny, JOINTS, VELOCITY, ACCELERATION, always)
+    trajectory = parameterize_path(tiny, JOINTS, VELOCITY, ACCELERATION, always)
     assert_sound(trajectory, tiny, VELOCITY, ACCELERATION, 1e-9)
     x = np.linspace(0.0, 0.5, 60)
     dense = np.stack([x, 0.2 * np.sin(3.0 * x)], axis=1)
-    trajectory = parameterize(dense, JOINTS, VELOCITY, ACCELERATION, always)
+    trajectory = parameterize_path(dense, JOINTS, VELOCITY, ACCELERATION, always)
     assert_sound(trajectory, dense, VELOCITY, ACCELERATION, 1e-3)
     assert trajectory.duration < 1.0, "no stops on a smooth line"
 
 
 def test_evaluate_is_the_quintic_and_stands_still_outside():
     path = random_path(np.random.default_rng(0), 2, 5, 1.0)
-    trajectory = parameterize(path, JOINTS, VELOCITY, ACCELERATION, always)
+    trajectory = parameterize_path(path, JOINTS, VELOCITY, ACCELERATION, always)
     t, q, v, a = sample(trajectory)
-    for ours, theirs in zip(evaluate(trajectory, t), (q, v, a), strict=True):
+    for ours, theirs in zip(evaluate_trajectory(trajectory, t), (q, v, a), strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=1e-8)
-    at, va, aa = evaluate(trajectory, np.array([-1.0, trajectory.duration + 1.0]))
+    at, va, aa = evaluate_trajectory(trajectory, np.array([-1.0, trajectory.duration + 1.0]))
     np.testing.assert_array_equal(at, path[[0, -1]])
     np.testing.assert_array_equal(va, 0.0)
     np.testing.assert_array_equal(aa, 0.0)
@@ -256,38 +258,44 @@ def test_evaluate_is_the_quintic_and_stands_still_outside():
 
 def test_concatenate_keeps_both_curves():
     path = random_path(np.random.default_rng(2), 2, 6, 1.0)
-    first = parameterize(path[:3], JOINTS, VELOCITY, ACCELERATION, always)
-    second = parameterize(path[2:], JOINTS, 0.2 * VELOCITY, ACCELERATION, always)
-    both = concatenate(first, second)
+    first = parameterize_path(path[:3], JOINTS, VELOCITY, ACCELERATION, always)
+    second = parameterize_path(path[2:], JOINTS, 0.2 * VELOCITY, ACCELERATION, always)
+    both = concatenate_trajectories(first, second)
     assert both.duration == pytest.approx(first.duration + second.duration)
     assert (np.diff(both.times) > 0.0).all()
     t = np.linspace(0.0, first.duration, 50)
-    np.testing.assert_allclose(evaluate(both, t)[0], evaluate(first, t)[0], atol=1e-12)
+    np.testing.assert_allclose(
+        evaluate_trajectory(both, t)[0], evaluate_trajectory(first, t)[0], atol=1e-12
+    )
     t = np.linspace(0.0, second.duration, 50)
     np.testing.assert_allclose(
-        evaluate(both, first.duration + t)[0], evaluate(second, t)[0], atol=1e-9
+        evaluate_trajectory(both, first.duration + t)[0],
+        evaluate_trajectory(second, t)[0],
+        atol=1e-9,
     )
-    still = parameterize(path[[2]], JOINTS, VELOCITY, ACCELERATION, always)
-    np.testing.assert_array_equal(concatenate(first, still).times, first.times)
-    np.testing.assert_array_equal(concatenate(still, second).times, second.times)
+    still = parameterize_path(path[[2]], JOINTS, VELOCITY, ACCELERATION, always)
+    np.testing.assert_array_equal(concatenate_trajectories(first, still).times, first.times)
+    np.testing.assert_array_equal(concatenate_trajectories(still, second).times, second.times)
 
 
 def test_concatenate_refuses_what_does_not_meet():
     path = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
-    first = parameterize(path[:2], JOINTS, VELOCITY, ACCELERATION, always)
+    first = parameterize_path(path[:2], JOINTS, VELOCITY, ACCELERATION, always)
     with pytest.raises(ParameterError, match="positions"):
-        concatenate(first, first)
+        concatenate_trajectories(first, first)
     other = Trajectory(("b", "a"), np.zeros(1), path[[1]], np.zeros((1, 2)), np.zeros((1, 2)))
     with pytest.raises(ParameterError, match="joints"):
-        concatenate(first, other)
+        concatenate_trajectories(first, other)
     moving = Trajectory(JOINTS, np.zeros(1), path[[1]], np.ones((1, 2)), np.zeros((1, 2)))
     with pytest.raises(ParameterError, match="velocities"):
-        concatenate(first, moving)
+        concatenate_trajectories(first, moving)
 
 
 def test_stop_gives_none():
     path = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
-    stopped = parameterize(path, JOINTS, VELOCITY, ACCELERATION, always, should_stop=lambda: True)
+    stopped = parameterize_path(
+        path, JOINTS, VELOCITY, ACCELERATION, always, should_stop=lambda: True
+    )
     assert stopped is None
 
 
@@ -311,6 +319,6 @@ def test_bad_input_is_named(change, name):
         "edge_free": always,
     }
     with pytest.raises(ParameterError, match=name):
-        parameterize(**(arguments | change))
+        parameterize_path(**(arguments | change))
     with pytest.raises(ParameterError, match="max_interval"):
         CurveSettings(max_interval=0.0)

@@ -67,7 +67,7 @@ def test_what_is_missing_is_compiled_and_told(without_one):
 
 
 def test_nothing_is_begun_where_nothing_is_missing(all_kept, monkeypatch):
-    monkeypatch.setattr(compiling, "_spawn", None)
+    monkeypatch.setattr(compiling, "_spawn_process", None)
     compile_kernels(lambda _: None)
 
 
@@ -76,7 +76,7 @@ from placement_planner_ros.core.disk_cache import TROUBLES
 from placement_planner_ros.core.warmup import compiling
 
 TROUBLES.listen(print)
-compiling._run = lambda errors, look: look()  # compiles nothing
+compiling._run_processes = lambda errors, look: look()  # compiles nothing
 compiling.compile_kernels(print)
 """
 
@@ -103,9 +103,9 @@ def test_a_cache_that_cannot_be_loaded_is_emptied_and_that_is_said(all_kept, tmp
 
 def test_it_can_be_stopped(without_one, monkeypatch):
     begun = []
-    spawn = compiling._spawn
+    spawn = compiling._spawn_process
     monkeypatch.setattr(
-        compiling, "_spawn", lambda *given: begun.append(spawn(*given)) or begun[-1]
+        compiling, "_spawn_process", lambda *given: begun.append(spawn(*given)) or begun[-1]
     )
     with stoppable(lambda: True), pytest.raises(StoppedError):
         compile_kernels(lambda _: None)
@@ -121,7 +121,7 @@ def test_a_folder_that_cannot_be_written_is_told_at_once(without_one, monkeypatc
     blocked = tmp_path / "file"
     blocked.write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(blocked))
-    monkeypatch.setattr(compiling, "_spawn", None)
+    monkeypatch.setattr(compiling, "_spawn_process", None)
     with pytest.raises(CompilationError, match=r"file/placement_planner_ros: Not a directory"):
         compile_kernels(lambda _: None)
 

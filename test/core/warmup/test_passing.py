@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from placement_planner_ros.core import disk_cache
-from placement_planner_ros.core.disk_cache import sealed, stored, unsealed
+from placement_planner_ros.core.disk_cache import seal_content, stored_result, unseal_content
 from placement_planner_ros.core.warmup import passing
 from placement_planner_ros.core.warmup.known_task import KnownTask
 from placement_planner_ros.core.warmup.passing import load_passed
@@ -23,9 +23,9 @@ solved = []
 solve = KnownTask.solve
 KnownTask.solve = lambda *given: solved.append(1) or solve(*given)
 load_kernels()
-loaded = kernel_cache.versions("")
+loaded = kernel_cache.kernel_versions("")
 solve(KnownTask(), STAGES[::-1])
-print(json.dumps([len(solved), len(loaded), kernel_cache.versions("") == loaded]))
+print(json.dumps([len(solved), len(loaded), kernel_cache.kernel_versions("") == loaded]))
 """
 
 
@@ -33,7 +33,7 @@ print(json.dumps([len(solved), len(loaded), kernel_cache.versions("") == loaded]
 def kept():
     """The file that says which kernels there were in the end."""
     load_kernels()
-    path = passing._path()
+    path = passing._passed_file()
     assert path.is_file()
     return path
 
@@ -43,7 +43,7 @@ def of_its_own(kept, tmp_path, monkeypatch):
     """A copy, for this test alone; kernels stay where they are."""
     path = tmp_path / kept.name
     path.write_bytes(kept.read_bytes())
-    monkeypatch.setattr(passing, "_path", lambda: path)
+    monkeypatch.setattr(passing, "_passed_file", lambda: path)
     monkeypatch.setattr(passing, "forget_all", lambda: None)
     return path
 
@@ -73,36 +73,36 @@ def test_where_it_is_damaged_every_stage_is_passed(of_its_own, monkeypatch, dama
 
 
 def test_a_kernel_that_there_is_not_any_more_is_no_reason_to_fail(of_its_own):
-    whole = unsealed(of_its_own.read_bytes(), of_its_own.name)
+    whole = unseal_content(of_its_own.read_bytes(), of_its_own.name)
     gone = whole.replace(b"check_states", b"check_stages")
     assert gone != whole
-    of_its_own.write_bytes(sealed(gone, of_its_own.name))
+    of_its_own.write_bytes(seal_content(gone, of_its_own.name))
     assert not load_passed()
     assert not of_its_own.exists()
 
 
 def test_without_a_home_it_is_not_kept(monkeypatch):
     monkeypatch.setattr(passing, "cache_folder", lambda: None)
-    assert passing._path() is None
+    assert passing._passed_file() is None
     assert not load_passed()
 
 
 def test_a_change_of_any_file_of_the_core_makes_it_another(tmp_path, monkeypatch, kept):
     (tmp_path / "planner.py").write_text("")
     monkeypatch.setattr(passing, "_CORE", tmp_path)
-    one = passing._path()
+    one = passing._passed_file()
     (tmp_path / "planner.py").write_text("changed = True")
-    assert len({kept, one, passing._path()}) == 3
+    assert len({kept, one, passing._passed_file()}) == 3
 
 
 def test_what_is_on_disk_is_made_anew_so_that_what_makes_it_is_passed(kept, monkeypatch, tmp_path):
-    monkeypatch.setattr(passing, "_path", lambda: tmp_path / "passed")
+    monkeypatch.setattr(passing, "_passed_file", lambda: tmp_path / "passed")
     made = []
     monkeypatch.setattr(
-        KnownTask, "solve", lambda *_: made.append(stored("rows", "key", lambda: "anew"))
+        KnownTask, "solve", lambda *_: made.append(stored_result("rows", "key", lambda: "anew"))
     )
     monkeypatch.setattr(disk_cache, "cache_folder", lambda: tmp_path)
-    stored("rows", "key", lambda: "kept")
+    stored_result("rows", "key", lambda: "kept")
     passing.pass_every_stage()
     assert made == ["anew"]
-    assert stored("rows", "key", str) == "kept"
+    assert stored_result("rows", "key", str) == "kept"

@@ -17,7 +17,7 @@ from placement_planner_ros.core.planner import PlacementPlanner
 from placement_planner_ros.core.problem import Problem
 from placement_planner_ros.core.reach.ik import IKSettings, InverseKinematics
 from placement_planner_ros.core.reach.kinematics import Chain
-from placement_planner_ros.core.reach.turntable import DIRECTIONS, lacks_directions
+from placement_planner_ros.core.reach.turntable import POSE_DIMENSIONS, lacks_directions
 from placement_planner_ros.core.reach.upright_motion import most_upright
 from placement_planner_ros.core.robot.model import Arm
 from placement_planner_ros.core.stopping import StoppedError, stoppable
@@ -105,8 +105,8 @@ def _check_upright(subject: Subject, arm: Arm, findings: Findings) -> None:
     """Say of an arm of few directions what that means, and whether it can stand the object up."""
     chain = _chain(subject, arm)
     findings.say(
-        f"{arm.name}: its joints move the tip in {chain.freedom} of {DIRECTIONS} directions; it "
-        "puts the object down turned about the vertical as it can"
+        f"{arm.name}: its joints move the tip in {chain.freedom} of {POSE_DIMENSIONS} directions; "
+        "it puts the object down turned about the vertical as it can"
     )
     if subject.body is None or not subject.body.faces:
         return
