@@ -23,8 +23,6 @@ from placement_planner_ros.core.sample_goals.rejections import RejectedPose, Rej
 from placement_planner_ros.core.search.sampler import Draws, Outcome
 from placement_planner_ros.core.types import Array, Goal, Slope, Verdict
 
-_BELOW_ALL = -1e9
-"""ξ that poses count as which lack what is required, less by what they lack."""
 _ATTEMPTS = 2
 """Configurations at most whose approach and retreat are tried at one pose."""
 
@@ -83,7 +81,7 @@ class GoalFinder:
         verdicts, T = self._poses.verdicts(
             draws.face, draws.contact, draws.angle, draws.slope, lacking
         )
-        values = np.where(lacking > 0.0, _BELOW_ALL - lacking, -np.inf)
+        values = np.where(lacking > 0.0, -lacking, -np.inf)
         free = np.flatnonzero(verdicts == Verdict.FEASIBLE)
         remembering = best == -np.inf
         if remembering:
