@@ -28,7 +28,6 @@ from placement_planner_ros.core.grasp.settings import (
 from placement_planner_ros.core.objective.ascent import AscentSettings
 from placement_planner_ros.core.objective.by_name import make_requirements
 from placement_planner_ros.core.objective.objective import (
-    BoundedObjective,
     Objective,
     ObjectiveContext,
     TermedObjective,
@@ -301,10 +300,7 @@ class PlacementPlanner:
             return MctsSampler(hierarchy, checker, settings.mcts, rng)
         if settings.sampler == "uniform":
             return UniformSampler(hierarchy, checker, settings.uniform, rng)
-        optimistic = settings.optimistic
-        if isinstance(self._objective, BoundedObjective):
-            optimistic = replace(optimistic, unreached=True)
-        return OptimisticSampler(hierarchy, checker, optimistic, rng, self._bounds)
+        return OptimisticSampler(hierarchy, checker, settings.optimistic, rng, self._bounds)
 
     def make_motion(self, rng: np.random.Generator) -> GoalPlanner:
         """PlanMotion over all of `holdings`."""

@@ -23,8 +23,6 @@ from placement_planner_ros.core.sample_goals.rejections import RejectedPose, Rej
 from placement_planner_ros.core.search.sampler import Draws, Outcome
 from placement_planner_ros.core.types import Array, Goal, Slope, Verdict
 
-_BELOW_ALL_VALUES = -1e9
-"""ξ that poses count as which lack what is required, less by what they lack."""
 _TRIED_CONFIGURATIONS = 2
 """Configurations at most whose approach and retreat are tried at one pose."""
 
@@ -84,7 +82,7 @@ class GoalFinder:
         verdicts, T = self._poses.verdicts(
             draws.face, draws.contact, draws.angle, draws.slope, lacking
         )
-        values = np.where(lacking > 0.0, _BELOW_ALL_VALUES - lacking, -np.inf)
+        values = np.where(lacking > 0.0, -lacking, -np.inf)
         free = np.flatnonzero(verdicts == Verdict.FEASIBLE)
         remembering = best == -np.inf
         # Poses refused before anything is found are remembered.

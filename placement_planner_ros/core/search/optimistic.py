@@ -1,17 +1,15 @@
-"""Optimistic search over cells of the pose sets Ŝ(r, f): uniform samples, refined at every scale.
+"""Search by expected improvement over cells of the pose sets Ŝ(r, f), refined where that is most.
 
 A cell is a face, a box of contact points on one region and an interval of θ. Uniform samples grade
-the coarse cells they fall into. In each round, the best cell of every scale is split and its parts
-are sampled in turn (simultaneous optimistic optimisation, Munos 2011): a cell is split once only,
-so the search moves on from what has been looked at closely, and needs neither a bound on the slope
-of ξ nor a constant of exploration.
+the coarse cells they fall into. In each round the cells that promise most for their cost
+(`expected_improvement`) are split and their parts sampled, beside as many uniform samples. A cell
+is split once only, but its parts stay: nothing that is free and better is put aside for good, and
+what the arms fail to reach promises less with each try.
 """
 
 from __future__ import annotations
 
 import heapq
-import itertools
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +27,14 @@ from placement_planner_ros.core.search.cell_layout import (
     halved_cells,
     region_extent,
 )
+from placement_planner_ros.core.search.expected_improvement import (
+    DEPTH,
+    KIND,
+    LACKING,
+    NODE,
+    STATE,
+    ImprovementModel,
+)
 from placement_planner_ros.core.search.hierarchy import AfrHierarchy
 from placement_planner_ros.core.search.pruning import CellBounds, Ruling
 from placement_planner_ros.core.search.sampler import (
@@ -41,21 +47,16 @@ from placement_planner_ros.core.search.sampler import (
 )
 from placement_planner_ros.core.search.uniform import UniformPoses
 from placement_planner_ros.core.settings import setting
-from placement_planner_ros.core.types import Array, Goal, Verdict
+from placement_planner_ros.core.types import Array, Verdict
 
-_LOWEST_VALUE = -1e300
-"""Of values that are ranked."""
 _COARSE_CELLS = 4
 """A region's extent is cut into so many coarse cells along x and y."""
-_MAX_CELLS = 20_000
-"""Cells of one scale that are remembered; beyond, the worse half is forgotten. Of those with a goal
-as many are, and the worst is."""
-
-_UNREACHED = 1
-_VERDICT_CLASS = np.array(
-    [3 if v <= Verdict.UNSTABLE else 2 if v is Verdict.COLLIDING else _UNREACHED for v in Verdict]
-)  # of a cell by its sample's verdict: what is free comes first, what cannot be reached after it
-_VERDICT_CLASS[[Verdict.BREAKS_RULE, Verdict.NOT_BETTER, Verdict.FEASIBLE]] = 0
+_AT_ONCE = 12
+"""Cells split in a round, so that their parts are checked together."""
+_PATIENCE = 2000
+"""Samples over which a goal may wait for its motion."""
+_MAX_CELLS = 100_000
+"""Cells that are remembered; beyond, the half that promises less is forgotten."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,16 +71,12 @@ class OptimisticSettings(SamplerSettings):
         even_share: of all uniform samples: drawn from all regions alike instead of by area, since
             what is best may stand on a small one.
         prune: whether parts of cells that provably hold nothing are left out.
-        unreached: whether cells whose sample was better than ξ_best but not reached by any arm are
-            split, too, in each round one of one scale, instead of after all whose sample was free.
-            `PlacementPlanner` asks for it with weighted objectives.
     """
 
     uniform_first: int = setting(2000, "[0, inf)")
     uniform_share: float = setting(0.5, "[0, 1)")
     even_share: float = setting(0.5, "[0, 1]")
     prune: bool = True
-    unreached: bool = False
 
 
 class OptimisticSampler(BatchSampler):
@@ -110,36 +107,23 @@ class OptimisticSampler(BatchSampler):
             [_COARSE_CELLS, _COARSE_CELLS, hierarchy.settings.angle_intervals**2]
         )
         self._min_area = hierarchy.settings.min_area
-        # per depth, a heap of (class, rank, number, cell): the least is split next
-        self._levels: list[list[tuple[int, float, int, Array]]] = [[]]
-        # per depth, a heap of (rank, number, ξ, cell) of those that were better but not reached
-        self._unreached: list[list[tuple[float, int, float, Array]]] = [[]]
-        self._turns = itertools.count()
-        self._numbers = itertools.count()
+        self._model = ImprovementModel(hierarchy.faces)
+        self._filed = _Cells(self._model)
         self._split: set[bytes] = set()
-        self._lacking = False  # whether a rule has refused poses: what lacks least shows where
-        # heap of cells in which a goal was found, left alone until ξ_best is no less:
-        # (ξ, number, depth, cell)
-        self._with_goal: list[tuple[float, int, int, Array]] = []
-        # what is left of the round: cells, their depths, and the poses (x, y, θ) drawn from them
+        self._nodes: dict[bytes, int] = {}  # of the coarse cells drawn from
+        # goals that wait for their motion: ξ, and at how many samples they were found in which node
+        self._waiting: list[tuple[float, int, int]] = []
+        self._ranked_for = -np.inf  # ξ by which the cells are ranked
+        self._ranked_at = 0  # samples by which they are
+        # what is left of the round: cells with what is known of them, and (x, y, θ) drawn from them
         self._cells = np.empty((0, CELL_COLUMNS))
-        self._depths = np.empty(0, dtype=np.int64)
+        self._state = np.empty((0, STATE))
         self._poses = np.empty((0, 3))
-
-    def sample_goals(self, best: float, should_stop: Callable[[], bool]) -> list[Goal]:
-        """Algorithm 2, in rounds of uniform samples and of parts of the best cells."""
-        # cells whose goal has been reached, or something as good, may be split again
-        while self._with_goal and self._with_goal[0][0] <= best:
-            value, _, depth, cell = heapq.heappop(self._with_goal)
-            self._push(depth, 0, -value, cell)
-        return super().sample_goals(best, should_stop)
 
     def _draw(self, most: int, best: float) -> Draws:
         """The next poses of the round, at most so many; of a new round where it is over."""
-        # A new round, with parts of cells once it is known what is good.
-        if len(self._depths) == 0:
-            graded = self.count.samples >= self._settings.uniform_first
-            self._begin_round(graded and (best > -np.inf or self._lacking), best)
+        if len(self._cells) == 0:
+            self._begin_round(self.count.samples >= self._settings.uniform_first, best)
         cells, poses = self._cells[:most], self._poses[:most]
         undecided = np.full(len(cells), -1)
         return Draws(
@@ -152,43 +136,55 @@ class OptimisticSampler(BatchSampler):
         )
 
     def _learn(self, outcome: Outcome, best: float) -> None:
-        """The rest of the round is drawn from next."""
+        """File the cells by what their sample was; the rest of the round is drawn from next."""
         tried = len(outcome.verdicts)
-        self._lacking |= bool((outcome.verdicts == Verdict.BREAKS_RULE).any())
-        self._remember(outcome, self._cells[:tried], self._depths[:tried])
+        cells = self._cells[:tried]
+        state = self._model.learn(
+            self._state[:tried], outcome.verdicts, outcome.values, max(best, self._ranked_for)
+        )
+        # A cell too small to be split is split nevertheless if what is better there is not reached.
+        missed = (outcome.verdicts > Verdict.NOT_BETTER) & (outcome.verdicts < Verdict.FEASIBLE)
+        kept = (contact_areas(cells) > self._min_area) | missed
+        self._filed.add(cells[kept], state[kept], self._ranked_for)
+        for row in np.flatnonzero(outcome.verdicts == Verdict.FEASIBLE).tolist():
+            node = int(state[row, NODE])
+            self._waiting.append((float(outcome.values[row]), self.count.samples, node))
         self._keep(slice(tried, None))
 
     def _keep(self, rows: slice | Index) -> None:
-        self._cells, self._depths = self._cells[rows], self._depths[rows]
+        self._cells, self._state = self._cells[rows], self._state[rows]
         self._poses = self._poses[rows]
 
     def _begin_round(self, refine: bool, best: float = -np.inf) -> None:
         """Draw poses to be checked; each grades the cell it was drawn from."""
-        # Parts of the best cells, and uniform poses beside them.
         share = self._settings.uniform_share
         parts = [self._open_parts(best)] if refine else []
         finer = sum(len(cells) for cells, _ in parts)
         count = round(finer * share / (1.0 - share)) if finer else self._budget.batch
         coarse, drawn = self._graded(max(1, count))
-        parts.append((coarse, np.zeros(len(coarse), dtype=np.int64)))
+        parts.append((coarse, self._model.coarse([self._node_of(cell) for cell in coarse])))
         self._cells = np.concatenate([cells for cells, _ in parts])
-        self._depths = np.concatenate([depths for _, depths in parts])
-        # A pose at random in each part; the uniform poses are those drawn.
+        self._state = np.concatenate([state for _, state in parts])
         low, high = self._cells[:, LOWER], self._cells[:, UPPER]
         self._poses = low + self._rng.random((len(low), 3)) * (high - low)
         self._poses[finer:] = drawn
         self._keep(self._rng.permutation(len(low)))
 
+    def _node_of(self, cell: Array) -> int:
+        """The node of a coarse cell."""
+        name = cell.tobytes()
+        if name not in self._nodes:
+            self._nodes[name] = self._model.add_node(int(cell[FACE]))
+        return self._nodes[name]
+
     def _graded(self, count: int) -> tuple[Array, Array]:
         """Coarse cells (n, 10) of n uniform poses, and these (n, 3) as x, y, θ."""
-        # Uniform poses, and the extent of the pose set that each is from.
         drawn = self._uniform.draw(count)
         regions = drawn.region
         poses = np.column_stack([drawn.contact[:, :2], drawn.angle])
         low, high = np.empty((count, 3)), np.empty((count, 3))
         low[:, :2], high[:, :2] = self._extents[regions, ::2], self._extents[regions, 1::2]
         low[:, 2], high[:, 2] = drawn.low, drawn.high
-        # The coarse cell that the pose lies in.
         size = (high - low) / self._steps
         place = np.clip(np.floor((poses - low) / size), 0, self._steps - 1)
         cells = np.empty((count, CELL_COLUMNS))
@@ -199,100 +195,119 @@ class OptimisticSampler(BatchSampler):
         cells[:, UPPER] = low + (place + 1.0) * size
         return cells, poses
 
-    def _remember(self, outcome: Outcome, cells: Array, depths: Index) -> None:
-        """File the cells under their depth by what their sample was, leaves left out."""
-        # Classes of the verdicts; within the best class by ξ, else by chance.
-        kinds = _VERDICT_CLASS[outcome.verdicts]
-        worth = np.maximum(outcome.values, _LOWEST_VALUE)
-        ranks = np.where(kinds == 0, -worth, self._rng.random(len(cells)))
-        kept = contact_areas(cells) > self._min_area
-        found = outcome.verdicts == Verdict.FEASIBLE
-        # the cells are copied one by one: a view would keep the whole round in memory
-        for k in np.flatnonzero(kept & found).tolist():
-            entry = float(outcome.values[k]), next(self._numbers), int(depths[k]), cells[k].copy()
-            heapq.heappush(self._with_goal, entry)
-            if len(self._with_goal) > _MAX_CELLS:
-                heapq.heappop(self._with_goal)
-        rows = np.flatnonzero(kept & ~found)
-        for k, depth, kind, rank in zip(
-            rows.tolist(),
-            depths[rows].tolist(),
-            kinds[rows].tolist(),
-            ranks[rows].tolist(),
-            strict=True,
-        ):
-            self._push(depth, kind, rank, cells[k].copy())
-            if kind == _UNREACHED and self._settings.unreached:
-                unreached = self._unreached[depth]
-                better = rank, next(self._numbers), float(worth[k]), cells[k].copy()
-                heapq.heappush(unreached, better)
-                if len(unreached) > _MAX_CELLS:
-                    self._unreached[depth] = heapq.nsmallest(_MAX_CELLS // 2, unreached)
-
-    def _push(self, depth: int, kind: int, rank: float, cell: Array) -> None:
-        level = self._levels[depth]
-        heapq.heappush(level, (kind, rank, next(self._numbers), cell))
-        if len(level) > _MAX_CELLS:
-            self._levels[depth] = heapq.nsmallest(_MAX_CELLS // 2, level)
-
-    def _open_parts(self, best: float) -> tuple[Array, Index]:
-        """The parts of the best cell of each depth that may hold a goal, and their depths.
+    def _open_parts(self, best: float) -> tuple[Array, Array]:
+        """The parts of the most promising cells that may hold a goal, and what is known of them.
 
         Where the cell's sample was free of collision nothing is known to rule parts out.
         """
-        cells, depths, kinds = self._split_best(best)
-        parts, depths = halved_cells(cells), np.repeat(depths + 1, PARTS)
-        doubtful = np.repeat(kinds > 0, PARTS)
+        cells, state = self._take(best)
+        parts, state = halved_cells(cells), np.repeat(state, PARTS, axis=0)
+        state[:, DEPTH] += 1.0
+        doubtful = state[:, KIND] < LACKING
         if self._bounds is None or not doubtful.any():
-            return parts, depths
+            return parts, state
         is_open = ~doubtful
         is_open[doubtful] = self._bounds.rulings(parts[doubtful]) == Ruling.OPEN
-        return parts[is_open], depths[is_open]
+        return parts[is_open], state[is_open]
 
-    def _split_best(self, best: float = -np.inf) -> tuple[Array, Index, Index]:
-        """Take the best cell of each depth: (n, 10), their depths (n,) and classes (n,); at the
-        depth whose turn it is, one whose sample was better but not reached, if there is any."""
-        cells, depths, kinds = [], [], []
-        turn = next(self._turns) % len(self._levels)
-        # The best cell of each depth; coarse cells only once.
-        for depth, level in enumerate(self._levels):
-            unreached = self._next_unreached(depth, best) if depth == turn else None
-            if unreached is not None:
-                cells.append(unreached)
-                depths.append(depth)
-                kinds.append(_UNREACHED)
-                continue
-            while level:
-                kind, _, _, cell = heapq.heappop(level)
-                if depth == 0:
-                    name = cell.tobytes()
-                    if name in self._split:
-                        continue
-                    self._split.add(name)
-                cells.append(cell)
-                depths.append(depth)
-                kinds.append(kind)
-                break
-        if depths and depths[-1] == len(self._levels) - 1:
-            self._levels.append([])
-            self._unreached.append([])
-        return (
-            np.array(cells).reshape(-1, CELL_COLUMNS),
-            np.array(depths, dtype=np.int64),
-            np.array(kinds, dtype=np.int64),
-        )
-
-    def _next_unreached(self, depth: int, best: float) -> Array | None:
-        """A cell of that depth whose sample was better than ξ_best but not reached."""
-        unreached = self._unreached[depth]
-        while unreached:
-            _, _, value, cell = heapq.heappop(unreached)
-            if value <= best:
-                continue
-            if depth == 0:
+    def _take(self, best: float) -> tuple[Array, Array]:
+        """The most promising cells (n, 10), and what is known of them (n, 6)."""
+        best = self._aim(best)
+        if best != self._ranked_for or self.count.samples > 2 * self._ranked_at:
+            if self.count.samples > 2 * self._ranked_at:
+                self._model.forget()
+            self._ranked_for, self._ranked_at = best, self.count.samples
+            self._filed.rank(best)
+        cells: list[Array] = []
+        states: list[Array] = []
+        while len(cells) < _AT_ONCE and (found := self._filed.take()) is not None:
+            cell, state = found
+            if state[DEPTH] == 0:
                 name = cell.tobytes()
                 if name in self._split:
                     continue
                 self._split.add(name)
-            return cell
+            else:
+                state[NODE] = self._model.add_node(int(state[NODE]))
+            cells.append(cell)
+            states.append(state)
+        return np.array(cells).reshape(-1, CELL_COLUMNS), np.array(states).reshape(-1, STATE)
+
+    def _aim(self, best: float) -> float:
+        """ξ that is to be improved on: ξ_best, or that of the best goal which waits for its motion;
+        one that waited in vain is given up."""
+        latest = self.count.samples - _PATIENCE
+        for value, found_at, node in self._waiting:
+            if value > best and found_at < latest:
+                self._model.lose(node)
+        self._waiting = [each for each in self._waiting if each[0] > best and each[1] >= latest]
+        return max([best, *(value for value, _, _ in self._waiting)])
+
+
+class _Cells:
+    """The cells that have not been split, most promising first.
+
+    Args:
+        model: what they promise.
+    """
+
+    def __init__(self, model: ImprovementModel) -> None:
+        self._model = model
+        self._cells, self._state = np.empty((0, CELL_COLUMNS)), np.empty((0, STATE))
+        self._promise = np.empty(0)
+        self._count = 0
+        self._heap: list[tuple[float, int]] = []  # by promise times the chance to reach, negative
+
+    def add(self, cells: Array, state: Array, best: float) -> None:
+        """File cells (n, 10) with what is known of them (n, 6)."""
+        end = self._count + len(cells)
+        if end > len(self._cells):
+            more = len(self._cells)
+            self._cells = np.vstack(
+                [self._cells[: self._count], cells, np.empty((more, CELL_COLUMNS))]
+            )
+            self._state = np.vstack([self._state[: self._count], state, np.empty((more, STATE))])
+            self._promise = np.append(
+                self._promise, np.empty(len(self._cells) - len(self._promise))
+            )
+        rows = range(self._count, end)
+        self._count = end
+        self._cells[rows], self._state[rows] = cells, state
+        self._promise[rows] = self._model.promise(state, best)
+        for row in rows:
+            heapq.heappush(self._heap, (self._rank(row), row))
+        if len(self._heap) > _MAX_CELLS:
+            self._heap = heapq.nsmallest(_MAX_CELLS // 2, self._heap)
+            self._compact()
+
+    def rank(self, best: float) -> None:
+        """Rank all anew."""
+        self._compact()
+        self._promise = self._model.promise(self._state, best)
+        chances = self._model.chances_to_reach()[self._state[:, NODE].astype(np.int64)]
+        self._heap = sorted(
+            zip((-self._promise * chances).tolist(), range(self._count), strict=True)
+        )
+
+    def take(self) -> tuple[Array, Array] | None:
+        """Remove the most promising one: (10,), and what is known of it (6,); None without any."""
+        while self._heap:
+            _, row = self._heap[0]
+            # It promises less by now where tries to reach poses failed.
+            rank = self._rank(row)
+            if rank <= min(self._heap[1:3], default=(0.0, 0))[0]:
+                heapq.heappop(self._heap)
+                return self._cells[row].copy(), self._state[row].copy()
+            heapq.heapreplace(self._heap, (rank, row))
         return None
+
+    def _rank(self, row: int) -> float:
+        return -float(self._promise[row]) * self._model.chance_to_reach(int(self._state[row, NODE]))
+
+    def _compact(self) -> None:
+        """Forget what is not in the heap."""
+        rows = np.array([row for _, row in self._heap], dtype=np.int64)
+        self._cells, self._state = self._cells[rows], self._state[rows]
+        self._promise = self._promise[rows]
+        self._heap = [(rank, k) for k, (rank, _) in enumerate(self._heap)]
+        self._count = len(rows)

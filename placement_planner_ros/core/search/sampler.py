@@ -59,7 +59,8 @@ class Outcome:
 
     Attributes:
         verdicts: (m,) of each.
-        values: (m,) ξ where it was computed, far below where a rule is broken, else -inf.
+        values: (m,) ξ where it was computed; less than 0 by what is lacking where a rule is broken;
+            else -inf.
         goals: those found, in order.
         terms: (reached, arm free, object free, stable), where every check was made.
     """
