@@ -76,9 +76,15 @@ class Controls:
         keep.on_click(lambda _: self._do(self._keep, self._kept))
 
     def know(self, parameters: dict[str, Any]) -> None:
-        """The node's parameters, which the fields then show."""
+        """The node's parameters: fields whose value the node has changed show the new one.
+
+        What somebody has typed into another field is left as it is.
+        """
+        before = self._known
         self._known = {name: parameters[name] for name in self._fields if name in parameters}
         for name, value in self._known.items():
+            if name in before and before[name] == value:
+                continue
             field = self._fields[name]
             if name == _VOLUME:
                 field.value = " ".join(f"{number:g}" for number in value)
@@ -100,8 +106,10 @@ class Controls:
         answer.content = words.note(said)
 
     def _start(self) -> str:
-        run = finish(self._talk.start(self._changed(), PATIENCE), self._talk.news)
-        return f"run {run} has begun"
+        changed = self._changed()
+        run = finish(self._talk.start(changed, PATIENCE), self._talk.news)
+        # A browser that is busy may not have sent what was typed: then it is not named here.
+        return f"run {run} has begun" + (f" with another {', '.join(changed)}" if changed else "")
 
     def _stop(self) -> str:
         if not self._run():

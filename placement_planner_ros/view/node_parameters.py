@@ -12,6 +12,10 @@ from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import qos_profile_parameter_events
 from rclpy.task import Future
 
+from placement_planner_ros.ros.spinning import waiting
+
+_KEPT = 1000
+"""Events between two looks: a node that starts sends two for each parameter that it declares."""
 RETRIED = 5
 """Looks after which an answer that has not come is asked for again."""
 
@@ -21,7 +25,7 @@ class NodeParameters:
 
     Attributes:
         values: by name; empty until they have come.
-        count: another one whenever they are.
+        count: another one whenever one of them is another.
 
     Args:
         planner: full name of the planning node.
@@ -38,7 +42,7 @@ class NodeParameters:
         self._get = node.create_client(
             GetParameters, f"{planner}/get_parameters", callback_group=group
         )
-        node.create_subscription(
+        self._events = node.create_subscription(
             ParameterEvent,
             "/parameter_events",
             self._hear,
@@ -61,7 +65,7 @@ class NodeParameters:
         self._list.call_async(ListParameters.Request()).add_done_callback(self._listed)
 
     def _hear(self, event: ParameterEvent) -> None:
-        if event.node == self._planner:
+        if any(each.node == self._planner for each in (event, *waiting(self._events, _KEPT))):
             self._wanted = True
 
     def _listed(self, answer: Future) -> None:
@@ -77,10 +81,12 @@ class NodeParameters:
             if response is None:
                 self._wanted = True
                 return
-            self.values = {
+            found = {
                 name: parameter_value_to_python(value)
                 for name, value in zip(names, response.values, strict=False)
             }
-            self.count += 1
+            if found != self.values:
+                self.values = found
+                self.count += 1
 
         self._get.call_async(GetParameters.Request(names=names)).add_done_callback(got)
